@@ -168,7 +168,11 @@ class Psf:
         """Covariance of `parameters`, (k^2 + q, k^2 + q)."""
         if not len(self.tail.amplitudes):
             return self.covariance
-        return np.block([[self.covariance, self.tail.cross], [self.tail.cross.T, self.tail.covariance]])
+        n, size = self.k**2, self.k**2 + len(self.tail.amplitudes)
+        whole = np.empty((size, size))
+        whole[:n, :n], whole[n:, n:] = self.covariance, self.tail.covariance
+        whole[:n, n:], whole[n:, :n] = self.tail.cross, self.tail.cross.T
+        return whole
 
     @cached_property
     def weights(self) -> Array:

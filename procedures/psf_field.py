@@ -188,20 +188,28 @@ class PsfField:
         is known to be symmetric it changes on from there as much as on as short a way before.
         """
         p = self.parameters(np.array([[x, y]], dtype=np.float64))[0]
-        lacking = self.interpolation(x, y)
-        return Psf.of(p, self.noise(x, y) + lacking, self.k, self.s, lacking)
+        noise, lacking = self.covariances(x, y)
+        return Psf.of(p, noise + lacking, self.k, self.s, lacking)
+
+    def covariances(self, x: float, y: float) -> tuple[Array, Array]:
+        """`noise` and `interpolation` at a place, (p, p) each."""
+        T, beyond = self._transfer(x, y), self._beyond(x, y)
+        return self._noise(T), self._interpolation(T, beyond)
 
     def noise(self, x: float, y: float) -> Array:
         """Covariance (p, p) of h(x, y) that comes from the nodes' own.
 
         What the tail's priors leave is the same at every node: as many nodes as there are do not make it smaller.
         """
-        T = self._transfer(x, y)
-        rest, cross, inner, common = self._covariances
-        mixed = (cross @ T.reshape(len(T), -1).T) @ self.components
+        return self._noise(self._transfer(x, y))
+
+    def _noise(self, T: Array) -> Array:
+        rest, cross, inner = self._covariances
         by_node = T.transpose(1, 0, 2)
         coefficients = np.sum(by_node @ inner @ by_node.transpose(0, 2, 1), axis=0)
-        return np.asarray(rest + mixed + mixed.T + self.components.T @ coefficients @ self.components + common)
+        # A'cA + mixed + mixed' as one product and its mirror image
+        half = (cross @ T.reshape(len(T), -1).T + self.components.T @ (coefficients / 2)) @ self.components
+        return np.asarray(rest + (half + half.T))
 
     def interpolation(self, x: float, y: float) -> Array:
         """Covariance (p, p) of what the model leaves out.
@@ -209,16 +217,21 @@ class PsfField:
         It is taken for random from node to node: with variance there, and as much as the nodes' share of it brings.
         Where the nodes tell nothing, as much may be wrong as the PSF changed on as long a way before.
         """
-        T = self._transfer(x, y)
+        return self._interpolation(self._transfer(x, y), self._beyond(x, y))
+
+    def _interpolation(self, T: Array, beyond: Array) -> Array:
         random = (1 + float(np.sum(T**2)) / len(T)) * self._lack_of_components + self.lack_rest
-        beyond = self._beyond(x, y) @ self.components
-        return np.asarray(random + np.outer(beyond, beyond))
+        change = beyond @ self.components
+        return np.asarray(random + np.outer(change, change) if change.any() else random)
 
     def _beyond(self, x: float, y: float) -> Array:
         """Change of the coefficients (r,) on the way to the farthest place that the nodes tell of, as long as from
         there to this one."""
         placed, _ = self._placed(np.array([[x, y]], dtype=np.float64))
-        before = 2 * placed - in_half_diagonals(np.array([[x, y]]), self.shape)
+        wanted = in_half_diagonals(np.array([[x, y]]), self.shape)
+        if np.array_equal(placed, wanted):
+            return np.zeros(len(self.components))
+        before = 2 * placed - wanted
         values = self.coefficients_at_nodes - self.origin
         return np.asarray(self.model.predict(placed, values)[0] - self.model.predict(before, values)[0])
 
@@ -249,9 +262,9 @@ class PsfField:
         return np.asarray(self.components.T @ self.lack @ self.components)
 
     @cached_property
-    def _covariances(self) -> tuple[Array, Array, Array, Array]:
+    def _covariances(self) -> tuple[Array, Array, Array]:
         """sum m^2 Q C Q^T (p, p); m_i Q C_i B^T side by side (p, N r); B C_i B^T (N, r, r); all without what is common
-        to the nodes, and the mean of that (p, p)."""
+        to the nodes, whose mean is added to the first."""
         n, (r, size) = len(self.nodes), self.components.shape
         rest, cross, inner = np.zeros((size, size)), np.zeros((n, size, r)), np.zeros((n, r, r))
         common = np.zeros((size, size))
@@ -265,7 +278,8 @@ class PsfField:
             cross[i] = m * (half - A @ inner[i])
             rest += m * m * C
         rest = rest - A @ (B @ rest)
-        return rest - (rest @ B.T) @ A.T, cross.transpose(1, 0, 2).reshape(size, n * r), inner, common
+        rest = rest - (rest @ B.T) @ A.T + common
+        return rest, cross.transpose(1, 0, 2).reshape(size, n * r), inner
 
     def _transfer(self, x: float, y: float) -> Array:
         """T at one place, (r, N, r)."""

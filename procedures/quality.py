@@ -19,7 +19,7 @@ from procedures.numerics.kernel_tail import DIFFERS, EXCHANGED, LEAST_TAIL, MIRR
 from procedures.outcome import BadParameter, Quantity, Rule, Verdict
 from procedures.psf import Psf
 from procedures.spatial_numbers import CIRCLES, DrawnNumber, circle, name_of_circle, section_widths, spatial_numbers
-from procedures.transfer_function import LEVELS, crossing, curve_numbers
+from procedures.transfer_function import LEVELS, curve_numbers, first_crossing
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -277,8 +277,7 @@ def mtf_along(psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
 
 def mtf50_along(psf: Psf, angle: float) -> tuple[float, Array] | None:
     """MTF50 along a direction in cycles/pixel, and its derivative by the PSF's parameters; None without."""
-    f = frequencies(psf)
-    return crossing(f, *mtf_along(psf, f, angle))
+    return first_crossing(frequencies(psf), lambda f: mtf_along(psf, f, angle))
 
 
 def quantity_along(psf: Psf, angle_deg: float, n: int) -> Quantity | None:

@@ -20,6 +20,8 @@ LEVELS = (50, 30, 20, 10)
 """Per cent of contrast at which frequencies are told."""
 NYQUIST = 0.5
 """Cycles per pixel."""
+AT_ONCE = 16
+"""Frequencies by which a curve is drawn on to where it is looked for."""
 _AT = re.compile(r"mtf_at_(?P<frequency>[0-9.e+-]+?)(?:_(?P<direction>horizontal|vertical|radial))?")
 
 
@@ -118,6 +120,25 @@ def crossing(f: Array, mtf: Array, slope: Array, level: float = 0.5) -> tuple[fl
     t = 0.0 if b == level else _root(bend, tilt, b - level)
     steepness = -(tilt + 2 * bend * t) / step
     return float(f[i - 1] + t * step), np.asarray(_parabola(t) @ slope[i - 2 : i + 1] / steepness)
+
+
+def first_crossing(f: Array, curve: Callable[[Array], tuple[Array, Array]]) -> tuple[float, Array] | None:
+    """Where a curve first falls below one half, as `crossing`, drawn no farther than that.
+
+    Parameters
+    ----------
+    f : (n,) float64
+        Where it would be drawn, equally spaced.
+    curve : callable
+        Values (m,) and slopes (m, p) at some of these.
+    """
+    drawn: list[tuple[Array, Array]] = []
+    for first in range(0, len(f), AT_ONCE):
+        drawn.append(curve(f[first : first + AT_ONCE]))
+        if (drawn[-1][0] < 0.5).any():
+            value, slope = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
+            return crossing(f, value, slope)
+    return None
 
 
 def _at(f: Array, mtf: Array, slope: Array, frequency: float) -> tuple[float, Array]:

@@ -16,7 +16,7 @@ from procedures.psf import Psf
 from procedures.psf_field import PsfField
 from procedures.quality import frequencies, mtf_along, stray_energy, truncation
 from procedures.spatial_numbers import energy_above_nyquist
-from procedures.transfer_function import crossing
+from procedures.transfer_function import first_crossing
 
 Array = npt.NDArray[np.float64]
 
@@ -107,12 +107,13 @@ def derive(field: PsfField, columns: int = COLUMNS, without: WithoutPhotosite | 
     names = (*MAPS, *WITHOUT_PHOTOSITE) if without else MAPS
     value, uncertainty = np.full((2, len(names), len(y), len(x)), np.nan)
     errors = np.full((len(ERRORS), len(y), len(x)), np.nan)
-    enclosed = field.inside(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(len(y), len(x))
+    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    enclosed = field.inside(places).reshape(len(y), len(x))
+    parameters = field.parameters(places).reshape(len(y), len(x), -1)
     for row, at_y in enumerate(y):
         for column in range(len(x)):
-            p = field.parameters(np.array([[x[column], at_y]]))[0]
-            parts = field.noise(x[column], at_y), field.interpolation(x[column], at_y)
-            psf = Psf.of(p, parts[0] + parts[1], field.k, field.s, parts[1])
+            parts = field.covariances(x[column], at_y)
+            psf = Psf.of(parameters[row, column], parts[0] + parts[1], field.k, field.s, parts[1])
             norm = float(np.linalg.norm(psf.extended()))
             errors[:, row, column] = [field.norm_of_error(C) / norm for C in parts]
             radius = radius_direction(field.shape, x[column], at_y)
@@ -156,10 +157,9 @@ def _mtf50(psf: Psf, angle: float, without: WithoutPhotosite | None) -> tuple[fl
     """MTF50 along a direction, its derivative, and its standard uncertainty by what the tail's shapes leave out."""
     f = without.frequencies(psf, angle) if without else frequencies(psf)
     curve = without.curve if without else mtf_along
-    mtf, slope = curve(psf, f, angle)
-    found = crossing(f, mtf, slope)
+    found = first_crossing(f, lambda some: curve(psf, some, angle))
     if found is None:
-        return np.nan, np.full(slope.shape[1], np.nan), np.nan
+        return np.nan, np.full(len(psf.parameters) + (without is not None), np.nan), np.nan
     before, after = curve(psf, found[0] + np.array([-STEP, STEP]), angle)[0]
     stray = truncation(psf) / (float(without.passed(found[0], angle)) if without else 1.0)
     return *found, stray * 2 * STEP / max(float(before - after), 1e-9)

@@ -19,12 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.cameras import Camera
+from procedures.geometry.node_kernels import add_view
 from procedures.geometry.shape import ShapeModel
 from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import Refused
@@ -93,9 +95,10 @@ class System:
 
     def reduced(self) -> tuple[Array, Array]:
         """Matrix and right side of the first unknowns, the nodes' errors eliminated."""
-        Wi = self.solved(self.W)
-        flat = self.W.reshape(-1, len(self.u)).T
-        return self.U - flat @ Wi.reshape(-1, len(self.u)), self.u - Wi.reshape(-1, len(self.u)).T @ self.v.ravel()
+        # with V = L L', W'V^-1 W is the square of L^-1 W: half the work of a product of two matrices
+        inverse = np.linalg.inv(np.linalg.cholesky(self.V))
+        root, right = (inverse @ self.W).reshape(-1, len(self.u)), (inverse @ self.v[..., None]).ravel()
+        return self.U - root.T @ root, self.u - root.T @ right
 
     def errors(self, step: Array) -> Array:
         """The step (N, 3) of the nodes' errors that goes with one of the first unknowns."""
@@ -153,23 +156,47 @@ def adjust(start: AdjustmentState, nodes: Array, views: Sequence[ChartView], sha
     """
     state, share = start, 1.0
     system = assemble(state, nodes, views, shape)
+    step, errors, promised = _step(system)
     for _ in range(STEPS):
-        S, b = system.reduced()
-        step = _solve(S, b)
-        errors = system.errors(step)
         better = _moved(state, share * step, share * errors)
-        tried = assemble(better, nodes, views, shape)
-        if not tried.chi_square < system.chi_square + STILL:
+        if not _chi_square(better, nodes, views, shape) < system.chi_square + STILL:
             share /= SHORTER
             continue
-        state, system = better, tried
-        if share == 1 and float(step @ b) < STILL:
+        state, system = better, assemble(better, nodes, views, shape)
+        if share == 1 and promised < STILL:
             return _concluded(state, nodes, views, shape, system)
         share = min(1.0, SHORTER * share)
-    raise Refused(
+        step, errors, promised = _step(system)
+    raise _restless()
+
+
+def _restless() -> Refused:
+    return Refused(
         f"the adjustment of camera and poses came to no rest in {STEPS} steps",
         "add views of the chart, tilted differently and spread over the frame",
     )
+
+
+def _step(system: System) -> tuple[Array, Array, float]:
+    """The step of the first unknowns, that of the nodes' errors, and by how much they promise to lower chi-square."""
+    if not np.isfinite(system.chi_square):
+        raise _restless()
+    S, b = system.reduced()
+    step = _solve(S, b)
+    return step, system.errors(step), float(step @ b)
+
+
+def _chi_square(state: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> float:
+    """What the system of a state has, without the system."""
+    squares = (float(np.sum(residual(state, nodes, view, shape, i) ** 2)) for i, view in enumerate(views))
+    return sum(squares) + _known_beforehand(state, shape)
+
+
+def _known_beforehand(state: AdjustmentState, shape: ShapeModel) -> float:
+    """The part of chi-square that does not come from points."""
+    spread = np.concatenate([state.camera.beforehand, shape.prior_mm])
+    held = float(np.sum((np.concatenate([state.camera.params, state.terms_mm]) / spread) ** 2))
+    return held + (float(np.sum((state.errors_mm / shape.node_mm) ** 2)) if shape.node_mm.all() else 0.0)
 
 
 def _solve(S: Array, b: Array) -> Array:
@@ -223,7 +250,8 @@ def _moved(state: AdjustmentState, step: Array, errors: Array) -> AdjustmentStat
     """The state after a step of everything."""
     p, q = len(state.camera.params), len(state.terms_mm)
     changes = step[p + q : p + q + POSE * len(state.poses)].reshape(-1, POSE)
-    poses = tuple(moved_pose(pose, change) for pose, change in zip(state.poses, changes, strict=True))
+    turns = Rotation.from_rotvec(changes[:, :3]).as_matrix()
+    poses = tuple(_turned(*one) for one in zip(state.poses, turns, changes[:, 3:], strict=True))
     camera = state.camera.with_params(state.camera.params + step[:p])
     return replace(
         state, camera=camera, poses=poses, terms_mm=state.terms_mm + step[p : p + q], errors_mm=state.errors_mm + errors
@@ -232,8 +260,11 @@ def _moved(state: AdjustmentState, step: Array, errors: Array) -> AdjustmentStat
 
 def moved_pose(pose: Pose, change: Array) -> Pose:
     """The pose after a change (6,) in the camera's frame."""
-    turn = Rotation.from_rotvec(change[:3]).as_matrix()
-    return Pose(np.asarray(turn @ pose.R), np.asarray(turn @ pose.t + change[3:]))
+    return _turned(pose, Rotation.from_rotvec(change[:3]).as_matrix(), change[3:])
+
+
+def _turned(pose: Pose, turn: Array, shift: Array) -> Pose:
+    return Pose(np.asarray(turn @ pose.R), np.asarray(turn @ pose.t + shift))
 
 
 def residual(state: AdjustmentState, nodes: Array, view: ChartView, shape: ShapeModel, number: int) -> Array:
@@ -244,7 +275,13 @@ def residual(state: AdjustmentState, nodes: Array, view: ChartView, shape: Shape
 
 def _shaped(state: AdjustmentState, nodes: Array, view: ChartView, shape: ShapeModel) -> Array:
     """The nodes (n, 3) of a view, where the chart really has them."""
-    return np.asarray((nodes + state.deviations_mm(shape))[view.index])
+    return np.asarray(nodes[view.index] + _deviations(state, shape)[view.index])
+
+
+@lru_cache(maxsize=2)
+def _deviations(state: AdjustmentState, shape: ShapeModel) -> Array:
+    """Of the state, kept: all views ask for the same."""
+    return state.deviations_mm(shape)
 
 
 def assemble(
@@ -268,22 +305,16 @@ def assemble(
     V, v = np.zeros((N, 3, 3)), np.zeros((N, 3))
     chi_square = 0.0
     for i, view in enumerate(views):
-        whitening, r = view.whitening, residual(state, nodes, view, shape, i)
+        r = residual(state, nodes, view, shape, i)
         J, E = jacobian(state, nodes, view, shape, i)
         if extra:
             J = np.concatenate([J, extra[i]], axis=-1)
-        J, E = whitening @ J, whitening @ E
         first = p + q + POSE * i
-        own = slice(0, p + q), slice(first, first + POSE), slice(p + q + poses, p + q + poses + k)
-        flat, places = J.reshape(-1, J.shape[-1]), np.r_[own]
+        places = np.r_[: p + q, first : first + POSE, p + q + poses : p + q + poses + k]
+        add_view(J, E, r, view.whitening, view.index, places, V, v, W)
+        flat = J.reshape(-1, J.shape[-1])
         U[np.ix_(places, places)] += flat.T @ flat
         u[places] += flat.T @ r.ravel()
-        V[view.index] += np.swapaxes(E, 1, 2) @ E
-        v[view.index] += np.einsum("nab,na->nb", E, r)
-        common, done = np.swapaxes(E, 1, 2) @ J, 0
-        for part in own:  # by slices, which numpy adds far faster than it does lists of places
-            W[view.index, :, part] += common[..., done : done + part.stop - part.start]
-            done += part.stop - part.start
         chi_square += float(np.sum(r**2))
     return _with_prior(System(U, u, V, v, W, chi_square), state, shape)
 
@@ -295,18 +326,16 @@ def _with_prior(system: System, state: AdjustmentState, shape: ShapeModel) -> Sy
     values, where = np.concatenate([state.camera.params, state.terms_mm]), np.arange(len(precision))
     U[where, where] += precision
     u[where] -= precision * values
-    chi_square = system.chi_square + float(np.sum(precision * values**2))
     if shape.node_mm.all():
         V[:, range(3), range(3)] += shape.node_mm**-2.0
         v -= state.errors_mm / shape.node_mm**2
         W[..., -shape.similarity.shape[-1] :] = shape.similarity
         u[-shape.similarity.shape[-1] :] = -np.einsum("nas,na->s", shape.similarity, state.errors_mm)
-        chi_square += float(np.sum((state.errors_mm / shape.node_mm) ** 2))
     else:  # no errors of their own: neither they nor the multipliers are moved by anything
         V[:], v[:], W[:] = np.eye(3), 0.0, 0.0
         last = np.arange(len(U) - shape.similarity.shape[-1], len(U))
         U[last, last] = 1.0
-    return System(U, u, V, v, W, chi_square)
+    return System(U, u, V, v, W, system.chi_square + _known_beforehand(state, shape))
 
 
 def jacobian(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,8 @@ MODELS = ("SIMPLE_RADIAL", "OPENCV", "FULL_OPENCV", "THIN_PRISM_FISHEYE", "RAD_T
 OTHER_MODELS = ("PINHOLE", "OPENCV_FISHEYE")
 """Models that are taken where they are asked for, and written into files."""
 COLMAP_CENTRE = 0.5
-PIXELS = ("f", "fx", "fy", "cx", "cy")
+CENTRE = ("cx", "cy")
+PIXELS = ("f", "fx", "fy", *CENTRE)
 """Parameters in pixels; the others are plain numbers."""
 PLAIN = 1.0
 """Standard deviation beforehand of a distortion's numbers. Views tell them far better, but for a quotient of two
@@ -93,6 +94,11 @@ class Camera:
         params = self.params + COLMAP_CENTRE * _is_centre(self.model)
         return pycolmap.Camera(model=self.model, width=self.columns, height=self.rows, params=params)
 
+    @cached_property
+    def _theirs(self) -> pycolmap.Camera:
+        """The same, kept: to be read alone."""
+        return self.colmap()
+
     @classmethod
     def from_colmap(cls, camera: pycolmap.Camera) -> Camera:
         """The camera of one of pycolmap's."""
@@ -102,18 +108,21 @@ class Camera:
 
     def project(self, points: Array) -> Array:
         """Where points (n, 3) of the camera's frame (x right, y down, z away) are seen, (n, 2); NaN behind it."""
-        return _projected(self.colmap(), np.ascontiguousarray(points))
+        return _projected(self._theirs, np.ascontiguousarray(points))
 
     def rays(self, pixels: Array) -> Array:
         """Directions (x, y, 1) in which pixels (n, 2) look, (n, 3); NaN where the model has none."""
-        flat = self.colmap().cam_from_img(np.ascontiguousarray(pixels + COLMAP_CENTRE))
+        flat = self._theirs.cam_from_img(np.ascontiguousarray(pixels + COLMAP_CENTRE))
         return np.column_stack([np.asarray(flat, dtype=np.float64)[:, :2], np.ones(len(pixels))])
 
     def by_params(self, points: Array) -> Array:
         """Derivative (n, 2, p) of where points (n, 3) are seen with respect to the parameters."""
         theirs, points, columns = self.colmap(), np.ascontiguousarray(points), []
         params = np.array(theirs.params)
-        for i, unit in enumerate(self.units):
+        for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
+            if name in CENTRE:  # it moves every point as far as it is moved
+                columns.append(np.tile([float(name == one) for one in CENTRE], (len(points), 1)))
+                continue
             step = np.zeros(len(params))
             step[i] = STEP_PX if unit == "pixel" else STEP
             theirs.params = (params + step).tolist()
@@ -125,7 +134,7 @@ class Camera:
     def by_points(self, points: Array) -> Array:
         """Derivative (n, 2, 3) of where points (n, 3) are seen with respect to their place."""
         step = STEP_SHARE * np.linalg.norm(points, axis=1)
-        theirs, columns = self.colmap(), []
+        theirs, columns = self._theirs, []
         for axis in np.eye(3):
             move = step[:, None] * axis
             change = _projected(theirs, points + move) - _projected(theirs, points - move)
@@ -194,7 +203,7 @@ def split_model(model: str) -> tuple[str, tuple[int, int]]:
 @cache
 def _is_centre(model: str) -> Array:
     """1 where a parameter is a coordinate of the principal point, (p,)."""
-    return np.array([float(name in ("cx", "cy")) for name in parameter_names(model)])
+    return np.array([float(name in CENTRE) for name in parameter_names(model)])
 
 
 def distortion(camera: Camera, pixels: Array) -> Array:

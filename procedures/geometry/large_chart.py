@@ -11,13 +11,14 @@ gives the shift d that is left, with its covariance from what the bin's pixels k
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.geometry.bin_kernels import COLUMNS, MARGIN, Look, lay_bins
 from procedures.outcome import Refused
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.correspondences import BINS, Correspondences
@@ -30,10 +31,10 @@ Array32 = npt.NDArray[np.float32]
 BLUR_PX = 0.8
 """Standard deviation of the blur with which a bin is first drawn; the fit corrects it."""
 LEAST_BLUR_PX, MOST_BLUR_PX = 0.4, 4.0
-MARGIN = 6
-"""Pixels drawn around a bin: what blurs into it."""
 FINE = 6.0
 """Places along a cell at which a bin is drawn, about."""
+LEAST_TOLD = 1e-12
+"""Determinant, for columns of norm 1, under which a bin's pixels tell nothing."""
 SWEEPS = 3
 STILL_PX = 0.002
 LOST_PX = 2.0
@@ -61,16 +62,17 @@ def enlarged(seen: Correspondences, factor: int) -> Correspondences:
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """A photograph, the chart's integral, and the map from the photograph's pixels to cells."""
+    """Bins as they are drawn, the map from the reduced picture's pixels to cells, and where the bins begin."""
 
-    samples: Array32
-    integral: Array
+    look: Look
     registration: Registration
-    factor: int
+    start: Correspondences
 
-    def cells(self, pixels: Array) -> Array:
-        """Cells (n, 2) at pixels (n, 2)."""
-        return self.registration.to_pattern((pixels - (self.factor - 1) / 2) / self.factor)
+    def blurred(self, blur_px: float) -> _Scene:
+        """The same, drawn with a blur of that standard deviation."""
+        sigma = self.look.n * blur_px
+        weights = cv2.getGaussianKernel(round(8 * sigma + 1) | 1, sigma, cv2.CV_64F).ravel()
+        return replace(self, look=self.look._replace(blur=np.asarray(weights, dtype=np.float64)))
 
 
 def refine_bins(
@@ -94,15 +96,9 @@ def refine_bins(
     Refused
         If hardly any bin is where the reduced plane shows it.
     """
-    integral = np.pad(whole_chart(chart), ((1, 0), (1, 0))).cumsum(0, dtype=np.float64).cumsum(1)
-    scene = _Scene(samples, integral, registration, factor)
     start = enlarged(seen, factor)
-    blur = _usual_blur(scene, start)
-    points, covariance = start.points.copy(), np.full((len(start.index), 2, 2), np.inf)
-    for i, centre in enumerate(start.cells):
-        placed = _place(scene, centre, start.points[i], blur)
-        if placed is not None:
-            points[i], covariance[i] = placed
+    scene = _scene(samples, chart, registration, start, factor).blurred(BLUR_PX)
+    points, covariance = _placed(scene.blurred(_usual_blur(scene)))
     spread = np.sqrt(np.einsum("naa->n", covariance))
     found = np.isfinite(spread)
     good = found & (spread < POOR * np.median(spread[found])) if found.any() else found
@@ -114,91 +110,86 @@ def refine_bins(
     return Correspondences(start.index[good], points[good], covariance[good])
 
 
-def _usual_blur(scene: _Scene, start: Correspondences) -> float:
+def _scene(samples: Array32, chart: Chart, registration: Registration, start: Correspondences, factor: int) -> _Scene:
+    """The bins of a photograph, without their blur."""
+    integral = np.pad(whole_chart(chart), ((1, 0), (1, 0))).cumsum(0, dtype=np.float64).cumsum(1)
+    per_pixel = float(np.sqrt(abs(np.linalg.det(registration.jacobian())))) / factor
+    n = 2 * ceil(FINE * per_pixel / 2) - 1
+    r, none = registration, np.zeros(0)
+    look = Look(
+        samples, integral, r.H, r.centre, float(r.radius), r.displacement, factor, float(BLOCK), CELLS / BINS / 2, n,
+        per_pixel / n, none,
+    )  # fmt: skip
+    return _Scene(look, registration, start)
+
+
+def _usual_blur(scene: _Scene) -> float:
     """The standard deviation, in pixels, that most of some bins ask for."""
-    found = []
-    for i in range(0, len(start.index), max(1, len(start.index) // 24)):
-        fit = _fit(scene, start.cells[i], start.points[i], BLUR_PX)
-        if fit is not None:
-            found.append(fit.blur_square)
-    square = float(np.median(found)) if found else BLUR_PX**2
+    count = len(scene.start.index)
+    fit = _fit(scene, scene.start.points, np.arange(0, count, max(1, count // 24)))
+    square = BLUR_PX**2 + (float(np.median(fit.widening[fit.good])) if fit.good.any() else 0.0)
     return float(np.clip(np.sqrt(max(square, 0.0)), LEAST_BLUR_PX, MOST_BLUR_PX))
 
 
-def _place(scene: _Scene, centre: Array, point: Array, blur: float) -> tuple[Array, Array] | None:
-    """Where a bin is seen and its covariance; None where it cannot be laid onto the photograph."""
-    at, covariance = point, np.zeros((2, 2))
+def _placed(scene: _Scene) -> tuple[Array, Array]:
+    """Where the bins are seen (n, 2), and their covariances; infinite where one cannot be laid onto the photograph."""
+    first = scene.start.points
+    points, covariance, left = first.copy(), np.full((len(first), 2, 2), np.inf), np.arange(len(first))
     for _ in range(SWEEPS):
-        fit = _fit(scene, centre, at, blur)
-        if fit is None or np.linalg.norm(at + fit.shift - point) > LOST_PX:
-            return None
-        at, covariance = at + fit.shift, fit.covariance
-        if np.abs(fit.shift).max() < STILL_PX:
-            break
-    return at, covariance
+        fit = _fit(scene, points, left)
+        moved = points[left] + fit.shift
+        good = fit.good & (np.linalg.norm(moved - first[left], axis=1) <= LOST_PX)
+        points[left[good]], covariance[left[good]], covariance[left[~good]] = moved[good], fit.covariance[good], np.inf
+        left = left[good & (np.abs(fit.shift).max(axis=1) >= STILL_PX)]
+    return points, covariance
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Of one bin: the shift (x, y) it is off by in pixels, its covariance, and the blur's square that fits."""
+    """Of m bins: the shifts (x, y) they are off by in pixels, with covariances, and what the blur's square lacks.
+
+    `good` are those that could be laid onto the photograph.
+    """
 
     shift: Array
     covariance: Array
-    blur_square: float
+    widening: Array
+    good: npt.NDArray[np.bool_]
 
 
-def _fit(scene: _Scene, centre: Array, point: Array, blur: float) -> _Fit | None:
-    """A bin drawn around a point of the photograph and laid onto it."""
-    half = CELLS / BINS / 2
-    to_bin = scene.cells(point[None])[0] - centre  # the map has the bin's centre a little beside the point
-    corners = centre + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    rim = scene.factor * scene.registration.to_sensor(corners + to_bin) + (scene.factor - 1) / 2
-    low, high = np.floor(rim.min(axis=0)).astype(int) - MARGIN, np.ceil(rim.max(axis=0)).astype(int) + MARGIN
-    if (low < 0).any() or (high >= np.array(scene.samples.shape[::-1])).any():
-        return None
-    per_pixel = float(np.sqrt(abs(np.linalg.det(scene.registration.jacobian())))) / scene.factor
-    n = 2 * ceil(FINE * per_pixel / 2) - 1
-    x, y = np.meshgrid(_fine(low[0], high[0], n), _fine(low[1], high[1], n))
-    cells = scene.cells(np.column_stack([x.ravel(), y.ravel()])) - to_bin
-    drawn = _box_mean(scene.integral, cells + BLOCK, per_pixel / n).reshape(x.shape)
-    u = cv2.GaussianBlur(drawn, (0, 0), n * blur, borderType=cv2.BORDER_REFLECT)
-    u_y, u_x = (n * slope for slope in np.gradient(u))
-    curved = n * (np.gradient(u_x, axis=1) + np.gradient(u_y, axis=0))
-    own = (np.abs(cells - centre) < half).all(axis=1).reshape(x.shape)[n // 2 :: n, n // 2 :: n]
-    A = np.stack([one[n // 2 :: n, n // 2 :: n] for one in (np.ones_like(u), u, curved, -u_x, -u_y)], axis=-1)[own]
-    values = scene.samples[low[1] : high[1] + 1, low[0] : high[0] + 1][own].astype(np.float64)
-    AA = A.T @ A
-    try:
-        inverse = np.linalg.inv(AA)
-    except np.linalg.LinAlgError:
-        return None
-    found = inverse @ (A.T @ values)
-    contrast, variance = found[1], float(np.mean((values - A @ found) ** 2)) * len(values) / (len(values) - 5)
-    if contrast <= 0:
-        return None
-    return _Fit(found[3:] / contrast, inverse[3:, 3:] * variance / contrast**2, blur**2 + 2 * found[2] / contrast)
+def _fit(scene: _Scene, points: Array, chosen: npt.NDArray[np.int64]) -> _Fit:
+    """Some bins, drawn around `points` (of all, in pixels) of the photograph and laid onto it."""
+    look, centres, points = scene.look, scene.start.cells[chosen], points[chosen]
+    low, high = _reach(scene, points)
+    inside = ((low >= 0) & (high < np.array(look.samples.shape[::-1]))).all(axis=1)
+    sums = np.zeros((len(chosen), COLUMNS + 1, COLUMNS + 1))
+    laid = sums[inside]
+    lay_bins(look, centres[inside], points[inside], low[inside], high[inside], laid)
+    sums[inside] = laid
+    return _solved(sums)
 
 
-def _fine(low: int, high: int, n: int) -> Array:
-    """Places `n` to a pixel, n odd, pixels in their middle."""
-    return np.arange((high - low + 1) * n) / n + low - (n - 1) / (2 * n)
+def _reach(scene: _Scene, points: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """First and last pixel (x, y) that is drawn of bins (m, 2) each."""
+    half, middle = scene.look.half, (scene.look.factor - 1) / 2
+    beside = scene.registration.to_pattern((points - middle) / scene.look.factor)
+    corners = beside[:, None] + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    rims = scene.look.factor * scene.registration.to_sensor(corners.reshape(-1, 2)).reshape(-1, 4, 2) + middle
+    low, high = np.floor(rims.min(axis=1)) - MARGIN, np.ceil(rims.max(axis=1)) + MARGIN
+    return low.astype(np.int64), high.astype(np.int64)
 
 
-def _box_mean(integral: Array, places: Array, side: float) -> Array:
-    """Means of the chart over squares of a side around places (n, 2), in cells from the chart's corner."""
-    low, high = places - side / 2, places + side / 2
-    total = _read(integral, high[:, 0], high[:, 1]) - _read(integral, low[:, 0], high[:, 1])
-    total += _read(integral, low[:, 0], low[:, 1]) - _read(integral, high[:, 0], low[:, 1])
-    return np.asarray(total / side**2)
-
-
-def _read(table: Array, x: Array, y: Array) -> Array:
-    """The integral at (x, y): exact between its lines, as cells are even."""
-    rows, columns = table.shape
-    x, y = np.clip(x, 0, columns - 1.001), np.clip(y, 0, rows - 1.001)
-    j, i = x.astype(np.int64), y.astype(np.int64)
-    a, b = x - j, y - i
-    return np.asarray(
-        (1 - b) * ((1 - a) * table[i, j] + a * table[i, j + 1])
-        + b * ((1 - a) * table[i + 1, j] + a * table[i + 1, j + 1])
-    )
+def _solved(sums: Array) -> _Fit:
+    """Least squares from the products (m, 6, 6) of the bins' columns and samples."""
+    AA, Av, vv, count = sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1], sums[:, 0, 0]
+    norm = np.sqrt(np.einsum("naa->na", AA))
+    norm[norm == 0] = 1.0
+    told = np.linalg.det(AA / norm[:, :, None] / norm[:, None]) > LEAST_TOLD
+    inverse = np.linalg.inv(np.where(told[:, None, None], AA, np.eye(COLUMNS)))
+    found = np.einsum("nab,nb->na", inverse, Av)
+    variance = (vv - np.einsum("na,na->n", found, Av)) / np.maximum(count - COLUMNS, 1)
+    contrast = found[:, 1]
+    good = told & (contrast > 0)
+    contrast = np.where(good, contrast, 1.0)
+    covariance = inverse[:, 3:, 3:] * (variance / contrast**2)[:, None, None]
+    return _Fit(found[:, 3:] / contrast[:, None], covariance, 2 * found[:, 2] / contrast, good)

@@ -12,7 +12,7 @@ from procedures.geometry.large_chart import reduced, refine_bins
 from procedures.geometry.views import ChartView
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import CELLS, Chart
-from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_chart, find_charts
+from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_charts, one_chart
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf, finest
 from procedures.raw import Plane
@@ -27,7 +27,7 @@ REACH_PX = 4
 """Side of the PSF's support, in pixels."""
 
 
-def view_of(plane: Plane, chart: Chart, source: str) -> Outcome[ChartView]:
+def view_of(plane: Plane, chart: Chart, source: str, sighting: ChartSighting | None = None) -> Outcome[ChartView]:
     """Where a photograph shows the chart, or the reason why it tells nothing.
 
     Parameters
@@ -38,15 +38,20 @@ def view_of(plane: Plane, chart: Chart, source: str) -> Outcome[ChartView]:
         The cells that were printed.
     source : str
         What the view is called.
+    sighting : ChartSighting, optional
+        Where the chart is, as another plane of the photograph tells (`one_chart`, `ChartSighting.moved`); None: it is
+        found.
 
     Raises
     ------
     Refused
         If there is no chart in it, or one that cannot be used.
     """
-    factor = _reduction(plane)
+    sighting = sighting or one_chart(find_charts(plane.samples))
+    factor = max(1, ceil(float(sighting.widths().max()) / WIDE))
     small = plane if factor == 1 else replace(plane, samples=reduced(plane.samples, factor))
-    sighting = find_chart(small.samples)
+    sighting = sighting.reduced(factor)
+    check_usable(sighting, small.samples.shape)
     found = estimate_psf(small, chart, _parameters(sighting), sighting=sighting)
     if found.value is None:
         return Outcome(None, Verdict.REFUSED, found.reason, found.remedy)
@@ -55,14 +60,6 @@ def view_of(plane: Plane, chart: Chart, source: str) -> Outcome[ChartView]:
         return Outcome(on_sensor(seen, plane, source), found.verdict, found.reason, found.remedy)
     seen = refine_bins(plane.samples, chart, found.value.registration, seen, factor)
     return Outcome(on_sensor(seen, plane, source))  # what the small picture's PSF is doubted for is not the geometry's
-
-
-def _reduction(plane: Plane) -> int:
-    """Over how many pixels to average so that the one chart is as wide as its PSF can be estimated; 1: none."""
-    charts = [one for one in find_charts(plane.samples) if not one.mirrored]
-    if len(charts) != 1:
-        return 1
-    return max(1, ceil(float(charts[0].widths().max()) / WIDE))
 
 
 def _parameters(sighting: ChartSighting) -> PatternParameters:

@@ -34,6 +34,10 @@ MIRRORED, EXCHANGED = np.array([1.0, 1, 1, -1, 1, -1]), np.array([1.0, 1, -1, 1,
 DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
 """How far the shapes beside the mean tail are expected to go, over its energy: an excess close to the support, and
 variation with twice and four times the direction. Without it their noise would rule them."""
+KEPT = 256
+"""Frequencies at most whose spectra are kept."""
+DIGITS = 11
+"""Decimals of an argument of the transform beyond the reach, whose slope is at most 1."""
 LEAST_TAIL = 1e-3
 """Amplitude of the mean tail that this is told of at the least."""
 
@@ -182,14 +186,19 @@ def tail_spectra(fx: Array, fy: Array, k: int) -> Array:
     of 1/r^3 over its value at 0 is g(x) = x times the integral of J0(t) / t^2 from x = 2 pi f R on, which is
     J0(x) + x (the integral of J0 from 0 to x - 1 - J1(x)).
     """
-    return _spectra_at(np.asarray(fx, np.float64).tobytes(), np.asarray(fy, np.float64).tobytes(), k)
+    x, y = np.ascontiguousarray(fx, np.float64), np.ascontiguousarray(fy, np.float64)
+    return _kept_spectra(x.tobytes(), y.tobytes(), k) if len(x) <= KEPT else _spectra_at(x, y, k)
 
 
-@lru_cache(maxsize=512)
-def _spectra_at(x_bytes: bytes, y_bytes: bytes, k: int) -> Array:
+@lru_cache(maxsize=4096)
+def _kept_spectra(x_bytes: bytes, y_bytes: bytes, k: int) -> Array:
     """The same, kept: curves are drawn at the same frequencies again and again, a field's in directions that its planes
     share."""
-    fx, fy = np.frombuffer(x_bytes), np.frombuffer(y_bytes)
+    return _spectra_at(np.frombuffer(x_bytes), np.frombuffer(y_bytes), k)
+
+
+def _spectra_at(fx: Array, fy: Array, k: int) -> Array:
+    """The same, computed."""
     half = tail_border(k)
     quadrants = tail_kernels(k)[:, half:, half:]
     times = np.where(np.arange(half + 1) > 0, 2.0, 1.0)  # how often a column of the quadrant stands in the whole
@@ -212,13 +221,15 @@ def _waves(f: Array, last: int) -> npt.NDArray[np.complex128]:
 
 def _transform_beyond(x: Array) -> Array:
     """Hankel transform g of 1/r^3 beyond the reach at x (n,), found once where several are the same to rounding."""
-    order = np.argsort(x)
-    rising = x[order]
-    new = np.diff(rising, prepend=-1.0) > 1e-13 * rising[-1]
-    r = rising[new]
-    g = np.empty_like(x)
-    g[order] = (j0(r) + r * (integral_of_j0(r) - 1 - j1(r)))[np.cumsum(new) - 1]
-    return g
+    r, places = np.unique(np.round(x, DIGITS), return_inverse=True)
+    return _kept_transform(r.tobytes())[places]
+
+
+@lru_cache(maxsize=64)
+def _kept_transform(x_bytes: bytes) -> Array:
+    """The same at points that differ, kept: a curve has them in common in all directions."""
+    x = np.frombuffer(x_bytes)
+    return np.asarray(j0(x) + x * (integral_of_j0(x) - 1 - j1(x)))
 
 
 def _beyond(k: int) -> float:

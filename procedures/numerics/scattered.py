@@ -6,6 +6,7 @@ What is predicted is `weights(points) @ values`, so its variance follows from th
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -57,9 +58,13 @@ class Polynomial:
 
     def weights(self, points: Array) -> Array:
         """(n, N)."""
+        return np.asarray(monomials(points, self.degree) @ self._solution)
+
+    @cached_property
+    def _solution(self) -> Array:
+        """The coefficients (c, N) by the values."""
         root = np.sqrt(self.trust)
-        solution = np.linalg.pinv(monomials(self.places, self.degree) * root[:, None]) * root
-        return np.asarray(monomials(points, self.degree) @ solution)
+        return np.asarray(np.linalg.pinv(monomials(self.places, self.degree) * root[:, None]) * root)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +89,18 @@ class ThinPlate:
 
     def weights(self, points: Array) -> Array:
         """(n, N)."""
+        return np.asarray(np.hstack([_bending(points, self.places), monomials(points, 1)]) @ self._solution)
+
+    @cached_property
+    def _solution(self) -> Array:
+        """What the places' bendings and the linear part are multiplied by, (N + 3, N), by the values."""
         n = len(self.places)
         linear = monomials(self.places, 1)
         system = np.zeros((n + 3, n + 3))
         relative = self.trust / self.trust.mean()
         system[:n, :n] = _bending(self.places, self.places) + self.stiffness * n * np.diag(1 / relative)
         system[:n, n:], system[n:, :n] = linear, linear.T
-        solution = np.linalg.solve(system, np.vstack([np.eye(n), np.zeros((3, n))]))
-        return np.asarray(np.hstack([_bending(points, self.places), monomials(points, 1)]) @ solution)
+        return np.asarray(np.linalg.solve(system, np.vstack([np.eye(n), np.zeros((3, n))])))
 
 
 def _bending(a: Array, b: Array) -> Array:

@@ -236,7 +236,8 @@ def _paint(picture: Array, stroke: Stroke, first: tuple[int, int], n: int) -> No
         if x1 > x0:
             area = coverage(near.moved(x0, y0), (y1 - y0, x1 - x0))
             part = picture[y0:y1, x0:x1]
-            part += area * (stroke.reflectance - part if stroke.opaque else stroke.reflectance)
+            area *= stroke.reflectance - part if stroke.opaque else stroke.reflectance
+            part += area
 
 
 def _sample(spectrum: Complex, phase: tuple[int, int], n: int, period: int, columns: int) -> Array:

@@ -69,29 +69,36 @@ def coverage(segments: Segments, shape: tuple[int, int]) -> Array:
     low = np.minimum(pieces.starts[:, 0], pieces.ends[:, 0])
     left = np.maximum(pieces.starts[:, 0], pieces.ends[:, 0]) <= -1
     near = pieces.where(~left & (low < columns)).cut(axis=0)
-    spreads = [_spread(some, node, shape) for some in (near, pieces.where(left)) for node in _NODES]
+    spreads = [_spread(some, shape) for some in (near, pieces.where(left))]
     where, what = (np.concatenate([one[i].ravel() for one in spreads]) for i in (0, 1))
     width = columns + 1
-    steps = np.bincount(where.astype(np.int64), what, (rows + 2) * width).reshape(rows + 2, width)[1:-1]
-    return np.cumsum(steps, axis=1)[:, :columns].astype(np.float64, copy=False)
+    # of float64 also where there is no piece; summed in place, as such a picture is large
+    steps = np.bincount(where, what, (rows + 2) * width).astype(np.float64, copy=False)
+    inside = steps.reshape(rows + 2, width)[1:-1]
+    return np.cumsum(inside, axis=1, out=inside)[:, :columns]
 
 
-def _spread(pieces: Segments, node: float, shape: tuple[int, int]) -> tuple[Array, Array]:
-    """Where a node of each piece changes the samples' steps along x, as flat indices, and by how much, (2, 3, n) each.
+def _spread(pieces: Segments, shape: tuple[int, int]) -> tuple[Indices, Array]:
+    """Where each piece changes the samples' steps along x, as flat indices, and by how much, (2, 3, n) each.
 
     Along y it meets the hats of two samples; along x the step between two samples is the hats' difference, whose
     integral is the quadratic B-spline: it meets three. One row on either side and one column on the right are spare.
     """
     rows, columns = shape
-    middle = (pieces.starts + pieces.ends) / 2
-    column, row = np.floor(middle).T
-    x, y = (pieces.starts + node * (pieces.ends - pieces.starts)).T
-    t, u = x - column, y - row
-    along = np.array([(1 - t) ** 2 / 2, 0.75 - (t - 0.5) ** 2, t**2 / 2])
-    across = pieces.weights * (pieces.ends[:, 1] - pieces.starts[:, 1]) / 2 * np.array([1 - u, u])
-    place_x = np.clip(column + np.arange(3)[:, None], 0, columns)
-    place_y = np.clip(row + 1 + np.arange(2)[:, None], 0, rows + 1)
-    return place_y[:, None] * (columns + 1) + place_x, across[:, None] * along
+    (x0, y0), (x1, y1) = pieces.starts.T, pieces.ends.T
+    column, row = np.floor((x0 + x1) / 2), np.floor((y0 + y1) / 2)
+    half = pieces.weights * (y1 - y0) / 2
+    what = np.zeros((2, 3, len(half)))
+    for node in _NODES:
+        t, u = x0 + node * (x1 - x0) - column, y0 + node * (y1 - y0) - row
+        for one, across in zip(what, (half * (1 - u), half * u), strict=True):
+            one[0] += across * ((1 - t) ** 2 / 2)
+            one[1] += across * (0.75 - (t - 0.5) ** 2)
+            one[2] += across * (t**2 / 2)
+    i, j = row.astype(np.int64), column.astype(np.int64)
+    place_x = np.clip(j + np.arange(3)[:, None], 0, columns)
+    place_y = np.clip(i + 1 + np.arange(2)[:, None], 0, rows + 1)
+    return place_y[:, None] * (columns + 1) + place_x, what
 
 
 def _pieces(a0: Array, a1: Array) -> tuple[Indices, Array, Array]:

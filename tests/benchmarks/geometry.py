@@ -49,6 +49,7 @@ from procedures.geometry.shape import own_errors, shape_model  # noqa: E402
 from procedures.geometry.uncertainty import projection_uncertainty  # noqa: E402
 from procedures.geometry.views import Pose  # noqa: E402
 from procedures.pattern import Chart  # noqa: E402
+from procedures.pattern_psf.chart_finding.detection import find_charts, one_chart  # noqa: E402
 from procedures.raw import read_frame  # noqa: E402
 from simulators.camera.camera import SimulatedCamera  # noqa: E402
 from simulators.camera.sensor import Sensor  # noqa: E402
@@ -225,8 +226,12 @@ def photographs(_: int) -> None:
             camera.photograph(Scene((placed,)), np.random.default_rng(2), path)
             print(f"24 megapixels, the chart {pixels} pixels of a plane wide")
             frame = timed("reading", lambda path=path: read_frame(path))
+        guide = frame.planes["G1"]
+        seen = timed("finding the chart", lambda plane=guide: one_chart(find_charts(plane.samples)))
         for name, plane in frame.planes.items():
-            timed(f"points in {name}", lambda plane=plane: view_of(plane, chart, "view").result())
+            x, y = ((a - b) / plane.pitch for a, b in zip(guide.origin, plane.origin, strict=True))
+            there = seen.moved(x, y)
+            timed(f"points in {name}", lambda plane=plane, at=there: view_of(plane, chart, "view", at).result())
 
 
 def timed(words: str, work: Callable[[], Any]) -> Any:

@@ -98,6 +98,11 @@ class ChartSighting:
         T = np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
         return replace(self, corners=self.corners + np.array([x, y]), H_sensor_pattern=T @ self.H_sensor_pattern)
 
+    def reduced(self, factor: int) -> ChartSighting:
+        """The same chart in the means over squares of `factor` x `factor` pixels."""
+        H = np.linalg.inv(_to_full(factor)) @ self.H_sensor_pattern
+        return replace(self, corners=(self.corners - (factor - 1) / 2) / factor, H_sensor_pattern=H)
+
     def cut_marks(self, shape: tuple[int, ...], margin_px: float = 0.0) -> int:
         """How many x-corners lie nearer to the edge of a photograph of this shape (rows, columns), or beyond it."""
         x, y = self.predicted().T
@@ -242,7 +247,13 @@ def find_chart(image: npt.NDArray[np.floating]) -> ChartSighting:
         If there is none, more than one, a mirrored one, one that is cut by the photograph's edge or hidden at more
         than two marks, or one whose noise region is too small or too large.
     """
-    found = find_charts(image)
+    found = one_chart(find_charts(image))
+    check_usable(found, image.shape)
+    return found
+
+
+def one_chart(found: list[ChartSighting]) -> ChartSighting:
+    """The one of the charts found. Raises Refused where there is none, or more than one."""
     if not found:
         raise Refused(
             "no chart in the photograph: nothing has the twelve x-corners and the blocks of its frame",
@@ -251,7 +262,6 @@ def find_chart(image: npt.NDArray[np.floating]) -> ChartSighting:
     if len(found) > 1:
         places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in (s.centre() for s in found))
         raise Refused(f"one chart is needed; got {len(found)}, centred at {places}", "cover or crop away the others")
-    check_usable(found[0], image.shape)
     return found[0]
 
 

@@ -53,11 +53,8 @@ class Everywhere:
     def at(self, x, y):
         return self.psf
 
-    def noise(self, x, y):
-        return self.psf.parameter_covariance
-
-    def interpolation(self, x, y):
-        return np.zeros_like(self.psf.parameter_covariance)
+    def covariances(self, x, y):
+        return self.psf.parameter_covariance, np.zeros_like(self.psf.parameter_covariance)
 
     def norm_of_error(self, covariance):
         return float(np.sqrt(np.trace(covariance)))
