@@ -18,6 +18,7 @@ from procedures.outcome import BadInput, Refused
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.unknown_motion.free_kernels import (
     Kernels,
+    about_middle,
     cropped,
     likeness,
     recentred,
@@ -75,6 +76,8 @@ class FreeKernelSettings:
         Of the variance of the photographs' differences, beyond which kernels explain nothing.
     alike : float
         Correlation of the kernels of two beginnings from which each confirms the other.
+    at_end : float
+        Share of a kernel's light in its outermost pixels beyond which it may go on outside.
     """
 
     beginnings: tuple[Beginning, ...] = field(default_factory=lambda: (Beginning(), Beginning(2e-2, 1e-4, 0.05)))
@@ -91,6 +94,7 @@ class FreeKernelSettings:
     most_pixels: int = 120_000
     most_left: float = 0.25
     alike: float = 0.7
+    at_end: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -139,7 +143,7 @@ def kernels_of_flat_scene(
     sparse = SparseGradients(z, R)
     fits = [sparse.fitted(_begun(z, R, one, s), s.compared, s.picture_iterations, s.least) for one in s.beginnings]
     best = min(fits, key=lambda fit: fit.cost)
-    fit = sparse.fitted(best.kernels, s.settled, s.picture_iterations, s.least)
+    fit = sparse.fitted(about_middle(best.kernels), s.settled, s.picture_iterations, s.least)
     share = fit.left / float(np.mean(sparse.seen**2))
     if share > s.most_left:
         raise Refused(
@@ -153,7 +157,7 @@ def kernels_of_flat_scene(
 def _doubt(fit: SparseFit, agreement: float, settings: FreeKernelSettings) -> str | None:
     rim = np.ones(fit.kernels.shape[1:], bool)
     rim[1:-1, 1:-1] = False
-    if (fit.kernels[:, rim] > 0).any():
+    if fit.kernels[:, rim].sum(axis=1).max() > settings.at_end:
         R = fit.kernels.shape[1] // 2
         return f"the motion reaches the end of the {R} pixels that were looked at; raise --max-w"
     if agreement < settings.alike:
@@ -220,13 +224,13 @@ def _looked_at(photographs: Array, R: int, settings: FreeKernelSettings) -> Pict
 
 
 def _together(z: Array, R: int) -> Iterator[tuple[slice, slice]]:
-    """Of each photograph the part that all show, where one is shifted by more than half of R."""
+    """Of each photograph the part that all show, where one is shifted by more than R."""
     window = cv2.createHanningWindow(z.shape[:0:-1], cv2.CV_64F)
     first, *others = (np.ascontiguousarray(one - one.mean(), dtype=np.float64) for one in z)
     moves = [(0, 0)]
     for one in others:
         (dx, dy), sure = cv2.phaseCorrelate(first, one, window)
-        far = sure > 0.05 and max(abs(dx), abs(dy)) > R / 2
+        far = sure > 0.05 and max(abs(dx), abs(dy)) > R
         moves.append((round(dy), round(dx)) if far else (0, 0))
     spans = []
     for axis in (0, 1):

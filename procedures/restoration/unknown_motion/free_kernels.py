@@ -50,15 +50,24 @@ def scaled(kernels: Kernels, factor: float, R: int) -> Kernels:
     return unit(np.stack([np.maximum(cv2.warpAffine(k, to, side, flags=cv2.INTER_LINEAR), 0) for k in kernels]))
 
 
+def about_middle(kernels: Kernels) -> Kernels:
+    """The same, moved together by whole pixels so that what holds them all is in the middle."""
+    R = kernels.shape[1] // 2
+    moves = [round(R - (at[0] + at[-1]) / 2) for at in _extents(kernels)]
+    return np.roll(kernels, moves, (1, 2))
+
+
+def _extents(kernels: Kernels) -> list[NDArray[np.intp]]:
+    """Rows and columns in which any has light."""
+    return [np.flatnonzero(kernels.sum(axis=axes)) for axes in ((0, 2), (0, 1))]
+
+
 def cropped(kernels: Kernels) -> NDArray[np.float64]:
     """The same about the middle of their common extent, in the least square that holds them all."""
-    R = kernels.shape[1] // 2
-    rows, columns = (np.flatnonzero(kernels.sum(axis=axes)) for axes in ((0, 2), (0, 1)))
-    dy, dx = (round(R - (at[0] + at[-1]) / 2) for at in (rows, columns))
-    half = max(1, *(int(np.abs(at + d - R).max()) for at, d in ((rows, dy), (columns, dx))))
-    wide = np.pad(kernels, ((0, 0), (R, R), (R, R))).astype(np.float64)
-    side = slice(2 * R - half, 2 * R + half + 1)
-    return np.asarray(np.roll(wide, (dy, dx), (1, 2))[:, side, side])
+    R, kernels = kernels.shape[1] // 2, about_middle(kernels)
+    half = max(1, *(int(np.abs(at - R).max()) for at in _extents(kernels)))
+    side = slice(R - half, R + half + 1)
+    return kernels[:, side, side].astype(np.float64)
 
 
 def likeness(a: Kernels, b: Kernels) -> float:
