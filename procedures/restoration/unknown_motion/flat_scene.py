@@ -113,7 +113,7 @@ class FreeKernels:
     @property
     def half_width(self) -> float:
         """Of the widest, pixels."""
-        return (self.kernels.shape[1] - 1) / 2
+        return float(self.kernels.shape[1] - 1) / 2
 
     @property
     def shapes(self) -> MotionShapes:
@@ -147,7 +147,8 @@ def kernels_of_flat_scene(
     share = fit.left / float(np.mean(sparse.seen**2))
     if share > s.most_left:
         raise Refused(
-            f"no kernels of up to {R} pixels each way explain the photographs: {share:.0%} of their differences are left",
+            f"no kernels of up to {R} pixels each way explain the photographs: "
+            f"{share:.0%} of their differences are left",
             "raise --max-w if the motion was larger; the scene has to be flat, still, and not turned in between",
         )
     agreement = min([likeness(fit.kernels, one.kernels) for one in fits if one is not best], default=1.0)
@@ -209,8 +210,8 @@ def _looked_at(photographs: Array, R: int, settings: FreeKernelSettings) -> Pict
     rows, columns = z.shape[1:]
     if min(rows, columns) < 4 * R + 1:
         raise BadInput(
-            f"kernels of up to {R} pixels each way need photographs of {4 * R + 1} pixels, which lie upon each other by "
-            f"{columns} x {rows}",
+            f"kernels of up to {R} pixels each way need photographs of {4 * R + 1} pixels, "
+            f"which lie upon each other by {columns} x {rows}",
             "lower --max-w, or give larger photographs",
         )
     height = min(rows, max(int(np.sqrt(settings.most_pixels)), settings.most_pixels // columns))
@@ -220,7 +221,7 @@ def _looked_at(photographs: Array, R: int, settings: FreeKernelSettings) -> Pict
     contrast = float(z[0].std())
     if contrast == 0:
         raise Refused("the photographs show nothing", "put structure into the scene")
-    return ((z - z.mean()) * (CONTRAST / contrast)).astype(np.float32)
+    return np.asarray((z - z.mean()) * (CONTRAST / contrast), np.float32)
 
 
 def _together(z: Array, R: int) -> Iterator[tuple[slice, slice]]:

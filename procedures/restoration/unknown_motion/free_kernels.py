@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -101,6 +103,6 @@ def least_squares(
     for _ in range(iterations):
         seen = irfft2(rfft2(ahead - kernels, (n, n)) * power, (n, n))[:, :K, :K]
         before, now = now, np.maximum(ahead + step * (gradient - seen - ridge * ahead), 0)
-        t, past = (1 + np.sqrt(1 + 4 * t * t)) / 2, t
+        t, past = (1 + math.sqrt(1 + 4 * t * t)) / 2, t
         ahead = now + (past - 1) / t * (now - before)
     return unit(now)

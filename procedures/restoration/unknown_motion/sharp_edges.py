@@ -29,7 +29,7 @@ class EdgePicture:
         down = np.exp(2j * np.pi * fftfreq(self.size[0]))[:, None] - 1
         across = np.exp(2j * np.pi * rfftfreq(self.size[1]))[None] - 1
         self.differences = [down.astype(np.complex64), across.astype(np.complex64)]
-        self.steepness = np.abs(down) ** 2 + np.abs(across) ** 2
+        self.steepness = (np.abs(down) ** 2 + np.abs(across) ** 2).astype(np.float32)
 
     def picture(self, kernels: Kernels, weight: float) -> Pictures:
         """The picture u of least sum |h * u - z|^2 + weight x number of pixels that differ from their neighbours.
@@ -46,9 +46,8 @@ class EdgePicture:
             kept = steps[0] ** 2 + steps[1] ** 2 >= weight / coupling
             edges = sum(d.conj() * rfft2(step * kept) for d, step in zip(self.differences, steps, strict=True))
             u = irfft2((blurred + coupling * edges) / (power + coupling * self.steepness), self.size)
-            u = u.astype(np.float32)
             coupling *= 2
-        return u
+        return np.asarray(u, np.float32)
 
     def kernels(self, u: Pictures, kernels: Kernels, ridge: float, iterations: int) -> Kernels:
         """The kernels that blur the picture's differences into the photographs', from these."""
@@ -58,9 +57,7 @@ class EdgePicture:
         for d in self.differences:
             left = irfft2(d * (self.spectra - U * H), self.size) * self._inside
             gradient = gradient + irfft2((d * U).conj() * rfft2(left), self.size)
-            correlation = correlation + irfft2(
-                np.abs(rfft2(irfft2(d * U, self.size) * self._inside)) ** 2, self.size
-            )
+            correlation = correlation + irfft2(np.abs(rfft2(irfft2(d * U, self.size) * self._inside)) ** 2, self.size)
         near, far = np.arange(-R, R + 1), np.arange(-2 * R, 2 * R + 1)
         here = gradient[:, near[:, None], near]
         return least_squares(kernels, here, correlation[np.ix_(far, far)], ridge, iterations)

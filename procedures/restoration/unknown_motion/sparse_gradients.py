@@ -37,7 +37,7 @@ class SparseFit:
 
 
 class SparseGradients:
-    """Photographs (P, H, W) by their gradients, through kernels of half-size R; nothing is taken of what lies beyond."""
+    """Photographs (P, H, W) by their gradients, through kernels of half-size R; what lies beyond is left open."""
 
     def __init__(self, z: Gradients, R: int) -> None:
         self.R = R
@@ -114,6 +114,6 @@ class SparseGradients:
         return found
 
     @property
-    def _frames(self) -> tuple[slice | type(...), ...]:
-        """Where the photographs lie among what wraps around."""
-        return (..., *(slice(2 * self.R, 2 * self.R + n) for n in self.frame))
+    def _frames(self) -> tuple[slice, ...]:
+        """Where the photographs (2, P, H, W) lie among what wraps around."""
+        return slice(None), slice(None), *(slice(2 * self.R, 2 * self.R + n) for n in self.frame)

@@ -7,6 +7,8 @@ from scipy.signal import fftconvolve
 
 from procedures.outcome import BadInput, Refused, Verdict
 from procedures.outcome import Outcome as Made
+from procedures.restoration.masks.blur_operator import MaskStack
+from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur_of
 from procedures.restoration.unknown_motion import free_kernels
 from procedures.restoration.unknown_motion.flat_scene import (
     Beginning,
@@ -19,8 +21,9 @@ from procedures.restoration.unknown_motion.sparse_gradients import SparseGradien
 
 R = 7
 QUICK = FreeKernelSettings(
-    beginnings=(Beginning(last_edges=2e-3),), rounds=5, kernel_iterations=40, compared=5, settled=3, picture_iterations=6
-)
+    beginnings=(Beginning(last_edges=2e-3),), rounds=5, kernel_iterations=40,
+    compared=5, settled=3, picture_iterations=6,
+)  # fmt: skip
 
 
 def leaves(rng, side):
@@ -150,3 +153,16 @@ def test_what_is_continued_has_no_step_at_its_ends(shaken):
     share = 1 / (wide.shape[1] - 112 + 1)
     step = (z[:, 0] - z[:, -1]) * share
     np.testing.assert_allclose(wide[:, 0, :112] - wide[:, -1, :112], step, atol=1e-6)
+
+
+def test_the_blur_of_a_flat_scene_has_these_kernels(shaken):
+    told: list[object] = []
+    source = UnknownMotion("whole", settings=QUICK)
+    blur = blur_of(BlurSpec(source, 7.0), [one[None] for one in shaken[0]], told.append)
+    found = told[0]
+    assert isinstance(found, FreeKernels)
+    # at their own half-width kernels come back as they were found
+    for masks, kernel in zip(blur.masks, found.kernels, strict=True):
+        assert isinstance(masks, MaskStack)
+        seen = masks.at(found.half_width)
+        assert free_kernels.likeness(seen[None], kernel[None]) == pytest.approx(1, abs=1e-3)
