@@ -34,7 +34,12 @@ from procedures.restoration.masks.mask_fields import Masks
 from procedures.restoration.masks.psf_shapes import MeasuredShape
 from procedures.restoration.masks.shape_fields import ShapeField
 from procedures.restoration.unknown_motion.blind import Prototypes, prototype_shapes
-from procedures.restoration.unknown_motion.flat_scene import FreeKernels, FreeKernelSettings, kernels_of_flat_scene
+from procedures.restoration.unknown_motion.flat_scene import (
+    FOUND_WEIGHT,
+    FreeKernels,
+    FreeKernelSettings,
+    kernels_of_flat_scene,
+)
 from procedures.restoration.unknown_motion.motion_splines import recorded
 from procedures.restoration.unknown_motion.path_refinement import MotionShapes, motion_of_scene
 from procedures.restoration.unknown_motion.path_settings import PathSettings
@@ -132,6 +137,7 @@ class SceneBlur:
     """Masks of each photograph as functions of one w.
 
     unit : what w is told in; max_w, ratios : as used, where w is a half-width; motion : where the photographs gave it;
+    flat_w : of the whole frame, where that made the masks;
     finer : the same masks where pixels are n times as fine along each axis, and w counts in those.
     """
 
@@ -141,6 +147,7 @@ class SceneBlur:
     max_w: float | None = None
     ratios: tuple[float, ...] = ()
     motion: MotionShapes | None = None
+    flat_w: float | None = None
 
     def restored(
         self,
@@ -149,6 +156,8 @@ class SceneBlur:
         progress: Callable[[JointRound], None] | None = None,
     ) -> Outcome[Restoration]:
         """Picture and depth of photographs (C, H, W), as `restore` judges them; doubtful where the blur is."""
+        if self.flat_w is not None:
+            parameters = of_flat_scene(parameters or RestorationParameters(), self.flat_w)
         outcome = told_in(self.unit, restore([*photographs], self.masks, parameters, progress))
         return outcome if self.motion is None else self.motion.judged(outcome)
 
@@ -288,7 +297,14 @@ def _of_flat_scene(
     found = kernels_of_flat_scene(grey, None if max_w is None else int(np.ceil(max_w)), settings)
     tell(found)
     known = KnownShapes((*found.kernels,), (1.0,) * len(photographs))
-    return replace(_shaped(known, found.half_width + 1, photographs, shape), motion=found.shapes)
+    blur = _shaped(known, found.half_width + 1, photographs, shape)
+    return replace(blur, motion=found.shapes, flat_w=found.half_width)
+
+
+def of_flat_scene(parameters: RestorationParameters, w: float) -> RestorationParameters:
+    """How photographs are restored with kernels that they told themselves, alike over the frame."""
+    weights = replace(parameters.weights, least_picture=max(parameters.weights.least_picture, FOUND_WEIGHT))
+    return replace(parameters, flat_w=w, weights=weights)
 
 
 def _motion_in(

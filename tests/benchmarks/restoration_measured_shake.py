@@ -27,6 +27,7 @@ from scipy.signal import fftconvolve
 
 from procedures.restoration.joint.estimate import Restoration, RestorationParameters, restore
 from procedures.restoration.joint.kernel_sizes import default_max_w, fitting_ratios, stacks_of
+from procedures.restoration.photograph_blur import of_flat_scene
 from procedures.restoration.unknown_motion.flat_scene import kernels_of_flat_scene
 
 Array = NDArray[np.float64]
@@ -108,12 +109,14 @@ def _least(left: Callable[[Array], float], begin: Array) -> OptimizeResult:
     )
 
 
-def restored(case: Shaken, weight: float | None = None) -> tuple[Restoration, str]:
-    """What the station makes of it, and what it says."""
+def restored(case: Shaken, weight: float | None = None, flat: bool = False) -> tuple[Restoration, str]:
+    """What the station makes of it, and what it says. flat : as with kernels that the photographs told."""
     z = [photograph[None] for photograph in case.z]
     max_w = default_max_w(case.known)
     ratios = fitting_ratios(z, case.known, max_w)
     p = RestorationParameters(image_weight=weight)
+    if flat:
+        p, max_w = of_flat_scene(p, (len(case.known[0]) - 1) / 2), (len(case.known[0]) + 1) / 2
     outcome = restore(z, stacks_of(case.known, ratios, max_w, case.z[0].shape), p)
     assert outcome.value is not None, outcome.reason
     return outcome.value, f"{outcome.verdict} {outcome.reason}"
@@ -151,16 +154,16 @@ def _likeness(a: Array, b: Array) -> float:
     return float(fftconvolve(a, b[::-1, ::-1]).max() / np.linalg.norm(a) / np.linalg.norm(b))
 
 
-def compare(case: Shaken, multiples: list[float]) -> list[float]:
+def compare(case: Shaken, multiples: list[float], flat: bool = False) -> list[float]:
     """PSNR of the plain filter, of the restoration, and of those with other weights; printed."""
     plain = Plain.of(case)
     filtered = max(score(case, plain.restored(weight)) for weight in WEIGHTS)
     start = time.process_time()
-    found, said = restored(case)
+    found, said = restored(case, flat=flat)
     seconds = time.process_time() - start
     weight = found.history[-1].weights.picture
     scores = [filtered, score(case, found.sharp[0])]
-    scores += [score(case, restored(case, m * weight)[0].sharp[0]) for m in multiples]
+    scores += [score(case, restored(case, m * weight, flat)[0].sharp[0]) for m in multiples]
     print(
         "".join(f"{one:7.2f}" for one in scores) + f"   weight {weight:.1e}  noise {found.diagnostics.noise:.4f}"
         f"  w {np.median(found.w):5.2f}, sd {found.w.std():.2f}   {seconds:3.0f} s  {said}",
@@ -185,7 +188,7 @@ def main() -> None:
         scene, kernels = groups(asked.photographs)[n]
         print(f"scene {scene}, kernels {kernels}: ", end="")
         case = group(asked.folder, scene, kernels)
-        scores.append(compare(unknown(case) if asked.unknown else case, asked.weights))
+        scores.append(compare(unknown(case) if asked.unknown else case, asked.weights, asked.unknown))
     print("mean", *(f"{one:.2f}" for one in np.mean(scores, axis=0)))
 
 

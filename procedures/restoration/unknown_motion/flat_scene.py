@@ -33,6 +33,9 @@ Pictures = NDArray[np.float32]
 
 CONTRAST = 0.17
 """Standard deviation that photographs are brought to: weights of edges are told for it."""
+FOUND_WEIGHT = 0.01
+"""Least weight of the picture's prior with such kernels: they share a small blur with the picture, which nothing left
+over tells of, and a picture restored too sharp looks as if it had more contrast."""
 
 
 @dataclass(frozen=True)

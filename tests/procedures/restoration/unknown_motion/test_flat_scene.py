@@ -7,7 +7,6 @@ from scipy.signal import fftconvolve
 
 from procedures.outcome import BadInput, Refused, Verdict
 from procedures.outcome import Outcome as Made
-from procedures.restoration.masks.blur_operator import MaskStack
 from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur_of
 from procedures.restoration.unknown_motion import free_kernels
 from procedures.restoration.unknown_motion.flat_scene import (
@@ -54,12 +53,25 @@ def shaken():
     rng = np.random.default_rng(9)
     u, kernels = leaves(rng, 120), [shake(rng), shake(rng)]
     z = np.stack([fftconvolve(u, k, mode="valid") for k in kernels]) * np.array([1, 0.7])[:, None, None]
-    return z + 0.002 * rng.standard_normal(z.shape), np.stack([np.pad(k, R - 4) for k in kernels])
+    z += 0.002 * rng.standard_normal(z.shape)
+    return z, np.stack([np.pad(k, R - 4) for k in kernels]), u[4:-4, 4:-4]
 
 
 @pytest.fixture(scope="module")
-def found(shaken):
-    return kernels_of_flat_scene(shaken[0], R, QUICK)
+def told():
+    return []
+
+
+@pytest.fixture(scope="module")
+def blur(shaken, told):
+    source = UnknownMotion("whole", settings=QUICK)
+    return blur_of(BlurSpec(source, R), [one[None] for one in shaken[0]], told.append)
+
+
+@pytest.fixture(scope="module")
+def found(blur, told):
+    assert isinstance(told[0], FreeKernels)
+    return told[0]
 
 
 def test_kernels_of_no_smooth_path_are_found(shaken, found):
@@ -155,14 +167,23 @@ def test_what_is_continued_has_no_step_at_its_ends(shaken):
     np.testing.assert_allclose(wide[:, 0, :112] - wide[:, -1, :112], step, atol=1e-6)
 
 
-def test_the_blur_of_a_flat_scene_has_these_kernels(shaken):
-    told: list[object] = []
-    source = UnknownMotion("whole", settings=QUICK)
-    blur = blur_of(BlurSpec(source, 7.0), [one[None] for one in shaken[0]], told.append)
-    found = told[0]
-    assert isinstance(found, FreeKernels)
+def test_the_blur_of_a_flat_scene_has_these_kernels(found, blur):
     # at their own half-width kernels come back as they were found
     for masks, kernel in zip(blur.masks, found.kernels, strict=True):
-        assert isinstance(masks, MaskStack)
         seen = masks.at(found.half_width)
         assert free_kernels.likeness(seen[None], kernel[None]) == pytest.approx(1, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_a_flat_scene_is_restored_at_its_own_w(shaken, blur):
+    photographs = [one[None] for one in shaken[0]]
+    outcome = blur.restored(photographs)
+    assert outcome.verdict is Verdict.PASS, outcome.reason
+    restored = outcome.value
+    assert np.ptp(restored.w) == 0
+    assert restored.w_std.max() == 0
+    # kernels about their common middle move the picture by some whole pixels
+    inner = (slice(20, -20), slice(20, -20))
+    moved = (np.roll(shaken[2], (y - 4, x - 4), (0, 1))[inner] for y, x in np.ndindex(9, 9))
+    error = min(np.std(restored.sharp[0][inner] - one) for one in moved)
+    assert error < 0.2 * np.std(photographs[0][0][inner] - shaken[2][inner])
