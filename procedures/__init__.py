@@ -68,7 +68,12 @@ if TYPE_CHECKING:
     from procedures.restoration.unknown_motion.basin_hopping import BendSettings
     from procedures.restoration.unknown_motion.blind import Prototypes
     from procedures.restoration.unknown_motion.cross_relation import PlaceSettings
-    from procedures.restoration.unknown_motion.flat_scene import FreeKernels, FreeKernelSettings, kernels_of_flat_scene
+    from procedures.restoration.unknown_motion.flat_scene import (
+        FreeKernels,
+        FreeKernelSettings,
+        KernelBeginning,
+        kernels_of_flat_scene,
+    )
     from procedures.restoration.unknown_motion.path_pairs import PairSettings
     from procedures.restoration.unknown_motion.path_refinement import MotionShapes
     from procedures.restoration.unknown_motion.path_settings import PathSettings
@@ -90,7 +95,7 @@ __all__ = [
     "CoefficientModel", "Correction", "CorrectionParameters", "DefocusBeside", "DepthUnit", "Diffraction",
     "DumpLayout", "EdgeMtf", "EdgeOutcome", "EdgeSettings", "Exposure", "Felt", "Film", "FilterParameters",
     "FilteredFilm", "FrameStack", "FreeKernelSettings", "FreeKernels",
-    "Geometry", "GeometryParameters", "JointRound", "JointSettings", "KnownShapes",
+    "Geometry", "GeometryParameters", "JointRound", "JointSettings", "KernelBeginning", "KnownShapes",
     "LightLevel", "MapLike", "MaskField", "MaskStack", "MatchingSettings", "MeasuredShape", "MotionShapes",
     "MovedSettings", "Node", "Outcome", "PairSettings", "PathSettings", "PatternParameters", "PatternPsf", "Physics",
     "PlaceSettings", "Plane", "PlaneVignetting", "Poses", "Prior", "PriorWeights", "ProcedureError", "Prototypes",
@@ -140,6 +145,7 @@ _PLACES = {
     "GeometryParameters": "geometry.estimate",
     "JointRound": "restoration.joint.joint_descent",
     "JointSettings": "restoration.joint.joint_descent",
+    "KernelBeginning": "restoration.unknown_motion.flat_scene",
     "KnownShapes": "restoration.photograph_blur",
     "LightLevel": "sensor.levels",
     "MapLike": "field.estimate",

@@ -33,13 +33,14 @@ Pictures = NDArray[np.float32]
 
 CONTRAST = 0.17
 """Standard deviation that photographs are brought to: weights of edges are told for it."""
+REMEDY = "raise --max-w if the motion was larger, lower it if it was surely smaller, or take another photograph"
 FOUND_WEIGHT = 0.01
 """Least weight of the picture's prior with such kernels: they share a small blur with the picture, which nothing left
 over tells of, and a picture restored too sharp looks as if it had more contrast."""
 
 
 @dataclass(frozen=True)
-class Beginning:
+class KernelBeginning:
     """One way down from coarse to fine.
 
     Attributes
@@ -61,7 +62,7 @@ class FreeKernelSettings:
 
     Attributes
     ----------
-    beginnings : tuple of Beginning
+    beginnings : tuple of KernelBeginning
         Tried in turn; the most probable is settled.
     shrink, smallest : float
         From one scale to the next coarser one, and half-size of kernels at which they end, pixels.
@@ -83,7 +84,9 @@ class FreeKernelSettings:
         Share of a kernel's light in its outermost pixels beyond which it may go on outside.
     """
 
-    beginnings: tuple[Beginning, ...] = field(default_factory=lambda: (Beginning(), Beginning(2e-2, 1e-4, 0.05)))
+    beginnings: tuple[KernelBeginning, ...] = field(
+        default_factory=lambda: (KernelBeginning(), KernelBeginning(2e-2, 1e-4, 0.05))
+    )
     shrink: float = 0.5**0.5
     smallest: float = 1.5
     rounds: int = 10
@@ -121,7 +124,7 @@ class FreeKernels:
     @property
     def shapes(self) -> MotionShapes:
         """As a restoration takes and judges what was found of unknown motion."""
-        return MotionShapes(self.kernels, self.half_width, None, self.doubt)
+        return MotionShapes(self.kernels, self.half_width, None, self.doubt, REMEDY)
 
 
 def kernels_of_flat_scene(
@@ -139,9 +142,9 @@ def kernels_of_flat_scene(
         If no kernels explain the photographs.
     """
     s = settings or FreeKernelSettings()
-    R = largest or s.largest
     if len(photographs) < 2:
         raise BadInput(f"unknown motion is told by two photographs or more, got {len(photographs)}", "take another one")
+    R = largest or max(1, min(s.largest, (min(photographs.shape[1:]) - 1) // 4))
     z = _looked_at(photographs, R, s)
     sparse = SparseGradients(z, R)
     fits = [sparse.fitted(_begun(z, R, one, s), s.compared, s.picture_iterations, s.least) for one in s.beginnings]
@@ -163,13 +166,13 @@ def _doubt(fit: SparseFit, agreement: float, settings: FreeKernelSettings) -> st
     rim[1:-1, 1:-1] = False
     if fit.kernels[:, rim].sum(axis=1).max() > settings.at_end:
         R = fit.kernels.shape[1] // 2
-        return f"the motion reaches the end of the {R} pixels that were looked at; raise --max-w"
+        return f"the motion found reaches the end of the {R} pixels each way that were looked at"
     if agreement < settings.alike:
         return f"two ways to find the motion end in kernels that are only {agreement:.2f} alike, where 1 is the same"
     return None
 
 
-def _begun(z: Pictures, R: int, beginning: Beginning, s: FreeKernelSettings) -> Kernels:
+def _begun(z: Pictures, R: int, beginning: KernelBeginning, s: FreeKernelSettings) -> Kernels:
     """Kernels by sharp edges, from the coarsest scale to the finest."""
     scale, finest = _coarsest(R, s), R
     R = max(1, int(np.ceil(scale * finest)))

@@ -54,19 +54,22 @@ class MotionShapes:
     """Shapes (P, n, n) on [-1, 1] of the motions, their half-width in the flat part, pixels.
 
     path : the curves found, (2, n, 2) pixels x, y in the flat part; None where the shapes are known to pixels only.
-    doubt : why they are not to be trusted at other depths, or None.
+    doubt : why they are not to be trusted at other depths, or None; remedy : what to do then.
     """
 
     shapes: Array
     half_width: float
     path: Array | None = None
     doubt: str | None = None
+    remedy: str = REMEDY
 
     def judged(self, outcome: Outcome[Any]) -> Outcome[Any]:
         """A restoration with these shapes: doubtful where they are, if nothing else was wrong."""
-        if self.doubt is None or outcome.verdict is not Verdict.PASS:
+        if self.doubt is None or outcome.verdict is Verdict.DOUBTFUL:
             return outcome
-        return Outcome(outcome.value, Verdict.DOUBTFUL, self.doubt, REMEDY)
+        if outcome.verdict is Verdict.PASS:
+            return Outcome(outcome.value, Verdict.DOUBTFUL, self.doubt, self.remedy)
+        return replace(outcome, remedy=f"{outcome.remedy}, or {self.remedy}")
 
 
 @dataclass(frozen=True)

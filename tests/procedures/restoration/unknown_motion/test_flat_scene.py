@@ -10,9 +10,9 @@ from procedures.outcome import Outcome as Made
 from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur_of
 from procedures.restoration.unknown_motion import free_kernels
 from procedures.restoration.unknown_motion.flat_scene import (
-    Beginning,
     FreeKernels,
     FreeKernelSettings,
+    KernelBeginning,
     kernels_of_flat_scene,
 )
 from procedures.restoration.unknown_motion.sharp_edges import EdgePicture, periodic
@@ -20,7 +20,7 @@ from procedures.restoration.unknown_motion.sparse_gradients import SparseGradien
 
 R = 7
 QUICK = FreeKernelSettings(
-    beginnings=(Beginning(last_edges=2e-3),), rounds=5, kernel_iterations=40,
+    beginnings=(KernelBeginning(last_edges=2e-3),), rounds=5, kernel_iterations=40,
     compared=5, settled=3, picture_iterations=6,
 )  # fmt: skip
 
@@ -101,8 +101,13 @@ def test_nothing_is_doubted_there(found):
 
 def test_a_motion_beyond_what_is_looked_at_is_doubted_with_a_way_on(shaken):
     found = kernels_of_flat_scene(shaken[0], 3, QUICK)
-    assert "raise --max-w" in str(found.doubt)
-    assert found.shapes.judged(Made(found, Verdict.PASS)).verdict is Verdict.DOUBTFUL
+    assert "reaches the end of the 3 pixels" in str(found.doubt)
+    judged = found.shapes.judged(Made(found, Verdict.PASS))
+    assert judged.verdict is Verdict.DOUBTFUL
+    assert "raise --max-w" in judged.remedy
+    # where nothing explains the photographs it may be for that
+    refused = found.shapes.judged(Made(None, Verdict.REFUSED, "nothing explains them", "look again"))
+    assert "look again, or raise --max-w" in refused.remedy
 
 
 def test_photographs_of_two_scenes_are_refused(shaken):
