@@ -68,6 +68,12 @@ if TYPE_CHECKING:
     from procedures.restoration.unknown_motion.basin_hopping import BendSettings
     from procedures.restoration.unknown_motion.blind import Prototypes
     from procedures.restoration.unknown_motion.cross_relation import PlaceSettings
+    from procedures.restoration.unknown_motion.flat_scene import (
+        FreeKernels,
+        FreeKernelSettings,
+        KernelBeginning,
+        kernels_of_flat_scene,
+    )
     from procedures.restoration.unknown_motion.path_pairs import PairSettings
     from procedures.restoration.unknown_motion.path_refinement import MotionShapes
     from procedures.restoration.unknown_motion.path_settings import PathSettings
@@ -88,7 +94,8 @@ __all__ = [
     "BadInput", "BadParameter", "BendSettings", "BlurSpec", "CameraNumbers", "Chart", "ChartSighting", "ChartView",
     "CoefficientModel", "Correction", "CorrectionParameters", "DefocusBeside", "DepthUnit", "Diffraction",
     "DumpLayout", "EdgeMtf", "EdgeOutcome", "EdgeSettings", "Exposure", "Felt", "Film", "FilterParameters",
-    "FilteredFilm", "FrameStack", "Geometry", "GeometryParameters", "JointRound", "JointSettings", "KnownShapes",
+    "FilteredFilm", "FrameStack", "FreeKernelSettings", "FreeKernels",
+    "Geometry", "GeometryParameters", "JointRound", "JointSettings", "KernelBeginning", "KnownShapes",
     "LightLevel", "MapLike", "MaskField", "MaskStack", "MatchingSettings", "MeasuredShape", "MotionShapes",
     "MovedSettings", "Node", "Outcome", "PairSettings", "PathSettings", "PatternParameters", "PatternPsf", "Physics",
     "PlaceSettings", "Plane", "PlaneVignetting", "Poses", "Prior", "PriorWeights", "ProcedureError", "Prototypes",
@@ -98,7 +105,8 @@ __all__ = [
     "ShapeField", "Source", "Splitting", "TwoPhotoParameters", "TwoPhotoPsf", "UnknownMotion", "Verdict",
     "WeightSettings", "assess", "blur_of", "calibrate_geometry", "characterise", "correct", "estimate_edge",
     "estimate_edges", "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair",
-    "estimate_vignetting", "filter_film", "filter_sequence", "find_chart", "gaussian", "measure_level",
+    "estimate_vignetting", "filter_film", "filter_sequence", "find_chart", "gaussian", "kernels_of_flat_scene",
+    "measure_level",
     "measure_stack", "measured_field", "measured_shape", "otf", "pillbox", "poses_at", "poses_of",
     "read_camera_numbers", "read_field", "read_film", "read_frame", "restore", "sensor_model_of", "stacks_of",
     "view_of",
@@ -131,10 +139,13 @@ _PLACES = {
     "FilterParameters": "ray_histogram.filter",
     "FilteredFilm": "ray_histogram.multiscale",
     "FrameStack": "sensor.stacks",
+    "FreeKernelSettings": "restoration.unknown_motion.flat_scene",
+    "FreeKernels": "restoration.unknown_motion.flat_scene",
     "Geometry": "geometry.estimate",
     "GeometryParameters": "geometry.estimate",
     "JointRound": "restoration.joint.joint_descent",
     "JointSettings": "restoration.joint.joint_descent",
+    "KernelBeginning": "restoration.unknown_motion.flat_scene",
     "KnownShapes": "restoration.photograph_blur",
     "LightLevel": "sensor.levels",
     "MapLike": "field.estimate",
@@ -204,6 +215,7 @@ _PLACES = {
     "filter_sequence": "ray_histogram.sequence",
     "find_chart": "pattern_psf.chart_finding.detection",
     "gaussian": "restoration.masks.blur_models",
+    "kernels_of_flat_scene": "restoration.unknown_motion.flat_scene",
     "measure_level": "sensor.levels",
     "measure_stack": "sensor.stacks",
     "measured_field": "restoration.masks.psf_shapes",

@@ -21,7 +21,7 @@ class RestorationFacts(CameraFacts):
     first_level, second_level : mean of each photograph
     first_exposure_s, second_exposure_s : as the camera noted them
     shape : of the apertures, see `masks.blur_models.named`
-    region : a flat part of one distance, x,y,width,height in pixels, or "auto"
+    region : a flat part of one distance, x,y,width,height in pixels, "auto" or "whole"
     scheme : of the joint descent; None is the usual one
     """
 

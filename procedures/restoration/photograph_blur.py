@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -33,6 +34,12 @@ from procedures.restoration.masks.mask_fields import Masks
 from procedures.restoration.masks.psf_shapes import MeasuredShape
 from procedures.restoration.masks.shape_fields import ShapeField
 from procedures.restoration.unknown_motion.blind import Prototypes, prototype_shapes
+from procedures.restoration.unknown_motion.flat_scene import (
+    FOUND_WEIGHT,
+    FreeKernels,
+    FreeKernelSettings,
+    kernels_of_flat_scene,
+)
 from procedures.restoration.unknown_motion.motion_splines import recorded
 from procedures.restoration.unknown_motion.path_refinement import MotionShapes, motion_of_scene
 from procedures.restoration.unknown_motion.path_settings import PathSettings
@@ -43,7 +50,9 @@ Shape = npt.NDArray[np.float64] | ShapeField
 Size = tuple[int, int]
 Box = tuple[int, int, int, int]
 """x, y, width and height, pixels."""
-Finding = Prototypes | MotionShapes
+Finding = Prototypes | MotionShapes | FreeKernels
+Whole = Literal["whole"]
+"""All of a frame is of one distance."""
 
 DETAIL_PX = 8.0
 """Size of what counts as detail of a scene: larger is light and shade."""
@@ -86,16 +95,17 @@ class RecordedMotion:
 class UnknownMotion:
     """Motion that the photographs themselves have to tell, by a flat part of one distance.
 
-    region : the part; None for the first of those with the most detail that a pair of masks explains.
+    region : the part; None for the first of those with the most detail that a pair of masks explains; "whole" for a
+    flat scene, whose motion may be of any form, in two photographs or more.
     paths : of the rig during each exposure, (n, 2) in any unit, where recorded: the search begins there.
     ratios : of w, as those of `KnownShapes`; none are 1.
-    settings : what the search goes by; None for the usual.
+    settings : what the search goes by, of kernels of any form for a flat scene, of paths else; None for the usual.
     """
 
-    region: Box | None = None
+    region: Box | Whole | None = None
     paths: tuple[Array, ...] = ()
     ratios: tuple[float, ...] = ()
-    settings: PathSettings | None = None
+    settings: PathSettings | FreeKernelSettings | None = None
 
 
 @dataclass(frozen=True)
@@ -127,6 +137,7 @@ class SceneBlur:
     """Masks of each photograph as functions of one w.
 
     unit : what w is told in; max_w, ratios : as used, where w is a half-width; motion : where the photographs gave it;
+    flat_w : of the whole frame, where that made the masks;
     finer : the same masks where pixels are n times as fine along each axis, and w counts in those.
     """
 
@@ -136,6 +147,7 @@ class SceneBlur:
     max_w: float | None = None
     ratios: tuple[float, ...] = ()
     motion: MotionShapes | None = None
+    flat_w: float | None = None
 
     def restored(
         self,
@@ -144,6 +156,8 @@ class SceneBlur:
         progress: Callable[[JointRound], None] | None = None,
     ) -> Outcome[Restoration]:
         """Picture and depth of photographs (C, H, W), as `restore` judges them; doubtful where the blur is."""
+        if self.flat_w is not None:
+            parameters = of_flat_scene(parameters or RestorationParameters(), self.flat_w)
         outcome = told_in(self.unit, restore([*photographs], self.masks, parameters, progress))
         return outcome if self.motion is None else self.motion.judged(outcome)
 
@@ -166,7 +180,11 @@ def blur_of(spec: BlurSpec, photographs: Sequence[Array], tell: Callable[[Findin
     elif isinstance(source, RecordedMotion):
         blur = _moved(source, spec.max_w or DEFAULT_MAX_W, shape)
     else:
-        blur = _found(source, spec.max_w or DEFAULT_MAX_W, photographs, shape, tell or (lambda finding: None))
+        told = tell or (lambda finding: None)
+        if source.region == "whole":
+            blur = _of_flat_scene(source, spec.max_w, photographs, shape, told)
+        else:
+            blur = _found(source, spec.max_w or DEFAULT_MAX_W, photographs, shape, told)
     return blur if spec.defocus is None else _spread(blur, spec.defocus, shape)
 
 
@@ -266,11 +284,34 @@ def _found(
     return replace(_shaped(KnownShapes((*motion.shapes,), ratios), max_w, photographs, shape), motion=motion)
 
 
+def _of_flat_scene(
+    source: UnknownMotion,
+    max_w: float | None,
+    photographs: Sequence[Array],
+    shape: Size,
+    tell: Callable[[Finding], None],
+) -> SceneBlur:
+    """Of motion of any form, alike over the frame."""
+    settings = source.settings if isinstance(source.settings, FreeKernelSettings) else None
+    grey = np.stack([one.mean(axis=0) for one in photographs])
+    found = kernels_of_flat_scene(grey, None if max_w is None else int(np.ceil(max_w)), settings)
+    tell(found)
+    known = KnownShapes((*found.kernels,), (1.0,) * len(photographs))
+    blur = _shaped(known, found.half_width + 1, photographs, shape)
+    return replace(blur, motion=found.shapes, flat_w=found.half_width)
+
+
+def of_flat_scene(parameters: RestorationParameters, w: float) -> RestorationParameters:
+    """How photographs are restored with kernels that they told themselves, alike over the frame."""
+    weights = replace(parameters.weights, least_picture=max(parameters.weights.least_picture, FOUND_WEIGHT))
+    return replace(parameters, flat_w=w, weights=weights)
+
+
 def _motion_in(
     source: UnknownMotion, max_w: float, photographs: Sequence[Array], tell: Callable[[Finding], None]
 ) -> MotionShapes:
     """The motions' shapes from the part marked, or from the first that a pair of masks explains."""
-    if source.region is not None:
+    if isinstance(source.region, tuple):
         check_region(source.region, (photographs[0].shape[1], photographs[0].shape[2]))
         return _motion_of_part(source, source.region, max_w, photographs, tell)
     refusal: Refused | BadInput | None = None
@@ -281,7 +322,7 @@ def _motion_in(
             refusal = error
     raise Refused(
         f"no part of the photographs shows one motion each: {refusal.reason if refusal else 'they are too small'}",
-        "mark a flat part of one distance with much detail",
+        "mark a flat part of one distance with much detail, or tell that the whole scene is flat: whole",
     )
 
 
@@ -298,7 +339,8 @@ def _motion_of_part(
     begun = [recorded(path, mask, found.half_width) for path, mask in zip(drawn, found.masks, strict=False)]
     rng = np.random.default_rng(0)
     known = np.stack(begun) if begun else None
-    motion = motion_of_scene([*photographs], box, found, max_w, rng, known, source.settings)
+    settings = source.settings if isinstance(source.settings, PathSettings) else None
+    motion = motion_of_scene([*photographs], box, found, max_w, rng, known, settings)
     tell(motion)
     return motion
 
@@ -306,15 +348,18 @@ def _motion_of_part(
 # --- the flat part -----------------------------------------------------------------------------------------------
 
 
-def region_of(text: str) -> Box | None:
+def region_of(text: str) -> Box | Whole | None:
     """The part that was marked as x,y,width,height in pixels; None for auto. Raises BadParameter."""
-    if text.strip().lower() == "auto":
+    word = text.strip().lower()
+    if word == "auto":
         return None
+    if word == "whole":
+        return "whole"
     try:
         x, y, width, height = (int(part) for part in text.split(","))
     except ValueError as error:
         raise BadParameter(
-            f"a part is X,Y,W,H in pixels, or auto; got {text!r}", "give four whole numbers with commas between"
+            f"a part is X,Y,W,H in pixels, auto or whole; got {text!r}", "give four whole numbers with commas between"
         ) from error
     return x, y, width, height
 

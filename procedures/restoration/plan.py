@@ -140,7 +140,7 @@ SCENE = (
         when=by_motions),
     Ask("pixel_pitch_um", "How far apart are the pixels? 0: not known.", "number", "µm",
         0.0, low=0.0, when=by_apertures),
-    Ask("region", "Where is a flat part of one distance? x,y,width,height in pixels, or auto.", "text", default="auto",
+    Ask("region", "Where is a flat part of one distance? x,y,width,height, auto or whole.", "text", default="auto",
         when=lambda facts: by_motions(facts) and not shaken(facts)),
 )  # fmt: skip
 FIRST = (

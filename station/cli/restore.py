@@ -132,7 +132,8 @@ class _OneEach(click.Command):
 @click.option(
     "--prototype-region",
     metavar="X,Y,W,H",
-    help="Flat part from which unknown motion shapes are estimated; auto looks for one.",
+    help="Flat part from which unknown motion shapes are estimated; auto looks for one; whole is a flat scene, whose "
+    "motions may be of any form, in two images or more.",
 )
 @click.option(
     "--recorded-path",

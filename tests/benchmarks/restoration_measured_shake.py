@@ -1,9 +1,10 @@
 """Real photographs of real camera shake with its measured kernels: PSNR of the restoration, and of a plain filter.
 
-`python tests/benchmarks/restoration_measured_shake.py FOLDER [--photographs 2] [--weights 0.3 1 3]`. FOLDER holds the
-public set of Levin et al. (2009), 4 scenes x 8 kernels: `im05_flit01.mat` to `im08_flit08.mat` with the sharp picture
-x, the photograph y and the kernel f. Eight groups of photographs, two of each scene. `--weights` also restores with
-these multiples of the weight that the station chose. The plain filter is Tikhonov's over all photographs, brought into
+`python tests/benchmarks/restoration_measured_shake.py FOLDER [--photographs 2] [--weights 0.3 1 3] [--unknown]`. FOLDER
+holds the public set of Levin et al. (2009), 4 scenes x 8 kernels: `im05_flit01.mat` to `im08_flit08.mat` with the sharp
+picture x, the photograph y and the kernel f. Eight groups of photographs, two of each scene. `--weights` also restores
+with these multiples of the weight that the station chose; `--unknown` finds the kernels from the photographs, and tells
+how like the true ones they are. The plain filter is Tikhonov's over all photographs, brought into
 one place by the truth, with the weight that suits the truth best.
 """
 
@@ -13,7 +14,7 @@ import argparse
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,8 @@ from scipy.signal import fftconvolve
 
 from procedures.restoration.joint.estimate import Restoration, RestorationParameters, restore
 from procedures.restoration.joint.kernel_sizes import default_max_w, fitting_ratios, stacks_of
+from procedures.restoration.photograph_blur import of_flat_scene
+from procedures.restoration.unknown_motion.flat_scene import kernels_of_flat_scene
 
 Array = NDArray[np.float64]
 SCENES = (5, 6, 7, 8)
@@ -106,12 +109,14 @@ def _least(left: Callable[[Array], float], begin: Array) -> OptimizeResult:
     )
 
 
-def restored(case: Shaken, weight: float | None = None) -> tuple[Restoration, str]:
-    """What the station makes of it, and what it says."""
+def restored(case: Shaken, weight: float | None = None, flat: bool = False) -> tuple[Restoration, str]:
+    """What the station makes of it, and what it says. flat : as with kernels that the photographs told."""
     z = [photograph[None] for photograph in case.z]
     max_w = default_max_w(case.known)
     ratios = fitting_ratios(z, case.known, max_w)
     p = RestorationParameters(image_weight=weight)
+    if flat:
+        p, max_w = of_flat_scene(p, (len(case.known[0]) - 1) / 2), (len(case.known[0]) + 1) / 2
     outcome = restore(z, stacks_of(case.known, ratios, max_w, case.z[0].shape), p)
     assert outcome.value is not None, outcome.reason
     return outcome.value, f"{outcome.verdict} {outcome.reason}"
@@ -130,16 +135,35 @@ def score(case: Shaken, found: Array) -> float:
     return float(-10 * np.log10(_least(left, _whole_shift(u, sharp)).fun))
 
 
-def compare(case: Shaken, multiples: list[float]) -> list[float]:
+def unknown(case: Shaken) -> Shaken:
+    """The same with kernels as the photographs tell them; printed."""
+    start = time.process_time()
+    found = kernels_of_flat_scene(np.stack(case.z))
+    seconds = time.process_time() - start
+    likeness = " ".join(f"{_likeness(a, b):.2f}" for a, b in zip(found.kernels, case.true, strict=True))
+    print(
+        f"likeness {likeness}  agreement {found.agreement:.2f}  left {found.left:.4f}  {seconds:.0f} s"
+        f"  {found.doubt or 'sure'}",
+        flush=True,
+    )
+    return replace(case, known=[*found.kernels])
+
+
+def _likeness(a: Array, b: Array) -> float:
+    """Normalised correlation of two kernels at their best shift."""
+    return float(fftconvolve(a, b[::-1, ::-1]).max() / np.linalg.norm(a) / np.linalg.norm(b))
+
+
+def compare(case: Shaken, multiples: list[float], flat: bool = False) -> list[float]:
     """PSNR of the plain filter, of the restoration, and of those with other weights; printed."""
     plain = Plain.of(case)
     filtered = max(score(case, plain.restored(weight)) for weight in WEIGHTS)
     start = time.process_time()
-    found, said = restored(case)
+    found, said = restored(case, flat=flat)
     seconds = time.process_time() - start
     weight = found.history[-1].weights.picture
     scores = [filtered, score(case, found.sharp[0])]
-    scores += [score(case, restored(case, m * weight)[0].sharp[0]) for m in multiples]
+    scores += [score(case, restored(case, m * weight, flat)[0].sharp[0]) for m in multiples]
     print(
         "".join(f"{one:7.2f}" for one in scores) + f"   weight {weight:.1e}  noise {found.diagnostics.noise:.4f}"
         f"  w {np.median(found.w):5.2f}, sd {found.w.std():.2f}   {seconds:3.0f} s  {said}",
@@ -154,6 +178,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--photographs", type=int, default=2)
     parser.add_argument("--groups", type=int, nargs="*", default=range(8), help="of the eight, from 0")
+    parser.add_argument("--unknown", action="store_true", help="kernels are found from the photographs")
     parser.add_argument("--weights", type=float, nargs="*", default=[])
     asked = parser.parse_args()
     print(f"Python {platform.python_version()}, {platform.machine()}, {asked.photographs} photographs")
@@ -162,7 +187,8 @@ def main() -> None:
     for n in asked.groups:
         scene, kernels = groups(asked.photographs)[n]
         print(f"scene {scene}, kernels {kernels}: ", end="")
-        scores.append(compare(group(asked.folder, scene, kernels), asked.weights))
+        case = group(asked.folder, scene, kernels)
+        scores.append(compare(unknown(case) if asked.unknown else case, asked.weights, asked.unknown))
     print("mean", *(f"{one:.2f}" for one in np.mean(scores, axis=0)))
 
 

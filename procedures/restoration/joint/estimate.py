@@ -66,6 +66,7 @@ class RestorationParameters:
     Algorithm III over the whole frame), "blur" (Algorithm III), "symmetric" (Algorithm II). symmetric_axis : "both" for
     masks symmetric about axes and diagonals (Proposition 2), "x" or "y" for even ones along one axis (Proposition 3).
     total_variation, depth_total_variation : of picture and w, instead of quadratic priors.
+    flat_w : w of the whole frame where it is known; then the picture alone is looked for.
     registration, matching, weights, joint, moved, limits : what each stage goes by, with the reasons of its numbers.
     """
 
@@ -76,6 +77,7 @@ class RestorationParameters:
     symmetric_axis: str = "both"
     total_variation: bool = False
     depth_total_variation: bool = False
+    flat_w: float | None = None
     dtype: type[np.floating[Any]] = np.float32
     registration: registration.RegistrationSettings = field(default_factory=registration.RegistrationSettings)
     matching: initial_depth.MatchingSettings = field(default_factory=initial_depth.MatchingSettings)
@@ -168,7 +170,10 @@ def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
 
 
 def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, p: RestorationParameters) -> initial_depth.DepthStart:
-    """The depth to begin with, by the algorithm named."""
+    """The depth to begin with, by the algorithm named; that of a flat scene where it is known."""
+    if p.flat_w is not None:
+        flat = np.full(z.shape[2:], p.flat_w)
+        return initial_depth.DepthStart(flat, np.ones(flat.shape), np.ones(flat.shape, bool))
     sigmas = np.full(len(z), max(sigma, p.matching.least_sigma))
     if p.depth_start == "symmetric":
         return initial_depth.algorithm_2(z, stacks, sigma, direction=p.symmetric_axis)
@@ -231,7 +236,8 @@ def restoration_of(
         misfit_of(start.trusted, data.R),
         p.joint,
     )
-    state = joint_descent.run(problem, joint_descent.begin(problem, start.w), progress)
+    descend = joint_descent.run if p.flat_w is None else joint_descent.picture_alone
+    state = descend(problem, joint_descent.begin(problem, start.w), progress)
     return _restoration(data, state, start, brought, saturated, p)
 
 
@@ -258,8 +264,9 @@ def _restoration(
     R, inside = data.R, (slice(data.R, -data.R), slice(data.R, -data.R))
     data.focus(state.w)
     residual = data.residual(state.u)
-    spread = w_uncertainty(data, state.u, state.w, state.known.sigma)[inside]
     w = state.w[inside]
+    known = p.flat_w is not None
+    spread = np.zeros_like(w) if known else w_uncertainty(data, state.u, state.w, state.known.sigma)[inside]
     limit = min(b.stack.max_w for b in data.blurs)
     masks, middle, weight = [b.stack for b in data.blurs], float(np.median(w)), state.history[-1].weights.picture
     rms, own = _left_over(residual, data.trust), max(own_noise(data.z), p.limits.least_noise)

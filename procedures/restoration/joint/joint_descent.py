@@ -260,6 +260,21 @@ def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> 
     return Statistics(sigma, deciding, told.contrast)
 
 
+def picture_alone(
+    problem: Problem, state: DescentState, progress: Callable[[JointRound], None] | None = None, rounds: int = 4
+) -> DescentState:
+    """The state of a scene whose w is known: the picture, its noise and contrast in turn, then the final picture."""
+    for _ in range(rounds):
+        weights = problem.schedule.final(state.known)
+        iterations = problem.scheme.picture + problem.scheme.depth
+        u = restore_picture(problem.data, state.u, weights.picture, iterations, _diffusion(problem, state.u))
+        state = replace(state, u=u, known=_statistics(problem, u, state.w, weights))
+    done = finish(problem, state)
+    if progress:
+        progress(done.history[-1])
+    return done
+
+
 def finish(problem: Problem, state: DescentState) -> DescentState:
     """The picture alone, at the depth found, with the final weight: N_TV times N_u iterations."""
     start = time.perf_counter()

@@ -118,6 +118,9 @@ class WeightSettings:
         little is worse than too much. 1 suits simulated noise of 20 dB, 2 real photographs.
     slope : float
         Of w between neighbouring pixels, usually.
+    least_picture : float
+        What the picture's weight is at least, where nobody gives it: for kernels that share an error with the picture,
+        of which nothing is left over.
     """
 
     first_picture: float = 3e-4
@@ -127,6 +130,7 @@ class WeightSettings:
     held: float = 0.25
     caution: float = 1.5
     slope: float = DEPTH_SLOPE
+    least_picture: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -158,9 +162,8 @@ class Schedule:
 
     def final(self, known: Statistics) -> PriorWeights:
         """Weights of the last rounds."""
-        picture = (
-            self.picture if self.picture is not None else self.weights.caution * known.deciding**2 / known.contrast
-        )
+        told = max(self.weights.caution * known.deciding**2 / known.contrast, self.weights.least_picture)
+        picture = told if self.picture is None else self.picture
         depth = self.depth if self.depth is not None else known.sigma**2 / self.weights.slope**2
         return PriorWeights(picture, depth) if self.bent else PriorWeights(picture, depth, tilt=1, bend=0)
 

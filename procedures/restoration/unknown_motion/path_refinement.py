@@ -20,7 +20,7 @@ from procedures.restoration.joint.estimate import RestorationParameters, restora
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.priors import steps_allowed
 from procedures.restoration.joint.schedule import DEPTH_SLOPE
-from procedures.restoration.masks.blur_models import mask_stack
+from procedures.restoration.masks.blur_models import mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array, Blur, MaskStack
 from procedures.restoration.unknown_motion.basin_hopping import Turns
 from procedures.restoration.unknown_motion.blind import Prototypes
@@ -51,22 +51,25 @@ REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
 
 @dataclass(frozen=True)
 class MotionShapes:
-    """Shapes (2, n, n) on [-1, 1] of two motions, their half-width in the flat part, pixels.
+    """Shapes (P, n, n) on [-1, 1] of the motions, their half-width in the flat part, pixels.
 
     path : the curves found, (2, n, 2) pixels x, y in the flat part; None where the shapes are known to pixels only.
-    doubt : why they are not to be trusted at other depths, or None.
+    doubt : why they are not to be trusted at other depths, or None; remedy : what to do then.
     """
 
     shapes: Array
     half_width: float
     path: Array | None = None
     doubt: str | None = None
+    remedy: str = REMEDY
 
     def judged(self, outcome: Outcome[Any]) -> Outcome[Any]:
         """A restoration with these shapes: doubtful where they are, if nothing else was wrong."""
-        if self.doubt is None or outcome.verdict is not Verdict.PASS:
+        if self.doubt is None or outcome.verdict is Verdict.DOUBTFUL:
             return outcome
-        return Outcome(outcome.value, Verdict.DOUBTFUL, self.doubt, REMEDY)
+        if outcome.verdict is Verdict.PASS:
+            return Outcome(outcome.value, Verdict.DOUBTFUL, self.doubt, self.remedy)
+        return replace(outcome, remedy=f"{outcome.remedy}, or {self.remedy}")
 
 
 @dataclass(frozen=True)
@@ -177,7 +180,8 @@ def _view(photographs: list[Array], region: Box, half: float, max_w: float, sett
 
 def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
     """The view with its noise, and what masks known to whole pixels leave unexplained of it."""
-    stacks = [mask_stack(s, view.max_w * found.half_width / view.half, R=view.R + 1) for s in found.shapes]
+    widest = view.max_w * found.half_width / view.half
+    stacks = [mask_stack(s, widest, R=max(view.R + 1, reach(widest))) for s in found.shapes]
     coarse = replace(view, half=found.half_width, max_w=stacks[0].max_w - 2 * stacks[0].step)
     w = coarse.depth(stacks)
     R = stacks[0].R

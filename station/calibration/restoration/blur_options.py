@@ -75,6 +75,8 @@ class BlurOptions:
             raise unfit("--focal-px and --max-inverse-depth go with --imu and --poses")
         elif self.prototype_region is None:
             self._check_shapes(images)
+        if self.prototype_region is not None:
+            self._check_region(images)
         if self.exposure_s and not self.imu:
             raise unfit("--exposure-s goes with --imu")
         for option, given in (("--ratio", self.ratios), ("--offset", self.offsets)):
@@ -83,6 +85,16 @@ class BlurOptions:
         if self.offsets and (self.blur != "defocus" or self.prototype_region):
             raise unfit("--offset goes with --blur defocus: it comes from another focus")
         self._check_defocus(images)
+
+    def _check_region(self, images: int) -> None:
+        whole = (self.prototype_region or "").strip().lower() == "whole"
+        if whole and (self.paths or self.ratios):
+            raise unfit("--prototype-region whole finds every motion by itself, without --recorded-path and --ratio")
+        if not whole and images > 2:
+            raise unfit(
+                f"a flat part tells the motion of two photographs, not of {images}: give two, "
+                "or --prototype-region whole where the whole scene is flat"
+            )
 
     def _check_shapes(self, images: int) -> None:
         if len(self.shapes) not in (1, images):
@@ -200,8 +212,13 @@ def tell_measured(spec: BlurSpec, tell: Tell) -> None:
 def tell_finding(found: Finding, tell: Tell) -> None:
     """Tell what is found of unknown motion."""
     from procedures.restoration.unknown_motion.blind import Prototypes
+    from procedures.restoration.unknown_motion.flat_scene import FreeKernels
 
-    if isinstance(found, Prototypes):
+    if isinstance(found, FreeKernels):
+        sentence = found.doubt or f"motions of any form within {found.half_width:.0f} pixels each way"
+        told = {"half_width": found.half_width, "agreement": found.agreement}
+        tell("motion", sentence, level="warning" if found.doubt else "info", **told)
+    elif isinstance(found, Prototypes):
         tell("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
         tell("paths", "looking for the paths that the whole frame agrees with; this takes some minutes")
     else:

@@ -183,6 +183,7 @@ def test_steady_motion_is_symmetric_along_its_axis(run, tmp_path):
         (["--blur", "defocus", "--shape", "pillbox", "--defocus-ratio", "1"], "go with --blur both"),
         (["--blur", "both", "--shape", "a.txt", "b.txt"], "needs --defocus-shape and --defocus-ratio"),
         (["--blur", "both", "--prototype-region", "0,0,9,9"], "goes with --blur motion"),
+        (["--blur", "motion", "--prototype-region", "whole", "--ratio", "2"], "without --recorded-path and --ratio"),
         (["--blur", "motion", "--poses", "a.csv", "b.csv"], "--poses needs --focal-px"),
         (["--blur", "motion", "--poses", "a.csv", "b.csv", "--imu", "a.csv", "b.csv"], "not both"),
         (["--blur", "defocus", "--shape", "pillbox", "--exposure-s", "1"], "--exposure-s goes with --imu"),

@@ -1,0 +1,194 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+from scipy.signal import fftconvolve
+
+from procedures.outcome import BadInput, Refused, Verdict
+from procedures.outcome import Outcome as Made
+from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur_of
+from procedures.restoration.unknown_motion import free_kernels
+from procedures.restoration.unknown_motion.flat_scene import (
+    FreeKernels,
+    FreeKernelSettings,
+    KernelBeginning,
+    kernels_of_flat_scene,
+)
+from procedures.restoration.unknown_motion.sharp_edges import EdgePicture, periodic
+from procedures.restoration.unknown_motion.sparse_gradients import SparseGradients
+
+R = 7
+QUICK = FreeKernelSettings(
+    beginnings=(KernelBeginning(last_edges=2e-3),), rounds=5, kernel_iterations=40,
+    compared=5, settled=3, picture_iterations=6,
+)  # fmt: skip
+
+
+def leaves(rng, side):
+    """Discs before discs, as edges of a scene are."""
+    y, x = np.mgrid[:side, :side]
+    u = np.full((side, side), 0.5)
+    for _ in range(160):
+        cy, cx, r = *rng.uniform(0, side, 2), rng.uniform(2, 12)
+        u[(y - cy) ** 2 + (x - cx) ** 2 < r**2] = rng.uniform(0.1, 0.9)
+    return gaussian_filter(u, 0.4)
+
+
+def shake(rng):
+    """A thick walk of a hand with stops, a hook and noise: no smooth path."""
+    kernel = np.zeros((9, 9))
+    at = np.array([4.0, 4.0])
+    for _ in range(14):
+        kernel[tuple(np.round(at).astype(int))] += rng.exponential()
+        at = np.clip(at + rng.normal(0, 1.3, 2), 0, 8)
+    kernel = gaussian_filter(kernel, 0.5) * (1 + 0.2 * rng.standard_normal(kernel.shape))
+    kernel[kernel < 0.05 * kernel.max()] = 0
+    return kernel / kernel.sum()
+
+
+@pytest.fixture(scope="module")
+def shaken():
+    """Photographs of a flat scene through two such kernels, at 40 dB and more, the second in less light."""
+    rng = np.random.default_rng(9)
+    u, kernels = leaves(rng, 120), [shake(rng), shake(rng)]
+    z = np.stack([fftconvolve(u, k, mode="valid") for k in kernels]) * np.array([1, 0.7])[:, None, None]
+    z += 0.002 * rng.standard_normal(z.shape)
+    return z, np.stack([np.pad(k, R - 4) for k in kernels]), u[4:-4, 4:-4]
+
+
+@pytest.fixture(scope="module")
+def told():
+    return []
+
+
+@pytest.fixture(scope="module")
+def blur(shaken, told):
+    source = UnknownMotion("whole", settings=QUICK)
+    return blur_of(BlurSpec(source, R), [one[None] for one in shaken[0]], told.append)
+
+
+@pytest.fixture(scope="module")
+def found(blur, told):
+    assert isinstance(told[0], FreeKernels)
+    return told[0]
+
+
+def test_kernels_of_no_smooth_path_are_found(shaken, found):
+    # wrong ones, even of the right size, are alike by 0.5 to 0.8
+    assert free_kernels.likeness(found.kernels, shaken[1]) > 0.9
+    assert found.kernels.min() >= 0
+    np.testing.assert_allclose(found.kernels.sum(axis=(1, 2)), 1, rtol=1e-6)
+
+
+def test_their_error_is_a_fraction_of_that_of_no_kernel_at_all(shaken, found):
+    # each photograph through the other's kernel is the same picture, whatever it is; noise, and rims, are left
+    z = shaken[0] / shaken[0].mean(axis=(1, 2), keepdims=True)
+
+    def apart(one, other):
+        d = fftconvolve(z[0], other, mode="valid") - fftconvolve(z[1], one, mode="valid")
+        return float(np.std(d))
+
+    none = np.zeros_like(found.kernels[0])
+    none[len(none) // 2, len(none) // 2] = 1
+    assert apart(*found.kernels) < 0.1 * apart(none, none)
+
+
+def test_nothing_is_doubted_there(found):
+    assert found.doubt is None
+    assert found.shapes.judged(Made(found, Verdict.PASS)).verdict is Verdict.PASS
+
+
+def test_a_motion_beyond_what_is_looked_at_is_doubted_with_a_way_on(shaken):
+    found = kernels_of_flat_scene(shaken[0], 3, QUICK)
+    assert "reaches the end of the 3 pixels" in str(found.doubt)
+    judged = found.shapes.judged(Made(found, Verdict.PASS))
+    assert judged.verdict is Verdict.DOUBTFUL
+    assert "raise --max-w" in judged.remedy
+    # where nothing explains the photographs it may be for that
+    refused = found.shapes.judged(Made(None, Verdict.REFUSED, "nothing explains them", "look again"))
+    assert "look again, or raise --max-w" in refused.remedy
+
+
+def test_photographs_of_two_scenes_are_refused(shaken):
+    other = fftconvolve(leaves(np.random.default_rng(51), 120), shaken[1][1], mode="valid")
+    z = np.stack([shaken[0][0][: len(other), : len(other)], other])
+    with pytest.raises(Refused, match="no kernels of up to 7 pixels"):
+        kernels_of_flat_scene(z, R, QUICK)
+
+
+def test_photographs_smaller_than_four_kernels_are_refused(shaken):
+    with pytest.raises(BadInput, match="need photographs of 113 pixels"):
+        kernels_of_flat_scene(shaken[0], 28, QUICK)
+
+
+def test_photographs_that_show_nothing_are_refused():
+    with pytest.raises(Refused, match="show nothing"):
+        kernels_of_flat_scene(np.full((2, 40, 40), 0.5), 3, QUICK)
+
+
+def test_one_photograph_is_refused(shaken):
+    with pytest.raises(BadInput, match="two photographs or more"):
+        kernels_of_flat_scene(shaken[0][:1], R, QUICK)
+
+
+def test_the_least_square_holds_all_light(shaken):
+    moved = np.roll(np.pad(shaken[1], ((0, 0), (3, 3), (3, 3))), (2, -3), (1, 2)).astype(np.float32)
+    cropped = free_kernels.cropped(moved)
+    np.testing.assert_allclose(cropped.sum(axis=(1, 2)), 1, rtol=1e-6)
+    assert free_kernels.likeness(cropped, shaken[1]) == pytest.approx(1, abs=1e-6)
+
+
+def test_small_pieces_apart_are_no_part_of_a_kernel():
+    kernel = np.zeros((1, 9, 9), np.float32)
+    kernel[0, 2:5, 2:5], kernel[0, 7, 7] = 1, 0.4
+    assert free_kernels.thin(kernel, 0.02)[0, 7, 7] == 0
+    # a piece that has its share of the light is: motions have gaps
+    kernel[0, 7:, 7] = 1
+    assert free_kernels.thin(kernel, 0.02)[0, 7, 7] > 0
+
+
+def test_true_kernels_and_picture_stay(shaken):
+    # with the true picture's edges the true kernels are those of least squares, but for noise and rims
+    z = (shaken[0] / shaken[0].mean(axis=(1, 2), keepdims=True)).astype(np.float32)
+    edges, true = EdgePicture(z, R), shaken[1].astype(np.float32)
+    u = edges.picture(true, 1e-4)
+    assert free_kernels.likeness(edges.kernels(u, true, 0.0, 40), true) > 0.97
+
+
+def test_right_kernels_are_more_probable_than_others(shaken):
+    z = (shaken[0] / shaken[0].mean(axis=(1, 2), keepdims=True)).astype(np.float32)
+    right = shaken[1].astype(np.float32)
+    cost = [SparseGradients(z, R).fitted(one, 3, 8, 0.02).cost for one in (right, right[:, ::-1].copy())]
+    assert cost[0] < cost[1]
+
+
+def test_what_is_continued_has_no_step_at_its_ends(shaken):
+    z = shaken[0].astype(np.float32)
+    wide = periodic(z, R)
+    np.testing.assert_array_equal(wide[:, :112, :112], z)
+    share = 1 / (wide.shape[1] - 112 + 1)
+    step = (z[:, 0] - z[:, -1]) * share
+    np.testing.assert_allclose(wide[:, 0, :112] - wide[:, -1, :112], step, atol=1e-6)
+
+
+def test_the_blur_of_a_flat_scene_has_these_kernels(found, blur):
+    # at their own half-width kernels come back as they were found
+    for masks, kernel in zip(blur.masks, found.kernels, strict=True):
+        seen = masks.at(found.half_width)
+        assert free_kernels.likeness(seen[None], kernel[None]) == pytest.approx(1, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_a_flat_scene_is_restored_at_its_own_w(shaken, blur):
+    photographs = [one[None] for one in shaken[0]]
+    outcome = blur.restored(photographs)
+    assert outcome.verdict is Verdict.PASS, outcome.reason
+    restored = outcome.value
+    assert np.ptp(restored.w) == 0
+    assert restored.w_std.max() == 0
+    # kernels about their common middle move the picture by some whole pixels
+    inner = (slice(20, -20), slice(20, -20))
+    moved = (np.roll(shaken[2], (y - 4, x - 4), (0, 1))[inner] for y, x in np.ndindex(9, 9))
+    error = min(np.std(restored.sharp[0][inner] - one) for one in moved)
+    assert error < 0.2 * np.std(photographs[0][0][inner] - shaken[2][inner])
