@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.field.interpolate import interpolate
-from procedures.field.seen_charts import SeenChart, seen_chart_of
+from procedures.field.seen_charts import HEADLINE, SeenChart, seen_chart_of
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.psf import Psf
 from procedures.psf_field import Node, PsfField
 from procedures.raw import Plane, RawFrame
 
@@ -26,6 +27,8 @@ FIELD = PatternParameters(s=4)
 and a corner's aberrations need wider supports than the frame's centre."""
 BRACKET = PatternParameters(s=4, k=17)
 """The same through focus, where sharpness alone is asked, of many charts."""
+LEFT_OVER, MOST_OVER = ("mismatch", "choice"), 0.95
+"""Terms of the budgets that are no noise of the samples, and their share of a number's variance that counts at most."""
 MIDDLE: Array = np.full((1, 2), CELLS / 2)
 """The chart's centre, in cells: the node's place."""
 
@@ -112,7 +115,8 @@ def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, 
         else:
             node = node_of(outcome.value, plane, source, number)
             if outcome.verdict is Verdict.DOUBTFUL:
-                node = replace(node, doubt=outcome.reason, remedy=outcome.remedy)
+                psf = _with_left_over(outcome.value)
+                node = replace(node, psf=psf, doubt=outcome.reason, remedy=outcome.remedy)
             charts[plane.name].append(seen_chart_of(outcome.value, node))
     shapes = {name: (plane.samples.shape[0], plane.samples.shape[1]) for name, plane in frame.planes.items()}
     nodes = {name: [one.node for one in seen] for name, seen in charts.items()}
@@ -175,6 +179,20 @@ def node_of(found: PatternPsf, plane: Plane, source: str, number: int) -> Node:
     position = found.registration.to_sensor(MIDDLE)[0] + offset
     on_sensor = plane.pitch * position + np.array(plane.origin, dtype=np.float64)
     return Node(position, found.centre_covariance, on_sensor, found.psf, source, number)
+
+
+def _with_left_over(found: PatternPsf) -> Psf:
+    """The PSF, its covariance as much larger as what model, s and k leave over makes the variances of its numbers.
+
+    Of a doubtful chart, so that the others outvote it. Of good ones it is small, and no noise that nodes average.
+    """
+    budgets = [found.quality.budgets[name] for name in HEADLINE if name in found.quality.budgets]
+    over = [sum(one.get(term, 0.0) ** 2 for term in LEFT_OVER) / sum(v**2 for v in one.values()) for one in budgets]
+    if not any(over):
+        return found.psf
+    psf, wider = found.psf, float(np.mean([1 / (1 - min(share, MOST_OVER)) for share in over]))
+    C = psf.parameter_covariance
+    return Psf.of(psf.parameters, wider * C, psf.k, psf.s, (wider - 1) * C)
 
 
 def _in_order(sightings: Sequence[ChartSighting]) -> list[ChartSighting]:

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from procedures.field.alike import alike
-from procedures.field.models import AxialSymmetry, Separate, SymmetryAxis, fit_axis, mirrored
+from procedures.field.models import AxialSymmetry, Separate, SymmetryAxis, fit_axis
 from procedures.field.whitening import MOST, WhitenedNodes
 from procedures.numerics.scattered import Polynomial, ThinPlate
 from procedures.outcome import Refused
@@ -41,8 +41,12 @@ SYMMETRIC_DEGREES = (2, 3, 4)
 HIGH_DEGREE, EARNED = 6, 0.95
 """Degree of a lens with strong aberrations near the corners, and its error over those of lower degrees from which it is
 believed: where noise alone decides, its maps err by more than they tell."""
+FEW = 16
+"""Up to so many nodes a symmetric lens's own directions are its components, not the nodes': these span too little."""
 MOST_SYMMETRIC = 16
-"""Components of the symmetric lens, at most."""
+"""Components of the symmetric lens among more nodes, at most."""
+AXIS_ROUNDS = 2
+"""In which the axis by what the nodes show is found again by what a lens about it shows."""
 UNSURE = 0.25
 """Standard uncertainty of the axis, in half diagonals, from which it is not told."""
 
@@ -125,7 +129,8 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
     best = min(scores, key=lambda one: one[2])
     axis = _axis(data, best[1])
     if axis is not None:
-        scores += _symmetric_scores(data, folds, best[1], axis)
+        symmetric, axis = _symmetric_scores(data, folds, best[1], axis)
+        scores += symmetric
     scores.sort(key=lambda one: one[2])
     recipe, r, _ = scores[0]
     field = _field(plane, shape, nodes, data, recipe, r)
@@ -187,6 +192,18 @@ def _build(recipe: Recipe, data: WhitenedNodes, kept: Indices, V: Array) -> Coef
     return AxialSymmetry(places, trust, data.optic(V), int(recipe.setting), recipe.axis)
 
 
+def _basis(data: WhitenedNodes, kept: Indices, recipe: Recipe) -> tuple[Array, Array]:
+    """Mean (p,) and directions (n, p) of the nodes that are kept, the strongest first, in which its PSFs differ."""
+    if recipe.kind == "symmetric lens" and _few(data):
+        return data.symmetric_basis(kept, int(recipe.setting), recipe.axis)
+    return data.basis(kept)
+
+
+def _few(data: WhitenedNodes) -> bool:
+    """Whether the nodes do not show by themselves all that a lens shows between them."""
+    return len(data.z) <= FEW
+
+
 _Scores = list[tuple[Recipe, int, float]]
 _Folds = Sequence[tuple[Indices, Indices]]
 
@@ -215,27 +232,36 @@ def _separate_scores(data: WhitenedNodes, folds: _Folds) -> _Scores:
     ]
 
 
-def _symmetric_scores(data: WhitenedNodes, folds: _Folds, r: int, axis: SymmetryAxis) -> _Scores:
-    """The error of the symmetric lens, with as many components as served the others best, and with twice as many."""
-    most = min(len(kept) for kept, _ in folds) - 1
-    at = (float(axis.position[0]), float(axis.position[1]))
+def _symmetric_scores(data: WhitenedNodes, folds: _Folds, r: int, axis: SymmetryAxis) -> tuple[_Scores, SymmetryAxis]:
+    """The error of the symmetric lens, and its axis: that of the high degree where it earns it."""
+    scores = [one for degree in SYMMETRIC_DEGREES for one in _symmetric_score(data, folds, r, degree, axis)]
+    of_high = _refined(data, axis, HIGH_DEGREE) if _few(data) else axis
+    high = _symmetric_score(data, folds, r, HIGH_DEGREE, of_high)
+    earned = [one for one in high if one[2] < EARNED * min(error for *_, error in scores)]
+    return scores + earned, of_high if earned else axis
+
+
+def _symmetric_score(data: WhitenedNodes, folds: _Folds, r: int, degree: int, axis: SymmetryAxis) -> _Scores:
+    """With all that the lens shows where nodes are few, else with as many components as served the others best, and
+    with twice as many."""
+    recipe = Recipe("symmetric lens", degree, _place(axis))
+    counts = {r, min(2 * r, min(len(kept) for kept, _ in folds) - 1, MOST_SYMMETRIC)}
+    if _few(data):
+        counts = {len(_basis(data, np.arange(len(data.z)), recipe)[1])}
     scores: _Scores = []
-    for count in sorted({r, min(2 * r, most, MOST_SYMMETRIC)}):
-        for degree in (*SYMMETRIC_DEGREES, HIGH_DEGREE):
-            recipe = Recipe("symmetric lens", degree, at)
-            left = [_left_out(data, fold, recipe, count) for fold in folds]
-            error = sum(float(data.trust[out] @ np.sum(e**2, axis=1)) for e, (_, out) in zip(left, folds, strict=True))
-            scores.append((recipe, count, error / data.z.size))
-    least = min(error for recipe, _, error in scores if recipe.setting != HIGH_DEGREE)
-    return [one for one in scores if one[0].setting != HIGH_DEGREE or one[2] < EARNED * least]
+    for count in sorted(counts):
+        left = [_left_out(data, fold, recipe, count) for fold in folds]
+        error = sum(float(data.trust[out] @ np.sum(e**2, axis=1)) for e, (_, out) in zip(left, folds, strict=True))
+        scores.append((recipe, count, error / data.z.size))
+    return scores
 
 
 def _left_out(data: WhitenedNodes, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
     """Errors (n, p) at the nodes left out, in units of noise."""
     kept, out = fold
-    mean, V = data.basis(kept)
+    mean, V = _basis(data, kept, recipe)
     V = V[:r]
-    origin = _origin(data, mean, V)
+    origin = data.origin(mean, V)
     model = _build(recipe, data, kept, V)
     predicted = model.predict(data.places[out], data.z[kept] @ V.T - origin) + origin
     return np.asarray(data.z[out] - mean - (predicted - V @ mean) @ V)
@@ -244,24 +270,32 @@ def _left_out(data: WhitenedNodes, fold: tuple[Indices, Indices], recipe: Recipe
 def _shares(data: WhitenedNodes, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
     """How much of one node's variance comes to those left out through the others, (n,)."""
     kept, out = fold
-    model = _build(recipe, data, kept, data.basis(kept)[1][:r])
+    model = _build(recipe, data, kept, _basis(data, kept, recipe)[1][:r])
     return np.asarray(np.sum(model.transfer(data.places[out], r) ** 2, axis=(1, 2, 3)) / r)
-
-
-def _origin(data: WhitenedNodes, mean: Array, V: Array) -> Array:
-    """Coefficients (r,) of the mean made symmetric about its centre: what a lens shows on its axis, about."""
-    h = data.back @ mean
-    return np.asarray(V @ data.to @ (h + mirrored(h, data.k)) / 2)
 
 
 def _axis(data: WhitenedNodes, r: int) -> SymmetryAxis | None:
     """Where the lens's axis is, by the nodes; None where they are too few, or do not really tell."""
     if len(data.z) < FEWEST_OF_LENS:
         return None
-    mean, V = data.basis(np.arange(len(data.z)))
+    everything = np.arange(len(data.z))
+    mean, V = data.basis(everything)
     V = V[: max(r, 2)]
-    axis = fit_axis(data.places, data.trust, data.optic(V), 4, data.z @ V.T - _origin(data, mean, V))
+    axis = fit_axis(data.places, data.trust, data.optic(V), 4, data.z @ V.T - data.origin(mean, V))
+    for _ in range(AXIS_ROUNDS if _few(data) else 0):
+        axis = _refined(data, axis, 4)
     return axis if np.sqrt(np.trace(axis.covariance)) < UNSURE else None
+
+
+def _refined(data: WhitenedNodes, axis: SymmetryAxis, degree: int) -> SymmetryAxis:
+    """The axis near another, by all that a lens of that degree shows about it."""
+    at = _place(axis)
+    mean, V = data.symmetric_basis(np.arange(len(data.z)), degree, at)
+    return fit_axis(data.places, data.trust, data.optic(V), degree, data.z @ V.T - data.origin(mean, V), at)
+
+
+def _place(axis: SymmetryAxis) -> tuple[float, float]:
+    return float(axis.position[0]), float(axis.position[1])
 
 
 # --- the field and its error ----------------------------------------------------------------------------------------
@@ -277,7 +311,7 @@ def _field(
 ) -> PsfField:
     """The field by the chosen recipe, from all nodes."""
     everything = np.arange(len(nodes))
-    mean, V = data.basis(everything)
+    mean, V = _basis(data, everything, recipe)
     V = V[:r]
     lack, rest = _lack(data, list(_folds(data.places)), recipe, r, V)
     outside = np.eye(data.size) - V.T @ V
@@ -288,7 +322,7 @@ def _field(
         share=data.trust / data.trust.sum(),
         components=V @ data.back.T,
         analysis=V @ data.to,
-        origin=_origin(data, mean, V),
+        origin=data.origin(mean, V),
         model=_build(recipe, data, everything, V),
         lack=lack,
         lack_rest=rest * data.back @ outside @ data.back.T,

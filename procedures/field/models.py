@@ -16,8 +16,9 @@ from procedures.numerics.scattered import Smoother
 
 Array = npt.NDArray[np.float64]
 
-RINGS = 8
-"""Functions of the distance from the PSF's centre that each harmonic is made of."""
+RING = 1.3
+"""Samples from one to the next of the functions of the distance from the PSF's centre that each harmonic is made of:
+closer ones the samples do not tell apart."""
 RIDGE = 1e-5
 """One over the variance that a ring's amplitude is expected to have, in units of the noise: what the components hardly
 show of a ring is not blown up."""
@@ -79,7 +80,7 @@ class Optic:
         return np.asarray(self.analysis @ both.T)
 
     def harmonics(self, m: int) -> tuple[Array, Array]:
-        """Rings and tail times cos(m theta), and times sin(m theta), analysed: (r, RINGS) each, or one or two more."""
+        """Rings and tail times cos(m theta), and times sin(m theta), analysed: (r, rings) each, or one or two more."""
         kept: dict[int, tuple[Array, Array]] = self.__dict__.setdefault("_kept", {})
         if m not in kept:
             cos, sin = _waves(m, self.k, self.analysis.shape[1] - self.k**2)
@@ -119,8 +120,8 @@ def _tail_harmonic(m: int, q: int, wave: str) -> Array:
 
 
 def _rings(rho: Array, end: float) -> Array:
-    """Cubic B-splines over [0, end], (n, RINGS)."""
-    knots = np.concatenate([np.zeros(3), np.linspace(0.0, end, RINGS - 2), np.full(3, end)])
+    """Cubic B-splines over [0, end], (n, rings)."""
+    knots = np.concatenate([np.zeros(3), np.linspace(0.0, end, max(round(end / RING), 1) + 1), np.full(3, end)])
     return np.asarray(BSpline.design_matrix(rho, knots, 3).toarray())
 
 
@@ -161,6 +162,28 @@ class AxialSymmetry:
         D, weight, factor = self._normal
         return np.asarray(self.design(points) @ cho_solve(factor, D.T @ (weight * values.ravel())))
 
+    def parts(self, values: Array) -> Array:
+        """Coefficients (n, r) of what its PSFs are sums of at all places, for values (N, r) at the nodes.
+
+        First b, then each term times cos m and sin m of the place's angle, at the farthest node.
+        """
+        D, weight, factor = self._normal
+        solved = cho_solve(factor, D.T @ (weight * values.ravel()))
+        farthest = float(np.hypot(*(self.places - np.array(self.axis)).T).max())
+        first = values.shape[1]
+        found = [self.optic.even @ solved[:first]]
+        for j, m in self._terms:
+            waves = self.optic.harmonics(m)
+            last = first + waves[0].shape[1]
+            found += [farthest**j * wave @ solved[first:last] for wave in (waves if m else waves[:1])]
+            first = last
+        return np.array(found)
+
+    @property
+    def _terms(self) -> list[tuple[int, int]]:
+        """Powers j of the distance, and m of the waves that go with it."""
+        return [(j, m) for j in range(1, self.degree + 1) for m in range(j, -1, -2)]
+
     def transfer(self, points: Array, r: int) -> Array:
         """(n, r, N, r)."""
         D, weight, factor = self._normal
@@ -188,11 +211,10 @@ class AxialSymmetry:
         offset = np.asarray(points) - np.array(self.axis)
         radius, angle = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
         blocks = [np.broadcast_to(self.optic.even, (len(offset), *self.optic.even.shape))]
-        for j in range(1, self.degree + 1):
-            for m in range(j, -1, -2):
-                cos, sin = self.optic.harmonics(m)
-                turned = np.cos(m * angle)[:, None, None] * cos + np.sin(m * angle)[:, None, None] * sin
-                blocks.append((radius**j)[:, None, None] * turned)
+        for j, m in self._terms:
+            cos, sin = self.optic.harmonics(m)
+            turned = np.cos(m * angle)[:, None, None] * cos + np.sin(m * angle)[:, None, None] * sin
+            blocks.append((radius**j)[:, None, None] * turned)
         return np.concatenate(blocks, axis=2)
 
     @cached_property
@@ -219,8 +241,13 @@ class SymmetryAxis:
     covariance: Array
 
 
-def fit_axis(places: Array, trust: Array, optic: Optic, degree: int, values: Array) -> SymmetryAxis:
-    """The axis about which the nodes' coefficients (N, r) are most symmetric; `trust` is one over their variance."""
+def fit_axis(
+    places: Array, trust: Array, optic: Optic, degree: int, values: Array, start: tuple[float, float] | None = None
+) -> SymmetryAxis:
+    """The axis about which the nodes' coefficients (N, r) are most symmetric; `trust` is one over their variance.
+
+    It is looked for near a start, or all over the frame.
+    """
 
     def residual(axis: Array) -> Array:
         return AxialSymmetry(places, trust, optic, degree, (float(axis[0]), float(axis[1]))).residual(values)
@@ -229,9 +256,10 @@ def fit_axis(places: Array, trust: Array, optic: Optic, degree: int, values: Arr
         beyond = max(float(np.hypot(*axis)) - FARTHEST_CENTRE, 0.0)
         return float(np.sum(residual(axis) ** 2)) * (1 + beyond)
 
-    simplex = np.array([[0.0, 0.0], [0.15, 0.0], [0.0, 0.15]])
+    step, start = (0.15, (0.0, 0.0)) if start is None else (0.02, start)
+    simplex = np.array(start) + step * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-2, "maxfev": 80}
-    best = np.asarray(minimize(badness, np.zeros(2), method="Nelder-Mead", options=options).x)
+    best = np.asarray(minimize(badness, simplex[0], method="Nelder-Mead", options=options).x)
     step = 0.01
     J = np.stack([(residual(best + d) - residual(best - d)) / (2 * step) for d in np.eye(2) * step], axis=1)
     left = residual(best)

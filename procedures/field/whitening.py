@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.field.models import Optic
+from procedures.field.models import AxialSymmetry, Optic, mirrored
 from procedures.psf_field import Node, in_half_diagonals
 
 Array = npt.NDArray[np.float64]
@@ -16,6 +16,8 @@ Indices = npt.NDArray[np.intp]
 
 MOST = 24
 """Directions that are kept."""
+SAME = 1e-6
+"""Of the strongest: directions that are hardly there are none."""
 FLOOR = 0.05
 """Least variance that noise is taken to have in any direction, of the mean: some directions have none by convention."""
 
@@ -74,6 +76,41 @@ class WhitenedNodes:
             size = np.sqrt(np.maximum(values[strongest], 1e-12 * values[-1] + np.finfo(np.float64).tiny))
             known[kept.tobytes()] = mean, (vectors[:, strongest].T @ X) / size[:, None]
         return known[kept.tobytes()]
+
+    def symmetric_basis(self, kept: Indices, degree: int, axis: tuple[float, float]) -> tuple[Array, Array]:
+        """The same mean (p,), and the directions (n, p) in which a symmetric lens fitted to these nodes differs most.
+
+        Few nodes do not show all that a lens shows between them: their differences span less than what differs there.
+        """
+        known: dict[tuple[bytes, int, tuple[float, float]], Array] = self.__dict__.setdefault("_symmetric", {})
+        mean = self.basis(kept)[0]
+        key = kept.tobytes(), degree, axis
+        if key not in known:
+            H = self._harmonics(degree)
+            origin, places = self.origin(mean, H), self.places[kept]
+            lens = AxialSymmetry(places, self.trust[kept], self.optic(H), degree, axis)
+            constant, *varying = lens.parts(self.z[kept] @ H.T - origin)
+            shown = np.array([constant + origin - H @ mean, *varying])
+            size, directions = np.linalg.svd(shown, full_matrices=False)[1:]
+            known[key] = directions[size > SAME * size[0]] @ H
+        return mean, known[key]
+
+    def _harmonics(self, degree: int) -> Array:
+        """All directions (n, p) that rings and tail times waves up to the degree make."""
+        known: dict[int, Array] = self.__dict__.setdefault("_waves", {})
+        if degree not in known:
+            optic = self.optic(np.eye(self.size))
+            waves = np.hstack([wave for m in range(degree + 1) for wave in optic.harmonics(m)])
+            sums = self.back[: self.k**2].sum(axis=0)
+            waves -= np.outer(sums, sums @ waves) / (sums @ sums)  # no direction changes the support's sum
+            directions, size = np.linalg.svd(waves, full_matrices=False)[:2]
+            known[degree] = directions[:, size > SAME * size[0]].T
+        return known[degree]
+
+    def origin(self, mean: Array, V: Array) -> Array:
+        """Coefficients (r,) of the mean made symmetric about its centre: what a lens shows on its axis, about."""
+        h = self.back @ mean
+        return np.asarray(V @ self.to @ (h + mirrored(h, self.k)) / 2)
 
     def inner(self, V: Array) -> Array:
         """Covariances (N, r, r) of the coefficients along directions (r, p)."""

@@ -15,11 +15,13 @@ from procedures.geometry.misfit import Misfit, find_misfit
 from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.shape import NAMES, ShapeModel, own_errors, scale_spread, shape_model
 from procedures.geometry.uncertainty import enclosed, projection_uncertainty, seen_region
-from procedures.geometry.views import ChartView, Pose, chart_nodes
+from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
 from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 
 Array = npt.NDArray[np.float64]
 
+SQUARE_ON_DEG = 20.0
+"""Charts of which none is turned by more may be why the views tell no camera; distortion alone looks like 15."""
 FEWEST_VIEWS = 3
 """Under which a plane chart does not determine five pinhole numbers and its own shape."""
 ROUNDS = 2
@@ -238,8 +240,20 @@ def calibrate_geometry(
             if trials[0].model != geometry.camera.model:
                 geometry = _settled(trials, start, nodes, views, shape, parameters)
     except Refused as refusal:
+        refusal = _if_square_on(refusal, nodes, views)
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     return Outcome(geometry, *verdict_of(_rules(geometry, parameters)))
+
+
+def _if_square_on(refusal: Refused, nodes: Array, views: Sequence[ChartView]) -> Refused:
+    """The same refusal, or its cause where no chart is turned: focal length and distance then look alike."""
+    if len(views) < FEWEST_VIEWS or greatest_tilt(nodes, views) > SQUARE_ON_DEG:
+        return refusal
+    return Refused(
+        f"the chart stands square to the camera, or nearly, in all {len(views)} views: a longer lens from farther away "
+        "would show the same",
+        f"geometry needs {FEWEST_VIEWS} views, better 12, of the chart turned by 20 to 40 degrees to different sides",
+    )
 
 
 def _settled(

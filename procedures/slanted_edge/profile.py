@@ -15,7 +15,7 @@ from scipy.ndimage import map_coordinates, spline_filter1d, uniform_filter1d
 
 from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.strip import Strip
-from procedures.slanted_edge.tail import COLUMN, Tail, with_tail
+from procedures.slanted_edge.tail import COLUMN, Lean, Tail, with_tail
 
 Array = npt.NDArray[np.float64]
 
@@ -28,9 +28,9 @@ ROUNDS = 4
 LEAST_FLAT_PX = 2.0
 LEAST_FAR_PX = 3.0
 """Of the plains there is at least so much to fit them by."""
-LIGHT_UNITS: Array = np.array([1, 1, 1, 1 / 20, 1 / 20])
+LIGHT_UNITS: Array = np.array([1, 1, 1, 1 / 20, 1 / 20, 1])
 """Of the plains' numbers: dark level, bright level, tail, relative slopes of the light across and along, per 20 pixels
-so that all are of one size."""
+so that all are of one size; the tail's lean."""
 
 
 @dataclass(frozen=True)
@@ -42,21 +42,23 @@ class Profile:
     sums, counts : (n, 2 K) float64
         Of each row the sum of its values in every bin, 0 dark and 1 bright, and their number. The bins' centres are
         at `centres`, and every value has been moved there along the spread function's own slope.
-    light_normal : (n, 5, 5) float64, light_right : (n, 5) float64
+    light_normal : (n, 6, 6) float64, light_right : (n, 6) float64
         Each row's part of the normal equations of the plains.
     flat_px, end_px : float
         The window's.
     width_px : float
         Full width at half maximum of the line spread function, roughly.
-    light : (5,) float64
+    light : (6,) float64
         Dark and bright level, in samples of the plane; of the approach a/d to them, a times their difference; relative
-        slopes per pixel, across and along the edge, taken out of the values.
+        slopes per pixel, across and along the edge, taken out of the values; a g of the approach a/(d - g).
     noise : float
         Standard deviation of the samples about the profile, in samples of the plane.
     unevenness : float
         Of the plains beyond the window, without what differs between neighbours, in samples of the plane.
     tail_known : Tail or None
         What was known of a before, and `tail_weight`: of a row that says so in the plains' normal equations.
+    lean : Lean
+        What was known of a g before.
     samples : int
         Samples under the window.
     """
@@ -73,6 +75,7 @@ class Profile:
     unevenness: float
     tail_known: Tail | None
     tail_weight: float
+    lean: Lean
     samples: int
 
     @property
@@ -88,8 +91,8 @@ class Profile:
     @property
     def tail_seen(self) -> Tail:
         """What the plains show of the tail by themselves, whatever is known."""
-        normal = self.light_normal.sum(axis=0)
-        alone = solve_light(normal, self.light_right.sum(axis=0))
+        normal, right = self.lean.added(self.light_normal.sum(axis=0), self.light_right.sum(axis=0))
+        alone = solve_light(normal, right)
         spread = self.noise * float(np.sqrt(np.linalg.pinv(normal)[COLUMN, COLUMN]))
         return Tail(float(alone[COLUMN]) / self.contrast, spread / abs(self.contrast))
 
@@ -145,12 +148,12 @@ def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> Profile
     flat = min(widening * max(FLAT_WIDTHS * width, LEAST_FLAT_PX), 0.5 * reach)
     end = min(widening * max(END_WIDTHS * width, 2 * LEAST_FLAT_PX), reach - 1)
     far = inside & (np.abs(d) > min((flat + end) / 2, reach - LEAST_FAR_PX))
-    light, normal, right, weight = _plains(strip, d, far)
+    light, normal, right, weight, lean = _plains(strip, d, far, width)
     value = values_of(light, strip, d)
     used = inside & (np.abs(d) < end + 1)
     empty = np.zeros((len(value), 2 * (int(np.ceil(end * BINS)) + 1)))
     profile = Profile(
-        *(empty, empty, normal, right, flat, end, width, light, 0.0, 0.0), strip.tail, weight, int(used.sum())
+        *(empty, empty, normal, right, flat, end, width, light, 0.0, 0.0), strip.tail, weight, lean, int(used.sum())
     )
     profile, left = rebinned(profile, value, d, used)
     plain = value - (d > 0) + profile.tail / np.where(far, d, 1.0)
@@ -220,32 +223,35 @@ def _last_below(x: Array, level: Array, share: float) -> float:
     return float(x[i] + (share - level[i]) / max(level[i + 1] - level[i], 1e-9) * (x[i + 1] - x[i]))
 
 
-def _plains(strip: Strip, d: Array, far: npt.NDArray[np.bool_]) -> tuple[Array, Array, Array, float]:
-    """Levels, tail and light's slopes (5,) by least squares over the samples beyond the core.
+def _plains(
+    strip: Strip, d: Array, far: npt.NDArray[np.bool_], width_px: float
+) -> tuple[Array, Array, Array, float, Lean]:
+    """Levels, tail, light's slopes and the tail's lean (6,) by least squares over the samples beyond the core.
 
-    With each row's part of the normal equations, and the weight in them of what is known of the tail.
+    With each row's part of the normal equations, and what is known of the tail: its weight in them, its lean.
     """
     bright = d > 0
-    light = np.array([strip.samples[far & ~bright].mean(), strip.samples[far & bright].mean(), 0, 0, 0.0])
+    light = np.array([strip.samples[far & ~bright].mean(), strip.samples[far & bright].mean(), 0, 0, 0, 0.0])
     along = np.broadcast_to(strip.along[:, None], d.shape)
     approach = -1 / np.where(far, d, 1.0)
-    weight = 0.0
+    weight, lean = 0.0, Lean()
     for _ in range(3):
         base = np.where(bright, light[1], light[0])
         slopes = base * d * LIGHT_UNITS[3], base * along * LIGHT_UNITS[4]
-        columns = np.stack([~bright, bright, approach, *slopes], axis=-1) * far[..., None]
+        columns = np.stack([~bright, bright, approach, *slopes, approach**2], axis=-1) * far[..., None]
         normal = np.einsum("nmi,nmj->nij", columns, columns)
         right = np.einsum("nmi,nm->ni", columns, strip.samples)
         total, answer, contrast = normal.sum(axis=0), right.sum(axis=0), light[1] - light[0]
-        light = solve_light(*with_tail(total, answer, strip.tail, weight, contrast))
+        light = solve_light(*with_tail(*lean.added(total, answer), strip.tail, weight, contrast))
+        variance = float(np.var((strip.samples - columns @ (light / LIGHT_UNITS))[far]))
+        lean = Lean.of(float(light[COLUMN]), contrast, width_px, variance)
         if strip.tail is not None:
-            left = (strip.samples - columns @ (light / LIGHT_UNITS))[far]
-            weight = strip.tail.weight(float(np.var(left)) / contrast**2, float(total[2, 2]))
-    return light, normal, right, weight
+            weight = strip.tail.weight(variance / contrast**2, float(total[COLUMN, COLUMN]))
+    return light, normal, right, weight, lean
 
 
 def solve_light(normal: Array, right: Array) -> Array:
-    """The plains' numbers (..., 5) of normal equations, held by a little where a narrow strip leaves them open."""
+    """The plains' numbers (..., 6) of normal equations, held by a little where a narrow strip leaves them open."""
     weight = np.einsum("...ii->...", normal[..., :2, :2])[..., None, None]
     held = normal + 1e-9 * weight * np.eye(len(LIGHT_UNITS))
     return np.asarray(np.linalg.solve(held, right[..., None])[..., 0] * LIGHT_UNITS)

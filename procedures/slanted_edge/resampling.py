@@ -35,6 +35,7 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
     esf = filled(weight @ profile.sums, weight @ profile.counts)
     normal, right = (np.tensordot(weight, part, axes=1) for part in (profile.light_normal, profile.light_right))
     sureness = profile.tail_weight, profile.contrast
+    normal, right = profile.lean.added(normal, right, rng.standard_normal(draws))
     light = solve_light(*with_tail(normal, right, profile.tail_known, *sureness, rng.standard_normal(draws)))
     tail = light[:, 2] / (light[:, 1] - light[:, 0])
     # the values were divided by the light that all rows gave: what theirs differs by changes them with the distance

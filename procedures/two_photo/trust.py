@@ -126,8 +126,9 @@ def _other_light(d: Diagnostics) -> list[Rule]:
             doubtful,
             d.light_turned > LIGHT_TURNED,
             "the contrast of coarse detail changed with its direction between the photographs: the light came from "
-            "elsewhere",
-            "take both in the same light, one soon after the other, or choose a wall that is painted, not rough",
+            "elsewhere, or the lens throws much light farther one way than the other (a corner, strong astigmatism)",
+            "take both in the same light, one soon after the other, or choose a wall that is painted, not rough; in "
+            "the middle of the frame only light is left as a cause",
         ),
         Rule(
             doubtful,

@@ -40,6 +40,20 @@ def test_the_psf_between_the_nodes_is_as_good_as_at_them(camera, measured, found
 
 
 @pytest.mark.slow
+def test_nine_charts_tell_what_a_lens_shows_between_them(camera, covariance):
+    # their PSFs alone do not span it: nodes left out are then missed by 6.5 standard deviations, halfway sides by 1.4
+    # times the error at a node; the bound of the latter is 1.5 for 25 nodes
+    at = np.array([(x, y) for y in (60.0, 250.0, 440.0) for x in (70.0, 375.0, 680.0)])
+    nine = nodes(camera, at, covariance, np.random.default_rng(1))
+    found = interpolate("G1", SHAPE, nine)
+    assert found.recipe.kind == "symmetric lens"
+    assert found.candidates[0].error < 3**2
+    at_nodes = [np.linalg.norm(n.psf.h - camera.psf(*p)) for n, p in zip(nine, at, strict=True)]
+    between = [np.linalg.norm(found.field.at(*p).h - camera.psf(*p)) for p in ((222, 62), (528, 62), (72, 155))]
+    assert np.max(between) < 1.2 * np.mean(at_nodes)
+
+
+@pytest.mark.slow
 def test_the_predicted_error_is_that_met(camera, found, places):
     noise, lack = found.field.error(places)
     true = [Psf.of(camera.parameters(*p), np.zeros_like(found.field.lack_rest), K, S) for p in places]

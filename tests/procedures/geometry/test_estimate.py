@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
+from procedures.geometry.views import ChartView, chart_nodes, greatest_tilt
 from procedures.outcome import Verdict
 
 from .conftest import PLAIN, SMALL
@@ -82,6 +83,25 @@ def test_few_views_are_doubted(taken):
     parameters = GeometryParameters(CELL_MM, model="OPENCV")
     found = calibrate_geometry(taken.views[:5], PLAIN.size, parameters, nodes=taken.nodes)
     assert "5 views are too few" in found.reason
+
+
+@pytest.mark.slow
+def test_charts_square_to_the_camera_are_refused_for_that():
+    taken = take(replace(SMALL, camera=PLAIN, tilt_deg=0.0, bend_mm=0.0), np.random.default_rng(6))
+    found = calibrate_geometry(taken.views, PLAIN.size, GeometryParameters(CELL_MM, model="OPENCV"), nodes=taken.nodes)
+    assert (found.value, found.verdict) == (None, Verdict.REFUSED)
+    assert "square to the camera" in found.reason
+    assert "turned by 20 to 40 degrees" in found.remedy
+
+
+@pytest.mark.parametrize("tilt_deg", [0, 25, 40])
+def test_foreshortening_tells_how_far_a_chart_is_turned(tilt_deg):
+    # seen from far away: no perspective; the tolerance is the cosine's rounding at 0 degrees
+    turn = np.array([[1, 0], [0, np.cos(np.radians(tilt_deg))]])
+    nodes = chart_nodes(CELL_MM)
+    points = 8 * nodes[:, :2] @ turn + 500
+    view = ChartView("", np.arange(len(nodes)), points, np.zeros((len(nodes), 2, 2)))
+    assert greatest_tilt(nodes, [view]) == pytest.approx(tilt_deg, abs=1e-4)
 
 
 @pytest.mark.slow
