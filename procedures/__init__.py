@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from procedures.correction.priors import Prior
     from procedures.field.estimate import MapLike, estimate_field
     from procedures.field.field_file import read_field
+    from procedures.geometry.chart_bins.photographs import view_of
     from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
-    from procedures.geometry.photographs import view_of
     from procedures.geometry.views import ChartView
     from procedures.outcome import BadInput, BadParameter, Outcome, ProcedureError, Quantity, Refused, Verdict
     from procedures.pattern import Chart
@@ -231,7 +231,7 @@ _PLACES = {
     "restore": "restoration.joint.estimate",
     "sensor_model_of": "sensor.estimate:sensor_model",
     "stacks_of": "restoration.joint.kernel_sizes",
-    "view_of": "geometry.photographs",
+    "view_of": "geometry.chart_bins.photographs",
 }
 
 

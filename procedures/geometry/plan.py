@@ -17,10 +17,10 @@ from procedures.field.facts import TourStart
 from procedures.field.locations import Location
 from procedures.field.plan import MOST_CLIPPED, check_start, correction, light_readings, off_place, to_place
 from procedures.geometry.cameras import simple_camera
+from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.facts import GeometryFacts, ViewPose, as_pose, pose_facts
 from procedures.geometry.next_view import NextView, next_view_words, planned_view
-from procedures.geometry.photographs import view_of
 from procedures.geometry.views import ChartView, chart_nodes
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown

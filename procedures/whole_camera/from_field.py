@@ -11,8 +11,8 @@ import numpy.typing as npt
 from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult
 from procedures.field.seen_charts import SeenChart
+from procedures.geometry.chart_bins.photographs import on_sensor
 from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
-from procedures.geometry.photographs import on_sensor
 from procedures.geometry.response import camera_response
 from procedures.geometry.shape import shape_model
 from procedures.geometry.views import ChartView, chart_nodes

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
-from procedures.geometry.photographs import view_of
 from procedures.geometry.views import ChartView
 from procedures.outcome import BadInput, Outcome, ProcedureError, Refused, Verdict
 from procedures.pattern import Chart

@@ -41,9 +41,9 @@ from simulated_views import (  # noqa: E402
 
 from procedures.geometry.adjustment import adjust  # noqa: E402
 from procedures.geometry.cameras import MODELS  # noqa: E402
+from procedures.geometry.chart_bins.photographs import view_of  # noqa: E402
 from procedures.geometry.choice import choose_model, first_state, fit_model  # noqa: E402
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry  # noqa: E402
-from procedures.geometry.photographs import view_of  # noqa: E402
 from procedures.geometry.rig import estimate_rig, posed_charts  # noqa: E402
 from procedures.geometry.shape import own_errors, shape_model  # noqa: E402
 from procedures.geometry.uncertainty import projection_uncertainty  # noqa: E402

@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
-from procedures.geometry.large_chart import reduced, refine_bins
+from procedures.geometry.chart_bins.large_chart import reduced, refine_bins
 from procedures.geometry.views import ChartView
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import CELLS, Chart

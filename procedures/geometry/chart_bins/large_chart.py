@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.geometry.bin_kernels import COLUMNS, MARGIN, Look, lay_bins
+from procedures.geometry.chart_bins.bin_kernels import COLUMNS, MARGIN, Look, lay_bins
 from procedures.outcome import Refused
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.correspondences import BINS, Correspondences

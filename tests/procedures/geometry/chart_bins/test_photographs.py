@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
-from procedures.geometry.photographs import view_of
 from procedures.outcome import Refused
 from procedures.pattern import Chart
 from procedures.raw import Plane

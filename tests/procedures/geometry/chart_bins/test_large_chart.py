@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.geometry.large_chart import enlarged, reduced
-from procedures.geometry.photographs import view_of
+from procedures.geometry.chart_bins.large_chart import enlarged, reduced
+from procedures.geometry.chart_bins.photographs import view_of
 from procedures.pattern import Chart
 from procedures.pattern_psf.correspondences import Correspondences, bin_centres
 from procedures.raw import Plane
