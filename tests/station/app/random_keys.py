@@ -96,7 +96,7 @@ def in_haste() -> Iterator[None]:
 def beginning_quickly() -> Iterator[None]:
     """Applications begun one after the other read the same style sheets once, and what they held is given back.
 
-    An application freezes what it has loaded, for it is the only one in its process; of hundreds that came to gigabytes.
+    An application freezes what it has loaded, for its process has no other; of hundreds that came to gigabytes.
     """
     parsed: dict[Any, Any] = {}
     parse = Stylesheet._parse_rules

@@ -129,7 +129,7 @@ def test_what_is_asked_has_the_focus_at_once_and_keeps_it(tmp_path):
 
         def ask_anew() -> None:
             box.tell("One moment.")
-            driver.app.screen._refresh_layout()  # tells the line that it is hidden, which it hears when it is not any more
+            driver.app.screen._refresh_layout()  # the line hears late that it was hidden
             box.ask(FINE)
 
         driver.app.call_later(ask_anew)
