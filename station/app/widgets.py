@@ -23,6 +23,7 @@ from station.drawing.glyphs import Glyphs, visible
 from station.results.verdict_words import measurement_words
 
 if TYPE_CHECKING:
+    from drivers.interfaces import Condition
     from procedures.plan import Plan, Reading
     from station.app.commands import Offers
     from station.app.terminal_images import Cells, Thumbnail
@@ -320,7 +321,7 @@ class DeviceBar(Part):
         moving = [one for one in states if one.moving]
         bad = [one for one in states if not one.condition.usable and not one.moving]
         parts = [literal(f"{self.glyphs.now} {one.name}: {one.condition.word}", "bold reverse") for one in moving]
-        parts += [literal(f"{self.glyphs.bad} {one.name}: {one.condition.word}{_stands(one)}.", "bold") for one in bad]
+        parts += [literal(f"{self.glyphs.bad} {one.name}: {_why(one)}.", "bold") for one in bad]
         parts += self._usable([one for one in states if one.condition.usable and not one.moving])
         self.update(Content("  ").join([stop, *(parts or [literal(words)])]))
 
@@ -331,10 +332,15 @@ class DeviceBar(Part):
         return [literal(f"{self.glyphs.good} {names}")] if states else []
 
 
-def _stands(one: DeviceState) -> str:
-    """Where a stage that may not move was told to be last."""
+def brief(condition: Condition) -> str:
+    """A device's condition beside its name, which need not be told twice: "not homed"."""
+    return condition.word.removeprefix("the stage is ")
+
+
+def _why(one: DeviceState) -> str:
+    """Why a device cannot be used; of a stage that may not move, where it was told to be last."""
     told = ", ".join(f"{axis} {place:.1f}" for axis, place in one.places.items())
-    return f" (last told: {told})" if told else ""
+    return brief(one.condition) + (f" (last told: {told})" if told else "")
 
 
 WIDE = 110
