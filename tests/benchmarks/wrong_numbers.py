@@ -99,7 +99,8 @@ def main() -> None:
                     found = named(plan, key, factor, Path(folder))
                 took_s = time.process_time() - begin_s
                 where = f"named in {found.step} after {found.trials}" if found.step else f"NOT NAMED by {found.reached}"
-                row = f"{plan:12} {key:16} x {factor:3.1f} asked in {ASKED[key]:9} {where:32} {took_s:5.1f} s"
+                asked = "scene" if plan == "restoration" else ASKED[key]
+                row = f"{plan:12} {key:16} x {factor:3.1f} asked in {asked:9} {where:32} {took_s:5.1f} s"
                 print(row, found.reason, flush=True)
 
 
