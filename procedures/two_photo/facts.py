@@ -22,7 +22,8 @@ class TwoPhotoFacts(CameraFacts):
     focus_by : "ring" or "skip"
     near_level : mean of the near photograph
     far_light_percent : how much brighter the wall is from afar
-    near_laser_mm : the rangefinder's reading from nearby
+    near_laser_mm, near_z_mm : the rangefinder's reading and the rail's position from nearby
+    far_way_mm : how far the camera went back from there, by rail or rangefinder
     near_frames, far_frames : photographs that count
     """
 
@@ -33,5 +34,7 @@ class TwoPhotoFacts(CameraFacts):
     near_level: float | None = None
     far_light_percent: float | None = None
     near_laser_mm: float | None = derived_from("near_mm")
+    near_z_mm: float | None = None
+    far_way_mm: float | None = None
     near_frames: int | None = None
     far_frames: int | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -33,6 +34,14 @@ from procedures.plan import (
     Step,
 )
 from procedures.raw import Plane, RawFrame
+from procedures.two_photo.distances import (
+    beyond_rail,
+    near_by_laser,
+    near_by_photographs,
+    times_as_far,
+    way_by_laser,
+    way_mm,
+)
 from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf
 from procedures.two_photo.facts import LEAST_RATIO, MOST_RATIO, RATIO, TwoPhotoFacts
 from procedures.two_photo.near_noise import noise_at_most
@@ -47,9 +56,6 @@ DETAIL_PX = 8.0
 """What varies more slowly than this is light, not detail."""
 SAME_LIGHT = 0.25
 """Change of the wall's level between the distances that is still the same light."""
-LASER_REACH_MM, NEAR_SHARE, WAY_SHARE = 300.0, 0.3, 0.15
-"""How far before or behind the lens a rangefinder on its carriage is, and no more than this share of its reading; the
-share of the way by which its two readings may differ from it."""
 FRAMES = 2
 """Photographs at either distance; their mean is used."""
 RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
@@ -194,7 +200,7 @@ def texture(plane: Plane) -> float:
 def check_near(frame: RawFrame, facts: Facts) -> Advice:
     """The wall well exposed, with detail that stands clear of the noise."""
     known = facts_as(TwoPhotoFacts, facts)
-    if (wrong := near_by_laser(known)) is not None:
+    if (wrong := near_by_laser(known) or beyond_rail(known)) is not None:
         return wrong
     levels = {name: float(np.percentile(one.samples, 99.5)) for name, one in frame.planes.items()}
     clipped = max(float(np.mean(one.samples >= NOMINAL)) for one in frame.planes.values())
@@ -210,33 +216,9 @@ def check_near(frame: RawFrame, facts: Facts) -> Advice:
     learned = {**advice.facts, "near_level": float(np.mean(plane.samples))}
     if known.distance_mm is not None:
         learned["near_laser_mm"] = known.distance_mm
+    if "z_mm" in known.where():
+        learned["near_z_mm"] = known.where()["z_mm"]
     return replace(advice, readings=readings, facts=learned)
-
-
-def near_by_laser(known: TwoPhotoFacts) -> Advice | None:
-    """The near distance as it was typed against the laser's reading; None where both can be true, or one is missing."""
-    laser_mm, near_mm = known.distance_mm, known.near_mm
-    if laser_mm is None or near_mm is None or "near_mm" in known.insisted:
-        return None
-    if abs(laser_mm - near_mm) <= min(LASER_REACH_MM, NEAR_SHARE * laser_mm):
-        return None
-    say = f"The laser reads {laser_mm / 1000:.2f} m, and the wall was given as {near_mm / 1000:.2f} m away."
-    return Advice(False, say, doubted=("near_mm",))
-
-
-def way_by_laser(known: TwoPhotoFacts) -> Advice | None:
-    """The way to the far place against the laser's two readings; None where they agree, or one is missing."""
-    far_mm, near_laser_mm, near_mm = known.distance_mm, known.near_laser_mm, known.near_mm
-    if far_mm is None or near_laser_mm is None or near_mm is None or known.insisted.issuperset(("near_mm", "ratio")):
-        return None
-    gone_mm, told_mm = far_mm - near_laser_mm, (known.ratio - 1) * near_mm
-    if abs(gone_mm - told_mm) <= WAY_SHARE * told_mm:
-        return None
-    say = (
-        f"By the laser the camera went back by {gone_mm / 1000:.2f} m, and {told_mm / 1000:.2f} m were wanted: "
-        "go there, or correct the near distance or the ratio."
-    )
-    return Advice(False, say, moves={"z_mm": told_mm - gone_mm}, by_hand={"distance": told_mm - gone_mm})
 
 
 def check_far(frame: RawFrame, facts: Facts) -> Advice:
@@ -263,7 +245,9 @@ def check_far(frame: RawFrame, facts: Facts) -> Advice:
         return Advice(False, say, readings, by_hand={"light": -change})
     if not readings[1].good:
         return Advice(False, f"{clipped:.1%} is clipped: keep bright things out of the frame.", readings)
-    return Advice(True, "The light is the same.", readings, facts={"far_light_percent": 100 * change})
+    gone_mm = way_mm(known)
+    learned = {"far_light_percent": 100 * change, **({} if gone_mm is None else {"far_way_mm": gone_mm})}
+    return Advice(True, "The light is the same.", readings, facts=learned)
 
 
 CHECKS = {"near": check_near, "far": check_far}
@@ -301,23 +285,45 @@ def focus(place: str) -> tuple[Any, ...]:
     """Focus at one of the distances."""
     return (
         Ask(f"focused_{place}", "Focus on the wall, then switch autofocus off."),
-        Look("light", CHECKS[place]),
+        Look("light", CHECKS[place], rests_on=("near_mm", "ratio") if place == "far" else ()),
         Ask("focus_by", "How will you search the focus?", "choice", default="ring", choices=("ring", "skip")),
         Scan("focus", "focus_steps", ring_places, sharpness, choose_focus, say_ring),
     )
 
 
+NEAR_PLANE = "near plane"
+"""Under this name the far photographs find a near one of the same run."""
+
+
 def shoot(place: str) -> tuple[Any, ...]:
     """The photographs that count, at one of the distances."""
+    estimate_one = estimate_near if place == "near" else estimate_far
+    return (Shoot(place, CHECKS[place], estimate_one, partial(enough, place), most=8),)
 
-    def estimate_one(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
-        return {name: Outcome(float(np.mean(one.samples))) for name, one in frame.planes.items()}
 
-    def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
-        say = f"Photographs from {'nearby' if place == 'near' else 'afar'}: {len(results)} of {FRAMES}."
-        return Advice(len(results) >= FRAMES, say, facts={f"{place}_frames": float(len(results))})
+def estimate_near(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
+    """How bright each plane is; one is kept, for the far photographs to be held against."""
+    known[NEAR_PLANE] = Outcome(shown(frame))
+    return {name: Outcome(float(np.mean(one.samples))) for name, one in frame.planes.items()}
 
-    return (Shoot(place, CHECKS[place], estimate_one, enough, most=8),)
+
+def estimate_far(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
+    """How many times as far the first of them shows the wall; None where the near ones were taken in an earlier run."""
+    if results:
+        return results[0]
+    near = known[NEAR_PLANE].value if NEAR_PLANE in known else None
+    return dict.fromkeys(frame.planes, Outcome(None if near is None else times_as_far(near, shown(frame))))
+
+
+def enough(place: str, results: Sequence[Outcomes], facts: Facts) -> Advice:
+    """So many from either distance; from afar, where these contradict no distance that was given."""
+    if place == "far":
+        times = next(iter(results[0].values())).value
+        wrong = near_by_photographs(times, facts_as(TwoPhotoFacts, facts))
+        if wrong is not None:
+            return wrong
+    say = f"Photographs from {'nearby' if place == 'near' else 'afar'}: {len(results)} of {FRAMES}."
+    return Advice(len(results) >= FRAMES, say, facts={f"{place}_frames": float(len(results))})
 
 
 # --- estimate ----------------------------------------------------------------------------------------------------

@@ -67,7 +67,7 @@ def plan(estimate: Estimator, levels: int = sensor_plan.LEVELS, pictures: int = 
         "camera",
         "The whole camera: PSF, geometry, lateral colour, vignetting, sensor",
         (
-            Step("parts", "Parts", "Choose what to measure.", (LIGHT,)),
+            Step("parts", "Parts", "Choose what to measure.", (LIGHT,), drawings.PANEL),
             *(replace(one, when=with_panel) for one in of_light),
             *(field.step(name) for name in (*field_plan.BEFORE, "places")),
             replace(places, requests=(Tour(stops),)),
@@ -123,7 +123,7 @@ def check_flat(quarters: int, frame: RawFrame, facts: Facts) -> Advice:
 
 
 FLATS = Step(
-    "flats", "Flats", "The panel four ways round, so that its own slope is not taken for the lens's.", flats(),
+    "flats", "Panel turned", "The panel four ways round, so that its own slope is not taken for the lens's.", flats(),
     drawings.PANEL,
 )  # fmt: skip
 

@@ -23,6 +23,7 @@ from station.drawing.glyphs import Glyphs, visible
 from station.results.verdict_words import measurement_words
 
 if TYPE_CHECKING:
+    from drivers.interfaces import Condition
     from procedures.plan import Plan, Reading
     from station.app.commands import Offers
     from station.app.terminal_images import Cells, Thumbnail
@@ -35,6 +36,8 @@ PLAIN = Style()  # Textual's filter for NO_COLOR wants a style on every segment
 MARK = Style(color=MARK_TEXT, bgcolor=MARK_GROUND, bold=True)
 BAR = 16
 """Cells of the progress bar."""
+SPACE = "\N{NO-BREAK SPACE}"
+"""Between what shall not be torn apart at a line's end: a mark and its line, a number and its unit."""
 
 
 def literal(text: str, style: str = "") -> Content:
@@ -223,7 +226,7 @@ class Readings(Part):
 
     def _entry(self, one: Reading) -> tuple[Content, ...]:
         mark = self.glyphs.good if one.good else self.glyphs.bad
-        value = f"{one.value:.3g} {one.unit}".strip()
+        value = f"{one.value:.3g}{SPACE}{one.unit}".strip()
         first = literal(f"{mark} {one.name}: {value}", "" if one.good else "bold")
         limits = limits_in_words(one)
         return (first, literal(f"   {limits}", "dim")) if limits else (first,)
@@ -320,7 +323,7 @@ class DeviceBar(Part):
         moving = [one for one in states if one.moving]
         bad = [one for one in states if not one.condition.usable and not one.moving]
         parts = [literal(f"{self.glyphs.now} {one.name}: {one.condition.word}", "bold reverse") for one in moving]
-        parts += [literal(f"{self.glyphs.bad} {one.name}: {one.condition.word}{_stands(one)}.", "bold") for one in bad]
+        parts += [literal(f"{self.glyphs.bad} {one.name}: {_why(one)}.", "bold") for one in bad]
         parts += self._usable([one for one in states if one.condition.usable and not one.moving])
         self.update(Content("  ").join([stop, *(parts or [literal(words)])]))
 
@@ -331,10 +334,15 @@ class DeviceBar(Part):
         return [literal(f"{self.glyphs.good} {names}")] if states else []
 
 
-def _stands(one: DeviceState) -> str:
-    """Where a stage that may not move was told to be last."""
+def brief(condition: Condition) -> str:
+    """A device's condition beside its name, which need not be told twice: "not homed"."""
+    return condition.word.removeprefix("the stage is ")
+
+
+def _why(one: DeviceState) -> str:
+    """Why a device cannot be used; of a stage that may not move, where it was told to be last."""
     told = ", ".join(f"{axis} {place:.1f}" for axis, place in one.places.items())
-    return f" (last told: {told})" if told else ""
+    return brief(one.condition) + (f" (last told: {told})" if told else "")
 
 
 WIDE = 110

@@ -200,6 +200,9 @@ class Watching:
     def _enough(self, shoot: Shoot, results: list[Outcomes]) -> bool:
         advice = shoot.enough(results, self._talk.facts)
         self._talk.learn_noted(advice.facts)
+        if advice.doubted:
+            resolve(self._talk, self.asks, advice.say, advice.doubted, last=self._progress.doubted())
+            return False
         self._talk.doing(advice.say, len(results), shoot.most, lasts=True)
         return advice.good
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from procedures.whole_camera.facts import NO_PANEL
 from station.bench.opening import simulated_bench
 from station.guide.catalogue import plan_named
 from station.guide.frontend import StepEnded, Trouble
@@ -21,7 +22,10 @@ from station.guide.scripted import Scripted
 from station.sessions.session import Session
 
 FACTORS = (0.5, 0.8, 1.2, 2.0)
-LAST = {"pattern": "focus", "field": "focus", "geometry": "focus", "two-photo": "far", "restoration": "second"}
+LAST = {
+    "pattern": "focus", "field": "focus", "geometry": "focus", "camera": "focus", "tilt": "focus", "two-photo": "far",
+    "restoration": "second",
+}  # fmt: skip
 """After this step nothing more can name what was typed before."""
 ASKED = {
     "focal_length_mm": "distance", "pixel_pitch_um": "distance", "ruler_mm": "print", "chart_width_mm": "print",
@@ -30,9 +34,7 @@ ASKED = {
 }  # fmt: skip
 CHART = ("focal_length_mm", "pixel_pitch_um", "ruler_mm", "chart_seed", "typed_f_number")
 NUMBERS = {
-    "pattern": CHART,
-    "field": CHART,
-    "geometry": CHART,
+    **dict.fromkeys(("pattern", "field", "geometry", "camera", "tilt"), CHART),
     "two-photo": ("near_mm",),
     "restoration": ("first_f_number", "second_f_number", "pixel_pitch_um"),
 }
@@ -57,7 +59,9 @@ def named(plan: str, key: str, factor: float, folder: Path, *, seed: int = 3) ->
     lens = replace(view.camera.lens, f_number=8.0, noted=key != "typed_f_number")
     view.camera = replace(view.camera, oversampling=4, lens=lens)
     session = Session.create(folder, plan=plan, camera="C", lens="L", config={}, clock=bench.clock, seed=seed)
-    answers: dict[str, Any] = {"contradiction": "stop", "focus_by": "skip", "blur_by": "apertures"}
+    answers: dict[str, Any] = {
+        "contradiction": "stop", "focus_by": "skip", "blur_by": "apertures", "light": NO_PANEL,
+    }  # fmt: skip
     if key == "chart_seed":
         session.learn({key: 10.0 * factor})
     else:
@@ -95,7 +99,8 @@ def main() -> None:
                     found = named(plan, key, factor, Path(folder))
                 took_s = time.process_time() - begin_s
                 where = f"named in {found.step} after {found.trials}" if found.step else f"NOT NAMED by {found.reached}"
-                row = f"{plan:12} {key:16} x {factor:3.1f} asked in {ASKED[key]:9} {where:32} {took_s:5.1f} s"
+                asked = "scene" if plan == "restoration" else ASKED[key]
+                row = f"{plan:12} {key:16} x {factor:3.1f} asked in {asked:9} {where:32} {took_s:5.1f} s"
                 print(row, found.reason, flush=True)
 
 

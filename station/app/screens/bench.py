@@ -30,7 +30,7 @@ from station.app.commands import (
 )
 from station.app.screens.dialogs import Choose
 from station.app.screens.parts import StationScreen
-from station.app.widgets import Part, lines_of, literal
+from station.app.widgets import Part, brief, lines_of, literal
 
 if TYPE_CHECKING:
     from drivers.interfaces import Condition
@@ -247,7 +247,7 @@ def row_in_words(row: DeviceRow, now: Condition, good: str, bad: str) -> str:
     """A device: what answered and how it is, or what is wrong and what to do."""
     mark = good if now.usable else bad
     who = f"{row.identity.model} {row.identity.firmware}".strip() if row.identity else "no answer"
-    words = f"{mark} {row.name:12} {row.driver:8} {who}: {now.word}"
+    words = f"{mark} {row.name:12} {row.driver:8} {who}: {brief(now)}"
     if row.error is not None:
         return f"{words}. {row.error.reason}. {row.error.remedy}"
     return words if now.usable else f"{words}. {now.remedy}"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.events import Key
 
 from station.app.commands import GUIDE, Command, EndRun, GoOn, NewSession, ShowResults, StepBack, bindings
 from station.app.mailbox import Glimpse, News, Question
@@ -50,6 +51,7 @@ AFTER_A_STOP: dict[str, type[Command]] = {"go on where it stopped": GoOn, "anoth
 class GuideScreen(StationScreen):
     """One step at a time."""
 
+    AUTO_FOCUS = ""  # what is asked has the focus
     COMMANDS_HERE = GUIDE
     BINDINGS: ClassVar[list[BindingType]] = bindings(GUIDE)
 
@@ -110,6 +112,11 @@ class GuideScreen(StationScreen):
         steps = [step.name for step in self._began.plan.steps] if self._began is not None else []
         before = steps[: steps.index(name)] if name in steps else steps
         return {one: gave for one, gave in self._done.items() if one in before}
+
+    def on_key(self, event: Key) -> None:
+        """What nothing else has use for may be meant for a question that is about to come."""
+        if self.whole:
+            self.answers.type_ahead(event)
 
     # --- what the run tells
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
@@ -15,19 +15,20 @@ from textual.screen import Screen
 from textual.widgets import Input
 
 from station.app.commands import Command
-from station.app.widgets import DeviceBar, KeyLine, Part, lines_of, literal
+from station.app.widgets import SPACE, DeviceBar, KeyLine, Part, lines_of, literal
 
 if TYPE_CHECKING:
     from procedures.plan import Ask, Fact
     from station.app.background import Finished
 
 
-SPACE = "\N{NO-BREAK SPACE}"
-"""Between a mark and its line: a long word shall not leave the mark alone."""
 DONE = "done: press Enter"
 READ_S = 0.4
 """A question before a move is not answered sooner than it can have been read: Enter may have been held down."""
 MOVES = "clear: Enter moves, F12 stops"
+AHEAD_S = 1.0
+"""So long before a question, what is typed is meant for it: half a number would be another number."""
+OF_NUMBERS = "0123456789.,-"
 
 
 class StationScreen(Screen[None]):
@@ -170,8 +171,25 @@ class Choices(Part, can_focus=True):
             self.action_take()
 
 
+class Line(Input):
+    """A line to type into, which keeps what is typed when it is come back to."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(select_on_focus=False, **options)
+        self.pressed_s = 0.0
+        """When the last key was pressed, which may be some time before it is heard."""
+
+    def on_key(self, event: Key) -> None:
+        """Note when it was pressed."""
+        self.pressed_s = event.time
+
+
 class AnswerBox(Vertical):
-    """What to do next, in one sentence; below it, where a question is open, the means to answer it."""
+    """What to do next, in one sentence; below it, where a question is open, the means to answer it.
+
+    What is asked has the focus at once, not when the loop comes to it: a key that came between would be lost. Digits
+    that were typed shortly before a number is asked for begin it; Enter pressed before it was asked for is no answer.
+    """
 
     class Given(Message):
         """An answer."""
@@ -181,14 +199,16 @@ class AnswerBox(Vertical):
             self.fact = fact
 
     _ask: Ask | None = None
+    _asked_s = 0.0
     _shown_s = math.inf
+    _ahead: tuple[Key, ...] = ()
     _offers: Sequence[type[Command]] = ()
 
     def compose(self) -> ComposeResult:
         """The sentence, what is wrong with the answer, and both ways to answer."""
         yield Part(id="next")
         yield Part(id="wrong")
-        yield Input(id="typed", compact=True)
+        yield Line(id="typed", compact=True)
         yield Choices(id="choices")
 
     def on_mount(self) -> None:
@@ -209,7 +229,17 @@ class AnswerBox(Vertical):
     def tell(self, sentence: str) -> None:
         """No question: a sentence only."""
         self._ask, self._offers = None, ()
-        self._show(sentence, typed=False, choices=False)
+        self._show(sentence)
+
+    def type_ahead(self, event: Key) -> None:
+        """A key that was pressed while nothing is asked."""
+        if not self.open and event.character is not None and event.character in OF_NUMBERS:
+            self._ahead = (*self._ahead[-20:], event)
+
+    def _typed_ahead(self) -> str:
+        """What was typed shortly before now."""
+        ahead, self._ahead = self._ahead, ()
+        return "".join(key.character or "" for key in ahead if self._asked_s - key.time < AHEAD_S)
 
     def ask(self, ask: Ask) -> None:
         """A question, with its usual answer ready."""
@@ -218,12 +248,16 @@ class AnswerBox(Vertical):
         self._ask, self._shown_s = ask, math.inf
         self.call_after_refresh(self._note_shown)
         typed = ask.kind in ("number", "text")
-        self._show(ask.question + _wanted(ask), typed=typed, choices=not typed)
+        self._show(ask.question + _wanted(ask), "#typed" if typed else "#choices")
+        ahead = self._typed_ahead()
         if typed:
-            box = self.query_one("#typed", Input)
-            box.value = words(ask.default)
-            box.focus()
-            box.action_select_all()  # typing replaces what is proposed
+            box = self.query_one(Line)
+            begun = ahead if ask.kind == "number" else ""
+            box.value = begun or words(ask.default)
+            if begun:
+                box.action_end()
+            else:
+                box.action_select_all()  # typing replaces what is proposed
         else:
             choices = self.query_one(Choices)
             from station.guide.frontend import MOVE
@@ -231,33 +265,37 @@ class AnswerBox(Vertical):
             lines = ask.choices if ask.kind == "choice" else (MOVES if ask.key == MOVE else DONE,)
             at = lines.index(str(ask.default)) if str(ask.default) in lines else 0
             choices.set_lines(lines, at, by_enter_alone=ask.key == MOVE)
-            choices.focus()
 
     def _note_shown(self) -> None:
-        self._shown_s = Message().time  # by the clock that keys are timed with
+        self._shown_s = Message().time
 
     def offer(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
         """What can be done next: commands, by what they are called here."""
         self._ask, self._offers = None, list(offers.values())
-        self._show(sentence, typed=False, choices=True)
-        choices = self.query_one(Choices)
-        choices.set_lines([f"{words} ({command.key_name()})" for words, command in offers.items()])
-        choices.focus()
+        self._show(sentence, "#choices")
+        lines = [f"{words} ({command.key_name()})" for words, command in offers.items()]
+        self.query_one(Choices).set_lines(lines)
 
-    def _show(self, sentence: str, *, typed: bool, choices: bool) -> None:
+    def _show(self, sentence: str, means: str = "") -> None:
+        """A sentence, and the means to answer it by, which has the focus; none has it where there is none."""
+        self._asked_s = Message().time  # by the clock that keys are timed with
         self.query_one("#next", Part).update(literal(sentence, "bold"))
         self.query_one("#wrong", Part).say("")
-        self.query_one("#typed").display = typed
-        self.query_one("#choices").display = choices
+        for one in (self.query_one(Line), self.query_one(Choices)):
+            one.display = f"#{one.id}" == means
+        self.screen.set_focus(self.query_one(means) if means else None)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """What was typed."""
         event.stop()
-        self._answer(event.value)
+        if self.query_one(Line).pressed_s >= self._asked_s:
+            self._answer(event.value)
 
     def on_choices_chosen(self, event: Choices.Chosen) -> None:
         """What was chosen."""
         event.stop()
+        if event.choices.pressed_s < self._asked_s:
+            return
         if self._offers:
             self.screen.post_message(self._offers[event.index]())
             return
@@ -292,5 +330,5 @@ def _wanted(ask: Ask) -> str:
         told = " ".join(ends)
     else:
         told = " to ".join(ends)
-    told = f"{told} {ask.unit}".strip()
+    told = f"{told} {ask.unit}".strip().replace(" ", SPACE)
     return f" ({told})" if told else ""

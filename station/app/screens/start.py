@@ -13,7 +13,7 @@ from textual.widgets import Input
 
 from station.app.commands import ShowFocus
 from station.app.screens.parts import Choices, StationScreen
-from station.app.widgets import Part, lines_of
+from station.app.widgets import Part, brief, lines_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from drivers.interfaces import Condition
     from station.guide.workspace import Kept
 
-USUAL_PLAN = {"pattern": "pattern PSF"}
-"""What is offered until the plans have been loaded."""
+USUAL_PLAN = {"pattern": "the PSF from a printed noise chart"}
+"""What is offered until the plans have been loaded, as their catalogue has it."""
 
 LIVE_FOCUS = f"live focus: which way to turn the ring, and no calibration ({ShowFocus.key_name()})"
 
@@ -65,7 +65,7 @@ class StartScreen(StationScreen):
                 with Horizontal(classes="row"):
                     yield Part(f"{what.capitalize()}, as you call it", classes="beside")
                     yield Input(name, id=what, compact=True, max_length=80)
-            yield Part("What to measure", classes="label")
+            yield Part("What to measure: press Enter to begin", classes="label")
             yield Choices(self._plan_lines(), id="plans")
             yield Part(id="to-do", classes="label")
             with Vertical(id="old"):
@@ -95,7 +95,7 @@ class StartScreen(StationScreen):
         self.query_one("#plans", Choices).set_lines(self._plan_lines(), at)
 
     def _plan_lines(self) -> list[str]:
-        return [*(f"{title}: press Enter to begin" for title in self._plans.values()), LIVE_FOCUS]
+        return [*self._plans.values(), LIVE_FOCUS]
 
     def show_kept(self, kept: Sequence[Kept]) -> None:
         """The sessions; those that are not finished first."""
@@ -142,7 +142,7 @@ class StartScreen(StationScreen):
 def _to_do(name: str, one: Condition) -> str:
     """What is wrong with a device and what to do: by the guide, which homes, or on the bench screen."""
     unhomed = "home" in one.remedy
-    return f"{name}: {one.word}: {'the guide homes it, or F3 and H' if unhomed else f'{one.remedy} (F3 shows it)'}"
+    return f"{name}: {brief(one)}: {'the guide homes it, or F3 and H' if unhomed else f'{one.remedy} (F3 shows it)'}"
 
 
 def kept_in_words(one: Kept) -> str:

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from procedures.outcome import Verdict
+from procedures.outcome import Outcome, Verdict
 from procedures.plan import Shoot
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
+from procedures.two_photo.distances import times_as_far
 from procedures.two_photo.plan import (
     asked_for,
     check_far,
     check_near,
+    enough,
     estimate,
     mean_plane,
     plan,
@@ -98,6 +102,53 @@ def test_a_way_to_the_far_place_that_the_laser_contradicts_is_told(wall):
     advice = check_far(frame(wall[1][0]), {**facts, "distance_mm": 120.0 + 3.0 * 1000.0})
     assert "went back by 2.00 m, and 3.40 m were wanted" in advice.say
     assert advice.moves == {"z_mm": pytest.approx(1400.0)}
+
+
+GONE = {"far_way_mm": (RATIO - 1) * 1000.0}
+
+
+@pytest.mark.parametrize(
+    ("given", "doubted"),
+    [
+        (GONE, ()),
+        ({**GONE, "near_mm": 800.0}, ("near_mm",)),
+        ({**GONE, "near_mm": 1200.0}, ("near_mm",)),
+        ({**GONE, "near_mm": 1200.0, "insisted_near_mm": True}, ()),
+        # by hand, where the way is not known: the ratio alone tells
+        ({}, ()),
+        ({"ratio": RATIO / 1.2}, ("near_mm", "ratio")),
+        ({"ratio": RATIO / 0.8}, ("near_mm", "ratio")),
+    ],
+)
+def test_a_near_distance_that_both_photographs_contradict_is_named(wall, times, given, doubted):
+    one = {"Y": Outcome(times)}
+    assert enough("far", [one, one], {**FACTS, **given}).doubted == doubted
+
+
+@pytest.fixture(scope="module")
+def times(wall):
+    """How many times as far the second photograph shows the wall."""
+    known: dict[Hashable, Outcome[Any]] = {}
+    near, far = (request for step in plan().steps for request in step.requests if isinstance(request, Shoot))
+    near.estimate(frame(wall[0][0]), FACTS, [], known)
+    return far.estimate(frame(wall[1][0]), FACTS, [], known)["Y"].value
+
+
+def test_the_photographs_tell_how_many_times_as_far_the_second_is(wall, times):
+    assert times == pytest.approx(RATIO, rel=5e-3)  # a tenth of a pixel over the far one's 160
+    there, back = (Plane("Y", wall[i][0].astype(np.float32), 1 / 16383) for i in (1, 0))
+    assert times_as_far(there, back) == pytest.approx(1 / RATIO, rel=5e-3)
+
+
+def test_a_far_place_beyond_the_rail_is_named_before_anything_is_taken_there(wall):
+    rail = {"at_z_mm": 0.0, "low_z_mm": 0.0, "high_z_mm": 1500.0}
+    advice = check_near(frame(wall[0][0]), {**FACTS, **rail})
+    assert advice.doubted == ("near_mm", "ratio")
+    assert "is 3.40 m farther back, and the rail goes 1.50 m" in advice.say
+    near = check_near(frame(wall[0][0]), {**FACTS, **rail, "ratio": 2.4})
+    assert near.good
+    back = {**FACTS, **near.facts, **rail, "at_z_mm": 1400.0}
+    assert check_far(frame(wall[1][0]), back).facts["far_way_mm"] == 1400.0
 
 
 def test_the_sharper_wall_has_the_higher_score(wall):

@@ -52,7 +52,7 @@ class FakeStage:
         return Identity("Rail", "1.1", "", self.address)
 
     def condition(self) -> Condition:
-        return Condition("idle") if self.homed else Condition("not homed", False, "home it")
+        return Condition("idle") if self.homed else Condition("the stage is not homed", False, "home it")
 
     def emergency_stop(self) -> None:
         self.stops += 1

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import threading
 from functools import partial
+from unittest.mock import patch
 
 import pytest
 from textual.events import Key
 
 from procedures.plan import Ask
 from station.app.app import StationApp
+from station.app.screens import parts
 from station.app.screens.parts import READ_S
-from station.guide.frontend import MOVE
+from station.guide.frontend import MOVE, RunEnded
 
 from .driving import Driver, drive
 from .fakes import FakeLab, chosen_step
@@ -79,6 +81,66 @@ def test_what_is_typed_replaces_what_is_proposed(tmp_path):
 
     drive(StationApp(lab), use)
     assert lab.runs[0].answers == [210.0]
+
+
+FINE = Ask("fine", "How fine?", "number", unit="mm", low=0.0, high=9.0, default=7.0)
+
+
+def typed(app: StationApp, *keys: str) -> None:
+    """Lay keys behind what the application has still to hear."""
+    for key in keys:
+        app.post_message(Key({".": "full_stop", "\r": "enter"}.get(key, key), key))
+
+
+def test_a_number_begun_before_its_question_is_there_is_not_cut_short(tmp_path):
+    may_ask = threading.Event()
+
+    def slow(run):
+        run.step("print", WIDTH)
+        may_ask.wait(20)
+        run.answers = run.step("distance", FINE)
+        return RunEnded("finished")
+
+    lab = FakeLab(tmp_path, slow)
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(WIDTH.question)
+        await driver.press("enter")
+        await driver.until("One moment.")
+        await driver.press(*"0.", "enter")  # Enter answers nothing that is not asked yet
+        may_ask.set()
+        await driver.until(FINE.question)
+        await driver.press(*"01", "enter")
+        await driver.until("another session")
+
+    with patch.object(parts, "AHEAD_S", 20.0):
+        drive(StationApp(lab), use)
+    assert lab.runs[0].answers == [0.01]
+
+
+def test_what_is_asked_has_the_focus_at_once_and_keeps_it(tmp_path):
+    lab = FakeLab(tmp_path, lambda run: chosen_step(run, WIDTH))
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        await driver.until(WIDTH.question)
+        box = driver.app._guide.answers
+
+        def ask_anew() -> None:
+            box.tell("One moment.")
+            driver.app.screen._refresh_layout()  # the line hears late that it was hidden
+            box.ask(FINE)
+
+        driver.app.call_later(ask_anew)
+        typed(driver.app, *"0.01\r")  # behind the question; Enter was pressed before it could be read
+        await driver.until(lambda: box.query_one(parts.Line).value == "0.01")
+        assert box.open
+        await driver.press("enter")
+        await driver.until("another session")
+
+    drive(StationApp(lab), use)
+    assert lab.runs[0].answers == [0.01]
 
 
 def test_a_key_pressed_while_the_program_loads_is_not_lost(tmp_path):

@@ -29,7 +29,7 @@ def test_work_that_is_over_is_not_shown_beside_a_question_and_a_note_is(tmp_path
         assert "going to the middle" not in driver.text
         await driver.press("enter")
         await driver.until("(0.00001 to")
-        assert "9007199254740992 mm)" in driver.text
+        assert "9007199254740992 mm)" in driver.words
         assert "the chart to print: chart.pdf" in driver.text
 
     drive(StationApp(lab), use)

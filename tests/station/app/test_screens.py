@@ -16,9 +16,11 @@ from station.app.app import StationApp
 from station.app.screens.dialogs import Choose
 from station.app.screens.result_view import mtf_plot, plane_in_words, specified
 from station.app.screens.results import read_all
+from station.app.screens.start import USUAL_PLAN
 from station.app.terminal_images import psf_thumbnail
 from station.drawing.depth_pictures import encoded
 from station.drawing.glyphs import ASCII
+from station.guide.catalogue import DEFAULT, PLANS
 from station.guide.frontend import RunEnded
 from station.results.comparison import Comparison, Judged, Judgement
 from station.results.plane_result import PlaneResult
@@ -63,6 +65,10 @@ def test_the_first_screen_says_what_to_do_about_each_device(tmp_path):
         await driver.until("stage: not homed: the guide homes it, or F3 and H")
 
     drive(app, use)
+
+
+def test_the_plan_that_is_offered_first_keeps_its_words_when_all_are_loaded():
+    assert {DEFAULT: PLANS[DEFAULT].title} == USUAL_PLAN
 
 
 def test_a_stage_is_homed_and_moved_by_hand(tmp_path):

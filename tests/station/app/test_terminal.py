@@ -71,7 +71,7 @@ def test_it_is_painted_and_left_by_a_key(terminal):
 
 @pytest.mark.slow
 def test_a_terminal_that_is_gone_ends_the_program_and_its_run(terminal, tmp_path):
-    terminal.wait_for("head: the stage")
+    terminal.wait_for("head: not homed")
     for _ in range(3):
         terminal.press(b"\r")
         time.sleep(0.2)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pytest
 
 from procedures.facts import CameraFacts, derived_from
-from procedures.plan import Advice, Ask, Look, Plan, Reading, Step
+from procedures.plan import Advice, Ask, Look, Plan, Reading, Shoot, Step
 from station.guide.contradictions import CORRECT, INSIST, LookProgress
 from station.guide.frontend import Trouble
 from station.guide.run import Run
@@ -74,6 +74,18 @@ def test_what_was_derived_from_a_number_is_not_known_any_more_when_it_changes(be
     assert session.state.facts["width"] == 6.0
     assert "area" not in session.state.facts
     assert read_session(session.folder).state.facts == session.state.facts
+
+
+def test_shots_that_count_may_contradict_a_number_too(bench, session):
+    def enough(results, facts):
+        return Advice(True, "enough") if facts["width"] == 5.0 else check(None, facts)
+
+    answers = iter([4.0, 5.0])
+    operator = Scripted({"width": lambda ask: next(answers), "contradiction": CORRECT})
+    shoot = Shoot("shots", benches.good, benches.found, enough)
+    assert Run(plan(shoot), bench, session, operator).go().how == "finished"
+    assert troubles(operator) == ["It is 5 mm wide. Given: How wide? 4 mm."]
+    assert session.state.facts["width"] == 5.0
 
 
 def test_the_operator_may_insist(bench, session):
