@@ -22,6 +22,8 @@ closer ones the samples do not tell apart."""
 RIDGE = 1e-5
 """One over the variance that a ring's amplitude is expected to have, in units of the noise: what the components hardly
 show of a ring is not blown up."""
+ROUNDED = 1e-12
+"""The same over the sum of what the nodes tell: less is lost in rounding, where places and rings differ very much."""
 FARTHEST_CENTRE = 0.7
 """A lens's axis is looked for this far from the frame's centre, in half diagonals."""
 FURTHER = 0.25
@@ -224,7 +226,7 @@ class AxialSymmetry:
         D = design.reshape(-1, design.shape[2])
         weight = np.repeat(self.trust, design.shape[1])
         normal = D.T @ (weight[:, None] * D)
-        normal[np.diag_indices_from(normal)] += RIDGE
+        normal[np.diag_indices_from(normal)] += RIDGE + ROUNDED * np.trace(normal)
         return D, weight, cho_factor(normal)
 
     def residual(self, values: Array) -> Array:

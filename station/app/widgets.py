@@ -36,8 +36,6 @@ PLAIN = Style()  # Textual's filter for NO_COLOR wants a style on every segment
 MARK = Style(color=MARK_TEXT, bgcolor=MARK_GROUND, bold=True)
 BAR = 16
 """Cells of the progress bar."""
-SPACE = "\N{NO-BREAK SPACE}"
-"""Between what shall not be torn apart at a line's end: a mark and its line, a number and its unit."""
 
 
 def literal(text: str, style: str = "") -> Content:
@@ -226,7 +224,7 @@ class Readings(Part):
 
     def _entry(self, one: Reading) -> tuple[Content, ...]:
         mark = self.glyphs.good if one.good else self.glyphs.bad
-        value = f"{one.value:.3g}{SPACE}{one.unit}".strip()
+        value = f"{one.value:.3g} {one.unit}".strip()
         first = literal(f"{mark} {one.name}: {value}", "" if one.good else "bold")
         limits = limits_in_words(one)
         return (first, literal(f"   {limits}", "dim")) if limits else (first,)
