@@ -82,4 +82,5 @@ def _disagreement(z: Array, stacks: list[MaskStack]) -> float:
         brought = registered(z, np.ones((len(z), 1, *z.shape[2:])), stacks)
     except Refused:
         return float(np.inf)
-    return noise_of(brought.z, stacks)
+    pairs = [[0, n] for n in range(1, len(z))]
+    return float(np.mean([noise_of(brought.z[pair], [stacks[n] for n in pair]) for pair in pairs]))

@@ -62,14 +62,14 @@ def test_masks_reach_a_little_beyond_the_largest_w():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("padded", [False, True])
-def test_ratios_of_kernels_are_those_that_fit(padded):
+@pytest.mark.parametrize(("padded", "between"), [(False, 0), (True, 0), (False, 1)])
+def test_ratios_of_kernels_are_those_that_fit(padded, between):
     from scipy.signal import fftconvolve
 
     rng = np.random.default_rng(2)
     u = np.kron(rng.random((14, 14)), np.ones((8, 8))) + 0.1 * rng.random((112, 112))
-    kernels = [kernel(7, 1), kernel(11, 2)]
+    kernels = [kernel(7, 1), *[kernel(7, 3)] * between, kernel(11, 2)]
     z = [fftconvolve(u, k, mode="same")[None, 8:-8, 8:-8] for k in kernels]
     # the first kernel in the second's frame is as many pixels wide as the second: then 1 is right
     known = [np.pad(kernels[0], 2), kernels[1]] if padded else kernels
-    assert fitting_ratios(z, known, 6.0) == pytest.approx((1, 1 if padded else 10 / 6))
+    assert fitting_ratios(z, known, 6.0) == pytest.approx((*[1] * (1 + between), 1 if padded else 10 / 6))
