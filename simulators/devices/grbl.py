@@ -250,7 +250,7 @@ class GrblController:
     def _resume(self, now_s: float) -> None:
         run = self.program.run
         if run.state in ("Hold", "Door") and self._sub == 0:
-            run.state = "Idle"
+            run.state, run.told = "Idle", ""
             if self.variant == "grblHAL":
                 self._say("[MSG:]")
             if run.owed:
