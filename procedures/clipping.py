@@ -22,6 +22,8 @@ STRAY = 0.0005
 """Share of the samples, hot pixels and dust, that may lie beyond the pile."""
 LEAST_PILE = 0.005
 """Share of the samples from which on they are a pile."""
+FEWEST = 6
+"""Samples that make a pile: of few, as a small chart's white blocks have, two are alike by chance."""
 STEEP = 2.0
 """How many times as many samples a pile holds as the values beside it: on the flank of noise they become more."""
 SOME_NOISE, MUCH_NOISE = 0.3, 2.0
@@ -89,7 +91,7 @@ def _cut_off(values: Array, step: float, noise: float, enough: float, of_edge: b
     pile = float(np.partition(values, len(values) - 1 - stray)[len(values) - 1 - stray])
     counts = [np.count_nonzero(np.abs(values - pile + i * step) < step / 2) for i in range(4)]
     share = counts[0] / len(values)
-    if share < LEAST_PILE or counts[0] < STEEP * max(counts[1:]):
+    if share < LEAST_PILE or counts[0] < FEWEST or counts[0] < STEEP * max(counts[1:]):
         return 0.0
     cut = noise > enough * step or (of_edge and _abrupt(values, pile, max(2.5 * step, 4 * noise)))
     return share if cut else 0.0
