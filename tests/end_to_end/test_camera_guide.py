@@ -11,10 +11,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from procedures import read_camera_numbers
+from procedures import estimate_psf, read_camera_numbers
 from procedures.facts import facts_as
+from procedures.field import estimate as field_estimate
 from procedures.field.field_file import read_field
 from procedures.field.plan import BEFORE, FEWEST, NEAR, locations
+from procedures.geometry.chart_bins import photographs as geometry_photographs
 from procedures.geometry.plan import TURN_DEG
 from procedures.pattern_psf.facts import PatternFacts
 from procedures.whole_camera.facts import WholeCameraFacts
@@ -24,7 +26,7 @@ from simulators.camera.sensor import Sensor
 from station.bench.opening import simulated_bench
 from station.calibration.field_photographs import photographs
 from station.guide.frontend import Doing, Result, Seen, Shown, StepBegan
-from station.guide.plans.camera import estimate
+from station.guide.plans.camera import USED, estimate
 from station.guide.recompute import recompute
 from station.guide.run import Run
 from station.guide.scripted import Scripted
@@ -33,7 +35,7 @@ from station.sessions.session import Session
 
 pytestmark = pytest.mark.slow
 
-LEVELS, PICTURES, VIEWS = 16, 3, 4
+LEVELS, PICTURES, VIEWS = 20, 3, 4
 VIGNETTING = (-0.12, -0.02, 0.0)
 
 
@@ -59,11 +61,31 @@ def is_fourth_place(event) -> bool:
     return isinstance(event, Doing) and event.say == "place 4 of 6"
 
 
+def counted(monkeypatch) -> list:
+    """The sensors by which PSFs are estimated from now on, one for each estimate of a plane."""
+    sensors = []
+    for room in (field_estimate, geometry_photographs):
+
+        def estimated(*words, room=room, **more):
+            sensors.append((room, more.get("sensor")))
+            return estimate_psf(*words, **more)
+
+        monkeypatch.setattr(room, "estimate_psf", estimated)
+    return sensors
+
+
 @pytest.fixture(scope="module")
-def done(tmp_path_factory):
+def monkeypatch_module():
+    with pytest.MonkeyPatch.context() as patched:
+        yield patched
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory, monkeypatch_module):
     root = tmp_path_factory.mktemp("camera")
     whole, folder = plan(estimate, LEVELS, PICTURES), None
     told = SimpleNamespace(heard=[], ends=[], shots=[], taken=(), minutes=0.0)
+    estimates = counted(monkeypatch_module)
     for part, stops in enumerate((is_print, is_fourth_place, lambda event: False)):
         incoming = Path(root, f"incoming-{part}")
         incoming.mkdir()
@@ -98,7 +120,7 @@ def done(tmp_path_factory):
         told.minutes += bench.clock.now_s() / 60
         session.close()
         bench.close()
-    told.folder = folder
+    told.estimates, told.folder = list(estimates), folder
     (told.result,) = (event for event in operator.heard if isinstance(event, Result))
     return told
 
@@ -181,6 +203,30 @@ def test_the_numbers_are_the_simulated_camera_s(done):
         assert value == pytest.approx(true, abs=4 * uncertainty + 0.003 * true), name
     # the coefficients stand for each other, the light does not
     assert sum(found[f"vignetting.Y.k{i}"][0] for i in (1, 2, 3)) == pytest.approx(sum(VIGNETTING), abs=0.002)
+
+
+def test_every_place_is_estimated_once_and_by_the_sensor_that_was_found(done):
+    by_room = {room: [sensor for of, sensor in done.estimates if of is room] for room, _ in done.estimates}
+    assert len(by_room[field_estimate]) == FEWEST
+    assert len(by_room[geometry_photographs]) == VIEWS
+    (model,) = set(by_room[field_estimate])
+    sensor = done.view.camera.sensor
+    assert model.gain == pytest.approx(1 / sensor.gain_e_per_dn, abs=4 * model.gain_uncertainty)
+    # the response is a line; through the lens light falls off by an eighth, of which PRNU must not hold anything
+    assert abs(model.bent(np.float64(model.saturation / 2)) / (model.saturation / 2) - 1) < 4 * model.bend_uncertainty
+    assert model.prnu < 2e-4
+
+
+def test_page_record_and_covariance_tell_that_the_sensor_was_used(done):
+    folder, page = done.result.folder, done.ends[2].report.read_text()
+    record = json.loads((folder / "result.json").read_text())["field"]
+    assert record["parts"]["sensor"]["used"] == f"Y: {USED}"
+    assert f"Y: {USED}." in page
+    budget = record["planes"]["Y"]["budgets"]["mtf50_horizontal"]
+    assert 0 < budget["sensor"] < budget["noise"]
+    assert "the sensor’s response" in page or "the sensor&#39;s response" in page
+    why = {one.why for one in read_camera_numbers(folder / "camera.h5").blocks if "sensor" in (one.first, one.second)}
+    assert any("weighed by what the ladder tells" in one for one in why)
 
 
 def test_one_page_leads_to_all_parts(done):
