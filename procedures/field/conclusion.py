@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from procedures.budget import Budget
 from procedures.field.chromatic import LateralColour, lateral_colour
 from procedures.field.estimate import Miss
 from procedures.field.focus import FocusSurface, focus_surface, sharpest
@@ -14,6 +15,7 @@ from procedures.field.interpolate import Interpolation, interpolate
 from procedures.field.maps import FieldMap, derive
 from procedures.field.measuring import MeasuredFrames, Told, silent
 from procedures.field.photosite import Photosite, WithoutPhotosite
+from procedures.field.seen_charts import SeenChart, usual_budgets
 from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 from procedures.psf import Psf
 from procedures.psf_field import Node
@@ -41,6 +43,7 @@ class PlaneField:
     centre, quality : the PSF at the frame's centre, and what it says
     numbers : of the whole field: the axis of the lens, and the median of each map
     pitch : sensor pixels per pixel of the plane
+    budgets : of the numbers at one chart, see `usual_budgets`
     """
 
     centre: Psf
@@ -49,6 +52,7 @@ class PlaneField:
     maps: tuple[FieldMap, ...]
     numbers: Mapping[str, Quantity]
     pitch: int = 1
+    budgets: Mapping[str, Budget] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +103,9 @@ def conclude(
     kept = {name: bracket.get(best, []) for name, bracket in brackets.items()}
     planes = {}
     for name, nodes in kept.items():
-        planes[name] = _plane_field(measured.planes[name], nodes, limit, at, photosite)
+        sources = {node.source for node in nodes}
+        charts = [one for one in measured.charts.get(name, ()) if one.node.source in sources]
+        planes[name] = _plane_field(measured.planes[name], nodes, charts, limit, at, photosite)
         told(f"field of {name}")
     surface, refusal = None, ""
     if focus:
@@ -139,7 +145,12 @@ def _shape(plane: Plane) -> tuple[int, int]:
 
 
 def _plane_field(
-    plane: Plane, nodes: Sequence[Node], limit: Limit, at: Sequence[float], photosite: Photosite | None
+    plane: Plane,
+    nodes: Sequence[Node],
+    charts: Sequence[SeenChart],
+    limit: Limit,
+    at: Sequence[float],
+    photosite: Photosite | None,
 ) -> Outcome[PlaneField]:
     shape = _shape(plane)
     try:
@@ -154,8 +165,8 @@ def _plane_field(
     verdict, reason, remedy = verdict_of(
         [*_rules(found, maps), _doubted(nodes), *beyond_diffraction(quality, diffraction)]
     )
-    field = PlaneField(centre, quality, found, maps, _numbers(found, maps), plane.pitch)
-    return Outcome(field, verdict, reason, remedy)
+    told = PlaneField(centre, quality, found, maps, _numbers(found, maps), plane.pitch, usual_budgets(charts))
+    return Outcome(told, verdict, reason, remedy)
 
 
 def _rules(found: Interpolation, maps: Sequence[FieldMap]) -> list[Rule]:

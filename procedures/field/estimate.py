@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +20,7 @@ from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estim
 from procedures.psf import Psf
 from procedures.psf_field import Node, PsfField
 from procedures.raw import Plane, RawFrame
+from procedures.sensor_model import SensorModel
 
 Array = npt.NDArray[np.float64]
 
@@ -66,6 +68,9 @@ class FrameNodes:
     charts: Mapping[str, Sequence[SeenChart]] = field(default_factory=dict)
 
 
+Sensors = Mapping[str, SensorModel]
+"""What is known of the planes' sensor; a plane that is not named is estimated without."""
+NO_SENSORS: Sensors = MappingProxyType({})
 Job = tuple[Plane, int, ChartSighting]
 Estimated = Outcome[PatternPsf]
 
@@ -78,7 +83,9 @@ class MapLike(Protocol):
         ...
 
 
-def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, each: MapLike = map) -> FrameNodes:
+def measure_frame(
+    frame: RawFrame, chart: Chart, parameters: PatternParameters, each: MapLike = map, sensors: Sensors = NO_SENSORS
+) -> FrameNodes:
     """The nodes of all charts in all planes of a photograph.
 
     The charts are found in one plane, green where there is one; the others show them in the same places.
@@ -87,6 +94,8 @@ def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, 
     ----------
     each : MapLike
         How the charts are gone through; `map` takes one after the other.
+    sensors : Sensors
+        Whose response is undone and whose noise weighs the samples.
 
     Raises
     ------
@@ -105,7 +114,12 @@ def measure_frame(frame: RawFrame, chart: Chart, parameters: PatternParameters, 
     for plane in frame.planes.values():
         x, y = ((a - b) / plane.pitch for a, b in zip(guide.origin, plane.origin, strict=True))
         jobs += [(plane, number, sighting.moved(x, y)) for number, sighting in enumerate(sightings, 1)]
-    outcomes = each(lambda job: estimate_psf(job[0], chart, parameters, sighting=job[2]), jobs)
+
+    def estimated(job: Job) -> Estimated:
+        plane, _, sighting = job
+        return estimate_psf(plane, chart, parameters, sighting=sighting, sensor=sensors.get(plane.name))
+
+    outcomes = each(estimated, jobs)
     charts: dict[str, list[SeenChart]] = {name: [] for name in frame.planes}
     misses = []
     for (plane, number, sighting), outcome in zip(jobs, outcomes, strict=True):

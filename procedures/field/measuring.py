@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from procedures.field.estimate import FrameNodes, MapLike, Miss, measure_frame
+from procedures.field.estimate import NO_SENSORS, FrameNodes, MapLike, Miss, Sensors, measure_frame
 from procedures.field.seen_charts import SeenChart
 from procedures.outcome import ProcedureError, Refused
 from procedures.pattern import Chart
@@ -57,6 +57,7 @@ class MeasuredFrames:
 def measure(
     paths: Sequence[Path], names: Sequence[str] | None, chart: Chart, parameters: PatternParameters,
     told: Told = silent, layout: DumpLayout | None = None, content: Callable[[Path], bytes] | None = None,
+    sensors: Sensors = NO_SENSORS,
 ) -> MeasuredFrames:  # fmt: skip
     """The nodes of all photographs, several at a time; one that fails is named, and the rest goes on.
 
@@ -68,6 +69,8 @@ def measure(
         How the samples lie in photographs without a header.
     content : callable, optional
         Reads the files, where they are not just read. What it raises that is no ProcedureError ends the measurement.
+    sensors : Sensors
+        What is known of the planes' sensor from its own calibration.
     """
     found = MeasuredFrames()
 
@@ -76,7 +79,7 @@ def measure(
             return read_frame(path, names, layout)
         return read_frame(path, names, layout, data=content(path))
 
-    for path, answer in zip(paths, _side_by_side(paths, read, chart, parameters), strict=True):
+    for path, answer in zip(paths, _side_by_side(paths, read, chart, parameters, sensors), strict=True):
         if isinstance(answer, ProcedureError):
             found.misses.append(Miss(path.name, answer.reason, answer.remedy))
             found.failed.append(path.name)
@@ -86,13 +89,15 @@ def measure(
     return found
 
 
-def measure_frames(frames: Iterable[RawFrame], chart: Chart, parameters: PatternParameters) -> MeasuredFrames:
+def measure_frames(
+    frames: Iterable[RawFrame], chart: Chart, parameters: PatternParameters, sensors: Sensors = NO_SENSORS
+) -> MeasuredFrames:
     """The nodes of photographs that are read one after the other; their charts are shared out among the cores."""
     found = MeasuredFrames()
     with ThreadPoolExecutor(os.cpu_count() or 1) as charts:
         for frame in frames:
             try:
-                nodes = measure_frame(frame, chart, parameters, charts.map)
+                nodes = measure_frame(frame, chart, parameters, charts.map, sensors)
             except Refused as refusal:
                 found.misses.append(Miss(frame.path.name, refusal.reason, refusal.remedy))
                 found.failed.append(frame.path.name)
@@ -105,7 +110,11 @@ Answer = tuple[RawFrame, FrameNodes] | ProcedureError
 
 
 def _side_by_side(
-    paths: Sequence[Path], read: Callable[[Path], RawFrame], chart: Chart, parameters: PatternParameters
+    paths: Sequence[Path],
+    read: Callable[[Path], RawFrame],
+    chart: Chart,
+    parameters: PatternParameters,
+    sensors: Sensors,
 ) -> Iterator[Answer]:
     """Answers in the order of the photographs. Threads: nearly all the time goes into code that lets others run.
 
@@ -118,7 +127,7 @@ def _side_by_side(
         def one(path: Path) -> Answer:
             try:
                 frame = read(path)
-                return _without_samples(frame), measure_frame(frame, chart, parameters, each)
+                return _without_samples(frame), measure_frame(frame, chart, parameters, each, sensors)
             except ProcedureError as error:
                 return error
 

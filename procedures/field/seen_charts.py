@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.budget import Budget
 from procedures.outcome import Quantity
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.estimate import PatternPsf
@@ -32,6 +33,8 @@ class SeenChart:
         Of `HEADLINE`, those that the PSF has.
     gradients : mapping of str to (P,) float64
         Of each number by the PSF's parameters.
+    budgets : mapping of str to Budget
+        What each number's uncertainty is made of.
     registration : Registration
     correspondences : Correspondences
         In pixels of the plane.
@@ -44,6 +47,7 @@ class SeenChart:
     registration: Registration
     correspondences: Correspondences
     shared: SharedErrors
+    budgets: Mapping[str, Budget] = field(default_factory=dict)
 
     @property
     def joint_covariance(self) -> Array:
@@ -57,4 +61,21 @@ def seen_chart_of(found: PatternPsf, node: Node) -> SeenChart:
     told = [name for name in HEADLINE if name in found.quality.numbers]
     numbers = {name: found.quality.numbers[name] for name in told}
     gradients = {name: found.quality.gradients[name] for name in told}
-    return SeenChart(node, numbers, gradients, found.registration, found.correspondences, found.shared)
+    budgets = {name: found.quality.budgets[name] for name in told}
+    return SeenChart(node, numbers, gradients, found.registration, found.correspondences, found.shared, budgets)
+
+
+def usual_budgets(charts: Sequence[SeenChart]) -> dict[str, dict[str, float]]:
+    """What a number's uncertainty at one chart is made of, by number: root mean squares over the charts.
+
+    A term that adds to none of them is left out.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for name in HEADLINE:
+        budgets = [one.budgets[name] for one in charts if name in one.budgets]
+        terms = dict.fromkeys(term for one in budgets for term, size in one.items() if size > 0)
+        if terms:
+            found[name] = {
+                term: float(np.sqrt(np.mean([one.get(term, 0.0) ** 2 for one in budgets]))) for term in terms
+            }
+    return found

@@ -67,6 +67,9 @@ class SensorResult:
         Of the mean dark picture, and of the response.
     dark_level : float
         Mean of the dark pictures, in digital numbers.
+    doubt : str
+        Why gain, noise and response are doubted, "" where they are not: a doubt about stacks or the linear model is
+        none about these.
     """
 
     numbers: Mapping[str, IntervalNumber]
@@ -77,6 +80,7 @@ class SensorResult:
     dark: Pattern | None
     light: Pattern | None
     dark_level: float
+    doubt: str = ""
 
 
 def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcome[SensorResult]:
@@ -93,6 +97,7 @@ def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcom
             return Outcome(None, verdict, reason, remedy)
     result = _temporal(recording, rng)
     numbers = result.numbers
+    result = replace(result, doubt=reason)
     told = [*told, *stack_rules(recording, numbers["saturation_signal"].value)]
     told += linearity_rules(numbers["linearity_error"].value)
     return _judged(told, _spatial(result, recording))
@@ -117,7 +122,7 @@ def sensor_model(result: SensorResult, step: float = 1.0) -> SensorModel:
         tuple(response.bend[0].tolist()),
         response.bend_uncertainty,
         _pixels(result, "dsnu_pixel_without_defects_dn") * step,
-        _pixels(result, "prnu_pixel_without_defects") / 100,
+        _pixels(result, "prnu_pixel_highpass") / 100,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,8 @@ Array = npt.NDArray[np.float64]
 
 CHARTS = "the charts"
 """Where these parts come from."""
+SENSOR = "sensor"
+"""What the part of the sensor's numbers is called, and the term of a budget that its response adds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,7 @@ def whole_camera(
         parts.append(geometry_part(found, geometry.value, charts[found.reference], chart_nodes(cell_mm)))
     parts += [psf_part(name, seen) for name, seen in charts.items() if seen]
     parts += [colour_part(colour, found.measured.planes[colour.plane].pitch, charts) for colour in found.colours]
+    parts = [resting(one, charts) for one in parts]
     known = {_key(name, one.node): one.joint_covariance for name, seen in charts.items() for one in seen}
     places = tuple((name, one) for name, seen in charts.items() for one in seen)
     return WholeCamera(join([*parts, *others], known), places, found.colours, geometry)
@@ -89,6 +92,29 @@ def charts_of(found: FieldResult) -> dict[str, list[SeenChart]]:
 
 def _key(plane: str, node: Node) -> ChartKey:
     return plane, node.source, node.number
+
+
+def resting(part: Part, charts: Mapping[str, Sequence[SeenChart]]) -> Part:
+    """The same; where its charts were estimated with the sensor's own result, with what that means for their blocks.
+
+    Weights move no expected value. The response's error does: of a number's variance that is the square of the budget's
+    term, and so a correlation with whatever the ladder tells of as much of its uncertainty at the most.
+    """
+    seen = [one for plane, charted in charts.items() for one in charted if _key(plane, one.node) in part.charts]
+    terms = [
+        (one.budgets[name][SENSOR], number.uncertainty)
+        for one in seen
+        for name, number in one.numbers.items()
+        if one.budgets.get(name, {}).get(SENSOR, 0.0) > 0
+    ]
+    if not terms:
+        return part
+    most = max(term / max(whole, 1e-300) for term, whole in terms)
+    why = (
+        "other photographs, though the charts were straightened and weighed by what the ladder tells: weights move no "
+        f"expected value, and the response's error is {most:.2g} of an uncertainty of the PSF's at the most"
+    )
+    return replace(part, rests_on={SENSOR: why})
 
 
 # --- PSF ---------------------------------------------------------------------------------------------------------

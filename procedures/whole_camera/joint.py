@@ -41,6 +41,8 @@ class Part:
         Derivative by the P parameters of a chart's PSF and by the place (x, y) of its centre in the plane.
     with_charts : mapping of ChartKey to (m, P + 2)
         Covariance with the same, of numbers that come of something else in the same samples.
+    rests_on : mapping of str to str
+        By the name of another part of other photographs that this one was estimated with: why nothing is shared.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Part:
     origin: str
     by_charts: Mapping[ChartKey, Array] = field(default_factory=dict)
     with_charts: Mapping[ChartKey, Array] = field(default_factory=dict)
+    rests_on: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def charts(self) -> set[ChartKey]:
@@ -152,6 +155,8 @@ def _shared(a: Part, b: Part, charts: Mapping[ChartKey, Array]) -> Array | None:
 def _block(a: Part, b: Part, *, found: bool) -> Block:
     if found:
         return Block(a.name, b.name, COMPUTED, f"from the samples of {len(a.charts & b.charts)} charts in both")
+    if why := a.rests_on.get(b.name) or b.rests_on.get(a.name):
+        return Block(a.name, b.name, ZERO, why)
     if a.origin != b.origin:
         return Block(a.name, b.name, ZERO, f"other photographs: {a.origin}, and {b.origin}")
     return Block(a.name, b.name, ZERO, "other photosites: the noise of one plane's samples is not that of another's")

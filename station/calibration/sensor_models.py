@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,8 @@ import numpy as np
 from procedures.outcome import BadInput
 from procedures.psf import Psf
 from procedures.raw import RawFrame
-from procedures.reading.guard import decoding, read_file
+from procedures.reading.exposure import read_exposure
+from procedures.reading.guard import decoding, open_file, read_file
 from procedures.reading.text import parse_json
 from procedures.sensor_model import SensorModel
 
@@ -72,9 +73,7 @@ def read_sensor(path: Path, frame: RawFrame) -> KnownSensor:
     """
     record, sha256 = read_record(path)
     with decoding(str(path), "a sensor's record", _GIVE):
-        iso, own = record.get("iso"), frame.exposure.iso
-        if iso and own and iso != own:
-            raise BadInput(f"the sensor was measured at ISO {iso:g}, the photograph is of ISO {own:g}", _GIVE)
+        _check_iso(record, "the photograph", frame.exposure.iso)
         models = models_of(record)
         if not set(models) & set(frame.planes):
             told = ", ".join(models) or "no plane"
@@ -82,6 +81,36 @@ def read_sensor(path: Path, frame: RawFrame) -> KnownSensor:
         names = [name for name in frame.planes if name in models]
         noise = {name: one for name in names if (one := _noise(path, record["planes"][name])) is not None}
         return KnownSensor({name: models[name] for name in names}, noise, str(path), sha256)
+
+
+def read_models(path: Path, photographs: Sequence[Path]) -> dict[str, SensorModel]:
+    """The models of all planes that a record tells of, for photographs of which none was read yet.
+
+    Raises
+    ------
+    BadInput
+        If the record is none, or of another sensitivity than a camera noted in one of the files.
+    """
+    record, _ = read_record(path)
+    with decoding(str(path), "a sensor's record", _GIVE):
+        for one in photographs:
+            _check_iso(record, one.name, _noted_iso(one))
+        return models_of(record)
+
+
+def _noted_iso(photograph: Path) -> float | None:
+    """What the camera noted; None of a file that cannot be opened: whoever reads it tells that."""
+    try:
+        with open_file(photograph) as file:
+            return read_exposure(file).iso
+    except (BadInput, OSError):
+        return None
+
+
+def _check_iso(record: Mapping[str, Any], whose: str, own: float | None) -> None:
+    iso = record.get("iso")
+    if iso and own and iso != own:
+        raise BadInput(f"the sensor was measured at ISO {iso:g}, {whose} is of ISO {own:g}", _GIVE)
 
 
 def _noise(path: Path, plane: Mapping[str, Any]) -> NoisePower | None:

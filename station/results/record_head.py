@@ -71,12 +71,16 @@ class RecordHead:
 
 @dataclass(frozen=True)
 class PartBeside:
-    """A result in a folder beside a record: the verdict on it, and the file of it to look into first, "" for none."""
+    """A result in a folder beside a record: the verdict on it, and the file of it to look into first, "" for none.
+
+    `used` is what the record's own numbers took from it, or why they took nothing; "" where they never do.
+    """
 
     verdict: Verdict
     reason: str
     remedy: str
     look: str
+    used: str = ""
 
 
 def files_read(files: Sequence[ReadFile]) -> tuple[InputFile, ...]:

@@ -5,26 +5,36 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from procedures import read_camera_numbers
+from procedures import estimate_psf, read_camera_numbers
 from procedures.facts import facts_as
+from procedures.field import conclusion
+from procedures.field import estimate as field_estimate
 from procedures.field.field_file import read_field
+from procedures.field.maps import derive
 from procedures.field.plan import BEFORE, FEWEST, NEAR, locations
+from procedures.geometry.chart_bins import photographs as geometry_photographs
 from procedures.geometry.plan import TURN_DEG
 from procedures.pattern_psf.facts import PatternFacts
+from procedures.plan import Advice, Shoot, Step
+from procedures.sensor.plan import enough as sensor_enough
+from procedures.sensor.plan import estimate_none
 from procedures.whole_camera.facts import WholeCameraFacts
 from procedures.whole_camera.plan import QUARTERS, plan
+from simulators.bench.bench import Setup, SimulatedBench
 from simulators.bench.simulated_operator import Person
 from simulators.camera.sensor import Sensor
-from station.bench.opening import simulated_bench
+from station.bench.opening import make_bench, simulated_bench, simulated_tables
 from station.calibration.field_photographs import photographs
+from station.guide.catalogue import plan_named
 from station.guide.frontend import Doing, Result, Seen, Shown, StepBegan
-from station.guide.plans.camera import estimate
+from station.guide.plans.camera import OF_SHOTS, USED, estimate
 from station.guide.recompute import recompute
 from station.guide.run import Run
 from station.guide.scripted import Scripted
@@ -33,7 +43,8 @@ from station.sessions.session import Session
 
 pytestmark = pytest.mark.slow
 
-LEVELS, PICTURES, VIEWS = 16, 3, 4
+ROOMS = (field_estimate, geometry_photographs)
+LEVELS, PICTURES, VIEWS = 20, 3, 4
 VIGNETTING = (-0.12, -0.02, 0.0)
 
 
@@ -59,11 +70,31 @@ def is_fourth_place(event) -> bool:
     return isinstance(event, Doing) and event.say == "place 4 of 6"
 
 
+def counted(monkeypatch) -> SimpleNamespace:
+    """Of all PSFs estimated from now on: by which sensor, by the room that asks, and the answers by samples too."""
+    told = SimpleNamespace(sensors=[], answers={})
+    for room in ROOMS:
+
+        def estimated(plane, *words, room=room, **more):
+            told.sensors.append((room, more.get("sensor")))
+            return told.answers.setdefault((room, plane.samples.tobytes()), estimate_psf(plane, *words, **more))
+
+        monkeypatch.setattr(room, "estimate_psf", estimated)
+    return told
+
+
 @pytest.fixture(scope="module")
-def done(tmp_path_factory):
+def monkeypatch_module():
+    with pytest.MonkeyPatch.context() as patched:
+        yield patched
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory, monkeypatch_module):
     root = tmp_path_factory.mktemp("camera")
     whole, folder = plan(estimate, LEVELS, PICTURES), None
     told = SimpleNamespace(heard=[], ends=[], shots=[], taken=(), minutes=0.0)
+    estimates = counted(monkeypatch_module)
     for part, stops in enumerate((is_print, is_fourth_place, lambda event: False)):
         incoming = Path(root, f"incoming-{part}")
         incoming.mkdir()
@@ -98,7 +129,7 @@ def done(tmp_path_factory):
         told.minutes += bench.clock.now_s() / 60
         session.close()
         bench.close()
-    told.folder = folder
+    told.estimates, told.answers, told.folder = list(estimates.sensors), dict(estimates.answers), folder
     (told.result,) = (event for event in operator.heard if isinstance(event, Result))
     return told
 
@@ -183,6 +214,30 @@ def test_the_numbers_are_the_simulated_camera_s(done):
     assert sum(found[f"vignetting.Y.k{i}"][0] for i in (1, 2, 3)) == pytest.approx(sum(VIGNETTING), abs=0.002)
 
 
+def test_every_place_is_estimated_once_and_by_the_sensor_that_was_found(done):
+    by_room = {room: [sensor for of, sensor in done.estimates if of is room] for room, _ in done.estimates}
+    assert len(by_room[field_estimate]) == FEWEST
+    assert len(by_room[geometry_photographs]) == VIEWS
+    (model,) = set(by_room[field_estimate])
+    sensor = done.view.camera.sensor
+    assert model.gain == pytest.approx(1 / sensor.gain_e_per_dn, abs=4 * model.gain_uncertainty)
+    # the response is a line; through the lens light falls off by an eighth, of which PRNU must not hold anything
+    assert abs(model.bent(np.float64(model.saturation / 2)) / (model.saturation / 2) - 1) < 4 * model.bend_uncertainty
+    assert model.prnu < 2e-4
+
+
+def test_page_record_and_covariance_tell_that_the_sensor_was_used(done):
+    folder, page = done.result.folder, done.ends[2].report.read_text()
+    record = json.loads((folder / "result.json").read_text())["field"]
+    assert record["parts"]["sensor"]["used"] == f"Y: {USED}"
+    assert f"Y: {USED}." in page
+    budget = record["planes"]["Y"]["budgets"]["mtf50_horizontal"]
+    assert 0 < budget["sensor"] < budget["noise"]
+    assert "the sensor’s response" in page or "the sensor&#39;s response" in page
+    why = {one.why for one in read_camera_numbers(folder / "camera.h5").blocks if "sensor" in (one.first, one.second)}
+    assert any("weighed by what the ladder tells" in one for one in why)
+
+
 def test_one_page_leads_to_all_parts(done):
     folder, page = done.result.folder, done.ends[2].report.read_text()
     told = json.loads((folder / "result.json").read_text())["field"]["parts"]
@@ -206,3 +261,67 @@ def test_it_can_be_computed_again_to_the_last_bit(done):
 
 def test_its_photographs_are_what_the_command_line_takes_of_a_session(done):
     assert photographs(done.folder) == [done.folder / shot.path for shot in done.shots[2]]
+
+
+# --- the same photographs by the plans that take a part of them -----------------------------------------------------
+
+
+def concluded(root: Path, name: str, photographs: list, facts: dict) -> SimpleNamespace:
+    """What the guide makes of photographs at the end of a plan: its last two steps after all of them were taken."""
+    waiting, whole = [path.read_bytes() for path in photographs], plan_named(name)
+    enough = partial(sensor_enough, len(waiting))
+    taken = Shoot("photograph", lambda frame, facts: Advice(True, "good"), estimate_none, enough, len(waiting))
+    steps = (Step("taken", "Taken", "Take them.", (taken,)), whole.step("estimate"), whole.step("verdict"))
+    setup = Setup(seed=1, virtual_time=True, develop=lambda opening: waiting.pop(0))
+    incoming = root / "incoming"
+    incoming.mkdir()
+    truth = SimulatedBench(incoming, setup)
+    bench = make_bench(simulated_tables(truth.address, incoming), folder=incoming, clock=truth.clock)
+    bench.simulated = truth
+    with Session.create(root, plan=name, camera="C", lens="L", config={}, clock=bench.clock, seed=1) as session:
+        session.learn(facts)
+        operator = Scripted()
+        end = Run(replace(whole, steps=steps), bench, session, operator).go()
+    bench.close()
+    truth.close()
+    (result,) = (event for event in operator.heard if isinstance(event, Result))
+    return SimpleNamespace(end=end, result=result)
+
+
+@pytest.fixture
+def facts(done) -> dict:
+    """What the session knew of camera, chart and tour, without what is of single photographs."""
+    return {key: one for key, one in done.state.facts.items() if not key.startswith(OF_SHOTS)}
+
+
+def test_the_plan_field_concludes_from_the_places(done, facts, tmp_path, monkeypatch):
+    def known_already(plane, *words, **more):
+        return done.answers[field_estimate, plane.samples.tobytes()]
+
+    monkeypatch.setattr(field_estimate, "estimate_psf", known_already)
+    monkeypatch.setattr(conclusion, "derive", partial(derive, columns=7))  # maps of a ninth of their places
+    told = concluded(tmp_path, "field", [done.folder / shot.path for shot in places_of(done.shots[2])], facts)
+    assert told.end.how == "finished"
+    folder, whole = told.result.folder, done.result.folder
+    # of the same estimates comes the same field
+    own, known = (read_field(one / "field.h5")["Y"] for one in (folder, whole))
+    assert [node.position.tolist() for node in own.nodes] == [node.position.tolist() for node in known.nodes]
+    assert {name.partition(".")[0] for name in read_camera_numbers(folder / "camera.h5").names} <= {"geometry", "psf"}
+    assert "parts" not in json.loads((folder / "result.json").read_text())["field"]
+    assert told.end.report.read_text().startswith("<!doctype html>")
+
+
+def test_the_plan_geometry_concludes_from_turned_views(done, facts, tmp_path, monkeypatch):
+    def estimated(plane, *words, **more):
+        known = done.answers.get((geometry_photographs, plane.samples.tobytes()))
+        return known or estimate_psf(plane, *words, **more)
+
+    monkeypatch.setattr(geometry_photographs, "estimate_psf", estimated)
+    shots = [shot for shot in done.shots[2] if shot.step == "views"] + places_of(done.shots[2])[:1]
+    told = concluded(tmp_path, "geometry", [done.folder / shot.path for shot in shots], facts)
+    assert told.end.how == "finished"
+    record = json.loads((told.result.folder / "result.json").read_text())["planes"]["Y"]
+    true = np.mean([one.truths[0].projection.principal_px for one in done.taken if one.truths][-VIEWS:])
+    for name in ("fx", "fy"):
+        assert record[name]["value"] == pytest.approx(true, abs=4 * record[name]["uncertainty"] + 0.003 * true), name
+    assert (told.result.folder / "report.html").is_file()

@@ -57,7 +57,11 @@ FAILED_ITEMS = 1
     help="Draw the MTF over image height of this field or session over the page's too; as often as wanted.",
 )
 @click.option(
-    "--sensor", type=click.Path(path_type=Path), help="Of station sensor: gain and noise, to be told with the camera."
+    "--sensor",
+    type=click.Path(path_type=Path),
+    metavar="RESULT.json",
+    help="Of station sensor: its response is undone, its noise weighs the samples; gain and noise are told with the "
+    "camera.",
 )
 @click.option(
     "--width-mm",
@@ -101,6 +105,7 @@ def psf_field(
     from station.calibration.field import field_pixels, field_results
     from station.calibration.field_photographs import check_noted, focus_positions, photographs
     from station.calibration.planes import diffraction_limit
+    from station.calibration.sensor_models import read_models
     from station.calibration.vignetting import read_vignetting
     from station.calibration.whole_camera import other_parts
     from station.reports.field.field_files import write_field_result
@@ -118,10 +123,10 @@ def psf_field(
     lights = {name: one.light for name, one in read_vignetting(vignetting).items()} if vignetting else {}
     # what cannot be read is told before the work, not after it
     drawn_over = read_height_overlays(overlays, terms.unit)
-    others = other_parts(vignetting, sensor)
+    others, sensors = other_parts(vignetting, sensor), read_models(sensor, paths) if sensor else {}
     names = None if plane in (None, "all") else [str(plane)]
     with ResultFolder(out, force=forced()) as results, progress(len(paths)) as told:
-        measured = measure(paths, names, source.chart, parameters, told, layout)
+        measured = measure(paths, names, source.chart, parameters, told, layout, sensors=sensors)
         tell_misses(measured.misses)
         exposure = measured.exposures[0].exposure if measured.exposures else None
         limit = partial(diffraction_limit, exposure, **optics) if exposure else (lambda plane: None)

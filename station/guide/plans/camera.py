@@ -9,14 +9,17 @@ from typing import Any
 
 from procedures.facts import facts_as
 from procedures.field.conclusion import FieldResult
+from procedures.field.estimate import NO_SENSORS
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.facts import VIEW
 from procedures.geometry.plan import seen_views
 from procedures.outcome import BadInput, Outcome, Refused, Rule, Verdict, verdict_of
 from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.raw import RawFrame
+from procedures.sensor.estimate import SensorResult, sensor_model
 from procedures.sensor.facts import LIT, mark_of
 from procedures.sensor.photon_transfer import gain_and_noise
+from procedures.sensor_model import SensorModel
 from procedures.vignetting.joint import joint_formula
 from procedures.whole_camera import plan as guide
 from procedures.whole_camera.facts import FLAT, PANEL_TURNED, TURNED, WholeCameraFacts
@@ -34,6 +37,8 @@ from station.results.terms import Terms
 
 GEOMETRY, VIGNETTING, SENSOR = "geometry", "vignetting", "sensor"
 """What a session answers beside the planes' PSFs; its folders are called so too."""
+USED = "the PSFs were estimated with its noise and response"
+NOT_USED = "the PSFs were estimated without it"
 ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
 
 
@@ -65,19 +70,25 @@ def picked(frames: Sequence[RawFrame], wanted: Callable[[str], bool]) -> Picked:
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-    """By plane the whole camera, with the verdict on the plane's PSF; a refusal where no place gives one."""
+    """By plane the whole camera, with the verdict on the plane's PSF; a refusal where no place gives one.
+
+    The sensor is first: the PSFs of all places rest on what it was found to do.
+    """
     told = facts_as(WholeCameraFacts, facts)
     beside = {*told.lit, *told.flats, *told.turned}
     places = picked(frames, lambda mark: mark not in beside)
-    try:
-        found = field.field_of(places, told)
-    except Refused as refusal:
-        return field.refused(frames, refusal)
     flats = upright_or_turned(told, facts)
     of_sensor, of_lens, turned = (picked(frames, marks.__contains__) for marks in (told.lit, flats, told.turned))
     parts: dict[str, Outcome[Any]] = {}
-    if of_sensor:
-        parts[SENSOR] = sensor_of(of_sensor, facts, found)
+    used: dict[str, str] = {}
+    models: Mapping[str, SensorModel] = NO_SENSORS
+    if of_sensor and places:
+        by_plane = sensor.estimate(of_sensor, facts, {})
+        parts[SENSOR], models, used[SENSOR] = sensor_used(by_plane, places[0].exposure.iso)
+    try:
+        found = field.field_of(places, told, models)
+    except Refused as refusal:
+        return field.refused(frames, refusal)
     if of_lens:
         parts[VIGNETTING] = vignetting_of(of_lens, found)
     views, reasons = seen_views(turned, told)
@@ -85,19 +96,37 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     if turned:
         lost = "; ".join(reasons)
         parts[GEOMETRY] = replace(camera.geometry, reason="; ".join(filter(None, (camera.geometry.reason, lost))))
-    return field.by_plane(field.session_field(found, camera, parts))
+    return field.by_plane(field.session_field(found, camera, parts, used))
 
 
-def sensor_of(frames: Sequence[RawFrame], facts: Facts, found: FieldResult) -> Outcome[SensorFiles]:
-    """The sensor with the worst of its planes' verdicts; doubted where the charts were taken at another sensitivity."""
-    outcomes = sensor.estimate(frames, facts, {})
+SensorUsed = tuple[Outcome[SensorFiles], Mapping[str, SensorModel], str]
+
+
+def sensor_used(outcomes: Mapping[str, Outcome[SensorFiles]], iso: float | None) -> SensorUsed:
+    """The sensor, what the PSFs take from it by plane, and words about that; `iso` is the charts'.
+
+    It has the worst of its planes' verdicts, and is doubted where the charts were taken at another sensitivity. A
+    plane's PSFs take noise and response where these are not doubted.
+    """
     whole = next((one.value for one in outcomes.values() if one.value is not None), None)
     answer = worst_of(whole, outcomes)
-    iso = found.measured.exposures[0].exposure.iso
-    if whole is None or None in (iso, whole.iso) or iso == whole.iso:
-        return answer
-    return doubted(answer, f"the sensor was measured at ISO {whole.iso:g}, the charts were taken at ISO {iso:g}",
-                   "take both at one sensitivity: gain and noise are not the charts' otherwise")  # fmt: skip
+    if whole is not None and None not in (iso, whole.iso) and iso != whole.iso:
+        reason = f"the sensor was measured at ISO {whole.iso:g}, the charts were taken at ISO {iso:g}"
+        remedy = "take both at one sensitivity: gain and noise are not the charts' otherwise"
+        return doubted(answer, reason, remedy), NO_SENSORS, f"{NOT_USED}: {reason}"
+    if whole is None:
+        return answer, NO_SENSORS, f"{NOT_USED}: it was refused"
+    found = {one.name: one for one in whole.planes}
+    why_not = {name: doubt for name, one in found.items() if (doubt := _why_not(one.outcome))}
+    models = {name: sensor_model(one.outcome.result(), one.step) for name, one in found.items() if name not in why_not}
+    told = [f"{', '.join(models)}: {USED}"] if models else []
+    told += [f"{name}: {NOT_USED}: {why}" for name, why in why_not.items()]
+    return answer, models, "; ".join(told)
+
+
+def _why_not(one: Outcome[SensorResult]) -> str:
+    """Why a plane's PSFs take nothing from its sensor; "" where they do."""
+    return one.reason if one.value is None else one.value.doubt
 
 
 def upright_or_turned(told: WholeCameraFacts, facts: Facts) -> set[str]:
@@ -198,7 +227,7 @@ def _written(
         if one.value is not None:
             with ResultFolder(folder.staging / name, sealed=folder.sealed) as inside:
                 look = f"{name}/{writers[name](inside, one, found.reference, frames, replace(head, procedure=name))}"
-        yield name, PartBeside(one.verdict, one.reason, one.remedy, look)
+        yield name, PartBeside(one.verdict, one.reason, one.remedy, look, found.used.get(name, ""))
 
 
 def _write_sensor(

@@ -10,6 +10,7 @@ from typing import Any
 from procedures.facts import facts_as
 from procedures.field import plan as guide
 from procedures.field.conclusion import FieldResult, PlaneField, conclude
+from procedures.field.estimate import NO_SENSORS, Sensors
 from procedures.field.facts import FieldFacts
 from procedures.field.measuring import measure_frames
 from procedures.outcome import BadParameter, Outcome, Refused, Verdict
@@ -28,11 +29,13 @@ from station.results.terms import Terms
 class SessionField(FieldResult):
     """A field with all that its session tells of the camera beside it.
 
-    `parts`: by its name what each other procedure answered, of the same mounting.
+    `parts`: by its name what each other procedure answered, of the same mounting; `used`: by the same name what the
+    PSFs took from it, or why they took nothing.
     """
 
     camera: WholeCamera | None = None
     parts: Mapping[str, Outcome[Any]] = field(default_factory=dict)
+    used: Mapping[str, str] = field(default_factory=dict)
 
 
 def plan() -> Plan:
@@ -50,9 +53,9 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     return by_plane(session_field(found, whole_camera(found, told.cell_mm)))
 
 
-def field_of(frames: Sequence[RawFrame], told: FieldFacts) -> FieldResult:
-    """The field of its photographs. Raises Refused where none gives a PSF."""
-    measured = measure_frames(frames, told.chart, told.parameters)
+def field_of(frames: Sequence[RawFrame], told: FieldFacts, sensors: Sensors = NO_SENSORS) -> FieldResult:
+    """The field of its photographs, by a sensor of these models. Raises Refused where none gives a PSF."""
+    measured = measure_frames(frames, told.chart, told.parameters, sensors)
     exposure = measured.exposures[0].exposure if measured.exposures else None
     limit = (
         partial(diffraction_limit, exposure, pixel_pitch_um=told.pixel_pitch_um, f_number=told.typed_f_number)
@@ -69,11 +72,14 @@ def refused(frames: Sequence[RawFrame], refusal: Refused) -> Outcomes:
 
 
 def session_field(
-    found: FieldResult, camera: WholeCamera, parts: Mapping[str, Outcome[Any]] | None = None
+    found: FieldResult,
+    camera: WholeCamera,
+    parts: Mapping[str, Outcome[Any]] | None = None,
+    used: Mapping[str, str] | None = None,
 ) -> SessionField:
     """The field with what else its session tells."""
     kept = {one.name: getattr(found, one.name) for one in fields(FieldResult)}
-    return SessionField(**kept, camera=camera, parts=parts or {})
+    return SessionField(**kept, camera=camera, parts=parts or {}, used=used or {})
 
 
 def by_plane(found: SessionField) -> Outcomes:

@@ -216,6 +216,7 @@ def _told(one: PlaneField) -> dict[str, Any]:
         "components": len(found.field.components),
         "enclosed_share": by_name["error_noise"].share,
         **errors,
+        "budgets": {name: dict(terms) for name, terms in one.budgets.items()},
         "candidates": [asdict(candidate) for candidate in found.candidates[:CANDIDATES_TOLD]],
         **{name: asdict(quantity) for name, quantity in one.numbers.items()},
     }

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from procedures.budget import FREQUENCIES, TERMS
 from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.image_height import HeightCurve
 from procedures.field.maps import FieldMap
@@ -124,6 +125,7 @@ def _plane(
         "record": record,
         "found": found,
         "numbers": {key: told_quantity(number, record.unit, record.factor) for key, number in one.numbers.items()},
+        "budgets": _budgets(record, one),
         "error": _medians(one),
         "maps": pictures,
         "errors": field_figures.errors_figure(errors, *frame, f"{name}-errors", mm),
@@ -135,6 +137,16 @@ def _plane(
         "mosaic": field_figures.mosaic_figure(field, f"{name}-mosaic"),
         "places": field_figures.places_figure(field, found.axis, f"{name}-places"),
     }
+
+
+def _budgets(record: PlaneResult, one: PlaneField) -> dict[str, list[tuple[str, str]]]:
+    """By number the terms of its uncertainty at one chart, the largest first, in the unit of the plane's result."""
+    told = {}
+    for name, terms in one.budgets.items():
+        factor = record.factor if name.startswith(FREQUENCIES) else 1.0
+        sizes = sorted(((factor * size, TERMS[term]) for term, size in terms.items()), reverse=True)
+        told[name] = [(f"{size:.2g}", words) for size, words in sizes]
+    return told
 
 
 def in_unit(one: FieldMap, record: PlaneResult) -> FieldMap:

@@ -119,7 +119,7 @@ def test_a_photograph_of_another_size_is_named(monkeypatch, tmp_path):
         plane = Plane("Y", np.zeros(sizes[path.name], dtype=np.float32), 1.0)
         return RawFrame(path, "0" * 64, {"Y": plane}, Exposure())
 
-    def nodes(frame, chart, parameters, each):
+    def nodes(frame, chart, parameters, each, sensors):
         node = Node(np.zeros(2), np.eye(2), np.zeros(2), psf, frame.path.name, 1)
         return FrameNodes({"Y": [node]}, {"Y": sizes[frame.path.name]}, [])
 

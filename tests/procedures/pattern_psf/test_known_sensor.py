@@ -27,19 +27,36 @@ SENSOR = SensorModel(
 
 
 @cache
-def plane() -> Plane:
-    """The chart at 1.5 % to 75 % of saturation, the response bent by 5 %, photon and read noise."""
+def plane(c1: float = -0.05, c2: float = 0.0, gain: float = 0.3) -> Plane:
+    """The chart at 1.5 % to 75 % of saturation, the response x + c1 x^2 + c2 x^3, photon and read noise."""
     rng = np.random.default_rng(3)
-    electrons = (60 + 2940 * light(OPTICS, CHART, View())) / 0.3
-    x = rng.poisson(np.maximum(electrons, 0)) * 0.3 / 4000
-    numbers = 60 + 4000 * (x - 0.05 * x * x) + rng.normal(0, 2, x.shape)
+    electrons = (60 + 2940 * light(OPTICS, CHART, View())) / gain
+    x = rng.poisson(np.maximum(electrons, 0)) * gain / 4000
+    numbers = 60 + 4000 * (x + c1 * x * x + c2 * x**3) + rng.normal(0, 2, x.shape)
     return Plane("Y", ((np.rint(numbers) - 60) / 4035).astype(np.float32), 1 / 4035, black=60.0, white=4095.0)
 
 
-def found(sensor: SensorModel | None) -> PatternPsf:
-    outcome = estimate_psf(plane(), CHART, PatternParameters(s=3, k=13), sensor=sensor)
+def found(sensor: SensorModel | None, photograph: Plane | None = None) -> PatternPsf:
+    outcome = estimate_psf(photograph or plane(), CHART, PatternParameters(s=3, k=13), sensor=sensor)
     assert outcome.value is not None, outcome.reason
     return outcome.value
+
+
+@pytest.mark.slow
+def test_response_that_no_parabola_is_moves_the_psf_unless_it_is_known() -> None:
+    # first steeper, then flatter; the truth is what the same light and noise give by a straight response
+    bent, straight = plane(0.8, -1.0, 0.02), plane(0.0, 0.0, 0.02)
+    sensor = replace(SENSOR, gain=0.02, bend=(0.8, -1.0))
+    truth, with_it, without = found(None, straight), found(sensor, bent), found(None, bent)
+    names = [f"mtf50_{direction}" for direction in ("horizontal", "vertical", "radial")]
+    off = [
+        max(abs(one.quality.numbers[name].value / truth.quality.numbers[name].value - 1) for name in names)
+        for one in (with_it, without)
+    ]
+    assert off[1] > 1e-3
+    assert off[0] < 0.2 * off[1]
+    # what is not understood of the response is seen in what is left over, too
+    assert with_it.residual_std < 0.9 * without.residual_std
 
 
 @pytest.mark.slow

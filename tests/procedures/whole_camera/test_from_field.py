@@ -16,7 +16,7 @@ from procedures.pattern_psf.registration import Registration
 from procedures.pattern_psf.solution import SharedErrors
 from procedures.psf import Psf
 from procedures.psf_field import Node
-from procedures.whole_camera.from_field import charts_of, colour_part, monomial_names, psf_part
+from procedures.whole_camera.from_field import charts_of, colour_part, monomial_names, psf_part, resting
 from procedures.whole_camera.joint import COMPUTED, ZERO, Part, join
 
 K, S, SHAPE = 5, 2, (300, 450)
@@ -161,3 +161,16 @@ def test_a_covariance_that_is_none_is_lifted_and_keeps_its_variances():
     found = join(parts, apart).covariance
     np.testing.assert_allclose(np.diag(found), [0.5, 0.5])
     assert np.linalg.eigvalsh(found).min() > -1e-12
+
+
+def test_what_rests_on_the_sensor_says_so_and_how_little_of_it_is_shared(charts):
+    part = psf_part("R", charts.planes["R"])
+    ladder = Part("sensor", ("R.system_gain",), ("DN/e-",), np.ones(1), np.eye(1), "the sensor's ladder of light")
+    assert resting(part, charts.planes) is part
+    assert join([part, ladder], {}).blocks[0].why.startswith("other photographs: ")
+    terms = {name: {"sensor": 0.02 * number.uncertainty} for name, number in charts.planes["R"][0].numbers.items()}
+    planes = {name: [replace(one, budgets=terms) for one in seen] for name, seen in charts.planes.items()}
+    (block,) = join([resting(part, planes), ladder], {}).blocks
+    assert block.how == ZERO
+    assert "weighed by what the ladder tells" in block.why
+    assert " 0.02 of an uncertainty" in block.why

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from procedures.outcome import BadInput
-from station.calibration.sensor_models import read_sensor
+from station.calibration import sensor_models
+from station.calibration.sensor_models import read_models, read_sensor
 
 PHOTOGRAPH = SimpleNamespace(exposure=SimpleNamespace(iso=100.0), planes={"G1": None})
 MODEL = {"gain": 0.1, "gain_uncertainty": 1e-3, "dark_level": 64.0, "dark_variance": 9.0, "saturation": 4000.0,
@@ -77,3 +78,13 @@ def test_text_that_is_no_record_is_refused(tmp_path, text):
     (tmp_path / "r.json").write_bytes(text.encode("latin-1"))
     with pytest.raises(BadInput):
         read_sensor(tmp_path / "r.json", PHOTOGRAPH)
+
+
+def test_models_for_a_field_are_of_its_photographs_sensitivity(written, tmp_path, monkeypatch):
+    files = [tmp_path / name for name in ("a.pgm", "b.pgm")]
+    for file in files:
+        file.write_bytes(b"P5 1 1 255\n0")
+    assert set(read_models(written(), [*files, tmp_path / "none.pgm"])) == {"G1"}
+    monkeypatch.setattr(sensor_models, "read_exposure", lambda file: SimpleNamespace(iso=400.0))
+    with pytest.raises(BadInput, match=r"ISO 100, a\.pgm is of ISO 400"):
+        read_models(written(), files)

@@ -1,0 +1,59 @@
+"""What a session of the whole camera takes from its sensor for its PSFs, plane by plane."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from procedures.outcome import Outcome, Verdict
+from station.calibration.sensor import SensorFiles, SensorPlane
+from station.guide.plans import camera
+
+FEW = "the ladder has 12 levels; the standard asks for 50"
+UNEVEN = Outcome(SimpleNamespace(doubt=""), Verdict.DOUBTFUL, "light differs by 14 % over the sensor")
+SHORT = Outcome(SimpleNamespace(doubt=FEW), Verdict.DOUBTFUL, FEW)
+REFUSED = Outcome(None, Verdict.REFUSED, "light must not change between pictures; it does by 5 %")
+
+
+@pytest.fixture
+def used(monkeypatch):
+    """used(planes, iso): what is made of these planes' outcomes for charts of that sensitivity."""
+    monkeypatch.setattr(camera, "sensor_model", lambda found, step: step)
+
+    def use(planes, iso=100.0):
+        found = [SensorPlane(name, one, (4, 4), 4.0, None) for name, one in planes.items()]
+        files = SensorFiles([], None, 100.0, found)
+        outcomes = {name: Outcome(files, one.verdict, one.reason) for name, one in planes.items()}
+        return camera.sensor_used(outcomes, iso)
+
+    return use
+
+
+def test_a_doubt_about_what_is_not_used_does_not_keep_the_rest(used):
+    answer, models, words = used({"R": UNEVEN, "B": UNEVEN})
+    assert answer.verdict is Verdict.DOUBTFUL
+    assert models == {"R": 4.0, "B": 4.0}
+    assert words == f"R, B: {camera.USED}"
+
+
+def test_a_plane_whose_noise_or_response_is_doubted_or_refused_takes_nothing(used):
+    answer, models, words = used({"R": UNEVEN, "G1": SHORT, "B": REFUSED})
+    assert answer.verdict is Verdict.REFUSED
+    assert set(models) == {"R"}
+    assert f"G1: {camera.NOT_USED}: {FEW}" in words
+    assert f"B: {camera.NOT_USED}: {REFUSED.reason}" in words
+
+
+def test_a_sensor_of_another_sensitivity_is_not_used(used):
+    answer, models, words = used({"R": UNEVEN}, iso=400.0)
+    assert not models
+    assert words == f"{camera.NOT_USED}: the sensor was measured at ISO 100, the charts were taken at ISO 400"
+    assert answer.verdict is Verdict.DOUBTFUL
+    assert "ISO 400" in answer.reason
+
+
+def test_pictures_that_are_no_sensor_s_are_not_used(used):
+    _, models, words = camera.sensor_used({"R": REFUSED}, 100.0)
+    assert not models
+    assert words == f"{camera.NOT_USED}: it was refused"
