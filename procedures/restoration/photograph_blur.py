@@ -144,11 +144,6 @@ class SceneBlur:
     motion: MotionShapes | None = None
     flat_w: float | None = None
 
-    @property
-    def kernels(self) -> Array | None:
-        """Of a flat scene's motions, (P, K, K), one sample a pixel; None of other blur."""
-        return None if self.motion is None or self.flat_w is None else self.motion.shapes
-
     def restored(
         self,
         photographs: Sequence[Array],
@@ -156,9 +151,11 @@ class SceneBlur:
         progress: Callable[[JointRound], None] | None = None,
     ) -> Outcome[Restoration]:
         """Picture and depth of photographs (C, H, W), as `restore` judges them; doubtful where the blur is."""
+        kernels = None
         if self.flat_w is not None:
             parameters = of_flat_scene(parameters or RestorationParameters(), self.flat_w)
-        outcome = told_in(self.unit, restore([*photographs], self.masks, parameters, progress))
+            kernels = None if self.motion is None else self.motion.shapes
+        outcome = told_in(self.unit, restore([*photographs], self.masks, parameters, progress), kernels)
         return outcome if self.motion is None else self.motion.judged(outcome)
 
 

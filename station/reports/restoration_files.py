@@ -58,7 +58,7 @@ def write_outcome(
         return write_restoration(folder, found, head, None)
     from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
 
-    return write_restoration(folder, found, head, restoration_page(found, photographs, head))
+    return write_restoration(folder, found, head, restoration_page(found.outcome, photographs, head, found.distances))
 
 
 def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead, page: bytes | None) -> str:
@@ -79,7 +79,7 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
     if found.moved.any():
         folder.write("moved.npy", npy(found.moved, np.uint8))
     folder.write("depth.png", encoded(".png", coloured(found.w)))
-    for n, kernel in enumerate(() if restored.kernels is None else restored.kernels, start=1):
+    for n, kernel in enumerate(() if found.kernels is None else found.kernels, start=1):
         folder.write(f"kernel_{n}.npy", npy(kernel))
         folder.write(f"kernel_{n}.fits", kernel_fits(kernel, n, software()["version"]))
         folder.write(f"kernel_{n}.tiff", described_tiff(float_tiff(kernel), KERNEL_WORDS.format(n)))
@@ -100,7 +100,7 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
             "unit": unit.name,
             "per_pixel": unit.per_pixel,
         },
-        **({} if restored.kernels is None else {"kernels": {"count": len(restored.kernels), "samples_per_pixel": 1}}),
+        **({} if found.kernels is None else {"kernels": {"count": len(found.kernels), "samples_per_pixel": 1}}),
         **({} if distances is None else {"distance": _told_distances(distances)}),
         "shift": {"x_y": found.shifts.tolist(), "unit": "pixel"},
         "turn": {"value": np.rad2deg(found.turns).tolist(), "unit": "degree"},

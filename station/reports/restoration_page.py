@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
+from procedures.outcome import Outcome
 from procedures.restoration.joint.estimate import Restoration, refocused
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.metres import Distances
-from station.calibration.restoration.restorations import Restored
 from station.common.versions import software
 from station.drawing.depth_pictures import encoded, levels, picture
 from station.reports import psf_figures
@@ -32,12 +32,17 @@ FOCUS_AT = (("near", 90), ("in the middle", 50), ("far", 10))
 """Where the refocused pictures are sharp: percentiles of w."""
 
 
-def restoration_page(restored: Restored, photographs: Sequence[Array], head: RecordHead) -> bytes:
+def restoration_page(
+    outcome: Outcome[Restoration],
+    photographs: Sequence[Array],
+    head: RecordHead,
+    distances: Distances | None = None,
+) -> bytes:
     """The page, UTF-8, with its pictures inside.
 
-    restored : with a value; photographs : (C, H, W) each, 1 = white
+    outcome : with a value; photographs : (C, H, W) each, 1 = white
     """
-    outcome, found = restored.outcome, restored.outcome.value
+    found = outcome.value
     if found is None:
         raise ValueError("a restoration without a value has no page")
     white = float(np.percentile(photographs[0], 99.5))
@@ -58,8 +63,8 @@ def restoration_page(restored: Restored, photographs: Sequence[Array], head: Rec
         after=shown(found.sharp),
         refocused=[(where, shown(image)) for where, image in _refocused(found)],
         **_maps(found),
-        distances=_in_metres(restored.distances),
-        kernels=[_kernel(one) for one in (() if restored.kernels is None else restored.kernels)],
+        distances=_in_metres(distances),
+        kernels=[_kernel(one) for one in (() if found.kernels is None else found.kernels)],
         course=psf_figures.course_figure(
             [r.n for r in found.history],
             [r.cost for r in found.history],

@@ -136,7 +136,8 @@ class Restoration:
     shifts : (P, 2) x, y of each photograph against the first beyond what its masks contain, pixels; light : (P,) over
     the first's; turns, zooms : (P,) against the first, radians and over its size; all taken up. moved : (H, W), where
     something moved between the photographs: neither picture nor w is to be believed there.
-    unit : what w is told in to people and files.
+    unit : what w is told in to people and files. kernels : (P, K, K) of a flat scene's motions that were found, one
+    sample a pixel, or None.
     """
 
     sharp: Array
@@ -153,6 +154,7 @@ class Restoration:
     zooms: Array
     moved: Mask
     unit: DepthUnit = field(default_factory=DepthUnit)
+    kernels: Array | None = None
 
 
 def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
@@ -375,9 +377,11 @@ def _where(moved: Mask) -> str:
     return f"{moved.mean():.1%} of the frame, the most of it {place}"
 
 
-def told_in(unit: DepthUnit, outcome: Outcome[Restoration]) -> Outcome[Restoration]:
-    """The same, with w told in that unit."""
-    return outcome if outcome.value is None else replace(outcome, value=replace(outcome.value, unit=unit))
+def told_in(unit: DepthUnit, outcome: Outcome[Restoration], kernels: Array | None = None) -> Outcome[Restoration]:
+    """The same, with w told in that unit, and the kernels that were found."""
+    if outcome.value is None:
+        return outcome
+    return replace(outcome, value=replace(outcome.value, unit=unit, kernels=kernels))
 
 
 def refocused(result: Restoration, stack: Masks, focus_w: float, strength: float = 1.0) -> Array:

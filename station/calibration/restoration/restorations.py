@@ -184,14 +184,11 @@ class Restored:
         What a record says of the parameters.
     distances : Distances, optional
         Depth in metres where it was asked for.
-    kernels : (P, K, K), optional
-        Of motion that was found, one sample a pixel.
     """
 
     outcome: Outcome[Restoration]
     told: Mapping[str, Any]
     distances: Distances | None = None
-    kernels: Array | None = None
 
 
 def restored(
@@ -225,7 +222,7 @@ def restored(
         **({"encoding": options.encoding} if options.encoding else {}),
         **options.descent.told,
     }
-    return Restored(outcome, told, distances, blur.kernels)
+    return Restored(outcome, told, distances)
 
 
 def _in_colour(
