@@ -77,6 +77,7 @@ if TYPE_CHECKING:
     from procedures.restoration.unknown_motion.path_pairs import PairSettings
     from procedures.restoration.unknown_motion.path_refinement import MotionShapes
     from procedures.restoration.unknown_motion.path_settings import PathSettings
+    from procedures.restoration.unknown_motion.turned_scene import kernels_of_turned_scene
     from procedures.sensor.estimate import SensorResult, characterise
     from procedures.sensor.estimate import sensor_model as sensor_model_of
     from procedures.sensor.levels import LightLevel, measure_level
@@ -106,7 +107,7 @@ __all__ = [
     "WeightSettings", "assess", "blur_of", "calibrate_geometry", "characterise", "correct", "estimate_edge",
     "estimate_edges", "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair",
     "estimate_vignetting", "filter_film", "filter_sequence", "find_chart", "gaussian", "kernels_of_flat_scene",
-    "measure_level",
+    "kernels_of_turned_scene", "measure_level",
     "measure_stack", "measured_field", "measured_shape", "otf", "pillbox", "poses_at", "poses_of",
     "read_camera_numbers", "read_field", "read_film", "read_frame", "restore", "sensor_model_of", "stacks_of",
     "view_of",
@@ -216,6 +217,7 @@ _PLACES = {
     "find_chart": "pattern_psf.chart_finding.detection",
     "gaussian": "restoration.masks.blur_models",
     "kernels_of_flat_scene": "restoration.unknown_motion.flat_scene",
+    "kernels_of_turned_scene": "restoration.unknown_motion.turned_scene",
     "measure_level": "sensor.levels",
     "measure_stack": "sensor.stacks",
     "measured_field": "restoration.masks.psf_shapes",

@@ -5,16 +5,15 @@ Whoever restores, by command, by plan or in a script, tells a `BlurSpec`; `blur_
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import BadInput, BadParameter, Outcome, Refused
+from procedures.outcome import BadInput, Outcome, Refused
+from procedures.restoration.flat_part import Box, Whole, check_region, parts
 from procedures.restoration.joint.estimate import Restoration, RestorationParameters, restore, told_in
 from procedures.restoration.joint.joint_descent import JointRound
 from procedures.restoration.joint.kernel_sizes import (
@@ -38,26 +37,18 @@ from procedures.restoration.unknown_motion.flat_scene import (
     FOUND_WEIGHT,
     FreeKernels,
     FreeKernelSettings,
-    kernels_of_flat_scene,
+    kernels_as_found,
 )
 from procedures.restoration.unknown_motion.motion_splines import recorded
 from procedures.restoration.unknown_motion.path_refinement import MotionShapes, motion_of_scene
 from procedures.restoration.unknown_motion.path_settings import PathSettings
 from procedures.restoration.unknown_motion.recorded_paths import recorded_masks
+from procedures.restoration.unknown_motion.turned_scene import kernels_of_turned_scene
 
 Shape = npt.NDArray[np.float64] | ShapeField
 """Drawn on [-1, 1], the same over the frame; or varying over it, and measured."""
 Size = tuple[int, int]
-Box = tuple[int, int, int, int]
-"""x, y, width and height, pixels."""
 Finding = Prototypes | MotionShapes | FreeKernels
-Whole = Literal["whole"]
-"""All of a frame is of one distance."""
-
-DETAIL_PX = 8.0
-"""Size of what counts as detail of a scene: larger is light and shade."""
-CANDIDATES = 4
-"""Parts of the picture that are tried as the one of a single depth, where none was marked."""
 
 
 # --- what is told ------------------------------------------------------------------------------------------------
@@ -99,12 +90,16 @@ class UnknownMotion:
     flat scene, whose motion may be of any form, in two photographs or more.
     paths : of the rig during each exposure, (n, 2) in any unit, where recorded: the search begins there.
     ratios : of w, as those of `KnownShapes`; none are 1.
+    kernels, doubt : found before of a flat scene's motions, each (K, K) with one sample a pixel, and why they were not
+    to be trusted, or None: they are taken as they are.
     settings : what the search goes by, of kernels of any form for a flat scene, of paths else; None for the usual.
     """
 
     region: Box | Whole | None = None
     paths: tuple[Array, ...] = ()
     ratios: tuple[float, ...] = ()
+    kernels: tuple[Array, ...] = ()
+    doubt: str | None = None
     settings: PathSettings | FreeKernelSettings | None = None
 
 
@@ -156,9 +151,11 @@ class SceneBlur:
         progress: Callable[[JointRound], None] | None = None,
     ) -> Outcome[Restoration]:
         """Picture and depth of photographs (C, H, W), as `restore` judges them; doubtful where the blur is."""
+        kernels = None
         if self.flat_w is not None:
             parameters = of_flat_scene(parameters or RestorationParameters(), self.flat_w)
-        outcome = told_in(self.unit, restore([*photographs], self.masks, parameters, progress))
+            kernels = None if self.motion is None else self.motion.shapes
+        outcome = told_in(self.unit, restore([*photographs], self.masks, parameters, progress), kernels)
         return outcome if self.motion is None else self.motion.judged(outcome)
 
 
@@ -292,13 +289,17 @@ def _of_flat_scene(
     tell: Callable[[Finding], None],
 ) -> SceneBlur:
     """Of motion of any form, alike over the frame."""
-    settings = source.settings if isinstance(source.settings, FreeKernelSettings) else None
-    grey = np.stack([one.mean(axis=0) for one in photographs])
-    found = kernels_of_flat_scene(grey, None if max_w is None else int(np.ceil(max_w)), settings)
-    tell(found)
-    known = KnownShapes((*found.kernels,), (1.0,) * len(photographs))
-    blur = _shaped(known, found.half_width + 1, photographs, shape)
-    return replace(blur, motion=found.shapes, flat_w=found.half_width)
+    if source.kernels:
+        motion = kernels_as_found(source.kernels, len(photographs), source.doubt)
+    else:
+        settings = source.settings if isinstance(source.settings, FreeKernelSettings) else None
+        grey = np.stack([one.mean(axis=0) for one in photographs])
+        found = kernels_of_turned_scene(grey, None if max_w is None else int(np.ceil(max_w)), settings)
+        tell(found)
+        motion = found.shapes
+    known = KnownShapes((*motion.shapes,), (1.0,) * len(photographs))
+    blur = _shaped(known, motion.half_width + 1, photographs, shape)
+    return replace(blur, motion=motion, flat_w=motion.half_width)
 
 
 def of_flat_scene(parameters: RestorationParameters, w: float) -> RestorationParameters:
@@ -343,43 +344,3 @@ def _motion_of_part(
     motion = motion_of_scene([*photographs], box, found, max_w, rng, known, settings)
     tell(motion)
     return motion
-
-
-# --- the flat part -----------------------------------------------------------------------------------------------
-
-
-def region_of(text: str) -> Box | Whole | None:
-    """The part that was marked as x,y,width,height in pixels; None for auto. Raises BadParameter."""
-    word = text.strip().lower()
-    if word == "auto":
-        return None
-    if word == "whole":
-        return "whole"
-    try:
-        x, y, width, height = (int(part) for part in text.split(","))
-    except ValueError as error:
-        raise BadParameter(
-            f"a part is X,Y,W,H in pixels, auto or whole; got {text!r}", "give four whole numbers with commas between"
-        ) from error
-    return x, y, width, height
-
-
-def check_region(region: Box, shape: Size) -> None:
-    """Refuse a part that is not within photographs of that height and width. Raises BadParameter."""
-    x, y, width, height = region
-    if not (0 <= x < x + width <= shape[1] and 0 <= y < y + height <= shape[0]):
-        raise BadParameter(
-            f"the part {x},{y},{width},{height} is not within photographs of {shape[1]} x {shape[0]}",
-            "mark one inside them",
-        )
-
-
-def parts(picture: Array, side: int) -> Iterator[Box]:
-    """Squares with the most detail in them, the best first, none overlapping another by more than half."""
-    rows, columns = picture.shape
-    side = min(side, rows, columns)
-    fine = (picture - cv2.GaussianBlur(picture, (0, 0), DETAIL_PX)) ** 2
-    places = [(x, y) for y in range(0, rows - side + 1, side // 2) for x in range(0, columns - side + 1, side // 2)]
-    places.sort(key=lambda place: -float(fine[place[1] : place[1] + side, place[0] : place[0] + side].mean()))
-    for x, y in places[:CANDIDATES]:
-        yield x, y, side, side

@@ -36,10 +36,11 @@ from procedures.plan import (
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import disagreements
 from procedures.restoration.facts import APERTURES, MOTIONS, RestorationFacts
+from procedures.restoration.flat_part import DETAIL_PX
 from procedures.restoration.joint.estimate import RestorationParameters
 from procedures.restoration.joint.kernel_sizes import DEFAULT_MAX_W
 from procedures.restoration.joint.schedule import Scheme
-from procedures.restoration.photograph_blur import DETAIL_PX, blur_of
+from procedures.restoration.photograph_blur import blur_of
 from procedures.restoration.two_photographs import aperture, blur_spec, shown
 
 Array = npt.NDArray[np.float64]

@@ -11,6 +11,7 @@ from procedures.facts import required
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import Plane, RawFrame
 from procedures.restoration.facts import MOTIONS, RestorationFacts
+from procedures.restoration.flat_part import region_of
 from procedures.restoration.masks import thin_lens
 from procedures.restoration.masks.blur_models import named
 from procedures.restoration.masks.camera_motion import Poses, poses_of, poses_on
@@ -19,7 +20,6 @@ from procedures.restoration.photograph_blur import (
     KnownShapes,
     RecordedMotion,
     UnknownMotion,
-    region_of,
 )
 
 

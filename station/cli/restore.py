@@ -67,8 +67,9 @@ class _OneEach(click.Command):
     "--shape",
     "shapes",
     multiple=True,
-    help="pillbox, gaussian, polygon:BLADES[:DEGREES], text arrays, psf_P.npy or field.h5 of a result, or "
-    "radial:FILE,FILE,... of a lens symmetric about its axis, middle to corner: one, or one for each image.",
+    help="pillbox, gaussian, polygon:BLADES[:DEGREES], text arrays, psf_P.npy, kernel_N.npy or field.h5 of a result, "
+    "or radial:FILE,FILE,... of a lens symmetric about its axis, middle to corner: one, or one for each image. With "
+    "--prototype-region whole, kernels found before.",
 )
 @click.option(
     "--samples-per-pixel", type=click.IntRange(1, 1000), help="The shapes are PSFs sampled so, not shapes on [-1, 1]."

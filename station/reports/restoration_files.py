@@ -17,7 +17,8 @@ from procedures.restoration.two_photographs import shown
 from station.calibration.restoration.restorations import Restored
 from station.common.versions import software
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
-from station.drawing.linear_pictures import described_tiff
+from station.drawing.linear_pictures import described_tiff, float_tiff
+from station.results.exports import kernel_fits
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.restored import RESTORATION
@@ -25,6 +26,8 @@ from station.results.result_files import ResultFolder, npy, write_record
 
 SHARP_WORDS = "restored picture, linear, 1 = white, first row uppermost; calibration-station"
 """The picture's description."""
+STD_WORDS = "standard deviation of the restored picture, 1 = white, first row uppermost; calibration-station"
+KERNEL_WORDS = "kernel of photograph {}, one sample a pixel, sum 1, first row uppermost; calibration-station"
 Array = npt.NDArray[np.floating[Any]]
 
 
@@ -68,6 +71,7 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
     if found is None:
         raise ValueError("a restoration without a value has no files")
     folder.write("sharp.tiff", described_tiff(encoded(".tiff", picture(found.sharp).astype(np.float32)), SHARP_WORDS))
+    folder.write("sharp_std.tiff", described_tiff(float_tiff(found.sharp_std), STD_WORDS))
     folder.write("sharp.png", encoded(".png", levels(picture(found.sharp), 0, 1)))
     unit = found.unit
     folder.write("w.npy", npy(found.w * unit.per_pixel, np.float32))
@@ -75,6 +79,10 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
     if found.moved.any():
         folder.write("moved.npy", npy(found.moved, np.uint8))
     folder.write("depth.png", encoded(".png", coloured(found.w)))
+    for n, kernel in enumerate(() if found.kernels is None else found.kernels, start=1):
+        folder.write(f"kernel_{n}.npy", npy(kernel))
+        folder.write(f"kernel_{n}.fits", kernel_fits(kernel, n, software()["version"]))
+        folder.write(f"kernel_{n}.tiff", described_tiff(float_tiff(kernel), KERNEL_WORDS.format(n)))
     if page is not None:
         folder.write("report.html", page)
     if distances is not None:
@@ -92,6 +100,7 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
             "unit": unit.name,
             "per_pixel": unit.per_pixel,
         },
+        **({} if found.kernels is None else {"kernels": {"count": len(found.kernels), "samples_per_pixel": 1}}),
         **({} if distances is None else {"distance": _told_distances(distances)}),
         "shift": {"x_y": found.shifts.tolist(), "unit": "pixel"},
         "turn": {"value": np.rad2deg(found.turns).tolist(), "unit": "degree"},

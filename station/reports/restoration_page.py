@@ -24,6 +24,8 @@ Array = npt.NDArray[np.floating[Any]]
 
 WIDEST_PX = 720
 """Larger pictures are drawn smaller on the page; the files keep every pixel."""
+KERNEL_PX = 240
+"""A kernel's side on the page, at most."""
 SPREAD_PX = 0.5
 """Standard deviation of w from which depth counts as not determined."""
 FOCUS_AT = (("near", 90), ("in the middle", 50), ("far", 10))
@@ -62,6 +64,7 @@ def restoration_page(
         refocused=[(where, shown(image)) for where, image in _refocused(found)],
         **_maps(found),
         distances=_in_metres(distances),
+        kernels=[_kernel(one) for one in (() if found.kernels is None else found.kernels)],
         course=psf_figures.course_figure(
             [r.n for r in found.history],
             [r.cost for r in found.history],
@@ -73,7 +76,7 @@ def restoration_page(
 
 
 def _maps(found: Restoration) -> dict[str, Markup]:
-    """Depth, its standard deviation, and what is left of photograph 1."""
+    """Depth, its standard deviation, that of the picture, and what is left of photograph 1."""
     limit = psf_figures.RESIDUAL_LIMIT
     left_over = found.residual[0].mean(axis=0) / max(found.diagnostics.noise, 1e-9)
     unit = found.unit
@@ -89,6 +92,13 @@ def _maps(found: Restoration) -> dict[str, Markup]:
             "spread",
             colours="magma",
             limits=(0.0, SPREAD_PX * unit.per_pixel),
+        ),
+        "uncertain": psf_figures.map_figure(
+            _small(found.sharp_std),
+            "standard deviation of the picture, white = 1",
+            "uncertain",
+            colours="magma",
+            limits=(0.0, float(np.percentile(found.sharp_std, 99))),
         ),
         "residual": psf_figures.map_figure(
             _small(left_over),
@@ -136,6 +146,12 @@ def _refocused(found: Restoration) -> list[tuple[str, Array]]:
         return []
     stack = mask_stack(pillbox(), reach)
     return [(where, refocused(found, stack, float(np.percentile(found.w, p)))) for where, p in FOCUS_AT]
+
+
+def _kernel(kernel: Array) -> str:
+    """A kernel's pixels as squares, its greatest value white."""
+    side = max(1, KERNEL_PX // len(kernel))
+    return _uri(levels(np.kron(kernel, np.ones((side, side))), 0, float(kernel.max())))
 
 
 def _small(image: Array) -> Array:

@@ -75,6 +75,22 @@ def psf_fits(psf: Psf, plane: str, version: str | None, exposure: Exposure | Non
     return first + image_extension(sigma, [("EXTNAME", "UNCERTAINTY"), *grid])
 
 
+def kernel_fits(kernel: Array, photograph: int, version: str | None) -> bytes:
+    """The kernel of a photograph's motion as FITS, (K, K) float64, one sample a pixel, of sum 1.
+
+    The first row of the data is the photograph's upper one; the world coordinates are pixels from the kernel's middle,
+    x to the right and y down.
+    """
+    middle = float(len(kernel) // 2 + 1)
+    grid: Cards = [
+        ("EXTNAME", "KERNEL"), ("CRPIX1", middle), ("CRPIX2", middle), ("CRVAL1", 0.0), ("CRVAL2", 0.0),
+        ("CDELT1", 1.0), ("CDELT2", 1.0), ("CTYPE1", "X"), ("CTYPE2", "Y"), ("CUNIT1", "pixel"), ("CUNIT2", "pixel"),
+        ("BUNIT", "1"), ("ROWORDER", "TOP-DOWN"), ("PHOTO", photograph), ("SAMPLING", 1),
+        ("ORIGIN", "calibration-station"), ("CREATOR", f"calibration-station {version or ''}".strip()),
+    ]  # fmt: skip
+    return primary_image(kernel, grid)
+
+
 def _noted(exposure: Exposure) -> dict[str, str | float]:
     """What the camera noted, by the names of FITS; what it did not is left out."""
     found = {

@@ -122,17 +122,31 @@ def restored(case: Shaken, weight: float | None = None, flat: bool = False) -> t
     return outcome.value, f"{outcome.verdict} {outcome.reason}"
 
 
+INNER = (slice(16, -16), slice(16, -16))
+
+
+def error(case: Shaken, found: Array) -> tuple[Array, Array]:
+    """Error of a picture after the shift and the factor of light that suit best, rim left out; and the shift, y, x."""
+    u, sharp = found.astype(np.float64), case.sharp[INNER]
+
+    def left(d: Array) -> Array:
+        back = shift(u, -d, order=3, mode="nearest")[INNER]
+        return np.asarray(np.vdot(back, sharp) / np.vdot(back, back) * back - sharp)
+
+    d = _least(lambda d: float(np.mean(left(d) ** 2)), _whole_shift(u, case.sharp)).x
+    return left(d), d
+
+
 def score(case: Shaken, found: Array) -> float:
-    """PSNR, dB, after the shift and the factor of light that suit best, rim left out."""
-    u, sharp = found.astype(np.float64), case.sharp
-    inner = (slice(16, -16), slice(16, -16))
+    """PSNR, dB."""
+    return float(-10 * np.log10(np.mean(error(case, found)[0] ** 2)))
 
-    def left(d: Array) -> float:
-        back = shift(u, -d, order=3, mode="nearest")[inner]
-        factor = np.vdot(back, sharp[inner]) / np.vdot(back, back)
-        return float(np.mean((factor * back - sharp[inner]) ** 2))
 
-    return float(-10 * np.log10(_least(left, _whole_shift(u, sharp)).fun))
+def covered(case: Shaken, found: Restoration) -> tuple[float, float]:
+    """The picture's stated error over its error, and the part of its pixels that err by less than 2 stated ones."""
+    left, d = error(case, found.sharp[0])
+    std = shift(found.sharp_std, -d, order=1, mode="nearest")[INNER]
+    return float(found.diagnostics.picture_std / left.std()), float(np.mean(np.abs(left) < 2 * std))
 
 
 def unknown(case: Shaken) -> Shaken:
@@ -164,8 +178,10 @@ def compare(case: Shaken, multiples: list[float], flat: bool = False) -> list[fl
     weight = found.history[-1].weights.picture
     scores = [filtered, score(case, found.sharp[0])]
     scores += [score(case, restored(case, m * weight, flat)[0].sharp[0]) for m in multiples]
+    stated, inside = covered(case, found)
     print(
-        "".join(f"{one:7.2f}" for one in scores) + f"   weight {weight:.1e}  noise {found.diagnostics.noise:.4f}"
+        "".join(f"{one:7.2f}" for one in scores) + f"   stated/error {stated:.2f}  in 2 sd {inside:.3f}"
+        f"   weight {weight:.1e}  noise {found.diagnostics.noise:.4f}"
         f"  w {np.median(found.w):5.2f}, sd {found.w.std():.2f}   {seconds:3.0f} s  {said}",
         flush=True,
     )

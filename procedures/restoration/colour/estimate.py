@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import shift as moved
 
 from procedures.raw import Plane
@@ -52,10 +53,16 @@ def in_colour(
     sharp, w, residual = pair_at(
         known, w, first, shifted(masks, 2 * found.shifts), found.diagnostics.noise, steps or Steps()
     )
-    spread_w = np.repeat(np.repeat(2 * found.w_std, 2, axis=0), 2, axis=1)
-    moved = np.repeat(np.repeat(found.moved, 2, axis=0), 2, axis=1)
     unit = DepthUnit(found.unit.name, found.unit.per_pixel / 2)
-    return replace(found, sharp=sharp, w=w, w_std=spread_w, residual=residual, moved=moved, unit=unit)
+    return replace(
+        found, sharp=sharp, sharp_std=_on_sensor(found.sharp_std), w=w, w_std=_on_sensor(2 * found.w_std),
+        residual=residual, moved=_on_sensor(found.moved), unit=unit,
+    )  # fmt: skip
+
+
+def _on_sensor(plane: NDArray[Any]) -> NDArray[Any]:
+    """What is of a plane's pixel, at the four of the sensor."""
+    return np.repeat(np.repeat(plane, 2, axis=0), 2, axis=1)
 
 
 def pair_at(

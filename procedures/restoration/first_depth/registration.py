@@ -210,6 +210,12 @@ def registered(
     return Registered(z, trust, shifts, light, turns, zooms)
 
 
+def similarities(z: Array, stacks: Sequence[Masks], settings: RegistrationSettings | None = None) -> list[Similarity]:
+    """Turn and zoom of each of the photographs (P, C, H, W) after the first, against it."""
+    s = settings or RegistrationSettings()
+    return [_similarity(_costs(z[[0, n]], [stacks[0], stacks[n]], s), z.shape[2:]) for n in range(1, len(z))]
+
+
 def _similarity(costs: Costs, shape: tuple[int, ...]) -> Similarity:
     """Turn and zoom, by the shift of every part of the frame."""
     each = [_common([cost]) for cost, _ in costs]

@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion, convolve1d, uniform_filter
+from scipy.ndimage import binary_erosion, uniform_filter
 
 from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.restoration.first_depth import initial_depth, registration
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import DataTerm
 from procedures.restoration.joint.moved_objects import Mask, MovedSettings, largest, moved_objects
-from procedures.restoration.joint.noise_and_contrast import noise_gain, picture_uncertainty
+from procedures.restoration.joint.noise_and_contrast import fitted_by_depth, noise_gain
+from procedures.restoration.joint.picture_error import error_map, noise_seen, own_noise, picture_error
 from procedures.restoration.joint.schedule import Schedule, Scheme, WeightSettings
 from procedures.restoration.masks import checks
 from procedures.restoration.masks.blur_models import DepthUnit
@@ -33,10 +34,13 @@ class RestorationLimits:
     Attributes
     ----------
     explained, most_residual : float
-        Residual over the photographs' own noise: 0.2 to 1.0 with true masks; 1.2 to 1.5 with measured ones that have
-        errors of their own, and with paths bent by a fifth; up to 2.6 with another shape (a Gaussian for a pillbox); 11
-        and more where the photographs are not of one scene. Under the first nothing is said, over the second no picture
-        is common.
+        Residual over the photographs' own noise: 0.1 to 1.1 with true masks and with kernels of real shake; 1.2 to
+        1.5 with kernels whose every sample errs, and with paths bent by a fifth; up to 2.6 with another shape (a
+        Gaussian for a pillbox); 11 and more where the photographs are not of one scene. Over the second no picture is
+        common.
+    least_gained : float
+        Over the first, what blur took over the picture's expected error, into which goes all that is left over: 3 to 11
+        with true masks, 1.4 and less with paths bent by a fifth and with other shapes.
     least_noise : float
         What is left over rounding of 8 bits alone is no disagreement, white = 1.
     most_noise : float
@@ -48,6 +52,7 @@ class RestorationLimits:
     """
 
     explained: float = 1.2
+    least_gained: float = 3.0
     most_residual: float = 5.0
     least_noise: float = 1.2e-3
     most_noise: float = 0.06
@@ -101,18 +106,20 @@ class RestorationDiagnostics:
     """What a restoration says of itself.
 
     noise : standard deviation, white = 1; residual_over_noise : root mean square of what is left over, over the
-    photographs' own noise; unexplained : what is left over beyond that noise, over the photographs' contrast, the
-    measure of how far masks and photographs disagree; picture_std : of the sharp picture, white = 1, see
-    `picture_uncertainty`; undetermined : part of the frame whose w is uncertain by more than half a pixel at best;
+    photographs' own noise as `noise_seen` tells it; unexplained : what is left over beyond that
+    noise, over the photographs' contrast, the measure of how far masks and photographs disagree; picture_std : expected
+    error of the sharp picture, white = 1, and gained : what blur took from the least blurred photograph, over that, see
+    `picture_error`; undetermined : part of the frame whose w is uncertain by more than half a pixel at best;
     noise_gain : of the restoration at the median w; saturated, at_limit, moved : parts of the frame saturated, at the
-    end of the range of w, and in which something moved; elsewhere_over_noise : as residual_over_noise, without what
-    moved.
+    end of the range of w, and in which something moved; elsewhere_over_noise : without what moved, over the noise that
+    the photographs' finest detail shows.
     """
 
     noise: float
     residual_over_noise: float
     unexplained: float
     picture_std: float
+    gained: float
     undetermined: float
     noise_gain: float
     saturated: float
@@ -125,13 +132,16 @@ class RestorationDiagnostics:
 class Restoration:
     """Sharp picture (C, H, W), w (H, W) pixels and its least standard deviation, residuals (P, C, H, W), history.
 
+    sharp_std : (H, W) expected error of the picture's planes, white = 1, see `error_map`.
     shifts : (P, 2) x, y of each photograph against the first beyond what its masks contain, pixels; light : (P,) over
     the first's; turns, zooms : (P,) against the first, radians and over its size; all taken up. moved : (H, W), where
     something moved between the photographs: neither picture nor w is to be believed there.
-    unit : what w is told in to people and files.
+    unit : what w is told in to people and files. kernels : (P, K, K) of a flat scene's motions that were found, one
+    sample a pixel, or None.
     """
 
     sharp: Array
+    sharp_std: Array
     w: Array
     w_std: Array
     residual: Array
@@ -144,18 +154,7 @@ class Restoration:
     zooms: Array
     moved: Mask
     unit: DepthUnit = field(default_factory=DepthUnit)
-
-
-def own_noise(z: Array) -> float:
-    """Greatest standard deviation of any photograph's noise, told from the photograph alone: an upper bound.
-
-    Second differences along both axes (Immerkaer 1996) see little of a blurred picture; their upper quartile is taken,
-    as dark ground may be clipped.
-    """
-    bend = np.array([1.0, -2.0, 1.0])
-    rough = np.abs(convolve1d(convolve1d(z, bend, axis=-2), bend, axis=-1)) / 6
-    quartile = np.percentile(rough.reshape(len(z), -1), 75, axis=1)
-    return float(quartile.max() / 1.150)
+    kernels: Array | None = None
 
 
 def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
@@ -268,26 +267,32 @@ def _restoration(
     known = p.flat_w is not None
     spread = np.zeros_like(w) if known else w_uncertainty(data, state.u, state.w, state.known.sigma)[inside]
     limit = min(b.stack.max_w for b in data.blurs)
-    masks, middle, weight = [b.stack for b in data.blurs], float(np.median(w)), state.history[-1].weights.picture
-    rms, own = _left_over(residual, data.trust), max(own_noise(data.z), p.limits.least_noise)
-    moved = moved_objects(residual, data.z, own, p.moved)
-    # w of what moved may be any
+    masks, last = [b.stack for b in data.blurs], state.history[-1].weights
+    sharp = state.u[:, R:-R, R:-R]
+    finest = max(own_noise(data.z), p.limits.least_noise)
+    moved = moved_objects(residual, data.z, finest, p.moved)
+    own = max(finest, noise_seen(data.z, residual * ~moved, sharp, R))
+    rms = _left_over(residual, data.trust)
+    fitted = 0.0 if known else fitted_by_depth(data, state.u, last)
+    error = picture_error(masks, np.quantile(w, joint_descent.DECILES), last.picture, residual, sharp, fitted)
+    # w of what moved may be any, and so may the picture there
     spread = np.where(moved, np.maximum(spread, limit), spread)
+    uncertain = np.where(moved, max(error.std, float(sharp.std())), error_map(error.std, residual, 2 * R + 1))
     diagnostics = RestorationDiagnostics(
         noise=state.known.sigma,
         residual_over_noise=rms / own,
         unexplained=float(np.sqrt(max(rms**2 - own**2, 0.0)) / max(float(data.z.std(axis=(-2, -1)).mean()), 1e-9)),
-        picture_std=picture_uncertainty(masks, middle, weight, state.known.deciding),
+        picture_std=error.std,
+        gained=error.blurred / max(error.std, 1e-9),
         undetermined=float((spread > 0.5).mean()),
-        noise_gain=noise_gain(masks, middle, weight),
+        noise_gain=noise_gain(masks, float(np.median(w)), last.picture),
         saturated=saturated,
         at_limit=float((w > limit - 0.2).mean()),
         moved=float(moved.mean()),
-        elsewhere_over_noise=_left_over(residual * ~moved, data.trust * ~moved) / own,
+        elsewhere_over_noise=_left_over(residual * ~moved, data.trust * ~moved) / finest,
     )
-    sharp = state.u[:, R:-R, R:-R]
     taken_up = (brought.shifts, brought.light, brought.turns, brought.zooms)
-    return Restoration(sharp, w, spread, residual, start, state.history, diagnostics, *taken_up, moved)
+    return Restoration(sharp, uncertain, w, spread, residual, start, state.history, diagnostics, *taken_up, moved)
 
 
 def _left_over(residual: Array, trust: Array) -> float:
@@ -339,7 +344,7 @@ def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outco
             "raise --max-w",
         ),
         (
-            d.residual_over_noise > s.explained,
+            d.residual_over_noise > s.explained and d.gained < s.least_gained,
             f"the shapes are off: beyond noise they leave {d.unexplained:.1%} of the photographs' contrast unexplained "
             f"({d.residual_over_noise:.1f} times the noise in all); the picture is uncertain by {d.picture_std:.1%} of "
             "white or more",
@@ -372,9 +377,11 @@ def _where(moved: Mask) -> str:
     return f"{moved.mean():.1%} of the frame, the most of it {place}"
 
 
-def told_in(unit: DepthUnit, outcome: Outcome[Restoration]) -> Outcome[Restoration]:
-    """The same, with w told in that unit."""
-    return outcome if outcome.value is None else replace(outcome, value=replace(outcome.value, unit=unit))
+def told_in(unit: DepthUnit, outcome: Outcome[Restoration], kernels: Array | None = None) -> Outcome[Restoration]:
+    """The same, with w told in that unit, and the kernels that were found."""
+    if outcome.value is None:
+        return outcome
+    return replace(outcome, value=replace(outcome.value, unit=unit, kernels=kernels))
 
 
 def refocused(result: Restoration, stack: Masks, focus_w: float, strength: float = 1.0) -> Array:

@@ -60,7 +60,7 @@ def moments(
     V = S L / (S + lL)^3.
     """
     parts = [responses(stacks, float(w)) for w in depths]
-    L, rings = parts[0][1], _rings((SIZE, SIZE))
+    L, rings = parts[0][1], rings_of((SIZE, SIZE))
     noise, slopes = np.zeros((2, BANDS))
     for band in range(BANDS):
         noise[band], slopes[band] = _told_apart(
@@ -104,7 +104,7 @@ def band_powers(images: Array, others: Array | None = None) -> Array:
     shape = (images.shape[-2], images.shape[-1])
     one = _spectra(images)
     other = one if others is None else _spectra(others)
-    rings, mean = _rings(shape), (one * other.conj()).real.reshape(-1, *shape).mean(axis=0)
+    rings, mean = rings_of(shape), (one * other.conj()).real.reshape(-1, *shape).mean(axis=0)
     return np.array([mean[rings == band].mean() for band in range(BANDS)])
 
 
@@ -132,7 +132,7 @@ def gradient_powers(u: Array) -> Array:
     return band_powers(np.diff(u, axis=-2)) + band_powers(np.diff(u, axis=-1))
 
 
-def _rings(shape: tuple[int, int]) -> NDArray[np.intp]:
+def rings_of(shape: tuple[int, int]) -> NDArray[np.intp]:
     """The band of every frequency; -1 for those of nearly the whole frame, which its rim sets."""
     down, across = (np.fft.fftfreq(n) for n in shape)
     radius = np.hypot(down[:, None], across)
@@ -171,14 +171,3 @@ def noise_gain(stacks: list[MaskStack], w: float, weight: float) -> float:
     """How much the restoration at one w amplifies white noise, standard deviation over standard deviation."""
     S, L = responses(stacks, w)
     return float(np.sqrt(np.mean(S / (S + weight * L + 1e-12) ** 2)))
-
-
-def picture_uncertainty(stacks: list[MaskStack], w: float, weight: float, noise: float) -> float:
-    """Standard deviation of the sharp picture restored at one w, at least: what noise makes, and what its prior takes.
-
-    The posterior variance noise^2 / (S + weight L) of every frequency, averaged. `noise` is that of the photographs
-    with what wrong masks leave over, where the weight decides: these raise it, but what they bend in the picture alike
-    is not seen.
-    """
-    S, L = responses(stacks, w)
-    return float(noise * np.sqrt(np.mean(1 / (S + weight * L + 1e-12))))

@@ -7,14 +7,15 @@ and settles its kernels. What shifts the photographs against each other is in th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.outcome import BadInput, Refused
+from procedures.outcome import BadInput, BadParameter, Refused
+from procedures.restoration.joint.kernel_sizes import MEASURED
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.unknown_motion.free_kernels import (
     Kernels,
@@ -159,6 +160,28 @@ def kernels_of_flat_scene(
         )
     agreement = min([likeness(fit.kernels, one.kernels) for one in fits if one is not best], default=1.0)
     return FreeKernels(cropped(fit.kernels), float(np.sqrt(fit.left)) / CONTRAST, agreement, _doubt(fit, agreement, s))
+
+
+def kernels_as_found(kernels: Sequence[Array], count: int, doubt: str | None = None) -> MotionShapes:
+    """Kernels that were found before, one for each of `count` photographs, (K, K) with one sample a pixel.
+
+    doubt : why they were not to be trusted
+
+    Raises
+    ------
+    BadParameter
+        If they are not as many, or no such kernels.
+    """
+    sizes = [len(one) for one in kernels]
+    if len(sizes) != count or max(sizes) >= MEASURED:
+        raise BadParameter(
+            f"a flat scene's kernels are one for each of {count} photographs, of less than {MEASURED} pixels each way; "
+            f"got {', '.join(f'{n} x {n}' for n in sizes)}",
+            "give the kernel_N.npy of a result, in the order of the photographs",
+        )
+    most = max(sizes)
+    padded = np.stack([np.pad(one / one.sum(), (most - len(one)) // 2) for one in kernels])
+    return MotionShapes(padded, (most - 1) / 2, None, doubt, REMEDY)
 
 
 def _doubt(fit: SparseFit, agreement: float, settings: FreeKernelSettings) -> str | None:

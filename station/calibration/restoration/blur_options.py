@@ -88,6 +88,10 @@ class BlurOptions:
 
     def _check_region(self, images: int) -> None:
         whole = (self.prototype_region or "").strip().lower() == "whole"
+        if self.shapes and not whole:
+            raise unfit("--shape goes with --prototype-region whole, as kernels found before, or without a region")
+        if self.shapes and len(self.shapes) != images:
+            raise unfit(f"--shape takes one kernel for each of {images} images of a flat scene; got {len(self.shapes)}")
         if whole and (self.paths or self.ratios):
             raise unfit("--prototype-region whole finds every motion by itself, without --recorded-path and --ratio")
         if not whole and images > 2:
@@ -152,15 +156,18 @@ class BlurOptions:
 
     def _source(self, frames: list[RawFrame], photographs: list[Array]) -> KnownShapes | RecordedMotion | UnknownMotion:
         """Of what blurs most: motion, or defocus alone."""
-        from procedures.restoration.photograph_blur import KnownShapes, UnknownMotion, region_of
+        from procedures.restoration.flat_part import region_of
+        from procedures.restoration.photograph_blur import KnownShapes, UnknownMotion
         from procedures.restoration.unknown_motion.recorded_paths import read_path
+        from station.calibration.restoration.inputs import read_kernels
 
         if self.imu or self.poses:
             return self._recorded(frames)
         ratios = _later(self.ratios, 1.0, len(frames))
         if self.prototype_region is not None:
             paths = tuple(read_path(Path(one)) for one in self.paths)
-            return UnknownMotion(region_of(self.prototype_region), paths, ratios)
+            kernels, doubt = read_kernels([Path(one) for one in self.shapes])
+            return UnknownMotion(region_of(self.prototype_region), paths, ratios, kernels, doubt)
         shapes = _shapes(self.shapes, frames, photographs, self.samples_per_pixel)
         return KnownShapes(shapes, ratios, _later(self.offsets, 0.0, len(frames)))
 

@@ -130,8 +130,38 @@ def read_blur_shape(name: str, plane: str, shape: Size, samples_per_px: int | No
     path = Path(name)
     if path.suffix.lower() in FIELD_SUFFIXES:
         return measured_field(_field(path, plane), shape)
+    if samples_per_px is None and _is_kernel(path):
+        return read_kernels([path])[0][0]
     psf = _psf(path, samples_per_px)
     return blur_models.read_shape(path) if psf is None else measured_shape(*psf)
+
+
+def read_kernels(paths: Sequence[Path]) -> tuple[tuple[Array, ...], str | None]:
+    """Kernels of one sample a pixel from a restoration's kernel_N.npy or text files, and the doubt told of them."""
+    kernels, doubts = [], []
+    for path in paths:
+        if path.suffix.lower() == ".npy":
+            array = read_npy(path, "kernel", "give a kernel_N.npy of a result")
+            check_real(array, str(path))
+            kernels.append(blur_models.check_shape(np.asarray(array, np.float64), str(path)))
+        else:
+            kernels.append(blur_models.read_shape(path))
+        doubts += [_beside(path).get("parameters", {}).get("motion", {}).get("doubt")] if _is_kernel(path) else []
+    return tuple(kernels), next((str(one) for one in doubts if one), None)
+
+
+def _is_kernel(path: Path) -> bool:
+    """Whether the file is a kernel that a restoration found."""
+    return path.suffix.lower() == ".npy" and path.stem.startswith("kernel_") and "kernels" in _beside(path)
+
+
+def _beside(path: Path) -> dict[str, Any]:
+    """The record in a file's folder; empty where there is none."""
+    try:
+        record = read_json(path.parent / "result.json")
+    except BadInput:
+        return {}
+    return record if isinstance(record, dict) else {}
 
 
 def _psf(path: Path, samples_per_px: int | None) -> tuple[Array, int] | None:

@@ -14,9 +14,9 @@ from procedures.plan import Ask, Shoot
 from procedures.raw import Felt, Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import APERTURES, MOTIONS, RestorationFacts
+from procedures.restoration.flat_part import parts, region_of
 from procedures.restoration.masks.camera_motion import planar_stacks
 from procedures.restoration.masks.thin_lens import CameraSetting
-from procedures.restoration.photograph_blur import parts, region_of
 from procedures.restoration.plan import aperture_ratio, check_first, check_second, estimate, plan
 from procedures.restoration.two_photographs import blur_ratio, blur_relation, rig_poses
 

@@ -12,11 +12,11 @@ from procedures.restoration.joint.estimate import (
     judge,
     noise_gain,
     noise_of,
-    own_noise,
     reach_of,
     refocused,
     restore,
 )
+from procedures.restoration.joint.picture_error import own_noise
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import mask_stack
 from procedures.restoration.masks.checks import check_max_w
@@ -94,9 +94,18 @@ def test_bent_paths_are_doubted_with_what_they_cost(vibrating, vibration_shapes,
 
 
 def test_residual_decides_between_pass_doubt_and_refusal(outcome):
-    for times, verdict in ((1.0, "pass"), (1.3, "doubtful"), (4.9, "doubtful"), (5.1, "refused"), (68.0, "refused")):
-        told = replace(outcome.value.diagnostics, residual_over_noise=times, elsewhere_over_noise=times)
+    # more than noise is left over: it is in the picture's uncertainty, which then has to be small beside the blur
+    cases = ((1.0, 1.0, "pass"), (1.3, 2.9, "doubtful"), (1.3, 3.1, "pass"), (4.9, 2.9, "doubtful"))
+    for times, gained, verdict in (*cases, (5.1, 9.0, "refused"), (68.0, 9.0, "refused")):
+        told = replace(outcome.value.diagnostics, residual_over_noise=times, elsewhere_over_noise=times, gained=gained)
         assert judge(replace(outcome.value, diagnostics=told)).verdict == verdict
+
+
+def test_every_pixel_of_the_picture_has_an_uncertainty(outcome, vibrating):
+    found, R, rim = outcome.value, vibrating.R, slice(12, -12)
+    error = np.abs(found.sharp[0] - vibrating.sharp[0, R:-R, R:-R])
+    # of a normal distribution 95 %; steps of the depth are in it
+    assert 0.85 < np.mean(error[rim, rim] < 2 * found.sharp_std[rim, rim]) < 0.99
 
 
 def test_uncertainty_of_depth_is_what_noise_allows(outcome):

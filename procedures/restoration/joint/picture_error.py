@@ -1,0 +1,131 @@
+"""How far the restored picture is from the scene, by what it leaves of the photographs.
+
+Whatever the masks err by leaves something over as noise does, and is taken for noise of that power: what of it lies
+where the photographs contradict each other is seen, and as much again is taken to lie where they agree, in the picture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import convolve1d, uniform_filter
+from scipy.optimize import nnls
+
+from procedures.restoration.joint.noise_and_contrast import (
+    BANDS,
+    SIZE,
+    band_powers,
+    gradient_powers,
+    responses,
+    rings_of,
+)
+from procedures.restoration.masks.blur_operator import Array, MaskStack
+
+WINDOW = 15
+"""Side of the places in which what is left over is compared with texture and light, pixels."""
+SMOOTH = 0.25
+"""Texture of the smoothest tenth of places, of the mean, up to which they tell noise from errors of the masks."""
+
+
+@dataclass(frozen=True)
+class PictureError:
+    """Root mean squares, white = 1.
+
+    std : expected error of the restored picture; noise, lost : its parts of noise amplified with what masks that err
+    leave over, and of the picture that the prior took; blurred : what the least blurred photograph lacks.
+    """
+
+    std: float
+    noise: float
+    lost: float
+    blurred: float
+
+
+def picture_error(
+    stacks: list[MaskStack], depths: Array, weight: float, residual: Array, sharp: Array, fitted: float = 0.0
+) -> PictureError:
+    """The expected error of a picture (C, H, W) that leaves `residual` (P, C, H, W) of the photographs.
+
+    depths : w of equal parts of the frame; weight : lambda_u; fitted : noise fitted by the depth.
+
+    Where masks pass S = sum |H|^2 and the prior is L, the picture errs by (S N + (weight L)^2 X) / (S + weight L)^2: N
+    the power of what masks and noise leave of one photograph, X that of the picture. The photographs less the picture
+    keep P - 1 of P parts of N, and what the prior holds off; X is taken as restored.
+    """
+    left, slopes, rings = band_powers(residual.astype(np.float64)), gradient_powers(sharp.astype(np.float64)), _bands()
+    parts = np.zeros(3)
+    for w in depths:
+        S, L = responses(stacks, float(w))
+        soft = weight * L / (S + weight * L + 1e-12)
+        sharpest = (1 - np.sqrt(responses_of_best(stacks, float(w)))) ** 2 / np.maximum(L, 1e-12)
+        for band in range(BANDS):
+            at = rings == band
+            free = max(len(stacks) - 1 + float(np.mean(soft[at] ** 2)) - fitted, 0.2)
+            noise = len(stacks) * left[band] / free
+            parts += [
+                noise * np.sum(S[at] / (S[at] + weight * L[at] + 1e-12) ** 2),
+                slopes[band] * np.sum(soft[at] ** 2 / L[at]),
+                slopes[band] * np.sum(sharpest[at]),
+            ]
+    parts /= len(depths) * np.sum(rings >= 0)
+    return PictureError(float(np.sqrt(parts[:2].sum())), *(float(one) for one in np.sqrt(parts)))
+
+
+def responses_of_best(stacks: list[MaskStack], w: float) -> Array:
+    """Squared transfer function of the mask that blurs least."""
+    each = [responses([one], w)[0] for one in stacks]
+    return np.minimum(max(each, key=lambda one: float(one.mean())), 1.0)
+
+
+def _bands() -> Array:
+    return np.asarray(rings_of((SIZE, SIZE)))
+
+
+def error_map(std: float, residual: Array, window: int) -> Array:
+    """The picture's expected error at every pixel, (H, W): as much as is left over about it, of what is in all."""
+    power = uniform_filter((residual.astype(np.float64) ** 2).mean(axis=(0, 1)), window, mode="reflect")
+    return np.asarray(std * np.sqrt(power / max(float(power.mean()), 1e-30)))
+
+
+def own_noise(z: Array) -> float:
+    """Greatest standard deviation of any photograph's white noise, told from the photograph alone: an upper bound.
+
+    Second differences along both axes (Immerkaer 1996) see little of a blurred picture; their upper quartile is taken,
+    as dark ground may be clipped.
+    """
+    bend = np.array([1.0, -2.0, 1.0])
+    rough = np.abs(convolve1d(convolve1d(z, bend, axis=-2), bend, axis=-1)) / 6
+    quartile = np.percentile(rough.reshape(len(z), -1), 75, axis=1)
+    return float(quartile.max() / 1.150)
+
+
+def noise_seen(z: Array, residual: Array, sharp: Array, R: int) -> float:
+    """Standard deviation of photographs' noise (P, C, H, W), whatever its colour, by what a picture leaves of them.
+
+    Processed photographs have more noise than their finest detail shows: what is left where there is no texture tells
+    it, of which P - 1 of P parts are left.
+    """
+    return smooth_noise(z, residual, sharp, R) * float(np.sqrt(len(z) / (len(z) - 1)))
+
+
+def smooth_noise(z: Array, residual: Array, sharp: Array, R: int) -> float:
+    """Standard deviation of what is left over where the scene has no texture, as much of the frame's light as all.
+
+    z, residual : (P, C, H, W); sharp : (C, H, W); R : half-size of the masks. Noise goes with light, errors of the
+    masks with texture within their reach: variances of places are explained by both. 0 where no place is smooth.
+    """
+    wide = 2 * R + 1
+    down, across = np.gradient(sharp.astype(np.float64), axis=(-2, -1))
+    steep = (down**2 + across**2).mean(axis=0)
+    maps = (z.mean(axis=(0, 1)), uniform_filter(steep, wide), (residual.astype(np.float64) ** 2).mean(axis=(0, 1)))
+    step = slice(R, -R or None, WINDOW // 2)
+    light, texture, left = (uniform_filter(one, WINDOW)[step, step].ravel() for one in maps)
+    if np.percentile(texture, 10) > SMOOTH * texture.mean() or texture.size < 30:
+        return 0.0
+    design = np.column_stack([np.ones_like(light), light.clip(0), texture / texture.mean()])
+    found, trust = np.zeros(3), 1 / np.maximum(left, 1e-3 * left.mean() + 1e-30)
+    for _ in range(4):
+        found = nnls(design * trust[:, None], left * trust)[0]
+        trust = 1 / np.maximum(design @ found, 1e-3 * left.mean() + 1e-30)
+    return float(np.sqrt(np.mean(design[:, :2] @ found[:2])))

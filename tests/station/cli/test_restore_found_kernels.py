@@ -1,0 +1,100 @@
+"""`station restore` writes the kernels of a flat scene's motions, and takes them again."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.ndimage import gaussian_filter
+from scipy.signal import fftconvolve
+
+from station.__main__ import main
+from station.calibration.restoration.inputs import read_blur_shape, read_kernels
+
+SLOW_FIXTURES = {"found"}
+SIZE = 72
+KERNELS = [np.array(rows, float) / 8 for rows in (
+    [[0, 1, 2], [0, 0, 3], [0, 0, 2]],
+    [[0, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 2, 2, 1, 0], [0, 0, 0, 2, 0], [0, 0, 0, 0, 0]],
+)]  # fmt: skip
+QUICK = ("--blur", "motion", "--prototype-region", "whole", "--scheme", "1x(2+2)+1x6")
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory):
+    folder, rng = tmp_path_factory.mktemp("flat"), np.random.default_rng(2)
+    scene = 0.5 + 0.2 * np.sign(gaussian_filter(rng.standard_normal((SIZE + 4, SIZE + 4)), 2))
+    for n, kernel in enumerate(KERNELS):
+        z = fftconvolve(scene, kernel, mode="same")[2:-2, 2:-2] + 0.002 * rng.standard_normal((SIZE, SIZE))
+        cv2.imwrite(str(folder / f"{n}.png"), np.rint(65535 * z).astype(np.uint16))
+        np.savetxt(folder / f"kernel{n}.txt", kernel)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def found(photographs):
+    """The result with the true kernels given: none are looked for."""
+    out = photographs / "out"
+    return again(photographs, out, *(photographs / f"kernel{n}.txt" for n in (0, 1))), out
+
+
+def again(photographs, out, *kernels):
+    images = [photographs / f"{n}.png" for n in (0, 1)]
+    words = ["restore", *images, *QUICK, "--shape", *kernels, "--out", out]
+    return CliRunner().invoke(main, [str(one) for one in words])
+
+
+def test_kernels_are_written_as_other_psfs_are(found):
+    done, out = found
+    assert done.exit_code == 0, done.output
+    first = np.load(out / "kernel_1.npy")
+    np.testing.assert_allclose(first, np.pad(KERNELS[0], 1), atol=1e-12)
+    np.testing.assert_allclose(np.load(out / "kernel_2.npy"), KERNELS[1], atol=1e-12)
+    assert cv2.imread(str(out / "kernel_1.tiff"), cv2.IMREAD_UNCHANGED) == pytest.approx(first, abs=1e-7)
+    fits = (out / "kernel_1.fits").read_bytes()
+    np.testing.assert_array_equal(np.frombuffer(fits[2880 : 2880 + 200], ">f8").reshape(5, 5), first)
+    assert b"SAMPLING=" in fits[:2880]
+    assert json.loads((out / "result.json").read_text())["kernels"] == {"count": 2, "samples_per_pixel": 1}
+    assert "kernel_2.npy" in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_given_again_they_give_the_same_picture(photographs, found, tmp_path):
+    done = again(photographs, tmp_path / "o", *(found[1] / f"kernel_{n}.npy" for n in (1, 2)))
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "o" / "sharp.tiff").read_bytes() == (found[1] / "sharp.tiff").read_bytes()
+
+
+def test_the_picture_has_an_uncertainty_at_every_pixel(found):
+    std = cv2.imread(str(found[1] / "sharp_std.tiff"), cv2.IMREAD_UNCHANGED)
+    assert std.shape == (SIZE, SIZE)
+    assert 0 < std.max() < 0.2
+
+
+def test_as_shapes_of_a_scene_in_depth_they_are_the_same_kernels(found):
+    shape = read_blur_shape(str(found[1] / "kernel_2.npy"), "G1", (SIZE, SIZE))
+    np.testing.assert_allclose(shape, KERNELS[1], atol=1e-12)
+
+
+def test_their_doubt_goes_with_them(found, tmp_path):
+    record = json.loads((found[1] / "result.json").read_text())
+    record["parameters"]["motion"]["doubt"] = "two ways end unlike"
+    (tmp_path / "result.json").write_text(json.dumps(record))
+    (tmp_path / "kernel_1.npy").write_bytes((found[1] / "kernel_1.npy").read_bytes())
+    assert read_kernels([tmp_path / "kernel_1.npy"])[1] == "two ways end unlike"
+    assert read_kernels([found[1] / "kernel_1.npy"])[1] is None
+
+
+def test_kernels_are_one_for_each_photograph(photographs, tmp_path):
+    done = again(photographs, tmp_path / "o", photographs / "kernel0.txt")
+    assert done.exit_code != 0
+    assert "one kernel for each of 2 images" in done.output
+
+
+def test_kernels_finer_than_pixels_are_refused(photographs, tmp_path):
+    np.savetxt(tmp_path / "fine.txt", np.ones((41, 41)))
+    done = again(photographs, tmp_path / "o", tmp_path / "fine.txt", tmp_path / "fine.txt")
+    assert done.exit_code != 0
+    assert "less than 40 pixels each way; got 41 x 41, 41 x 41" in done.output
