@@ -48,8 +48,8 @@ COARSEST = 0.01
 MASK_PX = 1.0
 """Width of the masks of usual sharpening, in pixels."""
 STEPS, SETTLED = 25, 3e-5
-"""Of the fit to that spectrum: at most so many, and the change of any of its numbers, logarithms or alike, from which on
-they differ from their end by less than a hundredth of their scatter."""
+"""Of the fit to that spectrum: at most so many, and the change of its numbers under which none is farther from its end
+than a hundredth of its scatter."""
 
 
 @dataclass(frozen=True)
