@@ -64,7 +64,7 @@ def dead_leaves(rng: np.random.Generator, side: int = 256, smallest: float = 3.0
         leaf = seen & ((places[columns] - cx) ** 2 + (places[rows, None] - cy) ** 2 < radius**2)
         picture[rows, columns][leaf] = colour
         seen[leaf] = False
-        left -= np.count_nonzero(leaf)
+        left -= int(np.count_nonzero(leaf))
     return picture
 
 
