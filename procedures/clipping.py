@@ -89,7 +89,8 @@ def _cut_off(values: Array, step: float, noise: float, enough: float, of_edge: b
     """The share of values that are cut off at the upper end; the other end has a noise."""
     stray = int(STRAY * len(values))
     pile = float(np.partition(values, len(values) - 1 - stray)[len(values) - 1 - stray])
-    counts = [np.count_nonzero(np.abs(values - pile + i * step) < step / 2) for i in range(4)]
+    top = values[values > pile - 4 * step]
+    counts = [np.count_nonzero(np.abs(top - pile + i * step) < step / 2) for i in range(4)]
     share = counts[0] / len(values)
     if share < LEAST_PILE or counts[0] < FEWEST or counts[0] < STEEP * max(counts[1:]):
         return 0.0

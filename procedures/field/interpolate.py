@@ -250,27 +250,33 @@ def _symmetric_score(data: WhitenedNodes, folds: _Folds, r: int, degree: int, ax
         counts = {len(_basis(data, np.arange(len(data.z)), recipe)[1])}
     scores: _Scores = []
     for count in sorted(counts):
-        left = [_left_out(data, fold, recipe, count) for fold in folds]
+        left = [_left_out(data, fold, _built(data, fold[0], recipe, count)) for fold in folds]
         error = sum(float(data.trust[out] @ np.sum(e**2, axis=1)) for e, (_, out) in zip(left, folds, strict=True))
         scores.append((recipe, count, error / data.z.size))
     return scores
 
 
-def _left_out(data: WhitenedNodes, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
+_Built = tuple[CoefficientModel, Array, Array]
+"""The model of some nodes, their mean (p,), and its directions (r, p)."""
+
+
+def _built(data: WhitenedNodes, kept: Indices, recipe: Recipe, r: int) -> _Built:
+    """By the nodes that are kept. Raises ValueError where they do not determine it."""
+    mean, V = _basis(data, kept, recipe)
+    return _build(recipe, data, kept, V[:r]), mean, V[:r]
+
+
+def _left_out(data: WhitenedNodes, fold: tuple[Indices, Indices], built: _Built) -> Array:
     """Errors (n, p) at the nodes left out, in units of noise."""
     kept, out = fold
-    mean, V = _basis(data, kept, recipe)
-    V = V[:r]
+    model, mean, V = built
     origin = data.origin(mean, V)
-    model = _build(recipe, data, kept, V)
     predicted = model.predict(data.places[out], data.z[kept] @ V.T - origin) + origin
     return np.asarray(data.z[out] - mean - (predicted - V @ mean) @ V)
 
 
-def _shares(data: WhitenedNodes, fold: tuple[Indices, Indices], recipe: Recipe, r: int) -> Array:
+def _shares(data: WhitenedNodes, out: Indices, model: CoefficientModel, r: int) -> Array:
     """How much of one node's variance comes to those left out through the others, (n,)."""
-    kept, out = fold
-    model = _build(recipe, data, kept, _basis(data, kept, recipe)[1][:r])
     return np.asarray(np.sum(model.transfer(data.places[out], r) ** 2, axis=(1, 2, 3)) / r)
 
 
@@ -340,7 +346,8 @@ def _lack(data: WhitenedNodes, folds: _Folds, recipe: Recipe, r: int, V: Array) 
     excess, rest = np.zeros((r, r)), 0.0
     for fold in folds:
         kept, out = fold
-        error, share = _left_out(data, fold, recipe, r), _shares(data, fold, recipe, r)
+        built = _built(data, kept, recipe, r)
+        error, share = _left_out(data, fold, built), _shares(data, out, built[0], r)
         seen = error @ V.T
         mean_share = 1 / len(kept)
         for i, node in enumerate(out):

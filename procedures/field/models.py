@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -68,12 +68,15 @@ class Optic:
         As in `PsfField`.
     whiten : (p, p) float64
         From a PSF's parameters to units of their noise.
+    norms : dict of int to (rings,) float64
+        Of each harmonic's rings in these units, as they become known: whoever has several of one noise shares them.
     """
 
     analysis: Array
     components: Array
     whiten: Array
     k: int
+    norms: dict[int, Array] = field(default_factory=dict)
 
     @cached_property
     def even(self) -> Array:
@@ -86,8 +89,10 @@ class Optic:
         kept: dict[int, tuple[Array, Array]] = self.__dict__.setdefault("_kept", {})
         if m not in kept:
             cos, sin = _waves(m, self.k, self.analysis.shape[1] - self.k**2)
-            size = np.linalg.norm(self.whiten @ cos, axis=0)
-            size[size == 0] = 1.0  # a ring of few samples holds no wave of many periods
+            if m not in self.norms:
+                size = np.linalg.norm(self.whiten @ cos, axis=0)
+                self.norms[m] = np.where(size > 0, size, 1.0)  # a ring of few samples holds no wave of many periods
+            size = self.norms[m]
             kept[m] = self.analysis @ (cos / size), self.analysis @ (sin / size)
         return kept[m]
 
@@ -212,12 +217,15 @@ class AxialSymmetry:
         """What each unknown adds to the coefficients at points (n, 2): (n, r, unknowns)."""
         offset = np.asarray(points) - np.array(self.axis)
         radius, angle = np.hypot(*offset.T), np.arctan2(offset[:, 1], offset[:, 0])
+        turned = {m: self._turned(m, angle) for m in {m for _, m in self._terms}}
         blocks = [np.broadcast_to(self.optic.even, (len(offset), *self.optic.even.shape))]
-        for j, m in self._terms:
-            cos, sin = self.optic.harmonics(m)
-            turned = np.cos(m * angle)[:, None, None] * cos + np.sin(m * angle)[:, None, None] * sin
-            blocks.append((radius**j)[:, None, None] * turned)
+        blocks += [(radius**j)[:, None, None] * turned[m] for j, m in self._terms]
         return np.concatenate(blocks, axis=2)
+
+    def _turned(self, m: int, angle: Array) -> Array:
+        """The rings' harmonics m turned by angles (n,): (n, r, rings)."""
+        cos, sin = self.optic.harmonics(m)
+        return np.asarray(np.cos(m * angle)[:, None, None] * cos + np.sin(m * angle)[:, None, None] * sin)
 
     @cached_property
     def _normal(self) -> tuple[Array, Array, tuple[Array, bool]]:
@@ -231,8 +239,9 @@ class AxialSymmetry:
 
     def residual(self, values: Array) -> Array:
         """What is left of the nodes' coefficients (N, r), in standard deviations, (N r,)."""
-        left = values - self.predict(self.places, values)
-        return np.asarray((np.sqrt(self.trust)[:, None] * left).ravel())
+        D, weight, factor = self._normal
+        left = values.ravel() - D @ cho_solve(factor, D.T @ (weight * values.ravel()))
+        return np.asarray(np.sqrt(weight) * left)
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,7 @@ class WhitenedNodes:
 
     def optic(self, V: Array) -> Optic:
         """The components (r, p) of these directions, for the symmetric model."""
-        return Optic(V @ self.to, V @ self.back.T, self.to, self.k)
+        return Optic(V @ self.to, V @ self.back.T, self.to, self.k, self.__dict__.setdefault("_norms", {}))
 
 
 def _units(covariance: Array, samples: int) -> Array:

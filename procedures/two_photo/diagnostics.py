@@ -144,6 +144,7 @@ def diagnose(
     far: Array32,
     near_noise_limit: float,
     recursion_check: float,
+    saturated: float,
     alike: Likeness,
     parts: ErrorParts,
 ) -> Diagnostics:
@@ -175,7 +176,7 @@ def diagnose(
         recursion_check=recursion_check,
         support_cut=kernel.cut,
         sharpness_ratio=_sharpness_ratio(fit, near, far, kernel.noise),
-        saturated=max(clipped_share(photograph) for photograph in (near, far)),
+        saturated=saturated,
         outliers=fit.outliers,
         travelled_px=fit.travelled_px,
         moved_px=fit.moved_px,

@@ -162,7 +162,7 @@ def _estimate(
     a: Array32, b: Array32, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
     """The chain itself; raises Refused."""
-    check_light(a, b)
+    saturated = check_light(a, b)
     sighting = register(a, b)
     near, far = (b, a) if sighting.swapped else (a, b)
     check_distance(sighting.H_near_far, far.shape, parameters.s or 2)
@@ -178,7 +178,7 @@ def _estimate(
     quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
     check = psf_by_equation(kernel.total, psf.s, J)
     off = float(np.linalg.norm(found.recovered.h - check.h) / np.linalg.norm(check.h))
-    diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, off, alike, parts)
+    diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, off, saturated, alike, parts)
     verdict, reason, remedy = judge(diagnostics, parameters, tried, psf.s, beyond_diffraction(quality, diffraction))
     if verdict is Verdict.REFUSED:
         return Outcome(None, verdict, reason, remedy)

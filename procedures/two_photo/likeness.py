@@ -47,7 +47,9 @@ COARSEST = 0.01
 """Cycles/pixel from which the near photograph's spectrum is used."""
 MASK_PX = 1.0
 """Width of the masks of usual sharpening, in pixels."""
-STEPS = 25
+STEPS, SETTLED = 25, 3e-5
+"""Of the fit to that spectrum: at most so many, and the change of its numbers under which none is farther from its end
+than a hundredth of its scatter."""
 
 
 @dataclass(frozen=True)
@@ -207,11 +209,13 @@ def near_look(near: Array32, psf: Psf) -> NearLook:
         left = y - np.log(total)
         robust = weight / (1 + (left / 0.5) ** 2)  # a pattern's peaks are no power of the frequency
         JW = J * robust[:, None]
-        damping = 1e-3 * np.diag(np.diag(JW.T @ J)) + 1e-9 * np.eye(J.shape[1])
-        step = np.linalg.solve(JW.T @ J + damping, JW.T @ left)
+        G = JW.T @ J
+        step = np.linalg.solve(G + 1e-3 * np.diag(np.diag(G)) + 1e-9 * np.eye(len(G)), JW.T @ left)
         theta = theta + np.clip(step[:-1], -1, 1)
+        if np.abs(step[:-1]).max() < SETTLED:
+            break
         noise = float(np.clip(noise * np.exp(np.clip(step[-1], -1, 1)), 1e-3 * most, most))
-    inverted = np.linalg.inv(JW.T @ J + 1e-9 * np.eye(J.shape[1]))
+    inverted = np.linalg.inv(G + 1e-9 * np.eye(len(G)))
     scatter = np.sqrt(np.diag(inverted @ (JW.T @ JW) @ inverted)[:-1]) * float(np.std(left))
     told = np.sign(theta) * np.maximum(np.abs(theta) - scatter, 0)
     return NearLook(told[2:4], float(told[4]), told[7:9], float(-theta[1]), most_noise)

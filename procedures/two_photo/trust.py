@@ -38,17 +38,25 @@ SCATTERED = 9.0
 Array32 = npt.NDArray[np.float32]
 
 
-def check_light(near: Array32, far: Array32) -> None:
-    """Refuse photographs of which too much is clipped, or that show next to no light."""
+def check_light(near: Array32, far: Array32) -> float:
+    """The larger share of clipped samples in either photograph.
+
+    Raises
+    ------
+    Refused
+        If too much of a photograph is clipped, or it shows next to no light.
+    """
+    clipped = []
     for photograph in (near, far):
-        clipped = clipped_share(photograph)
-        if clipped > 0.05:
+        clipped.append(clipped_share(photograph))
+        if clipped[-1] > 0.05:
             raise Refused(
-                f"the wall must not be clipped; {clipped:.0%} of a photograph is",
+                f"the wall must not be clipped; {clipped[-1]:.0%} of a photograph is",
                 "expose both less, by the same amount",
             )
         if np.percentile(photograph[::5, ::5], 99) < 0.01:
             raise Refused("the wall must stand clear of black; a photograph is all but dark", "expose both longer")
+    return max(clipped)
 
 
 def most_samples_per_pixel(H_near_far: Array, far_shape: tuple[int, ...]) -> int:

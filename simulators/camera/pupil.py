@@ -58,12 +58,16 @@ class Wavefront:
         """Path difference in micrometres at points of the unit pupil."""
         r2 = x * x + y * y
         return (
-            self.defocus_um * 3**0.5 * (2 * r2 - 1)
+            self.round_at(r2)
             + self.astigmatism_um * 6**0.5 * (x * x - y * y)
             + self.oblique_astigmatism_um * 6**0.5 * 2 * x * y
             + (self.coma_x_um * x + self.coma_y_um * y) * 8**0.5 * (3 * r2 - 2)
-            + self.spherical_um * 5**0.5 * (6 * r2 * r2 - 6 * r2 + 1)
         )
+
+    def round_at(self, r2: Array) -> Array:
+        """What of it is the same in every direction, at squares of the distance from the pupil's middle."""
+        defocus, spherical = self.defocus_um * 3**0.5, self.spherical_um * 5**0.5
+        return defocus * (2 * r2 - 1) + spherical * (6 * r2 * r2 - 6 * r2 + 1)
 
 
 def defocus_um(focus_shift_mm: float, f_number: float) -> float:
@@ -103,7 +107,7 @@ def _profile(wavefront: Wavefront, wavelength_um: float) -> Complex:
     """The OTF of a round wavefront over t, (rows, 1), as `polar_table.read` reads it."""
     n, quadrature = _fineness(wavefront, wavelength_um)
     t = np.linspace(0.0, 1.0, 3 * n)
-    otf = [_overlap(2 * (1 - a * a), np.zeros(1), wavefront, wavelength_um, quadrature)[0].real for a in t]
+    otf = _round_overlap(2 * (1 - t * t), wavefront, wavelength_um, quadrature)
     fine: Array = CubicSpline(t, otf)(np.linspace(0.0, 1.0, 3 * n * FINER))
     return fine[:, None].astype(np.complex128)
 
@@ -133,23 +137,42 @@ def _turned(wavefront: Wavefront, wavelength_um: float) -> Complex:
     return np.asarray(real + 1j * imaginary, dtype=np.complex128)
 
 
+def _round_overlap(shifts: Array, wavefront: Wavefront, wavelength_um: float, quadrature: tuple[Array, Array]) -> Array:
+    """As `_overlap`, at many shifts of a round wavefront, from a quarter of the lens: across the shift the path is the
+    same on both sides, along it the paths' difference changes sign, which leaves the cosine."""
+    nodes, weights = quadrature
+    half = nodes >= 0  # they lie as far on both sides; the middle one, if there is one, counts once
+    nodes, weights = nodes[half], np.where(nodes > 0, 2.0, 1.0)[half] * weights[half]
+    area, along, across = _lens(shifts, nodes, weights)
+    apart, r2 = shifts[:, None, None] / 2, across * across
+    behind, ahead = (wavefront.round_at(x * x + r2) for x in (along - apart, along + apart))
+    otf: Array = np.sum(area * np.cos(2 * np.pi / wavelength_um * (behind - ahead)), axis=(1, 2)) / np.pi
+    return otf
+
+
 def _overlap(
     shift: float, angles: Array, wavefront: Wavefront, wavelength_um: float, quadrature: tuple[Array, Array]
 ) -> Complex:
-    """The autocorrelation at one shift and many directions, by Gauss-Legendre quadrature over the lens of overlap.
-
-    Along the shift the lens reaches to a = sqrt(1 - y^2) - shift / 2 on both sides, across it to
-    b = sqrt(1 - shift^2 / 4); y = b sin(phi) takes the ends' square roots away.
-    """
-    nodes, weights = quadrature
-    b = np.sqrt(1 - shift * shift / 4)
-    phi = nodes * np.pi / 2
-    y = b * np.sin(phi)
-    a = np.maximum(np.sqrt(1 - y * y) - shift / 2, 0.0)
-    area = (weights * np.pi / 2 * b * np.cos(phi) * a)[:, None] * weights
-    along, across = a[:, None] * nodes, y[:, None] + 0 * nodes
+    """The autocorrelation at one shift and many directions, by Gauss-Legendre quadrature over the lens of overlap."""
+    area, along, across = _lens(shift, *quadrature)
     c, s = np.cos(angles)[:, None, None], np.sin(angles)[:, None, None]
     ahead, behind = along + shift / 2, along - shift / 2
     paths = [wavefront.at(c * x - s * across, s * x + c * across) for x in (ahead, behind)]
     phase = np.exp(2j * np.pi / wavelength_um * (paths[1] - paths[0]))
     return np.asarray(np.sum(area * phase, axis=(1, 2)) / np.pi, dtype=np.complex128)
+
+
+def _lens(shift: float | Array, nodes: Array, weights: Array) -> tuple[Array, Array, Array]:
+    """The lens in which two discs overlap: what each node counts, its place along the shift and across it, after the
+    shift's own axis if it has one.
+
+    Along the shift the lens reaches to a = sqrt(1 - y^2) - shift / 2 on both sides, across it to
+    b = sqrt(1 - shift^2 / 4); y = b sin(phi) takes the ends' square roots away.
+    """
+    half = np.asarray(shift)[..., None] / 2
+    b = np.sqrt(1 - half * half)
+    phi = nodes * np.pi / 2
+    y = b * np.sin(phi)
+    a = np.maximum(np.sqrt(1 - y * y) - half, 0.0)
+    area = (weights * np.pi / 2 * b * np.cos(phi) * a)[..., None] * weights
+    return area, a[..., None] * nodes, y[..., None]

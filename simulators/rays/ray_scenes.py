@@ -50,18 +50,21 @@ def dead_leaves(rng: np.random.Generator, side: int = 256, smallest: float = 3.0
     Radii have density r^-3 between the two given, in texels: the picture then looks alike at every scale (Lee, Mumford,
     Huang 2001).
     """
-    y, x = np.indices((side, side))
-    picture = np.zeros((side, side, 3))
-    bare = np.ones((side, side), bool)
-    while bare.any():
+    places, picture = np.arange(side), np.zeros((side, side, 3))
+    bare, left = np.ones((side, side), bool), side * side
+    while left:
         u = rng.random()
         radius = 1.0 / np.sqrt(u / smallest**2 + (1 - u) / largest**2)
         cx, cy = rng.uniform(-largest, side + largest, 2)
-        first, last = (np.clip([cy + r, cx + r], 0, side).astype(int) for r in (-radius, radius + 1))
-        about = np.s_[first[0] : last[0], first[1] : last[1]]  # nothing of the leaf lies elsewhere
-        leaf = bare[about] & ((x[about] - cx) ** 2 + (y[about] - cy) ** 2 < radius**2)
-        picture[about][leaf] = rng.uniform(0.05, 0.85) * rng.uniform(0.6, 1.0, 3)
-        bare[about] &= ~leaf
+        colour = rng.uniform(0.05, 0.85) * rng.uniform(0.6, 1.0, 3)
+        rows, columns = (slice(int(max(c - radius, 0)), int(min(max(c + radius + 1, 0), side))) for c in (cy, cx))
+        seen = bare[rows, columns]  # nothing of the leaf lies elsewhere
+        if not seen.any():
+            continue
+        leaf = seen & ((places[columns] - cx) ** 2 + (places[rows, None] - cy) ** 2 < radius**2)
+        picture[rows, columns][leaf] = colour
+        seen[leaf] = False
+        left -= int(np.count_nonzero(leaf))
     return picture
 
 
@@ -150,8 +153,7 @@ def leaves_in_depth(rows: int = 120, columns: int = 160, f_number: float = 2.0) 
 
     Blur then grows with distance alone, up to that of infinity, and texture tells of it nearly everywhere.
     """
-    rng = np.random.default_rng(11)
-    printed = [Material((1.0, 1.0, 1.0), texture=dead_leaves(rng, side=384, largest=24.0)) for _ in range(3)]
+    printed = [Material((1.0, 1.0, 1.0), texture=leaves) for leaves in _three_leaves()]
     things: list[Shape] = [
         Rectangle((-800, -500, 2400), (1400, 0, -1100), (0, 1000, 0), printed[0]),
         Rectangle((-330, -290, 1650), (260, 0, 0), (0, 330, 0), printed[1]),
@@ -163,6 +165,13 @@ def leaves_in_depth(rows: int = 120, columns: int = 160, f_number: float = 2.0) 
         rows, columns, focal_mm=50, f_number=f_number, focus_mm=1000, pitch_um=24e3 / columns, target_mm=(0, 0, 1000)
     )
     return Scene(things, sky=(0.3, 0.31, 0.33)), camera
+
+
+@cache
+def _three_leaves() -> tuple[Texture, ...]:
+    """The leaves of that scene: they take longer than its frame, and are the same at every aperture."""
+    rng = np.random.default_rng(11)
+    return tuple(dead_leaves(rng, side=384, largest=24.0) for _ in range(3))
 
 
 SCENES: Mapping[str, Callable[[int, int], tuple[Scene, ThinLensCamera]]] = {

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from procedures.outcome import BadInput
+from procedures.outcome import BadInput, BadParameter
 from procedures.psf import Psf
 from procedures.raw import RawFrame
 from procedures.reading.exposure import read_exposure
@@ -55,8 +55,19 @@ NO_SENSOR = KnownSensor({})
 
 
 def read_record(path: Path) -> tuple[dict[str, Any], str]:
-    """A sensor's record and its hash. Raises BadInput where the file is none."""
-    data = read_file(path, "sensor's record")
+    """A sensor's record and its hash.
+
+    Raises
+    ------
+    BadParameter
+        If there is no such file, or it cannot be read.
+    BadInput
+        If it is no sensor's record.
+    """
+    try:
+        data = read_file(path, "sensor's record")
+    except BadInput as error:
+        raise BadParameter(error.reason, error.remedy) from error
     record = parse_json(data, str(path), _GIVE)
     if not isinstance(record, dict) or record.get("schema") != SCHEMA:
         raise BadInput(f"{path} is no result of station sensor", _GIVE)
@@ -68,8 +79,8 @@ def read_sensor(path: Path, frame: RawFrame) -> KnownSensor:
 
     Raises
     ------
-    BadInput
-        If the record is none, or of another sensitivity, or tells of none of the planes.
+    BadParameter, BadInput
+        As `read_record`; or if the record is of another sensitivity, or tells of none of the planes.
     """
     record, sha256 = read_record(path)
     with decoding(str(path), "a sensor's record", _GIVE):

@@ -13,6 +13,7 @@ of each mutation is told, and `--keep` keeps the files that came to neither.
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import os
 import random
@@ -238,20 +239,21 @@ def fuzz(mutations: int, seed: int, only: Sequence[str] = (), keep: Path | None 
     counts: dict[str, Counts] = defaultdict(Counts)
     if any(name.startswith("film") for name in chosen):  # its kernels are made or loaded once, not in every fork
         filter_film(film_of_samples(samples()).checked(), FEW, threads=1)
+    gc.freeze()  # what is there is no fork's garbage: to look through it would copy it
     with tempfile.TemporaryDirectory(prefix="fuzz-") as raw:
         for name, (write, read) in chosen.items():
             path, begin = Path(raw, name.replace(".", "-"), name), time.perf_counter()
             path.parent.mkdir()
             _write_apart(write, path)
             subject = Subject(path, path.read_bytes(), read, seed, keep)
-            (whole,) = read_apart(subject, range(-1, 0))
-            if whole.code != "0":
-                raise SystemExit(f"{name} cannot be read as it was written: {whole}")
             many = mutations // len(chosen)
-            for first in range(0, many, IN_ONE):
+            for first in range(-1, many, IN_ONE):
                 numbers = range(first, min(first + IN_ONE, many))
                 for n, answer in zip(numbers, read_apart(subject, numbers), strict=True):
-                    _count(counts[name], subject, n, answer)
+                    if n >= 0:
+                        _count(counts[name], subject, n, answer)
+                    elif answer.code != "0":
+                        raise SystemExit(f"{name} cannot be read as it was written: {answer}")
             _tell(name, counts[name], time.perf_counter() - begin)
     return counts
 

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.text import read_numbers
@@ -174,14 +173,17 @@ def mask(shape: Array, w: float, R: int) -> Array:
 
 
 def _interpolated(shape: Array, w: float, R: int) -> Array:
-    """The stretched shape, linear between its samples, summed over each pixel."""
+    """The stretched shape, linear between its samples, summed over each pixel: along one axis after the other."""
     offsets = (np.arange((2 * R + 1) * SAMPLES) + 0.5) / SAMPLES - R - 0.5
-    half = (len(shape) - 1) / 2
-    near = np.abs(offsets) <= w * (1 + 1 / half)
-    at = (offsets[near] / w + 1) * half
-    fine = np.zeros((offsets.size, offsets.size))
-    fine[np.ix_(near, near)] = map_coordinates(shape, np.meshgrid(at, at, indexing="ij"), order=1)
-    return np.asarray(fine.reshape(2 * R + 1, SAMPLES, 2 * R + 1, SAMPLES).sum(axis=(1, 3)))
+    last = len(shape) - 1
+    at = (offsets / w + 1) * last / 2
+    within = np.flatnonzero((at >= 0) & (at <= last))
+    at, pixels = at[within], within // SAMPLES
+    left = np.minimum(at.astype(int), last - 1)
+    shares = np.zeros((2 * R + 1, last + 1))
+    np.add.at(shares, (pixels, left), 1 - (at - left))
+    np.add.at(shares, (pixels, left + 1), at - left)
+    return np.asarray(shares @ shape @ shares.T)
 
 
 def _cells(shape: Array, pitch: float, R: int) -> Array:

@@ -60,9 +60,10 @@ class MaskStack:
 
     def supports(self) -> NDArray[np.int32]:
         """Half-size of the square outside which each mask is zero, made to increase with w."""
+        held = self.masks != 0
         distance = np.abs(np.arange(-self.R, self.R + 1))
-        ring = np.maximum(distance[:, None], distance[None, :])
-        return np.maximum.accumulate([int(np.max(ring * (mask != 0))) for mask in self.masks]).astype(np.int32)
+        farthest = np.max(distance * (held.any(axis=1) | held.any(axis=2)), axis=1)
+        return np.maximum.accumulate(farthest).astype(np.int32)
 
 
 class Blur:

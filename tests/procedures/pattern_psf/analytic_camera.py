@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import scipy.fft
 from scipy.optimize import brentq
 
-from procedures.pattern import BLACK_BLOCKS, BLOCK, CELLS, X_CORNER_BLOCKS, Chart
+from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, X_CORNER_BLOCKS, Chart
 from procedures.raw import Plane
 
 Otf = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -78,14 +79,7 @@ def light(otf: Otf, chart: Chart, view: View, *, fine: int = 8, points: int = 4)
         Of the area of each of them per axis.
     """
     n = view.size_px * fine
-    M = view.to_cells()
-    place = (np.arange(n * points) + 0.5) / (fine * points) - 0.5 - (view.size_px - 1) / 2
-    scene = np.empty((n, n), np.float32)
-    for top in range(0, n, fine):
-        x, y = place[None], place[top * points : (top + fine) * points, None]
-        w = M[2, 0] * x + M[2, 1] * y + M[2, 2]
-        ink = _ink(chart, (M[0, 0] * x + M[0, 1] * y + M[0, 2]) / w, (M[1, 0] * x + M[1, 1] * y + M[1, 2]) / w)
-        scene[top : top + fine] = ink.reshape(fine, points, n, points).mean(axis=(1, 3))
+    scene = _scene(np.asarray(chart.cells, np.uint8).tobytes(), view, fine, points)
     fy, fx = scipy.fft.fftfreq(n, 1 / fine)[:, None], scipy.fft.rfftfreq(n, 1 / fine)[None]
     area = np.sinc(fx / fine) * np.sinc(fy / fine)
     to_centres = np.exp(2j * np.pi * (fx + fy) * (fine - 1) / (2 * fine))
@@ -93,19 +87,47 @@ def light(otf: Otf, chart: Chart, view: View, *, fine: int = 8, points: int = 4)
     return np.asarray(scipy.fft.irfft2(spectrum, (n, n))[::fine, ::fine])
 
 
-def _ink(chart: Chart, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+@lru_cache(maxsize=2)
+def _scene(printed: bytes, view: View, fine: int, points: int) -> np.ndarray:
+    """The print of these cells by area on the Fourier grid: it is the same through all optics."""
+    cells = np.frombuffer(printed, np.uint8).reshape(CELLS, CELLS)
+    n = view.size_px * fine
+    M = view.to_cells()
+    place = (np.arange(n * points) + 0.5) / (fine * points) - 0.5 - (view.size_px - 1) / 2
+    scene = np.empty((n, n), np.float32)
+    for top in range(0, n, fine):
+        x, y = place[None], place[top * points : (top + fine) * points, None]
+        w = M[2, 0] * x + M[2, 1] * y + M[2, 2]
+        ink = _ink(cells, (M[0, 0] * x + M[0, 1] * y + M[0, 2]) / w, (M[1, 0] * x + M[1, 1] * y + M[1, 2]) / w)
+        scene[top : top + fine] = ink.reshape(fine, points, n, points).mean(axis=(1, 3))
+    return scene
+
+
+def _ink(cells: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """The print at points in cells: white 1, black 0."""
-    value = np.ones(x.shape, np.float32)
+    column, row = (np.clip(np.floor(one / BLOCK), -2, _LAST - 2).astype(np.intp) + 2 for one in (x, y))
+    value = _LAYOUT[row, column]
     inside = (x >= 0) & (x < CELLS) & (y >= 0) & (y < CELLS)
-    value[inside] = chart.cells[y[inside].astype(int), x[inside].astype(int)]
-    column, row = np.floor(x / BLOCK).astype(int) + 1, np.floor(y / BLOCK).astype(int) + 1
-    for i, j in BLACK_BLOCKS:
-        value[(column == i) & (row == j)] = 0
-    for i, j in X_CORNER_BLOCKS:
-        here = (column == i) & (row == j)
-        u, v = x[here] - (i - 0.5) * BLOCK, y[here] - (j - 0.5) * BLOCK
-        value[here] = np.abs(v) <= np.abs(u)
+    value[inside] = cells[y[inside].astype(int), x[inside].astype(int)]
+    here = value == _X_CORNER
+    u, v = x[here] - (column[here] - 1.5) * BLOCK, y[here] - (row[here] - 1.5) * BLOCK
+    value[here] = np.abs(v) <= np.abs(u)
     return value
+
+
+_LAST, _X_CORNER = BLOCKS + 1, 2.0
+
+
+def _layout() -> np.ndarray:
+    """The blocks around the noise, and paper around these: white 1, black 0, or `_X_CORNER`; block (0, 0) is [1, 1]."""
+    blocks = np.ones((_LAST + 1, _LAST + 1), np.float32)
+    for value, places in ((0.0, BLACK_BLOCKS), (_X_CORNER, X_CORNER_BLOCKS)):
+        for i, j in places:
+            blocks[j + 1, i + 1] = value
+    return blocks
+
+
+_LAYOUT = _layout()
 
 
 def exposed(picture: np.ndarray, rng: np.random.Generator, *, noise: float = 0.008, bits: int = 14) -> Plane:

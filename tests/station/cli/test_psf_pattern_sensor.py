@@ -87,9 +87,9 @@ def test_what_is_no_result_of_this_plane_is_refused(run, estimator, photograph, 
     assert not estimator.asked
 
 
-def test_missing_record_is_refused(run, estimator, photograph, tmp_path):
+def test_missing_record_is_refused_as_every_missing_setting(run, estimator, photograph, tmp_path):
     done = run("psf", "pattern", photograph, "--sensor", tmp_path / "none.json", "--out", tmp_path / "out")
-    assert done.exit_code == 4
+    assert done.exit_code == 2
     assert "there is no file" in done.stderr
 
 

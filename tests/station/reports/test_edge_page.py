@@ -58,6 +58,7 @@ def test_page_tells_verdicts_numbers_and_places(frame, told):
     assert f"{edge.roi.x}, {edge.roi.y}, {edge.roi.width}, {edge.roi.height}" in text
     assert "Does not meet the specification." in text
     assert "Dashed: before" in text
+    assert "roi =" not in text  # a setting that was not made
     assert "what diffraction alone passes at f/5.6" in text
     assert told[1][1].best.reason[1:] in text  # of the plane that shows none
     assert "<b>" not in page
