@@ -37,10 +37,11 @@ from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.grbl import GrblController
 from simulators.devices.serial_device import Cable, plug, unplug
 from simulators.devices.tmcl import TmclModule
-from simulators.world.clock import VirtualClock
+from simulators.world.clock import FastClock, VirtualClock
 
 from .box_firmware import BoxFirmware, compiled_box
 from .grbl_firmware import FirmwareInSimavr
+from .grblhal_simulator import GrblHalSimulator
 from .lab_devices import ALPACA, LABS
 
 GRBL_AXES = [GrblAxis("z_mm", "X", 3000.0, travel=1500.0), GrblAxis("x_mm", "Y", 1500.0, travel=300.0)]
@@ -60,6 +61,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--port", default=None, help="the real port of that driver, any pyserial URL")
     parser.addoption("--grbl-firmware", default=None, help="GRBL for an ATmega328P (see grbl_transcript.py): elf")
     parser.addoption("--grbl-box", default=None, help="the program of grbl_box.c, which runs it in simavr")
+    parser.addoption("--grblhal", default=None, help="grblHAL's simulator (see grblhal_simulator.py): its program")
+    parser.addoption("--grbl-settings", default="", help="what either is set to besides, e.g. '$110=500 $21=0'")
 
 
 @dataclass
@@ -68,6 +71,8 @@ class Rig:
 
     `carried` tells where a shaker has the camera; `places` are where a stage is sent, as parts of its travel;
     `pulse_error_s` is what a shutter is held to: across a network its server's answers are part of it.
+    `cut_power(off_s, with_line)` switches a GRBL off and on again, and the line with it or not; `standing` tells where
+    its axes are, whatever it believes itself.
     """
 
     device: Any
@@ -76,6 +81,8 @@ class Rig:
     carried: Callable[[], tuple[float, float]] | None = None
     places: tuple[float, ...] = (0.5, 0.25, 1.0, 0.0, 0.75)
     pulse_error_s: float = 0.005
+    cut_power: Callable[[float, bool], None] | None = None
+    standing: Callable[[], tuple[float, ...]] = tuple
 
     def together(self, *works: Callable[[], object]) -> list[object]:
         """Do these at the same time; outcomes."""
@@ -207,6 +214,7 @@ STAGES: dict[str, Callable[..., Any]] = {
     "zaber": lambda wire, clock, *_: ZaberStage(wire("head", ZaberParser), ZABER_AXES, clock=clock),
     "tmcl": _tmcl,
 }
+GRBLS = {name: STAGES[name] for name in ("grbl", "grblHAL", "FluidNC")}
 SHUTTERS: dict[str, Callable[..., Any]] = {
     "strig": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
     "strig_simavr": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
@@ -241,6 +249,12 @@ ALONE = {name: maker for kind in KINDS.values() for name, maker in kind.items()}
 MAKERS = {**ALONE, **SHAKERS}
 
 
+REAL = ("grbl-firmware", "grblhal")
+"""Those that are given as programs of their makers."""
+SIMULATOR_SPEED = 4.0
+"""How much faster than time grblHAL's simulator goes."""
+
+
 def _frame(opening: object) -> bytes:
     return b"RAW" * 1000 + repr(opening).encode()
 
@@ -248,8 +262,9 @@ def _frame(opening: object) -> bytes:
 def _names(kind: str, makers: Mapping[str, Any], config: pytest.Config) -> list[Any]:
     """Which devices play a kind: all, or the one that was asked for."""
     chosen = config.getoption("--driver", default=None)
-    if kind == "stage" and config.getoption("--grbl-firmware", default=None):
-        return ["grbl_firmware"]
+    real = [name for name in REAL if config.getoption(f"--{name}", default=None)]
+    if real and kind in ("stage", "grbl"):
+        return real
     there = {**makers, **{name: one for name, one in LABS.items() if kind in ("device", one.kind)}}
     if chosen in ALPACA and kind in ("device", chosen.partition("_")[2]):
         return [chosen]
@@ -258,7 +273,7 @@ def _names(kind: str, makers: Mapping[str, Any], config: pytest.Config) -> list[
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    for kind, makers in (*KINDS.items(), ("shaker", SHAKERS), ("device", ALONE)):
+    for kind, makers in (*KINDS.items(), ("grbl", GRBLS), ("shaker", SHAKERS), ("device", ALONE)):
         if f"{kind}_rig" in metafunc.fixturenames:
             metafunc.parametrize(f"{kind}_rig", _names(kind, makers, metafunc.config), indirect=True)
 
@@ -284,25 +299,52 @@ def _host_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
         unplug("firmware/shutter")
 
 
-def _firmware_rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
+def _cut_power(cable: Cable) -> Callable[[float, bool], None]:
+    def cut(off_s: float, with_line: bool) -> None:
+        now_s = cable.clock.now_s()
+        if with_line:
+            cable.faults.unplugged_at_s, cable.faults.replugged_at_s = now_s, now_s + off_s
+        cable.happen(lambda now_s: cable.device.restart(now_s, off_s))  # type: ignore[attr-defined]
+
+    return cut
+
+
+def _firmware_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
+    """GRBL in simavr."""
     options = request.config.getoption
-    firmware, clock = FirmwareInSimavr(options("--grbl-firmware"), options("--grbl-box")), VirtualClock()
+    settings = tuple(options("--grbl-settings").split())
+    firmware, clock = FirmwareInSimavr(options("--grbl-firmware"), options("--grbl-box"), settings), VirtualClock()
     register_scheme("simulators.devices")
-    plug("firmware/stage", Cable(firmware, clock))
+    cable = Cable(firmware, clock)
+    plug("firmware/stage", cable)
     wire = SerialTransport("sim://firmware/stage", GrblParser, clock=clock)
     stage = GrblStage(wire, GRBL_AXES, clock=clock)
     try:
-        yield Rig(stage, clock, None)
+        yield Rig(stage, clock, None, cut_power=_cut_power(cable), standing=firmware.places)
     finally:
         stage.close()
         unplug("firmware/stage")
         firmware.end()
 
 
+def _grblhal_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
+    """grblHAL's simulator; its own account is all that tells where it stands."""
+    options = request.config.getoption
+    settings = tuple(options("--grbl-settings").split())
+    clock = FastClock(SIMULATOR_SPEED)
+    simulator = GrblHalSimulator(options("--grblhal"), folder, clock.speed, settings)
+    stage = GrblStage(SerialTransport(simulator.url, GrblParser, clock=clock), GRBL_AXES, clock=clock)
+    try:
+        yield Rig(stage, clock, None, cut_power=lambda off_s, _: simulator.power_cycle(off_s, clock))
+    finally:
+        stage.close()
+        simulator.end()
+
+
 def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
     port = request.config.getoption("--port", default=None)
-    if request.param == "grbl_firmware":
-        yield from _firmware_rig(request)
+    if request.param in REAL:
+        yield from {"grbl-firmware": _firmware_rig, "grblhal": _grblhal_rig}[request.param](request, folder)
         return
     if request.param in ALPACA:
         address, number, home = (*str(port).split("/"), "0", "")[:3]
@@ -343,6 +385,9 @@ def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
         return float(sway["x_mm"][0][0]), float(sway["y_mm"][0][0])
 
     rig = Rig(maker(wire, clock, bench, folder), clock, bench, carried)
+    if request.param in GRBLS:
+        rig.cut_power = _cut_power(bench.cables["stage"])
+        rig.standing = lambda: tuple(axis.position(clock.now_s()) for axis in bench.world.axes.values())
     yield rig
     rig.device.close()
     for transport in opened:
@@ -360,6 +405,7 @@ def _fixture(kind: str) -> Any:
 
 
 stage_rig = _fixture("stage")
+grbl_rig = _fixture("grbl")
 shutter_rig = _fixture("shutter")
 imu_rig = _fixture("imu")
 rangefinder_rig = _fixture("rangefinder")
