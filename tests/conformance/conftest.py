@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from drivers.folder_camera import FolderCamera
 from drivers.frames import Facts
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
-from drivers.grbl_envelope import GrblAxis
 from drivers.imu import FastImu, WitImu
 from drivers.light import DmxLight, DmxParser, GrblLight
 from drivers.protocols.grbl import GrblParser
@@ -37,14 +36,13 @@ from simulators.bench.bench import Setup, SimulatedBench
 from simulators.devices.grbl import GrblController
 from simulators.devices.serial_device import Cable, plug, unplug
 from simulators.devices.tmcl import TmclModule
-from simulators.world.clock import FastClock, VirtualClock
+from simulators.world.clock import VirtualClock
 
 from .box_firmware import BoxFirmware, compiled_box
-from .grbl_firmware import FirmwareInSimavr
-from .grblhal_simulator import GrblHalSimulator
+from .grbl_rigs import GRBL_AXES, REAL, CabledGrbl
 from .lab_devices import ALPACA, LABS
+from .rig import Rig
 
-GRBL_AXES = [GrblAxis("z_mm", "X", 3000.0, travel=1500.0), GrblAxis("x_mm", "Y", 1500.0, travel=300.0)]
 ZABER_AXES = [
     ZaberAxis("pan_deg", 1, 0.000234375, zero=-30.0, speed_per_s=10.0),
     ZaberAxis("tilt_deg", 2, 0.000234375, zero=-20.0, speed_per_s=10.0),
@@ -63,45 +61,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--grbl-box", default=None, help="the program of grbl_box.c, which runs it in simavr")
     parser.addoption("--grblhal", default=None, help="grblHAL's simulator (see grblhal_simulator.py): its program")
     parser.addoption("--grbl-settings", default="", help="what either is set to besides, e.g. '$110=500 $21=0'")
-
-
-@dataclass
-class Rig:
-    """A device under test, its clock, the simulated bench behind it (None at a real port).
-
-    `carried` tells where a shaker has the camera; `places` are where a stage is sent, as parts of its travel;
-    `pulse_error_s` is what a shutter is held to: across a network its server's answers are part of it.
-    `cut_power(off_s, with_line)` switches a GRBL off and on again, and the line with it or not; `standing` tells where
-    its axes are, whatever it believes itself.
-    """
-
-    device: Any
-    clock: Any
-    bench: SimulatedBench | None
-    carried: Callable[[], tuple[float, float]] | None = None
-    places: tuple[float, ...] = (0.5, 0.25, 1.0, 0.0, 0.75)
-    pulse_error_s: float = 0.005
-    cut_power: Callable[[float, bool], None] | None = None
-    standing: Callable[[], tuple[float, ...]] = tuple
-
-    def together(self, *works: Callable[[], object]) -> list[object]:
-        """Do these at the same time; outcomes."""
-        if isinstance(self.clock, VirtualClock):
-            return self.clock.together(*works)
-        outcomes: list[object] = [None] * len(works)
-
-        def run(i: int) -> None:
-            try:
-                outcomes[i] = works[i]()
-            except Exception as error:
-                outcomes[i] = error
-
-        threads = [threading.Thread(target=run, args=(i,)) for i in range(len(works))]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        return outcomes
 
 
 HERE = Path(__file__).parent
@@ -249,12 +208,6 @@ ALONE = {name: maker for kind in KINDS.values() for name, maker in kind.items()}
 MAKERS = {**ALONE, **SHAKERS}
 
 
-REAL = ("grbl-firmware", "grblhal")
-"""Those that are given as programs of their makers."""
-SIMULATOR_SPEED = 4.0
-"""How much faster than time grblHAL's simulator goes."""
-
-
 def _frame(opening: object) -> bytes:
     return b"RAW" * 1000 + repr(opening).encode()
 
@@ -299,52 +252,10 @@ def _host_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
         unplug("firmware/shutter")
 
 
-def _cut_power(cable: Cable) -> Callable[[float, bool], None]:
-    def cut(off_s: float, with_line: bool) -> None:
-        now_s = cable.clock.now_s()
-        if with_line:
-            cable.faults.unplugged_at_s, cable.faults.replugged_at_s = now_s, now_s + off_s
-        cable.happen(lambda now_s: cable.device.restart(now_s, off_s))  # type: ignore[attr-defined]
-
-    return cut
-
-
-def _firmware_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
-    """GRBL in simavr."""
-    options = request.config.getoption
-    settings = tuple(options("--grbl-settings").split())
-    firmware, clock = FirmwareInSimavr(options("--grbl-firmware"), options("--grbl-box"), settings), VirtualClock()
-    register_scheme("simulators.devices")
-    cable = Cable(firmware, clock)
-    plug("firmware/stage", cable)
-    wire = SerialTransport("sim://firmware/stage", GrblParser, clock=clock)
-    stage = GrblStage(wire, GRBL_AXES, clock=clock)
-    try:
-        yield Rig(stage, clock, None, cut_power=_cut_power(cable), standing=firmware.places)
-    finally:
-        stage.close()
-        unplug("firmware/stage")
-        firmware.end()
-
-
-def _grblhal_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
-    """grblHAL's simulator; its own account is all that tells where it stands."""
-    options = request.config.getoption
-    settings = tuple(options("--grbl-settings").split())
-    clock = FastClock(SIMULATOR_SPEED)
-    simulator = GrblHalSimulator(options("--grblhal"), folder, clock.speed, settings)
-    stage = GrblStage(SerialTransport(simulator.url, GrblParser, clock=clock), GRBL_AXES, clock=clock)
-    try:
-        yield Rig(stage, clock, None, cut_power=lambda off_s, _: simulator.power_cycle(off_s, clock))
-    finally:
-        stage.close()
-        simulator.end()
-
-
 def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
     port = request.config.getoption("--port", default=None)
     if request.param in REAL:
-        yield from {"grbl-firmware": _firmware_rig, "grblhal": _grblhal_rig}[request.param](request, folder)
+        yield from REAL[request.param](request.config.getoption, folder)
         return
     if request.param in ALPACA:
         address, number, home = (*str(port).split("/"), "0", "")[:3]
@@ -386,8 +297,8 @@ def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
 
     rig = Rig(maker(wire, clock, bench, folder), clock, bench, carried)
     if request.param in GRBLS:
-        rig.cut_power = _cut_power(bench.cables["stage"])
-        rig.standing = lambda: tuple(axis.position(clock.now_s()) for axis in bench.world.axes.values())
+        axes = bench.world.axes.values()
+        rig.machine = CabledGrbl(bench.cables["stage"], lambda now_s: tuple(axis.position(now_s) for axis in axes))
     yield rig
     rig.device.close()
     for transport in opened:

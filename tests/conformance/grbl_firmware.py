@@ -68,8 +68,9 @@ class FirmwareInSimavr:
         self._run("power", 0.0)
         self._ran_s = self._off_until_s = now_s + off_s
 
-    def places(self) -> tuple[float, ...]:
+    def places(self, now_s: float) -> tuple[float, ...]:
         """Where its axes stand, counted at its pins, in millimetres."""
+        self._catch_up(now_s)
         return tuple(int(steps) / self.STEPS_PER_MM for steps in self._told("where", "at ").split())
 
     def end(self) -> None:

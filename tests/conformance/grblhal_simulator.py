@@ -1,4 +1,7 @@
-"""grblHAL's own simulator, in its own time, behind a port of this machine that stays when it is switched off and on.
+"""grblHAL's own simulator behind a port of this machine that stays when it is switched off and on.
+
+It goes in real time: its main program does so whatever factor its clock is given, and runs out of steps (`ALARM:9` in
+mid-homing at a factor of 4 on a busy machine).
 
 It is built from the sources of grblHAL's project "Simulator" with switches at the ends of its axes, which it has not:
 `set_step_outputs` of its driver.c counts the steps of each axis and closes LIMITS_PORT0 from 2500 steps on, and
@@ -15,12 +18,12 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.clock import Clock
-
 from .grbl_firmware import FirmwareInSimavr
 
 HERE = "127.0.0.1"
 START_S = 20.0
+SAVE_S = 3.0
+"""How long it may take to begin, and to keep a setting."""
 
 
 class GrblHalSimulator:
@@ -29,10 +32,11 @@ class GrblHalSimulator:
     The program does not let its port be used again at once: each start gets another one, and this one passes on.
     """
 
+    line_stays = False
     SETTINGS = tuple(line for line in FirmwareInSimavr.SETTINGS if line != "$22=1")
 
-    def __init__(self, program: str, folder: Path, speed: float, settings: tuple[str, ...] = ()) -> None:
-        self._command = [program, "-n", "-t", f"{speed:g}", "-e", str(folder / "EEPROM")]
+    def __init__(self, program: str, folder: Path, settings: tuple[str, ...] = ()) -> None:
+        self._command = [program, "-n", "-t", "1", "-e", str(folder / "EEPROM")]
         self._door = socket.create_server((HERE, 0))
         self._host: socket.socket | None = None
         self._board: socket.socket | None = None
@@ -40,11 +44,11 @@ class GrblHalSimulator:
         self.url = f"socket://{HERE}:{self._door.getsockname()[1]}"
         self.switch_on()
         for line in ("$X", "$22=17", *self.SETTINGS, *settings):
-            self._set(line)
+            self._ask(line)
         self._carrier = threading.Thread(target=self._carry, name="relay", daemon=True)
         self._carrier.start()
 
-    def _set(self, line: str) -> None:
+    def _ask(self, line: str) -> None:
         assert self._board is not None
         self._board.sendall(line.encode() + b"\n")
         said = b""
@@ -67,14 +71,25 @@ class GrblHalSimulator:
                 assert time.monotonic() < deadline_s, "the simulator does not start"
                 time.sleep(0.05)
 
-    def power_cycle(self, off_s: float, clock: Clock) -> None:
-        """Off now, on so much later."""
+    def cut_power(self, off_s: float, with_line: bool) -> None:
+        """Off now, on so much later; its line goes, too."""
         self._process.kill()
         self._process.wait()
         while self._board is not None:
             time.sleep(0.01)
-        clock.sleep(off_s)
+        time.sleep(off_s)
         self.switch_on()
+
+    def set(self, line: str) -> None:
+        """Write a setting, from somewhere else; after a reset by its host the simulator would hang at that."""
+        self.cut_power(0.0, True)
+        assert self._board is not None
+        self._board.sendall(line.encode() + b"\n")
+        time.sleep(SAVE_S)
+
+    def standing(self) -> tuple[float, ...]:
+        """Its own account is all that there is."""
+        return ()
 
     def end(self) -> None:
         """Switch it off for good."""
