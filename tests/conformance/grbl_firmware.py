@@ -22,9 +22,10 @@ class FirmwareInSimavr:
         command = [box, firmware, str(10 * self.STEPS_PER_MM), "lockstep"]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         self._ran_s, self._said, self._off_until_s = 0.0, bytearray(), 0.0
-        self._run("", 3.0)
+        self._run_until(b"help]")  # it finds no settings, and writes its own
         for line in (*self.SETTINGS, *settings):
-            self._run(f"send {(line + chr(10)).encode().hex()}", 0.3)
+            self._run(f"send {(line + chr(10)).encode().hex()}", 0.0)
+            self._run_until(b"ok")
         self._ran_s, self._said = 0.0, bytearray()
 
     def _told(self, order: str, word: str) -> str:
@@ -37,6 +38,13 @@ class FirmwareInSimavr:
     def _run(self, order: str, duration_s: float) -> None:
         self._said += bytes.fromhex(self._told(f"{order}\nrun {1000 * duration_s}", "said "))
         self._ran_s += duration_s + (len(order) - 5) // 2 * 10 / 115200 * order.startswith("send")
+
+    def _run_until(self, word: bytes) -> None:
+        deadline_s = self._ran_s + 10.0
+        while word not in self._said:
+            assert self._ran_s < deadline_s, f"{word!r} was not said, but {bytes(self._said)!r}"
+            self._run("", 0.05)
+        self._said.clear()
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
         """A board that is not wired to be reset by DTR."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,10 +40,11 @@ class CabledGrbl:
         device: Any = self._cable.device
         self._cable.happen(lambda now_s: device.restart(now_s, off_s))
 
-    def set(self, line: str) -> None:
-        """Write a setting, from somewhere else."""
-        self._cable.happen(lambda now_s: self._cable.device.receive(line.encode() + b"\n", now_s))
-        self._cable.clock.sleep(0.5)
+    def set(self, *lines: str) -> None:
+        """Write settings, from somewhere else: each has its time, GRBL hears nothing while it writes."""
+        for line in lines:
+            self._cable.happen(partial(self._cable.device.receive, line.encode() + b"\n"))
+            self._cable.clock.sleep(0.5)
 
     def standing(self) -> tuple[float, ...]:
         """Where its axes are."""

@@ -1,7 +1,7 @@
 """grblHAL's own simulator behind a port of this machine that stays when it is switched off and on.
 
 It goes in real time: its main program does so whatever factor its clock is given, and runs out of steps (`ALARM:9` in
-mid-homing at a factor of 4 on a busy machine).
+mid-homing, always at a factor of 4 on a busy machine, now and then at 1).
 
 It is built from the sources of grblHAL's project "Simulator" with switches at the ends of its axes, which it has not:
 `set_step_outputs` of its driver.c counts the steps of each axis and closes LIMITS_PORT0 from 2500 steps on, and
@@ -80,12 +80,13 @@ class GrblHalSimulator:
         time.sleep(off_s)
         self.switch_on()
 
-    def set(self, line: str) -> None:
-        """Write a setting, from somewhere else; after a reset by its host the simulator would hang at that."""
+    def set(self, *lines: str) -> None:
+        """Write settings, from somewhere else; after a reset by its host the simulator would hang at that."""
         self.cut_power(0.0, True)
         assert self._board is not None
-        self._board.sendall(line.encode() + b"\n")
-        time.sleep(SAVE_S)
+        for line in lines:
+            self._board.sendall(line.encode() + b"\n")
+            time.sleep(SAVE_S)
 
     def standing(self) -> tuple[float, ...]:
         """Its own account is all that there is."""

@@ -21,8 +21,8 @@ class Machine(Protocol):
         """Switch it off, and on again so much later."""
         ...
 
-    def set(self, line: str) -> None:
-        """Write a setting, from somewhere else than where the driver is."""
+    def set(self, *lines: str) -> None:
+        """Write settings, from somewhere else than where the driver is."""
         ...
 
     def standing(self) -> tuple[float, ...]:
