@@ -13,6 +13,8 @@ from drivers.interfaces import Travel
 
 FORCE_ORIGIN = 8
 """grblHAL's bit of `$22`: homing makes its place the origin."""
+HOME_FIRST = 4
+"""grblHAL's bit of `$22`: after power-up it is locked until it is homed, as GRBL always is."""
 SEARCH_AND_BACK, SEARCH_AGAIN = 2.5, 12.0
 """How far homing goes for a switch and back, in travels; and slowly, in pull-offs (grblHAL goes ten, GRBL five)."""
 
@@ -50,6 +52,11 @@ class Controls:
         """Whether bit 0 of `$number` is set: grblHAL keeps more in the others; None where it is not told."""
         told = self.settings.get(number)
         return None if told is None else bool(int(told) & 1)
+
+    @property
+    def moves_unhomed(self) -> bool:
+        """Whether it can be moved after power-up before it is homed: grblHAL, which alone has $44, unless $22 has 4."""
+        return self.setting(44) is not None and not int(self.setting(22) or 0) & HOME_FIRST
 
     def positive(self, number: int, default: float | None = None) -> float | None:
         """`$number` where it is above 0, else `default`."""
