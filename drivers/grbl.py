@@ -184,16 +184,11 @@ class GrblStage:
             raise
 
     def _homing_limit_s(self) -> float:
-        """Twice the way GRBL searches (1.5 travels) and back, one axis after the other.
-
-        The firmware homes all axes it has, also those that nobody configured here: $130 and up.
-        """
+        """The firmware homes all axes it has, also those that nobody configured here: $130 and up."""
         controls = self.link.controls
         lengths = {one.index: one.high - one.low for one in self._envelopes.values()}
         lengths |= {i: told for i in range(len(self.link.letters)) if (told := controls.positive(130 + i))}
-        seek = controls.positive(25, 500.0) or 500.0
-        rates = {i: min(seek, controls.positive(110 + i, seek) or seek) for i in lengths}
-        return 10.0 + sum(2 * 2.5 * length / rates[i] * 60 for i, length in lengths.items())
+        return controls.homing_limit_s(lengths)
 
     def move_to(self, **target: float) -> None:
         """Go there in a straight line and return when still. Raises DeviceError."""

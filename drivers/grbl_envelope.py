@@ -6,13 +6,17 @@ grblHAL's `$22`) it begins at the switch: `[0, L]` for an axis that homes downwa
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from drivers.interfaces import Travel
 
 FORCE_ORIGIN = 8
 """grblHAL's bit of `$22`: homing makes its place the origin."""
+HOME_FIRST = 4
+"""grblHAL's bit of `$22`: after power-up it is locked until it is homed, as GRBL always is."""
+SEARCH_AND_BACK, SEARCH_AGAIN = 2.5, 12.0
+"""How far homing goes for a switch and back, in travels; and slowly, in pull-offs (grblHAL goes ten, GRBL five)."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,11 @@ class Controls:
         told = self.settings.get(number)
         return None if told is None else bool(int(told) & 1)
 
+    @property
+    def moves_unhomed(self) -> bool:
+        """Whether it can be moved after power-up before it is homed: grblHAL, which alone has $44, unless $22 has 4."""
+        return self.setting(44) is not None and not int(self.setting(22) or 0) & HOME_FIRST
+
     def positive(self, number: int, default: float | None = None) -> float | None:
         """`$number` where it is above 0, else `default`."""
         told = self.settings.get(number)
@@ -78,6 +87,28 @@ class Controls:
         """Whether the place where homing ends becomes zero; FluidNC's ends tell it themselves."""
         told = self.spaces is not None and index in self.spaces
         return not told and ("Z" in self.options or bool(int(self.setting(22) or 0) & FORCE_ORIGIN))
+
+    def homing_limit_s(self, lengths: Mapping[int, float]) -> float:
+        """How long homing axes of these lengths may take: twice the quick way, and the slow one, cycle after cycle.
+
+        Axes of one cycle go as far as the longest of them and, on one line, as fast as the slowest.
+        Source: gnea/grbl limits.c, grblHAL/core machine_limits.c.
+        """
+        seek, feed = self.positive(25, 500.0) or 500.0, self.positive(24, 25.0) or 25.0
+        slow_way = (self.positive(43, 1.0) or 1.0) * SEARCH_AGAIN * (self.positive(27, 1.0) or 1.0)
+        minutes = 0.0
+        for together in self._homing_cycles(lengths):
+            rate = min(self.positive(110 + i, seek) or seek for i in together)
+            longest = max(lengths[i] for i in together)
+            minutes += 2 * SEARCH_AND_BACK * longest / min(seek, rate) + slow_way / min(feed, rate)
+        return 10.0 + 60 * minutes
+
+    def _homing_cycles(self, axes: Iterable[int]) -> list[list[int]]:
+        """Which axes home together: as grblHAL's $44 to $49 tell; else Z, then X with Y, then each of the others."""
+        masks = [int(self.setting(44 + i) or 0) for i in range(6)]
+        masks = masks if any(masks) else [0b100, 0b011, 0b1000, 0b10000, 0b100000]
+        found = [[i for i in axes if mask >> i & 1] for mask in masks]
+        return [together for together in found if together]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from drivers.errors import Alarm, DeviceError, LineLost, NoAnswer, Rejected, WasReset
+from drivers.errors import Alarm, DeviceError, LineLost, NoAnswer, NotHomed, Rejected, WasReset
 from drivers.fluidnc import items, read_settings, read_spaces
 from drivers.grbl_envelope import Controls
 from drivers.homing_state import HOME, UNHOMED, Trust
@@ -328,6 +328,8 @@ class GrblLink:
             self.last_state, self.last_sub = event.state, event.sub
             self.feed_override = event.override or self.feed_override
             self._offset = event.numbers("WCO") or self._offset
+            if event.state == "Alarm" and self.trust.why is None:  # nobody heard it greet, or say why
+                self.trust.lose(NotHomed(f"{self.address} is locked", HOME))
         elif isinstance(event, Feedback):
             self.said = event.text if event.tag == "MSG" else self.said
         elif isinstance(event, AlarmRaised):

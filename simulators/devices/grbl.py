@@ -13,7 +13,7 @@ from simulators.devices.grbl_lines import CANCEL, DOOR, OVERRIDES, RESET, LineRe
 from simulators.devices.grbl_motion import NEVER
 from simulators.devices.grbl_program import BLOCKS, Answer, Program
 from simulators.devices.grbl_reports import Counters, State, status
-from simulators.devices.grbl_settings import BANNERS
+from simulators.devices.grbl_settings import BANNERS, locked_at_first
 from simulators.devices.grbl_state import Outputs, Run
 from simulators.devices.serial_device import taken
 from simulators.world.motion import Axis
@@ -94,14 +94,15 @@ class GrblController:
             self.restart(now_s)
         self._dtr = dtr
 
-    def restart(self, now_s: float) -> None:
-        """Power-up: silence, then the greeting; position forgotten, locked until homed where homing is on."""
+    def restart(self, now_s: float, off_s: float = 0.0) -> None:
+        """Power-up after so long without: silence, then the greeting; position forgotten, locked where homing is on."""
         self.motion.halt(now_s)
         self.motion.forget_place(now_s)
-        self._begin_anew("Alarm" if int(self.settings[22]) & 1 else "Idle", now_s)
+        self.program.homed = False
+        self._begin_anew("Alarm" if locked_at_first(self.settings, self.variant) else "Idle", now_s)
         self._deaf_until_s = NEVER
         self._out.clear()
-        self._boot_s = now_s + BOOT_S
+        self._boot_s = now_s + off_s + BOOT_S
 
     def _begin_anew(self, state: str, now_s: float) -> None:
         self.program.run, self.program.counters = Run(state), Counters()

@@ -38,6 +38,12 @@ def default_settings(travels: Sequence[float], variant: str = "GRBL") -> dict[in
     return settings
 
 
+def locked_at_first(settings: Mapping[int, float], variant: str) -> bool:
+    """Whether it moves nothing after power-up: homing is on; on grblHAL bit 2 of its `$22` is set, too."""
+    wanted = 5 if variant == "grblHAL" else 1
+    return int(settings[22]) & wanted == wanted
+
+
 def settings_lines(settings: Mapping[int, float], variant: str) -> list[str]:
     """The answer to `$$`."""
     shown = sorted(settings)

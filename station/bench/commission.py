@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from drivers.clock import Clock
 from drivers.grbl import GrblStage
-from drivers.grbl_envelope import Envelope
+from drivers.grbl_envelope import HOME_FIRST, Controls, Envelope
 from drivers.interfaces import Stage, Travel
 from drivers.tmcl.stage import TmclStage
 from station.common.toml_text import toml_value
@@ -88,7 +88,16 @@ def settings_findings(stage: Stage) -> list[Finding]:
     found.append(None if doubt is None else Finding(doubt.reason, doubt.remedy))
     if stage.link.controls.flag(21) is False:
         found.append(Finding("a switch that is hit does not stop it ($21=0)", "set $21=1 where every end has a switch"))
+    found.append(_moves_unhomed(stage.link.controls))
     return [one for one in found if one is not None]
+
+
+def _moves_unhomed(controls: Controls) -> Finding | None:
+    if not controls.moves_unhomed:
+        return None
+    told = int(controls.setting(22) or 0)
+    reason = f"after a power failure that nobody noticed it moves by a position that is lost ($22={told})"
+    return Finding(reason, f"set $22={told | HOME_FIRST}, which locks it until it is homed")
 
 
 def _too_fast(name: str, one: Envelope) -> Finding | None:

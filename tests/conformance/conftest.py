@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from drivers.folder_camera import FolderCamera
 from drivers.frames import Facts
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
-from drivers.grbl_envelope import GrblAxis
 from drivers.imu import FastImu, WitImu
 from drivers.light import DmxLight, DmxParser, GrblLight
 from drivers.protocols.grbl import GrblParser
@@ -40,10 +39,10 @@ from simulators.devices.tmcl import TmclModule
 from simulators.world.clock import VirtualClock
 
 from .box_firmware import BoxFirmware, compiled_box
-from .grbl_firmware import FirmwareInSimavr
+from .grbl_rigs import GRBL_AXES, REAL, CabledGrbl
 from .lab_devices import ALPACA, LABS
+from .rig import Rig
 
-GRBL_AXES = [GrblAxis("z_mm", "X", 3000.0, travel=1500.0), GrblAxis("x_mm", "Y", 1500.0, travel=300.0)]
 ZABER_AXES = [
     ZaberAxis("pan_deg", 1, 0.000234375, zero=-30.0, speed_per_s=10.0),
     ZaberAxis("tilt_deg", 2, 0.000234375, zero=-20.0, speed_per_s=10.0),
@@ -60,41 +59,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--port", default=None, help="the real port of that driver, any pyserial URL")
     parser.addoption("--grbl-firmware", default=None, help="GRBL for an ATmega328P (see grbl_transcript.py): elf")
     parser.addoption("--grbl-box", default=None, help="the program of grbl_box.c, which runs it in simavr")
-
-
-@dataclass
-class Rig:
-    """A device under test, its clock, the simulated bench behind it (None at a real port).
-
-    `carried` tells where a shaker has the camera; `places` are where a stage is sent, as parts of its travel;
-    `pulse_error_s` is what a shutter is held to: across a network its server's answers are part of it.
-    """
-
-    device: Any
-    clock: Any
-    bench: SimulatedBench | None
-    carried: Callable[[], tuple[float, float]] | None = None
-    places: tuple[float, ...] = (0.5, 0.25, 1.0, 0.0, 0.75)
-    pulse_error_s: float = 0.005
-
-    def together(self, *works: Callable[[], object]) -> list[object]:
-        """Do these at the same time; outcomes."""
-        if isinstance(self.clock, VirtualClock):
-            return self.clock.together(*works)
-        outcomes: list[object] = [None] * len(works)
-
-        def run(i: int) -> None:
-            try:
-                outcomes[i] = works[i]()
-            except Exception as error:
-                outcomes[i] = error
-
-        threads = [threading.Thread(target=run, args=(i,)) for i in range(len(works))]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        return outcomes
+    parser.addoption("--grblhal", default=None, help="grblHAL's simulator (see grblhal_simulator.py): its program")
+    parser.addoption("--grbl-settings", default="", help="what either is set to besides, e.g. '$110=500 $21=0'")
 
 
 HERE = Path(__file__).parent
@@ -207,6 +173,7 @@ STAGES: dict[str, Callable[..., Any]] = {
     "zaber": lambda wire, clock, *_: ZaberStage(wire("head", ZaberParser), ZABER_AXES, clock=clock),
     "tmcl": _tmcl,
 }
+GRBLS = {name: STAGES[name] for name in ("grbl", "grblHAL", "FluidNC")}
 SHUTTERS: dict[str, Callable[..., Any]] = {
     "strig": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
     "strig_simavr": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
@@ -248,8 +215,9 @@ def _frame(opening: object) -> bytes:
 def _names(kind: str, makers: Mapping[str, Any], config: pytest.Config) -> list[Any]:
     """Which devices play a kind: all, or the one that was asked for."""
     chosen = config.getoption("--driver", default=None)
-    if kind == "stage" and config.getoption("--grbl-firmware", default=None):
-        return ["grbl_firmware"]
+    real = [name for name in REAL if config.getoption(f"--{name}", default=None)]
+    if real and kind in ("stage", "grbl"):
+        return real
     there = {**makers, **{name: one for name, one in LABS.items() if kind in ("device", one.kind)}}
     if chosen in ALPACA and kind in ("device", chosen.partition("_")[2]):
         return [chosen]
@@ -258,7 +226,7 @@ def _names(kind: str, makers: Mapping[str, Any], config: pytest.Config) -> list[
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    for kind, makers in (*KINDS.items(), ("shaker", SHAKERS), ("device", ALONE)):
+    for kind, makers in (*KINDS.items(), ("grbl", GRBLS), ("shaker", SHAKERS), ("device", ALONE)):
         if f"{kind}_rig" in metafunc.fixturenames:
             metafunc.parametrize(f"{kind}_rig", _names(kind, makers, metafunc.config), indirect=True)
 
@@ -284,25 +252,10 @@ def _host_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
         unplug("firmware/shutter")
 
 
-def _firmware_rig(request: pytest.FixtureRequest) -> Iterator[Rig]:
-    options = request.config.getoption
-    firmware, clock = FirmwareInSimavr(options("--grbl-firmware"), options("--grbl-box")), VirtualClock()
-    register_scheme("simulators.devices")
-    plug("firmware/stage", Cable(firmware, clock))
-    wire = SerialTransport("sim://firmware/stage", GrblParser, clock=clock)
-    stage = GrblStage(wire, GRBL_AXES, clock=clock)
-    try:
-        yield Rig(stage, clock, None)
-    finally:
-        stage.close()
-        unplug("firmware/stage")
-        firmware.end()
-
-
 def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
     port = request.config.getoption("--port", default=None)
-    if request.param == "grbl_firmware":
-        yield from _firmware_rig(request)
+    if request.param in REAL:
+        yield from REAL[request.param](request.config.getoption, folder)
         return
     if request.param in ALPACA:
         address, number, home = (*str(port).split("/"), "0", "")[:3]
@@ -343,6 +296,9 @@ def _make_rig(request: pytest.FixtureRequest, folder: Path) -> Iterator[Rig]:
         return float(sway["x_mm"][0][0]), float(sway["y_mm"][0][0])
 
     rig = Rig(maker(wire, clock, bench, folder), clock, bench, carried)
+    if request.param in GRBLS:
+        axes = bench.world.axes.values()
+        rig.machine = CabledGrbl(bench.cables["stage"], lambda now_s: tuple(axis.position(now_s) for axis in axes))
     yield rig
     rig.device.close()
     for transport in opened:
@@ -360,6 +316,7 @@ def _fixture(kind: str) -> Any:
 
 
 stage_rig = _fixture("stage")
+grbl_rig = _fixture("grbl")
 shutter_rig = _fixture("shutter")
 imu_rig = _fixture("imu")
 rangefinder_rig = _fixture("rangefinder")

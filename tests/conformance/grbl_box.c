@@ -2,9 +2,11 @@
 
        grbl_box FIRMWARE TOP            in real time, its UART on a pseudo-terminal whose name is printed
        grbl_box FIRMWARE TOP lockstep   as fast as it goes: "send HEX" gives it bytes, "run MS" lets that time pass and
-                                        prints in hex what it said; nothing depends on how busy the machine is
+                                        prints in hex what it said, "where" prints the steps of each axis; nothing
+                                        depends on how busy the machine is
 
-   Standard input also does what a person would: "switch X 1", "hold 1", "power". Pins are those of an Uno with a variable
+   Standard input also does what a person would: "switch X 1", "hold 1", "power": off and on, which leaves the axes where
+   they stand and the settings in their EEPROM. Pins are those of an Uno with a variable
    spindle: steps on D2 to D4, directions on D5 to D7, switches on B1, B2 and B4, feed hold on C1. */
 #include <fcntl.h>
 #include <simavr/avr_ioport.h>
@@ -62,6 +64,22 @@ static void pace(avr_t *avr, avr_cycle_count_t cycles)
     }
 }
 
+static void set_pin(avr_irq_t *pin, int high) /* also where it had that level before a reset */
+{
+    avr_raise_irq(pin, !high);
+    avr_raise_irq(pin, high);
+}
+
+static void switch_on(void)
+{
+    avr_reset(avr);
+    avr->data[0x88] = 255; /* OCR1A: simavr never runs a timer whose top is 0, which an ATmega's is after a reset */
+    for (int axis = 0; axis < AXES; axis++)
+        set_pin(switch_irq[axis], !(pressed[axis] || place[axis] >= top));
+    for (int pin = 0; pin < 6; pin++) /* nobody presses a button, no probe touches */
+        set_pin(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('C'), pin), 1);
+}
+
 static void obey(const char *line)
 {
     char letter;
@@ -73,7 +91,7 @@ static void obey(const char *line)
     } else if (sscanf(line, "hold %d", &on) == 1) {
         avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('C'), 1), !on);
     } else if (!strncmp(line, "power", 5)) {
-        avr_reset(avr);
+        switch_on();
     }
 }
 
@@ -127,6 +145,9 @@ static int lockstep(void)
             printf("\n");
             said_bytes = 0;
             fflush(stdout);
+        } else if (!strncmp(line, "where", 5)) {
+            printf("at %ld %ld %ld\n", place[0], place[1], place[2]);
+            fflush(stdout);
         } else {
             obey(line);
         }
@@ -152,17 +173,14 @@ int main(int argc, char **argv)
     avr_init(avr);
     avr_load_firmware(avr, &firmware);
     avr->sleep = pace;
-    avr->data[0x88] = 255; /* OCR1A: simavr never runs a timer whose top is 0, which an ATmega's is after a reset */
     for (long axis = 0; axis < AXES; axis++) {
         switch_irq[axis] = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), switch_pin[axis]);
         avr_irq_register_notify(
             avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), 2 + axis), hear_step, (void *)axis);
         avr_irq_register_notify(
             avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('D'), 5 + axis), hear_direction, (void *)axis);
-        set_switch(axis);
     }
-    for (int pin = 0; pin < 6; pin++) /* nobody presses a button, no probe touches */
-        avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('C'), pin), 1);
+    switch_on();
     if (argc > 3) {
         avr->sleep = rest;
         return lockstep();

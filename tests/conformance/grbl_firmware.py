@@ -16,31 +16,44 @@ class FirmwareInSimavr:
     )  # fmt: skip
     """A small quick machine with hard limits; its switches are 10 mm from where it begins."""
 
-    def __init__(self, firmware: str, box: str) -> None:
-        command = [box, firmware, str(10 * 250), "lockstep"]
+    STEPS_PER_MM = 250
+
+    def __init__(self, firmware: str, box: str, settings: tuple[str, ...] = ()) -> None:
+        command = [box, firmware, str(10 * self.STEPS_PER_MM), "lockstep"]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        self._ran_s, self._said = 0.0, bytearray()
-        self._run("", 3.0)
-        for line in self.SETTINGS:
-            self._run(f"send {(line + chr(10)).encode().hex()}", 0.3)
+        self._ran_s, self._said, self._off_until_s = 0.0, bytearray(), 0.0
+        self._run_until(b"help]")  # it finds no settings, and writes its own
+        for line in (*self.SETTINGS, *settings):
+            self._run(f"send {(line + chr(10)).encode().hex()}", 0.0)
+            self._run_until(b"ok")
         self._ran_s, self._said = 0.0, bytearray()
 
-    def _run(self, order: str, duration_s: float) -> None:
+    def _told(self, order: str, word: str) -> str:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.write(f"{order}\nrun {1000 * duration_s}\n")
+        self._process.stdin.write(order + "\n")
         self._process.stdin.flush()
-        told = next(line for line in self._process.stdout if line.startswith("said "))
-        self._said += bytes.fromhex(told.split(" ")[1])
-        self._ran_s += duration_s + (len(order) - 5) // 2 * 10 / 115200 * bool(order)
+        return next(line for line in self._process.stdout if line.startswith(word)).removeprefix(word)
+
+    def _run(self, order: str, duration_s: float) -> None:
+        self._said += bytes.fromhex(self._told(f"{order}\nrun {1000 * duration_s}", "said "))
+        self._ran_s += duration_s + (len(order) - 5) // 2 * 10 / 115200 * order.startswith("send")
+
+    def _run_until(self, word: bytes) -> None:
+        deadline_s = self._ran_s + 10.0
+        while word not in self._said:
+            assert self._ran_s < deadline_s, f"{word!r} was not said, but {bytes(self._said)!r}"
+            self._run("", 0.05)
+        self._said.clear()
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
         """A board that is not wired to be reset by DTR."""
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Bytes at their speed."""
+        """Bytes at their speed; none while it is off."""
         self._catch_up(now_s)
-        self._run(f"send {data.hex()}", 0.0)
+        if now_s >= self._off_until_s:
+            self._run(f"send {data.hex()}", 0.0)
 
     def _catch_up(self, now_s: float) -> None:
         if now_s > self._ran_s:
@@ -55,6 +68,18 @@ class FirmwareInSimavr:
     def next_event_s(self) -> float | None:
         """Nobody knows: look every few milliseconds."""
         return self._ran_s + self.STEP_S
+
+    def restart(self, now_s: float, off_s: float) -> None:
+        """Switch it off, and on again so much later; its settings and its axes stay as they are."""
+        self._catch_up(now_s)
+        self._said.clear()
+        self._run("power", 0.0)
+        self._ran_s = self._off_until_s = now_s + off_s
+
+    def places(self, now_s: float) -> tuple[float, ...]:
+        """Where its axes stand, counted at its pins, in millimetres."""
+        self._catch_up(now_s)
+        return tuple(int(steps) / self.STEPS_PER_MM for steps in self._told("where", "at ").split())
 
     def end(self) -> None:
         """Switch it off."""

@@ -10,7 +10,7 @@ from drivers.errors import (
     OutsideTravel,
     Rejected,
 )
-from drivers.grbl_envelope import GrblAxis
+from drivers.grbl_envelope import Controls, GrblAxis
 from drivers.interfaces import Travel
 from drivers.light import GrblLight
 from simulators.devices.grbl import GrblController
@@ -144,3 +144,20 @@ def test_a_lamp_that_a_reset_has_switched_off_says_so(make, bench):
     light.set_level(0.5)
     assert light.level() == 0.5
     assert light.condition().usable
+
+
+@pytest.mark.parametrize(
+    ("settings", "needed_s"),
+    [
+        # Y goes as slowly as X, with which it homes; a switch is looked for in 1.5 travels
+        ({110: 100.0}, 1.5 * 1000 / 100 * 60),
+        # on grblHAL Z does, too; three slow searches, each of ten pull-offs
+        ({44: 7.0, 110: 100.0, 24: 10.0, 27: 2.0, 43: 3.0}, 1.5 * 1000 / 100 * 60 + 3 * 10 * 2 / 10 * 60),
+        # GRBL's slow search of five pull-offs, for Z and for X with Y
+        ({24: 1.0}, 2 * 5 * 1 / 1 * 60),
+    ],
+)
+def test_homing_has_the_time_that_the_firmware_takes_until_it_gives_up_itself(settings, needed_s):
+    quick = {**{110 + i: 3000.0 for i in range(3)}, 24: 300.0, 25: 3000.0, 27: 1.0}
+    limit_s = Controls(quick | settings).homing_limit_s({0: 10.0, 1: 1000.0, 2: 40.0})
+    assert needed_s < limit_s < 4 * needed_s

@@ -10,6 +10,7 @@ from drivers.errors import (
     Held,
     MoveFailed,
     NoAnswer,
+    NotHomed,
     WasReset,
 )
 from drivers.grbl_envelope import GrblAxis
@@ -35,6 +36,18 @@ def test_a_reset_in_mid_run_takes_the_trust(homed, bench, twin):
     assert isinstance(moved, WasReset)
     with pytest.raises(WasReset, match="restarted; home the stage"):
         homed.move_to(z_mm=100.0)
+
+
+def test_a_power_failure_whose_greeting_was_lost_takes_the_trust(homed, bench, twin):
+    cable, now_s = bench.cables["stage"], bench.clock.now_s()
+    cable.faults.silent = ((now_s, now_s + 2.0),)
+    cable.happen(twin.restart)
+    bench.clock.sleep(3.0)
+    with pytest.raises(NotHomed, match="is locked; home the stage"):
+        homed.move_to(z_mm=100.0)
+    assert not homed.condition().usable
+    homed.home()
+    homed.move_to(z_mm=100.0)
 
 
 @pytest.mark.parametrize(("code", "word"), [(1, "hard limit"), (3, "reset while moving"), (17, "motor driver")])

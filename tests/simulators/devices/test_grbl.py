@@ -268,3 +268,22 @@ def test_kept_lines_run_at_every_start(homed):
     homed.ask(b"$N0=G20 M8\n")
     assert homed.ask(RESET, 1.0)[-1] == ">G20M8:ok"
     assert "G20" in homed.ask(b"$G\n")[0]
+
+
+@pytest.mark.parametrize(
+    ("variant", "homing", "state"), [("GRBL", 1, "Alarm"), ("grblHAL", 17, "Idle"), ("grblHAL", 5, "Alarm")]
+)
+def test_power_that_was_off_forgets_the_place_and_keeps_the_settings(variant, homing, state):
+    # grblHAL's simulator with $22=17 moves unhomed after power-up, its bit 2 would keep it from that
+    bare = Bare(variant=variant)
+    bare.ask(wait_s=1.0)
+    bare.ask(b"$22=%d\n" % homing)
+    bare.ask(b"$H\n", 60.0)
+    bare.ask(b"$J=G53X-50F1000\n", 1.0)
+    bare.twin.restart(bare.now_s, 2.0)
+    assert bare.ask(b"?", 2.0) == []
+    stands = bare.axes["X"].position(bare.now_s)
+    assert bare.ask(wait_s=1.0)[1].startswith("Grbl")
+    assert bare.ask(b"?")[0].startswith(f"<{state}|MPos:0.000,0.000|")
+    assert f"$22={homing}" in bare.ask(b"$$\n")
+    assert bare.axes["X"].position(bare.now_s) == stands

@@ -89,6 +89,13 @@ def test_what_the_controller_cannot_do_is_written_as_it_can(take):
     assert table["axes"][0]["feed_per_min"] == 500.0
 
 
+@pytest.mark.parametrize(("homing", "told"), [(17.0, True), (21.0, False)])
+def test_a_grblhal_that_moves_unhomed_is_to_be_locked(take, homing, told):
+    person = Scripted()
+    take(person, {22: homing, 44: 4.0})
+    assert ("set $22=21, which locks it until it is homed" in person.text) == told
+
+
 def test_a_ruler_corrects_the_steps_per_millimetre(take):
     person = Scripted(("Homing", "z_mm"), {"z_mm": 1485.0})
     take(person)
