@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from textual import on
 from textual.binding import BindingType
 from textual.command import CommandPalette, Provider
+from textual.css.query import NoMatches
 from textual.screen import Screen
 
 from station.app.commands import (
@@ -76,6 +77,7 @@ class StationApp(WorkingApp):
 
     def __init__(self, lab: Lab, glyphs: Glyphs | None = None, plan: str | None = None) -> None:
         super().__init__(lab, glyphs)
+        self.animation_level = "none"  # a page that glides is painted twenty times, and may go through ssh
         self.add_mode(GUIDE, lambda: StartScreen(*lab.names, plan))
         self.add_mode(BENCH, lambda: self._styled(_bench_screen()))
         self.add_mode(FOCUS, lambda: self._styled(_focus_screen()))
@@ -88,6 +90,11 @@ class StationApp(WorkingApp):
         """
         screen._css_update_count = self._css_update_count
         return screen
+
+    def _handle_exception(self, error: Exception) -> None:
+        """A fault of the program ends it; but a screen that is taken down misses its parts, and that is none."""
+        if not (isinstance(error, NoMatches) and self.return_code is not None):
+            super()._handle_exception(error)
 
     # --- commands ------------------------------------------------------------------------------------------------
 
@@ -179,7 +186,7 @@ class StationApp(WorkingApp):
         if shown.is_mounted:
             title = " - ".join(part for part in (self.TITLE, self._subject) if part)
             words = literal(f" {self._alarm} ", "bold reverse") if self._alarm else literal(f" {title}")
-            shown.query_one("#title", Part).update(words)
+            shown.query_one("#title", Part).update(words, layout=False)
             shown.query_one(DeviceBar).show(self._states, self._bench_words)
             shown.query_one(KeyLine).show()
 

@@ -14,6 +14,7 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.content import Content
 from textual.strip import Strip
+from textual.visual import VisualType
 from textual.widget import Widget
 from textual.widgets import Static
 
@@ -58,6 +59,12 @@ class Part(Static):
     def glyphs(self) -> Glyphs:
         """The application's."""
         return cast(Glyphs, self.app.glyphs)  # type: ignore[attr-defined]
+
+    def update(self, content: VisualType = "", *, layout: bool = True) -> None:
+        """Show another text; to be told the same one again lays nothing out and paints nothing."""
+        shown = self.content
+        if not (isinstance(shown, Content) and isinstance(content, Content) and shown.is_same(content)):
+            super().update(content, layout=layout)
 
     def say(self, text: str, style: str = "") -> None:
         """Show a sentence, or nothing and take no room."""
@@ -367,7 +374,7 @@ class KeyLine(Part):
             if command.word and entry.cell_length <= room:
                 room -= entry.cell_length + 2
                 entries.append(entry)
-        self.update(Content("  ").join(entries))
+        self.update(Content("  ").join(entries), layout=False)  # it is one line, whatever it says
 
 
 def verdict_words(verdict: str, glyphs: Glyphs) -> str:
