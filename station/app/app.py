@@ -9,10 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from textual import on
+from textual.await_complete import AwaitComplete
 from textual.binding import BindingType
 from textual.command import CommandPalette, Provider
 from textual.css.query import NoMatches
+from textual.message import Message
 from textual.screen import Screen
+from textual.widgets import Input, OptionList
 
 from station.app.commands import (
     BY_NAME,
@@ -57,7 +60,19 @@ def share_the_lock() -> None:
 
 
 class Palette(CommandPalette):
-    """Textual's palette; paging through a list that is not drawn yet does nothing: it would end the program."""
+    """Textual's palette, without two ways to end the program: paging through a list that is not drawn yet, and keys
+    heard after Enter has closed it, which would close what lies below and give the command again.
+    """
+
+    @on(Input.Submitted)
+    @on(OptionList.OptionSelected)
+    def _hear_while_open(self, event: Message) -> None:
+        if not self.is_active:
+            event.prevent_default()
+
+    def dismiss(self, result: None = None) -> AwaitComplete:
+        """Close it, once."""
+        return super().dismiss(result) if self.is_active else AwaitComplete()
 
     def _action_command_list(self, action: str) -> None:
         with suppress(LookupError):

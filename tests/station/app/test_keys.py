@@ -44,6 +44,23 @@ def test_a_move_is_begun_by_enter_alone_once_it_can_have_been_read(tmp_path):
 
 
 @pytest.mark.slow
+def test_keys_that_are_heard_after_enter_has_closed_the_palette_close_nothing_else(tmp_path):
+    lab = FakeLab(tmp_path, whole)
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("ctrl+p", *"help")
+        await driver.until("This help")
+        for key in ["enter"] * 4:
+            driver.app.post_message(Key(key, None))
+        await driver.until("the arrows scroll it")
+        await driver.press("escape")
+        await driver.until("press Enter to begin")
+
+    drive(StationApp(lab), use)
+
+
+@pytest.mark.slow
 def test_enter_twice_begins_one_run(tmp_path):
     lab = FakeLab(tmp_path, whole)
 
