@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 from functools import partial
 from unittest.mock import patch
@@ -58,6 +59,19 @@ def test_keys_that_are_heard_after_enter_has_closed_the_palette_close_nothing_el
         await driver.until("press Enter to begin")
 
     drive(StationApp(lab), use)
+
+
+def test_what_misses_its_screen_while_the_program_is_left_is_no_fault(tmp_path):
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        driver.app.exit(0)
+        await driver.app.pop_screen()  # as they are taken down, keys and news may still come
+        driver.app.post_message(Key("enter", None))
+        await asyncio.sleep(0.01)
+
+    app = StationApp(FakeLab(tmp_path, whole))
+    drive(app, use)
+    assert app.return_code == 0
 
 
 @pytest.mark.slow
