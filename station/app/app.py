@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from textual import on
-from textual.app import ScreenStackError
 from textual.await_complete import AwaitComplete
 from textual.binding import BindingType
 from textual.command import CommandPalette, Provider
@@ -108,8 +107,8 @@ class StationApp(WorkingApp):
         return screen
 
     def _handle_exception(self, error: Exception) -> None:
-        """A fault of the program ends it; but that keys miss screens, and screens parts, while it is left is none."""
-        if not (isinstance(error, NoMatches | ScreenStackError) and self.return_code is not None):
+        """A fault of the program ends it; but a screen that is taken down misses its parts, and that is none."""
+        if not (isinstance(error, NoMatches) and self.return_code is not None):
             super()._handle_exception(error)
 
     # --- commands ------------------------------------------------------------------------------------------------

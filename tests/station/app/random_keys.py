@@ -35,6 +35,7 @@ CONFIRMING = ("enter", "space", " ", "1")
 JOGGING = ("left", "right", "minus", "plus", "-", "+")
 
 KEYS_A_PAINT = 6
+PATIENCE_S = 20.0
 RESTS = 0.02
 """The share of keys after which it is waited so long as it takes to read that something will move."""
 
@@ -165,7 +166,10 @@ async def _one_application(folder: Path, rng: np.random.Generator, seen: Bystand
             await app._press_keys(seen.pressed[-1:])  # without waiting until every widget has heard of it
             if rng.random() < RESTS:
                 await pilot.pause(1.5 * parts.READ_S)
+        loop = app._task
         app.exit(0)
+        if loop is not None:  # as in a terminal, the screens go when no key is heard any more
+            await asyncio.wait([loop], timeout=PATIENCE_S)
     for run in lab.runs:
         run.operator.stop()
-    app.finish(20.0)
+    app.finish(PATIENCE_S)

@@ -61,15 +61,15 @@ def test_keys_that_are_heard_after_enter_has_closed_the_palette_close_nothing_el
     drive(StationApp(lab), use)
 
 
-def test_what_misses_its_screen_while_the_program_is_left_is_no_fault(tmp_path):
+def test_a_screen_that_misses_its_parts_while_the_program_is_left_is_no_fault(tmp_path):
+    app = StationApp(FakeLab(tmp_path, whole))
+
     async def use(driver: Driver) -> None:
         await driver.until("press Enter to begin")
-        driver.app.exit(0)
-        await driver.app.pop_screen()  # as they are taken down, keys and news may still come
-        driver.app.post_message(Key("enter", None))
+        app.exit(0)
+        app.front.call_later(app.front.query_one, "#taken-down")
         await asyncio.sleep(0.01)
 
-    app = StationApp(FakeLab(tmp_path, whole))
     drive(app, use)
     assert app.return_code == 0
 
