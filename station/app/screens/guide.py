@@ -16,9 +16,20 @@ from station.app.mailbox import Glimpse, News, Question
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.result_view import mtf_plot, specified
 from station.app.terminal_images import psf_thumbnail
-from station.app.widgets import CurveView, Part, Picture, ProgressLine, Rail, Readings, lines_of, literal, verdict_words
+from station.app.widgets import (
+    SPACE,
+    CurveView,
+    Part,
+    Picture,
+    ProgressLine,
+    Rail,
+    Readings,
+    lines_of,
+    literal,
+    verdict_words,
+)
+from station.bench.axis_words import label
 from station.drawing.diagrams import drawn, trend
-from station.guide.consent import label
 from station.guide.frontend import (
     MOVE,
     CurveSeen,
@@ -182,7 +193,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, trouble: Trouble) -> None:
         self._doing_last = False
-        self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {trouble.reason}. {trouble.remedy}.", "bold")
+        self._complain(trouble.reason, trouble.remedy)
 
     @show.register
     def _(self, result: Result) -> None:
@@ -221,7 +232,7 @@ class GuideScreen(StationScreen):
 
     def fail(self, problem: Problem) -> None:
         """The run could not begin, or broke off."""
-        self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {problem.reason}. {problem.remedy}.", "bold")
+        self._complain(problem.reason, problem.remedy)
         self.rest("The run broke off. What was taken is kept.", AFTER_A_STOP)
 
     def rest(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
@@ -249,6 +260,10 @@ class GuideScreen(StationScreen):
     def glyphs(self) -> Glyphs:
         """The application's."""
         return self.query_one(Rail).glyphs
+
+    def _complain(self, reason: str, remedy: str) -> None:
+        do = remedy[:1].upper() + remedy[1:].removesuffix(".")
+        self.query_one("#trouble", Part).say(f"{self.glyphs.bad}{SPACE}{reason.removesuffix('.')}. {do}.", "bold")
 
     def _show_rail(self) -> None:
         if self._began is not None:

@@ -230,11 +230,11 @@ def test_what_moves_is_shown_with_target_place_and_time_left_and_stands_where_th
         await driver.until("stage")
         mover = threading.Thread(target=lambda: lab.bench.motions.move("stage", {"z_mm": 400.0}), daemon=True)
         mover.start()
-        await driver.until("moving z_mm 123.4 to 400.0")
+        await driver.until("moving z 123.4 to 400.0 mm")
         assert "idle" not in driver.text
         lab.stage.place["z_mm"] = 130.5
         await driver.press("f12")
         go_on.set()
-        await driver.until("last told: z_mm 130.5")
+        await driver.until("last told: z 130.5 mm")
 
     drive(StationApp(lab), use, (120, 40))
