@@ -174,6 +174,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, seen: Glimpse) -> None:
         self._doing_last, self._verdict = False, ()
+        self.remove_class("-verdict")
         self.query_one(Picture).show(seen.picture)
         self._show_readings(seen.advice.readings)
         if not self.answers.open:
@@ -200,8 +201,10 @@ class GuideScreen(StationScreen):
         self._doing_last = False
         planes = [f"{name}: {verdict_words(one.verdict, self.glyphs)}" for name, one in result.planes.items()]
         words = [f"Measurement: {verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}"]
-        words += [result.reason, result.remedy, *specified(list(result.planes.values()))]
+        lens, *against = specified(list(result.planes.values())) or [""]
+        words += [lens, sentences(result.reason, result.remedy), *against]
         self._verdict = tuple(text for text in words if text)
+        self.add_class("-verdict")
         self.query_one("#instruction", Part).update(lines_of(literal("Result", "bold"), *self._verdict))
         self._show_readings(())
         shown = [plane for plane in result.planes.values() if plane.samples is not None]
@@ -262,8 +265,7 @@ class GuideScreen(StationScreen):
         return self.query_one(Rail).glyphs
 
     def _complain(self, reason: str, remedy: str) -> None:
-        do = remedy[:1].upper() + remedy[1:].removesuffix(".")
-        self.query_one("#trouble", Part).say(f"{self.glyphs.bad}{SPACE}{reason.removesuffix('.')}. {do}.", "bold")
+        self.query_one("#trouble", Part).say(f"{self.glyphs.bad}{SPACE}{sentences(reason, remedy)}", "bold")
 
     def _show_rail(self) -> None:
         if self._began is not None:
@@ -284,3 +286,9 @@ class GuideScreen(StationScreen):
         shown = bool(self.query_one(Readings).display or self.query_one(CurveView).display)
         self.query_one("#numbers").display = shown
         self.set_class(shown and self.query_one(Picture).picture is None, "-drawing")
+
+
+def sentences(reason: str, remedy: str) -> str:
+    """What is wrong, and what to do: "The chart is dark. Light it more."."""
+    told = (text.removesuffix(".") for text in (reason, remedy[:1].upper() + remedy[1:]) if text)
+    return " ".join(f"{text}." for text in told)
