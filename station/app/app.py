@@ -9,9 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from textual import on
+from textual.await_complete import AwaitComplete
 from textual.binding import BindingType
 from textual.command import CommandPalette, Provider
+from textual.css.query import NoMatches
+from textual.message import Message
 from textual.screen import Screen
+from textual.widgets import Input, OptionList
 
 from station.app.commands import (
     BY_NAME,
@@ -56,7 +60,19 @@ def share_the_lock() -> None:
 
 
 class Palette(CommandPalette):
-    """Textual's palette; paging through a list that is not drawn yet does nothing: it would end the program."""
+    """Textual's palette, without two ways to end the program: paging through a list that is not drawn yet, and keys
+    heard after Enter has closed it, which would close what lies below and give the command again.
+    """
+
+    @on(Input.Submitted)
+    @on(OptionList.OptionSelected)
+    def _hear_while_open(self, event: Message) -> None:
+        if not self.is_active:
+            event.prevent_default()
+
+    def dismiss(self, result: None = None) -> AwaitComplete:
+        """Close it, once."""
+        return super().dismiss(result) if self.is_active else AwaitComplete()
 
     def _action_command_list(self, action: str) -> None:
         with suppress(LookupError):
@@ -76,6 +92,7 @@ class StationApp(WorkingApp):
 
     def __init__(self, lab: Lab, glyphs: Glyphs | None = None, plan: str | None = None) -> None:
         super().__init__(lab, glyphs)
+        self.animation_level = "none"  # a page that glides is painted twenty times, and may go through ssh
         self.add_mode(GUIDE, lambda: StartScreen(*lab.names, plan))
         self.add_mode(BENCH, lambda: self._styled(_bench_screen()))
         self.add_mode(FOCUS, lambda: self._styled(_focus_screen()))
@@ -88,6 +105,11 @@ class StationApp(WorkingApp):
         """
         screen._css_update_count = self._css_update_count
         return screen
+
+    def _handle_exception(self, error: Exception) -> None:
+        """A fault of the program ends it; but a screen that is taken down misses its parts, and that is none."""
+        if not (isinstance(error, NoMatches) and self.return_code is not None):
+            super()._handle_exception(error)
 
     # --- commands ------------------------------------------------------------------------------------------------
 
@@ -179,7 +201,7 @@ class StationApp(WorkingApp):
         if shown.is_mounted:
             title = " - ".join(part for part in (self.TITLE, self._subject) if part)
             words = literal(f" {self._alarm} ", "bold reverse") if self._alarm else literal(f" {title}")
-            shown.query_one("#title", Part).update(words)
+            shown.query_one("#title", Part).update(words, layout=False)
             shown.query_one(DeviceBar).show(self._states, self._bench_words)
             shown.query_one(KeyLine).show()
 

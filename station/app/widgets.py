@@ -5,6 +5,7 @@ Every word from outside passes `literal`: markup, escape sequences and control c
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
@@ -14,9 +15,11 @@ from rich.segment import Segment
 from rich.style import Style
 from textual.content import Content
 from textual.strip import Strip
+from textual.visual import VisualType
 from textual.widget import Widget
 from textual.widgets import Static
 
+from station.bench.axis_words import in_words, label
 from station.drawing.big_letters import big_lines
 from station.drawing.colours import MARK_GROUND, MARK_TEXT
 from station.drawing.glyphs import Glyphs, visible
@@ -34,6 +37,8 @@ GREYS = 32
 """Levels told apart in half blocks; runs of one level are one segment."""
 PLAIN = Style()  # Textual's filter for NO_COLOR wants a style on every segment
 MARK = Style(color=MARK_TEXT, bgcolor=MARK_GROUND, bold=True)
+SPACE = "\N{NO-BREAK SPACE}"
+"""Between a mark and its line: a long word shall not leave the mark alone."""
 BAR = 16
 """Cells of the progress bar."""
 
@@ -48,6 +53,11 @@ def lines_of(*lines: Content | str) -> Content:
     return Content("\n").join(line if isinstance(line, Content) else literal(line) for line in lines)
 
 
+def unbroken(text: str) -> str:
+    """The text, which is broken into lines neither behind its first sign, a mark, nor between a number and its unit."""
+    return re.sub(r"(?<=\d) (?=mm\b|s\b|%)", SPACE, text.replace(" ", SPACE, 1))
+
+
 class Part(Static):
     """A widget of ours: knows the terminal's glyphs, takes no focus, reads no markup."""
 
@@ -58,6 +68,12 @@ class Part(Static):
     def glyphs(self) -> Glyphs:
         """The application's."""
         return cast(Glyphs, self.app.glyphs)  # type: ignore[attr-defined]
+
+    def update(self, content: VisualType = "", *, layout: bool = True) -> None:
+        """Show another text; to be told the same one again lays nothing out and paints nothing."""
+        shown = self.content
+        if not (isinstance(shown, Content) and isinstance(content, Content) and shown.is_same(content)):
+            super().update(content, layout=layout)
 
     def say(self, text: str, style: str = "") -> None:
         """Show a sentence, or nothing and take no room."""
@@ -320,16 +336,18 @@ class DeviceBar(Part):
         stop = literal(" F12 STOP ALL ", "bold reverse")
         moving = [one for one in states if one.moving]
         bad = [one for one in states if not one.condition.usable and not one.moving]
-        parts = [literal(f"{self.glyphs.now} {one.name}: {one.condition.word}", "bold reverse") for one in moving]
-        parts += [literal(f"{self.glyphs.bad} {one.name}: {_why(one)}.", "bold") for one in bad]
+        ways = [unbroken(f"{self.glyphs.now} {one.name}: {one.condition.word}") for one in moving]
+        parts = [literal(way, "bold reverse") for way in ways]
+        parts += [literal(unbroken(f"{self.glyphs.bad} {one.name}: {_why(one)}."), "bold") for one in bad]
         parts += self._usable([one for one in states if one.condition.usable and not one.moving])
         self.update(Content("  ").join([stop, *(parts or [literal(words)])]))
 
     def _usable(self, states: Sequence[DeviceState]) -> list[Content]:
         if self.size.width >= WIDE:
-            return [literal(f"{self.glyphs.good} {one.name}: {one.condition.word}") for one in states]
+            words = (f"{self.glyphs.good} {one.name}: {one.condition.word}" for one in states)
+            return [literal(one.replace(" ", SPACE)) for one in words]
         names = " ".join(one.name for one in states)
-        return [literal(f"{self.glyphs.good} {names}")] if states else []
+        return [literal(f"{self.glyphs.good}{SPACE}{names}")] if states else []
 
 
 def brief(condition: Condition) -> str:
@@ -339,7 +357,7 @@ def brief(condition: Condition) -> str:
 
 def _why(one: DeviceState) -> str:
     """Why a device cannot be used; of a stage that may not move, where it was told to be last."""
-    told = ", ".join(f"{axis} {place:.1f}" for axis, place in one.places.items())
+    told = ", ".join(f"{label(axis)} {in_words(axis, place)}" for axis, place in one.places.items())
     return brief(one.condition) + (f" (last told: {told})" if told else "")
 
 
@@ -367,7 +385,7 @@ class KeyLine(Part):
             if command.word and entry.cell_length <= room:
                 room -= entry.cell_length + 2
                 entries.append(entry)
-        self.update(Content("  ").join(entries))
+        self.update(Content("  ").join(entries), layout=False)  # it is one line, whatever it says
 
 
 def verdict_words(verdict: str, glyphs: Glyphs) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Condition
+from station.bench.axis_words import way_in_words
 
 if TYPE_CHECKING:
     from station.bench.motions import Motion
@@ -70,7 +71,7 @@ class StageWatch:
         if self._began.get(name, (None,))[0] is not motion:
             self._began[name] = motion, here
         begin = self._began[name][1]
-        ways = [f"{axis} {here[axis]:z.1f} to {goal:z.1f}" for axis, goal in motion.target.items() if axis in here]
+        ways = [way_in_words(axis, here[axis], goal) for axis, goal in motion.target.items() if axis in here]
         left_s = self._left_s(motion, begin, here)
         return "moving " + ", ".join([*ways, *([f"{left_s:.0f} s left"] if left_s is not None else [])])
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from procedures.plan import Ask
+from station.bench.axis_words import in_words, label
 from station.guide.active_devices import Rig
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.frontend import MOVE
@@ -66,14 +67,3 @@ class Consent:
         here = self._rig.places if known else {}
         begin = {axis: f" from {in_words(axis, here[axis]).partition(' ')[0]}" for axis in places if axis in here}
         return ", ".join(f"{label(axis)}{begin.get(axis, '')} to {in_words(axis, at)}" for axis, at in places.items())
-
-
-def label(axis: str) -> str:
-    """An axis without its unit: "z" of "z_mm"."""
-    return axis.rpartition("_")[0] or axis
-
-
-def in_words(axis: str, place: float, digits: int = 1) -> str:
-    """A place on an axis: "620.0 mm", "1.25°": an angle has one digit more where it has any."""
-    unit = axis.rpartition("_")[2]
-    return f"{place:z.{digits + bool(digits)}f}°" if unit == "deg" else f"{place:z.{digits}f} {unit}"

@@ -9,8 +9,9 @@ from procedures.advice import time_words
 from procedures.outcome import Verdict
 from procedures.plan import Advice, Ask, Go, Known, Look, Outcomes, Scan, Shoot, Tour, TourStop
 from procedures.raw import RawFrame, read_frame
+from station.bench.axis_words import in_words, label
 from station.guide.active_devices import AT, Rig
-from station.guide.consent import Consent, in_words, label
+from station.guide.consent import Consent
 from station.guide.contradictions import LookProgress, resolve
 from station.guide.dialogue import AGAIN, STOP, Conversation, Skipped
 from station.guide.exposure import Exposer, Taken, shot_facts

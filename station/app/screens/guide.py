@@ -16,9 +16,20 @@ from station.app.mailbox import Glimpse, News, Question
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.result_view import mtf_plot, specified
 from station.app.terminal_images import psf_thumbnail
-from station.app.widgets import CurveView, Part, Picture, ProgressLine, Rail, Readings, lines_of, literal, verdict_words
+from station.app.widgets import (
+    SPACE,
+    CurveView,
+    Part,
+    Picture,
+    ProgressLine,
+    Rail,
+    Readings,
+    lines_of,
+    literal,
+    verdict_words,
+)
+from station.bench.axis_words import label
 from station.drawing.diagrams import drawn, trend
-from station.guide.consent import label
 from station.guide.frontend import (
     MOVE,
     CurveSeen,
@@ -163,6 +174,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, seen: Glimpse) -> None:
         self._doing_last, self._verdict = False, ()
+        self.remove_class("-verdict")
         self.query_one(Picture).show(seen.picture)
         self._show_readings(seen.advice.readings)
         if not self.answers.open:
@@ -182,15 +194,17 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, trouble: Trouble) -> None:
         self._doing_last = False
-        self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {trouble.reason}. {trouble.remedy}.", "bold")
+        self._complain(trouble.reason, trouble.remedy)
 
     @show.register
     def _(self, result: Result) -> None:
         self._doing_last = False
         planes = [f"{name}: {verdict_words(one.verdict, self.glyphs)}" for name, one in result.planes.items()]
         words = [f"Measurement: {verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}"]
-        words += [result.reason, result.remedy, *specified(list(result.planes.values()))]
+        lens, *against = specified(list(result.planes.values())) or [""]
+        words += [lens, sentences(result.reason, result.remedy), *against]
         self._verdict = tuple(text for text in words if text)
+        self.add_class("-verdict")
         self.query_one("#instruction", Part).update(lines_of(literal("Result", "bold"), *self._verdict))
         self._show_readings(())
         shown = [plane for plane in result.planes.values() if plane.samples is not None]
@@ -221,7 +235,7 @@ class GuideScreen(StationScreen):
 
     def fail(self, problem: Problem) -> None:
         """The run could not begin, or broke off."""
-        self.query_one("#trouble", Part).say(f"{self.glyphs.bad} {problem.reason}. {problem.remedy}.", "bold")
+        self._complain(problem.reason, problem.remedy)
         self.rest("The run broke off. What was taken is kept.", AFTER_A_STOP)
 
     def rest(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
@@ -250,6 +264,9 @@ class GuideScreen(StationScreen):
         """The application's."""
         return self.query_one(Rail).glyphs
 
+    def _complain(self, reason: str, remedy: str) -> None:
+        self.query_one("#trouble", Part).say(f"{self.glyphs.bad}{SPACE}{sentences(reason, remedy)}", "bold")
+
     def _show_rail(self) -> None:
         if self._began is not None:
             self.query_one(Rail).show(self._began.plan, self._done, self._now)
@@ -269,3 +286,9 @@ class GuideScreen(StationScreen):
         shown = bool(self.query_one(Readings).display or self.query_one(CurveView).display)
         self.query_one("#numbers").display = shown
         self.set_class(shown and self.query_one(Picture).picture is None, "-drawing")
+
+
+def sentences(reason: str, remedy: str) -> str:
+    """What is wrong, and what to do: "The chart is dark. Light it more."."""
+    told = (text.removesuffix(".") for text in (reason, remedy[:1].upper() + remedy[1:]) if text)
+    return " ".join(f"{text}." for text in told)

@@ -15,15 +15,13 @@ from textual.screen import Screen
 from textual.widgets import Input
 
 from station.app.commands import Command
-from station.app.widgets import DeviceBar, KeyLine, Part, lines_of, literal
+from station.app.widgets import SPACE, DeviceBar, KeyLine, Part, lines_of, literal
 
 if TYPE_CHECKING:
     from procedures.plan import Ask, Fact
     from station.app.background import Finished
 
 
-SPACE = "\N{NO-BREAK SPACE}"
-"""Between a mark and its line: a long word shall not leave the mark alone."""
 DONE = "done: press Enter"
 READ_S = 0.4
 """A question before a move is not answered sooner than it can have been read: Enter may have been held down."""

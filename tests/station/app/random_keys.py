@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,10 @@ from unittest.mock import patch
 
 import numpy as np
 from textual.css.stylesheet import Stylesheet
+from textual.screen import Screen
 
 from procedures.plan import Ask
+from station.app import working_app
 from station.app.app import StationApp
 from station.app.screens import parts
 from station.guide.frontend import MOVE, RunEnded
@@ -31,6 +33,11 @@ WIDTH = Ask("width", "How wide?", "number", unit="mm", low=1, high=9, default=3.
 VERDICT = Ask("verdict", "Accept?", "choice", default="accept", choices=("accept", "retake"))
 CONFIRMING = ("enter", "space", " ", "1")
 JOGGING = ("left", "right", "minus", "plus", "-", "+")
+
+KEYS_A_PAINT = 6
+PATIENCE_S = 20.0
+RESTS = 0.02
+"""The share of keys after which it is waited so long as it takes to read that something will move."""
 
 
 class Bystander:
@@ -82,13 +89,35 @@ class Bystander:
 
 
 @contextmanager
-def in_haste() -> Iterator[None]:
-    """Keys come one after the other, whatever the screen still does; and a question is read as fast as they come."""
+def in_haste(pressed: Sequence[str]) -> Iterator[None]:
+    """Keys come one after the other, whatever the screen still does; and all is shown and read as fast as they come."""
 
     async def shortly(*_: float) -> None:
-        await asyncio.sleep(0.002)
+        await asyncio.sleep(0.001)
 
-    with patch.object(parts, "READ_S", 0.1), patch("textual.app.wait_for_idle", shortly), beginning_quickly():
+    quickly = patch.object(parts, "READ_S", 0.03), patch.object(working_app, "SHOW_EVERY_S", 0.01)
+    with (
+        quickly[0],
+        quickly[1],
+        patch("textual.app.wait_for_idle", shortly),
+        painting_seldom(pressed),
+        beginning_quickly(),
+    ):
+        yield
+
+
+@contextmanager
+def painting_seldom(pressed: Sequence[str]) -> Iterator[None]:
+    """One paint in so many keys, as where they are pasted or the line is slow; layout and styles are made for each."""
+    paint, painted = Screen._compositor_refresh, -KEYS_A_PAINT
+
+    def seldom(screen: Screen[Any]) -> None:
+        nonlocal painted
+        if len(pressed) >= painted + KEYS_A_PAINT:
+            painted = len(pressed)
+            paint(screen)
+
+    with patch.object(Screen, "_compositor_refresh", seldom):
         yield
 
 
@@ -108,15 +137,18 @@ def beginning_quickly() -> Iterator[None]:
         return parsed[key]
 
     gc.freeze()
+    before = gc.get_threshold()
+    gc.set_threshold(50_000, 20, 100)  # many small widgets: by default a fifth of the time is spent looking for garbage
     with patch.object(Stylesheet, "_parse_rules", parse_once), patch.object(gc, "freeze"):
         yield
+    gc.set_threshold(*before)
     gc.unfreeze()
 
 
 def press_at_random(folder: Path, seed: int, keys: int) -> Bystander:
     """So many keys; the application is begun again where they ended it. What was seen."""
     rng, seen = np.random.default_rng(seed), Bystander()
-    with in_haste():
+    with in_haste(seen.pressed):
         while len(seen.pressed) < keys:
             asyncio.run(_one_application(folder, rng, seen, keys))
     return seen
@@ -131,9 +163,13 @@ async def _one_application(folder: Path, rng: np.random.Generator, seen: Bystand
     async with app.run_test(size=(80, 24)) as pilot:
         while len(seen.pressed) < keys and app.is_running and app.return_value is None:
             seen.pressed.append(str(rng.choice(KEYS)))
-            await pilot.press(seen.pressed[-1])
-            if rng.random() < 0.02:
-                await pilot.pause(1.1 * parts.READ_S)  # long enough to have read that something will move
+            await app._press_keys(seen.pressed[-1:])  # without waiting until every widget has heard of it
+            if rng.random() < RESTS:
+                await pilot.pause(1.5 * parts.READ_S)
+        loop = app._task
+        app.exit(0)
+        if loop is not None:  # as in a terminal, the screens go when no key is heard any more
+            await asyncio.wait([loop], timeout=PATIENCE_S)
     for run in lab.runs:
         run.operator.stop()
-    app.finish(20.0)
+    app.finish(PATIENCE_S)

@@ -173,7 +173,7 @@ def test_trouble_says_what_happened_and_what_to_do(tmp_path):
 
     async def use(driver: Driver) -> None:
         await driver.begin()
-        await driver.until("the stage did not answer. check its cable.")
+        await driver.until("the stage did not answer. Check its cable.")
         await driver.until("try again")
 
     drive(StationApp(FakeLab(tmp_path, lambda run: run.step("print", trouble, ask) and RunEnded("finished"))), use)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
 from functools import partial
 from unittest.mock import patch
@@ -41,6 +42,36 @@ def test_a_move_is_begun_by_enter_alone_once_it_can_have_been_read(tmp_path):
 
     drive(StationApp(lab), use)
     assert lab.runs[0].answers == [True]
+
+
+@pytest.mark.slow
+def test_keys_that_are_heard_after_enter_has_closed_the_palette_close_nothing_else(tmp_path):
+    lab = FakeLab(tmp_path, whole)
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("ctrl+p", *"help")
+        await driver.until("This help")
+        for key in ["enter"] * 4:
+            driver.app.post_message(Key(key, None))
+        await driver.until("the arrows scroll it")
+        await driver.press("escape")
+        await driver.until("press Enter to begin")
+
+    drive(StationApp(lab), use)
+
+
+def test_a_screen_that_misses_its_parts_while_the_program_is_left_is_no_fault(tmp_path):
+    app = StationApp(FakeLab(tmp_path, whole))
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        app.exit(0)
+        app.front.call_later(app.front.query_one, "#taken-down")
+        await asyncio.sleep(0.01)
+
+    drive(app, use)
+    assert app.return_code == 0
 
 
 @pytest.mark.slow
@@ -199,11 +230,11 @@ def test_what_moves_is_shown_with_target_place_and_time_left_and_stands_where_th
         await driver.until("stage")
         mover = threading.Thread(target=lambda: lab.bench.motions.move("stage", {"z_mm": 400.0}), daemon=True)
         mover.start()
-        await driver.until("moving z_mm 123.4 to 400.0")
+        await driver.until("moving z 123.4 to 400.0 mm")
         assert "idle" not in driver.text
         lab.stage.place["z_mm"] = 130.5
         await driver.press("f12")
         go_on.set()
-        await driver.until("last told: z_mm 130.5")
+        await driver.until("last told: z 130.5 mm")
 
     drive(StationApp(lab), use, (120, 40))

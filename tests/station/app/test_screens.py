@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from drivers.errors import OutsideTravel
 from procedures.outcome import Verdict
+from procedures.plan import Ask
 from procedures.psf import Psf
 from procedures.quality import assess
 from station.app.app import StationApp
@@ -21,7 +23,7 @@ from station.app.terminal_images import psf_thumbnail
 from station.drawing.depth_pictures import encoded
 from station.drawing.glyphs import ASCII
 from station.guide.catalogue import DEFAULT, PLANS
-from station.guide.frontend import RunEnded
+from station.guide.frontend import Result, RunEnded
 from station.results.comparison import Comparison, Judged, Judgement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
@@ -29,7 +31,7 @@ from station.results.restored import RESTORATION
 from station.results.result_files import ResultFolder, write_psf_result, write_record
 
 from .driving import Driver, drive
-from .fakes import FakeLab, FakeRun
+from .fakes import FakeLab, FakeRun, chosen_step
 
 
 def nothing(run: FakeRun) -> RunEnded:
@@ -282,3 +284,37 @@ def test_the_lens_is_judged_by_its_worst_plane_and_what_is_not_met_is_said():
     assert specified([good]) == ["Lens: meets the specification"]
     assert specified([good, bad]) == ["Lens: does not meet the specification", "R: MTF50 must be 0.3 at least"]
     assert specified([PlaneResult("G1", Verdict.PASS)]) == []
+
+
+@pytest.mark.slow
+def test_a_verdict_is_shown_whole_with_what_to_do_and_with_what_the_lens_misses(tmp_path):
+    missed = "MTF50 at the centre is 0.212 ± 0.004 cycles/pixel and must be 0.3 at least"
+    miss = Judgement("mtf50", Judged.MISSES, 0.212, 0.004, 0.3, None, "cycles/pixel", "centre", missed)
+    good = PlaneResult("G1", Verdict.PASS)
+    planes = {"G1": good, "B": replace(good, name="B", specification=Comparison(Judged.MISSES, (miss,)))}
+    planes |= {name: PlaneResult(name, Verdict.REFUSED, "too dark") for name in ("R", "G2")}
+    reason, remedy = (
+        "plane R: white is at 4 % of the scale and noise leads",
+        "expose longer, and take the pictures anew",
+    )
+    result = Result(tmp_path, planes, Verdict.REFUSED, reason, remedy)
+    accept = Ask("verdict", "Accept it?", "choice", default="accept", choices=("accept", "retake", "stop"))
+    lab = FakeLab(tmp_path, lambda run: chosen_step(run, result, accept))
+
+    async def use(driver: Driver) -> None:
+        await driver.begin()
+        for words in (
+            "Lens: does not meet",
+            f"{reason}. Expose",
+            "the pictures anew.",
+            "must be 0.3 at",
+            accept.question,
+        ):
+            await driver.until(lambda words=words: words in without_edges(driver.text))
+
+    drive(StationApp(lab), use)
+
+
+def without_edges(text: str) -> str:
+    """The words right of the rail, as if their lines had not been broken."""
+    return " ".join(" ".join(line[26:] for line in text.splitlines()).split())
