@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from textual import on
+from textual import on, work
 from textual.await_complete import AwaitComplete
 from textual.binding import BindingType
 from textual.command import CommandPalette, Provider
@@ -60,9 +61,15 @@ def share_the_lock() -> None:
 
 
 class Palette(CommandPalette):
-    """Textual's palette, without two ways to end the program: paging through a list that is not drawn yet, and keys
-    heard after Enter has closed it, which would close what lies below and give the command again.
+    """Textual's palette, without three ways to end the program: paging through a list that is not drawn yet, keys heard
+    after Enter has closed it, which would close what lies below and give the command again, and a search that begins
+    when it has gone.
     """
+
+    @work(exclusive=True, group=CommandPalette._GATHER_COMMANDS_GROUP)
+    async def _gather_commands(self, search_value: str) -> None:
+        with suppress(NoMatches):
+            await inspect.unwrap(CommandPalette._gather_commands)(self, search_value)
 
     @on(Input.Submitted)
     @on(OptionList.OptionSelected)

@@ -11,7 +11,7 @@ import pytest
 from textual.events import Key
 
 from procedures.plan import Ask
-from station.app.app import StationApp
+from station.app.app import Palette, StationApp
 from station.app.screens import parts
 from station.app.screens.parts import READ_S
 from station.guide.frontend import MOVE, RunEnded
@@ -59,6 +59,16 @@ def test_keys_that_are_heard_after_enter_has_closed_the_palette_close_nothing_el
         await driver.until("press Enter to begin")
 
     drive(StationApp(lab), use)
+
+
+def test_the_program_is_left_while_the_palette_comes_up(tmp_path):
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        driver.app.push_screen(Palette())
+        driver.app.exit(0)
+        await asyncio.sleep(0.1)
+
+    drive(StationApp(FakeLab(tmp_path, whole)), use)
 
 
 def test_a_screen_that_misses_its_parts_while_the_program_is_left_is_no_fault(tmp_path):
