@@ -5,7 +5,6 @@ Every word from outside passes `literal`: markup, escape sequences and control c
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
@@ -39,8 +38,7 @@ PLAIN = Style()  # Textual's filter for NO_COLOR wants a style on every segment
 MARK = Style(color=MARK_TEXT, bgcolor=MARK_GROUND, bold=True)
 SPACE = "\N{NO-BREAK SPACE}"
 """Between a mark and its line: a long word shall not leave the mark alone."""
-BAR = 16
-"""Cells of the progress bar."""
+BAR = 16  # cells of the progress bar
 
 
 def literal(text: str, style: str = "") -> Content:
@@ -53,9 +51,13 @@ def lines_of(*lines: Content | str) -> Content:
     return Content("\n").join(line if isinstance(line, Content) else literal(line) for line in lines)
 
 
-def unbroken(text: str) -> str:
-    """The text, which is broken into lines neither behind its first sign, a mark, nor between a number and its unit."""
-    return re.sub(r"(?<=\d) (?=mm\b|s\b|%)", SPACE, text.replace(" ", SPACE, 1))
+def packed(parts: Sequence[Content], width: int) -> Content:
+    """Parts side by side, in lines that end between two of them: Textual breaks lines at no-break spaces too."""
+    lines: list[Content] = []
+    for part in parts:
+        longer = Content("  ").join([*lines[-1:], part])
+        lines[-1:] = [longer] if longer.cell_length <= width or not lines else [*lines[-1:], part]
+    return lines_of(*lines)
 
 
 class Part(Static):
@@ -331,23 +333,28 @@ def seconds_in_words(seconds: float) -> str:
 class DeviceBar(Part):
     """Every device with its mark; those that cannot be used come first and say why. The way to stop them all."""
 
+    _told: tuple[Sequence[DeviceState], str] = ((), "")
+
+    def on_resize(self) -> None:
+        """Another width, other lines."""
+        self.show(*self._told)
+
     def show(self, states: Sequence[DeviceState], words: str) -> None:
         """How the devices are; `words` where there are none."""
+        self._told = states, words
         stop = literal(" F12 STOP ALL ", "bold reverse")
         moving = [one for one in states if one.moving]
         bad = [one for one in states if not one.condition.usable and not one.moving]
-        ways = [unbroken(f"{self.glyphs.now} {one.name}: {one.condition.word}") for one in moving]
-        parts = [literal(way, "bold reverse") for way in ways]
-        parts += [literal(unbroken(f"{self.glyphs.bad} {one.name}: {_why(one)}."), "bold") for one in bad]
+        parts = [literal(f"{self.glyphs.now} {one.name}: {one.condition.word}", "bold reverse") for one in moving]
+        parts += [literal(f"{self.glyphs.bad} {one.name}: {_why(one)}.", "bold") for one in bad]
         parts += self._usable([one for one in states if one.condition.usable and not one.moving])
-        self.update(Content("  ").join([stop, *(parts or [literal(words)])]))
+        self.update(packed([stop, *(parts or [literal(words)])], self.size.width))
 
     def _usable(self, states: Sequence[DeviceState]) -> list[Content]:
         if self.size.width >= WIDE:
-            words = (f"{self.glyphs.good} {one.name}: {one.condition.word}" for one in states)
-            return [literal(one.replace(" ", SPACE)) for one in words]
+            return [literal(f"{self.glyphs.good} {one.name}: {one.condition.word}") for one in states]
         names = " ".join(one.name for one in states)
-        return [literal(f"{self.glyphs.good}{SPACE}{names}")] if states else []
+        return [literal(f"{self.glyphs.good} {names}")] if states else []
 
 
 def brief(condition: Condition) -> str:
@@ -361,8 +368,7 @@ def _why(one: DeviceState) -> str:
     return brief(one.condition) + (f" (last told: {told})" if told else "")
 
 
-WIDE = 110
-"""Columns from which there is room for words beside the names."""
+WIDE = 110  # columns from which there is room for words beside the names
 
 
 class KeyLine(Part):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from procedures.raw import Plane
 from station.app.terminal_images import Thumbnail, in_letters, lay_out, shrink, thumbnail
-from station.app.widgets import left_of, progress_in_words
+from station.app.widgets import left_of, literal, packed, progress_in_words
 from station.drawing.glyphs import ASCII, UNICODE, glyphs_for, visible
 from station.drawing.terminal_plots import GUTTER, TerminalCurve, TerminalFrame, plot
 from station.guide.frontend import Doing
@@ -128,3 +128,8 @@ def test_the_time_left_follows_from_the_parts_done():
 
 def test_time_that_is_told_is_counted_down():
     assert "about 1 min 10 s left" in progress_in_words(Doing("homing", left_s=75.0), 5.0, 75.0, UNICODE)
+
+
+def test_the_devices_line_ends_between_devices():
+    parts = [literal(word) for word in ("F12 STOP ALL", "stage: homing", "imu: ready", "a name that is too long for it")]
+    assert packed(parts, 28).plain == "F12 STOP ALL  stage: homing\nimu: ready\na name that is too long for it"
