@@ -131,5 +131,5 @@ def test_time_that_is_told_is_counted_down():
 
 
 def test_the_devices_line_ends_between_devices():
-    parts = [literal(word) for word in ("F12 STOP ALL", "stage: homing", "imu: ready", "a name that is too long for it")]
-    assert packed(parts, 28).plain == "F12 STOP ALL  stage: homing\nimu: ready\na name that is too long for it"
+    parts = [literal(word) for word in ("F12 STOP ALL", "stage: homing", "imu: ready", "a name that is much too long")]
+    assert packed(parts, 28).plain == "F12 STOP ALL  stage: homing\nimu: ready\na name that is much too long"
