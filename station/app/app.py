@@ -18,6 +18,7 @@ from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import Input, OptionList
 
+from station.app.bars import DeviceBar, KeyLine
 from station.app.commands import (
     BY_NAME,
     EVERYWHERE,
@@ -38,7 +39,7 @@ from station.app.commands import (
 from station.app.screens.dialogs import Choose, Help
 from station.app.screens.parts import StationScreen
 from station.app.screens.start import StartScreen
-from station.app.widgets import DeviceBar, KeyLine, Part, literal
+from station.app.widgets import Part, literal
 from station.app.working_app import BENCH, FOCUS, GUIDE, RESULTS, WorkingApp
 from station.common.stop_signals import EXIT_DEVICE
 

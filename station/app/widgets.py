@@ -18,18 +18,14 @@ from textual.visual import VisualType
 from textual.widget import Widget
 from textual.widgets import Static
 
-from station.bench.axis_words import in_words, label
 from station.drawing.big_letters import big_lines
 from station.drawing.colours import MARK_GROUND, MARK_TEXT
 from station.drawing.glyphs import Glyphs, visible
 from station.results.verdict_words import measurement_words
 
 if TYPE_CHECKING:
-    from drivers.interfaces import Condition
     from procedures.plan import Plan, Reading
-    from station.app.commands import Offers
     from station.app.terminal_images import Cells, Thumbnail
-    from station.bench.stage_watch import DeviceState
     from station.guide.frontend import Doing
 
 GREYS = 32
@@ -38,7 +34,8 @@ PLAIN = Style()  # Textual's filter for NO_COLOR wants a style on every segment
 MARK = Style(color=MARK_TEXT, bgcolor=MARK_GROUND, bold=True)
 SPACE = "\N{NO-BREAK SPACE}"
 """Between a mark and its line: a long word shall not leave the mark alone."""
-BAR = 16  # cells of the progress bar
+BAR = 16
+"""Cells of the progress bar."""
 
 
 def literal(text: str, style: str = "") -> Content:
@@ -49,15 +46,6 @@ def literal(text: str, style: str = "") -> Content:
 def lines_of(*lines: Content | str) -> Content:
     """Lines one below the other."""
     return Content("\n").join(line if isinstance(line, Content) else literal(line) for line in lines)
-
-
-def packed(parts: Sequence[Content], width: int) -> Content:
-    """Parts side by side, in lines that end between two of them: Textual breaks lines at no-break spaces too."""
-    lines: list[Content] = []
-    for part in parts:
-        longer = Content("  ").join([*lines[-1:], part])
-        lines[-1:] = [longer] if longer.cell_length <= width or not lines else [*lines[-1:], part]
-    return lines_of(*lines)
 
 
 class Part(Static):
@@ -325,73 +313,6 @@ def seconds_in_words(seconds: float) -> str:
     """12 s, 3 min 20 s."""
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes} min {rest} s" if minutes else f"{rest} s"
-
-
-# --- on every screen ---------------------------------------------------------------------------------------------
-
-
-class DeviceBar(Part):
-    """Every device with its mark; those that cannot be used come first and say why. The way to stop them all."""
-
-    _told: tuple[Sequence[DeviceState], str] = ((), "")
-
-    def on_resize(self) -> None:
-        """Another width, other lines."""
-        self.show(*self._told)
-
-    def show(self, states: Sequence[DeviceState], words: str) -> None:
-        """How the devices are; `words` where there are none."""
-        self._told = states, words
-        stop = literal(" F12 STOP ALL ", "bold reverse")
-        moving = [one for one in states if one.moving]
-        bad = [one for one in states if not one.condition.usable and not one.moving]
-        parts = [literal(f"{self.glyphs.now} {one.name}: {one.condition.word}", "bold reverse") for one in moving]
-        parts += [literal(f"{self.glyphs.bad} {one.name}: {_why(one)}.", "bold") for one in bad]
-        parts += self._usable([one for one in states if one.condition.usable and not one.moving])
-        self.update(packed([stop, *(parts or [literal(words)])], self.size.width))
-
-    def _usable(self, states: Sequence[DeviceState]) -> list[Content]:
-        if self.size.width >= WIDE:
-            return [literal(f"{self.glyphs.good} {one.name}: {one.condition.word}") for one in states]
-        names = " ".join(one.name for one in states)
-        return [literal(f"{self.glyphs.good} {names}")] if states else []
-
-
-def brief(condition: Condition) -> str:
-    """A device's condition beside its name, which need not be told twice: "not homed"."""
-    return condition.word.removeprefix("the stage is ")
-
-
-def _why(one: DeviceState) -> str:
-    """Why a device cannot be used; of a stage that may not move, where it was told to be last."""
-    told = ", ".join(f"{label(axis)} {in_words(axis, place)}" for axis, place in one.places.items())
-    return brief(one.condition) + (f" (last told: {told})" if told else "")
-
-
-WIDE = 110  # columns from which there is room for words beside the names
-
-
-class KeyLine(Part):
-    """The keys of this screen: as many as there is room for."""
-
-    def on_mount(self) -> None:
-        """Fill it when the width is known."""
-        self.call_after_refresh(self.show)
-
-    def on_resize(self) -> None:
-        """Another width, another choice."""
-        self.show()
-
-    def show(self) -> None:
-        """Write the keys that can be pressed now."""
-        entries: list[Content] = []
-        room = self.size.width
-        for command in cast("Offers", self.app).offered():
-            entry = Content.assemble((command.pair or command.key_name(), "bold reverse"), f" {command.word}")
-            if command.word and entry.cell_length <= room:
-                room -= entry.cell_length + 2
-                entries.append(entry)
-        self.update(Content("  ").join(entries), layout=False)  # it is one line, whatever it says
 
 
 def verdict_words(verdict: str, glyphs: Glyphs) -> str:

@@ -12,6 +12,7 @@ from textual.binding import BindingType
 from textual.containers import Horizontal
 
 from station.app.background import Finished
+from station.app.bars import brief
 from station.app.commands import (
     BENCH,
     AxisAfter,
@@ -30,7 +31,7 @@ from station.app.commands import (
 )
 from station.app.screens.dialogs import Choose
 from station.app.screens.parts import StationScreen
-from station.app.widgets import Part, brief, lines_of, literal
+from station.app.widgets import Part, lines_of, literal
 
 if TYPE_CHECKING:
     from drivers.interfaces import Condition

@@ -14,8 +14,9 @@ from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import Input
 
+from station.app.bars import DeviceBar, KeyLine
 from station.app.commands import Command
-from station.app.widgets import SPACE, DeviceBar, KeyLine, Part, lines_of, literal
+from station.app.widgets import SPACE, Part, lines_of, literal
 
 if TYPE_CHECKING:
     from procedures.plan import Ask, Fact

@@ -11,9 +11,10 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
 from textual.widgets import Input
 
+from station.app.bars import brief
 from station.app.commands import ShowFocus
 from station.app.screens.parts import Choices, StationScreen
-from station.app.widgets import Part, brief, lines_of
+from station.app.widgets import Part, lines_of
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import unicodedata
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from textual.app import App, ComposeResult
 
+from drivers.interfaces import Condition
 from procedures.raw import Plane
+from station.app.bars import DeviceBar, packed
 from station.app.terminal_images import Thumbnail, in_letters, lay_out, shrink, thumbnail
-from station.app.widgets import left_of, literal, packed, progress_in_words
+from station.app.widgets import left_of, literal, progress_in_words
+from station.bench.stage_watch import DeviceState
 from station.drawing.glyphs import ASCII, UNICODE, glyphs_for, visible
 from station.drawing.terminal_plots import GUTTER, TerminalCurve, TerminalFrame, plot
 from station.guide.frontend import Doing
@@ -133,3 +138,21 @@ def test_time_that_is_told_is_counted_down():
 def test_the_devices_line_ends_between_devices():
     parts = [literal(word) for word in ("F12 STOP ALL", "stage: homing", "imu: ready", "a name that is much too long")]
     assert packed(parts, 28).plain == "F12 STOP ALL  stage: homing\nimu: ready\na name that is much too long"
+
+
+def test_devices_told_before_the_width_is_known_take_the_lines_that_they_need():
+    class Bare(App[None]):
+        glyphs = UNICODE
+
+        def compose(self) -> ComposeResult:
+            yield DeviceBar()
+
+    async def use() -> None:
+        app = Bare()
+        bar = DeviceBar()
+        homing = DeviceState("stage", Condition("homing the rows, then the columns", True), moving=True)
+        async with app.run_test(size=(80, 24)):
+            bar.show([homing], "")
+            assert [bar.get_content_height(app.size, app.size, width) for width in (80, 40)] == [1, 2]
+
+    asyncio.run(use())
