@@ -208,6 +208,13 @@ def tell_result(record: PlaneResult) -> None:
         verdict=verdict,
         **took,
     )
+    tell_untold(record)
+
+
+def tell_untold(record: PlaneResult) -> None:
+    """A line on stderr for every frequency asked for at which a plane has no MTF."""
+    for sentence in record.untold:
+        log("untold", f"{record.name}: {sentence}", level="warning", plane=record.name)
 
 
 def _sentence(record: PlaneResult) -> str:
