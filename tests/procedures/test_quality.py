@@ -178,7 +178,7 @@ def test_energies_are_as_unsure_as_tails_that_stray_pixel_by_pixel_make_them(rng
     np.add.at(energy, (pixel[:, None], pixel), outside * shape)
     light = 1 + outside * tail_sums(k)[0] + 0.25 * rng.standard_normal((1000, energy.size)) @ energy.ravel()
     # these radii lie inside the support, where the PSF is known
-    true = {f"encircled_energy_{share:.0f}": sigma * np.sqrt(-2 * np.log(1 - share / 100 * light)) for share in (50, 80)}
+    true = {f"encircled_energy_{part}": sigma * np.sqrt(-2 * np.log(1 - part / 100 * light)) for part in (50, 80)}
     true["strehl"] = found.numbers["strehl"].value * np.mean(light) / light
     for name, values in true.items():
         # the formula's support is round and cuts no pixel: 28 % more; a radius' slope is read to 15 %; 1000 draws: 2 %
