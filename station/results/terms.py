@@ -60,10 +60,10 @@ class Terms:
             if any(name_at(wanted, direction) in record.numbers for direction in ("", *BOTH)):
                 continue
             reason = "it is beyond what was measured"
-            if record.psf is not None:
-                last = record.psf.s / 2
+            if record.psf is not None and wanted > record.psf.s / 2:
+                last = record.psf.s / 2 * pixels.factor(one.unit)
                 reason = (
-                    f"a PSF of s = {record.psf.s} ends at {last * pixels.factor(one.unit):.4g} {one.unit}; "
+                    f"a PSF of s = {record.psf.s} ends at {last:.4g} {one.unit}; "
                     f"ask for less, or give s = {math.ceil(2 * wanted)} or more"
                 )
             yield f"no MTF is told at {one.value:g} {one.unit}: {reason}"
