@@ -137,12 +137,15 @@ def corrected(frame: RawFrame, field: dict[str, PsfField], how: CorrectionParame
 
 
 def loss() -> None:
-    """Print the loss against the lens's own PSFs in dB, of LENS, of the mean over all lenses, and as it would be if what
-    is told came to the picture's other errors as an independent one; how far the pictures lie apart, measured and told,
-    in levels of 255: of the frame, and without its rim."""
+    """Print the loss against the lens's own PSFs in dB, and how far the pictures lie apart, in levels of 255.
+
+    The loss is of LENS, of the mean over all lenses, and as it would be if what is told came to the picture's other
+    errors as an independent one; the distance is measured and told: of the frame, and without its rim.
+    """
     every = np.array([list(losses(lens, seed)) for seed, lens in enumerate(LENSES, start=1)])
-    words = f"{'charts':28} {'loss, dB':>13} {'of all':>13} {'as told':>13} {'differs':>13} {'told':>6} {'over it':>11} {'of one':>11}"
-    print(words + "   (frame, inside)")
+    words = ("loss, dB", "of all", "as told", "differs")
+    head = f"{'charts':28}" + "".join(f" {one:>13}" for one in words)
+    print(f"{head} {'told':>6} {'over it':>11} {'of one':>11}   (frame, inside)")
     for (columns, rows, margin, noise), each in zip(MEASURED, every.swapaxes(0, 1), strict=True):
         lost, as_told = (10 * np.log10(1 + each[:, k] / each[:, 0]) for k in (1, 3))
         _, _, apart, told = 255 * np.sqrt(np.maximum(each.mean(axis=0), 0))

@@ -8,7 +8,7 @@ and settles its kernels. What shifts the photographs against each other is in th
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -55,6 +55,10 @@ class KernelBeginning:
     edges: float = 2e-2
     last_edges: float = 1e-3
     least: float = 0.03
+
+    def weighed(self, times: float) -> KernelBeginning:
+        """The same with edges of other weight."""
+        return replace(self, edges=times * self.edges, last_edges=times * self.last_edges)
 
 
 @dataclass(frozen=True)
@@ -109,13 +113,15 @@ class FreeKernels:
     """Kernels (P, K, K) of the photographs, one sample a pixel, about the middle of their common extent, sum 1.
 
     left : standard deviation of what they leave of the photographs' differences, of the photographs' contrast;
-    agreement : likeness of what two beginnings end in; doubt : why they are not to be trusted, or None.
+    agreement : likeness of what two beginnings end in; doubt : why they are not to be trusted, or None; others : what
+    the second most probable beginning ends in, of any extent, or None where it ends elsewhere.
     """
 
     kernels: Array
     left: float
     agreement: float
     doubt: str | None = None
+    others: Array | None = None
 
     @property
     def half_width(self) -> float:
@@ -125,7 +131,7 @@ class FreeKernels:
     @property
     def shapes(self) -> MotionShapes:
         """As a restoration takes and judges what was found of unknown motion."""
-        return MotionShapes(self.kernels, self.half_width, None, self.doubt, REMEDY)
+        return MotionShapes(self.kernels, self.half_width, None, self.doubt, REMEDY, self.others)
 
 
 def kernels_of_flat_scene(
@@ -148,18 +154,56 @@ def kernels_of_flat_scene(
     R = largest or max(1, min(s.largest, (min(photographs.shape[1:]) - 1) // 4))
     z = _looked_at(photographs, R, s)
     sparse = SparseGradients(z, R)
-    fits = [sparse.fitted(_begun(z, R, one, s), s.compared, s.picture_iterations, s.least) for one in s.beginnings]
-    best = min(fits, key=lambda fit: fit.cost)
-    fit = sparse.fitted(about_middle(best.kernels), s.settled, s.picture_iterations, s.least)
-    share = fit.left / float(np.mean(sparse.seen**2))
+    searches: list[_Search] = []
+    # many photographs outweigh the belief in few edges, which alone keeps a common blur out of their kernels: it is
+    # made to weigh as they do, but as in two of them where that search ends in doubt
+    for edges in dict.fromkeys((len(z) / 2, 1.0)):
+        searches.append(_searched(sparse, z, edges, s))
+        if searches[-1].doubt is None:
+            break
+    best = min(searches, key=lambda one: (one.doubt is not None, one.fit.cost))
+    share = best.fit.left / float(np.mean(sparse.seen**2))
     if share > s.most_left:
         raise Refused(
             f"no kernels of up to {R} pixels each way explain the photographs: "
             f"{share:.0%} of their differences are left",
             "raise --max-w if the motion was larger; the scene has to be flat, still, and not turned in between",
         )
-    agreement = min([likeness(fit.kernels, one.kernels) for one in fits if one is not best], default=1.0)
-    return FreeKernels(cropped(fit.kernels), float(np.sqrt(fit.left)) / CONTRAST, agreement, _doubt(fit, agreement, s))
+    return best.told
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The most probable of several beginnings, settled; the next one, settled, where both end alike; and the doubt."""
+
+    fit: SparseFit
+    other: SparseFit | None
+    agreement: float
+    doubt: str | None
+
+    @property
+    def told(self) -> FreeKernels:
+        """As they are given away."""
+        others = None if self.other is None else cropped(self.other.kernels)
+        left = float(np.sqrt(self.fit.left)) / CONTRAST
+        return FreeKernels(cropped(self.fit.kernels), left, self.agreement, self.doubt, others)
+
+
+def _searched(sparse: SparseGradients, z: Pictures, edges: float, s: FreeKernelSettings) -> _Search:
+    """Kernels from all beginnings. edges : what the weight of a step between neighbours is taken times."""
+
+    def settled(kernels: Kernels) -> SparseFit:
+        return sparse.fitted(about_middle(kernels), s.settled, s.picture_iterations, s.least)
+
+    begun = [_begun(z, sparse.R, one.weighed(edges), s) for one in s.beginnings]
+    fits = sorted(
+        (sparse.fitted(one, s.compared, s.picture_iterations, s.least) for one in begun), key=lambda fit: fit.cost
+    )
+    fit = settled(fits[0].kernels)
+    agreement = min([likeness(fit.kernels, one.kernels) for one in fits[1:]], default=1.0)
+    # a search that went elsewhere tells nothing of where this one ended
+    confirmed = len(fits) > 1 and agreement >= s.alike
+    return _Search(fit, settled(fits[1].kernels) if confirmed else None, agreement, _doubt(fit, agreement, s))
 
 
 def kernels_as_found(kernels: Sequence[Array], count: int, doubt: str | None = None) -> MotionShapes:
