@@ -85,6 +85,8 @@ class FreeKernelSettings:
         Of the variance of the photographs' differences, beyond which kernels explain nothing.
     alike : float
         Correlation of the kernels of two beginnings from which each confirms the other.
+    as_probable : float
+        Minus log probability a sample by which another beginning may be behind and still be as right.
     at_end : float
         Share of a kernel's light in its outermost pixels beyond which it may go on outside.
     """
@@ -105,6 +107,7 @@ class FreeKernelSettings:
     most_pixels: int = 120_000
     most_left: float = 0.25
     alike: float = 0.7
+    as_probable: float = 0.03
     at_end: float = 0.01
 
 
@@ -114,7 +117,7 @@ class FreeKernels:
 
     left : standard deviation of what they leave of the photographs' differences, of the photographs' contrast;
     agreement : likeness of what two beginnings end in; doubt : why they are not to be trusted, or None; others : what
-    the second most probable beginning ends in, of any extent, or None where it ends elsewhere.
+    another beginning ends in, of any extent, or None where none ends alike and is as probable.
     """
 
     kernels: Array
@@ -174,7 +177,7 @@ def kernels_of_flat_scene(
 
 @dataclass(frozen=True)
 class _Search:
-    """The most probable of several beginnings, settled; the next one, settled, where both end alike; and the doubt."""
+    """The most probable of several beginnings, settled; the next one, settled, where it may be right; and the doubt."""
 
     fit: SparseFit
     other: SparseFit | None
@@ -201,9 +204,9 @@ def _searched(sparse: SparseGradients, z: Pictures, edges: float, s: FreeKernelS
     )
     fit = settled(fits[0].kernels)
     agreement = min([likeness(fit.kernels, one.kernels) for one in fits[1:]], default=1.0)
-    # a search that went elsewhere tells nothing of where this one ended
-    confirmed = len(fits) > 1 and agreement >= s.alike
-    return _Search(fit, settled(fits[1].kernels) if confirmed else None, agreement, _doubt(fit, agreement, s))
+    # one that went elsewhere, or explains the photographs less well, tells nothing of where this one ended
+    rivals = [one for one in fits[1:] if one.cost < fits[0].cost + s.as_probable and agreement >= s.alike]
+    return _Search(fit, settled(rivals[0].kernels) if rivals else None, agreement, _doubt(fit, agreement, s))
 
 
 def kernels_as_found(kernels: Sequence[Array], count: int, doubt: str | None = None) -> MotionShapes:
