@@ -23,6 +23,7 @@ from procedures.reading.tiff_tags import (
     WHITE_IS_ZERO,
     WIDTH,
     Tags,
+    as_stored,
     image_directories,
 )
 
@@ -214,7 +215,7 @@ def _decode(data: bytes, name: str) -> Samples:
 
     with captured_noise() as noise:
         try:
-            image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+            image: Any = cv2.imdecode(np.frombuffer(as_stored(data), np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error:
             image = None
     if image is None or noise.errors:
