@@ -64,7 +64,14 @@ def estimate_vignetting(flats: Sequence[tuple[str, Mapping[str, Plane]]]) -> dic
     Returns
     -------
     dict of plane to Outcome[PlaneVignetting]
+
+    Raises
+    ------
+    Refused
+        If there is none.
     """
+    if not flats:
+        raise Refused("vignetting needs photographs of even light; there is none", "give one flat, better four")
     found: dict[str, Outcome[PlaneVignetting]] = {}
     for name in flats[0][1]:
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.outcome import Verdict
+from procedures.outcome import Refused, Verdict
 from procedures.raw import Plane
 from procedures.vignetting.estimate import estimate_vignetting, frame_places
 from procedures.vignetting.joint import NAMES, joint_formula
@@ -101,6 +101,11 @@ def test_planes_of_a_mosaic_have_one_centre_and_no_shading_of_their_own():
 
 def test_what_a_radial_formula_cannot_hold_is_told(found):
     assert found["G1"].value.radial.lost < 0.001  # the truth is radial
+
+
+def test_no_flat_is_refused():
+    with pytest.raises(Refused, match="needs photographs of even light"):
+        estimate_vignetting([])
 
 
 def test_one_flat_is_doubted_for_its_light():
