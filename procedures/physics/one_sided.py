@@ -20,8 +20,8 @@ LARGEST_PROBE = 0.25
 
 @dataclass(frozen=True)
 class OneSided:
-    """A number at its bound: `best` is what the fit alone would make of it, the same or beyond the bound; `follows` tells
-    that it says in other words what another one does."""
+    """A number at its bound: `best` is what the fit alone would make of it, the same or beyond the bound; `follows`
+    tells that it says in other words what another one does."""
 
     name: str
     bound: float
