@@ -230,7 +230,7 @@ def _doubts(d: Diagnostics, fit: ChartFit) -> list[Rule]:
 def _left_out(more: Doubts) -> list[Rule]:
     """What s and k as they were given leave out."""
     last, chosen = more.tried[-1], more.chosen
-    would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else None
+    would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else ""
     farther = "raise s, from a distance at which the cells allow it"
     return [
         Rule(
