@@ -13,15 +13,13 @@ from station.cli.psf.terms import plane_name
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
-from station.common.errors import REFUSED
+from station.common.errors import FAILED_ITEMS, REFUSED
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
     from procedures.geometry.estimate import Geometry
     from procedures.outcome import Outcome
     from procedures.reading.sensor_dump import DumpLayout
-
-FAILED_ITEMS = 1
 
 
 @click.command("geometry")

@@ -8,19 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import LEVELS, chart_options, chart_source, raw_option, told_layout
+from station.cli.psf.planes import LEVELS, chart_options, chart_source, raw_option, tell_misses, told_layout
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
-from station.common.errors import REFUSED
+from station.common.errors import FAILED_ITEMS, REFUSED
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
     from procedures.outcome import Outcome
     from procedures.reading.sensor_dump import DumpLayout
     from procedures.tilt.estimate import Tilt, TiltParameters
-
-FAILED_ITEMS = 1
 
 
 @click.command("tilt")
@@ -103,8 +101,7 @@ def tilt(
     name = plane or default_plane(paths[0], layout)
     with ResultFolder(out, force=forced()) as results, progress(len(paths)) as told:
         measured = measure(paths, [name], source.chart, BRACKET, told, layout)
-        for miss in measured.misses:
-            log("missed", str(miss), level="warning", remedy=miss.remedy)
+        tell_misses(measured.misses)
         found = measure_tilt(measured, name, positions, parameters)
         given = {**options, "chart": source.origin, "pixel_pitch_um": parameters.pixel_pitch_um,
                  "focal_length_mm": parameters.focal_length_mm, **told_layout(layout)}  # fmt: skip
