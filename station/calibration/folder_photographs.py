@@ -182,9 +182,10 @@ def readable(paths: Iterable[Path], read: Callable[[Path], T], missed: list[Miss
 
 def check_any(missed: Sequence[Miss], count: int) -> None:
     """Raises BadInput where none of so many photographs is left."""
+    if count == 0:
+        raise BadInput("there are no photographs to measure", "name a folder that holds some")
     if len(missed) == count:
-        first = missed[0] if missed else Miss("the folder", "it holds none", "name a folder that holds photographs")
-        raise BadInput(f"none of {count} photographs can be used; {first}", first.remedy)
+        raise BadInput(f"none of {count} photographs can be used; {missed[0]}", missed[0].remedy)
 
 
 def for_want(outcome: Outcome[T], missed: Sequence[Miss], count: int) -> Outcome[T]:
