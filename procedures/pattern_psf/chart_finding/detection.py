@@ -255,8 +255,8 @@ def find_chart(image: npt.NDArray[np.floating]) -> ChartSighting:
     Raises
     ------
     Refused
-        If there is none, more than one, a mirrored one, a negative, one that is cut by the photograph's edge or hidden at
-        more than two marks, or one whose noise region is too small or too large.
+        If there is none, more than one, a mirrored one, a negative, one that is cut by the photograph's edge or hidden
+        at more than two marks, or one whose noise region is too small or too large.
     """
     found = one_chart(find_charts(image))
     check_usable(found, image.shape)
