@@ -26,8 +26,9 @@ def test_house_rule(rule: str) -> None:
 def test_a_wheel_tells_scripts_its_types(tmp_path: Path) -> None:
     # after the types above: what was learnt of other people's packages is not learnt again
     site, cache = site_of_wheel(tmp_path), tmp_path / "cache"
-    if (ROOT / ".mypy_cache").is_dir():
-        shutil.copytree(ROOT / ".mypy_cache", cache)
+    learnt = Path(os.environ.get("MYPY_CACHE_DIR", ROOT / ".mypy_cache"))
+    if learnt.is_dir():
+        shutil.copytree(learnt, cache)
     scripts = [tmp_path / f"script_{number}.py" for number, _ in enumerate(python_blocks(PAGES[0]))]
     for script, block in zip(scripts, python_blocks(PAGES[0]), strict=True):
         script.write_text(block, encoding="utf-8")
