@@ -92,6 +92,7 @@ def monkeypatch_module():
 @pytest.fixture(scope="module")
 def done(tmp_path_factory, monkeypatch_module):
     root = tmp_path_factory.mktemp("camera")
+    monkeypatch_module.setattr(conclusion, "derive", partial(derive, columns=7))  # maps of a ninth of their places
     whole, folder = plan(estimate, LEVELS, PICTURES), None
     told = SimpleNamespace(heard=[], ends=[], shots=[], taken=(), minutes=0.0)
     estimates = counted(monkeypatch_module)
@@ -299,7 +300,6 @@ def test_the_plan_field_concludes_from_the_places(done, facts, tmp_path, monkeyp
         return done.answers[field_estimate, plane.samples.tobytes()]
 
     monkeypatch.setattr(field_estimate, "estimate_psf", known_already)
-    monkeypatch.setattr(conclusion, "derive", partial(derive, columns=7))  # maps of a ninth of their places
     told = concluded(tmp_path, "field", [done.folder / shot.path for shot in places_of(done.shots[2])], facts)
     assert told.end.how == "finished"
     folder, whole = told.result.folder, done.result.folder
