@@ -11,8 +11,9 @@ from scipy.special import j0
 from procedures.numerics.kernel_tail import DIFFERS, tail_kernels, tail_sums
 from procedures.outcome import BadParameter
 from procedures.psf import Psf, PsfTail
-from procedures.quality import Diffraction, assess, beyond_diffraction, otf, stray_energy
+from procedures.quality import Diffraction, assess, beyond_diffraction, otf
 from procedures.spatial_numbers import circle
+from procedures.stray_tail import stray_energy
 
 S, K = 4, 33
 

@@ -1,0 +1,48 @@
+"""What the tail's few shapes leave out of a PSF's tail: how far the true one may stray from it, and what that moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL
+from procedures.psf import Psf
+
+Array = npt.NDArray[np.float64]
+
+ROUGHNESS = 0.25
+"""How far a true tail strays from the fitted one, ring by ring, over its density: rings of a small aperture, spikes of
+an iris. On tails of Airy's disc, defocus, coma and polygons it was 0.1 to 0.3, of spikes up to 1."""
+
+
+def truncation(psf: Psf) -> float:
+    """Standard uncertainty of the OTF from what the tail's few shapes leave out, at frequencies that the support holds.
+
+    A tail of energy E outside a radius R has the density E R / (2 pi r^3). If the true one strays from it by a share of
+    `ROUGHNESS`, alike over a square pixel and independently from the next, the OTF strays by
+    ROUGHNESS E sqrt(pi / 2) / (2 pi R).
+    """
+    radius = psf.k / 2 / psf.s
+    return ROUGHNESS * abs(psf.share_outside) * float(np.sqrt(np.pi / 2)) / (2 * np.pi * radius)
+
+
+def stray_energy(psf: Psf) -> float:
+    """Standard uncertainty of the share outside the support from the same: ROUGHNESS E / (R sqrt(8 pi)).
+
+    Where the tail strays farther into its shapes than a lens in focus lets expect (coma and astigmatism of a field's
+    corner, reaching beyond the support), it strays as much farther from them.
+    """
+    return _surprise(psf) * ROUGHNESS * abs(psf.share_outside) * psf.s / (psf.k / 2 * float(np.sqrt(8 * np.pi)))
+
+
+def _surprise(psf: Psf) -> float:
+    """Root mean square of the amplitudes beside the mean tail's over what is expected of them, at least 1."""
+    first, *others = psf.tail.amplitudes.tolist() or [0.0]
+    expected = DIFFERS[: len(others)] * max(abs(first), LEAST_TAIL)
+    return max(1.0, float(np.sqrt(np.mean((others / expected) ** 2)))) if others else 1.0
+
+
+def stray_at(psf: Psf, f: Array) -> Array:
+    """The truncation's uncertainty at frequencies (n,): none at 0, where all light is counted."""
+    radius = psf.k / 2 / psf.s
+    return np.asarray(truncation(psf) * (1 - np.exp(-((np.pi * f * radius) ** 2))))
