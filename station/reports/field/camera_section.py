@@ -48,7 +48,7 @@ def _figures(camera: WholeCamera) -> list[tuple[Markup, str]]:
     near = found.maps[0]
     return [
         (distortion_figure(found, places, distortion(found.camera, places)), "What distortion does, not to scale."),
-        (uncertainty_figure(found, near, 0), f"How well the frame is known at {near.distance_mm:.0f} mm."),
+        (uncertainty_figure(found, near, "uncertainty0"), f"How well the frame is known at {near.distance_mm:.0f} mm."),
     ]
 
 
