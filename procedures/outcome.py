@@ -90,6 +90,10 @@ class BadInput(ProcedureError):
     exit_code = 4
 
 
+class ColourInput(BadInput):
+    """A picture in colours where one linear grey plane is read."""
+
+
 class Refused(ProcedureError):
     """The data are readable, but a result from them could not be trusted."""
 

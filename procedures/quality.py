@@ -262,7 +262,23 @@ def _left_open(
             beyond = (values[name] - value) ** 2 - uncertainties[name] ** 2
             if np.isfinite(beyond):
                 left[name] = max(left[name], 0.5 * float(np.sqrt(max(beyond, 0.0))))
+    for name, moved in _by_stray_energy(psf, found).items():
+        left[name] = float(np.hypot(left[name], moved))
     return left
+
+
+def _by_stray_energy(psf: Psf, found: list[DrawnNumber]) -> dict[str, float]:
+    """By how much the numbers that are not of the curves move with the energy outside the support that strays.
+
+    It is taken for more or less of the mean tail: of two pupils whose tails differ, the one with more light outside
+    has its 80 % farther out. The curves have their own, `truncation`.
+    """
+    if not len(psf.tail.amplitudes):
+        return {}
+    mean_tail = psf.k**2  # its place among the parameters
+    share = stray_energy(psf) * psf.light / float(psf.weights[mean_tail])
+    moved = {one.name: share * abs(float(one.gradient[mean_tail])) for one in found if not one.name.startswith("mtf")}
+    return {name: value for name, value in moved.items() if np.isfinite(value)}
 
 
 def frequencies(psf: Psf) -> Array:

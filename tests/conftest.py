@@ -18,7 +18,7 @@ hypothesis.settings.load_profile("default" if os.environ.get("HYPOTHESIS") == "s
 
 # a process that has imported everything keeps a large heap: looking through it for garbage after every 700 containers,
 # as is Python's habit, takes a good part of the time
-gc.set_threshold(50_000)
+gc.set_threshold(500_000)
 
 # a file is waited for until it lies on the disk: a fifth of the tests' time, and no test can see the difference. What a
 # power cut leaves is played by tests/station/sessions/faulty_disk.py, and programs that tests start do wait

@@ -5,8 +5,10 @@ H + dH, makes another filter, in first order
 
     dR = w dH* / N - w^2 H* (H dH* + H* dH) / N^2
 
-and what comes out errs by dR H u besides. R is about the best filter of the picture for the field's PSF, so that this
-error adds to the others as independent ones do. dH is linear in the PSF's parameters, whose covariance the field tells.
+and what comes out lies by dR H u from what the right filter gives. As far as R is the best filter of the picture for
+the field's PSF this adds to the other errors as independent ones do; where the prior takes more than the best filter
+would, dH of one sign makes up for some of that and of the other adds to it, which a covariance cannot tell. dH is
+linear in the PSF's parameters, whose covariance the field tells.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ WINDOWS = 6
 
 @dataclass(frozen=True, eq=False)
 class FieldError:
-    """What the field's error adds to the picture's, of the plane that shows lightness.
+    """How far a picture lies from that of the lens's own PSFs, of the plane that shows lightness.
 
     Attributes
     ----------

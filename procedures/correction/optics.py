@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
+from procedures.numerics.kernel_tail import spectrum_beyond, tail_kernels
 from procedures.psf import extended
 from procedures.psf_field import PsfField
 from procedures.raw import Plane
@@ -70,18 +71,27 @@ class Optics:
         (p, n (n // 2 + 1))."""
         blur, field = self._blurs[name], self.fields[name]
         each = np.eye(field.k**2 + field.q)
-        found = [scipy.fft.rfft2(wrapped(blur.kernel(extended(one, field.k)), n)) for one in each]
+        found = np.array([scipy.fft.rfft2(wrapped(blur.kernel(extended(one, field.k)), n)) for one in each])
+        if field.q:
+            found[field.k**2] += self._far(field, n)
         return np.asarray(found, dtype=np.complex64).reshape(len(each), -1)
 
     def _of_plane(self, name: str, x: float, y: float, n: int) -> Spectrum:
         place = self.in_plane(name, np.array([[x, y]]))
-        kernel = self._blurs[name].at(place)[0]
-        F = scipy.fft.rfft2(wrapped(kernel, n))
+        F = scipy.fft.rfft2(wrapped(self._blurs[name].at(place)[0], n))
+        if self.fields[name].q:
+            F += _mean_tail(self.fields[name], place) * self._far(self.fields[name], n)
+            F /= F[0, 0].real
         if name in self.shifts:
             dx, dy = self.shifts[name](place)[0]
             fy, fx = np.fft.fftfreq(n)[:, None], np.fft.fftfreq(n)[: n // 2 + 1]
             F = F * np.exp(-2j * np.pi * (fx * dx + fy * dy))
         return np.asarray(F, dtype=np.complex64)
+
+    def _far(self, field: PsfField, n: int) -> Array:
+        """Spectrum of the mean tail's light from beyond the reach, per amplitude, (n, n // 2 + 1). It is a veil over
+        all but the widest waves: without it every detail would be taken for a little less blurred than it is."""
+        return _spectrum_of_far(field.k, n, self.pitch / field.s)
 
     def in_plane(self, name: str, points: Array) -> Array:
         """Points of the sensor in pixels of the plane."""
@@ -112,6 +122,20 @@ class Optics:
             here, *moved = (shift(self.in_plane(name, places)) for places in _places(shape, reach / 2))
             most = max(most, *(float(np.abs(other - here).max()) for other in moved))
         return most
+
+
+def _mean_tail(field: PsfField, place: Array) -> float:
+    """Amplitude of the mean tail at a place (1, 2), over the light within the tail's reach."""
+    samples, amplitudes = np.split(field.parameters(place)[0], [field.k**2])
+    within = samples.sum() + amplitudes @ tail_kernels(field.k)[: field.q].sum(axis=(1, 2))
+    return float(amplitudes[0] / within)
+
+
+@lru_cache(maxsize=8)
+def _spectrum_of_far(k: int, n: int, ratio: float) -> Array:
+    """The same, for `ratio` samples of the sensor per sample of the PSFs."""
+    f = np.hypot(np.fft.fftfreq(n)[:, None], np.arange(n // 2 + 1) / n)
+    return spectrum_beyond(f.ravel() * ratio, k).reshape(f.shape)
 
 
 def wrapped(kernel: Array, n: int) -> Array:

@@ -30,8 +30,9 @@ LARGE_ERROR = 0.1
 """Of the PSF's norm: an interpolation that errs by more is doubted."""
 SMALL_SHARE = 0.3
 """Of the frame: nodes that enclose less are doubted."""
-MANY_DOUBTS = 0.25
-"""Share of the charts that may be doubtful under a field that is trusted: the others outvote so many."""
+MANY_DOUBTS = 0.2
+"""Share of the charts that may be doubtful under a field that is trusted: one of a tour of nine, not two corners of
+its four, whose places no other chart outvotes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -208,9 +208,14 @@ def _spectra_at(fx: Array, fy: Array, k: int) -> Array:
     for j, quadrant in enumerate(quadrants):
         across, down = odd if SHAPES[j].startswith("sin") else even
         within[:, j] = np.sum((down @ quadrant) * across, axis=1)
-    within[:, 0] += _beyond(k) * _transform_beyond(2 * np.pi * np.hypot(fx, fy) * half)
+    within[:, 0] += spectrum_beyond(np.hypot(fx, fy), k)
     within.flags.writeable = False  # shared by all callers
     return within
+
+
+def spectrum_beyond(f: Array, k: int) -> Array:
+    """What light from beyond the reach adds to the mean tail's spectrum at frequencies (n,) in cycles per sample."""
+    return np.asarray(_beyond(k) * _transform_beyond(2 * np.pi * f * tail_border(k)))
 
 
 def _waves(f: Array, last: int) -> npt.NDArray[np.complex128]:

@@ -179,7 +179,9 @@ def _block_pixels(
     last = np.clip(np.ceil(rim.max(axis=0)), 0, limit).astype(np.int64)
     x, y = np.meshgrid(np.arange(first[0], last[0] + 1), np.arange(first[1], last[1] + 1))
     points = np.column_stack([x.ravel(), y.ravel()])
-    blocks, place = np.divmod(registration.to_pattern(points.astype(np.float64)) + BLOCK, BLOCK)
+    cells = registration.to_pattern(points.astype(np.float64)) + BLOCK
+    blocks = np.floor(cells / BLOCK)
+    place = cells - BLOCK * blocks
     margin = BLOCK * min(0.3, 2.0 / block_size_px(registration))
     clear = ((place >= margin) & (place <= BLOCK - margin) & (blocks >= 0) & (blocks < BLOCKS)).all(axis=1)
     return points[clear], blocks[clear].astype(np.int64)
@@ -206,10 +208,13 @@ def _seen_in(
 ) -> Callable[[tuple[int, int]], _Block]:
     """What is seen in the block of a column and row."""
     number = block[:, 0] + BLOCKS * block[:, 1]
+    order = np.argsort(number, kind="stable")
+    starts = np.searchsorted(number[order], np.arange(BLOCKS * BLOCKS + 1)).tolist()
 
     @cache
     def seen(place: tuple[int, int]) -> _Block:
-        pixels = points[number == place[0] + BLOCKS * place[1]]
+        n = place[0] + BLOCKS * place[1]
+        pixels = points[order[starts[n] : starts[n + 1]]]
         value = samples[pixels[:, 1], pixels[:, 0]].astype(np.float64)
         design = quadratic(*((pixels - registration.centre) / registration.radius).T)
         return _Block(pixels, design, value, *_clean(design, value, SPECK * quantisation))

@@ -230,25 +230,26 @@ def _doubts(d: Diagnostics, fit: ChartFit) -> list[Rule]:
 def _left_out(more: Doubts) -> list[Rule]:
     """What s and k as they were given leave out."""
     last, chosen = more.tried[-1], more.chosen
-    would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else "raise k"
+    would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else ""
+    farther = "raise s, from a distance at which the cells allow it"
     return [
         Rule(
             Verdict.DOUBTFUL,
             more.parameters.k is not None and not chosen and last.support_short,
             f"k = {last.k} may leave out {last.truncation:.4f} of the OTF, which is known to {last.uncertainty:.4f}",
-            would,
+            would or "raise k",
         ),
         Rule(
             Verdict.DOUBTFUL,
             more.parameters.s is not None and not chosen and last.band_open,
             f"s = {last.s} ends the band where the OTF is still {last.band_edge:.2f}",
-            would,
+            would if last.better and last.better[0] > last.s else farther,
         ),
         Rule(
             Verdict.DOUBTFUL,
             None in last.mtf50,
             f"MTF50 lies beyond the band of s = {last.s}",
-            "raise s, from a distance at which the cells allow it",
+            farther,
         ),
     ]
 

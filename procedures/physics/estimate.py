@@ -121,7 +121,7 @@ def _doubts(fit: ModelFit, tried: list[ModelFit]) -> list[Rule]:
 
 def _bounds_reached(bounded: list[OneSided]) -> list[Rule]:
     remedy = "take it as a limit, not as a value; photograph with less noise, and check f-number and pixel pitch"
-    return [Rule(Verdict.DOUBTFUL, True, one.words, remedy) for one in bounded]
+    return [Rule(Verdict.DOUBTFUL, True, one.words, remedy) for one in bounded if not one.follows]
 
 
 def _physics(data: WhitenedPsf, fit: ModelFit, tried: list[ModelFit], numbers: Mapping[str, Quantity]) -> Physics:

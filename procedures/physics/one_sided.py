@@ -20,12 +20,14 @@ LARGEST_PROBE = 0.25
 
 @dataclass(frozen=True)
 class OneSided:
-    """A number at its bound: `best` is what the fit alone would make of it, the same or beyond the bound."""
+    """A number at its bound: `best` is what the fit alone would make of it, the same or beyond the bound; `follows`
+    tells that it says in other words what another one does."""
 
     name: str
     bound: float
     uncertainty: float
     best: float
+    follows: bool = False
 
     @property
     def words(self) -> str:
@@ -42,12 +44,13 @@ class OneSided:
 
 
 def at_bounds(data: WhitenedPsf, fit: ModelFit, numbers: dict[str, Quantity]) -> list[OneSided]:
-    """The numbers of a fit that are known from one side only: parameters at bounds, fill factor over 1, Strehl ratio 1.
+    """The numbers of a fit that are known from one side only: parameters at bounds, fill factor over 1, Strehl ratio 1
+    and with it wavefront error 0.
 
     `numbers` are the fit's, with the uncertainties that its curvature gives.
     """
     found = [_parameter(data, fit, name, numbers[name]) for name in fit.parts.names]
-    return [one for one in (*found, _fill_factor(numbers["fill_factor"]), _strehl(data, fit)) if one]
+    return [one for one in (*found, _fill_factor(numbers["fill_factor"]), *_no_aberrations(data, fit)) if one]
 
 
 def _parameter(data: WhitenedPsf, fit: ModelFit, name: str, number: Quantity) -> OneSided | None:
@@ -68,16 +71,22 @@ def _fill_factor(number: Quantity) -> OneSided | None:
     return OneSided("fill_factor", 1.0, number.uncertainty * (float(np.hypot(d, 1)) - d), number.value)
 
 
-def _strehl(data: WhitenedPsf, fit: ModelFit) -> OneSided | None:
-    """A lens that needs no aberrations to be explained: what the most hidden of them may take from its Strehl ratio."""
+def _no_aberrations(data: WhitenedPsf, fit: ModelFit) -> list[OneSided]:
+    """A lens that needs no aberrations to be explained: what the most hidden of them may take from its Strehl ratio,
+    and the largest wavefront error that any of them may have."""
     if fit.parts.aberrations:
-        return None
-    drops = []
+        return []
+    hidden, drops = [], []
     for term in (TERMS.index(name) for name in PROBES):
         parts = replace(fit.parts, aberrations=(term,))
         p = start_near(fit, parts)
         p[-1] = 0.0
         begun = replace(fit, parts=parts, p=p)
-        waves = min(distance_of_rise(data, begun, TERMS[term], 0.0, 1.0), LARGEST_PROBE)
-        drops.append(1 - data.grid.pupil.strehl(waves * np.eye(len(TERMS))[term]))
-    return OneSided("strehl_lens", 1.0, max(drops), 1.0)
+        hidden.append(min(distance_of_rise(data, begun, TERMS[term], 0.0, 1.0), LARGEST_PROBE))
+        drops.append(1 - data.grid.pupil.strehl(hidden[-1] * np.eye(len(TERMS))[term]))
+    nm = data.grid.diffraction.wavelength_nm
+    return [
+        OneSided("strehl_lens", 1.0, max(drops), 1.0),
+        OneSided("wavefront_rms", 0.0, max(hidden), 0.0, follows=True),
+        OneSided("wavefront_rms_nm", 0.0, nm * max(hidden), 0.0, follows=True),
+    ]

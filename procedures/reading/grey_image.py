@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import BadInput
+from procedures.outcome import BadInput, ColourInput
 from procedures.reading.guard import Room
 from procedures.reading.library_noise import captured_noise
 from procedures.reading.tiff_tags import (
@@ -23,6 +23,7 @@ from procedures.reading.tiff_tags import (
     WHITE_IS_ZERO,
     WIDTH,
     Tags,
+    as_stored,
     image_directories,
 )
 
@@ -108,7 +109,8 @@ def read_png(data: bytes, name: str) -> tuple[Samples, int]:
     depth, colour = data[24], data[25]
     if colour != 0:
         kinds = {2: "colours", 3: "a palette", 4: "transparency", 6: "colours and transparency"}
-        raise BadInput(
+        refused = ColourInput if colour == 2 else BadInput
+        raise refused(
             f"a photograph is one linear grey plane; {name} has {kinds.get(colour, 'no known kind')}", _EXPORT
         )
     _check_depth(depth, name)
@@ -155,7 +157,8 @@ def _check_page(tags: Tags, name: str) -> None:
     """Raise BadInput where a TIFF's page is no grey plane, or announces more than fits into memory."""
     channels = _first(tags, SAMPLES_PER_PIXEL, 1)
     if channels != 1:
-        raise BadInput(f"a photograph is one linear grey plane; {name} has {channels} colour channels", _EXPORT)
+        refused = ColourInput if channels == 3 else BadInput
+        raise refused(f"a photograph is one linear grey plane; {name} has {channels} colour channels", _EXPORT)
     _check_depth(_first(tags, BITS_PER_SAMPLE, 1), name)
     if _first(tags, PHOTOMETRIC, -1) == WHITE_IS_ZERO:
         raise BadInput(f"grey levels grow with light; {name} is a TIFF that writes white as 0", _EXPORT)
@@ -214,7 +217,7 @@ def _decode(data: bytes, name: str) -> Samples:
 
     with captured_noise() as noise:
         try:
-            image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+            image: Any = cv2.imdecode(np.frombuffer(as_stored(data), np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error:
             image = None
     if image is None or noise.errors:

@@ -7,6 +7,7 @@ Reference: TIFF 6.0, section 2; Adobe DNG 1.6, chapter 4.
 
 from __future__ import annotations
 
+import io
 import struct
 from collections.abc import Mapping
 from typing import BinaryIO, NamedTuple
@@ -23,6 +24,7 @@ SUB_DIRECTORIES = 330
 BITS_PER_SAMPLE = 258
 PHOTOMETRIC = 262
 WHITE_IS_ZERO = 0
+ORIENTATION = 274
 CFA = 32803
 LINEAR_RAW = 34892
 CFA_PATTERN = 33422
@@ -120,6 +122,27 @@ def has_directory(file: BinaryIO) -> bool:
     except (struct.error, OSError, OverflowError):
         return False
     return size > 0 and len(entries) == size and struct.unpack(form.order + "H", entries[2:4])[0] in _TYPES
+
+
+def as_stored(data: bytes) -> bytes:
+    """A TIFF file with its first page marked as upright: decoders turn the others as a viewer wants them, and places in
+    the frame are the sensor's. Any other file comes back as it is."""
+    file = io.BytesIO(data)
+    try:
+        form = _form(file)
+        if form is None:
+            return data
+        file.seek(form.read(file, form.pointer))
+        first = form.read(file, form.number)
+        begin, inline = file.tell(), struct.calcsize("<HH" + form.pointer)
+        for entry in range(begin, begin + form.begin * min(first, MOST_TAGS), form.begin):
+            code, kind = struct.unpack_from(form.order + "HH", data, entry)
+            if (code, kind) == (ORIENTATION, 3):
+                at = entry + inline
+                return data[:at] + struct.pack(form.order + "H", 1) + data[at + 2 :]
+    except struct.error:
+        pass
+    return data
 
 
 def _form(file: BinaryIO) -> _Form | None:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput, Outcome, Refused
 from procedures.restoration.flat_part import Box, Whole, check_region, parts
-from procedures.restoration.joint.estimate import Restoration, RestorationParameters, restore, told_in
+from procedures.restoration.joint.estimate import Restoration, RestorationParameters, judge, restore, told_in
 from procedures.restoration.joint.joint_descent import JointRound
 from procedures.restoration.joint.kernel_sizes import (
     BEYOND,
@@ -39,6 +39,7 @@ from procedures.restoration.unknown_motion.flat_scene import (
     FreeKernelSettings,
     kernels_as_found,
 )
+from procedures.restoration.unknown_motion.kernel_error import picture_moved
 from procedures.restoration.unknown_motion.motion_splines import recorded
 from procedures.restoration.unknown_motion.path_refinement import MotionShapes, motion_of_scene
 from procedures.restoration.unknown_motion.path_settings import PathSettings
@@ -155,7 +156,10 @@ class SceneBlur:
         if self.flat_w is not None:
             parameters = of_flat_scene(parameters or RestorationParameters(), self.flat_w)
             kernels = None if self.motion is None else self.motion.shapes
-        outcome = told_in(self.unit, restore([*photographs], self.masks, parameters, progress), kernels)
+        outcome = restore([*photographs], self.masks, parameters, progress)
+        if self.motion is not None and self.motion.others is not None and outcome.value is not None:
+            outcome = judged_by_both(outcome.value, self.motion.shapes, self.motion.others, parameters)
+        outcome = told_in(self.unit, outcome, kernels)
         return outcome if self.motion is None else self.motion.judged(outcome)
 
 
@@ -300,6 +304,14 @@ def _of_flat_scene(
     known = KnownShapes((*motion.shapes,), (1.0,) * len(photographs))
     blur = _shaped(known, motion.half_width + 1, photographs, shape)
     return replace(blur, motion=motion, flat_w=motion.half_width)
+
+
+def judged_by_both(
+    found: Restoration, kernels: Array, others: Array, parameters: RestorationParameters | None = None
+) -> Outcome[Restoration]:
+    """A flat scene's picture, judged with how far it moves where the kernels of another search are taken."""
+    more = picture_moved(found.sharp, kernels, others, found.history[-1].weights.picture)
+    return judge(found.uncertain_by(more), parameters.limits if parameters else None)
 
 
 def of_flat_scene(parameters: RestorationParameters, w: float) -> RestorationParameters:

@@ -16,8 +16,10 @@ Array = npt.NDArray[np.float64]
 SQUARE = 7
 """Pixels along the side of a square that is flat or not."""
 CALM = (0.3, 2.0)
-"""Variance in such a square over that of noise where it is flat. It scatters by a fifth; an edge or a clipped level is
-farther away. As it is of all detail alike, the choice colours no noise."""
+"""Variance about the plane of such a square over that of noise where it is flat. It scatters by a fifth; an edge or a
+clipped level is farther away. As it is of all detail alike, the choice colours no noise. About the mean, light that
+falls off over the chart would be part of it, and what is chosen then is noise that happens to go against the slope."""
+SLOPE = np.arange(SQUARE) - SQUARE // 2
 OVERLAP = 9 / 4
 """Variance of a mean of squared differences of 2 x 2 neighbours, over that of as many without a pixel in common."""
 
@@ -70,8 +72,16 @@ def _flat_paper(
     black, white = levels
     from_white = picture - np.float32(white)
     mean = cv2.blur(from_white, (SQUARE, SQUARE))
-    variance = cv2.blur(from_white * from_white, (SQUARE, SQUARE)) - mean * mean
+    variance = cv2.blur(from_white * from_white, (SQUARE, SQUARE)) - mean * mean - _of_slope(from_white)
     expected = variance_at(np.asarray(1 + mean / (white - black), dtype=np.float64))
     flat = (variance > CALM[0] * expected) & (variance < CALM[1] * expected) & (mean > (black - white) / 2)
     there = float(expected[flat].mean()) if flat.any() else 1.0
     return Variogram.of(np.asarray(from_white, dtype=np.float64), flat), there
+
+
+def _of_slope(picture: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """The part of the variance in every square that its slopes along rows and columns are."""
+    spread = float(np.mean(SLOPE**2))
+    along, across = SLOPE / (spread * SQUARE), np.full(SQUARE, 1 / SQUARE)
+    slopes = [cv2.sepFilter2D(picture, cv2.CV_32F, *pair) for pair in ((along, across), (across, along))]
+    return np.float32(spread) * (slopes[0] * slopes[0] + slopes[1] * slopes[1])

@@ -155,8 +155,10 @@ def _joined(a: _Segment, b: _Segment) -> _Segment:
 def _sighting(samples: Array32, segment: _Segment) -> EdgeSighting | None:
     """The edge of a segment with its plain areas, None where they are too small."""
     band = _band(samples, segment)
-    contrast = abs(float(np.median(band[int(MOST_REACH_PX + CORE_PX)]) - np.median(band[int(MOST_REACH_PX - CORE_PX)])))
-    if contrast < LEAST_CONTRAST:
+    beside = [band[int(MOST_REACH_PX + d)] for d in (CORE_PX, -CORE_PX)]
+    bright, dark = (float(np.median(line[np.isfinite(line)])) if np.isfinite(line).any() else np.nan for line in beside)
+    contrast = abs(bright - dark)
+    if not contrast >= LEAST_CONTRAST:
         return None
     sides = [_plain_px(band[int(MOST_REACH_PX) :: step], contrast) for step in (1, -1)]
     reach = min(sides)
@@ -183,13 +185,22 @@ def _band(samples: Array32, segment: _Segment) -> Array:
 
 def _plain_px(side: Array, contrast: float) -> float:
     """How far from the edge a side stays plain: the lines' means change slowly, and so do parts of each."""
-    pieces = np.stack([piece.mean(axis=1) for piece in np.array_split(side, 4, axis=1)], axis=1)
+    pieces = np.stack([_mean_inside(piece) for piece in np.array_split(side, 4, axis=1)], axis=1)
     core = int(CORE_PX)
     typical = np.median(pieces[core : core + 4], axis=0)
     off = np.max(np.abs(pieces - typical), axis=1)
     slow = UNEVEN * contrast * (1 + np.arange(len(side)) / MOST_REACH_PX)
     wrong = np.flatnonzero(~(off[core:] < slow[core:]))
     return float(core + wrong[0] - 1) if len(wrong) else float(len(side) - 1)
+
+
+def _mean_inside(lines: Array) -> Array:
+    """Means (n,) of lines (n, m) over what of them is inside the picture, NaN where that is less than a quarter: beside
+    an edge that leaves the picture aslant they are cut on one side, and rows or columns across it are whole."""
+    inside = np.isfinite(lines)
+    count = np.count_nonzero(inside, axis=1)
+    total = np.sum(np.where(inside, lines, 0.0), axis=1)
+    return np.where(4 * count >= lines.shape[1], total / np.maximum(count, 1), np.nan)
 
 
 def strip_along(samples: Array32, start: Array, end: Array, reach: float) -> tuple[Strip, EdgeLine]:

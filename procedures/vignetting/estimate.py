@@ -34,7 +34,9 @@ class PlaneVignetting:
     radial : RadialFalloff
     numbers : mapping of name to Quantity
     places : (n, 2), value : (n,), uncertainty : (n,) float64
-        The map: light over that at the frame's centre.
+        The map: light over that at the plane's centre.
+    middle : (2,) float64
+        (x, y) of the frame's centre in pixels of the plane: the planes of a mosaic lie half a pixel apart.
     """
 
     surface: Falloff
@@ -43,6 +45,12 @@ class PlaneVignetting:
     places: Array
     value: Array
     uncertainty: Array
+    middle: Array
+
+    @property
+    def centre(self) -> Array:
+        """Centre (2,) of the radial formula from the frame's, in pixels of the plane."""
+        return np.asarray(self.radial.centre - self.middle)
 
 
 def estimate_vignetting(flats: Sequence[tuple[str, Mapping[str, Plane]]]) -> dict[str, Outcome[PlaneVignetting]]:
@@ -56,29 +64,39 @@ def estimate_vignetting(flats: Sequence[tuple[str, Mapping[str, Plane]]]) -> dic
     Returns
     -------
     dict of plane to Outcome[PlaneVignetting]
+
+    Raises
+    ------
+    Refused
+        If there is none.
     """
+    if not flats:
+        raise Refused("vignetting needs photographs of even light; there is none", "give one flat, better four")
     found: dict[str, Outcome[PlaneVignetting]] = {}
     for name in flats[0][1]:
         try:
             cells = [cells_of(planes[name], source) for source, planes in flats]
-            shape = flats[0][1][name].samples.shape
-            found[name] = _plane(cells, (shape[0], shape[1]))
+            found[name] = _plane(cells, flats[0][1][name])
         except Refused as refusal:
             found[name] = Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     return _with_colour(found)
 
 
-def _plane(cells: Sequence[Cells], shape: tuple[int, int]) -> Outcome[PlaneVignetting]:
+def _plane(cells: Sequence[Cells], plane: Plane) -> Outcome[PlaneVignetting]:
+    rows, columns = plane.samples.shape
+    shape, size = (rows, columns), np.array([columns, rows], dtype=np.float64)
+    middle = ((plane.pitch * size - 1) / 2 - plane.origin) / plane.pitch
     surface = fit_falloff(cells, shape)
     places = frame_places(shape)
     radial = fit_radial(surface, places)
     answer = PlaneVignetting(
         surface,
         radial,
-        _numbers(surface, radial, len(cells)),
+        _numbers(surface, radial, middle, len(cells)),
         places,
         surface.light.at(places),
         surface.uncertainty(places),
+        middle,
     )
     return Outcome(answer, *verdict_of(_rules(surface, len(cells))))
 
@@ -90,7 +108,7 @@ def frame_places(shape: tuple[int, int]) -> Array:
     return np.column_stack([x.ravel(), y.ravel()])
 
 
-def _numbers(surface: Falloff, radial: RadialFalloff, count: int) -> dict[str, Quantity]:
+def _numbers(surface: Falloff, radial: RadialFalloff, middle: Array, count: int) -> dict[str, Quantity]:
     rows, columns = surface.light.shape
     corners = np.array([[x, y] for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
     light, spread = surface.light.at(corners), surface.uncertainty(corners)
@@ -99,7 +117,7 @@ def _numbers(surface: Falloff, radial: RadialFalloff, count: int) -> dict[str, Q
     method = f"{count} flats, polynomial of degree {surface.light.degree} in log light"
     fitted = "radial formula next to the surface, 1 + k1 r^2 + k2 r^4 + k3 r^6"
     where = f"{fitted}; from the frame's"
-    centre = radial.centre - [(columns - 1) / 2, (rows - 1) / 2]
+    centre = radial.centre - middle
     return {
         "corner_light": Quantity(float(light.mean()), "1", float(spread.mean()), f"{method}; mean of corners", count),
         "darkest_corner": Quantity(float(light[darkest]), "1", float(spread[darkest]), method, count),
@@ -146,7 +164,8 @@ def _with_colour(found: dict[str, Outcome[PlaneVignetting]]) -> dict[str, Outcom
     for name, outcome in found.items():
         one = outcome.value
         if one is not None and name != REFERENCE:
-            ratio = one.value / green.value - 1
+            light = [which.surface.light.at(one.places + (which.middle - one.middle)) for which in (one, green)]
+            ratio = light[0] / light[1] - 1
             # the light's slope is common to the planes and drops out
             spread = float(np.sqrt(np.mean(_noise(one) ** 2 + _noise(green) ** 2)))
             value = float(np.sqrt(np.mean(ratio**2)))

@@ -50,8 +50,7 @@ def joint_formula(found: Mapping[str, PlaneVignetting]) -> JointFormula:
 
 
 def _values(one: PlaneVignetting) -> Array:
-    rows, columns = one.surface.light.shape
-    return np.concatenate([one.radial.centre - [(columns - 1) / 2, (rows - 1) / 2], one.radial.coefficients])
+    return np.concatenate([one.centre, one.radial.coefficients])
 
 
 def _common(a: PlaneVignetting, b: PlaneVignetting) -> Array:

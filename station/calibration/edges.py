@@ -142,6 +142,8 @@ def _plane_entry(record: EdgeRecord) -> dict[str, Any]:
     entry: dict[str, Any] = {"verdict": str(best.verdict), "reason": best.reason, "remedy": best.remedy}
     if told.specification is not None:
         entry["specification"] = told.specification.told()
+    if told.untold:
+        entry["untold"] = list(told.untold)
     if best.value is not None:
         entry["sensor_pixels_per_pixel"] = told.pitch
     entry |= {name: asdict(number) for name, number in told.numbers.items()}

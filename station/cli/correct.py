@@ -38,7 +38,11 @@ def _by_hundredths(told: Progress) -> Callable[[int, int], None]:
 @click.command("correct")
 @click.argument("photo", type=click.Path(path_type=Path))
 @click.option(
-    "--field", "field", type=click.Path(path_type=Path), required=True, help="field.h5 of `station psf field`."
+    "--field",
+    "field",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="What `station psf field` wrote: its folder, or field.h5 in it.",
 )
 @click.option(
     "--prior", type=click.Choice(["total-variation", "second-order"]), default="total-variation", show_default=True
@@ -79,6 +83,7 @@ def correct(
     from procedures.correction.estimate import CorrectionParameters
     from procedures.correction.priors import Prior
     from station.calibration.correction import correct_photograph, write_correction, write_refusal
+    from station.calibration.exports.psf import field_path
     from station.reports.correction_page import correction_page
     from station.results.result_files import ResultFolder
 
@@ -90,7 +95,7 @@ def correct(
         side=int(tile_px) if tile_px else None,
     )
     with ResultFolder(out, force=forced()) as folder, progress(100) as told:
-        found = correct_photograph(photo, field, parameters, layout, _by_hundredths(told), insisted=insist)
+        found = correct_photograph(photo, field_path(field), parameters, layout, _by_hundredths(told), insisted=insist)
         given = {"prior": prior, "strength": strength, "iterations": iterations, "field": str(field)}
         given |= {"tile_px": tile_px or "auto", **told_layout(layout), **({"insist": True} if insist else {})}
         duration_s = round(time.perf_counter() - start, 3)

@@ -9,29 +9,31 @@ from typing import Any
 import matplotlib
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
 
 from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome
 from station.drawing.colours import FAINT, INK, MARK
-from station.drawing.style import CONFIDENT, STYLE
+from station.drawing.style import CONFIDENT, STYLE, axes_grid
 
 SHOWN = 6
 """Edges drawn; a result's record and table have all."""
+ROW_IN = 2.9
+"""Height of a line, in inches."""
 
 
 def edge_picture(plane: Plane, edges: Sequence[EdgeOutcome], unit: str = "cycles/pixel", factor: float = 1.0) -> bytes:
     """A PNG with one line for each measured edge, the best first; `factor` is one cycle per pixel in the unit."""
     shown = [(one.value, one.verdict) for one in edges if one.value is not None][:SHOWN]
+    figure, axes = axes_grid(
+        10, ROW_IN * len(shown), len(shown), 3, rim_in=(0.5, 0.15, 0.5, 0.3), wspace=0.22, hspace=0.8 / (ROW_IN - 0.8)
+    )
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(10, 2.9 * len(shown)), dpi=100, layout="constrained")
-        axes = figure.subplots(len(shown), 3, squeeze=False)
         for row, (edge, verdict) in zip(axes, shown, strict=True):
             _region(row[0], plane.samples, edge, str(verdict))
             _spread(row[1], edge)
             _transfer(row[2], edge, unit, factor)
         data = io.BytesIO()
-        figure.savefig(data, format="png", metadata={"Software": None})
+        figure.savefig(data, format="png", dpi=100, metadata={"Software": None})
     return data.getvalue()
 
 

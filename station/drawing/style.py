@@ -15,7 +15,7 @@ import matplotlib
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogFormatter, LogFormatterSciNotation, MaxNLocator
 
 from station.drawing.colours import FAINT, INK
 from station.drawing.hover import with_titles
@@ -23,6 +23,7 @@ from station.drawing.palette_png import smaller
 
 CONFIDENT = 1.96
 """Standard uncertainties on either side that hold 95 %."""
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 STYLE: dict[Any, Any] = {
     "font.size": 8.5,
     "axes.edgecolor": FAINT,
@@ -52,6 +53,7 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     description : str
         What it shows, for those who do not see it.
     """
+    _write_powers_plainly(figure)
     text = io.StringIO()
     nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with matplotlib.rc_context({**STYLE, "svg.hashsalt": name}):
@@ -67,6 +69,25 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     drawn = re.sub(r"(?<=data:image/png;base64,)[^\"]+", lambda m: _smaller(m[0]), drawn)
     drawn = re.sub(r' xmlns(?::xlink)?="[^"]*"', "", drawn).replace("xlink:href", "href")
     return Markup(drawn.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1))
+
+
+class Powers(LogFormatter):
+    """Powers of ten in plain characters: as formulas, as matplotlib writes them, they take half of a figure's time."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """The tick's label: 100, 2·10⁵, 10⁻³; none where the axis has enough of them."""
+        digits, _, power = super().__call__(x, pos).replace("−", "-").partition("e")
+        if not power:
+            return digits
+        return ("" if digits == "1" else f"{digits}·") + "10" + str(int(power)).translate(RAISED)
+
+
+def _write_powers_plainly(figure: Figure) -> None:
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            if isinstance(axis.get_major_formatter(), LogFormatterSciNotation):
+                axis.set_major_formatter(Powers())
+                axis.set_minor_formatter(Powers())
 
 
 def _smaller(encoded: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import jinja2
@@ -42,6 +43,11 @@ DIAGNOSTICS = (
 
 def render(template: str, **context: Any) -> str:
     """A page from a template of this package; what it is given is text and is escaped, unless it is markup."""
+    return _environment().get_template(template).render(context)
+
+
+@cache  # it compiles each template once
+def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("station.reports"),
         autoescape=True,
@@ -52,7 +58,7 @@ def render(template: str, **context: Any) -> str:
     environment.filters.update(stated=stated, percent=percent, signed=signed, sentence=sentence)
     environment.filters.update(measurement=measurement_words, specified=specification_words)
     environment.globals.update(titles=NUMBERS, diagnostics=DIAGNOSTICS, colours=PLANE_COLOURS, palette=colours)
-    return environment.get_template(template).render(context)
+    return environment
 
 
 def exposure_words(exposure: Exposure) -> str:

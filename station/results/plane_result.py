@@ -55,6 +55,7 @@ class PlaneResult:
     place : where in the frame it was measured, as limits name places; "" where that is not known
     unit, factor : of frequencies, and what one cycle per pixel of the plane is in it
     specification : how the numbers stand to their limits, where there are some
+    untold : sentences, one for each frequency asked for at which there is no MTF
     """
 
     name: str
@@ -82,6 +83,7 @@ class PlaneResult:
     unit: Unit = Unit.CYCLES
     factor: float = 1.0
     specification: Comparison | None = None
+    untold: tuple[str, ...] = ()
     duration_s: float = 0.0
 
     @classmethod

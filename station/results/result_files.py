@@ -311,6 +311,8 @@ def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
     entry: dict[str, Any] = {"verdict": str(plane.verdict), "reason": plane.reason, "remedy": plane.remedy}
     if plane.specification is not None:
         entry["specification"] = plane.specification.told()
+    if plane.untold:
+        entry["untold"] = list(plane.untold)
     if plane.verdict is not Verdict.REFUSED:
         entry["sensor_pixels_per_pixel"] = plane.pitch
     entry.update(plane.values)

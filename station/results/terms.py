@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from procedures.outcome import BadParameter
+from procedures.transfer_function import name_at
 from station.results.comparison import Comparison, Judged, Judgement, worst
-from station.results.limits import Specification, Spot, compare
+from station.results.limits import BOTH, Specification, Spot, compare
 from station.results.plane_result import PlaneResult
 from station.results.units import Frequency, Pixels, Unit
 
@@ -49,7 +51,22 @@ class Terms:
         """A plane's result, compared with the specification and told in the unit."""
         found = compare(record, self.specification, pixels, spots)
         compared = replace(record, specification=found) if self.specification.limits else record
-        return compared.in_unit(self.unit, pixels)
+        return replace(compared, untold=tuple(self._untold(record, pixels))).in_unit(self.unit, pixels)
+
+    def _untold(self, record: PlaneResult, pixels: Pixels) -> Iterator[str]:
+        """A sentence for each frequency asked for at which a plane that has numbers has no MTF."""
+        for one in self.at if record.numbers else ():
+            wanted = one.per_pixel(pixels)
+            if any(name_at(wanted, direction) in record.numbers for direction in ("", *BOTH)):
+                continue
+            reason = "it is beyond what was measured"
+            if record.psf is not None and wanted > record.psf.s / 2:
+                last = record.psf.s / 2 * pixels.factor(one.unit)
+                reason = (
+                    f"a PSF of s = {record.psf.s} ends at {last:.4g} {one.unit}; "
+                    f"ask for less, or give s = {math.ceil(2 * wanted)} or more"
+                )
+            yield f"no MTF is told at {one.value:g} {one.unit}: {reason}"
 
     def undecided(self, record: PlaneResult, reason: str) -> PlaneResult:
         """A plane's result that cannot be held to the specification, with the reason."""

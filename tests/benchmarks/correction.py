@@ -14,6 +14,7 @@ import os
 import resource
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from unittest import mock
@@ -26,7 +27,7 @@ import numpy as np
 import scipy.fft
 
 from procedures.correction import estimate
-from procedures.correction.estimate import CorrectionParameters, correct
+from procedures.correction.estimate import Correction, CorrectionParameters, correct
 from procedures.correction.optics import Optics, wrapped
 from procedures.correction.priors import ORDERS, Prior
 from procedures.field.interpolate import interpolate
@@ -41,6 +42,14 @@ from tests.procedures.correction.seen import SmallLens
 from tests.procedures.field.lens import SHAPE, FieldCamera, K, S, grid, nodes
 
 LENS = Lens(f_number=2.8, coma_um=0.2, astigmatism_um=0.22, field_curvature_um=0.2, axis=(0.08, -0.05))
+LENSES = (
+    LENS,
+    Lens(f_number=2.8, coma_um=0.19, astigmatism_um=-0.157, field_curvature_um=0.114, axis=(-0.022, 0.060)),
+    Lens(f_number=2.8, coma_um=-0.10, astigmatism_um=0.13, field_curvature_um=0.18, axis=(0.05, 0.03)),
+    Lens(f_number=2.8, coma_um=0.15, astigmatism_um=0.10, field_curvature_um=-0.20, axis=(-0.06, -0.02)),
+)
+MEASURED = ((5, 5, 0.05, 1), (7, 5, 0.05, 1), (7, 5, 0.03, 1), (7, 5, 0.03, 4))
+"""Columns and rows of charts, the outermost ones' distance from the edge, and the noise of their PSFs."""
 RIM, EDGE = 40, 20
 SAMPLE_STD = 1.4e-4
 """Of a PSF's samples, as a chart 100 pixels wide with noise of 0.5 % gives them: 0.0023 over all."""
@@ -90,34 +99,63 @@ class OwnOptics(Optics):
         return scipy.fft.rfft2(wrapped(sampled(self.camera.whole(x, y), S, 1), n)).astype(np.complex64)
 
 
-def loss() -> None:
-    """Print the loss against the lens's own PSFs in dB, and the error that fields add, measured and told, in levels of
-    255: of the frame, and without its rim."""
-    camera = FieldCamera(LENS)
+def squares(difference: np.ndarray) -> np.ndarray:
+    """Mean square over the frame, and without its rim."""
+    square = difference**2
+    return np.array([square.mean(), square[EDGE:-EDGE, EDGE:-EDGE].mean()])
+
+
+def losses(lens: Lens, seed: int) -> Iterator[np.ndarray]:
+    """For each way to measure the lens's field, mean squares of the frame and without its rim: (3, 2).
+
+    What the picture errs by through the lens's own PSFs, what it errs by more through the field, and how far the two
+    pictures lie apart; and how far they do as told from the field's covariance, twice.
+    """
+    camera = FieldCamera(lens)
     frame, truth = photograph(camera)
     covariance, how = np.eye(K * K + 6) * SAMPLE_STD**2, CorrectionParameters(Prior("second-order"))
+    best = None
+    for columns, rows, margin, noise in MEASURED:
+        measured = nodes(camera, grid(columns, rows, margin), noise**2 * covariance, np.random.default_rng(seed))
+        field = {"Y": interpolate("Y", SHAPE, measured).field}
+        if best is None:
+            with mock.patch.object(OwnOptics, "camera", camera), mock.patch.object(estimate, "Optics", OwnOptics):
+                best = corrected(frame, field, how).picture[0]
+        found = corrected(frame, field, how)
+        errs = squares(best - truth)
+        picture = found.picture[0]
+        yield np.array([
+            errs, squares(picture - truth) - errs, squares(picture - best), np.full(2, found.field_error.rms**2)
+        ])  # fmt: skip
 
-    def squared(field: PsfField) -> tuple[np.ndarray, float]:
-        found = correct(frame, {"Y": field}, parameters=how).value
-        assert found is not None
-        difference = (found.picture[0] - truth) ** 2
-        return np.array([difference.mean(), difference[EDGE:-EDGE, EDGE:-EDGE].mean()]), found.field_error.rms**2
 
-    dense = interpolate("Y", SHAPE, nodes(camera, grid(7, 5, 0.03), covariance, np.random.default_rng(1))).field
-    with mock.patch.object(estimate, "Optics", OwnOptics):
-        best, _ = squared(dense)
-    print(f"{'charts':30} {'loss, dB':>17} {'adds':>17} {'told':>8}")
-    for columns, rows, margin, noise in ((5, 5, 0.05, 1), (7, 5, 0.05, 1), (7, 5, 0.03, 1), (7, 5, 0.03, 4)):
-        tries = []
-        for seed in (1, 2):
-            rng = np.random.default_rng(seed)
-            measured = nodes(camera, grid(columns, rows, margin), noise**2 * covariance, rng)
-            tries.append(squared(interpolate("Y", SHAPE, measured).field))
-        cost, told = np.mean([one[0] for one in tries], axis=0), np.mean([one[1] for one in tries])
-        lost, added = 10 * np.log10(cost / best), 255 * np.sqrt(np.maximum(cost - best, 0))
-        words = f"{columns} x {rows} to {margin:.0%}, noise {noise} times"
+def corrected(frame: RawFrame, field: dict[str, PsfField], how: CorrectionParameters) -> Correction:
+    """The photograph through a field."""
+    found = correct(frame, field, parameters=how).value
+    assert found is not None
+    return found
+
+
+def loss() -> None:
+    """Print the loss against the lens's own PSFs in dB, and how far the pictures lie apart, in levels of 255.
+
+    The loss is of LENS, of the mean over all lenses, and as it would be if what is told came to the picture's other
+    errors as an independent one; the distance is measured and told: of the frame, and without its rim.
+    """
+    every = np.array([list(losses(lens, seed)) for seed, lens in enumerate(LENSES, start=1)])
+    words = ("loss, dB", "of all", "as told", "differs")
+    head = f"{'charts':28}" + "".join(f" {one:>13}" for one in words)
+    print(f"{head} {'told':>6} {'over it':>11} {'of one':>11}   (frame, inside)")
+    for (columns, rows, margin, noise), each in zip(MEASURED, every.swapaxes(0, 1), strict=True):
+        lost, as_told = (10 * np.log10(1 + each[:, k] / each[:, 0]) for k in (1, 3))
+        _, _, apart, told = 255 * np.sqrt(np.maximum(each.mean(axis=0), 0))
+        ratios = np.sqrt(each[:, 3] / each[:, 2])
+        columns_of = (lost[0], lost.mean(axis=0), as_told.mean(axis=0), apart)
         print(
-            f"{words:30} {lost[0]:8.3f} {lost[1]:8.3f} {added[0]:8.3f} {added[1]:8.3f} {255 * told**0.5:8.3f}",
+            f"{f'{columns} x {rows} to {margin:.0%}, noise {noise} times':28}"
+            + "".join(f" {frame:6.3f} {inside:6.3f}" for frame, inside in columns_of)
+            + f" {told[0]:6.3f} {told[0] / apart[0]:5.2f} {told[0] / apart[1]:5.2f}"
+            + f" {ratios[:, 0].min():5.2f} {ratios[:, 0].max():5.2f}",
             flush=True,
         )
 

@@ -27,8 +27,8 @@ from scipy.signal import fftconvolve
 
 from procedures.restoration.joint.estimate import Restoration, RestorationParameters, restore
 from procedures.restoration.joint.kernel_sizes import default_max_w, fitting_ratios, stacks_of
-from procedures.restoration.photograph_blur import of_flat_scene
-from procedures.restoration.unknown_motion.flat_scene import kernels_of_flat_scene
+from procedures.restoration.photograph_blur import BlurSpec, SceneBlur, UnknownMotion, blur_of
+from procedures.restoration.unknown_motion.flat_scene import FreeKernels, kernels_of_flat_scene
 
 Array = NDArray[np.float64]
 SCENES = (5, 6, 7, 8)
@@ -109,15 +109,16 @@ def _least(left: Callable[[Array], float], begin: Array) -> OptimizeResult:
     )
 
 
-def restored(case: Shaken, weight: float | None = None, flat: bool = False) -> tuple[Restoration, str]:
-    """What the station makes of it, and what it says. flat : as with kernels that the photographs told."""
+def restored(case: Shaken, weight: float | None = None, told: FreeKernels | None = None) -> tuple[Restoration, str]:
+    """What the station makes of it, and what it says. told : the kernels, where the photographs told them."""
     z = [photograph[None] for photograph in case.z]
     max_w = default_max_w(case.known)
     ratios = fitting_ratios(z, case.known, max_w)
     p = RestorationParameters(image_weight=weight)
-    if flat:
-        p, max_w = of_flat_scene(p, (len(case.known[0]) - 1) / 2), (len(case.known[0]) + 1) / 2
-    outcome = restore(z, stacks_of(case.known, ratios, max_w, case.z[0].shape), p)
+    if told is not None:
+        outcome = blur_of_kernels(told, z).restored(z, p)
+    else:
+        outcome = restore(z, stacks_of(case.known, ratios, max_w, case.z[0].shape), p)
     assert outcome.value is not None, outcome.reason
     return outcome.value, f"{outcome.verdict} {outcome.reason}"
 
@@ -149,8 +150,14 @@ def covered(case: Shaken, found: Restoration) -> tuple[float, float]:
     return float(found.diagnostics.picture_std / left.std()), float(np.mean(np.abs(left) < 2 * std))
 
 
-def unknown(case: Shaken) -> Shaken:
-    """The same with kernels as the photographs tell them; printed."""
+def blur_of_kernels(told: FreeKernels, z: list[Array]) -> SceneBlur:
+    """As the station takes kernels that it found."""
+    blur = blur_of(BlurSpec(UnknownMotion("whole", kernels=(*told.kernels,))), z)
+    return replace(blur, motion=told.shapes)
+
+
+def unknown(case: Shaken) -> FreeKernels:
+    """The kernels as the photographs tell them; printed."""
     start = time.process_time()
     found = kernels_of_flat_scene(np.stack(case.z))
     seconds = time.process_time() - start
@@ -160,7 +167,7 @@ def unknown(case: Shaken) -> Shaken:
         f"  {found.doubt or 'sure'}",
         flush=True,
     )
-    return replace(case, known=[*found.kernels])
+    return found
 
 
 def _likeness(a: Array, b: Array) -> float:
@@ -168,16 +175,16 @@ def _likeness(a: Array, b: Array) -> float:
     return float(fftconvolve(a, b[::-1, ::-1]).max() / np.linalg.norm(a) / np.linalg.norm(b))
 
 
-def compare(case: Shaken, multiples: list[float], flat: bool = False) -> list[float]:
+def compare(case: Shaken, multiples: list[float], told: FreeKernels | None = None) -> list[float]:
     """PSNR of the plain filter, of the restoration, and of those with other weights; printed."""
     plain = Plain.of(case)
     filtered = max(score(case, plain.restored(weight)) for weight in WEIGHTS)
     start = time.process_time()
-    found, said = restored(case, flat=flat)
+    found, said = restored(case, told=told)
     seconds = time.process_time() - start
     weight = found.history[-1].weights.picture
     scores = [filtered, score(case, found.sharp[0])]
-    scores += [score(case, restored(case, m * weight, flat)[0].sharp[0]) for m in multiples]
+    scores += [score(case, restored(case, m * weight, told)[0].sharp[0]) for m in multiples]
     stated, inside = covered(case, found)
     print(
         "".join(f"{one:7.2f}" for one in scores) + f"   stated/error {stated:.2f}  in 2 sd {inside:.3f}"
@@ -204,7 +211,7 @@ def main() -> None:
         scene, kernels = groups(asked.photographs)[n]
         print(f"scene {scene}, kernels {kernels}: ", end="")
         case = group(asked.folder, scene, kernels)
-        scores.append(compare(unknown(case) if asked.unknown else case, asked.weights, asked.unknown))
+        scores.append(compare(case, asked.weights, unknown(case) if asked.unknown else None))
     print("mean", *(f"{one:.2f}" for one in np.mean(scores, axis=0)))
 
 

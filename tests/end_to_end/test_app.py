@@ -42,7 +42,7 @@ def make_lab(folder: Path) -> StationLab:
     bench = lab.open().bench
     assert bench is not None
     view = bench.simulated.view
-    view.camera = replace(view.camera, oversampling=8, sensor=Sensor(240, 320, cfa=None), pitch_um=11.88)
+    view.camera = replace(view.camera, oversampling=5, sensor=Sensor(240, 320, cfa=None), pitch_um=11.88)
     return lab
 
 

@@ -92,6 +92,7 @@ def monkeypatch_module():
 @pytest.fixture(scope="module")
 def done(tmp_path_factory, monkeypatch_module):
     root = tmp_path_factory.mktemp("camera")
+    monkeypatch_module.setattr(conclusion, "derive", partial(derive, columns=7))  # maps of a ninth of their places
     whole, folder = plan(estimate, LEVELS, PICTURES), None
     told = SimpleNamespace(heard=[], ends=[], shots=[], taken=(), minutes=0.0)
     estimates = counted(monkeypatch_module)
@@ -102,7 +103,7 @@ def done(tmp_path_factory, monkeypatch_module):
         view = bench.simulated.view
         # what is done to a mosaic's four planes is done here to one of their size; the error stays far below the noise
         lens = replace(view.camera.lens, k1=-0.02, vignetting=VIGNETTING)
-        view.camera = replace(view.camera, lens=lens, oversampling=8, sensor=Sensor(240, 320, cfa=None), pitch_um=11.88)
+        view.camera = replace(view.camera, lens=lens, oversampling=5, sensor=Sensor(240, 320, cfa=None), pitch_um=11.88)
         if folder is None:
             session = Session.create(root, plan="camera", camera="C", lens="L", config={}, clock=bench.clock, seed=3)
             folder = session.folder
@@ -299,7 +300,6 @@ def test_the_plan_field_concludes_from_the_places(done, facts, tmp_path, monkeyp
         return done.answers[field_estimate, plane.samples.tobytes()]
 
     monkeypatch.setattr(field_estimate, "estimate_psf", known_already)
-    monkeypatch.setattr(conclusion, "derive", partial(derive, columns=7))  # maps of a ninth of their places
     told = concluded(tmp_path, "field", [done.folder / shot.path for shot in places_of(done.shots[2])], facts)
     assert told.end.how == "finished"
     folder, whole = told.result.folder, done.result.folder

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import time
 from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
@@ -24,18 +25,22 @@ from station.demo.demonstration import summary
 pytestmark = pytest.mark.slow
 
 MADE, SAID = "STATION_DEMONSTRATION", ("stdout", "stderr")
+PATIENCE_S = 600.0
 PLANES = ("R", "G1", "G2", "B")
 VOID = {"meta", "br", "img", "hr", "link", "input"}
 
 
 @pytest.fixture(scope="module")
 def demonstration(tmp_path_factory):
-    """What `station demo` made: now, or just before in $STATION_DEMONSTRATION, what it said in stdout and stderr there.
+    """What `station demo` made: now, or in $STATION_DEMONSTRATION, where a file `ended` says that it makes no more.
 
-    Whoever has run the command already, as .ci/run has, need not wait for it a second time.
+    Whoever runs the command beside the tests, as .ci/run does, need not wait for it a second time; what it said is in
+    stdout and stderr there.
     """
     if MADE in os.environ:
-        folder = Path(os.environ[MADE])
+        folder, end = Path(os.environ[MADE]), time.monotonic() + PATIENCE_S
+        while not (folder / "ended").exists() and time.monotonic() < end:
+            time.sleep(0.1)
         out, done = folder / "demo", SimpleNamespace(**{name: (folder / name).read_text() for name in SAID})
     else:
         out = tmp_path_factory.mktemp("demonstration") / "demo"

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import pytest
 
+from simulators.camera.camera import SimulatedCamera
 from station.bench.opening import simulated_bench
 from station.guide.catalogue import plan_named
 from station.guide.frontend import StepEnded, Trouble
@@ -25,6 +27,22 @@ CASES = {
     "ruler": ({"ruler_mm": 80.0}, "a ruler that measures", "distance"),
     "chart": ({"chart_seed": 7.0}, "other cells than those of its number 7; they are those of 1", "mount"),
 }
+
+
+@pytest.fixture(scope="module", autouse=True)
+def drawn_once():
+    """These benches begin alike: what one camera sees of a scene is what the next sees, and is drawn once."""
+    drawn, draw = {}, SimulatedCamera.light
+
+    def light(camera, scene):
+        key = pickle.dumps((camera, scene))
+        if key not in drawn:
+            drawn[key] = draw(camera, scene)
+        return drawn[key]
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(SimulatedCamera, "light", light)
+        yield
 
 
 @pytest.mark.parametrize(("plan", "case"), [*(("pattern", case) for case in CASES), ("field", "ruler")])

@@ -156,6 +156,13 @@ class Restoration:
     unit: DepthUnit = field(default_factory=DepthUnit)
     kernels: Array | None = None
 
+    def uncertain_by(self, more: Array) -> Restoration:
+        """The same with another error (H, W) of the picture beside those that its diagnostics know."""
+        d, square = self.diagnostics, float(np.mean(more**2))
+        std = float(np.hypot(d.picture_std, square**0.5))
+        told = replace(d, picture_std=std, gained=d.gained * d.picture_std / max(std, 1e-9))
+        return replace(self, sharp_std=np.hypot(self.sharp_std, more), diagnostics=told)
+
 
 def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
     """Standard deviation of the photographs' noise, from what no common picture explains at any depth.

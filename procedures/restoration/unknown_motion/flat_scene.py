@@ -8,7 +8,7 @@ and settles its kernels. What shifts the photographs against each other is in th
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -56,6 +56,10 @@ class KernelBeginning:
     last_edges: float = 1e-3
     least: float = 0.03
 
+    def weighed(self, times: float) -> KernelBeginning:
+        """The same with edges of other weight."""
+        return replace(self, edges=times * self.edges, last_edges=times * self.last_edges)
+
 
 @dataclass(frozen=True)
 class FreeKernelSettings:
@@ -81,6 +85,8 @@ class FreeKernelSettings:
         Of the variance of the photographs' differences, beyond which kernels explain nothing.
     alike : float
         Correlation of the kernels of two beginnings from which each confirms the other.
+    as_probable : float
+        Minus log probability a sample by which another beginning may be behind and still be as right.
     at_end : float
         Share of a kernel's light in its outermost pixels beyond which it may go on outside.
     """
@@ -101,6 +107,7 @@ class FreeKernelSettings:
     most_pixels: int = 120_000
     most_left: float = 0.25
     alike: float = 0.7
+    as_probable: float = 0.03
     at_end: float = 0.01
 
 
@@ -109,13 +116,15 @@ class FreeKernels:
     """Kernels (P, K, K) of the photographs, one sample a pixel, about the middle of their common extent, sum 1.
 
     left : standard deviation of what they leave of the photographs' differences, of the photographs' contrast;
-    agreement : likeness of what two beginnings end in; doubt : why they are not to be trusted, or None.
+    agreement : likeness of what two beginnings end in; doubt : why they are not to be trusted, or None; others : what
+    another beginning ends in, of any extent, or None where none ends alike and is as probable.
     """
 
     kernels: Array
     left: float
     agreement: float
     doubt: str | None = None
+    others: Array | None = None
 
     @property
     def half_width(self) -> float:
@@ -125,7 +134,7 @@ class FreeKernels:
     @property
     def shapes(self) -> MotionShapes:
         """As a restoration takes and judges what was found of unknown motion."""
-        return MotionShapes(self.kernels, self.half_width, None, self.doubt, REMEDY)
+        return MotionShapes(self.kernels, self.half_width, None, self.doubt, REMEDY, self.others)
 
 
 def kernels_of_flat_scene(
@@ -148,18 +157,56 @@ def kernels_of_flat_scene(
     R = largest or max(1, min(s.largest, (min(photographs.shape[1:]) - 1) // 4))
     z = _looked_at(photographs, R, s)
     sparse = SparseGradients(z, R)
-    fits = [sparse.fitted(_begun(z, R, one, s), s.compared, s.picture_iterations, s.least) for one in s.beginnings]
-    best = min(fits, key=lambda fit: fit.cost)
-    fit = sparse.fitted(about_middle(best.kernels), s.settled, s.picture_iterations, s.least)
-    share = fit.left / float(np.mean(sparse.seen**2))
+    searches: list[_Search] = []
+    # many photographs outweigh the belief in few edges, which alone keeps a common blur out of their kernels: it is
+    # made to weigh as they do, but as in two of them where that search ends in doubt
+    for edges in dict.fromkeys((len(z) / 2, 1.0)):
+        searches.append(_searched(sparse, z, edges, s))
+        if searches[-1].doubt is None:
+            break
+    best = min(searches, key=lambda one: (one.doubt is not None, one.fit.cost))
+    share = best.fit.left / float(np.mean(sparse.seen**2))
     if share > s.most_left:
         raise Refused(
             f"no kernels of up to {R} pixels each way explain the photographs: "
             f"{share:.0%} of their differences are left",
             "raise --max-w if the motion was larger; the scene has to be flat, still, and not turned in between",
         )
-    agreement = min([likeness(fit.kernels, one.kernels) for one in fits if one is not best], default=1.0)
-    return FreeKernels(cropped(fit.kernels), float(np.sqrt(fit.left)) / CONTRAST, agreement, _doubt(fit, agreement, s))
+    return best.told
+
+
+@dataclass(frozen=True)
+class _Search:
+    """The most probable of several beginnings, settled; the next one, settled, where it may be right; and the doubt."""
+
+    fit: SparseFit
+    other: SparseFit | None
+    agreement: float
+    doubt: str | None
+
+    @property
+    def told(self) -> FreeKernels:
+        """As they are given away."""
+        others = None if self.other is None else cropped(self.other.kernels)
+        left = float(np.sqrt(self.fit.left)) / CONTRAST
+        return FreeKernels(cropped(self.fit.kernels), left, self.agreement, self.doubt, others)
+
+
+def _searched(sparse: SparseGradients, z: Pictures, edges: float, s: FreeKernelSettings) -> _Search:
+    """Kernels from all beginnings. edges : what the weight of a step between neighbours is taken times."""
+
+    def settled(kernels: Kernels) -> SparseFit:
+        return sparse.fitted(about_middle(kernels), s.settled, s.picture_iterations, s.least)
+
+    begun = [_begun(z, sparse.R, one.weighed(edges), s) for one in s.beginnings]
+    fits = sorted(
+        (sparse.fitted(one, s.compared, s.picture_iterations, s.least) for one in begun), key=lambda fit: fit.cost
+    )
+    fit = settled(fits[0].kernels)
+    agreement = min([likeness(fit.kernels, one.kernels) for one in fits[1:]], default=1.0)
+    # one that went elsewhere, or explains the photographs less well, tells nothing of where this one ended
+    rivals = [one for one in fits[1:] if one.cost < fits[0].cost + s.as_probable and agreement >= s.alike]
+    return _Search(fit, settled(rivals[0].kernels) if rivals else None, agreement, _doubt(fit, agreement, s))
 
 
 def kernels_as_found(kernels: Sequence[Array], count: int, doubt: str | None = None) -> MotionShapes:

@@ -54,7 +54,8 @@ class MotionShapes:
     """Shapes (P, n, n) on [-1, 1] of the motions, their half-width in the flat part, pixels.
 
     path : the curves found, (2, n, 2) pixels x, y in the flat part; None where the shapes are known to pixels only.
-    doubt : why they are not to be trusted at other depths, or None; remedy : what to do then.
+    doubt : why they are not to be trusted at other depths, or None; remedy : what to do then. others : what another
+    search of a flat scene's kernels ended in, or None.
     """
 
     shapes: Array
@@ -62,6 +63,7 @@ class MotionShapes:
     path: Array | None = None
     doubt: str | None = None
     remedy: str = REMEDY
+    others: Array | None = None
 
     def judged(self, outcome: Outcome[Any]) -> Outcome[Any]:
         """A restoration with these shapes: doubtful where they are, if nothing else was wrong."""

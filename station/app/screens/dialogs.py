@@ -66,9 +66,25 @@ class Help(Dialog):
         paragraphs = INTRODUCTION.split("\n")
         self.query_one("#introduction", Part).update(lines_of(literal(HEAD, "bold"), *paragraphs, ""))
         self.query_one("#help-keys", Part).update(lines_of(*self._lines, ""))
-        words = for_terminal(find_page(read_pages(), GLOSSARY).text).replace("**", "").replace("```\n", "")
-        heading, *lines = words.splitlines()
+        heading, *lines = paragraphs_of(for_terminal(find_page(read_pages(), GLOSSARY).text))
         self.query_one("#help-words", Part).update(lines_of(literal(heading.removeprefix("# "), "bold"), *lines))
+
+
+def paragraphs_of(markdown: str) -> list[str]:
+    """A page of headings, paragraphs and drawings without its marks: each paragraph one line, drawings as they are."""
+    lines: list[str] = []
+    drawn = goes_on = False
+    for line in markdown.splitlines():
+        if line.startswith("```"):
+            drawn, goes_on = not drawn, False
+            continue
+        words = line if drawn else line.replace("**", "").replace("`", "")
+        if goes_on and words:
+            lines[-1] += f" {words}"
+        else:
+            lines.append(words)
+        goes_on = bool(words) and not drawn
+    return lines
 
 
 class Choose(Dialog):

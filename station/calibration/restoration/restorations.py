@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from procedures.colour_frame import read_colour_frame
-from procedures.outcome import Outcome
+from procedures.outcome import BadInput, ColourInput, Outcome
 from procedures.raw import RawFrame, default_plane, read_frame
 from procedures.reading.sensor_dump import DumpLayout
 from procedures.restoration.joint.estimate import Restoration, RestorationParameters
@@ -138,6 +138,9 @@ def _placed(name: str, folder: Path, photograph: Path) -> str:
     return f"{RADIAL}{whole}" if name.startswith(RADIAL) else whole
 
 
+TELL_ENCODING = "of colours in 16 bits tell what the numbers mean, --encoding linear or srgb; or give RAW files"
+
+
 def _parts(name: str) -> list[str]:
     """The files in the name of a shape or record; none in that of a model."""
     if name.startswith(RADIAL):
@@ -165,9 +168,12 @@ def read_photographs(
     if encoding:
         frames = [read_colour_frame(image, encoding, data=data) for image, data in zip(images, known, strict=True)]
     else:
-        chosen = plane or default_plane(images[0], layout)
-        names = None if chosen == "all" else [chosen]
-        frames = [read_frame(image, names, layout, data=data) for image, data in zip(images, known, strict=True)]
+        try:
+            chosen = plane or default_plane(images[0], layout)
+            names = None if chosen == "all" else [chosen]
+            frames = [read_frame(image, names, layout, data=data) for image, data in zip(images, known, strict=True)]
+        except ColourInput as error:
+            raise BadInput(error.reason, TELL_ENCODING) from error
     photographs: list[Array] = [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]
     check_photographs(photographs)
     return frames, photographs

@@ -18,6 +18,7 @@ from station.cli.psf.planes import (
     raw_option,
     read_overlays,
     read_planes,
+    tell_untold,
     told_layout,
 )
 from station.cli.psf.terms import plane_option, terms_of, terms_options
@@ -146,6 +147,7 @@ def _tell(record: EdgeRecord) -> None:
     _tell_edge(record.result, record.best, record.count)
     for outcome in record.outcomes[1:]:
         _tell_edge(record.result, outcome)
+    tell_untold(record.result)
 
 
 def _tell_edge(told: PlaneResult, outcome: EdgeOutcome, also: str = "") -> None:

@@ -208,6 +208,13 @@ def tell_result(record: PlaneResult) -> None:
         verdict=verdict,
         **took,
     )
+    tell_untold(record)
+
+
+def tell_untold(record: PlaneResult) -> None:
+    """A line on stderr for every frequency asked for at which a plane has no MTF."""
+    for sentence in record.untold:
+        log("untold", f"{record.name}: {sentence}", level="warning", plane=record.name)
 
 
 def _sentence(record: PlaneResult) -> str:
@@ -224,6 +231,6 @@ def _sentence(record: PlaneResult) -> str:
             number = record.numbers[name]
             words = f"{words_of(name, record.unit).words} {stated(number.value, number.uncertainty)}"
             parts.append(f"{words} {number.unit}" if number.unit != "1" else words)
-    if record.unit == "cycles/pixel" and record.pitch > 1 and len(parts) > 1:
+    if record.unit == "cycles/pixel" and record.pitch > 1 and any("pixel" in part for part in parts):
         parts.append(f"pixels of the plane, each {record.pitch} of the sensor")
     return "; ".join(parts)

@@ -168,6 +168,12 @@ def test_a_perfect_lens_has_no_aberrations(rng: np.random.Generator) -> None:
     assert 0.001 < strehl.uncertainty < 0.2
     assert outcome.verdict is Verdict.DOUBTFUL
     assert "strehl lens is at its bound 1, which it is within" in outcome.reason
+    # and so is the wavefront error, which the Strehl ratio follows as 1 - (2 pi w)^2 (Marechal)
+    waves, nm = (found.numbers[name] for name in ("wavefront_rms", "wavefront_rms_nm"))
+    assert (waves.value, nm.value) == (0, 0)
+    assert waves.uncertainty >= 0.8 * strehl.uncertainty**0.5 / (2 * np.pi)
+    assert nm.uncertainty == pytest.approx(diffraction.wavelength_nm * waves.uncertainty)
+    assert "wavefront" not in outcome.reason
 
 
 @pytest.mark.slow

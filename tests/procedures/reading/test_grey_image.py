@@ -137,6 +137,34 @@ def big_tiff(levels, columns=None):
     return head + levels.astype("<u2").tobytes() + struct.pack("<Q", len(tags)) + entries + bytes(8)
 
 
+def small_tiff(levels, orientation):
+    """A TIFF of one strip, 8 bits."""
+    rows, columns = levels.shape
+    tags = {
+        256: columns,
+        257: rows,
+        258: 8,
+        259: 1,
+        262: 1,
+        273: 8,
+        274: orientation,
+        277: 1,
+        278: rows,
+        279: rows * columns,
+    }
+    entries = b"".join(struct.pack(">HHIHH", code, 3, 1, value, 0) for code, value in tags.items())
+    head = b"MM\0*" + struct.pack(">I", 8 + levels.nbytes)
+    return head + levels.tobytes() + struct.pack(">H", len(tags)) + entries + bytes(4)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_camera_held_upright_gives_the_sensors_rows(tmp_path, orientation):
+    path = tmp_path / "turned.tif"
+    levels = LEVELS.astype(np.uint8)
+    path.write_bytes(small_tiff(levels, orientation))
+    np.testing.assert_allclose(grey(path).samples * 255, levels, rtol=1e-6)
+
+
 def test_big_tiff_is_read_and_its_size_is_looked_at_as_well(tmp_path):
     path = tmp_path / "big.tif"
     path.write_bytes(big_tiff(LEVELS))

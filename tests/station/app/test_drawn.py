@@ -14,6 +14,7 @@ from textual.app import App, ComposeResult
 from drivers.interfaces import Condition
 from procedures.raw import Plane
 from station.app.bars import DeviceBar, packed
+from station.app.screens.dialogs import paragraphs_of
 from station.app.terminal_images import Thumbnail, in_letters, lay_out, shrink, thumbnail
 from station.app.widgets import left_of, literal, progress_in_words
 from station.bench.stage_watch import DeviceState
@@ -55,6 +56,13 @@ def test_marks_lie_where_they_are_in_the_plane():
     assert letters[10][30] == "X"
     assert letters[15][45] == "@"
     assert letters[5][45] == " "
+
+
+def test_a_page_shown_as_help_breaks_where_the_terminal_does_and_leaves_drawings_alone():
+    page = "# Words\n\n**s/t**: how many\nsamples (`station\nmanual x`).\n\n```\n o   o\n`-' o\n```\nAfter\nit.\n"
+    assert paragraphs_of(page) == [
+        "# Words", "", "s/t: how many samples (station manual x).", "", " o   o", "`-' o", "After it."
+    ]  # fmt: skip
 
 
 def test_marks_outside_the_plane_are_not_shown():

@@ -143,9 +143,8 @@ def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path
 @pytest.mark.slow
 def test_a_field_of_another_aperture_is_refused_and_leaves_nothing(files, tmp_path):
     lens = SmallLens(PLANES, 0.6)
-    field = tmp_path / "other.h5"
-    write_field(field, {"G1": lens.field("G1")}, {}, [], {}, replace(CAMERA, f_number=5.6))
-    result = run(files[0] / "photo.dng", "--field", field, "--out", tmp_path / "out")
+    write_field(tmp_path / "field.h5", {"G1": lens.field("G1")}, {}, [], {}, replace(CAMERA, f_number=5.6))
+    result = run(files[0] / "photo.dng", "--field", tmp_path, "--out", tmp_path / "out")  # its folder does
     assert result.exit_code == 5
     assert "the field's aperture is f/5.6, the photograph's f/2.8" in result.stderr
     assert not (tmp_path / "out").exists()

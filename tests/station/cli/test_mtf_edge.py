@@ -26,7 +26,7 @@ def picture(tmp_path):
 
 @pytest.mark.slow
 def test_region_gives_record_table_and_picture(run, picture, tmp_path):
-    done = run("mtf", "edge", picture, "--roi", "5,5,50,70", "--out", tmp_path / "out", "--json")
+    done = run("mtf", "edge", picture, "--roi", "5,5,50,70", "--out", tmp_path / "out", "--json", "--at", "0.3,9")
     assert done.exit_code == 0, done.output
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert record["schema"] == "station/mtf/1"
@@ -35,6 +35,8 @@ def test_region_gives_record_table_and_picture(run, picture, tmp_path):
     # point samples: nothing blurs but the Gaussian
     assert plane["mtf50"]["value"] == pytest.approx(0.25, rel=0.002)
     assert plane["mtf50"]["unit"] == "cycles/pixel"
+    assert "mtf_at_0.3" in plane
+    assert plane["untold"] == ["no MTF is told at 9 cycles/pixel: it is beyond what was measured"]
     assert plane["angle"]["value"] == pytest.approx(5.5, abs=0.01)
     (edge,) = plane["edges"]
     assert edge["orientation"] == "near-vertical"

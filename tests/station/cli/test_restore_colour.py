@@ -75,3 +75,13 @@ def test_colour_files_are_restored_as_their_encoding_says(light, tmp_path):
     assert record["parameters"]["planes"] == ["R", "G", "B"]
     sharp = cv2.imread(str(tmp_path / "out" / "sharp.tiff"), cv2.IMREAD_UNCHANGED)[..., ::-1]
     assert sharp.mean(axis=(0, 1)) == pytest.approx(light[0].mean(axis=(1, 2)), rel=0.02)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tiff"])
+def test_colour_pictures_without_an_encoding_are_told_of_it(tmp_path, suffix):
+    files = [tmp_path / f"{name}.{suffix}" for name in "ab"]
+    for path in files:
+        cv2.imwrite(str(path), np.full((*SHAPE, 3), 9000, np.uint16))
+    done = restore(files, tmp_path / "out")
+    assert done.exit_code == 4
+    assert "--encoding linear or srgb" in done.stderr

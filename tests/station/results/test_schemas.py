@@ -35,7 +35,11 @@ def record(tmp_path_factory):
     h = np.exp(-(x[:, None] ** 2 + x**2))
     psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-8)
     terms, pixels = (
-        Terms(Unit.LINE_PAIRS, (Frequency(30.0, Unit.LINE_PAIRS),), Specification(LIMITS, "a lens")),
+        Terms(
+            Unit.LINE_PAIRS,
+            (Frequency(30.0, Unit.LINE_PAIRS), Frequency(300.0, Unit.LINE_PAIRS)),
+            Specification(LIMITS, "a lens"),
+        ),
         Pixels(2, 4.0),
     )
     limit = Diffraction(5.6, 8.0, 530)
@@ -54,6 +58,10 @@ def test_record_follows_its_schema(record):
     plane = record["planes"]["G1"]
     assert plane["mtf50_horizontal"]["unit"] == "lp/mm"
     assert {"mtf_at_20_horizontal", "mtf_at_30_horizontal"} <= plane.keys()
+    # 125 pixels of the plane to a millimetre: 300 lp/mm are 2.4 cycles/pixel, more than s / 2
+    assert plane["untold"] == [
+        "no MTF is told at 300 lp/mm: a PSF of s = 4 ends at 250 lp/mm; ask for less, or give s = 5 or more"
+    ]
     assert record["specification"]["limits"][0]["min"] == 40.0  # a number, not a text
     assert record["specification"]["verdict"] == plane["specification"]["verdict"]
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -7,7 +9,7 @@ from scipy.signal import fftconvolve
 
 from procedures.outcome import BadInput, Refused, Verdict
 from procedures.outcome import Outcome as Made
-from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur_of
+from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur_of, judged_by_both
 from procedures.restoration.unknown_motion import free_kernels
 from procedures.restoration.unknown_motion.flat_scene import (
     FreeKernels,
@@ -15,6 +17,7 @@ from procedures.restoration.unknown_motion.flat_scene import (
     KernelBeginning,
     kernels_of_flat_scene,
 )
+from procedures.restoration.unknown_motion.kernel_error import picture_moved
 from procedures.restoration.unknown_motion.sharp_edges import EdgePicture, periodic
 from procedures.restoration.unknown_motion.sparse_gradients import SparseGradients
 
@@ -179,10 +182,14 @@ def test_the_blur_of_a_flat_scene_has_these_kernels(found, blur):
         assert free_kernels.likeness(seen[None], kernel[None]) == pytest.approx(1, abs=1e-3)
 
 
+@pytest.fixture(scope="module")
+def outcome(shaken, blur):
+    alike = replace(blur, motion=replace(blur.motion, others=blur.motion.shapes))
+    return alike.restored([one[None] for one in shaken[0]])
+
+
 @pytest.mark.slow
-def test_a_flat_scene_is_restored_at_its_own_w(shaken, blur):
-    photographs = [one[None] for one in shaken[0]]
-    outcome = blur.restored(photographs)
+def test_a_flat_scene_is_restored_at_its_own_w(shaken, outcome):
     assert outcome.verdict is Verdict.PASS, outcome.reason
     restored = outcome.value
     assert np.ptp(restored.w) == 0
@@ -191,4 +198,17 @@ def test_a_flat_scene_is_restored_at_its_own_w(shaken, blur):
     inner = (slice(20, -20), slice(20, -20))
     moved = (np.roll(shaken[2], (y - 4, x - 4), (0, 1))[inner] for y, x in np.ndindex(9, 9))
     error = min(np.std(restored.sharp[0][inner] - one) for one in moved)
-    assert error < 0.2 * np.std(photographs[0][0][inner] - shaken[2][inner])
+    assert error < 0.2 * np.std(shaken[0][0][inner] - shaken[2][inner])
+
+
+@pytest.mark.slow
+def test_what_two_searches_differ_by_is_in_the_error_told(blur, outcome):
+    kernels = blur.motion.shapes
+    wider = np.stack([fftconvolve(one, np.ones((3, 3)) / 9) for one in kernels])
+    before = outcome.value
+    after = judged_by_both(before, kernels, wider).value
+    more = picture_moved(before.sharp, kernels, wider, before.history[-1].weights.picture)
+    np.testing.assert_allclose(after.sharp_std**2, before.sharp_std**2 + more**2, rtol=1e-6)
+    said, now = before.diagnostics, after.diagnostics
+    assert now.picture_std**2 == pytest.approx(said.picture_std**2 + np.mean(more**2))
+    assert now.gained * now.picture_std == pytest.approx(said.gained * said.picture_std)

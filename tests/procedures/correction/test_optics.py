@@ -1,0 +1,40 @@
+"""What blurs a photograph on its sensor's grid, against the transfer functions of the field's whole PSFs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.correction.optics import Optics
+from procedures.field.interpolate import interpolate
+from procedures.psf import Psf
+from procedures.psf_field import Node
+from procedures.raw import Plane
+
+K, S, N = 9, 3, 64
+SHAPE = (60, 80)
+TAIL = np.array([0.03, 0.01, 0.004, 0.0, 0.0, -0.002])
+
+
+@pytest.fixture(scope="module")
+def psf():
+    r2 = np.add.outer(np.arange(-4, 5) ** 2, np.arange(-4, 5) ** 2)
+    h = np.exp(-r2 / 2 / 1.3**2)
+    return Psf.of(np.concatenate([(h / h.sum()).ravel(), TAIL]), np.eye(K * K + 6) * 1e-8, K, S)
+
+
+@pytest.fixture(scope="module")
+def field(psf):
+    at = [np.array([x, y]) for x in (10.0, 40.0, 70.0) for y in (10.0, 30.0, 50.0)]
+    return interpolate("Y", SHAPE, [Node(one, np.eye(2) * 1e-6, one, psf, "", i) for i, one in enumerate(at)]).field
+
+
+@pytest.mark.parametrize("pitch", [1, 2])
+def test_details_are_blurred_by_the_whole_psf_with_the_light_from_beyond_its_reach(psf, field, pitch):
+    optics = Optics.of({"Y": Plane("Y", np.zeros(SHAPE, np.float32), 1e-4, pitch)}, {"Y": field}, {})
+    fx, fy = np.meshgrid(np.arange(1, 20) / N, np.arange(0, 20) / N)
+    H = optics.otf(40.0, 30.0, N)[0]
+    assert H[0, 0] == pytest.approx(1, abs=1e-6)
+    whole = psf.spectra(pitch * fx.ravel(), pitch * fy.ravel()) @ psf.parameters / psf.light
+    # the grid's filter, cut off, errs by some ten-thousandths; the light from beyond the reach is 0.008 of all
+    np.testing.assert_allclose(H[:20, 1:20], whole.reshape(fx.shape), atol=1e-3)
