@@ -10,7 +10,8 @@ import numpy.typing as npt
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon, Rectangle
+from matplotlib.patches import PathPatch, Polygon, Rectangle
+from matplotlib.path import Path
 
 from procedures.geometry.cameras import Camera
 from procedures.geometry.estimate import Geometry, PosedView, UncertaintyMap
@@ -42,12 +43,19 @@ def _frame(camera: Camera, below_in: float = 0.42, right_in: float = 0.08) -> tu
 def coverage_figure(found: Geometry, name: str) -> Markup:
     """Where the charts were seen, and the outline of what they covered."""
     figure, axes = _frame(found.camera)
-    for one in found.views:
-        axes.plot(*one.view.points.T, ".", ms=0.8, alpha=0.6)
+    for i, one in enumerate(found.views):
+        axes.add_artist(_dots(one.view.points, ec=f"C{i}", lw=0.8, alpha=0.6))
     axes.add_patch(Polygon(found.region, fill=False, ec=INK, lw=1.0))
     axes.plot(*found.camera.centre, "+", color=MARK, ms=10, mew=1.4)
     axes.set_xlabel(f"{found.points} points of {len(found.views)} views; + the principal point")
     return svg(figure, name, "where the charts were seen in the frame")
+
+
+def _dots(points: Array, **looks: Any) -> PathPatch:
+    """Points (n, 2) as one path of lines without length and with round ends: markers take four times the page."""
+    path = Path(np.repeat(points, 2, axis=0), np.tile([Path.MOVETO, Path.LINETO], len(points)))
+    path.should_simplify = False
+    return PathPatch(path, fill=False, capstyle="round", **looks)
 
 
 def uncertainty_figure(found: Geometry, one: UncertaintyMap, name: str) -> Markup:

@@ -1,8 +1,7 @@
 """`station tilt` on rendered photographs: a tilted sensor at f/2.8, nine charts, seven focus positions, screws turned.
 
-The sensor stands BEHIND_UM too far behind too, which the lens's scale of distances does not know: its backfocus.
-
-Usage: tilt.py [ROUNDS [CORNER_UM [SEED]]]: measure, turn, measure and so on, from a highest corner of CORNER_UM.
+Usage: tilt.py [ROUNDS [CORNER_UM [SEED [BEHIND_UM]]]]: measure, turn, measure and so on, from a highest corner of
+CORNER_UM and a middle BEHIND_UM too far behind, which the lens's scale of distances does not know: its backfocus.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from simulators.world.scene import Scene
 PITCH_UM, PIXELS = 11.88, 102.4
 SENSOR = Sensor(500, 750, None, bits=14, full_well_e=60000.0, gain_e_per_dn=3.78)
 LENS = Lens(f_number=2.8, coma_um=0.05, astigmatism_um=0.06, field_curvature_um=0.05)
-STEPS_UM, BEHIND_UM = 35.0 * np.arange(-3, 4), 20.0
+STEPS_UM = 35.0 * np.arange(-3, 4)
 SCREWS = Screws(3, 8.0, 0.35, 30.0, turn_uncertainty=0.003)
 PER_RMS = 16 * 3**0.5 * LENS.f_number**2
 """Of focus, in um along the axis, to a root mean square path difference of one um."""
@@ -93,12 +92,12 @@ def corner(plane: np.ndarray) -> float:
     return float(np.abs(CORNERS @ plane[1:]).max())
 
 
-def main(rounds: int = 3, corner_um: float = 80.0, seed: int = 1) -> None:
+def main(rounds: int = 3, corner_um: float = 80.0, seed: int = 1, behind_um: float = 0.0) -> None:
     """Measure and turn."""
     rng = np.random.default_rng(seed)
     slopes = rng.standard_normal(2)
     slopes *= corner_um / np.abs(CORNERS @ slopes).max()
-    plane = np.array([BEHIND_UM, *slopes])
+    plane = np.array([behind_um, *slopes])
     with tempfile.TemporaryDirectory() as name:
         for number in range(rounds):
             folder = Path(name) / f"round-{number}"
@@ -120,4 +119,4 @@ def main(rounds: int = 3, corner_um: float = 80.0, seed: int = 1) -> None:
 
 
 if __name__ == "__main__":
-    main(*(kind(text) for kind, text in zip((int, float, int), sys.argv[1:], strict=False)))
+    main(*(kind(text) for kind, text in zip((int, float, int, float), sys.argv[1:], strict=False)))
