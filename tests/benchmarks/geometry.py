@@ -262,7 +262,7 @@ def bins(_: int) -> None:
         variance = np.einsum("naa->na", view.covariance)
         rms, stated = np.sqrt(np.mean(error**2)), np.sqrt(np.mean(variance))
         print(f"{pixels} pixels wide, blur of {gaussian_px:g} pixel and f/{f_number:g}: {rms:.4f} pixel, "
-              f"{np.sqrt(np.mean(error**2 / variance)):.2f} times what is stated ({stated:.4f})", flush=True)  # fmt: skip
+              f"{np.sqrt(np.mean(error**2 / variance)):.2f} times the {stated:.4f} stated", flush=True)  # fmt: skip
 
 
 def least(words: str, work: Callable[[], Any]) -> tuple[Any, float]:
