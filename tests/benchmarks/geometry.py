@@ -1,6 +1,6 @@
 """How well the geometry is found and how honest its uncertainty is, on simulated views; against OpenCV's calibration.
 
-python tests/benchmarks/geometry.py [spread | spline | rig | doubts | opencv | speed | photographs | bins]... [--draws N]
+tests/benchmarks/geometry.py [spread | spline | rig | doubts | opencv | speed | photographs | bins]... [--draws=N]
 
 A camera of 24 megapixels with radial, tangential and thin-prism distortion, 12 views, a print that errs by 0.05 mm at
 every node and a sheet that bends by 0.5 mm; points with noise of 0.01 pixel.
