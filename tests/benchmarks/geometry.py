@@ -1,6 +1,6 @@
 """How well the geometry is found and how honest its uncertainty is, on simulated views; against OpenCV's calibration.
 
-python tests/benchmarks/geometry.py [spread | spline | rig | doubts | opencv | speed | photographs]... [--draws N]
+tests/benchmarks/geometry.py [spread | spline | rig | doubts | opencv | speed | photographs | bins]... [--draws=N]
 
 A camera of 24 megapixels with radial, tangential and thin-prism distortion, 12 views, a print that errs by 0.05 mm at
 every node and a sheet that bends by 0.5 mm; points with noise of 0.01 pixel.
@@ -50,8 +50,10 @@ from procedures.geometry.uncertainty import projection_uncertainty  # noqa: E402
 from procedures.geometry.views import Pose  # noqa: E402
 from procedures.pattern import Chart  # noqa: E402
 from procedures.pattern_psf.chart_finding.detection import find_charts, one_chart  # noqa: E402
-from procedures.raw import read_frame  # noqa: E402
-from simulators.camera.camera import SimulatedCamera  # noqa: E402
+from procedures.pattern_psf.correspondences import bin_centres  # noqa: E402
+from procedures.raw import Plane, read_frame  # noqa: E402
+from simulators.camera.camera import Lens, SimulatedCamera  # noqa: E402
+from simulators.camera.optics import Optics  # noqa: E402
 from simulators.camera.sensor import Sensor  # noqa: E402
 from simulators.world.scene import Scene  # noqa: E402
 
@@ -62,6 +64,8 @@ PLAIN = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
 SECOND = TrueCamera((5180.0, 5186.0), (2990.0, 2004.0), radial=(-0.1, 0.05, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
 STANDS = Pose(Rotation.from_rotvec([0.02, 0.2, 0.01]).as_matrix(), np.array([-120.0, 3.0, 8.0]))
 """How a rig's second camera stands to the first."""
+BLURRED = ((380, 0.1, 2.8), (380, 0.3, 5.6), (380, 1.0, 5.6), (380, 2.0, 5.6), (800, 0.3, 5.6), (800, 1.2, 8.0))
+"""Of `bins`: a chart's width in pixels, standard deviation of a blur besides the lens's, f-number."""
 DISTANCES = (500.0, float("inf"))
 
 
@@ -241,6 +245,26 @@ def photographs(_: int) -> None:
         print(f"30 photographs       {30 * whole:.0f} s of processor", flush=True)
 
 
+def bins(_: int) -> None:
+    """A chart's bins against where they are, sharp and blurred: their error, what is stated, and one over the other."""
+    chart = Chart.from_seed()
+    for pixels, gaussian_px, f_number in BLURRED:
+        side = round(1.475 * pixels)
+        sensor = Sensor(side, side, None, bits=16, full_well_e=13000.0, gain_e_per_dn=0.2)
+        optics = Optics.typical(f_number=f_number, pitch_um=7.52, gaussian_px=gaussian_px)
+        lens = Lens(k1=-0.04, k2=0.01, focal_length_mm=12.0)
+        camera = SimulatedCamera(lens, sensor, 7.52, optics, white_e_per_s=500000.0, focus_mm=700.0)
+        placed = camera.place(chart, pixels=pixels, yaw_deg=20, pitch_deg=10, roll_deg=95)
+        shot = camera.photograph(Scene((placed,)), np.random.default_rng(1))
+        view = view_of(Plane("Y", shot.plane("Y").astype(np.float32), 1 / 65535), chart, "view").result()
+        error = view.points - shot.true_points("Y", bin_centres()[view.index])
+        error -= error.mean(axis=0)  # the blur's centre
+        variance = np.einsum("naa->na", view.covariance)
+        rms, stated = np.sqrt(np.mean(error**2)), np.sqrt(np.mean(variance))
+        print(f"{pixels} pixels wide, blur of {gaussian_px:g} pixel and f/{f_number:g}: {rms:.4f} pixel, "
+              f"{np.sqrt(np.mean(error**2 / variance)):.2f} times the {stated:.4f} stated", flush=True)  # fmt: skip
+
+
 def least(words: str, work: Callable[[], Any]) -> tuple[Any, float]:
     """What some work gives, and the least processor's time that it took of three; prints that."""
     times = []
@@ -270,6 +294,7 @@ def main() -> None:
         "opencv": opencv,
         "speed": speed,
         "photographs": photographs,
+        "bins": bins,
     }
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*", choices=[*parts, []])

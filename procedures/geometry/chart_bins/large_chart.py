@@ -30,13 +30,16 @@ Array32 = npt.NDArray[np.float32]
 
 BLUR_PX = 0.8
 """Standard deviation of the blur with which a bin is first drawn; the fit corrects it."""
-LEAST_BLUR_PX, MOST_BLUR_PX = 0.4, 4.0
-FINE = 6.0
-"""Places along a cell at which a bin is drawn, about."""
+BLURS = 5
+"""Times that it is corrected: the way to a sharp picture's, or to a blurred one's, is longer than a linear fit sees."""
+LEAST_BLUR_PX, MOST_BLUR_PX = 0.2, 4.0
+FINE, FEWEST_FINE = 6.0, 3
+"""Places along a cell at which a bin is drawn, about, and along a pixel at least: sharp pictures change within one."""
 LEAST_TOLD = 1e-12
 """Determinant, for columns of norm 1, under which a bin's pixels tell nothing."""
 SWEEPS = 3
-STILL_PX = 0.002
+STILL_PX = 0.005
+"""A bin whose last shift was smaller is left: each one leaves about a tenth of the last."""
 LOST_PX = 2.0
 """A bin that ends farther from where the small picture had it was drawn onto something else."""
 POOR = 5.0
@@ -97,7 +100,7 @@ def refine_bins(
         If hardly any bin is where the reduced plane shows it.
     """
     start = enlarged(seen, factor)
-    scene = _scene(samples, chart, registration, start, factor).blurred(BLUR_PX)
+    scene = _scene(samples, chart, registration, start, factor)
     points, covariance = _placed(scene.blurred(_usual_blur(scene)))
     spread = np.sqrt(np.einsum("naa->n", covariance))
     found = np.isfinite(spread)
@@ -114,7 +117,7 @@ def _scene(samples: Array32, chart: Chart, registration: Registration, start: Co
     """The bins of a photograph, without their blur."""
     cells = np.asarray(whole_chart(chart), dtype=np.float64)
     per_pixel = float(np.sqrt(abs(np.linalg.det(registration.jacobian())))) / factor
-    n = 2 * ceil(FINE * per_pixel / 2) - 1
+    n = max(2 * ceil(FINE * per_pixel / 2) - 1, FEWEST_FINE)
     r, none = registration, np.zeros(0)
     look = Look(
         samples, cells, r.H, r.centre, float(r.radius), r.displacement, factor, float(BLOCK), CELLS / BINS / 2, n,
@@ -124,11 +127,14 @@ def _scene(samples: Array32, chart: Chart, registration: Registration, start: Co
 
 
 def _usual_blur(scene: _Scene) -> float:
-    """The standard deviation, in pixels, that most of some bins ask for."""
-    count = len(scene.start.index)
-    fit = _fit(scene, scene.start.points, np.arange(0, count, max(1, count // 24)))
-    square = BLUR_PX**2 + (float(np.median(fit.widening[fit.good])) if fit.good.any() else 0.0)
-    return float(np.clip(np.sqrt(max(square, 0.0)), LEAST_BLUR_PX, MOST_BLUR_PX))
+    """The standard deviation, in pixels, that most of some bins ask for: what one drawing lacks the next one has."""
+    count, blur = len(scene.start.index), BLUR_PX
+    some = np.arange(0, count, max(1, count // 24))
+    for _ in range(BLURS):
+        fit = _fit(scene.blurred(blur), scene.start.points, some)
+        square = blur**2 + (float(np.median(fit.widening[fit.good])) if fit.good.any() else 0.0)
+        blur = float(np.clip(np.sqrt(max(square, 0.0)), LEAST_BLUR_PX, MOST_BLUR_PX))
+    return blur
 
 
 def _placed(scene: _Scene) -> tuple[Array, Array]:
