@@ -14,11 +14,19 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from procedures.left_open import energy_beyond_band, stray_energy, truncation
 from procedures.numerics.bessel import j1
-from procedures.numerics.kernel_tail import DIFFERS, EXCHANGED, LEAST_TAIL, MIRRORED, SHAPES, tail_spectra
+from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
 from procedures.outcome import BadParameter, Quantity, Rule, Verdict
 from procedures.psf import Psf
-from procedures.spatial_numbers import CIRCLES, DrawnNumber, circle, name_of_circle, section_widths, spatial_numbers
+from procedures.spatial_numbers import (
+    CIRCLES,
+    DrawnNumber,
+    circle,
+    name_of_circle,
+    section_widths,
+    spatial_numbers,
+)
 from procedures.transfer_function import LEVELS, curve_numbers, first_crossing
 
 Array = npt.NDArray[np.float64]
@@ -29,9 +37,6 @@ STEPS_PER_CYCLE = 50
 """Frequencies of the curves per cycle/pixel."""
 DIRECTIONS = 16
 """Directions of the radial mean over half a turn, a multiple of four."""
-ROUGHNESS = 0.25
-"""How far a true tail strays from the fitted one, ring by ring, over its density: rings of a small aperture, spikes of
-an iris. On tails of Airy's disc, defocus, coma and polygons it was 0.1 to 0.3, of spikes up to 1."""
 NARROWER = (0.67, 0.75, 0.85)
 """Shares of the band within which a number is drawn again: half of the most that the rest changes is doubt of what
 lies beyond the band. The photosite's OTF changes sign: one share alone can hit on a balance."""
@@ -204,33 +209,6 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequ
     )
 
 
-def truncation(psf: Psf) -> float:
-    """Standard uncertainty of the OTF from what the tail's few shapes leave out, at frequencies that the support holds.
-
-    A tail of energy E outside a radius R has the density E R / (2 pi r^3). If the true one strays from it by a share of
-    `ROUGHNESS`, alike over a square pixel and independently from the next, the OTF strays by
-    ROUGHNESS E sqrt(pi / 2) / (2 pi R).
-    """
-    radius = psf.k / 2 / psf.s
-    return ROUGHNESS * abs(psf.share_outside) * float(np.sqrt(np.pi / 2)) / (2 * np.pi * radius)
-
-
-def stray_energy(psf: Psf) -> float:
-    """Standard uncertainty of the share outside the support from the same: ROUGHNESS E / (R sqrt(8 pi)).
-
-    Where the tail strays farther into its shapes than a lens in focus lets expect (coma and astigmatism of a field's
-    corner, reaching beyond the support), it strays as much farther from them.
-    """
-    return _surprise(psf) * ROUGHNESS * abs(psf.share_outside) * psf.s / (psf.k / 2 * float(np.sqrt(8 * np.pi)))
-
-
-def _surprise(psf: Psf) -> float:
-    """Root mean square of the amplitudes beside the mean tail's over what is expected of them, at least 1."""
-    first, *others = psf.tail.amplitudes.tolist() or [0.0]
-    expected = DIFFERS[: len(others)] * max(abs(first), LEAST_TAIL)
-    return max(1.0, float(np.sqrt(np.mean((others / expected) ** 2)))) if others else 1.0
-
-
 def _stray(psf: Psf, f: Array) -> Array:
     """The truncation's uncertainty at frequencies (n,): none at 0, where all light is counted."""
     radius = psf.k / 2 / psf.s
@@ -262,6 +240,9 @@ def _left_open(
             beyond = (values[name] - value) ** 2 - uncertainties[name] ** 2
             if np.isfinite(beyond):
                 left[name] = max(left[name], 0.5 * float(np.sqrt(max(beyond, 0.0))))
+    left["energy_above_nyquist"] = energy_beyond_band(
+        psf, values["energy_above_nyquist"], uncertainties["energy_above_nyquist"]
+    )
     for name, moved in _by_stray_energy(psf, found).items():
         left[name] = float(np.hypot(left[name], moved))
     return left

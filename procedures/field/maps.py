@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.field.photosite import WithoutPhotosite
+from procedures.left_open import stray_energy, truncation
 from procedures.psf import Psf
 from procedures.psf_field import PsfField
-from procedures.quality import frequencies, mtf_along, stray_energy, truncation
+from procedures.quality import frequencies, mtf_along
 from procedures.spatial_numbers import energy_above_nyquist
 from procedures.transfer_function import first_crossing
 

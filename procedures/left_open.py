@@ -1,0 +1,58 @@
+"""What support and band leave open of a PSF's numbers: what the tail's few shapes miss, light beyond the band."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL
+from procedures.psf import Psf
+from procedures.spatial_numbers import energy_in_outer_band
+
+ROUGHNESS = 0.25
+"""How far a true tail strays from the fitted one, ring by ring, over its density: rings of a small aperture, spikes of
+an iris. On tails of Airy's disc, defocus, coma and polygons it was 0.1 to 0.3, of spikes up to 1."""
+RINGS = 1 / (8**0.5 * np.pi)
+"""Of the rings of a circular pupil, 1 - sin(2 pi f_c r) about the mean tail: what a square support's border cuts off of
+one more or less, over (f_c R)^-3/2 of the energy outside. The phase is stationary at the middles of its four sides."""
+OUTER = 0.67
+"""Share of the band beyond which its outer third lies."""
+
+
+def truncation(psf: Psf) -> float:
+    """Standard uncertainty of the OTF from what the tail's few shapes leave out, at frequencies that the support holds.
+
+    A tail of energy E outside a radius R has the density E R / (2 pi r^3). If the true one strays from it by a share of
+    `ROUGHNESS`, alike over a square pixel and independently from the next, the OTF strays by
+    ROUGHNESS E sqrt(pi / 2) / (2 pi R).
+    """
+    radius = psf.k / 2 / psf.s
+    return ROUGHNESS * abs(psf.share_outside) * float(np.sqrt(np.pi / 2)) / (2 * np.pi * radius)
+
+
+def stray_energy(psf: Psf) -> float:
+    """Standard uncertainty of the share outside the support from the same: ROUGHNESS E / (R sqrt(8 pi)).
+
+    At small apertures rings are wider than pixels, and alike all around: RINGS E / (f_c R)^3/2, f_c by the far tail.
+    Where the tail strays farther into its shapes than a lens in focus lets expect (coma and astigmatism of a field's
+    corner, reaching beyond the support), it strays as much farther from them.
+    """
+    radius = psf.k / 2 / psf.s
+    rings = float(np.pi**3 * max(psf.tail_density_px, 0.0) / radius) ** 1.5
+    rough = _surprise(psf) * ROUGHNESS / (radius * float(np.sqrt(8 * np.pi)))
+    return abs(psf.share_outside) * float(np.hypot(rough, RINGS * rings))
+
+
+def _surprise(psf: Psf) -> float:
+    """Root mean square of the amplitudes beside the mean tail's over what is expected of them, at least 1."""
+    first, *others = psf.tail.amplitudes.tolist() or [0.0]
+    expected = DIFFERS[: len(others)] * max(abs(first), LEAST_TAIL)
+    return max(1.0, float(np.sqrt(np.mean((others / expected) ** 2)))) if others else 1.0
+
+
+def energy_beyond_band(psf: Psf, above: float, uncertainty: float) -> float:
+    """By how much the share of energy above Nyquist may be too small for what lies beyond the band.
+
+    As much again as in the band's outer third: behind a zero of the photosite's OTF no less may follow than before it.
+    """
+    outer = energy_in_outer_band(psf, OUTER)
+    return (1 - above) * float(np.sqrt(outer**2 - uncertainty**2)) if outer > uncertainty else 0.0
