@@ -339,9 +339,7 @@ def _uncertainty(C: Array, slope: Array) -> Array:
 
 def _within_band(psf: Psf, share: float, diffraction: Diffraction | None) -> dict[str, float]:
     """The numbers that hang on the band's outer frequencies, from the samples low-passed to a share of the band."""
-    n = np.arange(psf.k)
-    low = share * np.sinc(share * (n[:, None] - n))
-    narrow = Psf(low @ psf.h @ low.T, psf.s, psf.covariance, psf.tail)
+    narrow = psf.narrowed(share)
     horizontal, vertical = section_widths(narrow)
     whole = narrow.extended()
     values = {"fwhm_horizontal": horizontal, "fwhm_vertical": vertical}
