@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from procedures.correction.priors import Prior
     from procedures.field.estimate import MapLike, estimate_field
     from procedures.field.field_file import read_field
-    from procedures.geometry.chart_bins.photographs import view_of
+    from procedures.geometry.chart_bins.photographs import view_of, views_of
     from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
+    from procedures.geometry.planes import calibrate_planes
     from procedures.geometry.views import ChartView
     from procedures.outcome import BadInput, BadParameter, Outcome, ProcedureError, Quantity, Refused, Verdict
     from procedures.pattern import Chart
@@ -104,13 +105,13 @@ __all__ = [
     "RegistrationSettings", "RestartSettings", "Restoration", "RestorationLimits", "RestorationParameters",
     "RigSettings", "Roi", "SceneBlur", "Scheme", "SegmentSettings", "SensorModel", "SensorRecording", "SensorResult",
     "ShapeField", "Source", "Splitting", "TwoPhotoParameters", "TwoPhotoPsf", "UnknownMotion", "Verdict",
-    "WeightSettings", "assess", "blur_of", "calibrate_geometry", "characterise", "correct", "estimate_edge",
-    "estimate_edges", "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair",
+    "WeightSettings", "assess", "blur_of", "calibrate_geometry", "calibrate_planes", "characterise", "correct",
+    "estimate_edge", "estimate_edges", "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair",
     "estimate_vignetting", "filter_film", "filter_sequence", "find_chart", "gaussian", "kernels_of_flat_scene",
     "kernels_of_turned_scene", "measure_level",
     "measure_stack", "measured_field", "measured_shape", "otf", "pillbox", "poses_at", "poses_of",
     "read_camera_numbers", "read_field", "read_film", "read_frame", "restore", "sensor_model_of", "stacks_of",
-    "view_of",
+    "view_of", "views_of",
 ]  # fmt: skip
 
 # name -> the module under `procedures` that has it, and its name there where it is another: the same imports as above,
@@ -203,6 +204,7 @@ _PLACES = {
     "assess": "quality",
     "blur_of": "restoration.photograph_blur",
     "calibrate_geometry": "geometry.estimate",
+    "calibrate_planes": "geometry.planes",
     "characterise": "sensor.estimate",
     "correct": "correction.estimate",
     "estimate_edge": "slanted_edge.estimate",
@@ -234,6 +236,7 @@ _PLACES = {
     "sensor_model_of": "sensor.estimate:sensor_model",
     "stacks_of": "restoration.joint.kernel_sizes",
     "view_of": "geometry.chart_bins.photographs",
+    "views_of": "geometry.chart_bins.photographs",
 }
 
 

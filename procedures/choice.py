@@ -13,10 +13,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from procedures.left_open import truncation
 from procedures.outcome import Refused
 from procedures.psf import Psf
 from procedures.quality import mtf50_along
+from procedures.stray_tail import truncation
 
 FINEST = 6
 START_S, START_K = 4, 17

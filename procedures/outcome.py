@@ -67,6 +67,25 @@ def verdict_of(rules: Sequence[Rule]) -> tuple[Verdict, str, str]:
     return Verdict.PASS, "", ""
 
 
+@dataclass(frozen=True)
+class Miss:
+    """A photograph that gave nothing (plane and place empty), or a chart in it that gave nothing in a plane."""
+
+    source: str
+    reason: str
+    remedy: str
+    plane: str = ""
+    place: str = ""
+
+    def __str__(self) -> str:
+        where = " ".join(part for part in (self.source, self.plane, self.place) if part)
+        return self.reason if self.reason.startswith((f"{where}: ", f"{where} ")) else f"{where}: {self.reason}"
+
+    def told(self) -> dict[str, str]:
+        """As a record names what was left out."""
+        return {"source": self.source, "reason": self.reason, "remedy": self.remedy}
+
+
 class ProcedureError(Exception):
     """Work that cannot go on: what was required and what came (`reason`), and what to do about it (`remedy`)."""
 

@@ -14,7 +14,6 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
-from procedures.left_open import energy_beyond_band, stray_energy, truncation
 from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
 from procedures.outcome import BadParameter, Quantity, Rule, Verdict
@@ -23,10 +22,12 @@ from procedures.spatial_numbers import (
     CIRCLES,
     DrawnNumber,
     circle,
+    energy_beyond_band,
     name_of_circle,
     section_widths,
     spatial_numbers,
 )
+from procedures.stray_tail import stray_at, stray_energy, truncation
 from procedures.transfer_function import LEVELS, curve_numbers, first_crossing
 
 Array = npt.NDArray[np.float64]
@@ -194,7 +195,7 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequ
         one.name: Quantity(one.value, one.unit, float(np.linalg.norm(list(budgets[one.name].values()))), one.method, n)
         for one in told
     }
-    p, light, stray = psf.parameters, psf.light, _stray(psf, f)
+    p, light, stray = psf.parameters, psf.light, stray_at(psf, f)
     bands = (np.hypot(_uncertainty(C, slope), stray) for _, slope in curves.values())
     of_h, of_v, of_r = bands
     return Quality(
@@ -207,12 +208,6 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequ
         budgets,
         tuple(at),
     )
-
-
-def _stray(psf: Psf, f: Array) -> Array:
-    """The truncation's uncertainty at frequencies (n,): none at 0, where all light is counted."""
-    radius = psf.k / 2 / psf.s
-    return np.asarray(truncation(psf) * (1 - np.exp(-((np.pi * f * radius) ** 2))))
 
 
 def _left_open(

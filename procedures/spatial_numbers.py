@@ -21,6 +21,8 @@ FINE = 4
 """Points per sample between which the energy inside a circle is summed."""
 FINE_SECTION = 16
 """The same of a section whose width is read."""
+OUTER = 0.67
+"""Share of the band beyond which its outer third lies."""
 CIRCLES = (0.5, 0.8)
 """Shares of all light whose radii are told."""
 AROUND = 4
@@ -75,13 +77,17 @@ def energy_above_nyquist(psf: Psf) -> tuple[float, Array]:
     return 1 - inside / whole, psf.contract(2 * (inside / whole * image - through) / whole)
 
 
-def energy_in_outer_band(psf: Psf, share: float) -> float:
-    """Share of |OTF|^2 that lies beyond a share of the band, what noise adds taken away."""
-    image, edge = psf.extended(), share * psf.s / 2
+def energy_beyond_band(psf: Psf, above: float, uncertainty: float) -> float:
+    """By how much the share of energy above Nyquist may be too small for what lies beyond the band.
+
+    As much again as in the band's outer third: behind a zero of the photosite's OTF no less may follow than before it.
+    """
+    image, edge = psf.extended(), OUTER * psf.s / 2
     S = _band_kernel(len(image), psf.s, edge)
     inside = float(np.sum((S @ image @ S) * image)) - _noise_of_energy(psf, edge)
     whole = float(np.sum(image**2)) - _noise_of_energy(psf, psf.s / 2)
-    return 1 - inside / whole if whole > 0 else np.nan
+    outer = 1 - inside / whole if whole > 0 else 0.0
+    return (1 - above) * float(np.sqrt(outer**2 - uncertainty**2)) if outer > uncertainty else 0.0
 
 
 def _of_support(psf: Psf, name: str, x: Array) -> DrawnNumber:
@@ -189,25 +195,22 @@ class _FineGrid:
         """What each sample (size, size) adds to the light inside a circle."""
         share = (self.r < radius_px).astype(np.float64)
         rim = np.abs(self.r - radius_px) < 2 * self.side
-        share[rim] = self.covered(radius_px, self.r[rim], self.slant[rim])
+        share[rim] = self.covered(radius_px, self.r[rim], self.slant[rim])[1]
         return np.asarray(self.M.T @ (share / FINE**2).reshape(len(self.M), len(self.M)) @ self.M)
 
     def covered(self, radius_px: float, r: Array, slant: Array) -> Array:
-        """Shares of the squares at distances r that count as inside a circle, all (b,).
+        """Shares of the squares at distances r (b,) that count as inside three circles, (3, b): one smaller than the
+        radius by a square's side, its own, one larger.
 
         Squares that a line covers in part blur the circle by a square's side, whose variance is side^2 / 12: half of it
-        times the second difference is taken away.
+        times the second difference is taken away. A line covers a square as far as the integral of a trapezium, the
+        square's shadow along the line.
         """
-        inner, own, outer = (self._behind_line((radius_px - r) / self.side + one, slant) for one in (-1, 0, 1))
-        return own - (outer - 2 * own + inner) / 24
-
-    @staticmethod
-    def _behind_line(away: Array, slant: Array) -> Array:
-        """Shares of squares of side 1 behind a straight line, `away` from their middles: the integral of a trapezium,
-        the square's shadow along the line."""
+        away = (radius_px - r) / self.side + np.arange(-2, 3)[:, None]
         across = np.clip(away * np.hypot(slant, 1 - slant), -0.5, 0.5)
         beyond = np.maximum(np.abs(across) - (0.5 - slant), 0.0)  # the flat top
-        return np.asarray(0.5 + (across - np.sign(across) * beyond**2 / (2 * np.maximum(slant, 1e-9))) / (1 - slant))
+        share = 0.5 + (across - np.sign(across) * beyond * beyond / (2 * np.maximum(slant, 1e-9))) / (1 - slant)
+        return np.asarray(share[1:4] - (share[2:] - 2 * share[1:4] + share[:3]) / 24)
 
 
 @lru_cache(maxsize=8)
@@ -264,9 +267,12 @@ def _circle(psf: Psf, image: Array, size: int, share: float) -> Circle:
         first, last = np.searchsorted(r, (radius - 3 * side, radius + 3 * side)).tolist()
         near, places = light[first:last], (r[first:last], slant[first:last])
         # between circles two sides apart: the points of one side alone are too few, and 15 % off
-        inner, own, outer = (float(grid.covered(radius + away, *places) @ near) for away in (-side, 0.0, side))
+        inner, own, outer = (grid.covered(radius, *places) @ near).tolist()
         inside, density = float(light[:first].sum()) + own, (outer - inner) / (2 * side)
-        radius += (share - inside) / density
+        step = (share - inside) / density
+        radius += step
+        if abs(step) < 1e-9:
+            break
     return Circle(radius, density, size)
 
 

@@ -9,14 +9,13 @@ import numpy as np
 
 from procedures.budget import Budget
 from procedures.field.chromatic import LateralColour, lateral_colour
-from procedures.field.estimate import Miss
 from procedures.field.focus import FocusSurface, focus_surface, sharpest
 from procedures.field.interpolate import Interpolation, interpolate
 from procedures.field.maps import FieldMap, derive
 from procedures.field.measuring import MeasuredFrames, Told, silent
 from procedures.field.photosite import Photosite, WithoutPhotosite
 from procedures.field.seen_charts import SeenChart, usual_budgets
-from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
+from procedures.outcome import Miss, Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 from procedures.psf import Psf
 from procedures.psf_field import Node
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from procedures.field.interpolate import interpolate
 from procedures.field.seen_charts import HEADLINE, SeenChart, seen_chart_of
-from procedures.outcome import BadInput, Outcome, Refused, Verdict
+from procedures.outcome import BadInput, Miss, Outcome, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
@@ -33,21 +33,6 @@ LEFT_OVER, MOST_OVER = ("mismatch", "choice"), 0.95
 """Terms of the budgets that are no noise of the samples, and their share of a number's variance that counts at most."""
 MIDDLE: Array = np.full((1, 2), CELLS / 2)
 """The chart's centre, in cells: the node's place."""
-
-
-@dataclass(frozen=True)
-class Miss:
-    """A chart that gave no node in a plane, or a photograph that gave none at all (plane and place empty)."""
-
-    source: str
-    reason: str
-    remedy: str
-    plane: str = ""
-    place: str = ""
-
-    def __str__(self) -> str:
-        where = " ".join(part for part in (self.source, self.plane, self.place) if part)
-        return self.reason if self.reason.startswith(f"{where}: ") else f"{where}: {self.reason}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from procedures.field.maps import radius_direction
 from procedures.field.photosite import WithoutPhotosite
-from procedures.left_open import truncation
 from procedures.psf_field import PsfField
 from procedures.quality import mtf_along
+from procedures.stray_tail import truncation
 
 Array = npt.NDArray[np.float64]
 

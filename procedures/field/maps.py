@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.field.photosite import WithoutPhotosite
-from procedures.left_open import stray_energy, truncation
 from procedures.psf import Psf
 from procedures.psf_field import PsfField
 from procedures.quality import frequencies, mtf_along
 from procedures.spatial_numbers import energy_above_nyquist
+from procedures.stray_tail import stray_energy, truncation
 from procedures.transfer_function import first_crossing
 
 Array = npt.NDArray[np.float64]

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from procedures.field.estimate import NO_SENSORS, FrameNodes, MapLike, Miss, Sensors, measure_frame
+from procedures.field.estimate import NO_SENSORS, FrameNodes, MapLike, Sensors, measure_frame
 from procedures.field.seen_charts import SeenChart
-from procedures.outcome import ProcedureError, Refused
+from procedures.outcome import Miss, ProcedureError, Refused
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.psf_field import Node

@@ -235,7 +235,7 @@ def calibrate_geometry(
         start = first_state(nodes, views, size, shape)
         trials = choose_model(models, start, nodes, views, shape)
         geometry = _settled(trials, start, nodes, views, shape, parameters)
-        if parameters.model is None and _too_poor(geometry) and len(views) >= LEAST_VIEWS:
+        if parameters.model is None and too_poor(geometry) and len(views) >= LEAST_VIEWS:
             trials = with_splines(trials, size, start, nodes, views, shape)
             if trials[0].model != geometry.camera.model:
                 geometry = _settled(trials, start, nodes, views, shape, parameters)
@@ -268,7 +268,7 @@ def _settled(
     return _geometry(found, nodes, views, shape, trials, parameters)
 
 
-def _too_poor(found: Geometry) -> bool:
+def too_poor(found: Geometry) -> bool:
     """Whether the model leaves more undrawn than what is stated anyway."""
     stated = found.numbers()[_map_name(found.maps[0])].value
     return found.misfit.significant and found.misfit.rms_px > max(stated, NEGLIGIBLE_PX)
@@ -343,7 +343,7 @@ def _rules(found: Geometry, parameters: GeometryParameters) -> list[Rule]:
     return [
         Rule(
             Verdict.DOUBTFUL,
-            _too_poor(found),
+            too_poor(found),
             f"{model} is too poor a model for this lens: it leaves a field of {misfit.rms_px:.3f} pixel rms undrawn, "
             f"where {stated:.3f} are stated at the charts",
             f"take a richer model{better}, or use the camera only as far as that matters",

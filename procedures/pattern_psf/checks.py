@@ -56,6 +56,8 @@ def seen_chart(plane: Plane, known: PatternFacts) -> ChartSighting | Advice:
     if len(found) > 1:
         return Advice(False, f"{len(found)} charts are seen: cover all but one.")
     sighting = found[0]
+    if sighting.negative:
+        return Advice(False, "The photograph is a negative: it shows the chart's white as black. Use a linear picture.")
     if sighting.mirrored:
         return Advice(False, "The chart is mirrored: photograph it directly, not in a mirror or through its back.")
     cut = sighting.cut_marks(plane.samples.shape)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from procedures.choice import Trial
 from procedures.pattern_psf.error_parts import ErrorParts
+from procedures.pattern_psf.outliers import LeftOut
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, ChartFit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
@@ -43,7 +44,9 @@ class Diagnostics:
     moved_px : float
         Largest distance between the marks' map and the refined one, inside the noise region.
     outliers : float
-        Share of the samples left out because no noise explains them.
+        Share of the samples left out, several side by side, because no noise explains them.
+    stray_samples : float
+        Number of samples left out one by one, while all around them fit: hot or dead ones of the sensor.
     saturated, flatness, contrast, noise : float
         Of the light: clipped share of the white blocks, smallest over largest white, white minus black, and the
         noise over that contrast.
@@ -85,6 +88,7 @@ class Diagnostics:
     marks_rms_px: float
     moved_px: float
     outliers: float
+    stray_samples: float
     saturated: float
     flatness: float
     contrast: float
@@ -120,7 +124,7 @@ def diagnose(
     light: Light,
     corners: Array,
     marks_map: Registration,
-    outliers: float,
+    lost: LeftOut,
     parts: ErrorParts,
     prior: TailPrior | None,
     trial: Trial,
@@ -138,8 +142,7 @@ def diagnose(
         The marks as found, NaN where hidden.
     marks_map : Registration
         The map that the marks alone gave.
-    outliers : float
-        Share of the samples left out.
+    lost : LeftOut
     parts : ErrorParts
     prior : TailPrior or None
     trial : Trial
@@ -158,7 +161,8 @@ def diagnose(
         marks_offset_px=float(np.linalg.norm(marks.mean(axis=0))),
         marks_rms_px=float(np.sqrt(np.mean(np.sum((marks - marks.mean(axis=0)) ** 2, axis=1)))),
         moved_px=map_distance(marks_map, fit.registration, fit.observation.points[::29]),
-        outliers=outliers,
+        outliers=lost.strange,
+        stray_samples=float(lost.stray),
         saturated=light.saturated,
         flatness=light.flatness,
         contrast=light.contrast,

@@ -24,7 +24,7 @@ from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import CALIBRATED, GROUPS, ErrorParts, Variation, error_parts
 from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
 from procedures.pattern_psf.observation import Observation, count_inside, noise_window, observe, surroundings
-from procedures.pattern_psf.outliers import swept, without_outliers, without_places
+from procedures.pattern_psf.outliers import LeftOut, left_out, swept, within_reach, without_outliers, without_places
 from procedures.pattern_psf.radiometry import Light, bend_of_chart, measure_light, straighten, with_sensor
 from procedures.pattern_psf.refine import GEOMETRY, ChartFit, TailPrior, first_look, refine
 from procedures.pattern_psf.registration import (
@@ -237,12 +237,12 @@ def _estimate(
 
     def attempt(s: int, k: int) -> _Attempt:
         nonlocal best
-        fit, outliers = _fit(samples, chart, corners, best, light, s, k, known)
+        fit, lost = _fit(samples, chart, corners, best, light, s, k, known)
         check_cells(fit)
         if fit.still:
             best = fit.registration
         solved = solution(fit, s, k, parameters.solver)
-        return _Attempt(fit, outliers, solved.psf, solved.centre_covariance, solved.shared)
+        return _Attempt(fit, lost, solved.psf, solved.centre_covariance, solved.shared)
 
     cell_px = block_size_px(marks_map) / BLOCK
     count = count_inside(marks_map, noise_window(marks_map, samples.shape))
@@ -257,7 +257,7 @@ def _estimate(
     levels = float(light.black[0]), float(light.white[0])
     noise = look_at_noise(around, levels, light.variance_at, _residual_picture(found.fit)[0])
     diagnostics = diagnose(
-        found.fit, found.psf, light, corners, marks_map, found.outliers, parts, known.tail, tried[-1], noise
+        found.fit, found.psf, light, corners, marks_map, found.lost, parts, known.tail, tried[-1], noise
     )
     contradicted = beyond_diffraction(quality, diffraction)
     more = Doubts(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor)
@@ -277,11 +277,11 @@ class _Known:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """The joint fit at one s and k, the share of outliers left out, its PSF with the centre's covariance, what errors
+    """The joint fit at one s and k, what it goes without, its PSF with the centre's covariance, what errors
     share."""
 
     fit: ChartFit
-    outliers: float
+    lost: LeftOut
     psf: Psf
     centre_covariance: Array
     shared: SharedErrors
@@ -314,12 +314,13 @@ def _fit(
     s: int,
     k: int,
     known: _Known,
-) -> tuple[ChartFit, float]:
-    """The joint fit, and the share of samples left out of it as outliers."""
+) -> tuple[ChartFit, LeftOut]:
+    """The joint fit, and the samples left out of it as outliers."""
     window = noise_window(registration, samples.shape)
     hidden = not np.isfinite(corners).all()
-    observation = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
-    m, n = len(observation), k * k
+    whole = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
+    observation = within_reach(whole)
+    m, n = len(whole), k * k
     if m < 2 * n:
         raise Refused(
             f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
@@ -340,7 +341,7 @@ def _fit(
         clear = swept(fitted(clear.observation), fitted, without_places, 2 * n)
         clear = swept(clear, fitted, without_outliers, 2 * n)
         fit = fit if misfits(clear) or len(clear.observation) < LEAST_SEEN * m else clear
-    return fit, 1 - len(fit.observation) / m
+    return fit, left_out(whole, fit.observation)
 
 
 def _result(

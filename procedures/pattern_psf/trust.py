@@ -49,6 +49,8 @@ LEFT_OVER = 2.0
 """Residual over noise from which a result is doubted."""
 SCATTERED = 9.0
 """Variance of a number by the chart's parts, over that by noise, from which it is doubted."""
+STRAY = 0.03
+"""Share of the samples that are hot or dead from which a result is doubted."""
 VARYING = 0.03
 """Difference of MTF50 in the chart's halves from which it is told."""
 
@@ -179,7 +181,7 @@ def _refusals(d: Diagnostics) -> list[Rule]:
 
 def _doubts(d: Diagnostics, fit: ChartFit) -> list[Rule]:
     """What leaves a PSF usable but less than the photograph could have given."""
-    doubtful = Verdict.DOUBTFUL
+    doubtful, stray = Verdict.DOUBTFUL, d.stray_samples
     return [
         Rule(doubtful, not fit.still, "the registration did not come to rest", "photograph the chart more squarely"),
         Rule(
@@ -217,6 +219,12 @@ def _doubts(d: Diagnostics, fit: ChartFit) -> list[Rule]:
             d.outliers > 0.02,
             f"{d.outliers:.1%} of the samples do not fit the chart",
             "clean the chart and keep everything out of its way",
+        ),
+        Rule(
+            doubtful,
+            stray > STRAY * (stray + len(fit.observation)),
+            f"{stray:.0f} samples of the sensor do not follow the light (hot or dead)",
+            "expose less long or at a lower gain, with the camera cool",
         ),
         Rule(
             doubtful,

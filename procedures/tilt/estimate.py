@@ -43,6 +43,8 @@ class TiltParameters:
         that is tilted is tilted too, by the magnification less.
     nominal_mm : float or None
         The position at which the sensor should be in focus; None where only the tilt is asked for.
+    nominal_uncertainty_mm : float
+        Its standard uncertainty: all heights share it, the tilt does not.
     screws : Screws
     frequency : float
         In cycles per pixel of the plane, at which the MTF is followed.
@@ -55,6 +57,7 @@ class TiltParameters:
     position_uncertainty_mm: float = 0.0
     chart_tilt_deg: float = 0.3
     nominal_mm: float | None = None
+    nominal_uncertainty_mm: float = 0.0
     screws: Screws = field(default_factory=Screws)
     frequency: float = FREQUENCY
 
@@ -82,7 +85,7 @@ class Tilt:
     with_focus: bool
 
     def numbers(self) -> dict[str, Quantity]:
-        """Tilt over width and height, of the whole frame, backfocus, and the lens's curvature."""
+        """Tilt over width and height, of the whole frame, backfocus and its shim, and the lens's curvature."""
         found, n = self.sensor, len(self.sensor.heights_um)
         (width, height), half = found.size_mm, float(np.hypot(*found.size_mm)) / 2
         rows = {
@@ -91,7 +94,12 @@ class Tilt:
         }
         if self.with_focus:
             rows["backfocus"] = np.array([1.0, 0, 0]), "the sensor behind best focus at the nominal position, mean"
+            rows["shim"] = np.array([-1.0, 0, 0]), "what a shim under the lens's mount has to be thicker, for the mean"
         numbers = {name: _linear(found.plane, found.covariance, *row, n) for name, row in rows.items()}
+        if self.with_focus:
+            height, variance = found.centre
+            method = "the same at the frame's centre"
+            numbers["backfocus_centre"] = Quantity(height, "um", float(np.sqrt(variance)), method, n)
         corner = found.corners_mm[int(np.argmax(found.corners_mm @ found.plane[1:]))]
         row = np.array([0.0, *corner])
         numbers["tilt_corner"] = _linear(
@@ -141,7 +149,7 @@ def estimate_tilt(
         found = fit_plane(at, heights, covariance, size)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    found = found.widened(chart_slope(list(bracket), parameters) ** 2)
+    found = found.widened(chart_slope(list(bracket), parameters) ** 2, nominal_um(parameters) ** 2)
     with_focus = parameters.nominal_mm is not None
     turns = turns_for(found, parameters.screws, with_focus=with_focus)
     astigmatism = np.array([one.tops[1].at - one.tops[0].at for one in places])
@@ -168,6 +176,12 @@ def _behind(position_mm: float, parameters: TiltParameters) -> float:
 
 def _zero_um(parameters: TiltParameters) -> float:
     return 0.0 if parameters.nominal_mm is None else _behind(parameters.nominal_mm, parameters)
+
+
+def nominal_um(parameters: TiltParameters) -> float:
+    """Standard uncertainty of the nominal position, behind the lens."""
+    at, u = parameters.nominal_mm, parameters.nominal_uncertainty_mm
+    return 0.0 if at is None or not u else abs(_behind(at + u, parameters) - _behind(at, parameters))
 
 
 def _position_um(bracket: Mapping[float, Sequence[Node]], parameters: TiltParameters) -> float:

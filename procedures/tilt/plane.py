@@ -36,6 +36,8 @@ class SensorPlane:
         Offset in um, slopes in um/mm.
     curvature : (3,) float64, curvature_covariance : (3, 3) float64
         Coefficients of x^2, x y and y^2, in um/mm^2.
+    centre : (float, float)
+        Height of the quadratic at the frame's centre in um, and its variance.
     places_mm, heights_um, residuals_um : (N, 2), (N,) and (N,) float64
     misfit : float
         Root of chi^2 over the degrees of freedom; where above 1 the covariances are widened by it.
@@ -48,6 +50,7 @@ class SensorPlane:
     covariance: Array
     curvature: Array
     curvature_covariance: Array
+    centre: tuple[float, float]
     places_mm: Array
     heights_um: Array
     residuals_um: Array
@@ -69,10 +72,11 @@ class SensorPlane:
         """Root mean square height over the frame of planes (n, 3), (n,)."""
         return np.sqrt(planes[:, 0] ** 2 + planes[:, 1:] ** 2 @ (np.square(self.size_mm) / 12))
 
-    def widened(self, slope_variance: float) -> SensorPlane:
-        """The same with a common error of the slopes besides, of that variance in each, in (um/mm)^2."""
-        more = np.diag([0.0, slope_variance, slope_variance])
-        return replace(self, covariance=self.covariance + more)
+    def widened(self, slope_variance: float, height_variance: float) -> SensorPlane:
+        """The same with errors common to all places besides: of each slope, (um/mm)^2, and of all heights, um^2."""
+        more = np.diag([height_variance, slope_variance, slope_variance])
+        height, variance = self.centre
+        return replace(self, covariance=self.covariance + more, centre=(height, variance + height_variance))
 
 
 def fit_plane(places_mm: Array, heights_um: Array, covariance: Array, size_mm: tuple[float, float]) -> SensorPlane:
@@ -106,6 +110,6 @@ def fit_plane(places_mm: Array, heights_um: Array, covariance: Array, size_mm: t
     to_plane[0, [3, 5]] = np.square(size_mm) / 12  # the mean of x^2 and of y^2 over the frame
     residuals = heights_um - design @ (np.linalg.inv(unit) @ c)
     return SensorPlane(
-        size_mm, to_plane @ c, to_plane @ C @ to_plane.T, c[3:], C[3:, 3:], places_mm, heights_um, residuals, misfit,
-        float(stats.chi2.sf(chi2, freedom)),
+        size_mm, to_plane @ c, to_plane @ C @ to_plane.T, c[3:], C[3:, 3:], (float(c[0]), float(C[0, 0])), places_mm,
+        heights_um, residuals, misfit, float(stats.chi2.sf(chi2, freedom)),
     )  # fmt: skip

@@ -81,7 +81,7 @@ def _optics(procedure: Procedure) -> dict[str, Any]:
 def _psf(procedure: Procedure, frames: Sequence[RawFrame]) -> Answer:
     """Every plane of a photograph of the chart or of a pair of a wall, one after the other."""
     optics = _optics(procedure)
-    limit = partial(diffraction_limit, frames[0].exposure, **optics)
+    limit = partial(diffraction_limit, frames[0].exposure, needed=procedure.physics, **optics)
     pixels = pixels_of(frames[0], optics["pixel_pitch_um"])
     at = procedure.terms.frequencies(next(iter(pixels.values())))
     if procedure.name == TWO_PHOTO:

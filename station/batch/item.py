@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import BadInput, BadParameter, Outcome, ProcedureError, Verdict
+from procedures.outcome import BadInput, Outcome, ProcedureError, Verdict
 from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
 from station.batch.estimates import Answer, ChangedMeanwhile, Write, estimate, further_files, hash_of
@@ -233,7 +233,7 @@ def plane_row(record: PlaneResult) -> PlaneRow:
 def _failure(item: Item, error: Exception) -> ItemRow:
     """What an error says about an item: it is no photograph, or cannot be used, or this program fails on it."""
     if isinstance(error, ProcedureError):
-        verdict = UNREADABLE if isinstance(error, BadInput | BadParameter) else REFUSED
+        verdict = UNREADABLE if isinstance(error, BadInput) else REFUSED
         return ItemRow(item.files, verdict, encodable(error.reason), encodable(error.remedy))
     if isinstance(error, ChangedMeanwhile):
         return ItemRow(

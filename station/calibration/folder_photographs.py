@@ -1,15 +1,18 @@
-"""The photographs in folders, and which of them belong together."""
+"""The photographs in folders, which of them belong together, and which can be read."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
-from procedures.outcome import BadInput, BadParameter
+from procedures.outcome import BadInput, BadParameter, Miss, Outcome
 from procedures.reading.text import read_rows
 from station.common.sanitise import encodable, printable
+
+T = TypeVar("T")
 
 RAW_SUFFIXES = frozenset(
     """.3fr .arw .cr2 .cr3 .crw .dcr .dng .erf .fff .iiq .k25 .kdc .mef .mos .mrw .nef .nrw .orf .pef .raf .raw .rw2
@@ -164,3 +167,30 @@ def _row(frames: Sequence[Path], names: Sequence[str], table: Path, least: int, 
         here = tuple(one[0] if one else Path(name) for name, one in zip(names, found, strict=True))
         return Item(here, f"{printable(table.name)}: {'; '.join(words)}", "correct the table, or the folders")
     return Item(tuple(one[0] for one in found))
+
+
+def readable(paths: Iterable[Path], read: Callable[[Path], T], missed: list[Miss]) -> Iterator[T]:
+    """What `read` makes of the photographs that it can read, one after the other; the others are added to `missed`."""
+    for path in paths:
+        try:
+            frame = read(path)
+        except BadInput as error:
+            missed.append(Miss(str(path), error.reason, error.remedy))
+        else:
+            yield frame
+
+
+def check_any(missed: Sequence[Miss], count: int) -> None:
+    """Raises BadInput where none of so many photographs is left."""
+    if count == 0:
+        raise BadInput("there are no photographs to measure", "name a folder that holds some")
+    if len(missed) == count:
+        raise BadInput(f"none of {count} photographs can be used; {missed[0]}", missed[0].remedy)
+
+
+def for_want(outcome: Outcome[T], missed: Sequence[Miss], count: int) -> Outcome[T]:
+    """The outcome; a refusal names what was left out of so many photographs, as they may be what it lacks."""
+    if outcome.value is not None or not missed:
+        return outcome
+    reason = f"{outcome.reason}; {len(missed)} of {count} photographs cannot be used, {missed[0]}"
+    return replace(outcome, reason=reason)

@@ -1,18 +1,19 @@
-"""The geometry of a camera from photographs of the chart: each measured by itself, all put together."""
+"""The geometry of a camera from photographs of the chart: each measured by itself, all of a plane put together."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from procedures.geometry.chart_bins.photographs import view_of
-from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
+from procedures.geometry.chart_bins.photographs import views_of
+from procedures.geometry.estimate import Geometry, GeometryParameters
+from procedures.geometry.planes import calibrate_planes
 from procedures.geometry.views import ChartView
-from procedures.outcome import BadInput, Outcome, ProcedureError, Refused, Verdict
+from procedures.outcome import BadInput, Outcome, ProcedureError, Verdict
 from procedures.pattern import Chart
 from procedures.raw import RawFrame, default_plane, read_frame
 from procedures.reading.sensor_dump import DumpLayout
@@ -40,7 +41,7 @@ class ViewRecord:
 
 @dataclass(frozen=True, eq=False)
 class GeometryPhotographs:
-    """All photographs, measured.
+    """All photographs, measured in one plane.
 
     Attributes
     ----------
@@ -65,26 +66,36 @@ class GeometryPhotographs:
 
 
 @dataclass(frozen=True)
+class PlaneGeometry:
+    """A plane's photographs, and the camera that they tell."""
+
+    shoot: GeometryPhotographs
+    outcome: Outcome[Geometry]
+
+
+@dataclass(frozen=True)
 class _Measured:
-    record: ViewRecord
-    plane: str = ""
+    """What a photograph gave in every plane; `unread` why it could not be read."""
+
+    records: Mapping[str, ViewRecord]
     size: tuple[int, int] = (0, 0)
+    unread: ViewRecord | None = None
 
 
 def measure_views(
     paths: Sequence[Path], plane: str | None, chart: Chart, layout: DumpLayout | None = None, told: Progress = silent
-) -> GeometryPhotographs:
-    """The charts of all photographs, several at a time; one that fails is named, and the rest goes on.
+) -> list[GeometryPhotographs]:
+    """The charts of all photographs in each plane, several photographs at a time; one that fails is named, no more.
 
     Parameters
     ----------
     plane : str or None
-        The colour plane; None for green of RAW files, the only one of grey images.
+        The colour plane, or "all"; None for green of RAW files, the only one of grey images.
 
     Raises
     ------
     BadInput
-        If photographs are of different sizes: they are not of one camera.
+        If photographs are of different sizes or planes: they are not of one camera.
     """
     one = partial(_measure, plane=plane, chart=chart, layout=layout)
     found: list[_Measured] = []
@@ -100,46 +111,57 @@ def measure_views(
 
 def _measure(path: Path, *, plane: str | None, chart: Chart, layout: DumpLayout | None) -> _Measured:
     try:
-        name = plane or default_plane(path, layout)
-        frame = read_frame(path, [name], layout)
+        names = None if plane == "all" else [plane or default_plane(path, layout)]
+        frame = read_frame(path, names, layout)
     except ProcedureError as error:
-        return _Measured(ViewRecord(path, "", None, Verdict.REFUSED, error.reason, error.remedy))
-    return _Measured(_record(frame, name, chart), name, _size(frame, name))
+        return _Measured({}, unread=ViewRecord(path, "", None, Verdict.REFUSED, error.reason, error.remedy))
+    seen = views_of(frame.planes, chart, frame.path.name)
+    return _Measured({name: _record(frame, one) for name, one in seen.items()}, _size(frame))
 
 
-def _record(frame: RawFrame, name: str, chart: Chart) -> ViewRecord:
-    try:
-        seen = view_of(frame.planes[name], chart, frame.path.name)
-    except Refused as refusal:
-        return ViewRecord(frame.path, frame.sha256, None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+def _record(frame: RawFrame, seen: Outcome[ChartView]) -> ViewRecord:
     return ViewRecord(frame.path, frame.sha256, seen.value, seen.verdict, seen.reason, seen.remedy)
 
 
-def _size(frame: RawFrame, name: str) -> tuple[int, int]:
+def _size(frame: RawFrame) -> tuple[int, int]:
     """Columns and rows of the sensor."""
-    plane = frame.planes[name]
+    plane = next(iter(frame.planes.values()))
     rows, columns = plane.samples.shape
     return columns * plane.pitch, rows * plane.pitch
 
 
-def _together(found: Sequence[_Measured]) -> GeometryPhotographs:
-    read = [one for one in found if one.plane]
+def _together(found: Sequence[_Measured]) -> list[GeometryPhotographs]:
+    read = [(one, record) for one in found for record in list(one.records.values())[:1]]
     if not read:
-        first = found[0].record
+        first = next(one.unread for one in found if one.unread)
         raise BadInput(f"none of {len(found)} photographs can be read; {first.path}: {first.reason}", first.remedy)
-    kinds = {(one.size, one.plane): one.record.path for one in read}
+    kinds = {(one.size, ", ".join(one.records)): record.path for one, record in read}
     if len(kinds) > 1:
-        differing = ", ".join(f"{path.name} {size[0]} x {size[1]} {plane}" for (size, plane), path in kinds.items())
+        differing = ", ".join(f"{path.name} {size[0]} x {size[1]} {planes}" for (size, planes), path in kinds.items())
         raise BadInput(
             f"photographs of one camera have one size and one plane; got {differing}",
             "give the photographs of one camera and one lens, all as RAW or all as grey images",
         )
-    return GeometryPhotographs(read[0].plane, read[0].size, tuple(one.record for one in found))
+    one, _ = read[0]
+    return [GeometryPhotographs(name, one.size, tuple(_of_plane(name, found))) for name in one.records]
 
 
-def conclude(shoot: GeometryPhotographs, parameters: GeometryParameters) -> Outcome[Geometry]:
-    """The camera of a shoot, or why it has none; photographs that were left out are told in a doubt or refusal."""
-    found = calibrate_geometry(shoot.views, shoot.size, parameters)
+def _of_plane(name: str, found: Sequence[_Measured]) -> Iterator[ViewRecord]:
+    """What every photograph gave in a plane."""
+    for one in found:
+        record = one.records.get(name, one.unread)
+        if record is not None:
+            yield record
+
+
+def conclude(shoots: Sequence[GeometryPhotographs], parameters: GeometryParameters) -> list[PlaneGeometry]:
+    """The camera of every plane of a shoot, or why it has none; where photographs gave none, a refusal names one."""
+    found = calibrate_planes({one.plane: one.views for one in shoots}, shoots[0].size, parameters)
+    return [PlaneGeometry(one, _with_missed(found[one.plane], one)) for one in shoots]
+
+
+def _with_missed(found: Outcome[Geometry], shoot: GeometryPhotographs) -> Outcome[Geometry]:
+    """The same; a refusal tells a photograph that was left out, too."""
     missed = shoot.missed
     if found.value is not None or not missed:
         return found

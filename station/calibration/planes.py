@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import numpy as np
 
 from procedures.cross_check.estimate import check_edges
-from procedures.outcome import BadInput, Outcome, Refused, Verdict
+from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.psf import Psf
@@ -218,10 +218,33 @@ def diffraction_limit(
     pixel_pitch_um: float | None,
     f_number: float | None = None,
     wavelength_nm: float | None = None,
+    needed: bool = False,
 ) -> Diffraction | None:
-    """A plane's diffraction limit, where pitch and aperture are known."""
+    """A plane's diffraction limit, where pitch and aperture are known.
+
+    Raises
+    ------
+    BadParameter
+        If they are not, and it is `needed`: what is missing, and what gives it.
+    """
     aperture = f_number or exposure.f_number
     if pixel_pitch_um is None or not aperture:
+        if needed:
+            raise _lacking(pitch=pixel_pitch_um is None, aperture=not aperture)
         return None
     by = OPERATOR if aperture != exposure.f_number else CAMERA
     return Diffraction(aperture, pixel_pitch_um * plane.pitch, wavelength_nm or WAVELENGTHS_NM[plane.name[0]], by)
+
+
+def _lacking(*, pitch: bool, aperture: bool) -> BadParameter:
+    """What the physics of a PSF is not told."""
+    told = (
+        (pitch, "the sensor's pitch", "--pixel-pitch-um"),
+        (aperture, "the f-number, which the camera did not note", "--f-number"),
+    )
+    missing = [(words, option) for lacks, words, option in told if lacks]
+    return BadParameter(
+        f"the physics of a PSF needs {' and '.join(words for words, _ in missing)}",
+        f"give {' and '.join(option for _, option in missing)} (in a procedure file under optics), or leave the "
+        "physics out (of a series by --no-physics)",
+    )

@@ -20,11 +20,12 @@ from procedures.reading.guard import decoding, read_file
 from procedures.reading.text import parse_json
 from station.common.versions import software
 from station.results.exports import numbers_table
+from station.results.geometry_planes import plane_entry, table_prefix
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import RECORD, ResultFolder, npy, write_record
 
 SCHEMA = "station/rig/1"
-JOINT = "geometry_joint_covariance.npy"
+JOINT = "joint_covariance.npy"
 _GIVE = "name the folder that station geometry wrote"
 
 
@@ -36,13 +37,20 @@ class RigCamera:
     charts: PosedCharts
 
 
-def read_rig_camera(result: Path) -> RigCamera:
+def read_rig_camera(result: Path, plane: str | None = None) -> RigCamera:
     """The charts of a geometry's result, a folder or its record.
+
+    Parameters
+    ----------
+    plane : str or None
+        None for green, or the first there is.
 
     Raises
     ------
     BadInput
         If there is no such result, or it has no poses.
+    BadParameter
+        If it does not tell of the plane.
     """
     record = result / RECORD if result.is_dir() else result
     data = read_file(record, "geometry's result")
@@ -51,11 +59,12 @@ def read_rig_camera(result: Path) -> RigCamera:
         if told.get("procedure") != "geometry":
             kind = told.get("procedure", "nothing known")
             raise BadInput(f"a rig is made of geometries; {record} is of {kind}", _GIVE)
-        entry = next(iter(told["planes"].values()))
+        name, entry = plane_entry(told["planes"], plane, record)
         if "views" not in entry:
             raise BadInput(f"{record} holds no poses: {entry['reason']}", entry["remedy"])
         views = entry["views"]
-        joint = read_npy(record.parent / JOINT, "covariance", _GIVE).astype(np.float64)
+        table = table_prefix(name, len(told["planes"])) + JOINT
+        joint = read_npy(record.parent / table, "covariance", _GIVE).astype(np.float64)
         size = POSE * len(views)
         if joint.ndim != 2 or joint.shape[0] != joint.shape[1] or len(joint) < size or not np.isfinite(joint).all():
             raise ValueError(f"the covariance of {len(views)} poses is a square of {size} numbers and more")

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import BadInput, Outcome
+from procedures.outcome import BadInput, Miss, Outcome
 from procedures.raw import Exposure, Plane, RawFrame, read_frame
 from procedures.sensor.estimate import SensorResult, characterise
 from procedures.sensor.levels import LightLevel, measure_level
 from procedures.sensor.noise_power import NoisePower, measure_noise_power
 from procedures.sensor.recording import SensorRecording
 from procedures.sensor.stacks import LEAST_PICTURES, FrameStack, StackSums
+from station.calibration.folder_photographs import check_any, for_want, readable
 from station.calibration.sensor_folder import DARK, LIGHT, Shots
 
 Numbers = npt.NDArray[np.float64]
@@ -48,12 +50,16 @@ class SensorPlane:
 
 @dataclass(frozen=True, eq=False)
 class SensorFiles:
-    """What was read: the pictures' hashes, camera and sensitivity as the first picture tells them, and the planes."""
+    """What was read: the pictures' hashes, camera and sensitivity as the first picture tells them, and the planes.
+
+    `missed` are pictures that cannot be read, and the only one that such a picture left of a level.
+    """
 
     inputs: Sequence[Mapping[str, str]]
     camera: str | None
     iso: float | None
     planes: Sequence[SensorPlane]
+    missed: Sequence[Miss] = ()
 
 
 @dataclass
@@ -73,8 +79,9 @@ def measure_sensor(
     plane: str | None,
     tell: Callable[[Iterator[Path]], Iterator[Path]] = lambda paths: paths,
     read: Callable[[Path], RawFrame] | None = None,
+    missed: Sequence[Miss] = (),
 ) -> SensorFiles:
-    """Every plane asked for; the pictures are read once, one after the other.
+    """Every plane asked for; the pictures are read once, one after the other. What cannot be read is left out.
 
     Parameters
     ----------
@@ -84,27 +91,38 @@ def measure_sensor(
         Sees every path as it is read.
     read : callable, optional
         Gives a picture; by default its file is opened.
+    missed : sequence of Miss
+        What was left out of the shots.
 
     Raises
     ------
     BadInput
-        If a picture cannot be read, or pictures differ in size or planes.
+        If no picture can be read, or pictures differ in size or planes.
     """
     gathered: dict[str, _Gathered] = {}
     inputs: list[dict[str, str]] = []
     exposures: list[Exposure] = []
     opened = read or partial(read_frame, names=None if plane in (None, "all") else [str(plane)])
+    left_out = [*missed]
     paths = tell(path for one in shots for path in one.paths)
     for one in shots:
-        frames = (_checked(opened(next(paths)), inputs, exposures) for _ in one.paths)
-        _gather(gathered, one, frames)
+        frames = readable(islice(paths, len(one.paths)), opened, left_out)
+        _gather(gathered, one, (_checked(frame, inputs, exposures) for frame in frames), left_out)
+    count = len(missed) + sum(len(one.paths) for one in shots)
+    check_any(left_out, count)
     light = any(one.photons is not None for one in shots)
     planes = [
-        SensorPlane(name, _characterised(of, photons_known=light), of.shape, of.step, _noise_power(of))
+        SensorPlane(
+            name,
+            for_want(_characterised(of, photons_known=light), left_out, count),
+            of.shape,
+            of.step,
+            _noise_power(of),
+        )
         for name, of in gathered.items()
     ]
     first = exposures[0] if exposures else Exposure()
-    return SensorFiles(inputs, first.camera, first.iso, planes)
+    return SensorFiles(inputs, first.camera, first.iso, planes, left_out)
 
 
 def _checked(frame: RawFrame, inputs: list[dict[str, str]], exposures: list[Exposure]) -> RawFrame:
@@ -119,10 +137,11 @@ def _checked(frame: RawFrame, inputs: list[dict[str, str]], exposures: list[Expo
     return frame
 
 
-def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFrame]) -> None:
-    """Count the pictures of one exposure in, all planes side by side."""
+def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFrame], missed: list[Miss]) -> None:
+    """Count the pictures of one exposure in, all planes side by side; one that is left alone is `missed`."""
     first: dict[str, list[Numbers]] = {}
     sums: dict[str, StackSums] = {}
+    taken: list[Path] = []
     for frame in frames:
         if gathered and list(frame.planes) != list(gathered):
             raise BadInput(f"{frame.path} has other planes than the pictures before it", _ONE_CAMERA)
@@ -132,18 +151,25 @@ def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFr
                 first[name].append(numbers)
             if len(shots.paths) >= LEAST_PICTURES:
                 sums.setdefault(name, StackSums()).add(numbers)
+        taken.append(frame.path)
+    if 0 < len(taken) < LEVEL_PICTURES:
+        _leave_alone(taken[0], shots, missed)
+        return
     for name, pictures in first.items():
-        if len(pictures) < LEVEL_PICTURES:
-            raise BadInput(
-                f"{shots.paths[0]} is the only picture of its exposure; temporal noise needs two",
-                "take every level twice, or leave this one out",
-            )
         of = gathered[name]
         level = measure_level(pictures, shots.exposure_s, shots.level)
         (of.darks if shots.kind == DARK else of.lights).append(level)
-        if name in sums:
+        if len(taken) >= LEAST_PICTURES:
             of.stacks.append((shots.kind, sums[name].stack(shots.exposure_s, shots.level)))
             of.spectra.append(measure_noise_power(pictures, np.nan))
+
+
+def _leave_alone(path: Path, shots: Shots, missed: list[Miss]) -> None:
+    """Leave out all that can be read of a level. Raises BadInput where there never was more of it."""
+    needed = "of its exposure; temporal noise needs two"
+    if len(shots.paths) < LEVEL_PICTURES:
+        raise BadInput(f"{path} is the only picture {needed}", "take every level twice, or leave this one out")
+    missed.append(Miss(str(path), f"{path} is the only picture left {needed}", "take the level again"))
 
 
 _ONE_CAMERA = "give pictures of one camera at one setting, in one format"

@@ -70,6 +70,7 @@ def write_sensor_record(
         "camera": found.camera,
         "iso": found.iso,
         "planes": {plane.name: _plane_entry(plane) for plane in found.planes},
+        "left_out": [miss.told() for miss in found.missed],
         "software": software(),
     }
     return write_record(folder, record)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import BadInput
+from procedures.outcome import BadInput, Miss
 from procedures.reading.exposure import read_exposure
 from procedures.reading.guard import decoding, open_file
 from procedures.reading.text import read_rows, read_text, read_toml
@@ -46,8 +46,14 @@ class Shots:
         return next((given for given in (self.photons, self.light) if given is not None), self.exposure_s)
 
 
-def find_shots(folder: Path) -> tuple[Shots, ...]:
+def _refuse(miss: Miss) -> None:
+    raise BadInput(miss.reason, miss.remedy)
+
+
+def find_shots(folder: Path, missed: Callable[[Miss], object] = _refuse) -> tuple[Shots, ...]:
     """The pictures of a folder by exposure, dark ones first, then by light.
+
+    `missed` is told of each RAW file whose exposure time cannot be read; by default that is refused.
 
     Raises
     ------
@@ -56,7 +62,7 @@ def find_shots(folder: Path) -> tuple[Shots, ...]:
     """
     if not folder.is_dir():
         raise BadInput(f"{folder} is no folder", "name the folder of the sensor's pictures")
-    shots = _told(folder)
+    shots = _told(folder, missed)
     if len({_told_by(one) for one in shots if one.kind == LIGHT}) > 1:
         raise BadInput(
             f"{folder}: light is told of some levels in another way than of others", "give photons to all, or light"
@@ -79,7 +85,7 @@ def _told_by(shots: Shots) -> str:
     return "photons" if shots.photons is not None else "light" if shots.light is not None else "exposure"
 
 
-def _told(folder: Path) -> list[Shots]:
+def _told(folder: Path, missed: Callable[[Miss], object]) -> list[Shots]:
     """The pictures by whatever tells them."""
     if (path := folder / "sensor.toml").is_file():
         return _from_toml(path)
@@ -88,7 +94,7 @@ def _told(folder: Path) -> list[Shots]:
     for path in sorted(folder.glob("*.txt")):
         if _begins(path, b"v "):
             return _from_descriptor(path)
-    return _merged(_from_camera(folder))
+    return _merged(_from_camera(folder, missed))
 
 
 def _begins(path: Path, how: bytes) -> bool:
@@ -185,14 +191,24 @@ def _finite(word: str) -> float:
     return number
 
 
-def _from_camera(folder: Path) -> Iterator[Shots]:
+def _from_camera(folder: Path, missed: Callable[[Miss], object]) -> Iterator[Shots]:
     """RAW files in folders named after what they show."""
     if not all((folder / kind).is_dir() for kind in (DARK, LIGHT)):
         raise BadInput(f"{folder} has neither a manifest nor folders {DARK} and {LIGHT}", _REMEDY)
     for kind in (DARK, LIGHT):
         for path in sorted(p for p in (folder / kind).rglob("*") if not p.is_dir() and not p.name.startswith(".")):
-            with open_file(path) as file, decoding(str(path), "a photograph", _RAW_ONLY):
-                exposure = read_exposure(file).exposure_s
-            if exposure is None:
-                raise BadInput(f"{path} does not tell its exposure time", _RAW_ONLY)
-            yield Shots(kind, exposure, None, None, (path,))
+            try:
+                exposure = _noted_exposure(path)
+            except BadInput as error:
+                missed(Miss(str(path), error.reason, error.remedy))
+            else:
+                yield Shots(kind, exposure, None, None, (path,))
+
+
+def _noted_exposure(path: Path) -> float:
+    """In seconds, as the camera noted it. Raises BadInput where it did not, or the file cannot be read."""
+    with open_file(path) as file, decoding(str(path), "a photograph", _RAW_ONLY):
+        exposure = read_exposure(file).exposure_s
+    if exposure is None:
+        raise BadInput(f"{path} does not tell its exposure time", _RAW_ONLY)
+    return exposure

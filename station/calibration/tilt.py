@@ -64,7 +64,8 @@ def noted_optics(first: Path, pitch_um: float | None, focal_length_mm: float | N
 def check_known(parameters: TiltParameters, positions: Mapping[str, float]) -> None:
     """Raises BadParameter where something that the estimate of this bracket rests on is not known."""
     chart_slope(list(positions.values()), parameters)
-    for position in positions.values():
+    nominal = () if parameters.nominal_mm is None else (parameters.nominal_mm,)
+    for position in (*positions.values(), *nominal):
         behind_lens_um(position, parameters.positions, parameters.focal_length_mm)
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from procedures.outcome import BadInput, BadParameter, Outcome
+from procedures.outcome import BadInput, BadParameter, Miss, Outcome
 from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.arrays import read_npy
 from procedures.reading.guard import decoding
@@ -18,6 +18,7 @@ from procedures.reading.text import read_json
 from procedures.vignetting.estimate import PlaneVignetting, estimate_vignetting
 from procedures.vignetting.formula import LightSurface
 from procedures.vignetting.joint import NAMES, JointFormula, joint_formula
+from station.calibration.folder_photographs import check_any, for_want, readable
 from station.common.progress import Progress, silent
 from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
@@ -30,10 +31,11 @@ _GIVE = "name the folder that `station vignetting` wrote"
 
 @dataclass(frozen=True, eq=False)
 class Flats:
-    """What photographs of even light say: their paths with hashes, and every plane's outcome."""
+    """What photographs of even light say: their paths with hashes, every plane's outcome, and what cannot be read."""
 
     inputs: tuple[tuple[Path, str], ...]
     planes: Mapping[str, Outcome[PlaneVignetting]]
+    missed: tuple[Miss, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +48,23 @@ class StoredVignetting:
 
 
 def measure_flats(paths: Sequence[Path], told: Progress = silent) -> Flats:
-    """Vignetting from photographs of even light; raises BadInput where they are not of one camera."""
-    return flats_of(map(read_frame, paths), told)
+    """Vignetting from those of the photographs of even light that can be read.
+
+    Raises
+    ------
+    BadInput
+        If none can be, or they are not of one camera.
+    """
+    missed: list[Miss] = []
+    found = flats_of(_some(paths, missed), told)
+    planes = {name: for_want(one, missed, len(paths)) for name, one in found.planes.items()}
+    return Flats(found.inputs, planes, tuple(missed))
+
+
+def _some(paths: Sequence[Path], missed: list[Miss]) -> Iterator[RawFrame]:
+    """The photographs that can be read; raises BadInput at their end where there was none."""
+    yield from readable(paths, read_frame, missed)
+    check_any(missed, len(paths))
 
 
 def flats_of(frames: Iterable[RawFrame], told: Progress = silent) -> Flats:
@@ -89,6 +106,7 @@ def write_vignetting_result(folder: ResultFolder, found: Flats, start: float | N
         "input": [{"path": str(path), "sha256": sha256} for path, sha256 in found.inputs],
         "parameters": {},
         "planes": {name: _entry(one) for name, one in found.planes.items()},
+        "left_out": [miss.told() for miss in found.missed],
         "formula": {
             "planes": list(together.planes),
             "names": list(NAMES),

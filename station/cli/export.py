@@ -22,7 +22,7 @@ LENSES = ("lensfun", "dng")
 @click.command("export")
 @click.argument("result", type=click.Path(path_type=Path))
 @click.option("--to", "form", type=click.Choice((*CAMERAS, *PSFS, *LENSES)), required=True, help="Of which program.")
-@click.option("--plane", callback=plane_name, help="Of a PSF field.  [default: G1, or the first there is]")
+@click.option("--plane", callback=plane_name, help="Of the result.  [default: G1, or the first there is]")
 @click.option("--field", type=click.Path(path_type=Path), help="lensfun: a field's result, for lateral colour.")
 @click.option("--vignetting", type=click.Path(path_type=Path), help="lensfun, dng: a result of station vignetting.")
 @click.option("--gain-map", is_flag=True, help="dng: vignetting as a map of gains for each plane, colour shading too.")
@@ -64,19 +64,19 @@ def export(
         _export_field(result, form, plane, out)
     elif form == "lensfun":
         given = GivenNames(maker, camera, lens, focal_length_mm, f_number, pixel_pitch_um)
-        _export_lensfun(result, field, vignetting, given, out)
+        _export_lensfun(result, plane, field, vignetting, given, out)
     elif form == "dng":
-        _export_dng(result, vignetting, photo, out, gain_map=gain_map)
+        _export_dng(result, plane, vignetting, photo, out, gain_map=gain_map)
     else:
-        _export_camera(result, form, out)
+        _export_camera(result, form, plane, out)
     log("written", f"wrote {out}", path=str(out))
 
 
-def _export_camera(result: Path, form: str, out: Path) -> None:
+def _export_camera(result: Path, form: str, plane: str | None, out: Path) -> None:
     from station.calibration.exports.geometry import export_camera, read_camera
     from station.common.atomic_files import write_whole
 
-    made = export_camera(read_camera(result), form)
+    made = export_camera(read_camera(result, plane), form)
     write_whole(out, made.text.encode())
     lost = made.difference
     if lost is not None:
@@ -96,7 +96,9 @@ def _export_field(result: Path, form: str, plane: str | None, out: Path) -> None
     _tell_lost([f"{form}, plane {field.plane}: {made.lost}"] if made.lost else [])
 
 
-def _export_lensfun(result: Path, field: Path | None, vignetting: Path | None, given: object, out: Path) -> None:
+def _export_lensfun(
+    result: Path, plane: str | None, field: Path | None, vignetting: Path | None, given: object, out: Path
+) -> None:
     from procedures.field.field_file import read_camera as read_noted
     from procedures.field.field_file import read_colours
     from station.calibration.exports.geometry import read_camera
@@ -106,7 +108,7 @@ def _export_lensfun(result: Path, field: Path | None, vignetting: Path | None, g
     from station.common.atomic_files import write_whole
 
     assert isinstance(given, GivenNames)
-    stored = read_camera(result)
+    stored = read_camera(result, plane)
     path = field_path(field) if field is not None else None
     noted = read_noted(path) if path is not None else None
     names = given.completed(noted, stored.camera.focal_px[0], with_light=vignetting is not None)
@@ -117,7 +119,9 @@ def _export_lensfun(result: Path, field: Path | None, vignetting: Path | None, g
     _tell_lost(made.lost)
 
 
-def _export_dng(result: Path, vignetting: Path | None, photo: Path | None, out: Path, *, gain_map: bool) -> None:
+def _export_dng(
+    result: Path, plane: str | None, vignetting: Path | None, photo: Path | None, out: Path, *, gain_map: bool
+) -> None:
     from procedures.outcome import BadParameter
     from procedures.raw import default_plane, read_frame
     from procedures.reading.guard import read_file
@@ -131,12 +135,12 @@ def _export_dng(result: Path, vignetting: Path | None, photo: Path | None, out: 
     if out.exists() and out.samefile(photo):
         raise BadParameter(f"{out} is the photograph itself, which is not changed", "name another file for the copy")
     of_light = is_vignetting(result)
-    stored = None if of_light else read_camera(result)
+    stored = None if of_light else read_camera(result, plane)
     light = result if of_light else vignetting
     data = read_file(photo)
     frame = read_frame(photo, None if gain_map else [default_plane(photo)], data=data)
-    plane = next(iter(frame.planes.values()))
-    rows, columns = (n * plane.pitch for n in plane.samples.shape)
+    first = next(iter(frame.planes.values()))
+    rows, columns = (n * first.pitch for n in first.samples.shape)
     lights = read_vignetting(light) if light else {}
     green = green_of(lights) if light and not gain_map else None
     shading = None

@@ -11,6 +11,7 @@ import click
 
 from station.common.log import log
 
+FAILED_ITEMS = 1  # some photographs gave nothing, and the result goes without them
 SYSTEM = 2  # what was asked for, the system does not allow
 REFUSED = 5
 INTERRUPTED = 130

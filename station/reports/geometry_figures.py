@@ -10,7 +10,8 @@ import numpy.typing as npt
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon, Rectangle
+from matplotlib.patches import PathPatch, Polygon, Rectangle
+from matplotlib.path import Path
 
 from procedures.geometry.cameras import Camera
 from procedures.geometry.estimate import Geometry, PosedView, UncertaintyMap
@@ -39,18 +40,25 @@ def _frame(camera: Camera, below_in: float = 0.42, right_in: float = 0.08) -> tu
     return figure, axes
 
 
-def coverage_figure(found: Geometry) -> Markup:
+def coverage_figure(found: Geometry, name: str) -> Markup:
     """Where the charts were seen, and the outline of what they covered."""
     figure, axes = _frame(found.camera)
-    for one in found.views:
-        axes.plot(*one.view.points.T, ".", ms=0.8, alpha=0.6)
+    for i, one in enumerate(found.views):
+        axes.add_artist(_dots(one.view.points, ec=f"C{i}", lw=0.8, alpha=0.6))
     axes.add_patch(Polygon(found.region, fill=False, ec=INK, lw=1.0))
     axes.plot(*found.camera.centre, "+", color=MARK, ms=10, mew=1.4)
     axes.set_xlabel(f"{found.points} points of {len(found.views)} views; + the principal point")
-    return svg(figure, "coverage", "where the charts were seen in the frame")
+    return svg(figure, name, "where the charts were seen in the frame")
 
 
-def uncertainty_figure(found: Geometry, one: UncertaintyMap, number: int) -> Markup:
+def _dots(points: Array, **looks: Any) -> PathPatch:
+    """Points (n, 2) as one path of lines without length and with round ends: markers take four times the page."""
+    path = Path(np.repeat(points, 2, axis=0), np.tile([Path.MOVETO, Path.LINETO], len(points)))
+    path.should_simplify = False
+    return PathPatch(path, fill=False, capstyle="round", **looks)
+
+
+def uncertainty_figure(found: Geometry, one: UncertaintyMap, name: str) -> Markup:
     """The projection's uncertainty over the frame at one distance."""
     figure, axes = _frame(found.camera, right_in=0.75)
     top = float(np.nanpercentile(one.value, 98)) if np.isfinite(one.value).any() else 1.0
@@ -60,7 +68,7 @@ def uncertainty_figure(found: Geometry, one: UncertaintyMap, number: int) -> Mar
     axes.add_patch(Polygon(found.region, fill=False, ec=INK, lw=0.8, ls="--"))
     colour_bar(figure, axes, image, (1.02, 0.05, 0.03, 0.9))
     axes.set_xlabel("pixels, root mean square; dashed: covered by charts")
-    return svg(figure, f"uncertainty{number}", "uncertainty of the projection over the frame")
+    return svg(figure, name, "uncertainty of the projection over the frame")
 
 
 def _arrows(camera: Camera, places: Array, moves: Array, name: str, words: str, unit: str, colour: str) -> Markup:
@@ -75,28 +83,28 @@ def _arrows(camera: Camera, places: Array, moves: Array, name: str, words: str, 
     return svg(figure, name, words)
 
 
-def distortion_figure(found: Geometry, places: Array, moved: Array) -> Markup:
+def distortion_figure(found: Geometry, places: Array, moved: Array, name: str) -> Markup:
     """Where the lens puts things, from where a pinhole would."""
     words = "distortion: from where a pinhole would have things to where the lens has them"
-    return _arrows(found.camera, places - moved, moved, "distortion", words, "pixel", INK)
+    return _arrows(found.camera, places - moved, moved, name, words, "pixel", INK)
 
 
-def misfit_figure(found: Geometry) -> Markup:
+def misfit_figure(found: Geometry, name: str) -> Markup:
     """The smooth field that the model leaves undrawn, inside what the charts covered."""
     places = found.camera.frame_grid(*ARROWS)
     path = matplotlib.path.Path(found.region)
     places = places[path.contains_points(places)]
     words = "smooth field that the camera model leaves undrawn"
-    return _arrows(found.camera, places, found.misfit.at(places), "misfit", words, "pixel", ALONG["vertical"])
+    return _arrows(found.camera, places, found.misfit.at(places), name, words, "pixel", ALONG["vertical"])
 
 
-def residual_figure(found: Geometry, one: PosedView, number: int) -> Markup:
+def residual_figure(found: Geometry, one: PosedView, name: str) -> Markup:
     """What a view's points leave over."""
     words = f"residuals of {one.view.source}"
-    return _arrows(found.camera, one.view.points, one.residual_px, f"residual{number}", words, "pixel", INK)
+    return _arrows(found.camera, one.view.points, one.residual_px, name, words, "pixel", INK)
 
 
-def chart_figure(found: Geometry) -> Markup:
+def chart_figure(found: Geometry, name: str) -> Markup:
     """The chart's own errors in its plane as arrows, its bending as colours."""
     figure, ((axes,),) = axes_grid(4.4, 4.2, rim_in=(0.08, 0.75, 0.42, 0.08))
     deviations = found.shape.deviations_mm
@@ -115,4 +123,4 @@ def chart_figure(found: Geometry) -> Markup:
     with matplotlib.rc_context(STYLE):
         colour_bar(figure, axes, image, (1.03, 0.05, 0.04, 0.9))
     axes.set_xlabel(f"longest arrow {longest:.3f} mm; colours: away from the camera, mm")
-    return svg(figure, "chart", "the chart's deviation from its plan")
+    return svg(figure, name, "the chart's deviation from its plan")

@@ -14,9 +14,10 @@ from procedures.geometry.cameras import distortion
 from procedures.geometry.estimate import Geometry, PosedView
 from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
-from station.calibration.geometry import GeometryPhotographs, ViewRecord
+from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord
 from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
+from station.results.geometry_planes import table_prefix
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder, npy, write_record
@@ -29,17 +30,16 @@ PAGE = "report.html"
 
 def write_geometry_result(
     folder: ResultFolder,
-    shoot: GeometryPhotographs,
-    outcome: Outcome[Geometry],
+    planes: Sequence[PlaneGeometry],
     *,
     parameters: Mapping[str, Any],
     start: float,
     report: bool = False,
 ) -> str:
     """Write covariances, tables, the page where it is wanted, and the record; returns the record's text."""
-    head = RecordHead("geometry", files_read(shoot.records), parameters)
-    _write_files(folder, shoot, outcome, head, report=report)
-    return _write_record(folder, shoot, outcome, replace(head, duration_s=round(time.perf_counter() - start, 3)))
+    head = RecordHead("geometry", files_read(planes[0].shoot.records), parameters)
+    _write_files(folder, planes, head, report=report)
+    return _write_record(folder, planes, replace(head, duration_s=round(time.perf_counter() - start, 3)))
 
 
 def write_plane(folder: ResultFolder, plane: PlaneResult, frames: Sequence[RawFrame], head: RecordHead) -> str:
@@ -53,29 +53,28 @@ def write_plane(folder: ResultFolder, plane: PlaneResult, frames: Sequence[RawFr
         if of is not None:
             size = (of.samples.shape[1] * of.pitch, of.samples.shape[0] * of.pitch)
     shoot = GeometryPhotographs(plane.name, size, tuple(records))
-    outcome = Outcome(found, plane.verdict, plane.reason, plane.remedy)
-    _write_files(folder, shoot, outcome, head, report=True)
-    return _write_record(folder, shoot, outcome, head)
+    planes = [PlaneGeometry(shoot, Outcome(found, plane.verdict, plane.reason, plane.remedy))]
+    _write_files(folder, planes, head, report=True)
+    return _write_record(folder, planes, head)
 
 
-def _write_files(
-    folder: ResultFolder, shoot: GeometryPhotographs, outcome: Outcome[Geometry], head: RecordHead, *, report: bool
-) -> None:
-    """Covariances, tables and the page where it is wanted."""
-    if outcome.value is None:
+def _write_files(folder: ResultFolder, planes: Sequence[PlaneGeometry], head: RecordHead, *, report: bool) -> None:
+    """Covariances, tables and the page where it is wanted, of planes that have a camera."""
+    found = {one.shoot.plane: one.outcome.value for one in planes if one.outcome.value is not None}
+    if not found:
         return
-    _write_tables(folder, shoot, outcome.value)
+    for name, geometry in found.items():
+        _write_tables(folder, table_prefix(name, len(planes)), geometry)
+    folder.write("numbers.csv", numbers_table(row for name, one in found.items() for row in _numbers(name, one)))
     if report:
         from station.reports.geometry_page import geometry_page  # it draws: that import is slow
 
-        folder.write(PAGE, geometry_page(shoot, outcome, head).encode())
+        folder.write(PAGE, geometry_page(planes, head).encode())
 
 
-def _write_record(
-    folder: ResultFolder, shoot: GeometryPhotographs, outcome: Outcome[Geometry], head: RecordHead
-) -> str:
-    planes = {shoot.plane: geometry_entry(shoot, outcome)}
-    return write_record(folder, {"schema": SCHEMA, **head.told(), "planes": planes, "software": software()})
+def _write_record(folder: ResultFolder, planes: Sequence[PlaneGeometry], head: RecordHead) -> str:
+    entries = {one.shoot.plane: geometry_entry(one.shoot, one.outcome) for one in planes}
+    return write_record(folder, {"schema": SCHEMA, **head.told(), "planes": entries, "software": software()})
 
 
 def geometry_entry(shoot: GeometryPhotographs, outcome: Outcome[Geometry]) -> dict[str, Any]:
@@ -130,14 +129,13 @@ def _view_entry(one: PosedView) -> dict[str, Any]:
     }
 
 
-def _write_tables(folder: ResultFolder, shoot: GeometryPhotographs, found: Geometry) -> None:
-    folder.write("geometry_covariance.npy", npy(found.covariance))
+def _write_tables(folder: ResultFolder, prefix: str, found: Geometry) -> None:
+    folder.write(f"{prefix}covariance.npy", npy(found.covariance))
     joint = found.adjustment.covariance * found.residual_scale**2
-    folder.write("geometry_joint_covariance.npy", npy(joint))
-    folder.write("geometry_chart.npy", npy(found.shape.deviations_mm))
-    folder.write("geometry_residuals.csv", csv_bytes(_residual_rows(found)))
-    folder.write("geometry_projection.csv", csv_bytes(_projection_rows(found)))
-    folder.write("numbers.csv", numbers_table(_numbers(shoot.plane, found)))
+    folder.write(f"{prefix}joint_covariance.npy", npy(joint))
+    folder.write(f"{prefix}chart.npy", npy(found.shape.deviations_mm))
+    folder.write(f"{prefix}residuals.csv", csv_bytes(_residual_rows(found)))
+    folder.write(f"{prefix}projection.csv", csv_bytes(_projection_rows(found)))
 
 
 def _numbers(plane: str, found: Geometry) -> Iterator[tuple[str, str, Quantity]]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from procedures.geometry.cameras import distortion
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.next_view import next_view_words
-from procedures.outcome import Outcome
-from station.calibration.geometry import GeometryPhotographs
+from station.calibration.geometry import PlaneGeometry
 from station.common.versions import software
 from station.reports import geometry_figures as figures
 from station.reports.page import render
@@ -19,34 +21,44 @@ RESIDUALS_SHOWN = 6
 """Views whose residuals are drawn: those that leave most."""
 
 
-def geometry_page(shoot: GeometryPhotographs, outcome: Outcome[Geometry], head: RecordHead) -> str:
-    """The page of a camera that was found; raises ValueError where there is none."""
-    found = outcome.value
-    if found is None:
+def geometry_page(planes: Sequence[PlaneGeometry], head: RecordHead) -> str:
+    """The page of all planes, with why one has no camera; raises ValueError where all were refused."""
+    if all(one.outcome.value is None for one in planes):
         raise ValueError("a refused geometry has no page")
+    return render(
+        "geometry.html",
+        planes=[_of_plane(one, "" if len(planes) == 1 else f"{one.shoot.plane}-") for one in planes],
+        head=head,
+        pairs=PAIRS,
+        software=software(),
+    )
+
+
+def _of_plane(plane: PlaneGeometry, prefix: str) -> dict[str, Any]:
+    """What the page shows of a plane; `prefix` keeps its figures' names apart from those of others."""
+    shown = {"plane": plane.shoot.plane, "outcome": plane.outcome, "missed": plane.shoot.missed}
+    found = plane.outcome.value
+    return {**shown, "found": found, **({} if found is None else _figures(found, prefix))}
+
+
+def _figures(found: Geometry, prefix: str) -> dict[str, Any]:
     places = found.camera.frame_grid(*figures.ARROWS)
     moved = distortion(found.camera, places)
     known = np.isfinite(moved).all(axis=1)
     worst = sorted(range(len(found.views)), key=lambda i: -found.views[i].rms_px)[:RESIDUALS_SHOWN]
-    return render(
-        "geometry.html",
-        outcome=outcome,
-        found=found,
-        plane=shoot.plane,
-        missed=shoot.missed,
-        next_view=next_view_words(found.next_view) if found.next_view else "",
-        head=head,
-        pairs=PAIRS,
-        coverage=figures.coverage_figure(found),
-        uncertainties=[
-            (_far(one.distance_mm), figures.uncertainty_figure(found, one, i)) for i, one in enumerate(found.maps)
+    views = [(i, found.views[i]) for i in sorted(worst)]
+    return {
+        "next_view": next_view_words(found.next_view) if found.next_view else "",
+        "coverage": figures.coverage_figure(found, f"{prefix}coverage"),
+        "uncertainties": [
+            (_far(one.distance_mm), figures.uncertainty_figure(found, one, f"{prefix}uncertainty{i}"))
+            for i, one in enumerate(found.maps)
         ],
-        drawn_distortion=figures.distortion_figure(found, places[known], moved[known]),
-        misfit=figures.misfit_figure(found),
-        chart=figures.chart_figure(found),
-        residuals=[(found.views[i], figures.residual_figure(found, found.views[i], i)) for i in sorted(worst)],
-        software=software(),
-    )
+        "drawn_distortion": figures.distortion_figure(found, places[known], moved[known], f"{prefix}distortion"),
+        "misfit": figures.misfit_figure(found, f"{prefix}misfit"),
+        "chart": figures.chart_figure(found, f"{prefix}chart"),
+        "residuals": [(one, figures.residual_figure(found, one, f"{prefix}residual{i}")) for i, one in views],
+    }
 
 
 def _far(distance_mm: float) -> str:

@@ -75,6 +75,7 @@ def sensor_page(found: SensorFiles) -> bytes:
         "sensor.html",
         camera=found.camera,
         inputs=found.inputs,
+        missed=found.missed,
         planes=[_view(plane) for plane in found.planes],
         software=software(),
     ).encode()

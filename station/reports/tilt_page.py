@@ -9,6 +9,7 @@ from matplotlib.patches import Circle, Rectangle
 from procedures.outcome import Outcome
 from procedures.tilt.estimate import Tilt
 from procedures.tilt.screws import SURE, Screws
+from procedures.tilt.shim import shim_words
 from station.drawing.colours import FAINT, INK, MARK
 from station.drawing.style import axes_grid, colour_bar, svg
 from station.reports.page import render
@@ -29,6 +30,7 @@ def tilt_page(plane: str, count: int, outcome: Outcome[Tilt]) -> str:
         outcome=outcome,
         found=found,
         advised=found.turns.helps >= SURE,
+        shim=shim_words(found),
         surface=surface_figure(found),
         screws=screws_figure(found),
         turns=list(zip(found.screws.angles_deg, found.turns.moves, found.turns.turns, strict=True)),

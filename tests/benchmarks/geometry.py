@@ -222,7 +222,7 @@ def photographs(_: int) -> None:
     30 photographs take 30 times as long; `speed` tells what then comes.
     """
     chart, camera = Chart.from_seed(), SimulatedCamera(sensor=Sensor(rows=4000, columns=6000))
-    for pixels in (250, 1000):
+    for pixels in (250, 600, 1000):
         placed = camera.place(chart, pixels=pixels, at=(0.45, 0.55), yaw_deg=20, pitch_deg=10, roll_deg=7)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "view.dng"

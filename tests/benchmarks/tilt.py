@@ -1,6 +1,7 @@
 """`station tilt` on rendered photographs: a tilted sensor at f/2.8, nine charts, seven focus positions, screws turned.
 
-Usage: tilt.py [ROUNDS [CORNER_UM [SEED]]]: measure, turn, measure and so on, from a highest corner of CORNER_UM.
+Usage: tilt.py [ROUNDS [CORNER_UM [SEED [BEHIND_UM]]]]: measure, turn, measure and so on, from a highest corner of
+CORNER_UM and a middle BEHIND_UM too far behind, which the lens's scale of distances does not know: its backfocus.
 """
 
 from __future__ import annotations
@@ -38,33 +39,39 @@ HALF = np.array([SENSOR.columns, SENSOR.rows]) * PITCH_UM / 2000
 CORNERS = np.array([(x, y) for x in (-1, 1) for y in (-1, 1)]) * HALF
 
 
-def bracket(folder: Path, slopes: np.ndarray, rng: np.random.Generator) -> Path:
-    """Photographs of a sensor with these slopes in um/mm, and the table of their focus distances."""
+def focused_at(image_um: float) -> float:
+    """The distance in mm that is in focus so far behind the lens."""
+    image_mm = image_um / 1000
+    return LENS.focal_length_mm * image_mm / (image_mm - LENS.focal_length_mm)
+
+
+def bracket(folder: Path, plane: np.ndarray, rng: np.random.Generator) -> tuple[Path, float]:
+    """Photographs of a sensor (offset in um, slopes in um/mm); the table of their focus distances, and the charts'."""
     folder.mkdir(parents=True)
-    tilt_um = tuple(float(one) for one in slopes * np.hypot(*HALF) / PER_RMS)
+    tilt_um = tuple(float(one) for one in plane[1:] * np.hypot(*HALF) / PER_RMS)
     optics = Optics.typical(f_number=LENS.f_number, pitch_um=PITCH_UM, fill=0.7, gaussian_px=0.2)
     camera = SimulatedCamera(
         replace(LENS, tilt_um=tilt_um), SENSOR, PITCH_UM, optics, white_e_per_s=1e6, oversampling=4
     )
     chart = Chart.from_seed()
     charts = tuple(camera.place(chart, pixels=PIXELS, at=(x, y)) for y in (0.16, 0.5, 0.84) for x in (0.13, 0.5, 0.87))
-    image_um = behind_lens_um(charts[0].pose.centre_mm[2], Positions.SET, LENS.focal_length_mm)
+    distance_mm = float(charts[0].pose.centre_mm[2])
+    image_um = behind_lens_um(distance_mm, Positions.SET, LENS.focal_length_mm)
     rows = []
     for number, step in enumerate(STEPS_UM):
-        image_mm = (image_um + step) / 1000
-        focus_mm = LENS.focal_length_mm * image_mm / (image_mm - LENS.focal_length_mm)
         name = f"frame-{number}.pgm"
-        taken = replace(camera, focus_mm=focus_mm).photograph(Scene(charts), rng, exposure_s=0.005)
+        focused = replace(camera, focus_mm=focused_at(image_um + step + plane[0]))
+        taken = focused.photograph(Scene(charts), rng, exposure_s=0.005)
         samples = np.clip(np.rint(taken.plane("Y") * 65535), 0, 65535).astype(">u2")
         header = f"P5\n{SENSOR.columns} {SENSOR.rows}\n65535\n"
         (folder / name).write_bytes(header.encode() + samples.tobytes())
-        rows.append(f"{name},{focus_mm:.6f}")
+        rows.append(f"{name},{focused_at(image_um + step):.6f}")
     table = folder / "bracket.csv"
     table.write_text("\n".join(rows))
-    return table
+    return table, distance_mm
 
 
-def measured(folder: Path, table: Path) -> dict:
+def measured(folder: Path, table: Path, distance_mm: float) -> dict:
     """The plane's entry of the record that the command writes."""
     out = folder / "tilt"
     command = [
@@ -72,7 +79,7 @@ def measured(folder: Path, table: Path) -> dict:
         "--screw-radius-mm", str(SCREWS.radius_mm), "--screw-pitch-mm", str(SCREWS.pitch_mm),
         "--first-screw-deg", str(SCREWS.first_deg), "--turn-uncertainty", str(SCREWS.turn_uncertainty),
         "--chart-tilt-deg", "0", "--pixel-pitch-um", str(PITCH_UM), "--focal-length-mm", str(LENS.focal_length_mm),
-        "--out", str(out),
+        "--nominal-mm", str(distance_mm), "--out", str(out),
     ]  # fmt: skip
     done = subprocess.run(command, check=False, cwd=Path(__file__).resolve().parents[2])
     if done.returncode not in (0, 1):
@@ -80,28 +87,36 @@ def measured(folder: Path, table: Path) -> dict:
     return json.loads((out / "result.json").read_text())["planes"]["Y"]
 
 
-def main(rounds: int = 3, corner_um: float = 80.0, seed: int = 1) -> None:
+def corner(plane: np.ndarray) -> float:
+    """How far the highest corner stands out over the middle."""
+    return float(np.abs(CORNERS @ plane[1:]).max())
+
+
+def main(rounds: int = 3, corner_um: float = 80.0, seed: int = 1, behind_um: float = 0.0) -> None:
     """Measure and turn."""
     rng = np.random.default_rng(seed)
     slopes = rng.standard_normal(2)
     slopes *= corner_um / np.abs(CORNERS @ slopes).max()
+    plane = np.array([behind_um, *slopes])
     with tempfile.TemporaryDirectory() as name:
         for number in range(rounds):
             folder = Path(name) / f"round-{number}"
-            table = bracket(folder, slopes, rng)
+            table, distance_mm = bracket(folder, plane, rng)
             start = time.perf_counter()
-            told = measured(folder, table)
+            told = measured(folder, table, distance_mm)
             took = time.perf_counter() - start
-            print(f"round {number + 1}: corner truly {np.abs(CORNERS @ slopes).max():.2f} um, {took:.0f} s")
-            for what, true in zip(("tilt_horizontal", "tilt_vertical"), 2 * HALF * slopes, strict=True):
+            print(f"round {number + 1}: corner truly {corner(plane):.2f} um, {took:.0f} s")
+            for what, true in zip(("tilt_horizontal", "tilt_vertical"), 2 * HALF * plane[1:], strict=True):
                 one = told[what]
                 print(f"  {what} {one['value']:+.2f} +- {one['uncertainty']:.2f} um, truly {true:+.2f}")
+            centre = told["backfocus_centre"]
+            print(f"  backfocus_centre {centre['value']:+.2f} +- {centre['uncertainty']:.2f} um, truly {plane[0]:+.2f}")
             print(f"  misfit {told['diagnostics']['misfit']:.2f}, helps {told['helps']:.3f}, {told['reason']}")
             turned = np.array([one["turn"]["value"] for one in told["screws"]])
             slips = SCREWS.turn_uncertainty * rng.standard_normal(SCREWS.count)
-            slopes = slopes + np.linalg.solve(SCREWS.heights, 1000 * SCREWS.pitch_mm * (turned + slips))[1:]
-            print(f"  turned: corner truly {np.abs(CORNERS @ slopes).max():.2f} um", flush=True)
+            plane = plane + np.linalg.solve(SCREWS.heights, 1000 * SCREWS.pitch_mm * (turned + slips))
+            print(f"  turned: corner truly {corner(plane):.2f} um, middle {plane[0]:+.2f} um", flush=True)
 
 
 if __name__ == "__main__":
-    main(*(kind(text) for kind, text in zip((int, float, int), sys.argv[1:], strict=False)))
+    main(*(kind(text) for kind, text in zip((int, float, int, float), sys.argv[1:], strict=False)))

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from procedures.left_open import stray_energy
 from procedures.numerics.kernel_tail import DIFFERS, tail_density, tail_kernels, tail_sums
 from procedures.outcome import BadParameter
 from procedures.psf import Psf, PsfTail
 from procedures.quality import Diffraction, assess, beyond_diffraction, otf
 from procedures.spatial_numbers import circle
+from procedures.stray_tail import stray_energy
 
 S, K = 4, 33
 

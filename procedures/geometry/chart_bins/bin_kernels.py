@@ -24,16 +24,16 @@ MARGIN = 6
 
 
 class Look(NamedTuple):
-    """A photograph, the chart's integral, the map between them, and how a bin is drawn.
+    """A photograph, the chart's cells, the map between them, and how a bin is drawn.
 
     H (3, 3), centre (2,), radius and displacement (2, 9) are those of `numerics.warps.CubicWarp`, from the pixels of a
-    picture of means over `factor` x `factor` to cells; `origin` is where the integral begins, in cells before the
-    noise's corner. A bin reaches `half` cells to all sides; it is drawn at `n` places along every pixel, n odd, each
-    the mean over a square of `side` cells, and blurred by the weights `blur`, an odd number.
+    picture of means over `factor` x `factor` to cells; `origin` is where the chart begins, in cells before the noise's
+    corner. A bin reaches `half` cells to all sides; it is drawn at `n` places along every pixel, n odd, each the mean
+    over a square of `side` cells, not more than one, and blurred by the weights `blur`, an odd number.
     """
 
     samples: Array32
-    integral: Array
+    chart: Array
     H: Array
     centre: Array
     radius: float
@@ -47,66 +47,110 @@ class Look(NamedTuple):
 
 
 @vectorised
-def cell_at(look: Look, x: float, y: float) -> tuple[float, float]:
-    """The cell (x, y) seen at a pixel of the photograph."""
-    x, y = (x - (look.factor - 1) / 2) / look.factor, (y - (look.factor - 1) / 2) / look.factor
-    u, v = (x - look.centre[0]) / look.radius, (y - look.centre[1]) / look.radius
-    d = look.displacement
-    uu, uv, vv = u * u, u * v, v * v
-    x += d[0, 0] * u + d[0, 1] * v + d[0, 2] * uu + d[0, 3] * uv + d[0, 4] * vv
-    x += uu * (d[0, 5] * u + d[0, 6] * v) + vv * (d[0, 7] * u + d[0, 8] * v)
-    y += d[1, 0] * u + d[1, 1] * v + d[1, 2] * uu + d[1, 3] * uv + d[1, 4] * vv
-    y += uu * (d[1, 5] * u + d[1, 6] * v) + vv * (d[1, 7] * u + d[1, 8] * v)
-    H = look.H
-    w = H[2, 0] * x + H[2, 1] * y + H[2, 2]
-    return (H[0, 0] * x + H[0, 1] * y + H[0, 2]) / w, (H[1, 0] * x + H[1, 1] * y + H[1, 2]) / w
-
-
-@vectorised
-def integral_at(table: Array, x: float, y: float) -> float:
-    """The integral at (x, y): exact between its lines, as cells are even."""
-    x, y = min(max(x, 0.0), table.shape[1] - 1.001), min(max(y, 0.0), table.shape[0] - 1.001)
-    j, i = int(x), int(y)
-    a, b = x - j, y - i
-    above = (1 - a) * table[i, j] + a * table[i, j + 1]
-    return float((1 - b) * above + b * ((1 - a) * table[i + 1, j] + a * table[i + 1, j + 1]))
-
-
-@vectorised
 def chart_at(look: Look, x: float, y: float) -> float:
-    """The chart's mean over a square around a place, in cells from the noise's corner."""
-    x, y, half = x + look.origin, y + look.origin, look.side / 2
-    whole = integral_at(look.integral, x + half, y + half) + integral_at(look.integral, x - half, y - half)
-    beside = integral_at(look.integral, x - half, y + half) + integral_at(look.integral, x + half, y - half)
-    return float((whole - beside) / look.side**2)
+    """The chart's mean over a square around a place in cells from the noise's corner: over one cell each way or two."""
+    chart, half = look.chart, look.side / 2
+    right = min(max(x + look.origin + half, 0.0), chart.shape[1] - 1.0)
+    lower = min(max(y + look.origin + half, 0.0), chart.shape[0] - 1.0)
+    j, i = int(right), int(lower)
+    a, b = min((right - j) / look.side, 1.0), min((lower - i) / look.side, 1.0)
+    k, h = max(j - 1, 0), max(i - 1, 0)
+    return float((1 - b) * ((1 - a) * chart[h, k] + a * chart[h, j]) + b * ((1 - a) * chart[i, k] + a * chart[i, j]))
 
 
 @vectorised
-def blurred(look: Look, picture: Array) -> Array:
-    """A picture blurred along both axes, mirrored at its rim."""
+def cells_along(look: Look, first: float, y: float, step: float, cells: Array) -> None:
+    """The cells (2, count), x and y, seen at places `step` apart along a row of the photograph, from x = first on."""
+    d, e, H, f, middle = look.displacement[0], look.displacement[1], look.H, look.factor, (look.factor - 1) / 2
+    y = (y - middle) / f
+    v = (y - look.centre[1]) / look.radius
+    # along a row the displacements are cubic in u
+    x0, x1, x2 = v * (d[1] + v * (d[4] + v * d[8])), d[0] + v * (d[3] + v * d[7]), d[2] + v * d[6]
+    y0, y1, y2 = v * (e[1] + v * (e[4] + v * e[8])), e[0] + v * (e[3] + v * e[7]), e[2] + v * e[6]
+    for c in range(cells.shape[1]):
+        x = (first + c * step - middle) / f
+        u = (x - look.centre[0]) / look.radius
+        p = x + x0 + u * (x1 + u * (x2 + u * d[5]))
+        q = y + y0 + u * (y1 + u * (y2 + u * e[5]))
+        w = 1.0 / (H[2, 0] * p + H[2, 1] * q + H[2, 2])
+        cells[0, c] = (H[0, 0] * p + H[0, 1] * q + H[0, 2]) * w
+        cells[1, c] = (H[1, 0] * p + H[1, 1] * q + H[1, 2]) * w
+
+
+@vectorised
+def own_pixels(look: Look, centre: Array, beside: Array, low: Indices, own: npt.NDArray[np.bool_]) -> Indices:
+    """Marks the pixels that are a bin's own; which places along the fine rows its derivatives need, first and last.
+
+    Rows of which none is needed have a first behind the last.
+    """
+    rows, columns = own.shape
+    n, middle = look.n, look.n // 2
+    asked = np.empty((rows * n, 2), np.int64)
+    asked[:, 0], asked[:, 1] = columns * n, -1
+    cells = np.empty((2, columns))
+    for r in range(rows):
+        cells_along(look, float(low[0]), float(r + low[1]), 1.0, cells)
+        for c in range(columns):
+            x, y = cells[0, c] - beside[0] - centre[0], cells[1, c] - beside[1] - centre[1]
+            own[r, c] = abs(x) < look.half and abs(y) < look.half
+            if own[r, c]:
+                for i in range(max(r * n + middle - 2, 0), min(r * n + middle + 3, rows * n)):
+                    asked[i, 0] = min(asked[i, 0], max(c * n + middle - 2, 0))
+                    asked[i, 1] = max(asked[i, 1], min(c * n + middle + 2, columns * n - 1))
+    return asked
+
+
+@vectorised
+def spread(asked: Indices, reach: int) -> Indices:
+    """The places of rows that are asked for in any of the rows as far as `reach` away."""
+    found = asked.copy()
+    for i in range(len(asked)):
+        for k in range(max(i - reach, 0), min(i + reach + 1, len(asked))):
+            found[i, 0] = min(found[i, 0], asked[k, 0])
+            found[i, 1] = max(found[i, 1], asked[k, 1])
+    return found
+
+
+@vectorised
+def drawn(look: Look, beside: Array, low: Indices, needed: Indices, columns: int) -> Array:
+    """The chart at the places of the fine rows that blurring the needed ones takes, elsewhere anything."""
+    n, reach = look.n, len(look.blur) // 2
+    picture, cells = np.empty((len(needed), columns)), np.empty((2, columns))
+    for r in range(len(needed)):
+        first, last = max(needed[r, 0] - reach, 0), min(needed[r, 1] + reach, columns - 1)
+        if needed[r, 0] <= needed[r, 1]:
+            along = cells[:, : last - first + 1]
+            cells_along(look, (first - n // 2) / n + low[0], (r - n // 2) / n + low[1], 1 / n, along)
+            for c in range(last - first + 1):
+                picture[r, first + c] = chart_at(look, along[0, c] - beside[0], along[1, c] - beside[1])
+    return picture
+
+
+@vectorised
+def blurred(look: Look, picture: Array, needed: Indices, asked: Indices) -> Array:
+    """A picture blurred along both axes where it is asked for, mirrored at its rim; of rows first what is needed."""
     rows, columns = picture.shape
     reach = len(look.blur) // 2
     line = np.empty(columns + 2 * reach)
-    across = np.zeros((rows, columns))
+    across, found = np.zeros((rows, columns)), np.zeros((rows, columns))
     for i in range(rows):
-        for j in range(columns):
-            line[reach + j] = picture[i, j]
-        for j in range(reach):
-            line[reach - 1 - j] = picture[i, j]
-            line[reach + columns + j] = picture[i, columns - 1 - j]
-        total = across[i]
+        first, count = needed[i, 0], needed[i, 1] + 1 - needed[i, 0]
+        for j in range(count + 2 * reach if count > 0 else 0):
+            k = first - reach + j
+            k = -k - 1 if k < 0 else 2 * columns - 1 - k if k >= columns else k
+            line[j] = picture[i, k]
+        total = across[i, first : first + max(count, 0)]
         for t in range(len(look.blur)):
             weight = look.blur[t]
-            for j in range(columns):
+            for j in range(len(total)):
                 total[j] += weight * line[j + t]
-    found = np.zeros((rows, columns))
     for i in range(rows):
-        total = found[i]
+        total = found[i, asked[i, 0] : asked[i, 1] + 1]
         for t in range(len(look.blur)):
             k = i + t - reach
             k = -k - 1 if k < 0 else 2 * rows - 1 - k if k >= rows else k
-            weight, source = look.blur[t], across[k]
-            for j in range(columns):
+            weight, source = look.blur[t], across[k, asked[i, 0] : asked[i, 1] + 1]
+            for j in range(len(source)):
                 total[j] += weight * source[j]
     return found
 
@@ -123,47 +167,39 @@ def lay_bins(look: Look, centres: Array, points: Array, low: Indices, high: Indi
     centres, points : (bins, 2) float64
         In cells, and in pixels.
     low, high : (bins, 2) int64
-        First and last pixel (x, y) that is drawn.
+        First and last pixel (x, y) of what is drawn at most.
     """
-    n, middle = look.n, look.n // 2
+    at = np.empty((2, 1))
     for i in range(len(points)):
-        at = cell_at(look, points[i, 0], points[i, 1])
-        # the map has the bin's centre a little beside the point
-        beside_x, beside_y = at[0] - centres[i, 0], at[1] - centres[i, 1]
+        cells_along(look, points[i, 0], points[i, 1], 1.0, at)
+        beside = at[:, 0] - centres[i]  # the map has the bin's centre a little beside the point
         columns, rows = high[i, 0] - low[i, 0] + 1, high[i, 1] - low[i, 1] + 1
-        picture, own = np.empty((rows * n, columns * n)), np.zeros((rows, columns), np.bool_)
-        for r in range(rows * n):
-            y = (r - middle) / n + low[i, 1]
-            for c in range(columns * n):
-                cell = cell_at(look, (c - middle) / n + low[i, 0], y)
-                u, v = cell[0] - beside_x, cell[1] - beside_y
-                picture[r, c] = chart_at(look, u, v)
-                if r % n == middle and c % n == middle:
-                    near = abs(u - centres[i, 0]) < look.half and abs(v - centres[i, 1]) < look.half
-                    own[r // n, c // n] = near
-        add_products(look, blurred(look, picture), own, low[i], sums[i])
+        own = np.zeros((rows, columns), np.bool_)
+        asked = own_pixels(look, centres[i], beside, low[i], own)
+        needed = spread(asked, len(look.blur) // 2)
+        picture = drawn(look, beside, low[i], needed, columns * look.n)
+        add_products(look, blurred(look, picture, needed, asked), own, low[i], sums[i])
 
 
 @vectorised
 def add_products(look: Look, u: Array, own: npt.NDArray[np.bool_], low: Indices, sums: Array) -> None:
     """The products of the columns of `lay_bins` over a bin's own pixels, from the chart drawn around it."""
-    n = look.n
-    row = np.empty(COLUMNS + 1)
-    for a in range(COLUMNS + 1):
-        for b in range(COLUMNS + 1):
-            sums[a, b] = 0.0
+    n, count = look.n, 0
+    rows = np.empty((COLUMNS + 1, own.size))
     for r in range(own.shape[0]):
         for c in range(own.shape[1]):
             if own[r, c]:
                 i, j = r * n + n // 2, c * n + n // 2
                 here = u[i, j]
-                row[0], row[1] = 1.0, here
-                row[2] = n * n / 4 * (u[i, j + 2] + u[i, j - 2] + u[i + 2, j] + u[i - 2, j] - 4 * here)
-                row[3], row[4] = n / 2 * (u[i, j - 1] - u[i, j + 1]), n / 2 * (u[i - 1, j] - u[i + 1, j])
-                row[5] = look.samples[low[1] + r, low[0] + c]
-                for a in range(COLUMNS + 1):
-                    for b in range(a + 1):
-                        sums[a, b] += row[a] * row[b]
+                rows[0, count], rows[1, count] = 1.0, here
+                rows[2, count] = n * n / 4 * (u[i, j + 2] + u[i, j - 2] + u[i + 2, j] + u[i - 2, j] - 4 * here)
+                rows[3, count] = n / 2 * (u[i, j - 1] - u[i, j + 1])
+                rows[4, count] = n / 2 * (u[i - 1, j] - u[i + 1, j])
+                rows[5, count] = look.samples[low[1] + r, low[0] + c]
+                count += 1
     for a in range(COLUMNS + 1):
-        for b in range(a):
-            sums[b, a] = sums[a, b]
+        for b in range(a + 1):
+            left, right, total = rows[a, :count], rows[b, :count], 0.0
+            for k in range(count):
+                total += left[k] * right[k]
+            sums[a, b], sums[b, a] = total, total

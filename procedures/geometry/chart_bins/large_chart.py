@@ -112,12 +112,12 @@ def refine_bins(
 
 def _scene(samples: Array32, chart: Chart, registration: Registration, start: Correspondences, factor: int) -> _Scene:
     """The bins of a photograph, without their blur."""
-    integral = np.pad(whole_chart(chart), ((1, 0), (1, 0))).cumsum(0, dtype=np.float64).cumsum(1)
+    cells = np.asarray(whole_chart(chart), dtype=np.float64)
     per_pixel = float(np.sqrt(abs(np.linalg.det(registration.jacobian())))) / factor
     n = 2 * ceil(FINE * per_pixel / 2) - 1
     r, none = registration, np.zeros(0)
     look = Look(
-        samples, integral, r.H, r.centre, float(r.radius), r.displacement, factor, float(BLOCK), CELLS / BINS / 2, n,
+        samples, cells, r.H, r.centre, float(r.radius), r.displacement, factor, float(BLOCK), CELLS / BINS / 2, n,
         per_pixel / n, none,
     )  # fmt: skip
     return _Scene(look, registration, start)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import ceil
 
@@ -10,7 +11,7 @@ import numpy.typing as npt
 
 from procedures.geometry.chart_bins.large_chart import reduced, refine_bins
 from procedures.geometry.views import ChartView
-from procedures.outcome import Outcome, Verdict
+from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_charts, one_chart
 from procedures.pattern_psf.correspondences import Correspondences
@@ -62,6 +63,30 @@ def view_of(plane: Plane, chart: Chart, source: str, sighting: ChartSighting | N
         return Outcome(on_sensor(seen, plane, source), found.verdict, found.reason, found.remedy)
     seen = refine_bins(plane.samples, chart, found.value.registration, seen, factor)
     return Outcome(on_sensor(seen, plane, source))  # what the small picture's PSF is doubted for is not the geometry's
+
+
+def views_of(planes: Mapping[str, Plane], chart: Chart, source: str) -> dict[str, Outcome[ChartView]]:
+    """Where the planes of one photograph show the chart, by their names; it is looked for in one of them, G1 if it can.
+
+    A plane of which `view_of` tells nothing is refused, and does not keep the others.
+    """
+    guide = planes.get("G1", next(iter(planes.values())))
+    try:
+        sighting = one_chart(find_charts(guide.samples))
+    except Refused as refusal:
+        return dict.fromkeys(planes, _refused(refusal))
+    found = {}
+    for name, plane in planes.items():
+        x, y = ((a - b) / plane.pitch for a, b in zip(guide.origin, plane.origin, strict=True))
+        try:
+            found[name] = view_of(plane, chart, source, sighting.moved(x, y))
+        except Refused as refusal:
+            found[name] = _refused(refusal)
+    return found
+
+
+def _refused(refusal: Refused) -> Outcome[ChartView]:
+    return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
 
 
 def _parameters(sighting: ChartSighting) -> PatternParameters:

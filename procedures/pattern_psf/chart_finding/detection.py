@@ -66,6 +66,8 @@ class ChartSighting:
         Agreement of the frame's blocks and triangles with the picture, 0 to 1; the noise cells have no part in it.
     mirrored : bool
         Whether the photograph shows the chart as in a mirror.
+    negative : bool
+        Whether it shows white for black: the frame then looks much as in a mirror, and H turns it over, too.
     """
 
     corners: Array
@@ -73,6 +75,7 @@ class ChartSighting:
     visible: npt.NDArray[np.bool_]
     score: float
     mirrored: bool
+    negative: bool
 
     def sure(self) -> bool:
         """Whether enough marks are in sight that no other map of the same chart could have more."""
@@ -163,11 +166,14 @@ def _settle(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | No
     visible &= np.linalg.norm(chart_frame.transform(H, X_CORNERS) - pixels, axis=1) < tolerance
     if (best := _homography(pixels, visible, 0.0)) is None:
         return None
-    score = _sure_score(chart_frame.rectify(level, to_level @ best), visible)
+    rectified = chart_frame.rectify(level, to_level @ best)
+    score = _sure_score(rectified, visible)
     if score < ACCEPTED:
         return None
     corners = np.where(visible[:, None], pixels, np.nan)
-    return ChartSighting(corners, best / best[2, 2], visible, score, bool(np.linalg.det(_jacobian(best)) < 0))
+    turned_over = bool(np.linalg.det(_jacobian(best)) < 0)
+    negative = turned_over and _frame_scores(-rectified, visible).max() > score
+    return ChartSighting(corners, best / best[2, 2], visible, score, turned_over and not negative, bool(negative))
 
 
 def _centre(H: Array) -> Array:
@@ -185,9 +191,14 @@ def _jacobian(H: Array) -> Array:
 
 def _sure_score(rectified: Image, visible: npt.NDArray[np.bool_]) -> float:
     """Agreement where nothing hides the frame; 0 unless it is clearly better than for any other turn."""
-    where = chart_frame.ring() & ~chart_frame.around_marks(~visible)
-    scores = chart_frame.agreements(rectified, chart_frame.turned_frames(), where)
+    scores = _frame_scores(rectified, visible)
     return float(scores[0]) if scores[0] - scores[1:].max() > MARGIN else 0.0
+
+
+def _frame_scores(rectified: Image, visible: npt.NDArray[np.bool_]) -> Array:
+    """Agreement with the frame's eight turns where nothing hides it, (8,)."""
+    where = chart_frame.ring() & ~chart_frame.around_marks(~visible)
+    return chart_frame.agreements(rectified, chart_frame.turned_frames(), where)
 
 
 def find_charts(image: npt.NDArray[np.floating]) -> list[ChartSighting]:
@@ -244,8 +255,8 @@ def find_chart(image: npt.NDArray[np.floating]) -> ChartSighting:
     Raises
     ------
     Refused
-        If there is none, more than one, a mirrored one, one that is cut by the photograph's edge or hidden at more
-        than two marks, or one whose noise region is too small or too large.
+        If there is none, more than one, a mirrored one, a negative, one that is cut by the photograph's edge or hidden
+        at more than two marks, or one whose noise region is too small or too large.
     """
     found = one_chart(find_charts(image))
     check_usable(found, image.shape)
@@ -267,6 +278,11 @@ def one_chart(found: list[ChartSighting]) -> ChartSighting:
 
 def check_usable(sighting: ChartSighting, shape: tuple[int, ...]) -> None:
     """Raise Refused for a chart that the estimator cannot use, in a photograph of this shape; see `find_chart`."""
+    if sighting.negative:
+        raise Refused(
+            "the photograph is a negative: it shows the chart's white as black",
+            "exchange white and black, or give the camera's RAW file",
+        )
     if sighting.mirrored:
         raise Refused("the chart is mirrored", "flip the picture left to right, or photograph the chart directly")
     hidden = int(np.count_nonzero(~sighting.visible))

@@ -16,6 +16,7 @@ from procedures.geometry.spline_camera import SplineCamera
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.guard import decoding
 from procedures.reading.text import read_json
+from station.results.geometry_planes import plane_entry
 from station.results.result_files import RECORD
 
 Array = npt.NDArray[np.float64]
@@ -44,13 +45,20 @@ class Export:
     difference: Difference | None
 
 
-def read_camera(result: Path) -> StoredCamera:
+def read_camera(result: Path, plane: str | None = None) -> StoredCamera:
     """The camera of a geometry's result, a folder or its record.
+
+    Parameters
+    ----------
+    plane : str or None
+        None for green, or the first there is.
 
     Raises
     ------
     BadInput
         If there is no such result, or it has no camera.
+    BadParameter
+        If it does not tell of the plane.
     """
     record = result / RECORD if result.is_dir() else result
     told: dict[str, Any] = read_json(record, _GIVE)
@@ -58,13 +66,13 @@ def read_camera(result: Path) -> StoredCamera:
         if told.get("procedure") != "geometry":
             kind = told.get("procedure", "nothing known")
             raise BadInput(f"a camera's file comes from a geometry; {record} is of {kind}", _GIVE)
-        plane, entry = next(iter(told["planes"].items()))
+        name, entry = plane_entry(told["planes"], plane, record)
         if "camera" not in entry:
             raise BadInput(f"{record} holds no camera: {entry['reason']}", entry["remedy"])
         region = np.array(entry["region"], dtype=np.float64)
         if region.ndim != 2 or not np.isfinite(region).all():
             raise ValueError("its region is no list of points")
-        return StoredCamera(_camera(**entry["camera"]), region, f"station geometry, plane {plane}")
+        return StoredCamera(_camera(**entry["camera"]), region, f"station geometry, plane {name}")
 
 
 def _camera(model: str, params: list[float], columns: int, rows: int, **_: object) -> Camera:

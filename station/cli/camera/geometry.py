@@ -9,19 +9,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.planes import LEVELS, chart_options, chart_source, raw_option, told_layout
-from station.cli.psf.terms import plane_name
+from station.cli.psf.terms import plane_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
-from station.common.errors import REFUSED
+from station.common.errors import FAILED_ITEMS, REFUSED
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
     from procedures.geometry.estimate import Geometry
     from procedures.outcome import Outcome
     from procedures.reading.sensor_dump import DumpLayout
-
-FAILED_ITEMS = 1
 
 
 @click.command("geometry")
@@ -45,7 +43,7 @@ FAILED_ITEMS = 1
 @click.option(
     "--at-mm", "distances", type=Number(min=1), multiple=True, help="Also tell the uncertainty at a distance."
 )
-@click.option("--plane", callback=plane_name, help="R, G1, G2, B or Y.  [default: G1 of RAW files, Y of grey images]")
+@plane_option
 @raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--report/--no-report", default=True, show_default=True, help="Write report.html too, for people.")
@@ -93,18 +91,20 @@ def geometry(
     }
     paths = _photographs(photos)
     with ResultFolder(out, force=forced()) as folder, progress(len(paths)) as told:
-        shoot = measure_views(paths, plane, source.chart, layout, told)
-        for one in shoot.missed:
-            log("missed", f"{one.path.name}: {one.reason}", level="warning", remedy=one.remedy)
-        found = conclude(shoot, parameters)
-        text = write_geometry_result(folder, shoot, found, parameters=given, start=start, report=report)
-    _tell(shoot.plane, found)
+        shoots = measure_views(paths, plane, source.chart, layout, told)
+        missed = dict.fromkeys((one.path.name, one.reason, one.remedy) for shoot in shoots for one in shoot.missed)
+        for name, reason, remedy in missed:
+            log("missed", f"{name}: {reason}", level="warning", remedy=remedy)
+        planes = conclude(shoots, parameters)
+        text = write_geometry_result(folder, planes, parameters=given, start=start, report=report)
+    for one in planes:
+        _tell(one.shoot.plane, one.outcome)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
         click.echo(text, nl=False)
-    if found.value is None:
+    if any(one.outcome.value is None for one in planes):
         raise click.exceptions.Exit(REFUSED)
-    if shoot.missed:
+    if missed:
         raise click.exceptions.Exit(FAILED_ITEMS)
 
 

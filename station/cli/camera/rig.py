@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.psf.planes import LEVELS
+from station.cli.psf.terms import plane_name
 from station.cli.terminal.force import force_option, forced
 from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
@@ -21,11 +22,12 @@ if TYPE_CHECKING:
 @click.command("rig")
 @click.argument("first", type=click.Path(path_type=Path))
 @click.argument("second", type=click.Path(path_type=Path))
+@click.option("--plane", callback=plane_name, help="Of both.  [default: G1, or the first there is]")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
 @force_option
 @log_json_option
-def rig(first: Path, second: Path, out: Path, *, as_json: bool) -> None:
+def rig(first: Path, second: Path, plane: str | None, out: Path, *, as_json: bool) -> None:
     """Tell the pose of a rig's SECOND camera by its FIRST: results of station geometry, of one chart seen by both.
 
     Photographs that were taken at one time have one name in both; where none has, they belong together in their order.
@@ -36,7 +38,7 @@ def rig(first: Path, second: Path, out: Path, *, as_json: bool) -> None:
     from station.calibration.rig import read_rig_camera, write_rig_result
     from station.results.result_files import ResultFolder
 
-    cameras = read_rig_camera(first), read_rig_camera(second)
+    cameras = read_rig_camera(first, plane), read_rig_camera(second, plane)
     if cameras[0].file.sha256 == cameras[1].file.sha256:
         raise BadInput(f"{first} and {second} are one geometry", "name the results of the rig's two cameras")
     found = estimate_rig(cameras[0].charts, cameras[1].charts)

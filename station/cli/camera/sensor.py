@@ -9,14 +9,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.psf.planes import LEVELS
+from station.cli.psf.planes import LEVELS, tell_misses
 from station.cli.psf.terms import plane_name
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.progress import progress
-from station.common.errors import REFUSED
+from station.common.errors import FAILED_ITEMS, REFUSED
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
+    from procedures.outcome import Miss
     from station.calibration.sensor import SensorPlane
 
 TOLD = (
@@ -70,7 +71,8 @@ def sensor(folder: Path, plane: str | None, out: Path, *, report: bool, as_json:
     from station.calibration.sensor_folder import find_shots
     from station.results.result_files import ResultFolder
 
-    shots = find_shots(folder)
+    missed: list[Miss] = []
+    shots = find_shots(folder, missed.append)
     count = sum(len(one.paths) for one in shots)
     with ResultFolder(out, force=forced()) as results, progress(count) as told:
 
@@ -79,13 +81,14 @@ def sensor(folder: Path, plane: str | None, out: Path, *, report: bool, as_json:
                 yield path
                 told(f"read {path}")
 
-        found = measure_sensor(shots, plane, tell)
+        found = measure_sensor(shots, plane, tell, missed=missed)
         page = None
         if report:
             from station.reports.sensor_page import sensor_page  # it draws: that import is slow
 
             page = sensor_page(found)
         text = write_sensor_result(results, found, {"folder": str(folder), "plane": plane or "all"}, start, page)
+    tell_misses(found.missed)
     for one in found.planes:
         _tell(one)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
@@ -93,6 +96,8 @@ def sensor(folder: Path, plane: str | None, out: Path, *, report: bool, as_json:
         click.echo(text, nl=False)
     if any(one.outcome.verdict == "refused" for one in found.planes):
         raise click.exceptions.Exit(REFUSED)
+    if found.missed:
+        raise click.exceptions.Exit(FAILED_ITEMS)
 
 
 def _tell(plane: SensorPlane) -> None:

@@ -8,19 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import LEVELS, chart_options, chart_source, raw_option, told_layout
+from station.cli.psf.planes import LEVELS, chart_options, chart_source, raw_option, tell_misses, told_layout
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
-from station.common.errors import REFUSED
+from station.common.errors import FAILED_ITEMS, REFUSED
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
     from procedures.outcome import Outcome
     from procedures.reading.sensor_dump import DumpLayout
     from procedures.tilt.estimate import Tilt, TiltParameters
-
-FAILED_ITEMS = 1
 
 
 @click.command("tilt")
@@ -37,6 +35,7 @@ FAILED_ITEMS = 1
 )
 @click.option("--position-uncertainty-mm", type=Number(min=0), default=0.0, show_default=True, help="Of each.")
 @click.option("--nominal-mm", type=Number(min=-1e5), help="Where the sensor should be in focus: tells the backfocus.")
+@click.option("--nominal-uncertainty-mm", type=Number(min=0), default=0.0, show_default=True, help="Of that position.")
 @click.option("--focal-length-mm", type=Number(min=0.1), help="[default: as the camera noted it]")
 @click.option("--distance-mm", type=Number(min=1), help="Of the chart, where the positions do not tell it.")
 @click.option(
@@ -103,8 +102,7 @@ def tilt(
     name = plane or default_plane(paths[0], layout)
     with ResultFolder(out, force=forced()) as results, progress(len(paths)) as told:
         measured = measure(paths, [name], source.chart, BRACKET, told, layout)
-        for miss in measured.misses:
-            log("missed", str(miss), level="warning", remedy=miss.remedy)
+        tell_misses(measured.misses)
         found = measure_tilt(measured, name, positions, parameters)
         given = {**options, "chart": source.origin, "pixel_pitch_um": parameters.pixel_pitch_um,
                  "focal_length_mm": parameters.focal_length_mm, **told_layout(layout)}  # fmt: skip
@@ -132,7 +130,8 @@ def _parameters(first: Path, options: dict[str, Any]) -> TiltParameters:
         options["turn_uncertainty"],
     )  # fmt: skip
     pitch_um, focal_length_mm = noted_optics(first, options["pixel_pitch_um"], options["focal_length_mm"])
-    same = ("distance_mm", "position_uncertainty_mm", "chart_tilt_deg", "nominal_mm", "frequency")
+    same = ("distance_mm", "position_uncertainty_mm", "chart_tilt_deg", "nominal_mm", "nominal_uncertainty_mm",
+            "frequency")  # fmt: skip
     return TiltParameters(
         pitch_um,
         Positions(options["positions"]),
@@ -145,6 +144,7 @@ def _parameters(first: Path, options: dict[str, Any]) -> TiltParameters:
 def _tell(plane: str, outcome: Outcome[Tilt]) -> None:
     """Lines on stderr: the numbers, each screw, and whether to turn at all."""
     from procedures.tilt.screws import SURE
+    from procedures.tilt.shim import shim_words
 
     verdict, found = str(outcome.verdict), outcome.value
     parts = [f"{plane}: {verdict}"] + ([outcome.reason] if outcome.reason else [])
@@ -164,6 +164,8 @@ def _tell(plane: str, outcome: Outcome[Tilt]) -> None:
             f"{abs(turn.value):.3f} turn ({abs(turn.value) * 360:.0f} degrees)",
             screw=number, move_um=move.value, turn=turn.value,
         )  # fmt: skip
+    if words := shim_words(found):
+        log("shim", words, shim_um=found.numbers()["shim"].value)
     helps = found.turns.helps
     advice = "turn, and measure again" if helps >= SURE else "leave it: that is within what was measured and hands do"
     log("advice", f"these turns help with a probability of {helps:.2f}: {advice}", helps=helps)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.psf.planes import LEVELS
+from station.cli.psf.planes import LEVELS, tell_misses
 from station.cli.terminal.progress import progress
-from station.common.errors import REFUSED
+from station.common.errors import FAILED_ITEMS, REFUSED
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ def vignetting(flats: tuple[Path, ...], out: Path, as_json: bool) -> None:
     with ResultFolder(out) as folder, progress(len(paths)) as told:
         found = measure_flats(paths, told)
         text = write_vignetting_result(folder, found, start)
+    tell_misses(found.missed)
     for name, outcome in found.planes.items():
         _tell(name, outcome)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
@@ -48,6 +49,8 @@ def vignetting(flats: tuple[Path, ...], out: Path, as_json: bool) -> None:
         click.echo(text, nl=False)
     if all(outcome.value is None for outcome in found.planes.values()):
         raise click.exceptions.Exit(REFUSED)
+    if found.missed:
+        raise click.exceptions.Exit(FAILED_ITEMS)
 
 
 def _tell(plane: str, outcome: Outcome[PlaneVignetting]) -> None:

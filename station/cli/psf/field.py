@@ -19,6 +19,7 @@ from station.cli.psf.planes import (
     finish,
     psf_options,
     tell_each,
+    tell_misses,
     told_layout,
     told_trust,
 )
@@ -26,16 +27,12 @@ from station.cli.psf.terms import terms_of
 from station.cli.terminal.force import forced
 from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
+from station.common.errors import FAILED_ITEMS
 from station.common.log import log
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from procedures.field.estimate import Miss
     from procedures.field.photosite import Photosite
     from procedures.reading.sensor_dump import DumpLayout
-
-FAILED_ITEMS = 1
 
 
 @click.command("field")
@@ -151,9 +148,3 @@ def psf_field(
 def told_optics(optics: dict[str, float | None]) -> dict[str, float]:
     """What is known of lens and pixels."""
     return {name: value for name, value in optics.items() if value is not None}
-
-
-def tell_misses(misses: Iterable[Miss]) -> None:
-    """Which places of which photographs gave nothing, each with its reason."""
-    for miss in misses:
-        log("missed", str(miss), level="warning", remedy=miss.remedy)

@@ -41,6 +41,7 @@ def psf_pattern(
         frame = request.read(image)
         parameters = request.at_frequencies(parameters, frame)
         known = read_sensor(sensor, frame) if sensor else NO_SENSOR
-        found = calibrate(frame, source.chart, parameters, request.limit_of(frame), physics=physics, sensor=known)
+        limit = request.limit_of(frame, needed=physics)
+        found = calibrate(frame, source.chart, parameters, limit, physics=physics, sensor=known)
         given = {**parameters.told(), "physics": physics, **known.told(), "chart": source.origin}
         request.answer(folder, [frame], found, given)

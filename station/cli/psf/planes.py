@@ -14,6 +14,7 @@ from station.common.errors import REFUSED
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
+    from procedures.outcome import Miss
     from procedures.pattern_print.source import Source
     from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
@@ -215,6 +216,12 @@ def tell_untold(record: PlaneResult) -> None:
     """A line on stderr for every frequency asked for at which a plane has no MTF."""
     for sentence in record.untold:
         log("untold", f"{record.name}: {sentence}", level="warning", plane=record.name)
+
+
+def tell_misses(misses: Iterable[Miss]) -> None:
+    """Which places of which photographs gave nothing, each with its reason."""
+    for miss in misses:
+        log("missed", str(miss), level="warning", remedy=miss.remedy)
 
 
 def _sentence(record: PlaneResult) -> str:

@@ -68,11 +68,11 @@ class Request:
         """The planes asked for, of one photograph. Raises BadParameter where what was typed contradicts it."""
         return read_planes(image, self.plane, self.layout, typed=None if self.trusted else self.optics)
 
-    def limit_of(self, frame: RawFrame) -> Limit:
-        """The diffraction limit of each plane."""
+    def limit_of(self, frame: RawFrame, *, needed: bool = False) -> Limit:
+        """The diffraction limit of each plane; it raises BadParameter where it is needed and not known."""
         from station.calibration.planes import diffraction_limit
 
-        return partial(diffraction_limit, frame.exposure, **self.optics)
+        return partial(diffraction_limit, frame.exposure, needed=needed, **self.optics)
 
     def at_frequencies(self, parameters: Parameters, frame: RawFrame) -> Parameters:
         """Parameters that tell the MTF at the frequencies asked for, too."""

@@ -45,10 +45,10 @@ def _figures(camera: WholeCamera) -> list[tuple[Markup, str]]:
     found = camera.geometry.value
     assert found is not None
     places = found.camera.frame_grid(*ARROWS)
-    near = found.maps[0]
+    near, moved = found.maps[0], distortion(found.camera, places)
     return [
-        (distortion_figure(found, places, distortion(found.camera, places)), "What distortion does, not to scale."),
-        (uncertainty_figure(found, near, 0), f"How well the frame is known at {near.distance_mm:.0f} mm."),
+        (distortion_figure(found, places, moved, "distortion"), "What distortion does, not to scale."),
+        (uncertainty_figure(found, near, "uncertainty0"), f"How well the frame is known at {near.distance_mm:.0f} mm."),
     ]
 
 

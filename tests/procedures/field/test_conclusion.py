@@ -10,9 +10,9 @@ import pytest
 
 from procedures.field import measuring
 from procedures.field.conclusion import conclude
-from procedures.field.estimate import FrameNodes, Miss
+from procedures.field.estimate import FrameNodes
 from procedures.field.measuring import MeasuredFrames
-from procedures.outcome import Refused
+from procedures.outcome import Miss, Refused
 from procedures.psf import Psf
 from procedures.psf_field import Node
 from procedures.raw import Plane, RawFrame

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from procedures.field import estimate
-from procedures.field.estimate import FrameNodes, Miss, estimate_field, measure_frame
-from procedures.outcome import BadInput, Refused, Verdict
+from procedures.field.estimate import FrameNodes, estimate_field, measure_frame
+from procedures.outcome import BadInput, Miss, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.quality import assess

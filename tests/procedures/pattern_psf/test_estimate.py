@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -155,6 +156,28 @@ def test_hidden_marks_leave_the_answer_right(bench: Bench, rng: np.random.Genera
     found = value(estimate_psf(Plane("Y", samples, 1e-5), CHART))
     error, _ = aligned_error(found.psf.h, bench.photograph.true_psf("Y", 4, 17).h)
     assert error < 1.2 * found.diagnostics["relative_uncertainty"]
+
+
+@pytest.mark.slow
+def test_hot_and_dead_samples_are_not_the_charts_fault(bench: Bench, rng: np.random.Generator) -> None:
+    noisy = bench.plane(0.005, rng).samples
+    plane, asked = Plane("Y", np.float32(0.1) * noisy, 1e-5), PatternParameters(4, 17)
+    faulty = plane.samples.copy()
+    at = rng.random(faulty.shape) < 0.002
+    faulty[at] = rng.integers(0, 2, np.count_nonzero(at))  # hot ones ten times as bright as white, and dead ones
+    clean, outcome = (
+        estimate_psf(replace(plane, samples=samples), CHART, asked) for samples in (plane.samples, faulty)
+    )
+    assert outcome.verdict is Verdict.PASS, outcome.reason
+    before, after = (value(one).quality.numbers["mtf50_horizontal"] for one in (clean, outcome))
+    assert after.value == pytest.approx(
+        before.value, abs=before.uncertainty
+    )  # what 0.2 % of the samples tell, and less
+    x, y = bench.photograph.true_points("Y", np.array([[0.0, 0.0], [CELLS, 0], [CELLS, CELLS], [0, CELLS]])).T
+    region = 0.5 * abs(x @ np.roll(y, 1) - y @ np.roll(x, 1))
+    strays = value(outcome).diagnostics["stray_samples"]
+    assert strays == pytest.approx(0.002 * region, abs=3 * (0.002 * region) ** 0.5 + 1)
+    assert value(outcome).diagnostics["outliers"] == pytest.approx(0, abs=0.001)
 
 
 def refused(plane: Plane, match: str, chart: Chart = CHART, parameters: PatternParameters | None = None) -> None:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from procedures.outcome import BadParameter, Refused, Verdict
-from procedures.tilt.estimate import TiltParameters, estimate_tilt
+from procedures.tilt.estimate import Tilt, TiltParameters, estimate_tilt, nominal_um
 from procedures.tilt.plane import fit_plane
 from procedures.tilt.positions import Positions, behind_lens_um
 from procedures.tilt.screws import Screws, turns_for
+from procedures.tilt.shim import shim_words
 from tests.procedures.field.lens import LENS, SHAPE, FieldCamera, grid, nodes
 
 FRAME = (36.0, 24.0)
@@ -127,17 +128,48 @@ def test_positions_before_the_lens_are_those_of_their_images():
 
 PARAMETERS = TiltParameters(pixel_pitch_um=5.94, chart_tilt_deg=0.0, nominal_mm=0.0)
 TILT_UM = (0.12, -0.08)
+BEHIND_UM, PER_PATH = -10.0, 16 * 3**0.5 * 2.8**2
 
 
 def bracket(covariance, step_mm=0.025):
-    """Nine places of a lens at f/2.8 before a tilted sensor, at seven positions; rms path a is 16 sqrt(3) N^2 a um."""
+    """Nine places of a lens at f/2.8 before a tilted sensor, at seven positions; rms path a is 16 sqrt(3) N^2 a um.
+
+    The sensor's middle stands BEHIND_UM behind its due place.
+    """
     camera = FieldCamera(replace(LENS, tilt_um=TILT_UM, axis=(0.0, 0.0)), period_px=36)
     rng = np.random.default_rng(8)
     places = grid(3, 3)
     return {
-        position: nodes(camera, places, covariance, rng, defocus_um=1000 * position / (16 * 3**0.5 * 2.8**2))
+        position: nodes(camera, places, covariance, rng, defocus_um=(1000 * position + BEHIND_UM) / PER_PATH)
         for position in step_mm * np.arange(-3, 4)
     }
+
+
+def flat(offset_um, parameters=None):
+    """A flat sensor's answer, of exact heights."""
+    exact = fit_plane(NINE, np.full(9, offset_um), 1e-6 * np.eye(9), FRAME)
+    if parameters is not None:
+        exact = exact.widened(0.0, nominal_um(parameters) ** 2)
+    return Tilt(exact, np.zeros(9), SCREWS, turns_for(exact, SCREWS, with_focus=True), with_focus=True)
+
+
+def test_an_uncertain_nominal_distance_is_in_the_backfocus_through_the_magnification_squared():
+    # at 1050 mm, magnification 1/20, an error of 2 mm is one of 2 / 400 mm behind the lens, to 0.2 %
+    known = TiltParameters(5.0, Positions.SET, 50.0, nominal_mm=1050.0, nominal_uncertainty_mm=2.0)
+    numbers = flat(7.0, known).numbers()
+    for name in ("backfocus", "backfocus_centre", "shim"):
+        assert numbers[name].uncertainty == pytest.approx(5.0, rel=0.01)
+    assert numbers["tilt_horizontal"].uncertainty < 0.01
+
+
+def test_a_sensor_too_far_behind_asks_for_a_thinner_shim():
+    # light comes to a focus before it: the lens has to come nearer by as much; 70 um are a fifth of a turn of 0.35 mm
+    assert "70.0 ± 0.0 um behind best focus" in shim_words(flat(70.0))
+    assert "thinner by that, or turn every screw by 0.200 towards the lens" in shim_words(flat(70.0))
+    assert "thicker by that, or turn every screw by 0.200 away from the lens" in shim_words(flat(-70.0))
+    loose = TiltParameters(5.0, nominal_mm=0.0, nominal_uncertainty_mm=0.05)
+    assert "not told from none" in shim_words(flat(70.0, loose))
+    assert not shim_words(replace(flat(70.0), with_focus=False))
 
 
 @pytest.mark.slow
@@ -147,8 +179,13 @@ def test_a_tilted_sensor_before_a_lens_is_found_from_its_bracket(covariance):
     numbers = outcome.value.numbers()
     half = np.hypot(*SHAPE) / 2
     for name, tilt, side in zip(("tilt_horizontal", "tilt_vertical"), TILT_UM, (SHAPE[1], SHAPE[0]), strict=True):
-        true = 16 * 3**0.5 * 2.8**2 * tilt * side / half
+        true = PER_PATH * tilt * side / half
         assert numbers[name].uncertainty < 2.0
         assert numbers[name].value == pytest.approx(true, abs=3 * numbers[name].uncertainty + 1.0)
-    assert abs(numbers["backfocus"].value) < 25  # the lens's own curvature, whose mean over the frame is not zero
+    centre, mean = numbers["backfocus_centre"], numbers["backfocus"]
+    assert centre.value == pytest.approx(BEHIND_UM, abs=3 * centre.uncertainty + 1.0)
+    # r^2 is a third of the half diagonal's, on average over the frame
+    bent = PER_PATH * LENS.field_curvature_um / 3
+    assert mean.value == pytest.approx(BEHIND_UM + bent, abs=3 * mean.uncertainty + 1.0)
+    assert (numbers["shim"].value, numbers["shim"].uncertainty) == (-mean.value, mean.uncertainty)
     assert outcome.value.turns.helps > 0.99

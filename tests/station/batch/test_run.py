@@ -127,7 +127,7 @@ def test_optics_that_contradict_a_file_are_named_and_can_be_insisted_on(done, tm
     shutil.copy(done.folder / "in" / "frame0.dng", tmp_path / "in")
     text = "optics = { f_number = 11, pixel_pitch_um = 5 }\n"
     (row,) = again(tmp_path / "in", tmp_path / "out", text)
-    assert row.verdict == "unreadable"
+    assert row.verdict == "refused"
     assert "the f-number was given as 11, and the camera noted 2.8" in row.reason
     assert row.remedy.endswith("to insist, write trust_typed = true")
     (row,) = again(tmp_path / "in", tmp_path / "out", "trust_typed = true\n" + text)

@@ -20,7 +20,8 @@ from procedures.geometry.views import ChartView
 from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
 from station.__main__ import main
 from station.calibration.exports.geometry import StoredCamera, export_camera, read_camera
-from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude
+from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord, conclude
+from station.calibration.rig import read_rig_camera
 from station.reports.geometry_files import write_geometry_result
 from station.results.result_files import ResultFolder
 from tests.procedures.geometry.simulated_views import CELL_MM, TrueCamera, take
@@ -40,14 +41,16 @@ def shoot() -> GeometryPhotographs:
 
 @pytest.fixture(scope="module")
 def outcome(shoot):
-    return conclude(shoot, GeometryParameters(CELL_MM, model="OPENCV"))
+    return conclude([shoot], GeometryParameters(CELL_MM, model="OPENCV"))[0].outcome
 
 
 @pytest.fixture(scope="module")
 def result(shoot, outcome, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("geometry")
     with ResultFolder(path) as folder:
-        write_geometry_result(folder, shoot, outcome, parameters={"width_mm": 300.0}, start=0.0, report=True)
+        write_geometry_result(
+            folder, [PlaneGeometry(shoot, outcome)], parameters={"width_mm": 300.0}, start=0.0, report=True
+        )
     return path
 
 
@@ -87,9 +90,30 @@ def test_the_page_says_how_well_the_frame_is_known(result):
     assert page.count("<svg") >= 10
 
 
+@pytest.mark.slow
+def test_several_planes_have_one_record_and_tables_of_their_own(shoot, outcome, tmp_path):
+    blurred = Outcome(None, Verdict.REFUSED, "the chart is not sharp", "focus again")
+    planes = [PlaneGeometry(replace(shoot, plane="R"), blurred), PlaneGeometry(shoot, outcome)]
+    planes.append(PlaneGeometry(replace(shoot, plane="B"), outcome))
+    with ResultFolder(tmp_path / "all") as folder:
+        write_geometry_result(folder, planes, parameters={}, start=0.0)
+    told = json.loads((tmp_path / "all" / "result.json").read_text())["planes"]
+    assert [(name, one["verdict"]) for name, one in told.items()] == [
+        ("R", "refused"), ("G1", str(outcome.verdict)), ("B", str(outcome.verdict))
+    ]  # fmt: skip
+    tables = sorted(path.name for path in (tmp_path / "all").glob("geometry_*_covariance.npy"))
+    assert tables == [f"geometry_{name}_covariance.npy" for name in ("B", "B_joint", "G1", "G1_joint")]
+    assert read_camera(tmp_path / "all").source == "station geometry, plane G1"
+    assert len(read_rig_camera(tmp_path / "all", "B").charts.poses) == len(outcome.value.views)
+    with pytest.raises(BadInput, match="holds no camera: the chart is not sharp"):
+        read_camera(tmp_path / "all", "R")
+    with pytest.raises(BadParameter, match="has the planes R, G1, B, not 'Y'"):
+        read_camera(tmp_path / "all", "Y")
+
+
 def test_a_refusal_names_a_photograph_that_gave_none(shoot):
     few = GeometryPhotographs("G1", shoot.size, (shoot.records[0], shoot.records[-1]))
-    found = conclude(few, GeometryParameters(CELL_MM))
+    found = conclude([few], GeometryParameters(CELL_MM))[0].outcome
     assert found.verdict is Verdict.REFUSED
     assert "1 of 2 photographs gave none, dark.dng: the photograph is too dark" in found.reason
 
@@ -238,11 +262,11 @@ def measured(monkeypatch, tmp_path):
     taken = take(Photographed(TRUTH, count=6, every=1), np.random.default_rng(13))
     views = {f"v{i}.pgm": view for i, view in enumerate(taken.views)}
 
-    def seen(plane, chart, source) -> Outcome[ChartView]:
-        return Outcome(replace(views[source], source=source))
+    def seen(planes, chart, source) -> dict[str, Outcome[ChartView]]:
+        return {name: Outcome(replace(views[source], source=source)) for name in planes}
 
-    monkeypatch.setattr("station.calibration.geometry.view_of", seen)
-    monkeypatch.setattr("station.calibration.geometry._size", lambda frame, name: TRUTH.size)
+    monkeypatch.setattr("station.calibration.geometry.views_of", seen)
+    monkeypatch.setattr("station.calibration.geometry._size", lambda frame: TRUTH.size)
     for name in views:
         (tmp_path / name).write_bytes(b"P5\n4 4\n255\n" + bytes(16))
     return [str(tmp_path / name) for name in views]

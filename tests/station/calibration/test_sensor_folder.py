@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 
+import numpy as np
 import pytest
 
+from drivers.frame_files.dng import Shot, write_dng
 from procedures.outcome import BadInput
 from station.calibration.sensor_folder import find_shots
 
@@ -17,6 +19,7 @@ def folder(tmp_path):
     return tmp_path
 
 
+SENSOR = {"cfa": "RGGB", "black": (0,) * 4, "white": 4095}
 CSV = """\
 file,kind,exposure_s,photons
 d1.png,dark,0.01,
@@ -84,6 +87,20 @@ def test_what_cannot_be_meant_is_refused(folder, name, text, words):
 def test_folder_without_manifest_is_refused(folder):
     with pytest.raises(BadInput, match="neither a manifest"):
         find_shots(folder)
+
+
+def test_what_no_exposure_can_be_read_from_is_named_and_left_out(tmp_path):
+    for kind in ("dark", "light"):
+        (tmp_path / kind).mkdir()
+        for name in ("a.dng", "b.dng"):
+            write_dng(tmp_path / kind / name, np.zeros((4, 4), np.uint16), Shot(exposure_s=0.5), **SENSOR)
+    (tmp_path / "light" / "b.dng").write_bytes(b"no picture")
+    missed = []
+    shots = find_shots(tmp_path, missed.append)
+    assert [(one.kind, one.exposure_s, len(one.paths)) for one in shots] == [("dark", 0.5, 2), ("light", 0.5, 1)]
+    assert [miss.source for miss in missed] == [str(tmp_path / "light" / "b.dng")]
+    with pytest.raises(BadInput, match=r"b\.dng"):
+        find_shots(tmp_path)
 
 
 def test_file_is_no_folder(folder):

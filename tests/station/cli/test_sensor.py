@@ -180,6 +180,43 @@ def test_single_picture_of_a_level_is_refused(run, grey, tmp_path):
     assert "temporal noise needs two" in done.stderr
 
 
+@pytest.mark.slow
+def test_a_picture_that_cannot_be_read_costs_its_level(run, grey, tmp_path):
+    ladder(grey, 1.2)
+    lost, alone = (grey.folder / name for name in ("p007.png", "p008.png"))  # a pair of the ladder
+    lost.write_bytes(lost.read_bytes()[:100])
+    done = run("sensor", grey.folder, "--out", tmp_path / "out")
+    assert done.exit_code == 1, done.output
+    assert f"warning: {lost} " in done.stderr
+    assert f"{alone} is the only picture left" in done.stderr
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert [one["source"] for one in record["left_out"]] == [str(lost), str(alone)]
+    gain = record["planes"]["Y"]["inverse_gain"]
+    assert abs(gain["value"] - 9.0) < 3 * gain["uncertainty"]
+    assert "p008.png is the only picture left" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_what_is_left_of_a_ladder_must_suffice(run, grey, tmp_path):
+    ladder(grey, 1.2)
+    lost = [path for path in sorted(grey.folder.glob("*.png"))[2:] if int(path.stem[1:]) % 3 == 0]
+    for path in lost:
+        path.write_bytes(b"no picture")
+    done = run("sensor", grey.folder, "--out", tmp_path / "out")
+    assert done.exit_code == 5, done.output
+    plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
+    assert "the ladder needs at least 8 levels of light" in plane["reason"]
+    assert f"of 46 photographs cannot be used, {lost[0]} is a text file" in plane["reason"]
+
+
+def test_a_folder_without_a_readable_picture_is_refused(run, tmp_path):
+    for kind in ("dark", "light"):
+        (tmp_path / kind).mkdir()
+        (tmp_path / kind / "a.dng").write_bytes(b"no picture")
+    done = run("sensor", tmp_path, "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert "none of 2 photographs can be used" in done.stderr
+
+
 def test_help_describes_the_manifest(run):
     words = run("sensor", "--help").output
     assert "sensor.csv    file,kind,exposure_s,photons" in words

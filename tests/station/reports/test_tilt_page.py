@@ -43,6 +43,7 @@ def test_the_page_tells_every_screw_and_whether_to_turn(tilt):
         way = "away from" if move.value > 0 else "towards"
         assert f"at {angle}°</th><td>{abs(move.value):.1f} ± {move.uncertainty:.1f} µm {way} the lens" in page
     assert "tilt horizontal" in page
+    assert "mount that is thinner by that" in page
 
 
 def test_a_refused_tilt_says_why():

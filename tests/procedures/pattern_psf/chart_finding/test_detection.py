@@ -143,6 +143,11 @@ def test_mirrored_chart_is_refused() -> None:
     assert "mirrored; flip" in refusal(plain()[0][::-1])
 
 
+def test_negative_is_told_from_a_mirrored_chart() -> None:
+    # the frame as in a mirror has white where it had black, but for its rim
+    assert "is a negative" in refusal(1 - plain()[0])
+
+
 @pytest.mark.slow
 def test_several_charts_are_refused_with_their_places() -> None:
     camera = camera_of(180, 360)

@@ -1,12 +1,14 @@
-"""What support and band leave open of a PSF's numbers: what the tail's few shapes miss, light beyond the band."""
+"""What the tail's few shapes leave out of a PSF's tail: how far the true one may stray from it, and what that moves."""
 
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL
 from procedures.psf import Psf
-from procedures.spatial_numbers import energy_in_outer_band
+
+Array = npt.NDArray[np.float64]
 
 ROUGHNESS = 0.25
 """How far a true tail strays from the fitted one, ring by ring, over its density: rings of a small aperture, spikes of
@@ -14,8 +16,6 @@ an iris. On tails of Airy's disc, defocus, coma and polygons it was 0.1 to 0.3, 
 RINGS = 1 / (8**0.5 * np.pi)
 """Of the rings of a circular pupil, 1 - sin(2 pi f_c r) about the mean tail: what a square support's border cuts off of
 one more or less, over (f_c R)^-3/2 of the energy outside. The phase is stationary at the middles of its four sides."""
-OUTER = 0.67
-"""Share of the band beyond which its outer third lies."""
 
 
 def truncation(psf: Psf) -> float:
@@ -49,10 +49,7 @@ def _surprise(psf: Psf) -> float:
     return max(1.0, float(np.sqrt(np.mean((others / expected) ** 2)))) if others else 1.0
 
 
-def energy_beyond_band(psf: Psf, above: float, uncertainty: float) -> float:
-    """By how much the share of energy above Nyquist may be too small for what lies beyond the band.
-
-    As much again as in the band's outer third: behind a zero of the photosite's OTF no less may follow than before it.
-    """
-    outer = energy_in_outer_band(psf, OUTER)
-    return (1 - above) * float(np.sqrt(outer**2 - uncertainty**2)) if outer > uncertainty else 0.0
+def stray_at(psf: Psf, f: Array) -> Array:
+    """The truncation's uncertainty at frequencies (n,): none at 0, where all light is counted."""
+    radius = psf.k / 2 / psf.s
+    return np.asarray(truncation(psf) * (1 - np.exp(-((np.pi * f * radius) ** 2))))

@@ -1,0 +1,33 @@
+"""Which samples are the sensor's own faults, and which lie under something."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from procedures.pattern_psf.observation import Observation
+from procedures.pattern_psf.outliers import left_out, within_reach
+
+
+def observation(y: np.ndarray, noise: float = 0.01) -> Observation:
+    """Of a whole square of samples."""
+    rows, columns = (place.ravel() for place in np.indices(y.shape))
+    points = np.column_stack([columns, rows]).astype(np.float64)
+    flat, n = y.ravel(), y.size
+    return Observation(rows, columns, points, flat, np.full(n, 1 / noise), np.zeros((n, 6)), np.zeros((n, 9)))
+
+
+def test_single_samples_are_told_from_specks() -> None:
+    whole = observation(np.zeros((20, 20)))
+    lost = np.zeros((20, 20), dtype=bool)
+    lost[[0, 5, 19], [0, 7, 3]] = True  # at the rim, too
+    lost[10:12, 10:12] = True
+    lost[[15, 16], [15, 16]] = True  # corners touch
+    found = left_out(whole, whole.where(~lost.ravel()))
+    assert found.stray == 3
+    assert found.strange == 6 / 400
+
+
+def test_only_what_no_light_of_the_chart_makes_is_beyond_reach() -> None:
+    # half of the contrast beyond white or black, and six standard deviations of noise
+    y = np.array([[-0.57, -0.55, 0.0, 1.0, 1.55, 1.57]])
+    assert within_reach(observation(y)).y.tolist() == [-0.55, 0.0, 1.0, 1.55]

@@ -1,0 +1,39 @@
+"""`station vignetting`: what cannot be read of its flats."""
+
+from __future__ import annotations
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def flats(tmp_path, rng):
+    """A folder of three photographs of even light."""
+    folder = tmp_path / "flats"
+    folder.mkdir()
+    for name in "abc":
+        light = rng.normal(20000, 60, (96, 128))
+        cv2.imwrite(str(folder / f"{name}.png"), light.astype(np.uint16))
+    return folder
+
+
+def test_a_flat_that_cannot_be_read_is_named_and_left_out(run, flats, tmp_path):
+    (flats / "a.png").write_bytes(b"no picture")
+    done = run("vignetting", flats, "--out", tmp_path / "out")
+    assert done.exit_code == 1, done.output
+    assert f"{flats / 'a.png'} " in done.stderr
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert [one["source"] for one in record["left_out"]] == [str(flats / "a.png")]
+    assert record["planes"]["Y"]["corner_light"]["n"] == 2
+
+
+def test_flats_of_which_none_can_be_read_are_refused(run, flats, tmp_path):
+    for path in flats.iterdir():
+        path.write_bytes(b"no picture")
+    done = run("vignetting", flats, "--out", tmp_path / "out")
+    assert done.exit_code == 4
+    assert "none of 3 photographs can be used" in done.stderr
+    assert not (tmp_path / "out").exists()
