@@ -198,6 +198,12 @@ class Psf:
         slope = slope / self.light
         return share, float(np.sqrt(max(slope @ self.parameter_covariance @ slope, 0.0)))
 
+    def narrowed(self, share: float) -> Psf:
+        """The same with its samples low-passed to a share of the band; the covariance is still theirs."""
+        n = np.arange(self.k)
+        low = share * np.sinc(share * (n[:, None] - n))
+        return Psf(low @ self.h @ low.T, self.s, self.covariance, self.tail)
+
     @property
     def tail_density_px(self) -> float:
         """A of the mean far tail A / r^3 per square pixel, r in pixels, where all light is 1."""

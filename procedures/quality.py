@@ -18,7 +18,15 @@ from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
 from procedures.outcome import BadParameter, Quantity, Rule, Verdict
 from procedures.psf import Psf
-from procedures.spatial_numbers import CIRCLES, DrawnNumber, circle, name_of_circle, section_widths, spatial_numbers
+from procedures.spatial_numbers import (
+    CIRCLES,
+    DrawnNumber,
+    circle,
+    energy_beyond_band,
+    name_of_circle,
+    section_widths,
+    spatial_numbers,
+)
 from procedures.stray_tail import stray_at, stray_energy, truncation
 from procedures.transfer_function import LEVELS, curve_numbers, first_crossing
 
@@ -227,6 +235,9 @@ def _left_open(
             beyond = (values[name] - value) ** 2 - uncertainties[name] ** 2
             if np.isfinite(beyond):
                 left[name] = max(left[name], 0.5 * float(np.sqrt(max(beyond, 0.0))))
+    left["energy_above_nyquist"] = energy_beyond_band(
+        psf, values["energy_above_nyquist"], uncertainties["energy_above_nyquist"]
+    )
     for name, moved in _by_stray_energy(psf, found).items():
         left[name] = float(np.hypot(left[name], moved))
     return left
@@ -323,9 +334,7 @@ def _uncertainty(C: Array, slope: Array) -> Array:
 
 def _within_band(psf: Psf, share: float, diffraction: Diffraction | None) -> dict[str, float]:
     """The numbers that hang on the band's outer frequencies, from the samples low-passed to a share of the band."""
-    n = np.arange(psf.k)
-    low = share * np.sinc(share * (n[:, None] - n))
-    narrow = Psf(low @ psf.h @ low.T, psf.s, psf.covariance, psf.tail)
+    narrow = psf.narrowed(share)
     horizontal, vertical = section_widths(narrow)
     whole = narrow.extended()
     values = {"fwhm_horizontal": horizontal, "fwhm_vertical": vertical}

@@ -21,6 +21,8 @@ FINE = 4
 """Points per sample between which the energy inside a circle is summed."""
 FINE_SECTION = 16
 """The same of a section whose width is read."""
+OUTER = 0.67
+"""Share of the band beyond which its outer third lies."""
 CIRCLES = (0.5, 0.8)
 """Shares of all light whose radii are told."""
 AROUND = 4
@@ -66,13 +68,26 @@ def energy_within(psf: Psf, radius_px: float) -> tuple[float, Array]:
 def energy_above_nyquist(psf: Psf) -> tuple[float, Array]:
     """Share of |OTF|^2 outside |fx|, |fy| <= 1/2, what noise adds taken away, and its derivative (k^2 + q,)."""
     image = psf.extended()
-    S = _nyquist_kernel(len(image), psf.s)
-    noise = _noise_of_energy(psf)
+    S = _band_kernel(len(image), psf.s, 0.5)
     through = S @ image @ S
-    inside, whole = float(np.sum(through * image)) - noise[0], float(np.sum(image**2)) - noise[1]
+    inside = float(np.sum(through * image)) - _noise_of_energy(psf, 0.5)
+    whole = float(np.sum(image**2)) - _noise_of_energy(psf, psf.s / 2)
     if whole <= 0:
         return np.nan, np.full(len(psf.parameters), np.nan)
     return 1 - inside / whole, psf.contract(2 * (inside / whole * image - through) / whole)
+
+
+def energy_beyond_band(psf: Psf, above: float, uncertainty: float) -> float:
+    """By how much the share of energy above Nyquist may be too small for what lies beyond the band.
+
+    As much again as in the band's outer third: behind a zero of the photosite's OTF no less may follow than before it.
+    """
+    image, edge = psf.extended(), OUTER * psf.s / 2
+    S = _band_kernel(len(image), psf.s, edge)
+    inside = float(np.sum((S @ image @ S) * image)) - _noise_of_energy(psf, edge)
+    whole = float(np.sum(image**2)) - _noise_of_energy(psf, psf.s / 2)
+    outer = 1 - inside / whole if whole > 0 else 0.0
+    return (1 - above) * float(np.sqrt(outer**2 - uncertainty**2)) if outer > uncertainty else 0.0
 
 
 def _of_support(psf: Psf, name: str, x: Array) -> DrawnNumber:
@@ -132,19 +147,21 @@ def _half_way(values: Array, peak: Indices, outer: Indices, inner: Indices) -> A
         return np.asarray(inner + (outer - inner) * (before - half) / (before - beyond))
 
 
-@lru_cache(maxsize=8)
-def _nyquist_kernel(size: int, s: int) -> Array:
-    """(size, size): the quadratic form S h S . h is the integral of |OTF|^2 over |fx|, |fy| <= 1/2, of sum h^2."""
-    return np.asarray(np.sinc((np.arange(size)[:, None] - np.arange(size)) / s) / s)
+@lru_cache(maxsize=16)
+def _band_kernel(size: int, s: int, edge: float) -> Array:
+    """(size, size): S h S . h is the integral of |OTF|^2 over |fx|, |fy| <= edge (cycles/pixel), of sum h^2."""
+    part = 2 * edge / s
+    return np.asarray(part * np.sinc(part * (np.arange(size)[:, None] - np.arange(size))))
 
 
-def _noise_of_energy(psf: Psf) -> tuple[float, float]:
-    """What noise of the samples adds, on average, to the energy inside the Nyquist square and to the whole."""
-    S = _nyquist_kernel(psf.k, psf.s)
+def _noise_of_energy(psf: Psf, edge: float) -> float:
+    """What noise of the samples adds, on average, to the energy at |fx|, |fy| <= edge."""
     noise = psf.covariance if psf.lacking is None else psf.covariance - psf.lacking
+    if edge >= psf.s / 2:
+        return float(np.trace(noise))
+    S = _band_kernel(psf.k, psf.s, edge)
     C = noise.reshape(psf.k, psf.k, psf.k, psf.k)
-    inside = np.sum(S * np.tensordot(S, C, axes=((0, 1), (0, 2))))
-    return float(inside), float(np.trace(noise))
+    return float(np.sum(S * np.tensordot(S, C, axes=((0, 1), (0, 2)))))
 
 
 @dataclass(frozen=True)
@@ -161,20 +178,39 @@ class _FineGrid:
         The points by their distance.
     rising : (n^2,) float64
         The distances in that order.
+    slant : (n^2,) float64
+        |cos| and |sin| of the points' directions, the smaller over the sum of both: 0 along the axes, 1/2 between them.
     side : float
-        Of a point's square, in pixels: circles enter it linearly.
+        Of a point's square, in pixels.
     """
 
     M: Array
     r: Array
     order: Indices
     rising: Array
+    slant: Array
     side: float
 
     def within(self, radius_px: float) -> Array:
         """What each sample (size, size) adds to the light inside a circle."""
-        share = np.clip((radius_px - self.r) / self.side + 0.5, 0, 1) / FINE**2
-        return np.asarray(self.M.T @ share.reshape(len(self.M), len(self.M)) @ self.M)
+        share = (self.r < radius_px).astype(np.float64)
+        rim = np.abs(self.r - radius_px) < 2 * self.side
+        share[rim] = self.covered(radius_px, self.r[rim], self.slant[rim])[1]
+        return np.asarray(self.M.T @ (share / FINE**2).reshape(len(self.M), len(self.M)) @ self.M)
+
+    def covered(self, radius_px: float, r: Array, slant: Array) -> Array:
+        """Shares of the squares at distances r (b,) that count as inside three circles, (3, b): one smaller than the
+        radius by a square's side, its own, one larger.
+
+        Squares that a line covers in part blur the circle by a square's side, whose variance is side^2 / 12: half of it
+        times the second difference is taken away. A line covers a square as far as the integral of a trapezium, the
+        square's shadow along the line.
+        """
+        away = (radius_px - r) / self.side + np.arange(-2, 3)[:, None]
+        across = np.clip(away * np.hypot(slant, 1 - slant), -0.5, 0.5)
+        beyond = np.maximum(np.abs(across) - (0.5 - slant), 0.0)  # the flat top
+        share = 0.5 + (across - np.sign(across) * beyond * beyond / (2 * np.maximum(slant, 1e-9))) / (1 - slant)
+        return np.asarray(share[1:4] - (share[2:] - 2 * share[1:4] + share[:3]) / 24)
 
 
 @lru_cache(maxsize=8)
@@ -183,7 +219,10 @@ def _fine_grid(size: int, s: int) -> _FineGrid:
     t = (np.arange(FINE * (size - 1) + 1) - FINE * (size // 2)) / FINE
     r = np.hypot(t, t[:, None]).ravel() / s
     order = np.argsort(r, kind="stable")
-    return _FineGrid(np.sinc(t[:, None] - (np.arange(size) - size // 2)), r, order, r[order], 1 / (FINE * s))
+    x, y = np.abs(t), np.abs(t[:, None])
+    slant = (np.minimum(x, y) / np.maximum(x + y, 1e-9)).ravel()
+    M = np.sinc(t[:, None] - (np.arange(size) - size // 2))
+    return _FineGrid(M, r, order, r[order], slant, 1 / (FINE * s))
 
 
 @dataclass(frozen=True)
@@ -219,18 +258,21 @@ def _circle(psf: Psf, image: Array, size: int, share: float) -> Circle:
     rim, grid = (len(image) - size) // 2, _fine_grid(size, psf.s)
     fine = grid.M @ image[rim : len(image) - rim, rim : len(image) - rim] @ grid.M.T
     light = fine.ravel()[grid.order] / (FINE**2 * psf.light)
-    r, side = grid.rising, grid.side
+    r, slant, side = grid.rising, grid.slant[grid.order], grid.side
     running = np.cumsum(light[: np.searchsorted(r, (size // 2) / psf.s)])
     if not len(running) or running.max() < share or running[0] >= share:
         return Circle(np.nan, np.nan, size)
     radius, density = float(r[np.argmax(running >= share)]), 1.0
     for _ in range(6):  # Newton's steps on the smooth sum
-        first, last = np.searchsorted(r, (radius - 2 * side, radius + 2 * side)).tolist()
-        near, met = light[first:last], (radius - r[first:last]) / side
+        first, last = np.searchsorted(r, (radius - 3 * side, radius + 3 * side)).tolist()
+        near, places = light[first:last], (r[first:last], slant[first:last])
         # between circles two sides apart: the points of one side alone are too few, and 15 % off
-        density = float((np.clip(met + 1.5, 0, 1) - np.clip(met - 0.5, 0, 1)) @ near) / (2 * side)
-        inside = float(light[:first].sum() + np.clip(met + 0.5, 0, 1) @ near)
-        radius += (share - inside) / density
+        inner, own, outer = (grid.covered(radius, *places) @ near).tolist()
+        inside, density = float(light[:first].sum()) + own, (outer - inner) / (2 * side)
+        step = (share - inside) / density
+        radius += step
+        if abs(step) < 1e-9:
+            break
     return Circle(radius, density, size)
 
 

@@ -13,6 +13,9 @@ Array = npt.NDArray[np.float64]
 ROUGHNESS = 0.25
 """How far a true tail strays from the fitted one, ring by ring, over its density: rings of a small aperture, spikes of
 an iris. On tails of Airy's disc, defocus, coma and polygons it was 0.1 to 0.3, of spikes up to 1."""
+RINGS = 1 / (8**0.5 * np.pi)
+"""Of the rings of a circular pupil, 1 - sin(2 pi f_c r) about the mean tail: what a square support's border cuts off of
+one more or less, over (f_c R)^-3/2 of the energy outside. The phase is stationary at the middles of its four sides."""
 
 
 def truncation(psf: Psf) -> float:
@@ -29,10 +32,14 @@ def truncation(psf: Psf) -> float:
 def stray_energy(psf: Psf) -> float:
     """Standard uncertainty of the share outside the support from the same: ROUGHNESS E / (R sqrt(8 pi)).
 
+    At small apertures rings are wider than pixels, and alike all around: RINGS E / (f_c R)^3/2, f_c by the far tail.
     Where the tail strays farther into its shapes than a lens in focus lets expect (coma and astigmatism of a field's
     corner, reaching beyond the support), it strays as much farther from them.
     """
-    return _surprise(psf) * ROUGHNESS * abs(psf.share_outside) * psf.s / (psf.k / 2 * float(np.sqrt(8 * np.pi)))
+    radius = psf.k / 2 / psf.s
+    rings = float(np.pi**3 * max(psf.tail_density_px, 0.0) / radius) ** 1.5
+    rough = _surprise(psf) * ROUGHNESS / (radius * float(np.sqrt(8 * np.pi)))
+    return abs(psf.share_outside) * float(np.hypot(rough, RINGS * rings))
 
 
 def _surprise(psf: Psf) -> float:

@@ -20,26 +20,32 @@ RINGS_PX = (0.8, 1.2, 1.8, 2.7)
 """Radii between which the light is summed."""
 LEAST = 0.6
 """Of the far tail's light between two radii, what any lens leaves there."""
+NARROWER = 0.85
+"""Share of the band within which the rings are looked at again: a band that ends where the OTF has not leaves rings
+that are its own, and half of what they change is doubt."""
 
 
 def missing_light(psf: Psf) -> float:
     """By how many standard uncertainties the rings around the core, or the tail, have less light than a lens leaves.
 
     Negative where they have more. The tail beyond the support predicts 2 pi a (1 / r - 1 / R) between r and R.
+    A band that ends before the OTF does is in the uncertainty.
     """
     C, tail = psf.parameter_covariance, np.zeros(len(psf.parameters))
     if not len(psf.tail.amplitudes):
         return -np.inf
     tail[psf.k**2] = psf.tail_density_px / psf.tail.amplitudes[0] if psf.tail.amplitudes[0] else 0.0
     radii = [radius for radius in RINGS_PX if radius <= psf.k / 2 / psf.s]
-    within = [energy_within(psf, radius) for radius in radii]
+    within, narrow = [energy_within(psf, radius) for radius in radii], psf.narrowed(NARROWER)
+    moved = [(energy_within(narrow, radius)[0] - one) / 2 for radius, (one, _) in zip(radii, within, strict=True)]
     lacking = [_sigmas(-psf.tail_density_px, tail, C)]
-    for (r, R), ((inner, of_inner), (outer, of_outer)) in zip(pairwise(radii), pairwise(within), strict=True):
+    rings = zip(pairwise(radii), pairwise(within), pairwise(moved), strict=True)
+    for (r, R), ((inner, of_inner), (outer, of_outer)), (a, b) in rings:
         expected = LEAST * 2 * np.pi * (1 / r - 1 / R)
         less = expected * max(psf.tail_density_px, 0.0) - (outer - inner)
-        lacking.append(_sigmas(less, expected * tail - of_outer + of_inner, C))
+        lacking.append(_sigmas(less, expected * tail - of_outer + of_inner, C, b - a))
     return max(lacking)
 
 
-def _sigmas(value: float, slope: Array, C: Array) -> float:
-    return float(value / np.sqrt(max(float(slope @ C @ slope), 1e-30)))
+def _sigmas(value: float, slope: Array, C: Array, beside: float = 0.0) -> float:
+    return float(value / np.sqrt(max(float(slope @ C @ slope) + beside**2, 1e-30)))

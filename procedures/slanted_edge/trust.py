@@ -10,6 +10,7 @@ from procedures.outcome import Refused, Rule, Verdict, verdict_of
 from procedures.slanted_edge.edge_line import NO_EDGE, Course
 from procedures.slanted_edge.profile import Profile
 from procedures.slanted_edge.strip import Strip
+from procedures.slanted_edge.transfer import HIGHEST
 
 Array = npt.NDArray[np.float64]
 
@@ -123,6 +124,12 @@ def _refusals(course: Course, profile: Profile, mtf50: float, uncertainty: float
             f"the edge must run through all phases of the pixels; at {angle:.1f} degrees it leaves "
             f"{profile.empty:.0%} of them out: it is too near {near}",
             "turn the chart or the camera: 5 degrees from an axis are right",
+        ),
+        Rule(
+            refused,
+            clear >= NOISY and np.isnan(mtf50),
+            f"the MTF stays above 1/2 up to {HIGHEST:g} cycle/pixel, where an edge's ends",
+            "measure the PSF from the chart: finer detail than an edge's can be had of it",
         ),
         Rule(
             refused,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from procedures.numerics.kernel_tail import DIFFERS, tail_kernels, tail_sums
+from procedures.numerics.kernel_tail import DIFFERS, tail_density, tail_kernels, tail_sums
 from procedures.outcome import BadParameter
 from procedures.psf import Psf, PsfTail
 from procedures.quality import Diffraction, assess, beyond_diffraction, otf
@@ -68,16 +68,54 @@ def test_mtf_is_told_at_the_frequencies_asked_for_and_nowhere_beyond_the_band() 
 
 def test_encircled_energy_of_a_gaussian() -> None:
     numbers = assess(sure(gaussian(0.6, 0.6)), n=1).numbers
-    # 1 - exp(-r^2 / 2 sigma^2); squares entering linearly, 1/4 pixel wide, blur the circle by 1/4 / sqrt 12
+    # 1 - exp(-r^2 / 2 sigma^2)
     for share in (50, 80):
         radius = 0.6 * np.sqrt(-2 * np.log(1 - share / 100))
-        assert numbers[f"encircled_energy_{share}"].value == pytest.approx(radius, rel=0.015)
+        assert numbers[f"encircled_energy_{share}"].value == pytest.approx(radius, rel=2e-4)
+
+
+def test_small_circles_are_cut_out_of_the_samples_as_circles_are() -> None:
+    for sigma in np.linspace(0.31, 0.45, 15):
+        psf = sure(gaussian(sigma, sigma))
+        for share in (0.5, 0.8):
+            radius = sigma * np.sqrt(-2 * np.log(1 - share))
+            # squares of 1/16 pixel: what is left of their corners, where squares entering linearly leave up to 2e-3
+            assert circle(psf, psf.extended(), share).radius == pytest.approx(radius, rel=8e-4)
 
 
 def test_energy_above_nyquist_of_a_gaussian() -> None:
     numbers = assess(sure(gaussian(0.4, 0.4)), n=1).numbers
     # |OTF|^2 = exp(-4 pi^2 sigma^2 f^2): the inside of the square is a product of two error functions
     assert numbers["energy_above_nyquist"].value == pytest.approx(1 - erf(2 * np.pi * 0.4 * 0.5) ** 2, rel=1e-4)
+
+
+def test_energy_above_nyquist_counts_what_lies_beyond_the_band() -> None:
+    # a photosite of half a pixel, whose OTF is 0 at 2 cycles/pixel, and a Gaussian; the band of s = 5 ends at 2.5
+    f = (np.arange(4000) + 0.5) / 4000 * 8
+    line = np.sinc(0.5 * f) * np.exp(-2 * (np.pi * 0.06 * f) ** 2)
+    n = (np.arange(K) - K // 2) / 5
+    h = np.cos(2 * np.pi * n[:, None] * f[f < 2.5]) @ line[f < 2.5]
+    psf = Psf(np.outer(h, h) / h.sum() ** 2, 5, 1e-14 * np.eye(K * K))
+    found = assess(psf, n=1).numbers["energy_above_nyquist"]
+    truth = 1 - (np.sum(line[f < 0.5] ** 2) / np.sum(line**2)) ** 2
+    assert abs(found.value - truth) < 3 * found.uncertainty
+    assert found.uncertainty < 0.01
+
+
+def test_share_outside_is_as_unsure_as_rings_of_a_small_aperture_make_it() -> None:
+    # diffraction alone at f/22: its mean tail is a / r^3, and rings of it go in and out as the support grows
+    limit, no_noise = Diffraction(22, 4.6, 550), np.zeros((1, 1))
+    x = np.arange(-20, 21) / S
+    whole = limit.psf(np.hypot(x, x[:, None])) / S**2
+    away = []
+    for k in range(21, 43, 2):
+        part = slice(20 - k // 2, 21 + k // 2)
+        h = whole[part, part]
+        amplitude = np.array([limit.tail_density_px * S / tail_density(k) / h.sum()])
+        psf = Psf(h / h.sum(), S, np.zeros((k * k, k * k)), PsfTail(amplitude, no_noise, np.zeros((k * k, 1))))
+        away.append((psf.share_outside - (1 - h.sum())) / stray_energy(psf))
+    assert 0.3 < np.sqrt(np.mean(np.square(away))) < 1.3
+    assert np.abs(away).max() < 2.5
 
 
 def test_ellipse_of_a_turned_gaussian() -> None:
@@ -159,17 +197,17 @@ def test_share_outside_is_less_sure_where_the_tail_is_not_that_of_a_lens_in_focu
 
     def stray(*others: float) -> float:
         """Over what is told of rings, a quarter of E / (R sqrt(8 pi)); amplitudes in units of what is expected."""
-        amplitudes = 0.05 * np.array([1, *(np.array(others) * DIFFERS)])
+        amplitudes = 0.002 * np.array([1, *(np.array(others) * DIFFERS)])
         psf = Psf(h, S, 1e-12 * np.eye(h.size), PsfTail(amplitudes, no_noise, np.zeros((h.size, 6))))
         return stray_energy(psf) / (0.25 * psf.energy_outside[0] / (17 / 2 / S * np.sqrt(8 * np.pi)))
 
-    assert stray(0, 0, 0, 0, 0) == pytest.approx(1)
-    assert stray(1, 0, -1, 1, 1) == pytest.approx(1)
-    assert stray(4, 0, -4, 4, 4) == pytest.approx(np.sqrt(64 / 5))
+    assert stray(0, 0, 0, 0, 0) == pytest.approx(1, rel=1e-3)  # so faint a tail is of no small aperture
+    assert stray(1, 0, -1, 1, 1) == pytest.approx(1, rel=1e-3)
+    assert stray(4, 0, -4, 4, 4) == pytest.approx(np.sqrt(64 / 5), rel=1e-3)
 
 
 def test_energies_are_as_unsure_as_tails_that_stray_pixel_by_pixel_make_them(rng: np.random.Generator) -> None:
-    sigma, k, outside, limit = 0.5, 17, 0.06, Diffraction(8, 5.0, 550)
+    sigma, k, outside, limit = 0.5, 17, 0.02, Diffraction(8, 5.0, 550)
     h, no_noise = gaussian(sigma, sigma, k=k), np.zeros((6, 6))
     tail = PsfTail(np.array([outside, 0, 0, 0, 0, 0]), no_noise, np.zeros((h.size, 6)))
     found = assess(Psf(h, S, 1e-16 * np.eye(h.size), tail), n=1, diffraction=limit)

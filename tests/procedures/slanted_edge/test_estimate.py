@@ -148,6 +148,10 @@ def test_a_clipped_edge_is_refused() -> None:
     refusal(np.minimum(edge_light(gaussian(0.25)) * 1.2, 1.0), "saturated")
 
 
+def test_an_edge_sharper_than_an_mtf_that_ends_at_one_cycle_is_not_called_noisy() -> None:
+    refusal(edge_light(gaussian(1.25)), "stays above 1/2")
+
+
 def test_a_noisy_edge_is_refused(rng: np.random.Generator) -> None:
     light = 0.3 + 0.25 * edge_light(gaussian(0.25))
     refusal(light + 0.15 * rng.standard_normal(light.shape), "too noisy")

@@ -1,0 +1,40 @@
+"""Rings around the cores of PSFs whose OTFs are formulae."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from procedures.numerics.kernel_tail import tail_density
+from procedures.psf import Psf, PsfTail
+from procedures.quality import Diffraction
+from procedures.sharpening.ring import missing_light
+
+S, K = 5, 21
+SHARP, SOFT = Diffraction(2.8, 9.2, 550), Diffraction(5.6, 9.2, 550)
+"""Lenses before a Bayer plane, whose photosites are half a pixel of the plane wide."""
+
+
+def seen(lens: Diffraction, mask: float = 0.0) -> Psf:
+    """The lens and a photosite in the band of S, sharpened by an unsharp mask of one pixel; samples known to 1e-4."""
+    f = (np.arange(400) + 0.5) / 400 * S - S / 2
+    r2 = f**2 + (f**2)[:, None]
+    otf = lens.otf(np.sqrt(r2)) * np.sinc(0.5 * f) * np.sinc(0.5 * f[:, None])
+    otf *= 1 + mask * (1 - np.exp(-2 * np.pi**2 * r2))
+    x = (np.arange(K) - K // 2) / S
+    waves = np.cos(2 * np.pi * x[:, None] * f)  # the OTF is even along either axis
+    h = waves @ otf @ waves.T / 400**2
+    tail = np.array([lens.tail_density_px * S / tail_density(K) / h.sum()])
+    covariance = 1e-4**2 * np.eye(K * K)
+    return Psf(h / h.sum(), S, covariance, PsfTail(tail, np.array([[1e-6]]), np.zeros((K * K, 1))))
+
+
+def test_a_band_that_ends_before_the_otf_is_not_taken_for_sharpening() -> None:
+    # what f/2.8 passes beyond 2.5 cycles/pixel leaves rings of its own when it is missing
+    assert missing_light(seen(SHARP)) < 3
+
+
+def test_unsharp_masks_are_told_by_either_lens() -> None:
+    for lens in (SHARP, SOFT):
+        assert missing_light(seen(lens, 0.2)) > 5
+    assert missing_light(seen(SOFT, 0.1)) > 3
+    assert missing_light(seen(SOFT)) < 0
