@@ -43,10 +43,13 @@ def stray_energy(psf: Psf) -> float:
 
 
 def _surprise(psf: Psf) -> float:
-    """Root mean square of the amplitudes beside the mean tail's over what is expected of them, at least 1."""
+    """Root mean square of the amplitudes beside the mean tail's over what is expected of them, at least 1.
+
+    Where one of them alone strays, by that less 1: spikes of an iris of few blades, alike along all their length.
+    """
     first, *others = psf.tail.amplitudes.tolist() or [0.0]
-    expected = DIFFERS[: len(others)] * max(abs(first), LEAST_TAIL)
-    return max(1.0, float(np.sqrt(np.mean((others / expected) ** 2)))) if others else 1.0
+    strayed = np.abs(others) / (DIFFERS[: len(others)] * max(abs(first), LEAST_TAIL))
+    return max(1.0, float(np.sqrt(np.mean(strayed**2))), float(strayed.max()) - 1) if others else 1.0
 
 
 def stray_at(psf: Psf, f: Array) -> Array:

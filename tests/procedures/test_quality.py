@@ -204,6 +204,7 @@ def test_share_outside_is_less_sure_where_the_tail_is_not_that_of_a_lens_in_focu
     assert stray(0, 0, 0, 0, 0) == pytest.approx(1, rel=1e-3)  # so faint a tail is of no small aperture
     assert stray(1, 0, -1, 1, 1) == pytest.approx(1, rel=1e-3)
     assert stray(4, 0, -4, 4, 4) == pytest.approx(np.sqrt(64 / 5), rel=1e-3)
+    assert stray(0, 0, 0, 8, 0) == pytest.approx(7, rel=1e-3)
 
 
 def test_energies_are_as_unsure_as_tails_that_stray_pixel_by_pixel_make_them(rng: np.random.Generator) -> None:
