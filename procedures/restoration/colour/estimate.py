@@ -129,7 +129,7 @@ def _residual(term: MosaicTerm, u: Array) -> Array:
 
 def _left_over(term: MosaicTerm, u: Array) -> float:
     """Root mean square of what is left of a sample."""
-    return float(np.sqrt(np.sum(term.residual(u) ** 2) / max(np.count_nonzero(term.trust), 1)))
+    return float(np.sqrt(np.sum(term.residual(u) ** 2) / max(1, int(np.count_nonzero(term.trust)))))
 
 
 def shifted(masks: Sequence[Masks], shifts: Array) -> list[Masks]:
