@@ -31,6 +31,8 @@ def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField]) ->
     ------
     BadInput
         If a plane has no field, or one of another size.
+    Refused
+        If the photograph shows nothing.
     """
     for name, plane in planes.items():
         if name not in fields:
@@ -45,6 +47,9 @@ def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField]) ->
                 f"{plane.samples.shape[1]} x {plane.samples.shape[0]}",
                 "give a whole photograph of the camera that the field was measured with",
             )
+    if all(plane.samples.min() == plane.samples.max() for plane in planes.values()):
+        reason = "the photograph shows nothing: its samples are all alike"
+        raise Refused(reason, "photograph a scene, neither all black nor all white")
 
 
 def check_exposure(photograph: Exposure, field: Exposure | None) -> list[str]:

@@ -5,9 +5,9 @@ Once its weights are chosen the filter is linear in the picture, so that it tell
 - *noise*: pictures of nothing but noise, as strong in each pixel as the film says, go through the same weights at all
   scales; what is left of them is what is left of the film's own;
 - *bias*: so does the filtered picture itself; what a second filtering changes, the first did alike to the truth. That
-  picture has lost some detail already, for which `LOST_DETAIL` makes up.
-
-That the weights were chosen by looking at the same samples is not counted.
+  picture has lost some detail already, for which `LOST_DETAIL` makes up;
+- *what is seen besides*: the film lies farther from the filtered picture than its noise takes it, as the weights were
+  chosen by looking at the same samples, and detail weaker than the noise is not in the picture that is filtered again.
 """
 
 from __future__ import annotations
@@ -35,6 +35,10 @@ BIAS_PX = 1.0
 """The same for the square of the bias, which changes from pixel to pixel along edges."""
 LOST_DETAIL = 2.0
 """Mean square of the true bias over that of the estimated one: 1.9 on the Cornell box at 64 samples, 2.0 at 256."""
+SEEN_PX = 3.0
+"""The same for what the film shows besides, once for its mean and once more for the mean's own noise."""
+SURE_PX = 8.0
+"""Standard deviation of the neighbourhood in which that is to be seen at all: on a flat wall it is chance."""
 SEED = 4
 
 
@@ -69,12 +73,26 @@ def standard_uncertainty(
     parameters = parameters or FilterParameters()
     probes = [_probe(one.checked(), picture, i) for i, (one, picture) in enumerate(((film, smooth), *neighbours))]
     results = [found.picture for found in fuse_scales(probes, parameters, threads=threads)]
-    answer = recombine(results, parameters.coarse)
+    answer, shape = recombine(results, parameters.coarse), (*smooth.shape[:2], DRAWS, 3)
     bias2 = (answer[..., :3] - smooth) ** 2
-    noise = answer[..., 3:].reshape(*smooth.shape[:2], DRAWS, 3)
-    noise2 = np.mean(noise**2, axis=2)
-    variance = _around(noise2, NOISE_PX) + np.float32(LOST_DETAIL) * _around(bias2, BIAS_PX)
-    return np.asarray(np.sqrt(variance), np.float32)
+    noise, before = answer[..., 3:].reshape(shape), probes[0].picture[..., 3:].reshape(shape)
+    variance = _around(np.mean(noise**2, axis=2), NOISE_PX) + np.float32(LOST_DETAIL) * _around(bias2, BIAS_PX)
+    shared = np.mean(noise * before, axis=2)
+    return np.asarray(np.sqrt(variance + _seen_besides(film, smooth, shared, variance)), np.float32)
+
+
+def _seen_besides(film: Film, smooth: Floats, shared: Floats, variance: Floats) -> Floats:
+    """Mean square error (rows, columns, 1) about each pixel that the film shows, beyond a variance told already.
+
+    shared : covariance of the film's noise and what the filter leaves of it. The film less the filtered picture has the
+    variance of its noise, and the picture's mean square error, less twice that.
+    """
+    apart = (film.mean - smooth) ** 2 - mean_variance(film) + 2 * shared
+    beyond = (apart - variance).mean(axis=-1, keepdims=True).astype(np.float32)
+    wide = _around(beyond, SURE_PX)
+    chance = np.sqrt(_around((beyond - wide) ** 2, SURE_PX) / (4 * np.pi * SURE_PX**2))
+    share = np.clip(wide / np.maximum(chance, 1e-12), 0, 1) ** 2
+    return np.asarray(share * _around(np.maximum(_around(beyond, SEEN_PX), 0), SEEN_PX), np.float32)
 
 
 def coverage(picture: npt.NDArray[np.floating], uncertainty: Floats, truth: npt.NDArray[np.floating]) -> float:

@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import shift as moved
+from scipy.ndimage import shift as moved_by
 
 from procedures.raw import Plane
+from procedures.restoration.colour.colour_error import error_of, spread_out
+from procedures.restoration.colour.depth_search import searched
 from procedures.restoration.colour.mosaic import Mosaics, depth_on_sensor, mosaics, spread
 from procedures.restoration.colour.picture import MosaicTerm, alone, mixing, with_depth
 from procedures.restoration.first_depth.segments import SegmentSettings
@@ -24,7 +26,7 @@ from procedures.restoration.masks.mask_fields import MaskField, Masks, one_grid
 class Steps:
     """How often picture and depth are improved together, then the picture alone; iterations of each."""
 
-    joint: int = 12
+    joint: int = 6
     joint_iterations: int = 30
     picture: int = 5
     picture_iterations: int = 20
@@ -50,13 +52,24 @@ def in_colour(
     names = list(photographs[0])
     first = spread(dict(zip(names, found.sharp, strict=True)), known.origins) / known.gains[:, None, None]
     w = depth_on_sensor(found.w, SegmentSettings.jump)
-    sharp, w, residual = pair_at(
-        known, w, first, shifted(masks, 2 * found.shifts), found.diagnostics.noise, steps or Steps()
-    )
-    unit = DepthUnit(found.unit.name, found.unit.per_pixel / 2)
+    sigma = found.diagnostics.noise
+    term = problem_of(known, shifted(masks, 2 * found.shifts), np.float32)
+    u = unknowns_of(known, first, term.R, np.float32)
+    chosen, off = steps or Steps(), np.zeros_like(w)
+    if found.w_std.any():
+        w, off = searched(term, u, w, sigma)
+    else:  # a flat scene: its w is known
+        chosen = replace(chosen, joint=0)
+    u, w = descended(term, u, w, sigma, chosen)
+    error = _seen_at(known, error_of(term, u, _wide(w, term), sigma, _left_over(term, u)), term.R)
+    moved = _on_sensor(found.moved)
+    sharp, std = _seen_at(known, u, term.R), spread_out(error, 2 * term.R + 1)
+    whole, d = float(np.sqrt(np.mean(std**2))), found.diagnostics
     return replace(
-        found, sharp=sharp, sharp_std=_on_sensor(found.sharp_std), w=w, w_std=_on_sensor(2 * found.w_std),
-        residual=residual, moved=_on_sensor(found.moved), unit=unit,
+        found, sharp=sharp, sharp_std=np.where(moved, np.maximum(std, sharp.std()), std), w=w,
+        w_std=np.hypot(_on_sensor(2 * found.w_std), off), residual=_residual(term, u), moved=moved,
+        diagnostics=replace(d, picture_std=whole, gained=d.gained * d.picture_std / max(whole, 1e-9)),
+        unit=DepthUnit(found.unit.name, found.unit.per_pixel / 2),
     )  # fmt: skip
 
 
@@ -73,18 +86,50 @@ def pair_at(
 
     first : (3, H, W) balanced; sigma : of the photographs' noise. Without joint steps w stays as it is.
     """
+    term = problem_of(known, masks, dtype)
+    u, w = descended(term, unknowns_of(known, first, term.R, dtype), w, sigma, steps)
+    return _seen_at(known, u, term.R), w, _residual(term, u)
+
+
+def problem_of(known: Mosaics, masks: Sequence[Masks], dtype: type[np.floating[Any]]) -> MosaicTerm:
+    """The mosaics with the blurs that drew them."""
     blurs = [one.blur(known.shape, dtype) for one in one_grid(masks)]
-    data = MosaicTerm(known.z.astype(dtype), blurs, known.weight.astype(dtype))
-    R, M = data.R, mixing().astype(dtype)
-    wide = np.pad(w, R, mode="edge").astype(dtype)
-    u = np.tensordot(M, np.pad(first, ((0, 0), (R, R), (R, R)), mode="edge").astype(dtype), axes=1)
-    u = alone(data, u, wide, sigma, 2, steps.picture_iterations)
-    u, wide = with_depth(data, u, wide, sigma, steps.joint, steps.joint_iterations)
-    u = alone(data, u, wide, sigma, steps.picture, steps.picture_iterations)
-    # one colour of each pixel was sampled: its residual is the pixel's
-    residual = data.residual(u).sum(axis=1, keepdims=True)
-    picture = np.tensordot(np.linalg.inv(M), u[:, R:-R, R:-R], axes=1) * known.gains[:, None, None]
-    return picture.astype(dtype), wide[R:-R, R:-R], residual
+    return MosaicTerm(known.z.astype(dtype), blurs, known.weight.astype(dtype))
+
+
+def unknowns_of(known: Mosaics, balanced: Array, R: int, dtype: type[np.floating[Any]]) -> Array:
+    """Lightness and differences of colour (3, H + 2 R, W + 2 R) of a balanced picture (3, H, W)."""
+    wide = np.pad(balanced, ((0, 0), (R, R), (R, R)), mode="edge").astype(dtype)
+    return np.asarray(np.tensordot(mixing().astype(dtype), wide, axes=1))
+
+
+def descended(term: MosaicTerm, u: Array, w: Array, sigma: float, steps: Steps) -> tuple[Array, Array]:
+    """Unknowns and depth (H, W) of least cost, from a pair."""
+    wide = _wide(w, term).astype(u.dtype)
+    u = alone(term, u, wide, sigma, 2, steps.picture_iterations)
+    u, wide = with_depth(term, u, wide, sigma, steps.joint, steps.joint_iterations)
+    u = alone(term, u, wide, sigma, steps.picture, steps.picture_iterations)
+    return u, wide[term.R : -term.R, term.R : -term.R]
+
+
+def _wide(w: Array, term: MosaicTerm) -> Array:
+    return np.pad(w, term.R, mode="edge")
+
+
+def _seen_at(known: Mosaics, u: Array, R: int) -> Array:
+    """Red, green, blue (3, H, W) of unknowns, in the photographs' units."""
+    picture = np.tensordot(np.linalg.inv(mixing().astype(u.dtype)), u[:, R:-R, R:-R], axes=1)
+    return np.asarray((picture * known.gains[:, None, None]).astype(u.dtype))
+
+
+def _residual(term: MosaicTerm, u: Array) -> Array:
+    """What is left over, (P, 1, H, W): one colour of each pixel was sampled, its residual is the pixel's."""
+    return np.asarray(term.residual(u).sum(axis=1, keepdims=True))
+
+
+def _left_over(term: MosaicTerm, u: Array) -> float:
+    """Root mean square of what is left of a sample."""
+    return float(np.sqrt(np.sum(term.residual(u) ** 2) / max(1, int(np.count_nonzero(term.trust)))))
 
 
 def shifted(masks: Sequence[Masks], shifts: Array) -> list[Masks]:
@@ -100,5 +145,5 @@ def shifted(masks: Sequence[Masks], shifts: Array) -> list[Masks]:
 
 def _moved(stack: MaskStack, x: float, y: float, more: int) -> MaskStack:
     wide = np.pad(stack.masks, ((0, 0), (more, more), (more, more)))
-    drawn = np.maximum(moved(wide, (0.0, y, x), order=3), 0) if x or y else wide
+    drawn = np.maximum(moved_by(wide, (0.0, y, x), order=3), 0) if x or y else wide
     return MaskStack(drawn / drawn.sum(axis=(1, 2), keepdims=True), stack.step)

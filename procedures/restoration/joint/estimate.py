@@ -336,8 +336,8 @@ def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outco
             f"no picture explains the photographs: what is left over is {d.elsewhere_over_noise:.1f} times their noise "
             f"and {d.unexplained:.0%} of their contrast; at most {s.most_residual:.0f} times may be"
         )
-        remedy = "check that the photographs show one scene in which nothing moved, and which shape blurred which"
-        return Outcome(None, Verdict.REFUSED, reason, remedy)
+        what = "check that the photographs show one scene in which nothing moved, and which shape blurred which"
+        return Outcome(None, Verdict.REFUSED, reason, _order(d, s) + what)
     doubts = [
         (
             d.moved > 0,
@@ -355,7 +355,8 @@ def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outco
             f"the shapes are off: beyond noise they leave {d.unexplained:.1%} of the photographs' contrast unexplained "
             f"({d.residual_over_noise:.1f} times the noise in all); the picture is uncertain by {d.picture_std:.1%} of "
             "white or more",
-            "for finer detail measure the shapes again, or check that nothing moved between the photographs",
+            f"{_order(d, s)}for finer detail measure the shapes again, or check that nothing moved between the "
+            "photographs",
         ),
         (
             d.undetermined > s.most_undetermined,
@@ -373,6 +374,13 @@ def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outco
         if wrong:
             return Outcome(result, Verdict.DOUBTFUL, reason, remedy)
     return Outcome(result)
+
+
+def _order(d: RestorationDiagnostics, limits: RestorationLimits) -> str:
+    """What to look at first where photographs disagree and tell no depth either; empty where they tell some."""
+    if d.undetermined <= limits.most_undetermined:
+        return ""
+    return "check that photographs, ratios and f-numbers are in one order, as no depth explains them; "
 
 
 def _where(moved: Mask) -> str:

@@ -152,7 +152,8 @@ def fitted_by_depth(data: DataTerm, u: Array, weights: PriorWeights, determined:
     curvature = determined * float((data.change(u, probe) ** 2).sum(axis=(0, 1)).mean())
     L = laplacian()
     prior = weights.depth * (weights.tilt * L + weights.bend * L**2)
-    return float(np.mean(curvature / (curvature + prior))) / len(u)
+    # where w tells nothing, as in a frame that is sharp all over, there is nothing fitted
+    return float(np.mean(curvature / (curvature + prior + 1e-30))) / len(u)
 
 
 def laplacian() -> Array:

@@ -84,3 +84,14 @@ def test_a_single_sample_tells_no_noise(light):
     film = film_of_samples(light(np.full((24, 24), 0.4), 1))
     with pytest.raises(BadInput, match="576 pixels have a single sample"):
         standard_uncertainty(film, film.mean.astype(np.float32))
+
+
+@pytest.mark.slow
+def test_detail_weaker_than_the_noise_is_told_as_well(rng):
+    """Of tiles that the filter mostly takes, half of the values were within two of what was told."""
+    y, x = np.mgrid[:64, :64]
+    truth = np.repeat((0.4 + 0.2 * np.sin(x / 9) + 0.2 * ((x // 16 + y // 16) % 2))[..., None], 3, axis=2)
+    film = film_of_samples(truth[:, :, None] * rng.gamma(0.5, 2.0, (64, 64, 32, 1)))
+    found = filter_film(film)
+    told = standard_uncertainty(film, found.picture)
+    assert 0.88 <= coverage(found.picture, told, truth) <= 0.99

@@ -10,8 +10,11 @@ from scipy.ndimage import gaussian_filter
 from procedures.colour_frame import read_colour_frame
 from procedures.outcome import BadInput
 from procedures.raw import Plane
-from procedures.restoration.colour.estimate import Steps, pair_at, shifted
+from procedures.restoration.colour.colour_error import error_of, spread_out
+from procedures.restoration.colour.depth_search import searched
+from procedures.restoration.colour.estimate import Steps, descended, pair_at, problem_of, shifted, unknowns_of
 from procedures.restoration.colour.mosaic import depth_on_sensor, mosaics, spread
+from procedures.restoration.colour.picture import mixing
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import Blur
 
@@ -78,6 +81,38 @@ def test_a_grey_scene_stays_grey_up_to_the_frame_s_edges(scene, stacks, phase):
     assert np.sqrt(np.mean((picture - truth) ** 2)) < 0.4 * np.sqrt(np.mean((first - truth) ** 2))
     assert residual.shape == (2, 1, *SHAPE)
     assert np.sqrt(np.mean(residual**2)) == pytest.approx(SIGMA, rel=0.25)  # of 20480 samples and 15360 unknowns
+
+
+def test_blur_as_small_as_a_plane_s_pixels_is_found_on_the_sensor_s_grid(scene):
+    """Planes show aliases of such a scene, and tell w by up to half too small."""
+    grey, _ = scene
+    stacks = [mask_stack(pillbox(), 3.0, ratio=ratio, R=R) for ratio in (1.0, 1.5)]
+    true = np.full_like(grey, 1.4)
+    planes = photographed(LIGHT[:, None, None] * grey, true, stacks, PHASES["RGGB"])
+    known = mosaics(planes, np.ones(2))
+    first = spread({n: one.samples for n, one in planes[0].items()}, PHASES["RGGB"]) / known.gains[:, None, None]
+    term = problem_of(known, stacks, np.float32)
+    begun = np.full(SHAPE, 0.8)
+    w, off = searched(term, unknowns_of(known, first, R, np.float32), begun, SIGMA)
+    assert np.median(w) == pytest.approx(1.4, abs=0.15)
+    assert np.mean(np.abs(begun - 1.4) < 2 * off) > 0.95
+
+
+@pytest.mark.slow
+def test_the_error_told_of_a_colour_picture_is_its_error(scene, stacks):
+    """The planes' own error, which knows of no demosaicking, was told: less than half of it."""
+    grey, w = scene
+    tint = np.sign(gaussian_filter(np.random.default_rng(8).standard_normal(grey.shape), 3))
+    u = LIGHT[:, None, None] * grey * np.exp(np.array([0.3, 0.0, -0.2])[:, None, None] * tint)
+    planes = photographed(u, w, stacks, PHASES["RGGB"])
+    known = mosaics(planes, np.ones(2))
+    first = spread({n: one.samples for n, one in planes[0].items()}, PHASES["RGGB"]) / known.gains[:, None, None]
+    term = problem_of(known, stacks, np.float32)
+    inside = w[R:-R, R:-R]
+    found, _ = descended(term, unknowns_of(known, first, R, np.float32), inside, SIGMA, Steps(joint=0))
+    error = np.abs(found - np.tensordot(mixing(), u / known.gains[:, None, None], axes=1))[:, R:-R, R:-R]
+    told = spread_out(error_of(term, found, w, SIGMA, SIGMA)[:, R:-R, R:-R], 2 * R + 1)
+    assert 0.88 < np.mean(error < 2 * told) < 0.995
 
 
 def test_colours_are_those_of_the_scene(scene, stacks):

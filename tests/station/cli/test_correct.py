@@ -187,3 +187,11 @@ def test_a_field_tells_its_camera(files):
         name: getattr(CAMERA, name) for name in ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
     })  # fmt: skip
     assert read_camera(files[0] / "grey.h5") is None
+
+
+@pytest.mark.slow
+def test_a_frame_of_one_level_is_refused(files, tmp_path):
+    cv2.imwrite(str(tmp_path / "cap.tiff"), np.full(SHAPE, 300, dtype=np.uint16))
+    result = run(tmp_path / "cap.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path / "out")
+    assert result.exit_code == 5
+    assert "shows nothing" in result.output

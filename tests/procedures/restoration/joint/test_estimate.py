@@ -101,6 +101,13 @@ def test_residual_decides_between_pass_doubt_and_refusal(outcome):
         assert judge(replace(outcome.value, diagnostics=told)).verdict == verdict
 
 
+def test_photographs_that_no_depth_explains_are_to_be_put_in_order(outcome):
+    told = replace(outcome.value.diagnostics, residual_over_noise=3.9, gained=1.0, undetermined=1.0)
+    assert "in one order" in judge(replace(outcome.value, diagnostics=told)).remedy
+    told = replace(told, undetermined=0.1)
+    assert "in one order" not in judge(replace(outcome.value, diagnostics=told)).remedy
+
+
 def test_every_pixel_of_the_picture_has_an_uncertainty(outcome, vibrating):
     found, R, rim = outcome.value, vibrating.R, slice(12, -12)
     error = np.abs(found.sharp[0] - vibrating.sharp[0, R:-R, R:-R])

@@ -125,3 +125,9 @@ def test_depth_takes_as_much_noise_as_solving_says(vibrating, data):
     # with the depth held by a prior a thousand times as strong only the picture fits
     assert told == pytest.approx(taken(1) - taken(1000), abs=0.1)
     assert noise_and_contrast.fitted_by_depth(data, u, replace(weights, depth=0.1)) < told
+
+
+def test_a_depth_that_changes_nothing_takes_no_noise(vibrating, data):
+    """At w = 0 masks are points, whatever w is: with photographs the wrong way round all of the frame ends there."""
+    u = np.zeros_like(vibrating.sharp)
+    assert noise_and_contrast.fitted_by_depth(data, u, PriorWeights(1e-4, 0.01)) == 0
