@@ -52,6 +52,23 @@ def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField]) ->
         raise Refused(reason, "photograph a scene, neither all black nor all white")
 
 
+def check_scale(planes: Mapping[str, Plane], fields: Mapping[str, PsfField], scale: int) -> None:
+    """Refuse a picture finer than the field's PSFs.
+
+    Raises
+    ------
+    BadInput
+        If the picture would have more samples per pixel of a plane than the PSFs.
+    """
+    for name, plane in planes.items():
+        if scale * plane.pitch > fields[name].s:
+            raise BadInput(
+                f"a picture {scale} times as fine as the sensor has {scale * plane.pitch} samples per pixel of plane "
+                f"{name}, the field's PSFs have {fields[name].s}",
+                f"{'lower --scale, or ' if scale > 1 else ''}measure the field with -s {scale * plane.pitch}",
+            )
+
+
 def check_exposure(photograph: Exposure, field: Exposure | None) -> list[str]:
     """Refuse a field of another camera, lens, aperture or focus; what cannot be told is returned, a phrase for each.
 

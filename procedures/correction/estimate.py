@@ -1,9 +1,9 @@
-"""From a photograph's planes and their fields to the sharp picture: check, balance, restore tile by tile, judge."""
+"""From the planes of photographs and their fields to the sharp picture: check, balance, restore by tiles, judge."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -12,7 +12,8 @@ from itertools import islice
 import numpy as np
 import numpy.typing as npt
 
-from procedures.correction.checks import check_fields, doubts_of
+from procedures.correction.burst import Burst, Place, gather
+from procedures.correction.checks import check_fields, check_scale, doubts_of
 from procedures.correction.deconvolve import Splitting, Tile, deconvolve, mean_difference
 from procedures.correction.loss import FieldError, field_error
 from procedures.correction.mosaic import Mosaic
@@ -33,6 +34,8 @@ Answer = tuple[tuple[int, int], Single]
 
 SAMPLE_TILES = 8
 """Tiles in which the picture's mean difference is told before the whole is restored."""
+LEAST_TOLD = 0.5
+"""Share of a finer grid's waves that the photographs' places must tell."""
 TAU = {"total-variation": 0.6, "second-order": 0.25}
 """Strength of a prior, variance over mean difference: at which pictures of people and things come out best; twice the
 half is what differences of exponential distribution would ask of the most probable picture."""
@@ -43,24 +46,27 @@ class CorrectionParameters:
     """How to correct.
 
     prior : what is believed of the picture; splitting : how the problem is solved; side : of the tiles in pixels of the
-    sensor, None as the field varies; threads : None as many as there are cores.
+    picture, None as the field varies; threads : None as many as there are cores; scale : pixels of the picture per
+    pixel of the sensor, along each side.
     """
 
     prior: Prior = field(default_factory=Prior)
     splitting: Splitting = field(default_factory=lambda: Splitting(iterations=12, data=0.3, prior=2.0))
     side: int | None = None
     threads: int | None = None
+    scale: int = 1
 
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """A photograph with its blur undone.
+    """One photograph or several with their blur undone.
 
     Attributes
     ----------
     picture : (C, H, W) float32
-        On the sensor's grid, white = 1 as in the photograph: grey, or red, green, blue of the camera, not balanced.
-    noise : of each plane
+        On the first photograph's grid, or `scale` times as fine; white = 1 as in it: grey, or red, green, blue of the
+        camera, not balanced.
+    noise : of each plane of the first photograph
     tau, difference : float
         The prior's strength, and the mean length of the picture's differences that it comes from, balanced.
     side : int
@@ -69,6 +75,11 @@ class Correction:
         Share of the photograph's samples that are clipped.
     prediction : what is gained, and what it costs
     optics, mosaic, prior : what it was made with
+    places : how every further photograph lies to the first
+    told : float
+        Share of the waves of the finer grid that the photographs' places tell apart.
+    scale : int
+        Pixels of the picture per pixel of the sensor.
     """
 
     picture: Single
@@ -81,6 +92,15 @@ class Correction:
     optics: Optics
     mosaic: Mosaic
     prior: Prior
+    places: Sequence[Place] = ()
+    told: float = 1.0
+    scale: int = 1
+
+    @property
+    def sensor_shape(self) -> tuple[int, int]:
+        """Rows and columns of the sensor."""
+        rows, columns = self.mosaic.shape
+        return rows // self.scale, columns // self.scale
 
     @cached_property
     def field_error(self) -> FieldError:
@@ -94,8 +114,9 @@ def correct(
     shifts: Mapping[str, Shift] | None = None,
     parameters: CorrectionParameters | None = None,
     progress: Progress = lambda done, all: None,
+    others: Sequence[RawFrame] = (),
 ) -> Outcome[Correction]:
-    """The picture that the lens saw, from a photograph and the field of its lens.
+    """The picture that the lens saw, from one photograph or several and the field of their lens.
 
     Parameters
     ----------
@@ -103,34 +124,55 @@ def correct(
     fields : by plane
     shifts : by plane, how far it lies from the reference one: lateral colour, which is undone
     progress : called with the number of tiles done and of all
+    others : further photographs of the same scene, moved by some pixels; those that show another are set aside
 
     Raises
     ------
     BadInput, Refused
-        If the field is not of such planes, or the photograph was processed (see `checks`).
+        If the field is not of such planes or not as fine as the picture is to be, photographs are of different cameras,
+        or one was processed (see `checks`).
     """
     p = parameters or CorrectionParameters()
     check_fields(frame.planes, fields)
+    check_scale(frame.planes, fields, p.scale)
     noise = {name: noise_of(plane) for name, plane in frame.planes.items()}
     rules = doubts_of(frame.planes, noise)
     verdict, reason, remedy = verdict_of(rules)
     if verdict == "refused":
         return Outcome(None, verdict, reason, remedy)
-    mosaic = Mosaic.of(frame.planes, noise)
-    optics = Optics.of(frame.planes, fields, shifts or {})
+    burst = gather(frame, others, shifts or {}, p.scale, noise)
+    mosaic = Mosaic.of(burst.planes, burst.noise, burst.light)
+    optics = Optics.of(burst.planes, fields, burst.shifts)
     side = p.side or optics.side(mosaic.shape)
-    work = _Work(mosaic, optics, Grid.over(mosaic.shape, side, optics.ring), p)
+    work = _Work(mosaic, optics, Grid.over(mosaic.shape, side, optics.ring(mosaic.shape)), p)
     difference = work.difference()
     picture = work.restored(difference, progress)
     tau = work.tau(difference)
     prediction = predict(optics, mosaic, p.prior, tau, difference)
-    found = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, optics, mosaic, p.prior)
-    return Outcome(found, *verdict_of([*rules, _smoothed(prediction)]))
+    made = optics, mosaic, p.prior, burst.places, burst.told, p.scale
+    found = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, *made)
+    return Outcome(found, *verdict_of([*rules, _smoothed(prediction, p.scale), *_sampled(burst, p.scale)]))
 
 
-def _smoothed(prediction: Prediction) -> Rule:
+def _sampled(burst: Burst, scale: int) -> Sequence[Rule]:
+    """Doubt of what photographs there are: those set aside, and a grid finer than the rest tells."""
+    aside = [f"photograph {i}: {place.reason}" for i, place in enumerate(burst.places, start=2) if place.reason]
+    remedies = dict.fromkeys(place.remedy for place in burst.places if place.reason)
+    return (
+        Rule(Verdict.DOUBTFUL, bool(aside), f"set aside: {'; '.join(aside)}", "; ".join(remedies)),
+        Rule(
+            Verdict.DOUBTFUL,
+            scale > 1 and burst.told < LEAST_TOLD,
+            f"the photographs' places tell {burst.told:.0%} of the detail of a grid {scale} times as fine, at least "
+            f"{LEAST_TOLD:.0%} are needed: the rest is what the prior makes of it",
+            "add photographs that are moved by parts of a pixel against each other, or lower --scale",
+        ),
+    )
+
+
+def _smoothed(prediction: Prediction, scale: int = 1) -> Rule:
     """Doubt where noise asks for so strong a prior that more detail is lost than is won back."""
-    before, after = float(np.median(prediction.before)), float(np.median(prediction.after))
+    before, after = (scale * float(np.median(found)) for found in (prediction.before, prediction.after))
     return Rule(
         Verdict.DOUBTFUL,
         after < before,
@@ -142,7 +184,7 @@ def _smoothed(prediction: Prediction) -> Rule:
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """A photograph's tiles, and how each is restored."""
+    """The photographs' tiles, and how each is restored."""
 
     mosaic: Mosaic
     optics: Optics
@@ -150,8 +192,12 @@ class _Work:
     how: CorrectionParameters
 
     def tau(self, difference: float) -> float:
-        """Strength of the prior where the picture's mean difference is so large."""
-        return self.how.prior.strength * TAU[self.how.prior.name] * self.mosaic.variance / difference
+        """Strength of the prior where the picture's mean difference is so large.
+
+        A finer grid has more differences, which are no more independent: all together they count as on the sensor's.
+        """
+        strength = self.how.prior.strength * TAU[self.how.prior.name] / self.how.scale**2
+        return strength * self.mosaic.variance / difference
 
     def difference(self) -> float:
         """Mean difference of the picture, from some tiles restored twice."""
@@ -189,7 +235,7 @@ class _Work:
     def _tile(self, start: tuple[int, int]) -> tuple[Tile, Single]:
         """What is known of the tile, and a first picture of it."""
         n = self.grid.rows.n
-        z, weight = self.mosaic.cut(start, n, self.optics.ring)
+        z, weight = self.mosaic.cut(start, n, self.optics.ring(self.mosaic.shape))
         tile = Tile(z, weight, self.optics.otf(*self.grid.centre(start), n), self.optics.channel)
         return tile, self.mosaic.first(z, weight)
 

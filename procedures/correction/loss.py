@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.correction.optics import COLOURS, Optics
+from procedures.correction.optics import Optics
 from procedures.correction.prediction import EDGES, Measured
 from procedures.correction.priors import Prior
 
@@ -41,7 +41,7 @@ class FieldError:
     Attributes
     ----------
     x : (m,), y : (n,) float64
-        Places, in pixels of the sensor.
+        Places, in pixels of the picture.
     noise, interpolation : (n, m) float64
         Mean square error about each place, white = 1: of the measured PSFs, and of what lies between them.
     """
@@ -64,9 +64,11 @@ def field_error(
     rows, columns = mosaic.shape
     y, x = ((np.arange(n) + 0.5) * size / n - 0.5 for size, n in zip((rows, columns), PLACES, strict=True))
     shown = 1 if mosaic.channels > 1 else 0
-    own = [name for name in optics.fields if COLOURS[name] == shown]
+    every = optics.showing(shown)
+    density = len(every) / optics.pitch**2
+    # of several photographs the fields are the same, and err alike
+    own = every[: len(every) // optics.photographs]
     responses = {name: optics.responses(name, SIDE) for name in own}
-    density = len(own) / optics.pitch**2
     stiff = tau / (EDGES * difference) * prior.power(SIDE).ravel()
     maps = np.zeros((2, len(y), len(x)))
     for i, j in np.ndindex(maps.shape[1:]):

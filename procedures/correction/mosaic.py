@@ -1,4 +1,4 @@
-"""A photograph's samples where they lie on the sensor, balanced, with what each counts."""
+"""Photographs' samples where they lie on the picture's grid, balanced, with what each counts."""
 
 from __future__ import annotations
 
@@ -25,13 +25,15 @@ MOST_GAIN = 8.0
 
 @dataclass(frozen=True, eq=False)
 class Mosaic:
-    """The planes of a photograph on the sensor's grid.
+    """The planes of one photograph or of several on the picture's grid.
 
     Attributes
     ----------
-    planes, noise : by name
+    planes, noise : by key
+    light : by key
+        Of the photograph over the first's; 1 where it is not told.
     shape : (int, int)
-        Rows and columns of the sensor.
+        Rows and columns of the picture.
     gains : (C,) float32
         Mean of each colour over green's: what the samples are divided by, so that a grey scene is grey.
     variance : float
@@ -42,24 +44,27 @@ class Mosaic:
 
     planes: Mapping[str, Plane]
     noise: Mapping[str, Noise]
+    light: Mapping[str, float]
     shape: tuple[int, int]
     gains: Single
     variance: float
     clipped: float
 
     @classmethod
-    def of(cls, planes: Mapping[str, Plane], noise: Mapping[str, Noise]) -> Mosaic:
-        """The mosaic of planes of one photograph."""
+    def of(
+        cls, planes: Mapping[str, Plane], noise: Mapping[str, Noise], light: Mapping[str, float] | None = None
+    ) -> Mosaic:
+        """The mosaic of planes, those of the first photograph first."""
         pitch = next(iter(planes.values())).pitch
         ends = [np.array(plane.samples.shape) * pitch for plane in planes.values()]
         rows, columns = (int(end) for end in np.max(ends, axis=0))
         gains = _gains(planes)
         usual = [
-            float(noise[name].variance_at(np.array(np.median(plane.samples)))) / gains[COLOURS[name]] ** 2
-            for name, plane in planes.items()
+            float(noise[key].variance_at(np.array(np.median(plane.samples)))) / gains[COLOURS[plane.name]] ** 2
+            for key, plane in planes.items()
         ]
         clipped = float(np.mean([np.mean(plane.samples >= NOMINAL) for plane in planes.values()]))
-        return cls(planes, noise, (rows, columns), gains, float(np.mean(usual)), clipped)
+        return cls(planes, noise, light or {}, (rows, columns), gains, float(np.mean(usual)), clipped)
 
     @property
     def channels(self) -> int:
@@ -69,22 +74,23 @@ class Mosaic:
     @property
     def channel(self) -> Sequence[int]:
         """The colour that each plane shows."""
-        return [COLOURS[name] for name in self.planes]
+        return [COLOURS[plane.name] for plane in self.planes.values()]
 
     def cut(self, start: tuple[int, int], n: int, ring: int) -> tuple[Single, Single]:
         """Samples and weights (P, n, n) of a tile; a ring along its rim is not seen."""
         z, weight = np.zeros((2, len(self.planes), n, n), dtype=np.float32)
-        for p, name in enumerate(self.planes):
-            self._lay(self.planes[name], self.noise[name], start, z[p], weight[p])
+        for p, key in enumerate(self.planes):
+            self._lay(key, start, z[p], weight[p])
         for one in (weight[:, :ring], weight[:, -ring:], weight[:, :, :ring], weight[:, :, -ring:]):
             one[...] = 0
         return z, weight
 
-    def _lay(self, plane: Plane, noise: Noise, start: tuple[int, int], z: Single, weight: Single) -> None:
+    def _lay(self, key: str, start: tuple[int, int], z: Single, weight: Single) -> None:
         """Put a plane's samples in their places of the tile (n, n)."""
         import cv2
 
-        n, pitch, gain = len(z), plane.pitch, self.gains[COLOURS[plane.name]]
+        plane, noise, n = self.planes[key], self.noise[key], len(z)
+        pitch, gain = plane.pitch, self.gains[COLOURS[plane.name]] * np.float32(self.light.get(key, 1.0))
         spans = [
             _span(at, n, origin, pitch, size)
             for at, origin, size in zip(start, plane.origin[::-1], plane.samples.shape, strict=True)
@@ -106,7 +112,9 @@ class Mosaic:
         """A first picture (C, n, n): samples spread over their neighbours, mean light where there are none."""
         import cv2
 
-        tent = np.outer([1, 2, 1], [1, 2, 1]).astype(np.float32)
+        reach = max(2, next(iter(self.planes.values())).pitch)
+        across = reach - np.abs(np.arange(1 - reach, reach))
+        tent = np.outer(across, across).astype(np.float32)
         seen = (weight != 0).astype(np.float32)
         out = np.empty((self.channels, *z.shape[1:]), dtype=np.float32)
         for c in range(self.channels):
@@ -128,10 +136,14 @@ def _span(start: int, n: int, origin: int, pitch: int, size: int) -> tuple[slice
 
 def _gains(planes: Mapping[str, Plane]) -> Single:
     """Mean light of each colour over green's, clipped samples left out."""
-    channels = max(COLOURS[name] for name in planes) + 1
+    colours = [COLOURS[plane.name] for plane in planes.values()]
+    channels = max(colours) + 1
     if channels == 1:
         return np.ones(1, dtype=np.float32)
-    means = [np.mean([_mean(plane) for name, plane in planes.items() if COLOURS[name] == c]) for c in range(channels)]
+    means = [
+        np.mean([_mean(plane) for plane, colour in zip(planes.values(), colours, strict=True) if colour == c])
+        for c in range(channels)
+    ]
     return np.clip(np.array(means) / max(float(means[1]), 1e-6), 1 / MOST_GAIN, MOST_GAIN).astype(np.float32)
 
 

@@ -1,4 +1,4 @@
-"""What blurs a photograph on its sensor's grid, at any place: the planes' PSFs, their shifts against each other."""
+"""What blurs photographs on their picture's grid, at any place: the planes' PSFs, their shifts against each other."""
 
 from __future__ import annotations
 
@@ -19,51 +19,57 @@ from procedures.space_variant import SpaceVariantBlur
 Array = npt.NDArray[np.float64]
 Spectrum = npt.NDArray[np.complex64]
 Shift = Callable[[Array], Array]
-"""Shift (n, 2), in pixels of the sensor, at points (n, 2) of a plane: how far it lies from the reference plane."""
+"""Shift (n, 2), in pixels of the picture, at points (n, 2) of a plane: how far it lies from the reference plane."""
 
 COLOURS = {"R": 0, "G1": 1, "G2": 1, "B": 2, "Y": 0}
 """Which colour of the picture a plane shows."""
 CHANGE, MOVE_PX = 0.03, 0.1
 """Change of the PSF within a tile, over its norm, and of lateral colour, that are let pass."""
 SIDES = (512, 384, 256, 192, 128)
-"""Of tiles, in pixels of the sensor."""
+"""Of tiles, in pixels of the picture."""
 
 
 @dataclass(frozen=True, eq=False)
 class Optics:
-    """The fields of a photograph's planes, and the planes' places on the sensor.
+    """The fields of the planes of one photograph or of several, and the planes' places on the picture's grid.
 
     Attributes
     ----------
-    planes : names in the order of the photograph
-    origins : (x, y) of each plane's first pixel on the sensor
-    pitch : sensor pixels per pixel of a plane
-    shifts : lateral colour of the planes that have it
+    fields : by plane, in the order of the photographs
+    channel : (P,), which colour of the picture each plane shows
+    photographs : how many there are; each has the same planes
+    origins : (x, y) of each plane's first pixel
+    pitch : pixels of the picture per pixel of a plane
+    shifts : of the planes that lie elsewhere: lateral colour, movement between photographs
     """
 
     fields: Mapping[str, PsfField]
+    channel: Sequence[int]
+    photographs: int
     origins: Mapping[str, tuple[int, int]]
     pitch: int
     shifts: Mapping[str, Shift]
 
     @classmethod
     def of(cls, planes: Mapping[str, Plane], fields: Mapping[str, PsfField], shifts: Mapping[str, Shift]) -> Optics:
-        """The optics of a photograph's planes."""
-        first = next(iter(planes.values()))
-        origins = {name: plane.origin for name, plane in planes.items()}
-        return cls({name: fields[name] for name in planes}, origins, first.pitch, shifts)
+        """The optics of planes, whose fields are found by the planes' own names."""
+        pitch = next(iter(planes.values())).pitch
+        origins = {key: plane.origin for key, plane in planes.items()}
+        own = {key: fields[plane.name] for key, plane in planes.items()}
+        photographs = len(planes) // len({plane.name for plane in planes.values()})
+        return cls(own, [COLOURS[plane.name] for plane in planes.values()], photographs, origins, pitch, shifts)
 
-    @property
-    def channel(self) -> Sequence[int]:
-        """The colour that each plane shows."""
-        return [COLOURS[name] for name in self.fields]
+    def showing(self, colour: int) -> Sequence[str]:
+        """The planes that show one of the picture's colours."""
+        return [key for key, own in zip(self.fields, self.channel, strict=True) if own == colour]
 
     @cached_property
     def _blurs(self) -> dict[str, SpaceVariantBlur]:
-        return {name: SpaceVariantBlur(field, self.pitch) for name, field in self.fields.items()}
+        made = {id(field): SpaceVariantBlur(field, self.pitch) for field in self.fields.values()}
+        return {name: made[id(field)] for name, field in self.fields.items()}
 
     def otf(self, x: float, y: float, n: int) -> Spectrum:
-        """Transfer functions of all planes on n x n samples about a place of the sensor, (P, n, n // 2 + 1)."""
+        """Transfer functions of all planes on n x n samples about a place of the picture, (P, n, n // 2 + 1)."""
         return np.stack([self._of_plane(name, x, y, n) for name in self.fields])
 
     def responses(self, name: str, n: int) -> Spectrum:
@@ -94,16 +100,18 @@ class Optics:
         return _spectrum_of_far(field.k, n, self.pitch / field.s)
 
     def in_plane(self, name: str, points: Array) -> Array:
-        """Points of the sensor in pixels of the plane."""
+        """Points of the picture in pixels of the plane."""
         return np.asarray((points - np.array(self.origins[name])) / self.pitch)
 
-    @property
-    def ring(self) -> int:
-        """Pixels of the sensor that the supports reach."""
-        return max(int(np.ceil(field.k / 2 / field.s * self.pitch)) for field in self.fields.values()) + 2
+    def ring(self, shape: tuple[int, int]) -> int:
+        """Pixels of the picture that supports and shifts reach."""
+        corners = np.array([[x, y] for x in (0, shape[1] - 1) for y in (0, shape[0] - 1)], dtype=np.float64)
+        moved = [np.abs(shift(self.in_plane(key, corners))).max() for key, shift in self.shifts.items()]
+        reach = max(field.k / 2 / field.s * self.pitch for field in self.fields.values())
+        return int(np.ceil(reach)) + max(2, int(np.ceil(max(moved, default=0.0))))
 
     def side(self, shape: tuple[int, int]) -> int:
-        """Side of the tiles, in pixels of the sensor, within which the PSFs hardly change."""
+        """Side of the tiles, in pixels of the picture, within which the PSFs hardly change."""
         for n in SIDES:
             if self._change(shape, n / 2) <= CHANGE and self._move(shape, n / 2) <= MOVE_PX:
                 return n
@@ -116,7 +124,7 @@ class Optics:
         return float(np.sqrt(max(np.sum((other - here) ** 2) for other in moved) / np.sum(here**2)))
 
     def _move(self, shape: tuple[int, int], reach: float) -> float:
-        """Largest change of lateral colour over a quarter of a tile's side, in pixels of the sensor."""
+        """Largest change of the shifts over a quarter of a tile's side, in pixels of the picture."""
         most = 0.0
         for name, shift in self.shifts.items():
             here, *moved = (shift(self.in_plane(name, places)) for places in _places(shape, reach / 2))
@@ -133,7 +141,7 @@ def _mean_tail(field: PsfField, place: Array) -> float:
 
 @lru_cache(maxsize=8)
 def _spectrum_of_far(k: int, n: int, ratio: float) -> Array:
-    """The same, for `ratio` samples of the sensor per sample of the PSFs."""
+    """The same, for `ratio` samples of the picture per sample of the PSFs."""
     f = np.hypot(np.fft.fftfreq(n)[:, None], np.arange(n // 2 + 1) / n)
     return spectrum_beyond(f.ravel() * ratio, k).reshape(f.shape)
 

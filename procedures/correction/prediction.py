@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from procedures.correction.optics import COLOURS, Optics
+from procedures.correction.optics import Optics
 from procedures.correction.priors import Prior
 
 Array = npt.NDArray[np.float64]
@@ -34,9 +34,9 @@ class Prediction:
     Attributes
     ----------
     x : (m,), y : (n,) float64
-        Places, in pixels of the sensor.
+        Places, in pixels of the picture.
     before, after : (n, m) float64
-        MTF50 in cycles per pixel of the sensor, mean over directions; 0.5 where it is beyond what the grid shows.
+        MTF50 in cycles per pixel of the picture, mean over directions; 0.5 where it is beyond what the grid shows.
     noise_gain : (n, m) float64
         Standard deviation of the picture's noise where the scene is flat, over that of a sample.
     """
@@ -58,7 +58,7 @@ class Measured(Protocol):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of the sensor."""
+        """Rows and columns of the picture."""
         ...
 
     @property
@@ -77,7 +77,7 @@ def predict(optics: Optics, mosaic: Measured, prior: Prior, tau: float, differen
     rows, columns = mosaic.shape
     y, x = np.linspace(0, rows - 1, PLACES[0]), np.linspace(0, columns - 1, PLACES[1])
     shown = 1 if mosaic.channels > 1 else 0
-    own = [p for p, name in enumerate(optics.fields) if COLOURS[name] == shown]
+    own = [p for p, colour in enumerate(optics.channel) if colour == shown]
     density = len(own) / optics.pitch**2
     power = prior.power(SIDE)
     maps = np.empty((3, len(y), len(x)))

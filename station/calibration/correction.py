@@ -1,10 +1,10 @@
-"""A photograph through a measured field, corrected: reading, checking that both belong together, and the files."""
+"""Photographs through a measured field, corrected: reading, checking that they belong together, and the files."""
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,8 @@ from procedures.correction.checks import check_exposure
 from procedures.correction.estimate import Correction, CorrectionParameters, correct
 from procedures.correction.light import evened
 from procedures.field.field_file import read_camera, read_colours, read_field, read_lights
-from procedures.outcome import Outcome, Verdict
-from procedures.raw import RawFrame, read_frame, read_photograph
+from procedures.outcome import Outcome, Refused, Verdict
+from procedures.raw import Exposure, RawFrame, read_frame, read_photograph
 from procedures.reading.sensor_dump import DumpLayout
 from station.calibration.camera_notes import CameraNotes, read_notes
 from station.calibration.picture_files import BLACK, WHITE, write_linear_dng, write_tiff
@@ -31,7 +31,7 @@ DESCRIPTION = "linear light, 0 black, 65535 white, camera colours not balanced; 
 
 @dataclass(frozen=True, eq=False)
 class Corrected:
-    """A photograph, what was found, and what its camera noted."""
+    """A photograph, further ones of the same scene, what was found, and what the first one's camera noted."""
 
     frame: RawFrame
     outcome: Outcome[Correction]
@@ -40,10 +40,11 @@ class Corrected:
     """Planes whose lateral colour was undone."""
     evened: tuple[str, ...] = ()
     """Planes whose vignetting was."""
+    others: tuple[RawFrame, ...] = ()
 
 
-def correct_photograph(
-    photo: Path,
+def correct_photographs(
+    photos: Sequence[Path],
     field: Path,
     parameters: CorrectionParameters,
     layout: DumpLayout | None = None,
@@ -51,30 +52,51 @@ def correct_photograph(
     *,
     insisted: bool = False,
 ) -> Corrected:
-    """Read both, refuse what does not belong together, and correct.
+    """Read all, refuse what does not belong together, and correct.
 
     Parameters
     ----------
+    photos
+        The first gives the picture its frame; the others are registered to it.
     insisted : bool
         The field is taken whatever camera it is of, and the result doubted.
 
     Raises
     ------
     BadInput, Refused
-        If either cannot be read, or the field is of another camera, lens, aperture or focus.
+        If one cannot be read, or the field is of another camera, lens, aperture or focus.
     """
-    data = read_photograph(photo)
-    frame = read_frame(photo, layout=layout, data=data)
+    data = read_photograph(photos[0])
+    frame = read_frame(photos[0], layout=layout, data=data)
+    others = tuple(read_frame(photo, layout=layout) for photo in photos[1:])
     fields, camera = read_field(field), read_camera(field)
-    unknown = ["--insist was given"] if insisted else check_exposure(frame.exposure, camera)
+    unknown = ["--insist was given"] if insisted else _unknown([frame, *others], camera)
     shifts = {name: colour.shift_at for name, colour in read_colours(field).items() if name in frame.planes}
     known = read_lights(field)
     lights = {name: known[name].at for name in frame.planes if name in known}
-    outcome = correct(frame, fields, shifts, parameters, progress)
+    outcome = correct(frame, fields, shifts, parameters, progress, others)
     if lights and outcome.value is not None:
-        outcome = replace(outcome, value=evened(outcome.value, frame.planes, lights))
+        outcome = replace(outcome, value=evened(outcome.value, outcome.value.mosaic.planes, lights))
     notes = read_notes(data, frame.exposure)
-    return Corrected(frame, _doubted(outcome, unknown), notes, tuple(shifts), tuple(lights))
+    return Corrected(frame, _doubted(outcome, unknown), notes, tuple(shifts), tuple(lights), others)
+
+
+def _unknown(frames: Sequence[RawFrame], camera: Exposure | None) -> list[str]:
+    """What cannot be told of whether the photographs are of the field's camera and setting.
+
+    Raises
+    ------
+    Refused
+        If one is not, by its name where there are several.
+    """
+    found: list[str] = []
+    for frame in frames:
+        try:
+            found += check_exposure(frame.exposure, camera)
+        except Refused as refusal:
+            name = f"{frame.path.name}: " if len(frames) > 1 else ""
+            raise Refused(f"{name}{refusal.reason}", refusal.remedy) from None
+    return list(dict.fromkeys(found))
 
 
 def _doubted(outcome: Outcome[Correction], unknown: list[str]) -> Outcome[Correction]:
@@ -127,16 +149,37 @@ def record(found: Corrected, head: RecordHead) -> dict[str, Any]:
         "noise": {name: asdict(one) for name, one in value.noise.items()},
         "prior": {"tau": value.tau, "mean_difference": value.difference},
         "tile_px": value.side,
+        **_photographs(found, value),
         "clipped": value.clipped,
         "lateral_colour_undone": list(found.undone),
         "vignetting_undone": list(found.evened),
         "predicted": {
-            "mtf50_before": _number(told.before, "cycles/pixel"),
-            "mtf50_after": _number(told.after, "cycles/pixel"),
+            "mtf50_before": _number(value.scale * told.before, "cycles/pixel"),
+            "mtf50_after": _number(value.scale * told.after, "cycles/pixel"),
             "noise_gain": _number(told.noise_gain, "1"),
             "field_error": {"rms": value.field_error.rms, "unit": "1", "of_noise": _rms(value.field_error.noise)},
         },
         "software": software(),
+    }
+
+
+def _photographs(found: Corrected, value: Correction) -> dict[str, Any]:
+    """How fine the picture is and how the further photographs lie; nothing of a single one on its own grid."""
+    if not value.places and value.scale == 1:
+        return {}
+    return {
+        "scale": value.scale,
+        "detail_told": value.told,
+        "further_photographs": [
+            {
+                "path": str(frame.path),
+                "moved_px": place.moved_px(value.sensor_shape).tolist(),
+                "light": place.light,
+                "left_over": place.left_over,
+                "set_aside": place.reason,
+            }
+            for frame, place in zip(found.others, value.places, strict=True)
+        ],
     }
 
 
@@ -156,6 +199,7 @@ def _maps(value: Correction) -> bytes:
     table = csv.writer(text, lineterminator="\n")
     table.writerow(["x_px", "y_px", "mtf50_before_cycles_px", "mtf50_after_cycles_px", "noise_gain"])
     for i, j in np.ndindex(told.before.shape):
-        row = (told.x[j], told.y[i], told.before[i, j], told.after[i, j], told.noise_gain[i, j])
+        place = told.x[j] / value.scale, told.y[i] / value.scale
+        row = (*place, value.scale * told.before[i, j], value.scale * told.after[i, j], told.noise_gain[i, j])
         table.writerow([f"{number:.6g}" for number in row])
     return text.getvalue().encode()

@@ -1,4 +1,4 @@
-"""`station correct`: an ordinary photograph through the measured field of its lens, undone."""
+"""`station correct`: photographs through the measured field of their lens, undone."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _by_hundredths(told: Progress) -> Callable[[int, int], None]:
 
 
 @click.command("correct")
-@click.argument("photo", type=click.Path(path_type=Path))
+@click.argument("photos", metavar="PHOTO...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--field",
     "field",
@@ -53,6 +53,10 @@ def _by_hundredths(told: Progress) -> Callable[[int, int], None]:
 )  # fmt: skip
 @click.option("--iterations", type=click.IntRange(1, 500), default=12, show_default=True)
 @click.option(
+    "--scale", type=click.IntRange(1, 4), default=1, show_default=True,
+    help="Pixels of the picture per pixel of the sensor, along each side: more than 1 asks for several photographs.",
+)  # fmt: skip
+@click.option(
     "--tile-px", type=click.Choice(["128", "192", "256", "384", "512"]), help="[default: as the field varies]"
 )
 @click.option("--insist", is_flag=True, help="Take a field whatever camera, lens, aperture and focus it is of.")
@@ -62,11 +66,12 @@ def _by_hundredths(told: Progress) -> Callable[[int, int], None]:
 @force_option
 @log_json_option
 def correct(
-    photo: Path,
+    photos: tuple[Path, ...],
     field: Path,
     prior: str,
     strength: float,
     iterations: int,
+    scale: int,
     tile_px: str | None,
     insist: bool,
     layout: DumpLayout | None,
@@ -76,13 +81,14 @@ def correct(
     """Sharpen PHOTO by the PSF field of its lens: RAW with a 2 x 2 mosaic, or one linear grey plane.
 
     Demosaicking, deblurring and lateral colour are undone as one problem, as strongly as the photograph's noise allows.
+    Several photographs of one scene, moved by some pixels, become one picture, with --scale 2 of twice as many pixels.
     """
     start = time.perf_counter()
     from dataclasses import replace
 
     from procedures.correction.estimate import CorrectionParameters
     from procedures.correction.priors import Prior
-    from station.calibration.correction import correct_photograph, write_correction, write_refusal
+    from station.calibration.correction import correct_photographs, write_correction, write_refusal
     from station.calibration.exports.psf import field_path
     from station.reports.correction_page import correction_page
     from station.results.result_files import ResultFolder
@@ -93,19 +99,25 @@ def correct(
         prior=Prior(prior, strength=strength),
         splitting=replace(usual.splitting, iterations=iterations),
         side=int(tile_px) if tile_px else None,
+        scale=scale,
     )
     with ResultFolder(out, force=forced()) as folder, progress(100) as told:
-        found = correct_photograph(photo, field_path(field), parameters, layout, _by_hundredths(told), insisted=insist)
+        found = correct_photographs(
+            photos, field_path(field), parameters, layout, _by_hundredths(told), insisted=insist
+        )
         given = {"prior": prior, "strength": strength, "iterations": iterations, "field": str(field)}
+        given |= {"scale": scale} if scale > 1 else {}
         given |= {"tile_px": tile_px or "auto", **told_layout(layout), **({"insist": True} if insist else {})}
         duration_s = round(time.perf_counter() - start, 3)
-        head = RecordHead("correct", (InputFile(str(photo), found.frame.sha256),), given, duration_s=duration_s)
+        inputs = tuple(InputFile(str(one.path), one.sha256) for one in (found.frame, *found.others))
+        head = RecordHead("correct", inputs, given, duration_s=duration_s)
         if found.outcome.value is None:
             text = write_refusal(folder, found, head)
         else:
             text = write_correction(folder, found, head, correction_page(found, head))
     outcome = found.outcome
-    sentence = f"{outcome.verdict}: {outcome.reason or 'the photograph is corrected'}"
+    done = "the photograph is corrected" if len(photos) == 1 else f"one picture of {len(photos)} photographs is made"
+    sentence = f"{outcome.verdict}: {outcome.reason or done}"
     log("corrected", sentence, level=LEVELS[str(outcome.verdict)], remedy=outcome.remedy)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:

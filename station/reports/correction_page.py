@@ -11,7 +11,6 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.correction.estimate import Correction
-from procedures.correction.prediction import Prediction
 from procedures.raw import RawFrame
 from station.calibration.correction import Corrected
 from station.common.versions import software
@@ -32,7 +31,7 @@ def correction_page(found: Corrected, head: RecordHead) -> bytes:
     value = found.outcome.value
     if value is None:
         raise ValueError("a correction without a value has no page")
-    before, after = _before(found.frame), np.moveaxis(value.picture, 0, -1)
+    before, after = _finer(_before(found.frame), value.scale), np.moveaxis(value.picture, 0, -1)
     balance = _balance(after)
     return render(
         "correction.html",
@@ -41,7 +40,8 @@ def correction_page(found: Corrected, head: RecordHead) -> bytes:
         found=value,
         undone=found.undone,
         exposure=exposure_words(found.frame.exposure),
-        medians=_medians(value.prediction),
+        medians=_medians(value),
+        others=list(zip(found.others, value.places, strict=True)),
         noise=_noise(value),
         whole=[_uri(_small(one) * balance) for one in (before, after)],
         parts=_parts(before, after, balance),
@@ -107,9 +107,21 @@ def _uri(picture: Single) -> str:
     return "data:image/png;base64," + base64.b64encode(display_png(shown)).decode()
 
 
-def _medians(told: Prediction) -> dict[str, float]:
+def _finer(picture: Single, scale: int) -> Single:
+    """The photograph (H, W, C) on a finer grid, pixels as they are: first pixel upon first pixel."""
+    if scale == 1:
+        return picture
+    rows, columns = (scale * size for size in picture.shape[:2])
+    to_pixels = np.array([[1 / scale, 0, 0], [0, 1 / scale, 0]])
+    flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    finer = cv2.warpAffine(picture, to_pixels, (columns, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(finer.reshape(rows, columns, picture.shape[2]), dtype=np.float32)
+
+
+def _medians(value: Correction) -> dict[str, float]:
     """What is told of the whole frame: the middle of each map."""
-    maps = {"before": told.before, "after": told.after, "noise_gain": told.noise_gain}
+    told, scale = value.prediction, value.scale
+    maps = {"before": scale * told.before, "after": scale * told.after, "noise_gain": told.noise_gain}
     return {name: float(np.median(values)) for name, values in maps.items()}
 
 
@@ -120,13 +132,13 @@ def _noise(value: Correction) -> list[tuple[str, float]]:
 
 
 def _maps(value: Correction) -> dict[str, Markup]:
-    told = value.prediction
+    told, scale = value.prediction, value.scale
 
     def drawn(values: npt.NDArray[np.float64], unit: str, name: str, limits: tuple[float, float]) -> Markup:
         return psf_figures.map_figure(values, unit, name, colours="viridis", limits=limits)
 
     return {
-        "before": drawn(told.before, "MTF50 before, cycles/pixel", "before", (0, 0.5)),
-        "after": drawn(told.after, "MTF50 after, cycles/pixel", "after", (0, 0.5)),
+        "before": drawn(scale * told.before, "MTF50 before, cycles/pixel", "before", (0, 0.5 * scale)),
+        "after": drawn(scale * told.after, "MTF50 after, cycles/pixel", "after", (0, 0.5 * scale)),
         "gain": drawn(told.noise_gain, "noise after over before", "gain", (0, max(float(told.noise_gain.max()), 1))),
     }

@@ -6,8 +6,9 @@ blur is applied where it varies, point by point over a fine grid of places, by t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -105,6 +106,12 @@ class Seen:
         return float(-10 * np.log10(np.mean((picture - self.truth)[inside] ** 2)))
 
 
+def moved(light: Array, dx: float, dy: float) -> Array:
+    """The light (H, W) moved by so many of its pixels, whatever their part; round the rim."""
+    fy, fx = np.fft.fftfreq(light.shape[0])[:, None], np.fft.rfftfreq(light.shape[1])
+    return np.fft.irfft2(np.fft.rfft2(light) * np.exp(-2j * np.pi * (fx * dx + fy * dy)), light.shape)
+
+
 NOTED = Exposure(camera="Bench One", lens="Bench 50mm", f_number=2.8, focal_length_mm=50.0, subject_distance_mm=2000.0)
 
 
@@ -113,7 +120,7 @@ def grey(lens: SmallLens, light: Array, sensor: Sensor, seed: int = 0) -> Seen:
     kernels = kernels_over(lambda x, y: lens.kernel(x, y, 1), lens.shape, (9, 11))
     through = blurred(light[0], kernels, RIM)
     samples = sensor.read(through, np.random.default_rng(seed))
-    frame = RawFrame("grey", "", {"Y": Plane("Y", samples, 1 / sensor.steps)}, NOTED)
+    frame = RawFrame(Path("grey"), "", {"Y": Plane("Y", samples, 1 / sensor.steps)}, NOTED)
     return Seen(frame, light[:, RIM:-RIM, RIM:-RIM], {"Y": through})
 
 
@@ -135,4 +142,32 @@ def bayer(
         through[name] = blurred(light["RGB".index(name[0])], kernels, RIM)
         samples = sensor.read(through[name][y0::2, x0::2], rng)
         planes[name] = Plane(name, samples, 1 / sensor.steps, 2, (x0, y0))
-    return Seen(RawFrame("mosaic", "", planes, NOTED), light[:, RIM:-RIM, RIM:-RIM], through)
+    return Seen(RawFrame(Path("mosaic"), "", planes, NOTED), light[:, RIM:-RIM, RIM:-RIM], through)
+
+
+def burst(
+    lenses: Mapping[str, SmallLens],
+    fine: Array,
+    moves: Sequence[tuple[float, float]],
+    sensor: Sensor,
+    light: Sequence[float] | None = None,
+) -> list[RawFrame]:
+    """Photographs of light (C, 2 H + 2 RIM, 2 W + 2 RIM) on a grid twice as fine as the sensor's, each moved by (x, y)
+    pixels of the sensor and as bright as told: a mosaic, or grey of one lens."""
+    found, whole = [], tuple(n - 2 * RIM for n in fine.shape[1:])
+    origins, pitch = (RGGB, 2) if len(fine) > 1 else ({"Y": (0, 0)}, 1)
+    for number, (dx, dy) in enumerate(moves):
+        rng, planes = np.random.default_rng(number), {}
+        for name, (x0, y0) in origins.items():
+            lens, per = lenses[name], 2 * pitch
+
+            def kernel(x: float, y: float, lens=lens, per=per, x0=x0, y0=y0) -> Array:
+                return lens.kernel(x / per - x0 / pitch, y / per - y0 / pitch, per)
+
+            kernels = kernels_over(kernel, whole, (9, 11))
+            through = blurred(moved(fine["RGB".find(name[0]) if len(fine) > 1 else 0], 2 * dx, 2 * dy), kernels, RIM)
+            through = through * (1.0 if light is None else light[number])
+            samples = sensor.read(through[2 * y0 :: per, 2 * x0 :: per], rng)
+            planes[name] = Plane(name, samples, 1 / sensor.steps, pitch, (x0, y0))
+        found.append(RawFrame(Path(f"photograph {number + 1}"), "", planes, NOTED))
+    return found

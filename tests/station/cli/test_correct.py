@@ -19,7 +19,7 @@ from procedures.reading.exposure import Exposure
 from procedures.vignetting.formula import LightSurface
 from station.__main__ import main
 from tests.procedures.correction.lens_photographs import RGGB, Sensor
-from tests.procedures.correction.seen import NOTED, RIM, SmallLens, bayer, grey, scene
+from tests.procedures.correction.seen import NOTED, RIM, SmallLens, bayer, burst, grey, scene
 
 SHAPE, PLANES = (96, 120), (64, 80)
 SHOT = Shot(
@@ -195,3 +195,23 @@ def test_a_frame_of_one_level_is_refused(files, tmp_path):
     result = run(tmp_path / "cap.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path / "out")
     assert result.exit_code == 5
     assert "shows nothing" in result.output
+
+
+@pytest.mark.slow
+def test_photographs_moved_by_parts_of_a_pixel_make_a_picture_of_twice_as_many(files, tmp_path):
+    whole = (1, 2 * SHAPE[0] + 2 * RIM, 2 * SHAPE[1] + 2 * RIM)
+    lens, moves = SmallLens(SHAPE, 0.8), [(0, 0), (0.4, -1.6), (1.5, 0.5), (-0.9, 0.1)]
+    frames = burst({"Y": lens}, scene(whole[1:], seed=2), moves, Sensor(white_e=60000.0))
+    for number, frame in enumerate(frames):
+        samples = np.rint(65535 * frame.planes["Y"].samples.clip(0, 1)).astype(np.uint16)
+        cv2.imwrite(str(tmp_path / f"{number}.tiff"), samples)
+    paths = [tmp_path / f"{number}.tiff" for number in range(4)]
+    result = run(*paths, "--field", files[0] / "grey.h5", "--scale", 2, "--out", tmp_path / "out", "--json")
+    assert result.exit_code == 0, result.output
+    record = json.loads(result.stdout)
+    assert [one["path"] for one in record["input"]] == [str(path) for path in paths]
+    assert (record["scale"], record["detail_told"]) == (2, 0.75)
+    told = [one["moved_px"] for one in record["further_photographs"]]
+    np.testing.assert_allclose(told, moves[1:], atol=0.05)
+    assert stored(tmp_path / "out", (1, 2 * SHAPE[0], 2 * SHAPE[1])).mean() == pytest.approx(0.4, abs=0.1)
+    assert "2 pixels of the picture per pixel" in (tmp_path / "out" / "report.html").read_text()
