@@ -15,6 +15,7 @@ from procedures.restoration.first_depth.registration import similarities
 from procedures.restoration.first_depth.similarity import turned_back
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.unknown_motion.flat_scene import FreeKernels, FreeKernelSettings, kernels_of_flat_scene
+from procedures.restoration.unknown_motion.odd_photograph import odd_photographs
 
 MIDDLE = 128
 """Side of the frame's middle, pixels: turn and zoom move little there, and it has kernels that the frame has not."""
@@ -28,8 +29,14 @@ def kernels_of_turned_scene(
     Raises
     ------
     BadInput, Refused
-        As that does.
+        As that does, and where some of three photographs or more show another scene.
     """
+    if odd := odd_photographs(photographs):
+        which, show = ("photograph", "shows") if len(odd) == 1 else ("photographs", "show")
+        raise Refused(
+            f"{which} {', '.join(str(i + 1) for i in odd)} of {len(photographs)} {show} another scene than the others",
+            "leave out what does not belong to the scene",
+        )
     s, refusal = settings or FreeKernelSettings(), None
     try:
         found = kernels_of_flat_scene(photographs, largest, s)
