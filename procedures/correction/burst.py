@@ -36,6 +36,8 @@ white noise, 1 / (2 sqrt(pi) 1)."""
 ROUNDS, SETTLED = 60, 1e-7
 COARSE_PX = 256
 """Side of the small copies in which the first guess is made."""
+NOTHING_ALIKE = 0.7
+"""What differs over the contrast from which a photograph shows another scene; of two without likeness it is 1.4."""
 LEFT_OVER, OF_NOISE = 0.1, 3.0
 """What differs of a photograph after all that, over the contrast and over its noise, from which it is set aside."""
 MOST_LIGHT = 1.25
@@ -199,11 +201,13 @@ def place_of(frame: RawFrame, other: RawFrame, noise: Mapping[str, Noise]) -> Pl
     return Place(on_sensor, light, left, *_set_aside(light, left, of_noise, change))
 
 
-_ELSEWHERE = ("it shows another scene, or from another place: it cannot be registered", "leave it out")
+_ELSEWHERE = ("it shows another scene, or the scene from another place", "leave it out")
 
 
 def _set_aside(light: float, left: float, of_noise: float, change: float) -> tuple[str, str]:
     """Reason and remedy, both empty where a photograph is taken in."""
+    if left > NOTHING_ALIKE:
+        return _ELSEWHERE
     if left > LEFT_OVER and of_noise > OF_NOISE:
         return (
             f"it differs from the first by {left:.0%} of the contrast where both show the same: something moved, or it "

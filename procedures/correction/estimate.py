@@ -155,11 +155,16 @@ def correct(
 
 
 def _sampled(burst: Burst, scale: int) -> Sequence[Rule]:
-    """Doubt of what photographs there are: those set aside, and a grid finer than the rest tells."""
+    """Doubt of what photographs there are: most of them set aside, or a grid finer than the rest tells."""
     aside = [f"photograph {i}: {place.reason}" for i, place in enumerate(burst.places, start=2) if place.reason]
     remedies = dict.fromkeys(place.remedy for place in burst.places if place.reason)
     return (
-        Rule(Verdict.DOUBTFUL, bool(aside), f"set aside: {'; '.join(aside)}", "; ".join(remedies)),
+        Rule(
+            Verdict.DOUBTFUL,
+            2 * len(aside) > len(burst.places),
+            f"most of the further photographs are set aside: {'; '.join(aside)}",
+            "; ".join(remedies),
+        ),
         Rule(
             Verdict.DOUBTFUL,
             scale > 1 and burst.told < LEAST_TOLD,

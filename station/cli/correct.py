@@ -116,8 +116,13 @@ def correct(
         else:
             text = write_correction(folder, found, head, correction_page(found, head))
     outcome = found.outcome
-    done = "the photograph is corrected" if len(photos) == 1 else f"one picture of {len(photos)} photographs is made"
+    places = outcome.value.places if outcome.value else ()
+    used = 1 + sum(not place.reason for place in places)
+    done = "the photograph is corrected" if len(photos) == 1 else f"one picture of {used} photographs is made"
     sentence = f"{outcome.verdict}: {outcome.reason or done}"
+    for frame, place in zip(found.others, places, strict=bool(places)):
+        if place.reason:
+            log("set aside", f"{frame.path.name} is set aside: {place.reason}", level="warning", remedy=place.remedy)
     log("corrected", sentence, level=LEVELS[str(outcome.verdict)], remedy=outcome.remedy)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
