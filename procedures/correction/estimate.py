@@ -144,7 +144,7 @@ def correct(
     mosaic = Mosaic.of(burst.planes, burst.noise, burst.light)
     optics = Optics.of(burst.planes, fields, burst.shifts)
     side = p.side or optics.side(mosaic.shape)
-    work = _Work(mosaic, optics, Grid.over(mosaic.shape, side, optics.ring(mosaic.shape)), p)
+    work = _Work(mosaic, optics, Grid.over(mosaic.shape, side, optics.ring), p)
     difference = work.difference()
     picture = work.restored(difference, progress)
     tau = work.tau(difference)
@@ -240,8 +240,9 @@ class _Work:
     def _tile(self, start: tuple[int, int]) -> tuple[Tile, Single]:
         """What is known of the tile, and a first picture of it."""
         n = self.grid.rows.n
-        z, weight = self.mosaic.cut(start, n, self.optics.ring(self.mosaic.shape))
-        tile = Tile(z, weight, self.optics.otf(*self.grid.centre(start), n), self.optics.channel)
+        x, y = self.grid.centre(start)
+        z, weight = self.mosaic.cut(start, n, self.optics.ring, self.optics.whole(x, y))
+        tile = Tile(z, weight, self.optics.otf(x, y, n), self.optics.channel)
         return tile, self.mosaic.first(z, weight)
 
     def _lay(self, out: Single, start: tuple[int, int], u: Single) -> None:

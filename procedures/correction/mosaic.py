@@ -76,11 +76,17 @@ class Mosaic:
         """The colour that each plane shows."""
         return [COLOURS[plane.name] for plane in self.planes.values()]
 
-    def cut(self, start: tuple[int, int], n: int, ring: int) -> tuple[Single, Single]:
-        """Samples and weights (P, n, n) of a tile; a ring along its rim is not seen."""
+    def cut(
+        self, start: tuple[int, int], n: int, ring: int, moved: Mapping[str, tuple[int, int]]
+    ) -> tuple[Single, Single]:
+        """Samples and weights (P, n, n) of a tile; a ring along its rim is not seen.
+
+        moved : by key, whole pixels (x, y) that a plane lies elsewhere there: its samples are laid so much back.
+        """
         z, weight = np.zeros((2, len(self.planes), n, n), dtype=np.float32)
         for p, key in enumerate(self.planes):
-            self._lay(key, start, z[p], weight[p])
+            dx, dy = moved.get(key, (0, 0))
+            self._lay(key, (start[0] + dy, start[1] + dx), z[p], weight[p])
         for one in (weight[:, :ring], weight[:, -ring:], weight[:, :, :ring], weight[:, :, -ring:]):
             one[...] = 0
         return z, weight

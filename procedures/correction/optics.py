@@ -69,7 +69,8 @@ class Optics:
         return {name: made[id(field)] for name, field in self.fields.items()}
 
     def otf(self, x: float, y: float, n: int) -> Spectrum:
-        """Transfer functions of all planes on n x n samples about a place of the picture, (P, n, n // 2 + 1)."""
+        """Transfer functions of all planes on n x n samples about a place of the picture, (P, n, n // 2 + 1), but for
+        `whole` pixels."""
         return np.stack([self._of_plane(name, x, y, n) for name in self.fields])
 
     def responses(self, name: str, n: int) -> Spectrum:
@@ -82,14 +83,29 @@ class Optics:
             found[field.k**2] += self._far(field, n)
         return np.asarray(found, dtype=np.complex64).reshape(len(each), -1)
 
+    def whole(self, x: float, y: float) -> dict[str, tuple[int, int]]:
+        """By how many whole pixels (x, y) the planes lie elsewhere about a place: there their samples are laid so much
+        back, `otf` tells the rest. Photographs that are turned lie otherwise in every tile."""
+        moved = {name: np.rint(self._moved(name, x, y)[1]).astype(int) for name in self.shifts}
+        return {name: (int(dx), int(dy)) for name, (dx, dy) in moved.items()}
+
+    def _moved(self, name: str, x: float, y: float) -> tuple[Array, Array]:
+        """The point (1, 2) of a plane that shows a place of the picture, and how far (2,) it lies elsewhere."""
+        place = np.array([[x, y]])
+        there = self.in_plane(name, place)
+        if name not in self.shifts:
+            return there, np.zeros(2)
+        there = self.in_plane(name, place + self.shifts[name](there))
+        return there, self.shifts[name](there)[0]
+
     def _of_plane(self, name: str, x: float, y: float, n: int) -> Spectrum:
-        place = self.in_plane(name, np.array([[x, y]]))
+        place, (dx, dy) = self._moved(name, x, y)
+        dx, dy = dx - np.rint(dx), dy - np.rint(dy)
         F = scipy.fft.rfft2(wrapped(self._blurs[name].at(place)[0], n))
         if self.fields[name].q:
             F += _mean_tail(self.fields[name], place) * self._far(self.fields[name], n)
             F /= F[0, 0].real
         if name in self.shifts:
-            dx, dy = self.shifts[name](place)[0]
             fy, fx = np.fft.fftfreq(n)[:, None], np.fft.fftfreq(n)[: n // 2 + 1]
             F = F * np.exp(-2j * np.pi * (fx * dx + fy * dy))
         return np.asarray(F, dtype=np.complex64)
@@ -103,12 +119,10 @@ class Optics:
         """Points of the picture in pixels of the plane."""
         return np.asarray((points - np.array(self.origins[name])) / self.pitch)
 
-    def ring(self, shape: tuple[int, int]) -> int:
-        """Pixels of the picture that supports and shifts reach."""
-        corners = np.array([[x, y] for x in (0, shape[1] - 1) for y in (0, shape[0] - 1)], dtype=np.float64)
-        moved = [np.abs(shift(self.in_plane(key, corners))).max() for key, shift in self.shifts.items()]
-        reach = max(field.k / 2 / field.s * self.pitch for field in self.fields.values())
-        return int(np.ceil(reach)) + max(2, int(np.ceil(max(moved, default=0.0))))
+    @property
+    def ring(self) -> int:
+        """Pixels of the picture that the supports reach."""
+        return max(int(np.ceil(field.k / 2 / field.s * self.pitch)) for field in self.fields.values()) + 2
 
     def side(self, shape: tuple[int, int]) -> int:
         """Side of the tiles, in pixels of the picture, within which the PSFs hardly change."""

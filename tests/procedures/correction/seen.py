@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
@@ -112,6 +113,13 @@ def moved(light: Array, dx: float, dy: float) -> Array:
     return np.fft.irfft2(np.fft.rfft2(light) * np.exp(-2j * np.pi * (fx * dx + fy * dy)), light.shape)
 
 
+def turned(light: Array, degrees: float, zoom: float) -> Array:
+    """The light (H, W) turned about its middle, and larger."""
+    matrix = cv2.getRotationMatrix2D(((light.shape[1] - 1) / 2, (light.shape[0] - 1) / 2), degrees, zoom)
+    how = {"flags": cv2.INTER_LANCZOS4, "borderMode": cv2.BORDER_REFLECT}
+    return np.asarray(cv2.warpAffine(light, matrix, light.shape[::-1], **how))
+
+
 NOTED = Exposure(camera="Bench One", lens="Bench 50mm", f_number=2.8, focal_length_mm=50.0, subject_distance_mm=2000.0)
 
 
@@ -151,13 +159,16 @@ def burst(
     moves: Sequence[tuple[float, float]],
     sensor: Sensor,
     light: Sequence[float] | None = None,
+    turns: Sequence[tuple[float, float]] | None = None,
 ) -> list[RawFrame]:
     """Photographs of light (C, 2 H + 2 RIM, 2 W + 2 RIM) on a grid twice as fine as the sensor's, each moved by (x, y)
-    pixels of the sensor and as bright as told: a mosaic, or grey of one lens."""
+    pixels of the sensor, as bright as told, turned by so many degrees and so much larger: a mosaic, or grey of one
+    lens."""
     found, whole = [], tuple(n - 2 * RIM for n in fine.shape[1:])
     origins, pitch = (RGGB, 2) if len(fine) > 1 else ({"Y": (0, 0)}, 1)
     for number, (dx, dy) in enumerate(moves):
         rng, planes = np.random.default_rng(number), {}
+        seen = [moved(one if turns is None else turned(one, *turns[number]), 2 * dx, 2 * dy) for one in fine]
         for name, (x0, y0) in origins.items():
             lens, per = lenses[name], 2 * pitch
 
@@ -165,7 +176,7 @@ def burst(
                 return lens.kernel(x / per - x0 / pitch, y / per - y0 / pitch, per)
 
             kernels = kernels_over(kernel, whole, (9, 11))
-            through = blurred(moved(fine["RGB".find(name[0]) if len(fine) > 1 else 0], 2 * dx, 2 * dy), kernels, RIM)
+            through = blurred(seen["RGB".find(name[0]) if len(fine) > 1 else 0], kernels, RIM)
             through = through * (1.0 if light is None else light[number])
             samples = sensor.read(through[2 * y0 :: per, 2 * x0 :: per], rng)
             planes[name] = Plane(name, samples, 1 / sensor.steps, pitch, (x0, y0))

@@ -20,6 +20,7 @@ pytestmark = pytest.mark.slow
 
 SHAPE = (120, 160)
 MOVES = [(0.0, 0.0), (1.3, -2.4), (-0.6, 0.7), (2.1, 1.2), (-1.8, -0.3), (0.4, 2.6)]
+TURNS = [(0.0, 1.0), (0.4, 1.003), (-0.3, 1.0), (0.2, 0.997), (-0.4, 1.0), (0.1, 1.002)]
 LIGHT = [1.0, 1.0, 1.06, 1.0, 0.95, 1.0]
 SENSOR = Sensor(white_e=20000.0)
 FINER = CorrectionParameters(scale=2)
@@ -65,6 +66,14 @@ def test_photographs_apart_by_parts_of_a_pixel_tell_more_than_the_sensors_grid(p
     for place, move, light in zip(found.value.places, MOVES[1:], LIGHT[1:], strict=True):
         np.testing.assert_allclose(place.moved_px(SHAPE), move, atol=0.03)
         assert place.light == pytest.approx(light, abs=0.004)
+
+
+def test_photographs_that_are_turned_are_laid_otherwise_in_every_tile(lens, field):
+    turned = burst({"Y": lens}, fine(3), MOVES, SENSOR, turns=TURNS)
+    found = correct(turned[0], {"Y": field}, parameters=FINER, others=turned[1:])
+    assert (found.verdict, found.reason) == (Verdict.PASS, "")
+    one = correct(turned[0], {"Y": field}).value
+    assert psnr(found.value.picture) > psnr(finer(one.picture)) + 2.5
 
 
 def test_one_photograph_cannot_tell_a_finer_picture(photographs, field):

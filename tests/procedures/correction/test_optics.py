@@ -38,3 +38,15 @@ def test_details_are_blurred_by_the_whole_psf_with_the_light_from_beyond_its_rea
     whole = psf.spectra(pitch * fx.ravel(), pitch * fy.ravel()) @ psf.parameters / psf.light
     # the grid's filter, cut off, errs by some ten-thousandths; the light from beyond the reach is 0.008 of all
     np.testing.assert_allclose(H[:20, 1:20], whole.reshape(fx.shape), atol=1e-3)
+
+
+def test_on_large_frames_turned_photographs_reach_no_farther_than_their_supports(field):
+    turn = np.array([[0.0, -0.007], [0.007, 0.0]])
+    planes = {name: Plane("Y", np.zeros((4000, 6000), np.float32), 1e-4) for name in ("Y", "Y 2")}
+    optics = Optics.of(planes, {"Y": field}, {"Y 2": lambda seen: (seen - [3000.0, 2000.0]) @ turn})
+    assert optics.ring < 8
+    # a point of the picture at its rim lies where a turn of 0.007 rad brings it, to the first order and beyond
+    dx, dy = np.linalg.solve(np.eye(2) - turn.T, [2990.0, 1990.0]) - [2990.0, 1990.0]
+    assert optics.whole(5990.0, 3990.0) == {"Y 2": (round(dx), round(dy))}
+    rest = np.angle(optics.otf(5990.0, 3990.0, N)[1] / optics.otf(5990.0, 3990.0, N)[0])[[0, 1], [1, 0]]
+    np.testing.assert_allclose(-rest * N / (2 * np.pi), [dx - round(dx), dy - round(dy)], atol=0.02)
