@@ -44,12 +44,13 @@ if TYPE_CHECKING:
     from procedures.restoration.first_depth.registration import RegistrationSettings
     from procedures.restoration.first_depth.segments import SegmentSettings
     from procedures.restoration.joint.depth_edges import EdgeSettings
-    from procedures.restoration.joint.estimate import Restoration, RestorationLimits, RestorationParameters, restore
+    from procedures.restoration.joint.estimate import RestorationLimits, RestorationParameters, restore
     from procedures.restoration.joint.gauss_newton import PriorWeights
     from procedures.restoration.joint.joint_descent import JointRound, JointSettings
     from procedures.restoration.joint.kernel_sizes import stacks_of
     from procedures.restoration.joint.moved_objects import MovedSettings
     from procedures.restoration.joint.restart_regions import RestartSettings
+    from procedures.restoration.joint.result import Restoration
     from procedures.restoration.joint.schedule import Scheme, WeightSettings
     from procedures.restoration.masks.blur_models import DepthUnit, gaussian, pillbox
     from procedures.restoration.masks.blur_operator import MaskStack

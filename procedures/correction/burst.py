@@ -1,13 +1,7 @@
 """Several photographs of one scene from nearly one place: how each lies to the first, and all on one finer grid.
 
 A sensor's pixels see detail that is finer than themselves, folded down. Photographs that lie apart by parts of a pixel
-see it folded otherwise: together they tell it, as far as the lens passes it. The places are told by OpenCV's
-registration, whose likeness is not of the light's amount.
-
-References
-----------
-Evangelidis, Psarakis, Parametric image alignment using enhanced correlation coefficient maximization, IEEE TPAMI 30
-(2008).
+see it folded otherwise: together they tell it, as far as the lens passes it.
 """
 
 from __future__ import annotations
@@ -22,20 +16,17 @@ from procedures.clipping import NOMINAL
 from procedures.correction.checks import doubts_of
 from procedures.correction.noise import Noise, noise_of
 from procedures.correction.optics import COLOURS, Shift
+from procedures.numerics.registration import affine_between
 from procedures.outcome import BadInput, Verdict, verdict_of
 from procedures.raw import Plane, RawFrame
 
 Array = npt.NDArray[np.float64]
-Single = npt.NDArray[np.float32]
 
 SHOWN = ("G1", "Y")
 """The plane in which photographs are registered."""
 SMOOTHED_PX, EXPECTED = 1.0, 0.28
 """Blur of a plane before photographs are compared: what is folded down goes another way in each. And what it leaves of
 white noise, 1 / (2 sqrt(pi) 1)."""
-ROUNDS, SETTLED = 60, 1e-7
-COARSE_PX = 256
-"""Side of the small copies in which the first guess is made."""
 NOTHING_ALIKE = 0.7
 """What differs over the contrast from which a photograph shows another scene; of two without likeness it is 1.4."""
 LEFT_OVER, OF_NOISE = 0.1, 3.0
@@ -190,7 +181,8 @@ def place_of(frame: RawFrame, other: RawFrame, noise: Mapping[str, Noise]) -> Pl
     _check_alike(frame, other)
     name = next(one for one in SHOWN if one in frame.planes)
     first, second = frame.planes[name], other.planes[name]
-    matrix = _registered(first.samples, second.samples)
+    one, two = (np.minimum(plane.samples, np.float32(NOMINAL)) for plane in (first, second))
+    matrix = affine_between(one, two, first.samples < NOMINAL)
     if matrix is None:
         return Place(np.eye(2, 3), 1.0, 1.0, *_ELSEWHERE)
     light, left, of_noise = _compared(first, second, matrix, noise[name])
@@ -240,32 +232,6 @@ def _check_alike(frame: RawFrame, other: RawFrame) -> None:
             f"{told(other)}",
             "give photographs of one camera, none of them cropped or turned",
         )
-
-
-def _registered(first: Single, second: Single) -> Array | None:
-    """The affine map from the first plane's points to the second's, or None where there is none."""
-    import cv2
-
-    factor = min(1.0, COARSE_PX / min(first.shape))
-    matrix = _guessed(first, second, factor)
-    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, ROUNDS, SETTLED)
-    one, two = (np.minimum(picture, np.float32(NOMINAL)) for picture in (first, second))
-    clear = (first < NOMINAL).astype(np.uint8)
-    try:
-        _, found = cv2.findTransformECC(one, two, matrix, cv2.MOTION_AFFINE, stop, clear, 5)
-    except cv2.error:
-        return None
-    return np.asarray(found, dtype=np.float64)
-
-
-def _guessed(first: Single, second: Single, factor: float) -> Single:
-    """A shift of whole pixels, from small copies."""
-    import cv2
-
-    a, b = (cv2.resize(one, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA) for one in (first, second))
-    window = cv2.createHanningWindow(a.shape[::-1], cv2.CV_32F)
-    (x, y), _ = cv2.phaseCorrelate(np.asarray(a - a.mean()), np.asarray(b - b.mean()), window)
-    return np.array([[1, 0, x / factor], [0, 1, y / factor]], dtype=np.float32)
 
 
 def _compared(first: Plane, second: Plane, matrix: Array, noise: Noise) -> tuple[float, float, float]:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput, Outcome, Refused
 from procedures.restoration.flat_part import Box, Whole, check_region, parts
-from procedures.restoration.joint.estimate import Restoration, RestorationParameters, judge, restore, told_in
+from procedures.restoration.joint.estimate import RestorationParameters, judge, restore
 from procedures.restoration.joint.joint_descent import JointRound
 from procedures.restoration.joint.kernel_sizes import (
     BEYOND,
@@ -24,6 +24,7 @@ from procedures.restoration.joint.kernel_sizes import (
     reach_of_masks,
     stacks_of,
 )
+from procedures.restoration.joint.result import Restoration, told_in
 from procedures.restoration.masks.blur_models import DepthUnit, mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.camera_motion import Poses, RigSettings, motion_blur, planar_stacks, px_per_inverse_m

@@ -18,8 +18,9 @@ from drivers.frame_files.dng import Shot
 from procedures.outcome import Outcome
 from procedures.raw import read_frame
 from procedures.ray_histogram.multiscale import filter_film
-from procedures.restoration.joint.estimate import Restoration, RestorationParameters, restore
+from procedures.restoration.joint.estimate import RestorationParameters, restore
 from procedures.restoration.joint.kernel_sizes import stacks_of
+from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.thin_lens import CameraSetting
 from simulators.camera.optics import Optics

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
-from procedures.restoration.joint.estimate import Restoration
+from procedures.restoration.joint.result import Restoration
 from procedures.restoration.metres import Distances
 from procedures.restoration.two_photographs import shown
 from station.calibration.restoration.restorations import Restored

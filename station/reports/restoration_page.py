@@ -11,7 +11,7 @@ import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.outcome import Outcome
-from procedures.restoration.joint.estimate import Restoration, refocused
+from procedures.restoration.joint.result import Restoration, refocused
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.metres import Distances
 from station.common.versions import software

@@ -25,8 +25,9 @@ from scipy.ndimage import shift
 from scipy.optimize import OptimizeResult, minimize
 from scipy.signal import fftconvolve
 
-from procedures.restoration.joint.estimate import Restoration, RestorationParameters, restore
+from procedures.restoration.joint.estimate import RestorationParameters, restore
 from procedures.restoration.joint.kernel_sizes import default_max_w, fitting_ratios, stacks_of
+from procedures.restoration.joint.result import Restoration
 from procedures.restoration.photograph_blur import BlurSpec, SceneBlur, UnknownMotion, blur_of
 from procedures.restoration.unknown_motion.flat_scene import FreeKernels, kernels_of_flat_scene
 

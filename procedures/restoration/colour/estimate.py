@@ -16,7 +16,7 @@ from procedures.restoration.colour.depth_search import searched
 from procedures.restoration.colour.mosaic import Mosaics, depth_on_sensor, mosaics, spread
 from procedures.restoration.colour.picture import MosaicTerm, alone, mixing, with_depth
 from procedures.restoration.first_depth.segments import SegmentSettings
-from procedures.restoration.joint.estimate import Restoration
+from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.masks.mask_fields import MaskField, Masks, one_grid

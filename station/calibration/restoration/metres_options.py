@@ -11,7 +11,7 @@ from station.calibration.restoration.blur_options import BlurOptions, unfit
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
-    from procedures.restoration.joint.estimate import Restoration
+    from procedures.restoration.joint.result import Restoration
     from procedures.restoration.masks.blur_operator import Array
     from procedures.restoration.masks.mask_fields import Masks
     from procedures.restoration.masks.thin_lens import CameraSetting

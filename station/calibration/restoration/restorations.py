@@ -14,8 +14,9 @@ from procedures.colour_frame import read_colour_frame
 from procedures.outcome import BadInput, ColourInput, Outcome
 from procedures.raw import RawFrame, default_plane, read_frame
 from procedures.reading.sensor_dump import DumpLayout
-from procedures.restoration.joint.estimate import Restoration, RestorationParameters
+from procedures.restoration.joint.estimate import RestorationParameters
 from procedures.restoration.joint.joint_descent import JointRound
+from procedures.restoration.joint.result import Restoration
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import named
 from procedures.restoration.masks.blur_operator import Array

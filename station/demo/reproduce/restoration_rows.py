@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from procedures.outcome import Refused
 from procedures.restoration.joint.data_term import restore_picture
-from procedures.restoration.joint.estimate import Restoration, RestorationParameters, first_depth, noise_of, restore
+from procedures.restoration.joint.estimate import RestorationParameters, first_depth, noise_of, restore
 from procedures.restoration.joint.joint_descent import problem_of
+from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.blur_models import uniform_motion
 from procedures.restoration.masks.blur_operator import MaskStack
 from station.demo.reproduce import scenes

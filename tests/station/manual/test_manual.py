@@ -20,7 +20,7 @@ from procedures.pattern_psf.diagnostics import Diagnostics
 from procedures.physics.pupil import TERMS as ABERRATIONS
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
-from procedures.restoration.joint.estimate import RestorationDiagnostics as OfRestoration
+from procedures.restoration.joint.result import RestorationDiagnostics as OfRestoration
 from station.__main__ import main
 from station.bench.device_makers import MAKERS
 from station.manual.browser_pages import html_of, section_name

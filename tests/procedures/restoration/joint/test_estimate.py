@@ -7,16 +7,9 @@ import pytest
 from scipy.ndimage import gaussian_filter, rotate, shift
 
 from procedures.outcome import BadInput, BadParameter, Refused, Verdict
-from procedures.restoration.joint.estimate import (
-    RestorationParameters,
-    judge,
-    noise_gain,
-    noise_of,
-    reach_of,
-    refocused,
-    restore,
-)
+from procedures.restoration.joint.estimate import RestorationParameters, judge, noise_gain, noise_of, reach_of, restore
 from procedures.restoration.joint.picture_error import own_noise
+from procedures.restoration.joint.result import refocused
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import mask_stack
 from procedures.restoration.masks.checks import check_max_w
