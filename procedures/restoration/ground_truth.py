@@ -88,7 +88,15 @@ def held_against(
         seen=float(laid.both.mean()), light=laid.light, matrix=laid.matrix, difference=laid.difference,
     )  # fmt: skip
     held = replace(outcome, value=replace(found, ground_truth=witness))
-    if min(witness.error, witness.error_as_soft) <= s.most_over_told * told:
+    least, before = min(witness.error, witness.error_as_soft), np.nanmax([*witness.before_db, 0.0])
+    if least > 10 ** (-before / 20):
+        nearest = 1 + int(np.nanargmax(witness.before_db))
+        reason = (
+            f"the ground truth is nearer to photograph {nearest} as it came ({before:.1f} dB) than to the restored "
+            f"picture ({witness.psnr_db:.1f} dB): it is blurred itself, or the restoration is wrong"
+        )
+        return _doubted(held, reason, "look at the ground truth; give one that is sharp everywhere")
+    if least <= s.most_over_told * told:
         return held
     reason = (
         f"it differs from the ground truth by {witness.error:.1%} of white, {witness.error / max(told, 1e-9):.1f} "

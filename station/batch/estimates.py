@@ -165,14 +165,21 @@ def _restoration(
     procedure: Procedure, options: RestorationOptions, paths: Sequence[Path], contents: Sequence[bytes]
 ) -> Answer:
     """Picture and depth of photographs of one scene, as `station restore` finds them."""
-    from station.calibration.restoration.restorations import read_photographs, restored  # here: they load what restores
+    from station.calibration.restoration.restorations import (  # here: they load what restores
+        read_ground_truth,
+        read_photographs,
+        restored,
+    )
     from station.reports.restoration_files import restoration_result, write_outcome
 
     before, chosen = further_files(procedure, paths), options.placed(procedure.folder, paths)
     plane = procedure.planes[0] if procedure.planes else None
     chosen = chosen.checked(len(paths))
     frames, photographs = read_photographs(paths, plane, procedure.layout, options.encoding, contents)
-    found = restored(chosen, frames, photographs)
+    truth = None
+    if chosen.reference is not None:
+        truth = read_ground_truth(Path(chosen.reference), frames, procedure.layout, options.encoding)
+    found = restored(chosen, frames, photographs, truth=truth)
     for path, known in further_files(procedure, paths).items():
         if before.get(path) != known:
             raise ChangedMeanwhile(path)

@@ -7,6 +7,7 @@ pairs = { first = "_1", second = "_2" }       # how names end; or { table = "pai
 blur = "motion"                               # "defocus", "motion", "both"
 shape = ["path1.txt", "path2.txt"]            # beside this file
 # imu = "{name}.csv"                          # beside each photograph, called as it is
+# reference = "{name}_sharp.dng"              # ground truth, beside the first photograph
 scheme = "20x(20+20)+5x20"
 ```
 """
@@ -54,7 +55,8 @@ def read_restoration(table: Table) -> RestorationOptions:
     encoding = table.get("encoding", str, "")
     if encoding and encoding not in ENCODINGS:
         raise table.wrong("encoding", f"is {encoding!r}", f"use one of {', '.join(ENCODINGS)}")
-    found = RestorationOptions(BlurOptions(**blur), DescentOptions(**_given(table, OF_DESCENT)), encoding or None)
+    descent, reference = DescentOptions(**_given(table, OF_DESCENT)), table.get("reference", str, "")
+    found = RestorationOptions(BlurOptions(**blur), descent, encoding or None, reference=reference or None)
     table.end()
     found.spread(LEAST).blur.check(LEAST)
     _ = found.descent.parameters  # which says what cannot be meant

@@ -163,8 +163,17 @@ def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[I
     if procedure.pairs is not None:
         return in_rows(frames, procedure.pairs, most=2 if procedure.name == TWO_PHOTO else None) + missed
     if procedure.name in ENDINGS:
-        return in_pairs(frames, procedure.endings) + missed
+        return _without_records(in_pairs(frames, procedure.endings), procedure) + missed
     return (by_folder(frames) if procedure.name == FIELD else singly(frames)) + missed
+
+
+def _without_records(items: list[Item], procedure: Procedure) -> list[Item]:
+    """The items but for files that others of them are restored with, as ground truths that lie beside their pairs."""
+    if procedure.restoration is None:
+        return items
+    pairs = [one for one in items if not one.trouble]
+    used = {file for one in pairs for file in procedure.restoration.placed(procedure.folder, one.paths).files}
+    return [one for one in items if not (one.trouble and used.issuperset(one.paths))]
 
 
 def _ask(stop: object) -> None:

@@ -20,6 +20,7 @@ from station.results.record_head import InputFile, RecordHead
 if TYPE_CHECKING:
     from procedures.reading.sensor_dump import DumpLayout
     from procedures.restoration.joint.joint_descent import JointRound
+    from procedures.restoration.joint.result import GroundTruth
     from station.calibration.restoration.blur_options import BlurOptions
     from station.calibration.restoration.metres_options import MetresOptions
 
@@ -189,6 +190,11 @@ class _OneEach(click.Command):
     type=click.Choice(["linear", "srgb"]),
     help="The photographs are colour TIFF or PNG files of 16 bits, whose numbers mean this.",
 )
+@click.option(
+    "--reference",
+    type=click.Path(path_type=Path),
+    help="A photograph of the same scene that nothing blurred, from the same place: the result is held against it.",
+)
 @raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too.")
@@ -198,6 +204,7 @@ def restore(
     images: tuple[Path, ...],
     plane: str | None,
     encoding: str | None,
+    reference: Path | None,
     layout: DumpLayout | None,
     out: Path,
     as_json: bool,
@@ -215,6 +222,7 @@ def restore(
     from station.calibration.restoration.restorations import (
         DescentOptions,
         RestorationOptions,
+        read_ground_truth,
         read_photographs,
         restored,
     )
@@ -222,12 +230,14 @@ def restore(
     from station.results.result_files import ResultFolder
 
     blur, metres = BlurOptions(**_taken(BlurOptions, options)), MetresOptions(**_taken(MetresOptions, options))
-    chosen = RestorationOptions(blur, DescentOptions(**options), encoding, metres).checked(len(images))
+    known = None if reference is None else str(reference)
+    chosen = RestorationOptions(blur, DescentOptions(**options), encoding, metres, known).checked(len(images))
     with ResultFolder(out, force=forced()) as folder:
         frames, photographs = read_photographs(images, plane, layout, encoding)
         for image, frame in zip(images, frames, strict=True):
             log("read", f"read {image}: {', '.join(frame.planes)}", path=str(image), sha256=frame.sha256)
-        found = restored(chosen, frames, photographs, log, _tell)
+        truth = None if reference is None else read_ground_truth(reference, frames, layout, encoding)
+        found = restored(chosen, frames, photographs, log, _tell, truth)
         files = tuple(InputFile(str(one), frame.sha256) for one, frame in zip(images, frames, strict=True))
         duration_s = round(time.perf_counter() - start, 3)
         head = RecordHead("restore", files, {**found.told, **told_layout(layout)}, duration_s=duration_s)
@@ -235,6 +245,8 @@ def restore(
     level = _LEVELS.get(str(outcome.verdict), "error")
     words = outcome.reason or "picture and depth restored"
     log("restored", f"{outcome.verdict}: {words}", level=level, remedy=outcome.remedy)
+    if outcome.value is not None and outcome.value.ground_truth is not None:
+        _tell_ground_truth(outcome.value.ground_truth)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
         click.echo(text, nl=False)
@@ -245,6 +257,15 @@ def restore(
 def _tell(done: JointRound) -> None:
     sentence = f"round {done.n}: {done.what}, cost {done.cost:.4g}, residual {done.residual * 255:.3f}/255"
     log("round", sentence, n=done.n, what=done.what, cost=done.cost, seconds=round(done.seconds, 3))
+
+
+def _tell_ground_truth(found: GroundTruth) -> None:
+    before = ", ".join(f"{one:.1f}" for one in found.before_db)
+    sentence = (
+        f"against the ground truth {found.psnr_db:.1f} dB, the photographs {before} dB; error {found.error:.2%} of "
+        f"white, told {found.told:.2%}"
+    )
+    log("ground truth", sentence, psnr_db=found.psnr_db, error=found.error, told=found.told)
 
 
 def _taken(kind: type[BlurOptions | MetresOptions], options: dict[str, Any]) -> dict[str, Any]:

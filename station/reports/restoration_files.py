@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
-from procedures.restoration.joint.result import Restoration
+from procedures.restoration.joint.result import GroundTruth, Restoration
 from procedures.restoration.metres import Distances
 from procedures.restoration.two_photographs import shown
 from station.calibration.restoration.restorations import Restored
@@ -28,6 +28,7 @@ SHARP_WORDS = "restored picture, linear, 1 = white, first row uppermost; calibra
 """The picture's description."""
 STD_WORDS = "standard deviation of the restored picture, 1 = white, first row uppermost; calibration-station"
 KERNEL_WORDS = "kernel of photograph {}, one sample a pixel, sum 1, first row uppermost; calibration-station"
+DIFFERENCE_WORDS = "restored picture less the ground truth, 1 = white, 0 where it shows nothing; calibration-station"
 Array = npt.NDArray[np.floating[Any]]
 
 
@@ -88,6 +89,9 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
     if distances is not None:
         folder.write("distance.npy", npy(distances.metres, np.float32))
         folder.write("distance_std.npy", npy(distances.std, np.float32))
+    if found.ground_truth is not None:
+        off = picture(np.nan_to_num(found.ground_truth.difference))
+        folder.write("difference.tiff", described_tiff(float_tiff(off), DIFFERENCE_WORDS))
     record = {
         "schema": RESTORATION,
         **head.told(),
@@ -102,6 +106,7 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
         },
         **({} if found.kernels is None else {"kernels": {"count": len(found.kernels), "samples_per_pixel": 1}}),
         **({} if distances is None else {"distance": _told_distances(distances)}),
+        **({} if found.ground_truth is None else {"ground_truth": _told_ground_truth(found.ground_truth)}),
         "shift": {"x_y": found.shifts.tolist(), "unit": "pixel"},
         "turn": {"value": np.rad2deg(found.turns).tolist(), "unit": "degree"},
         "zoom": found.zooms.tolist(),
@@ -114,6 +119,13 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
         "software": software(),
     }
     return write_record(folder, record)
+
+
+def _told_ground_truth(found: GroundTruth) -> dict[str, Any]:
+    """What the record says of a ground truth; what could not be laid on it is None."""
+    told = {one.name: getattr(found, one.name) for one in fields(found) if one.name != "difference"}
+    before = [one if np.isfinite(one) else None for one in found.before_db]
+    return {**told, "before_db": before, "matrix": found.matrix.tolist()}
 
 
 def _told_distances(found: Distances) -> dict[str, Any]:

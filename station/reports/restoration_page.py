@@ -64,6 +64,8 @@ def restoration_page(
         refocused=[(where, shown(image)) for where, image in _refocused(found)],
         **_maps(found),
         distances=_in_metres(distances),
+        truth=found.ground_truth,
+        difference=_difference(found),
         kernels=[_kernel(one) for one in (() if found.kernels is None else found.kernels)],
         course=psf_figures.course_figure(
             [r.n for r in found.history],
@@ -108,6 +110,16 @@ def _maps(found: Restoration) -> dict[str, Markup]:
             limits=(-limit, limit),
         ),
     }
+
+
+def _difference(found: Restoration) -> Markup | None:
+    """The picture less the ground truth, of all planes; None where there was none."""
+    if found.ground_truth is None:
+        return None
+    off = _small(found.ground_truth.difference.mean(axis=0))
+    limit = 3 * max(found.ground_truth.told, 1e-6)
+    words = "picture less ground truth, white = 1"
+    return psf_figures.map_figure(off, words, "difference", colours="RdBu_r", limits=(-limit, limit))
 
 
 def _turns(found: Restoration) -> list[tuple[float, float]]:

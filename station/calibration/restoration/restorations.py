@@ -14,6 +14,7 @@ from procedures.colour_frame import read_colour_frame
 from procedures.outcome import BadInput, ColourInput, Outcome
 from procedures.raw import RawFrame, default_plane, read_frame
 from procedures.reading.sensor_dump import DumpLayout
+from procedures.restoration.ground_truth import check_ground_truth, held_against
 from procedures.restoration.joint.estimate import RestorationParameters
 from procedures.restoration.joint.joint_descent import JointRound
 from procedures.restoration.joint.result import Restoration
@@ -76,12 +77,15 @@ class RestorationOptions:
         What the numbers of colour files of 16 bits mean; None for planes of RAW and grey files.
     metres : MetresOptions
         Whether depth is told in metres, and from what.
+    reference : str or None
+        File of a photograph of the same scene that nothing blurred, which the result is held against.
     """
 
     blur: BlurOptions
     descent: DescentOptions = field(default_factory=DescentOptions)
     encoding: str | None = None
     metres: MetresOptions = field(default_factory=MetresOptions)
+    reference: str | None = None
 
     def checked(self, photographs: int) -> RestorationOptions:
         """The same, with the shape that distances ask for. Raises BadParameter where options do not go together."""
@@ -96,9 +100,10 @@ class RestorationOptions:
     @property
     def told(self) -> dict[str, Any]:
         """All options that are not as usual, by name."""
-        given = {one.name: getattr(of, one.name) for of in (self.blur, self.metres) for one in fields(of)}
-        found = {name: value for name, value in given.items() if value not in ((), None)}
-        return {**found, **({"encoding": self.encoding} if self.encoding else {}), **self.descent.told}
+        each = {one.name: getattr(of, one.name) for of in (self.blur, self.metres) for one in fields(of)}
+        found = {name: value for name, value in each.items() if value not in ((), None)}
+        given = {"encoding": self.encoding, "reference": self.reference}
+        return {**found, **{name: value for name, value in given.items() if value}, **self.descent.told}
 
     def spread(self, photographs: int) -> RestorationOptions:
         """The same with one record for each photograph where a name with `{name}` stands for all."""
@@ -118,7 +123,8 @@ class RestorationOptions:
             for option in OF_FILES
             if (names := getattr(spread, option))
         }
-        return replace(self, blur=replace(spread, **found))
+        reference = self.reference and _placed(self.reference, folder, photographs[0])
+        return replace(self, blur=replace(spread, **found), reference=reference)
 
     @property
     def files(self) -> list[Path]:
@@ -126,7 +132,8 @@ class RestorationOptions:
         names = [name for option in OF_FILES for name in getattr(self.blur, option)]
         found = [Path(part) for name in names for part in _parts(name)]
         beside = [one.parent / "result.json" for one in found if one.suffix.lower() == ".npy"]
-        return list(dict.fromkeys([*found, *(one for one in beside if one.exists())]))
+        truth = [Path(self.reference)] if self.reference else []
+        return list(dict.fromkeys([*found, *(one for one in beside if one.exists()), *truth]))
 
 
 def _placed(name: str, folder: Path, photograph: Path) -> str:
@@ -166,18 +173,32 @@ def read_photographs(
         If a file cannot be read so, or the photographs do not go together.
     """
     known: Sequence[bytes | None] = contents or [None] * len(images)
-    if encoding:
-        frames = [read_colour_frame(image, encoding, data=data) for image, data in zip(images, known, strict=True)]
-    else:
-        try:
-            chosen = plane or default_plane(images[0], layout)
-            names = None if chosen == "all" else [chosen]
-            frames = [read_frame(image, names, layout, data=data) for image, data in zip(images, known, strict=True)]
-        except ColourInput as error:
-            raise BadInput(error.reason, TELL_ENCODING) from error
+    chosen = plane if encoding else plane or default_plane(images[0], layout)
+    frames = [_read(image, chosen, layout, encoding, data) for image, data in zip(images, known, strict=True)]
     photographs: list[Array] = [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]
     check_photographs(photographs)
     return frames, photographs
+
+
+def read_ground_truth(
+    path: Path, frames: Sequence[RawFrame], layout: DumpLayout | None, encoding: str | None
+) -> RawFrame:
+    """A photograph of the same planes as these. Raises BadInput where it cannot be held against them."""
+    names = list(frames[0].planes)
+    found = _read(path, names[0] if len(names) == 1 else "all", layout, encoding, None)
+    check_ground_truth([one.planes for one in frames], found.planes)
+    return found
+
+
+def _read(
+    path: Path, plane: str | None, layout: DumpLayout | None, encoding: str | None, data: bytes | None
+) -> RawFrame:
+    if encoding:
+        return read_colour_frame(path, encoding, data=data)
+    try:
+        return read_frame(path, None if plane in ("all", None) else [str(plane)], layout, data=data)
+    except ColourInput as error:
+        raise BadInput(error.reason, TELL_ENCODING) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,8 +225,9 @@ def restored(
     photographs: list[Array],
     tell: Tell = silent,
     progress: Callable[[JointRound], None] | None = None,
+    truth: RawFrame | None = None,
 ) -> Restored:
-    """The sharp picture and the depth map.
+    """The sharp picture and the depth map; truth : a photograph of the same planes that they are held against.
 
     Raises
     ------
@@ -222,11 +244,14 @@ def restored(
     if settings and outcome.value is not None:
         distances = metres.distances(outcome.value, photographs, blur.masks, settings[0])
         outcome = metres.judged(outcome, distances)
+    if truth is not None:
+        outcome = held_against(outcome, [one.planes for one in frames], truth.planes)
     told = {
         **blur_record(options.blur, frames, spec, blur),
         **(metres.told(settings) if settings else {}),
         "planes": list(frames[0].planes),
         **({"encoding": options.encoding} if options.encoding else {}),
+        **({"reference": options.reference, "reference_sha256": truth.sha256} if truth else {}),
         **options.descent.told,
     }
     return Restored(outcome, told, distances)

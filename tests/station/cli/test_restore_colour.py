@@ -20,7 +20,7 @@ QUICK = ("--blur", "defocus", "--shape", "pillbox", "--ratio", "1.25", "--max-w"
 
 @pytest.fixture(scope="module")
 def light():
-    """Of a grey scene at two depths, seen twice (2, 3, H, W), with a contrast of some 30 levels."""
+    """Of a grey scene at two depths, seen twice and as it is (3, 3, H, W), with a contrast of some 30 levels."""
     rng, extended = np.random.default_rng(5), (SHAPE[0] + 2 * R, SHAPE[1] + 2 * R)
     grey = 0.5 + 0.13 * np.sign(gaussian_filter(rng.standard_normal(extended), 6))
     grey = gaussian_filter(grey + 0.3 * np.clip(gaussian_filter(rng.standard_normal(extended), 1.5), -0.4, 0), 0.6)
@@ -31,7 +31,8 @@ def light():
         blur.focus(w)
         seen.append(blur.blur(LIGHT[:, None, None] * grey))
     seen = np.stack(seen)
-    return seen + 1.2e-3 * rng.standard_normal(seen.shape)
+    truth = (LIGHT[:, None, None] * grey)[None, :, R:-R, R:-R]
+    return np.concatenate([seen + 1.2e-3 * rng.standard_normal(seen.shape), truth])
 
 
 def restore(files, out, *words):
@@ -42,13 +43,13 @@ def restore(files, out, *words):
 
 @pytest.mark.slow
 def test_a_grey_scene_in_two_raw_files_stays_grey(light, tmp_path):
-    files = [tmp_path / "a.dng", tmp_path / "b.dng"]
-    for path, z in zip(files, light, strict=True):
+    *files, truth = [tmp_path / "a.dng", tmp_path / "b.dng", tmp_path / "truth.dng"]
+    for path, z in zip([*files, truth], light, strict=True):
         mosaic = np.zeros(SHAPE, np.uint16)
         for (y, x), c in {(0, 0): 1, (0, 1): 0, (1, 0): 2, (1, 1): 1}.items():
             mosaic[y::2, x::2] = np.rint(500 + 15000 * z[c, y::2, x::2])
         write_dng(path, mosaic, Shot(), cfa="GRBG", black=(500,) * 4, white=15500)
-    done = restore(files, tmp_path / "out", "--plane", "all")
+    done = restore(files, tmp_path / "out", "--plane", "all", "--reference", str(truth))
     assert done.exit_code == 0, done.output
     sharp = cv2.imread(str(tmp_path / "out" / "sharp.tiff"), cv2.IMREAD_UNCHANGED)[..., ::-1]
     assert sharp.shape == (*SHAPE, 3)
@@ -60,12 +61,18 @@ def test_a_grey_scene_in_two_raw_files_stays_grey(light, tmp_path):
     # in pixels of a plane, as --max-w: 1.7 and 2.3
     assert np.median(w[20:-20, 70:]) == pytest.approx(2.3, abs=0.15)
     assert (tmp_path / "out" / "report.html").exists()
+    told = json.loads((tmp_path / "out" / "result.json").read_text())["ground_truth"]
+    # of the planes' own samples: those of red and blue lie between green's
+    off = (sharp - light[2].transpose(1, 2, 0))[12:-12, 12:-12]
+    assert told["error"] == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.3)
+    middle = [SHAPE[1] / 4, SHAPE[0] / 4]
+    np.testing.assert_allclose(np.array(told["matrix"]) @ [*middle, 1], middle, atol=0.05)
 
 
 @pytest.mark.slow
 def test_colour_files_are_restored_as_their_encoding_says(light, tmp_path):
     files = [tmp_path / "a.tiff", tmp_path / "b.tiff"]
-    for path, z in zip(files, light, strict=True):
+    for path, z in zip(files, light[:2], strict=True):
         curve = np.where(z <= 0.0031308, 12.92 * z, 1.055 * np.maximum(z, 0) ** (1 / 2.4) - 0.055)
         cv2.imwrite(str(path), np.rint(65535 * curve).astype(np.uint16).transpose(1, 2, 0)[..., ::-1])
     done = restore(files, tmp_path / "out", "--encoding", "srgb", "--max-w", "6", "--scheme", "1x(4+4)+1x4")

@@ -1,0 +1,83 @@
+"""`station restore --reference`: a result held against a photograph that nothing blurred, from files to files."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from station.__main__ import main
+
+SLOW_FIXTURES = {"photographs"}
+QUICK = ["--blur", "motion", "--scheme", "4x(6+6)+1x8", "--max-w", "5.2"]
+CORNER = (slice(100, 200), slice(180, 300))
+
+
+@pytest.fixture(scope="module")
+def photographs(shared_data, tmp_path_factory):
+    """A corner of the vibrating pair as item_1 and item_2, the truth of another light beside them, and the shapes."""
+    folder, made = shared_data / "synthetic" / "restoration", tmp_path_factory.mktemp("photographs")
+    for n in (1, 2):
+        image = cv2.imread(str(folder / f"vibration_40dB_{n}.pgm"), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(made / f"item_{n}.pgm"), image[CORNER])
+        shutil.copy(folder / f"vibration_shape{n}.txt", made)
+    sharp = np.load(folder / "sharp.npy")[100:200, 180:300]
+    cv2.imwrite(str(made / "truth.png"), np.rint(60000 * 0.8 * sharp).astype(np.uint16))
+    return made
+
+
+def restore(folder, out, *words):
+    shapes = ["--shape", str(folder / "vibration_shape1.txt"), str(folder / "vibration_shape2.txt")]
+    files = [str(folder / f"item_{n}.pgm") for n in (1, 2)]
+    return CliRunner().invoke(main, ["restore", *files, *QUICK, *shapes, *map(str, words), "--out", str(out)])
+
+
+@pytest.mark.slow
+def test_record_page_and_picture_tell_how_far_the_result_is_from_the_truth(photographs, tmp_path):
+    done = restore(photographs, tmp_path / "out", "--reference", photographs / "truth.png")
+    assert done.exit_code == 0, done.output
+    assert "against the ground truth" in done.output
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    told = record["ground_truth"]
+    assert told["psnr_db"] > max(told["before_db"]) + 5
+    assert record["parameters"]["reference"].endswith("truth.png")
+    assert len(record["parameters"]["reference_sha256"]) == 64
+    off = cv2.imread(str(tmp_path / "out" / "difference.tiff"), cv2.IMREAD_UNCHANGED)
+    rms = np.sqrt(np.mean(off[off != 0].astype(np.float64) ** 2))
+    assert rms == pytest.approx(10 ** (-told["psnr_db"] / 20), rel=0.01)
+    assert "Against the ground truth" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_ground_truth_of_another_size_is_refused_before_any_work(photographs, tmp_path):
+    cv2.imwrite(str(tmp_path / "small.png"), np.full((40, 50), 30000, np.uint16))
+    done = restore(photographs, tmp_path / "out", "--reference", tmp_path / "small.png")
+    assert done.exit_code != 0
+    assert "120 x 100 pixels, it has Y of 50 x 40" in done.output
+    assert "round 0" not in done.output
+
+
+@pytest.mark.slow
+def test_a_batch_finds_the_ground_truth_beside_each_first_photograph(photographs, tmp_path):
+    work = tmp_path / "work"
+    shutil.copytree(photographs, work)
+    (work / "truth.png").rename(work / "item_1_sharp.tmp")
+    folder = work / "items"
+    folder.mkdir()
+    for n in (1, 2):
+        (work / f"item_{n}.pgm").rename(folder / f"item_{n}.pgm")
+    (work / "item_1_sharp.tmp").rename(folder / "item_1_truth.png")
+    procedure = work / "restore.toml"
+    procedure.write_text(
+        'procedure = "restore"\npairs = { first = "_1", second = "_2" }\n[parameters]\nblur = "motion"\n'
+        'shape = ["vibration_shape1.txt", "vibration_shape2.txt"]\nmax_w = 5.2\nscheme = "4x(6+6)+1x8"\n'
+        'reference = "{name}_truth.png"\n'
+    )
+    done = CliRunner().invoke(main, ["batch", str(folder), "--procedure", str(procedure), "--out", str(tmp_path / "b")])
+    records = [json.loads(path.read_text()) for path in (tmp_path / "b" / "results").glob("*/result.json")]
+    assert done.exit_code == 0, done.output
+    assert len((tmp_path / "b" / "results.jsonl").read_text().splitlines()) == 1
+    assert records[0]["ground_truth"]["psnr_db"] > 25
