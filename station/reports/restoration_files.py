@@ -79,6 +79,8 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
     folder.write("w_std.npy", npy(found.w_std * unit.per_pixel, np.float32))
     if found.moved.any():
         folder.write("moved.npy", npy(found.moved, np.uint8))
+    if found.occlusion.any():
+        folder.write("occlusion.npy", npy(found.occlusion, np.uint8))
     folder.write("depth.png", encoded(".png", coloured(found.w)))
     for n, kernel in enumerate(() if found.kernels is None else found.kernels, start=1):
         folder.write(f"kernel_{n}.npy", npy(kernel))

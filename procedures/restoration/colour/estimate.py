@@ -16,6 +16,7 @@ from procedures.restoration.colour.depth_search import searched
 from procedures.restoration.colour.mosaic import Mosaics, depth_on_sensor, mosaics, spread
 from procedures.restoration.colour.picture import MosaicTerm, alone, mixing, with_depth
 from procedures.restoration.first_depth.segments import SegmentSettings
+from procedures.restoration.joint.occlusion import OcclusionSettings
 from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import Array, MaskStack
@@ -62,12 +63,14 @@ def in_colour(
         chosen = replace(chosen, joint=0)
     u, w = descended(term, u, w, sigma, chosen)
     error = _seen_at(known, error_of(term, u, _wide(w, term), sigma, _left_over(term, u)), term.R)
-    moved = _on_sensor(found.moved)
+    moved, occlusion = _on_sensor(found.moved), _on_sensor(found.occlusion)
     sharp, std = _seen_at(known, u, term.R), spread_out(error, 2 * term.R + 1)
     whole, d = float(np.sqrt(np.mean(std**2))), found.diagnostics
+    std = std * np.where(occlusion, OcclusionSettings.picture, 1.0)
     return replace(
         found, sharp=sharp, sharp_std=np.where(moved, np.maximum(std, sharp.std()), std), w=w,
         w_std=np.hypot(_on_sensor(2 * found.w_std), off), residual=_residual(term, u), moved=moved,
+        occlusion=occlusion,
         diagnostics=replace(d, picture_std=whole, gained=d.gained * d.picture_std / max(whole, 1e-9)),
         unit=DepthUnit(found.unit.name, found.unit.per_pixel / 2),
     )  # fmt: skip

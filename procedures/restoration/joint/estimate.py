@@ -16,6 +16,7 @@ from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import DataTerm
 from procedures.restoration.joint.moved_objects import Mask, MovedSettings, largest, moved_objects
 from procedures.restoration.joint.noise_and_contrast import fitted_by_depth, noise_gain
+from procedures.restoration.joint.occlusion import Occlusion, OcclusionSettings, occlusion_of
 from procedures.restoration.joint.picture_error import error_map, noise_seen, own_noise, picture_error
 from procedures.restoration.joint.result import Restoration, RestorationDiagnostics
 from procedures.restoration.joint.schedule import Schedule, Scheme, WeightSettings
@@ -72,7 +73,8 @@ class RestorationParameters:
     masks symmetric about axes and diagonals (Proposition 2), "x" or "y" for even ones along one axis (Proposition 3).
     total_variation, depth_total_variation : of picture and w, instead of quadratic priors.
     flat_w : w of the whole frame where it is known; then the picture alone is looked for.
-    registration, matching, weights, joint, moved, limits : what each stage goes by, with the reasons of its numbers.
+    registration, matching, weights, joint, moved, occlusion, limits : what each stage goes by, with the reasons of its
+    numbers.
     """
 
     scheme: Scheme = field(default_factory=Scheme)
@@ -89,6 +91,7 @@ class RestorationParameters:
     weights: WeightSettings = field(default_factory=WeightSettings)
     joint: joint_descent.JointSettings = field(default_factory=joint_descent.JointSettings)
     moved: MovedSettings = field(default_factory=MovedSettings)
+    occlusion: OcclusionSettings = field(default_factory=OcclusionSettings)
     limits: RestorationLimits = field(default_factory=RestorationLimits)
 
     def __post_init__(self) -> None:
@@ -220,23 +223,28 @@ def _restoration(
     fitted = 0.0 if known else fitted_by_depth(data, state.u, last)
     error = picture_error(masks, np.quantile(w, joint_descent.DECILES), last.picture, residual, sharp, fitted)
     # w of what moved may be any, and so may the picture there
-    spread = np.where(moved, np.maximum(spread, limit), spread)
-    uncertain = np.where(moved, max(error.std, float(sharp.std())), error_map(error.std, residual, 2 * R + 1))
+    occlusion = Occlusion.nowhere(w.shape) if known else occlusion_of(w, masks, p.occlusion)
+    undetermined = float((np.where(moved, limit, spread) > 0.5).mean())
+    spread = np.where(moved, np.maximum(spread, limit), occlusion.spread(spread))
+    uncertain = error_map(error.std, residual, 2 * R + 1) * np.where(occlusion.mask, p.occlusion.picture, 1.0)
+    uncertain = np.where(moved, max(error.std, float(sharp.std())), uncertain)
     diagnostics = RestorationDiagnostics(
         noise=state.known.sigma,
         residual_over_noise=rms / own,
         unexplained=float(np.sqrt(max(rms**2 - own**2, 0.0)) / max(float(data.z.std(axis=(-2, -1)).mean()), 1e-9)),
         picture_std=error.std,
         gained=error.blurred / max(error.std, 1e-9),
-        undetermined=float((spread > 0.5).mean()),
+        undetermined=undetermined,
         noise_gain=noise_gain(masks, float(np.median(w)), last.picture),
         saturated=saturated,
         at_limit=float((w > limit - 0.2).mean()),
         moved=float(moved.mean()),
+        occlusion=float(occlusion.mask.mean()),
         elsewhere_over_noise=_left_over(residual * ~moved, data.trust * ~moved) / finest,
     )
     taken_up = (brought.shifts, brought.light, brought.turns, brought.zooms)
-    return Restoration(sharp, uncertain, w, spread, residual, start, state.history, diagnostics, *taken_up, moved)
+    result = (sharp, uncertain, w, spread, residual, start, state.history, diagnostics)
+    return Restoration(*result, *taken_up, moved, occlusion.mask)
 
 
 def _left_over(residual: Array, trust: Array) -> float:
@@ -278,8 +286,7 @@ def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outco
     doubts = [
         (
             d.moved > 0,
-            f"something moved between the photographs: {_where(result.moved)}; there neither picture nor depth is to "
-            "be believed",
+            f"{_what_moved(result)}: {_where(result.moved)}; there neither picture nor depth is to be believed",
             "take them again while nothing moves, or leave that part out",
         ),
         (
@@ -318,6 +325,13 @@ def _order(d: RestorationDiagnostics, limits: RestorationLimits) -> str:
     if d.undetermined <= limits.most_undetermined:
         return ""
     return "check that photographs, ratios and f-numbers are in one order, as no depth explains them; "
+
+
+def _what_moved(result: Restoration) -> str:
+    """What no common picture explains: beside steps of depth it may have stood still."""
+    if (result.moved & ~result.occlusion).any():
+        return "something moved between the photographs"
+    return "something moved between the photographs, or a near thing hides a part of what lies behind it"
 
 
 def _where(moved: Mask) -> str:

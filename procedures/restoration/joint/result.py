@@ -25,9 +25,9 @@ class RestorationDiagnostics:
     noise, over the photographs' contrast, the measure of how far masks and photographs disagree; picture_std : expected
     error of the sharp picture, white = 1, and gained : what blur took from the least blurred photograph, over that, see
     `picture_error`; undetermined : part of the frame whose w is uncertain by more than half a pixel at best;
-    noise_gain : of the restoration at the median w; saturated, at_limit, moved : parts of the frame saturated, at the
-    end of the range of w, and in which something moved; elsewhere_over_noise : without what moved, over the noise that
-    the photographs' finest detail shows.
+    noise_gain : of the restoration at the median w; saturated, at_limit, moved, occlusion : parts of the frame
+    saturated, at the end of the range of w, in which something moved, and beside steps of depth; elsewhere_over_noise :
+    without what moved, over the noise that the photographs' finest detail shows.
     """
 
     noise: float
@@ -40,6 +40,7 @@ class RestorationDiagnostics:
     saturated: float
     at_limit: float
     moved: float
+    occlusion: float
     elsewhere_over_noise: float
 
 
@@ -92,7 +93,8 @@ class Restoration:
     sharp_std : (H, W) expected error of the picture's planes, white = 1, see `error_map`.
     shifts : (P, 2) x, y of each photograph against the first beyond what its masks contain, pixels; light : (P,) over
     the first's; turns, zooms : (P,) against the first, radians and over its size; all taken up. moved : (H, W), where
-    something moved between the photographs: neither picture nor w is to be believed there.
+    something moved between the photographs: neither picture nor w is to be believed there. occlusion : (H, W), beside
+    steps of depth, where w may be either side's and both errors are raised, see `occlusion`.
     unit : what w is told in to people and files. kernels : (P, K, K) of a flat scene's motions that were found, one
     sample a pixel, or None. ground_truth : what such a photograph says of it, where there was one.
     """
@@ -110,6 +112,7 @@ class Restoration:
     turns: Array
     zooms: Array
     moved: Mask
+    occlusion: Mask
     unit: DepthUnit = field(default_factory=DepthUnit)
     kernels: Array | None = None
     ground_truth: GroundTruth | None = None
