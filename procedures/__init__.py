@@ -43,14 +43,16 @@ if TYPE_CHECKING:
     from procedures.restoration.first_depth.initial_depth import MatchingSettings
     from procedures.restoration.first_depth.registration import RegistrationSettings
     from procedures.restoration.first_depth.segments import SegmentSettings
+    from procedures.restoration.ground_truth import GroundTruthLimits, held_against
     from procedures.restoration.joint.depth_edges import EdgeSettings
     from procedures.restoration.joint.estimate import RestorationLimits, RestorationParameters, restore
     from procedures.restoration.joint.gauss_newton import PriorWeights
     from procedures.restoration.joint.joint_descent import JointRound, JointSettings
     from procedures.restoration.joint.kernel_sizes import stacks_of
     from procedures.restoration.joint.moved_objects import MovedSettings
+    from procedures.restoration.joint.occlusion import OcclusionSettings
     from procedures.restoration.joint.restart_regions import RestartSettings
-    from procedures.restoration.joint.result import Restoration
+    from procedures.restoration.joint.result import GroundTruth, Restoration
     from procedures.restoration.joint.schedule import Scheme, WeightSettings
     from procedures.restoration.masks.blur_models import DepthUnit, gaussian, pillbox
     from procedures.restoration.masks.blur_operator import MaskStack
@@ -98,9 +100,11 @@ __all__ = [
     "CoefficientModel", "Correction", "CorrectionParameters", "DefocusBeside", "DepthUnit", "Diffraction",
     "DumpLayout", "EdgeMtf", "EdgeOutcome", "EdgeSettings", "Exposure", "Felt", "Film", "FilterParameters",
     "FilteredFilm", "FrameStack", "FreeKernelSettings", "FreeKernels",
-    "Geometry", "GeometryParameters", "JointRound", "JointSettings", "KernelBeginning", "KnownShapes",
+    "Geometry", "GeometryParameters", "GroundTruth", "GroundTruthLimits",
+    "JointRound", "JointSettings", "KernelBeginning", "KnownShapes",
     "LightLevel", "MapLike", "MaskField", "MaskStack", "MatchingSettings", "MeasuredShape", "MotionShapes",
-    "MovedSettings", "Node", "Outcome", "PairSettings", "PathSettings", "PatternParameters", "PatternPsf", "Physics",
+    "MovedSettings", "Node", "OcclusionSettings",
+    "Outcome", "PairSettings", "PathSettings", "PatternParameters", "PatternPsf", "Physics",
     "PlaceSettings", "Plane", "PlaneVignetting", "Poses", "Prior", "PriorWeights", "ProcedureError", "Prototypes",
     "Psf", "PsfField", "PsfTail", "Quality", "Quantity", "RawFrame", "RecordedMotion", "Refused",
     "RegistrationSettings", "RestartSettings", "Restoration", "RestorationLimits", "RestorationParameters",
@@ -108,7 +112,8 @@ __all__ = [
     "ShapeField", "Source", "Splitting", "TwoPhotoParameters", "TwoPhotoPsf", "UnknownMotion", "Verdict",
     "WeightSettings", "assess", "blur_of", "calibrate_geometry", "calibrate_planes", "characterise", "correct",
     "estimate_edge", "estimate_edges", "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair",
-    "estimate_vignetting", "filter_film", "filter_sequence", "find_chart", "gaussian", "kernels_of_flat_scene",
+    "estimate_vignetting", "filter_film", "filter_sequence", "find_chart", "gaussian", "held_against",
+    "kernels_of_flat_scene",
     "kernels_of_turned_scene", "measure_level",
     "measure_stack", "measured_field", "measured_shape", "otf", "pillbox", "poses_at", "poses_of",
     "read_camera_numbers", "read_field", "read_film", "read_frame", "restore", "sensor_model_of", "stacks_of",
@@ -146,6 +151,8 @@ _PLACES = {
     "FreeKernels": "restoration.unknown_motion.flat_scene",
     "Geometry": "geometry.estimate",
     "GeometryParameters": "geometry.estimate",
+    "GroundTruth": "restoration.joint.result",
+    "GroundTruthLimits": "restoration.ground_truth",
     "JointRound": "restoration.joint.joint_descent",
     "JointSettings": "restoration.joint.joint_descent",
     "KernelBeginning": "restoration.unknown_motion.flat_scene",
@@ -159,6 +166,7 @@ _PLACES = {
     "MotionShapes": "restoration.unknown_motion.path_refinement",
     "MovedSettings": "restoration.joint.moved_objects",
     "Node": "psf_field",
+    "OcclusionSettings": "restoration.joint.occlusion",
     "Outcome": "outcome",
     "PairSettings": "restoration.unknown_motion.path_pairs",
     "PathSettings": "restoration.unknown_motion.path_settings",
@@ -183,7 +191,7 @@ _PLACES = {
     "Refused": "outcome",
     "RegistrationSettings": "restoration.first_depth.registration",
     "RestartSettings": "restoration.joint.restart_regions",
-    "Restoration": "restoration.joint.estimate",
+    "Restoration": "restoration.joint.result",
     "RestorationLimits": "restoration.joint.estimate",
     "RestorationParameters": "restoration.joint.estimate",
     "RigSettings": "restoration.masks.camera_motion",
@@ -219,6 +227,7 @@ _PLACES = {
     "filter_sequence": "ray_histogram.sequence",
     "find_chart": "pattern_psf.chart_finding.detection",
     "gaussian": "restoration.masks.blur_models",
+    "held_against": "restoration.ground_truth",
     "kernels_of_flat_scene": "restoration.unknown_motion.flat_scene",
     "kernels_of_turned_scene": "restoration.unknown_motion.turned_scene",
     "measure_level": "sensor.levels",
