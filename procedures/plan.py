@@ -102,7 +102,10 @@ class Ask:
 
     `kind` "confirm" is answered by True when it is done, "number" by a float within [low, high] in `unit`, "text" by
     a line, "choice" by one of `choices`. What is known under `key` already is the default, else `default`. Not asked
-    either where `given`, of what is known and what the bench has (`HAS_SHAKER`), tells the answer.
+    either where `given`, of what is known and what the bench has (`HAS_SHAKER`, `HAS_IMU`), tells the answer. `check`,
+    of an answer and what is known, raises ProcedureError where it cannot be taken: it is said, and asked again.
+    `names_file` tells which parts of an answer, with ; between them, are names of files: whoever runs the plan keeps
+    copies, and these are the answer.
     """
 
     key: str
@@ -115,10 +118,14 @@ class Ask:
     choices: tuple[str, ...] = ()
     when: Callable[[Facts], bool] = lambda facts: True
     given: Callable[[Facts], Fact | None] = lambda facts: None
+    check: Callable[[Fact, Facts], object] = lambda answer, facts: None
+    names_file: Callable[[str], bool] = lambda part: False
 
 
 HAS_SHAKER = "has_shaker"
 """The fact that the bench has something that carries the camera around a path."""
+HAS_IMU = "has_imu"
+"""The fact that the bench has an IMU."""
 
 
 @dataclass(frozen=True)

@@ -189,3 +189,21 @@ SECOND = _drawing(r"""
       the second: another aperture or motion,
       the scene as it was
 """)
+THIRD = _drawing(r"""
+       ___                         1:  [=O
+      |   |    .-.                 2:  [=o
+      |   |   (   )  - - - - - -   3:  [=.
+      |___|    '-'
+
+      the third: yet another aperture or motion,
+      the scene as it was
+""")
+TRUTH = _drawing(r"""
+       ___
+      |   |    .-.
+      |   |   (   )  - - - - - - -    [=O
+      |___|    '-'                   -----
+
+      the ground truth: the rig rests, or the
+      aperture is the smallest
+""")

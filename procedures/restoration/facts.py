@@ -1,12 +1,21 @@
-"""What a restoration knows: what blurs its two photographs, how much, and how bright they are."""
+"""What a restoration knows: what blurs its photographs, how much, and how bright they are."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from procedures.facts import CameraFacts
 
 APERTURES, MOTIONS = "apertures", "motions"
+PLANE, COLOUR = "one plane", "colour"
+NO, YES = "no", "yes"
+SEARCH = "search"
+"""The photographs tell the motions, where no record does."""
+ORDER = ("first", "second", "third")
+"""The blurred photographs, as steps, purposes and facts call them."""
+TRUTH = "truth"
+"""The photograph that nothing blurs."""
 
 
 @dataclass(frozen=True)
@@ -16,23 +25,62 @@ class RestorationFacts(CameraFacts):
     Attributes
     ----------
     blur_by : "apertures" or "motions"
+    photographs : how many are blurred, two or three
+    colour : what is restored, "one plane", or the mosaic in "colour"
     max_w : half-width of the widest blur, in pixels of the plane
-    first_f_number, second_f_number : as typed, or as the camera noted them
-    first_level, second_level : mean of each photograph
-    first_exposure_s, second_exposure_s : as the camera noted them
-    shape : of the apertures, see `masks.blur_models.named`
+    first_f_number, second_f_number, third_f_number : as typed, or as the camera noted them
+    first_level, second_level, third_level : mean of each photograph
+    first_exposure_s, second_exposure_s, third_exposure_s : as the camera noted them
+    ground_truth : "yes" where one more photograph is taken that nothing blurs
+    truth_level, truth_exposure_s, truth_f_number, truth_sha256 : of that one
+    shape : of the apertures, one or one for each photograph with ; between: as `masks.blur_models.named`, or files
+    motion_shape : "search", or files of a shape for each photograph's motion with ; between
     region : a flat part of one distance, x,y,width,height in pixels, "auto" or "whole"
     scheme : of the joint descent; None is the usual one
     """
 
     blur_by: str = APERTURES
+    photographs: int = 2
+    colour: str = PLANE
     max_w: float | None = None
     first_f_number: float | None = None
     second_f_number: float | None = None
+    third_f_number: float | None = None
     first_level: float | None = None
     second_level: float | None = None
+    third_level: float | None = None
     first_exposure_s: float | None = None
     second_exposure_s: float | None = None
+    third_exposure_s: float | None = None
+    ground_truth: str = NO
+    truth_level: float | None = None
+    truth_exposure_s: float | None = None
+    truth_f_number: float | None = None
+    truth_sha256: str | None = None
     shape: str = "pillbox"
+    motion_shape: str = SEARCH
     region: str = "auto"
     scheme: str | None = None
+
+    @property
+    def f_numbers(self) -> Mapping[str, float | None]:
+        """By photograph."""
+        each = self.first_f_number, self.second_f_number, self.third_f_number, self.truth_f_number
+        return dict(zip((*ORDER, TRUTH), each, strict=True))
+
+    @property
+    def levels(self) -> Mapping[str, float | None]:
+        """By photograph."""
+        each = self.first_level, self.second_level, self.third_level, self.truth_level
+        return dict(zip((*ORDER, TRUTH), each, strict=True))
+
+    @property
+    def exposures_s(self) -> Mapping[str, float | None]:
+        """By photograph."""
+        each = self.first_exposure_s, self.second_exposure_s, self.third_exposure_s, self.truth_exposure_s
+        return dict(zip((*ORDER, TRUTH), each, strict=True))
+
+    @property
+    def blurred(self) -> tuple[str, ...]:
+        """The photographs that are blurred."""
+        return ORDER[: self.photographs]

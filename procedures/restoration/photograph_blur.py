@@ -5,7 +5,7 @@ Whoever restores, by command, by plan or in a script, tells a `BlurSpec`; `blur_
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadInput, Outcome, Refused
+from procedures.raw import Plane
+from procedures.restoration.colour.estimate import in_colour
 from procedures.restoration.flat_part import Box, Whole, check_region, parts
 from procedures.restoration.joint.estimate import RestorationParameters, judge, restore
 from procedures.restoration.joint.joint_descent import JointRound
@@ -162,6 +164,14 @@ class SceneBlur:
             outcome = judged_by_both(outcome.value, self.motion.shapes, self.motion.others, parameters)
         outcome = told_in(self.unit, outcome, kernels)
         return outcome if self.motion is None else self.motion.judged(outcome)
+
+    def coloured(
+        self, outcome: Outcome[Restoration], photographs: Sequence[Mapping[str, Plane]]
+    ) -> Outcome[Restoration]:
+        """The same in colour at every pixel of the sensor, of the whole mosaics that were restored."""
+        if outcome.value is None:
+            return outcome
+        return replace(outcome, value=in_colour(outcome.value, photographs, self.finer(2)))
 
 
 def blur_of(spec: BlurSpec, photographs: Sequence[Array], tell: Callable[[Finding], None] | None = None) -> SceneBlur:

@@ -46,10 +46,19 @@ SET_UP = (
     "refocused",
     "focused_near",
     "focused_far",
+    "first",
     "first_moves",
     "second",
+    "third",
+    "truth",
 )
 """The questions by whose keys something is done, in their order."""
+MOTION_OF = {"first_moves": 0, "second": 1, "third": 2}
+"""Which of its motions the rig is set in, by the question."""
+F_NUMBERS = {"first": 4.0, "second": 2.8, "third": 5.6, "truth": 22.0}
+"""That the ring of apertures is set to, by the question, where apertures blur."""
+NEARER = 0.65
+"""Of a scene's distance: nearer than anything in it."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +94,7 @@ class Hands:
         self._seed = seed
         self._person = person or Person()
         self._asked: dict[str, float] = {}
+        self._stops = 0.0
         self._held = at.view.held
         self._dioptres = 1 / 5.0
         self.empty_the_room()
@@ -125,13 +135,11 @@ class Hands:
         """What is seen of a scene in depth and its rig: where the nearest sheet is, and how far its details smear."""
         camera = self._at.view.camera
         rows, columns = (size // camera.plane_pitch_px for size in (camera.sensor.rows, camera.sensor.columns))
-        f_number = camera.lens.f_number
         return {
             "blur_by": "motions",
             "region": f"{RIM_PX},{RIM_PX},{columns // 2 - RIM_PX},{rows - 2 * RIM_PX}",
             "max_w": MAX_W,
-            "first_f_number": f_number,
-            "second_f_number": f_number,
+            **{f"{which}_f_number": f_number for which, f_number in F_NUMBERS.items()},
         }
 
     # --- what a person does
@@ -139,6 +147,8 @@ class Hands:
     def do(self, key: str, facts: Mapping[str, Known]) -> None:
         """Confirmed: it was done."""
         view = self._at.view
+        if key in F_NUMBERS and facts.get("blur_by") == "apertures":
+            self._stop_down(F_NUMBERS[key])
         match key:
             case "printed":
                 view.cell_mm = float(facts.get("chart_width_mm", self._person.width_mm)) / 320 * self._person.printer
@@ -150,12 +160,13 @@ class Hands:
                 view.mount = self._before_wall()
             case "wall" | "scene":
                 view.mount = self._before_wall()
-            case "first":
+            case "first" | "truth":
                 self._shake(())
-            case "first_moves" | "second" if self._at.motions:
-                self._shake(self._at.motions[key == "second"])
+            case "first_moves" | "second" | "third" if self._at.motions and facts.get("blur_by") != "apertures":
+                self._shake(self._at.motions[MOTION_OF[key]])
             case "focused" | "refocused" | "focused_near" | "focused_far":
                 distance_mm = self._at.world.distance_mm(self._at.clock.now_s())
+                distance_mm *= NEARER if facts.get("blur_by") == "apertures" else 1.0
                 error = self._rng(key).uniform(-EYES_DIOPTRES, EYES_DIOPTRES)
                 self._dioptres = 1000 / distance_mm + float(error)
                 self._asked["focus_steps"] = 0.0
@@ -174,6 +185,13 @@ class Hands:
             if facts.get(key):
                 self.do(key, facts)
         self._asked = {n.removeprefix(HAND): float(v) for n, v in facts.items() if n.startswith(HAND)}
+        self._apply()
+
+    def _stop_down(self, f_number: float) -> None:
+        """The ring of apertures, and as much more or less time."""
+        camera = self._at.view.camera
+        self._at.view.camera = replace(camera, lens=replace(camera.lens, f_number=f_number))
+        self._stops = 2 * float(np.log2(f_number / F_NUMBERS["first"]))
         self._apply()
 
     def _shake(self, drives: tuple[Drive, ...]) -> None:
@@ -203,7 +221,8 @@ class Hands:
         view, body = self._at.view, self._at.body
         if view.mount is not None and not view.sheets:
             view.mount = self._mount()
-        body.settings.exposure_s = _nearest_third(self._person.exposure_s * 2 ** self._asked.get("exposure_ev", 0.0))
+        more = self._stops + self._asked.get("exposure_ev", 0.0)
+        body.settings.exposure_s = _nearest_third(self._person.exposure_s * 2**more)
         view.slope = (0.0, 0.0) if self._asked.get("even_light") else self._person.slope
         turns = [self._asked.get(f"screw_{i}_turns", 0.0) for i in range(1, self._held.count + 1)]
         view.held = self._held.turned(turns) if any(turns) else self._held

@@ -19,6 +19,7 @@ LARGEST_MM = 40.0
 
 
 SHAKE_HZ, SHAKE_MM = 10.0, 1.9
+DIAGONAL_MM = SHAKE_MM / 1.5
 ROLL_DEG, PAN_DEG = 0.5, 0.06
 MOTIONS = (
     (
@@ -31,8 +32,14 @@ MOTIONS = (
         *(Drive("roll_deg", ROLL_DEG, SHAKE_HZ, 2.4), Drive("pan_deg", PAN_DEG, 2 * SHAKE_HZ, 0.3)),
         Drive("tilt_deg", PAN_DEG, SHAKE_HZ, 1.7),
     ),
+    (
+        *(Drive(axis, DIAGONAL_MM, SHAKE_HZ) for axis in ("x_mm", "y_mm")),
+        *(Drive("x_mm", 0.5 * DIAGONAL_MM, 2 * SHAKE_HZ), Drive("y_mm", 0.5 * DIAGONAL_MM, 2 * SHAKE_HZ, np.pi)),
+        *(Drive("roll_deg", ROLL_DEG, SHAKE_HZ, 3.4), Drive("pan_deg", PAN_DEG, SHAKE_HZ, 0.9)),
+        Drive("tilt_deg", PAN_DEG, 2 * SHAKE_HZ, 2.4),
+    ),
 )
-"""Two loops, one along x and one along y, while the rig nods and rolls: twice around in the lamp's exposure."""
+"""Loops along x, along y and across both, while the rig nods and rolls: twice around in the lamp's exposure."""
 
 
 @dataclass(frozen=True)

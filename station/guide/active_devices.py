@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from drivers.errors import Alarm, DeviceError, EmergencyStopped, Held, LineLost, NoAnswer, NotHomed, WasReset
 from drivers.interfaces import CameraSettings, Doubt, ExposedFile, Imu, ShakePath, Travel
-from procedures.plan import HAS_SHAKER, Fact, Shake
+from procedures.plan import HAS_IMU, HAS_SHAKER, Fact, Shake
 
 if TYPE_CHECKING:
     from station.bench.motions import Motions
@@ -113,7 +113,7 @@ class Rig:
 
     def abilities(self) -> dict[str, Fact]:
         """What the bench has that questions depend on, as facts."""
-        return {HAS_SHAKER: True} if "shaker" in self.names() else {}
+        return {fact: True for name, fact in (("shaker", HAS_SHAKER), ("imu", HAS_IMU)) if name in self.names()}
 
     def start_shaking(self, shake: Shake) -> ShakePath | None:
         """Let the shaker go around this path; as it is commanded, None where there is none. Raises DeviceError."""

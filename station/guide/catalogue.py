@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from procedures.outcome import BadParameter
@@ -15,6 +16,7 @@ from station.results.record_head import RecordHead
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
+    from procedures.restoration.photograph_blur import Shape
     from station.results.plane_result import PlaneResult
     from station.results.result_files import ResultFolder
     from station.results.terms import Terms
@@ -54,12 +56,15 @@ class GuidedProcedure:
     write : callable
         Writes and publishes a folder's files, of it, results, photographs and the record's head; returns the
         record's text.
+    in_session : callable, optional
+        The plan of a session in a folder, where it reads files that the session keeps.
     """
 
     title: str
     plan: Callable[[], Plan]
     results: Results = _psf_results
     write: Write = _write_psf
+    in_session: Callable[[Path], Plan] | None = None
 
 
 def _pattern() -> Plan:
@@ -94,10 +99,17 @@ def _write_field(
     return write(folder, planes, head)
 
 
-def _restoration() -> Plan:
+def _restoration(folder: Path | None = None) -> Plan:
     from procedures.restoration.plan import plan
+    from station.calibration.restoration.inputs import read_blur_shape
+    from station.sessions.given_files import is_given
 
-    return plan()
+    def read_shape(name: str, plane: str | None, size: tuple[int, int] | None) -> Shape:
+        """Of a file that the session keeps, or of one that is just being told of."""
+        path = folder / name if folder is not None and is_given(name) else Path(name).expanduser()
+        return read_blur_shape(str(path), plane, size)
+
+    return plan(read_shape)
 
 
 def _restoration_results(
@@ -209,7 +221,11 @@ PLANS = {
     "tilt": GuidedProcedure("the sensor squared to the lens by its screws", _tilt, _found_results, _write_tilt),
     "sensor": GuidedProcedure("gain, noise and non-uniformity of a sensor", _sensor, _sensor_results, _write_sensor),
     "restoration": GuidedProcedure(
-        "picture and depth from two blurred photographs", _restoration, _restoration_results, _write_restoration
+        "picture and depth from blurred photographs",
+        _restoration,
+        _restoration_results,
+        _write_restoration,
+        _restoration,
     ),
 }
 DEFAULT = "pattern"
@@ -222,6 +238,7 @@ def entry_named(name: str) -> GuidedProcedure:
     return PLANS[name]
 
 
-def plan_named(name: str) -> Plan:
-    """The plan of that name, imported now. Raises BadParameter."""
-    return entry_named(name).plan()
+def plan_named(name: str, folder: Path | None = None) -> Plan:
+    """The plan of that name, imported now; of the session in a folder. Raises BadParameter."""
+    entry = entry_named(name)
+    return entry.plan() if folder is None or entry.in_session is None else entry.in_session(folder)

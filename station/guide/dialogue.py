@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 from drivers.errors import DeviceError, EmergencyStopped
@@ -14,12 +15,20 @@ from procedures.plan import Advice, Ask, Fact, Facts
 from procedures.reading.exposure import TYPED
 from station.bench.surroundings import Hands
 from station.guide.frontend import Doing, Event, Operator, Stopped, Trouble
+from station.sessions.given_files import is_given
 from station.sessions.session import Session
 
 T = TypeVar("T")
 AGAIN, SKIP, STOP = "try again", "skip", "stop"
 HAND = "hand_"
 """Before a name: the fact what the operator's hands were asked for under that name, all in all."""
+
+ANSWERS = 12
+"""So many answers that cannot be taken, one after the other, end the run."""
+
+
+BETWEEN = ";"
+"""Stands between the parts of an answer that names files."""
 
 
 class Skipped(Exception):
@@ -70,11 +79,34 @@ class Conversation:
             self._session.learn(new)
 
     def ask(self, ask: Ask) -> Fact:
-        """The answer. What is known under its key is the default. Raises Stopped."""
+        """The answer, which can be taken. What is known under its key is the default. Raises Stopped."""
         default = self.facts.get(ask.key)
         if default is None and self._hands is not None:
             default = self._hands.knows(ask.key)
-        return self._operator.answer(ask if default is None else replace(ask, default=default))
+        asked = ask if default is None else replace(ask, default=default)
+        for _ in range(ANSWERS):
+            answer = self._operator.answer(asked)
+            try:
+                ask.check(answer, self.facts)
+            except ProcedureError as error:
+                self.hear(Trouble(error.reason, error.remedy))
+            else:
+                return self._with_copies(ask, answer)
+        raise Stopped
+
+    def _with_copies(self, ask: Ask, answer: Fact) -> Fact:
+        """The answer, with copies that the session keeps in place of the files that it names."""
+        parts = [part.strip() for part in answer.split(BETWEEN)] if isinstance(answer, str) else []
+        outside = [part for part in parts if ask.names_file(part) and not is_given(part)]
+        if not outside:
+            return answer
+        from station.calibration.restoration.inputs import with_record  # here: what it stands on is slow to import
+
+        def kept(name: str) -> str:
+            files = with_record(Path(name).expanduser())
+            return self.attempt(lambda: self._session.give(files))[0]
+
+        return f"{BETWEEN} ".join(kept(one) if one in outside else one for one in parts)
 
     def ask_and_learn(self, ask: Ask) -> Fact:
         """The answer, which is kept under its key where that is worth it. Raises Stopped."""

@@ -133,7 +133,7 @@ def _tuples(value: Any) -> Any:
 def _again(folder: Path, result: DerivedResult, state: SessionState) -> RecomputedResult:
     with temporary_folder() as raw:
         fresh = Path(raw, "result")
-        compute(folder, state, plan_named(state.plan), fresh, sealed=is_sealed(folder / result.folder))
+        compute(folder, state, plan_named(state.plan, folder), fresh, sealed=is_sealed(folder / result.folder))
         found = {path.relative_to(fresh).as_posix(): sha256_of(path) for path in fresh.rglob("*") if path.is_file()}
         keys = _differing(folder / result.folder / RECORD, fresh / RECORD)
         shared, moved, verdicts = _planes_compared(folder / result.folder, fresh)

@@ -157,7 +157,7 @@ class Run:
             page = session_page(self._session.folder, self._result).encode()
             self._talk.attempt(lambda: write_whole(path, page), always=True)
             self._session.note(REPORTED, sha256=hashlib.sha256(page).hexdigest())
-        except Skipped:
+        except (Refused, Skipped):  # of a plan that draws a page of its own, where there is something to draw
             return None
         return path
 
@@ -231,15 +231,22 @@ class Run:
         self._carry(Go(lambda facts: places, lambda facts: "going back to where the camera was"))
 
     def _next(self) -> Step | None:
-        done = self._session.state.done
-        return next((step for step in self.plan.steps if step.name not in done), None)
+        """The first that is not done; steps that were passed by, as a plan did that had them not, are none."""
+        steps, done = self.plan.steps, self._session.state.done
+        last = max((n for n, step in enumerate(steps) if step.name in done), default=-1)
+        waiting = (step for n, step in enumerate(steps) if step.name not in done and (n > last or self._wanted(step)))
+        return next(waiting, None)
+
+    def _wanted(self, step: Step) -> bool:
+        """Whether anything of it is asked or done."""
+        return step.when(self._talk.facts)
 
     def _carry_out(self, step: Step) -> None:
         self._step = step
         self._session.begin_step(step.name)
         self._talk.hear(StepBegan(step))
         try:
-            for request in step.requests if step.when(self._talk.facts) else ():
+            for request in step.requests if self._wanted(step) else ():
                 self._do(request)
         except Reopened:
             return

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import Refused
+from procedures.outcome import Refused, Verdict
 from procedures.quality import OPERATOR
 from procedures.raw import Exposure
 from station.common.sanitise import printable
@@ -74,10 +74,12 @@ def session_report(folder: Path, found: SessionResult | None = None) -> Report:
         raise Refused(f"{folder.name} has no result yet", "go on with it: station session resume")
     if PAGE in record.state.results[-1].files and record.state.plan not in METHODS:
         raise Refused(f"a {record.state.plan} has no certificate", "its page is report.html in the result's folder")
+    if record.state.plan not in METHODS and record.state.results[-1].verdict == Verdict.REFUSED:
+        raise Refused(f"a {record.state.plan} that was refused has no page", "its reason stands in result.json")
     verify(folder, record.state)
     drawn = max(i for i, line in enumerate(record.contents.lines) if line.event == "derived")
     state = replay(record.contents.lines[:drawn])
-    return _report(record, state, found or compute(folder, state, plan_named(state.plan)))
+    return _report(record, state, found or compute(folder, state, plan_named(state.plan, folder)))
 
 
 def certificate_files(folder: Path, found: SessionResult | None = None) -> dict[str, bytes]:

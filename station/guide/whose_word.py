@@ -17,18 +17,19 @@ from procedures.pattern_psf.estimate import PUPIL_SPREAD
 from procedures.pattern_psf.facts import SIZES, PatternFacts
 from procedures.plan import Facts, Plan
 from procedures.quality import CAMERA, OPERATOR
-from procedures.raw import Exposure, RawFrame
+from procedures.raw import RawFrame
 from procedures.reading.exposure import TYPED
 
 NAMES = {
     "focal_length_mm": "focal length", "pixel_pitch_um": "pixel pitch", "chart_width_mm": "width of the chart",
     "ruler_mm": "printed ruler", "chart_seed": "number of the chart", "typed_f_number": "f-number",
     "near_mm": "near distance", "first_f_number": "first f-number", "second_f_number": "second f-number",
+    "third_f_number": "third f-number",
     "screw_count": "number of screws", "screw_radius_mm": "screws' radius", "screw_pitch_mm": "screws' pitch",
     "first_screw_deg": "place of the first screw",
 }  # fmt: skip
 """Of the questions' keys whose answers results rest on."""
-NOTED = {"first_f_number": ("f_number", 0), "second_f_number": ("f_number", -1)}
+NOTED = {"first_f_number": ("f_number", 0), "second_f_number": ("f_number", 1), "third_f_number": ("f_number", 2)}
 """Where the camera's note stands: its field, and of which photograph; else the first's field of the same name."""
 
 
@@ -54,17 +55,16 @@ def words_of(plan: Plan, facts: Facts, frames: Sequence[RawFrame]) -> dict[str, 
     told = {key: facts[key] for key in NAMES if key in asks and key in facts}
     if not told or not frames:
         return {}
-    noted = (frames[0].exposure, frames[len(frames) - 1].exposure)
     return {
-        key: Word(float(value), asks[key].unit, *_source(key, float(value), facts, noted))
+        key: Word(float(value), asks[key].unit, *_source(key, float(value), facts, frames))
         for key, value in told.items()
         if isinstance(value, float | int) and value
     }
 
 
-def _source(key: str, value: float, facts: Facts, noted: Sequence[Exposure]) -> tuple[str, str]:
+def _source(key: str, value: float, facts: Facts, frames: Sequence[RawFrame]) -> tuple[str, str]:
     field, which = NOTED.get(key, (key, 0))
-    by_camera = asdict(noted[which]).get(field)
+    by_camera = asdict(frames[which].exposure).get(field) if which < len(frames) else None
     if by_camera and abs(value / by_camera - 1) <= TYPED[field][2]:
         return CAMERA, ""
     if facts.get(INSISTED + key):

@@ -210,7 +210,7 @@ class StationLab:
 
         self._leave_session()
         self._session = session
-        self._running = Run(plan_named(session.state.plan), self.open().bench, session, operator)
+        self._running = Run(plan_named(session.state.plan, session.folder), self.open().bench, session, operator)
         return self._running
 
     def _leave_session(self, going_on: Path | None = None) -> None:

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from procedures.facts import facts_as
 from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
+from procedures.restoration.facts import RestorationFacts
 from procedures.restoration.joint.result import GroundTruth, Restoration
+from procedures.restoration.known_blur import apart, planes_of, rig_poses, stacked
 from procedures.restoration.metres import Distances
-from procedures.restoration.two_photographs import shown
 from station.calibration.restoration.restorations import Restored
 from station.common.versions import software
 from station.drawing.depth_pictures import coloured, encoded, levels, picture
@@ -152,14 +154,15 @@ def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], head: Rec
 
 def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawFrame], head: RecordHead) -> str:
     """The result of a guided restoration: the files of `write_restoration`, or the record of its refusal."""
-    from procedures.restoration.two_photographs import rig_poses
     from station.calibration.restoration.inputs import imu_table, poses_table
 
     found: Restoration | None = result.found
     outcome = Outcome(found, result.verdict, result.reason, result.remedy)
     if found is None:
         return write_refusal(folder, outcome, head)
-    for n, frame in enumerate((frames[0], frames[len(frames) - 1]), start=1):
+    told = facts_as(RestorationFacts, head.parameters)
+    blurred, _ = apart(frames, told)
+    for n, frame in enumerate(blurred, start=1):
         if frame.felt is not None:
             folder.write(f"imu_{n}.csv", imu_table(frame.felt))
         poses, exposure_s = rig_poses(frame), frame.exposure.exposure_s
@@ -167,5 +170,5 @@ def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawF
             folder.write(f"poses_{n}.csv", poses_table(poses, exposure_s))
     timeless = replace(found, history=tuple(replace(r, seconds=0.0) for r in found.history))
     outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed
-    photographs = [shown(frame).samples.astype(np.float64)[None] for frame in (frames[0], frames[len(frames) - 1])]
+    photographs = [stacked(planes_of(frame, told)) for frame in blurred]
     return write_outcome(folder, Restored(outcome, {}), head, photographs)

@@ -98,7 +98,12 @@ def unknown_files(folder: Path, state: SessionState) -> list[str]:
 
 
 def verify(folder: Path, state: SessionState, without: Collection[int] = ()) -> None:
-    """Every photograph has the hash that the journal tells. Raises Damaged, naming all that have not."""
+    """Photographs, and files that answers name, have the hashes that the journal tells.
+
+    Raises Damaged, naming all that have not.
+    """
+    if lost := [name for name, digest in state.given.items() if not holds(folder / name, digest)]:
+        raise Damaged(f"{folder.name}: missing or changed: {', '.join(lost)}", "bring these files back from a copy")
     here = [shot for shot in state.shots if not shot.lost and shot.number not in without]
     wrong = [shot for shot in here if not holds(folder / shot.path, shot.sha256)]
     if wrong:
@@ -137,9 +142,10 @@ def check_whole(record: SessionRecord) -> None:
 
 
 def sums(folder: Path, state: SessionState) -> bytes:
-    """The hashes of configuration, photographs and results, as `sha256sum` writes them."""
+    """The hashes of configuration, photographs, files that answers name and results, as `sha256sum` writes them."""
     entries = {CONFIG: sha256_of(folder / CONFIG)}
     entries |= {shot.path: shot.sha256 for shot in state.shots if not shot.lost}
+    entries |= state.given
     for result in state.results:
         entries |= {f"{result.folder}/{name}": digest for name, digest in result.files.items()}
     return "".join(f"{digest}  {name}\n" for name, digest in entries.items()).encode()

@@ -6,12 +6,14 @@ import contextlib
 import os
 import shutil
 from collections.abc import Collection
+from itertools import chain
 from pathlib import Path
 from typing import Any, Protocol
 
 from station.common.durable_files import holds, sha256_of
 from station.results.result_files import RECORD
 from station.sessions.compute_environment import machine
+from station.sessions.given_files import GIVEN
 from station.sessions.journal_head import HEAD
 from station.sessions.layout import DERIVED, ORIGINALS
 from station.sessions.reader import SessionRecord, damaged_results, unknown_files
@@ -148,7 +150,8 @@ def _discard_unconfirmed(session: OpenSession) -> None:
 
 def _sweep(folder: Path) -> None:
     """Remove what a crash left half-written."""
-    for part in (*folder.glob(".*.part"), *(folder / ORIGINALS).glob(".*.part")):
+    halves = (folder.glob(".*.part"), (folder / ORIGINALS).glob(".*.part"), (folder / GIVEN).glob("*/.*.part"))
+    for part in chain.from_iterable(halves):
         part.unlink()
     for unfinished in (folder / DERIVED).glob("*/.unfinished-*"):
         if not unfinished.parent.is_symlink():

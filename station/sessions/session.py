@@ -6,6 +6,7 @@
   journal.jsonl     everything that happened, one line each, chained by hashes; what the session is
   journal.head      how many lines the journal has, and the sum of the last
   originals/        the photographs as the camera wrote them, read-only
+  given/1/          a file that an answer named, read-only, where one did
   derived/1/        the first result, derived/2/ the one after a retake
   wire/             every byte that passed between the devices and the program
   SHA256SUMS        `sha256sum --check SHA256SUMS`
@@ -37,6 +38,7 @@ from station.common.leftovers import make, release, sweep
 from station.common.toml_text import toml_text
 from station.sessions.compute_environment import machine
 from station.sessions.creation import furnish, settle
+from station.sessions.given_files import copied
 from station.sessions.journal import Journal, JournalLine
 from station.sessions.layout import (
     DERIVED,
@@ -216,6 +218,14 @@ class Session:
     def forget(self, names: Sequence[str]) -> None:
         """These facts are not known any more; the journal keeps that they were. Raises NotKept."""
         self.note("forgot", names=list(names))
+
+    def give(self, files: Sequence[Path]) -> tuple[str, ...]:
+        """Keep copies of files that an answer names; their paths from the session's folder. Raises NotKept, Changed."""
+        with self._guard:
+            found = copied(self.folder, files, self._disk)
+            self.note("given", source=str(files[0].absolute()), files=found)
+            self.write_sums()
+            return tuple(found)
 
     def begin_step(self, name: str) -> None:
         """A step begins, or begins anew. Raises NotKept."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from procedures.plan import Fact
+from station.sessions.given_files import is_given
 from station.sessions.journal import Damaged, JournalLine
 
 ORIGINAL = re.compile(r"originals/[A-Za-z0-9][A-Za-z0-9._-]*")
@@ -85,6 +86,7 @@ class SessionState:
     adopting : a shot whose photograph was being taken in, None mostly
     awaited : an exposure that was asked for and has not come, None mostly
     notices : what the operator must hear and was not told yet: repeated exposures, files found, a torn line
+    given : the hashes of files that answers name, by their paths
     ended : how the plan ended, None while it has not
     """
 
@@ -103,6 +105,7 @@ class SessionState:
     awaited: Awaited | None = None
     notices: tuple[str, ...] = ()
     strangers: Mapping[str, str] = field(default_factory=dict)
+    given: Mapping[str, str] = field(default_factory=dict)
     ended: str | None = None
 
     @property
@@ -247,6 +250,13 @@ def _found(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, strangers={**state.strangers, str(line.data["path"]): str(line.data["sha256"])})
 
 
+def _given(state: SessionState, line: JournalLine) -> SessionState:
+    files = {str(path): str(digest) for path, digest in line.data["files"].items()}
+    if not all(map(is_given, files)):
+        raise ValueError(f"files that answers name lie in given/, not in {', '.join(files)}")
+    return replace(state, given={**state.given, **files})
+
+
 def _ended(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, ended=str(line.data["how"]))
 
@@ -267,6 +277,7 @@ CHANGES: Mapping[str, Callable[[SessionState, JournalLine], SessionState]] = {
     "lost": _lost,
     "derived": _derived,
     "found": _found,
+    "given": _given,
     "ended": _ended,
 }
 

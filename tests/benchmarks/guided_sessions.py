@@ -1,11 +1,13 @@
 """Whole guided sessions on the simulated bench: how long they take there, how far their numbers are from the truth.
 
-Usage: guided_sessions.py camera|tilt [SEED]: `camera` is the whole camera behind a colour mosaic, `tilt` a sensor that
-is tilted behind f/2.8, whose screws are turned until that would not help.
+Usage: guided_sessions.py camera|tilt|restoration [SEED]: `camera` is the whole camera behind a colour mosaic, `tilt` a
+sensor that is tilted behind f/2.8, whose screws are turned until that would not help, `restoration` a scene of three
+sheets behind 160 x 120 pixels of each plane, restored in all ways that are asked for.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import tempfile
@@ -20,6 +22,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 
 from procedures import read_camera_numbers
+from simulators.bench.simulated_operator import F_NUMBERS
 from simulators.camera.sensor import Sensor
 from station.bench.opening import Bench, simulated_bench
 from station.guide.catalogue import plan_named
@@ -88,9 +91,56 @@ def tilt(bench: Bench, folder: Path) -> None:
     print(f"  left: corner truly {np.abs(view.held.slopes) @ half_mm:.2f} um")
 
 
+RESTORATIONS: dict[str, tuple[bool, dict[str, Any]]] = {
+    "shaker, two": (True, {}),
+    "shaker, three": (True, {"photographs": 3.0}),
+    "shaker, three, in colour": (True, {"photographs": 3.0, "colour": "colour"}),
+    "IMU, two": (False, {}),
+    "IMU, three": (False, {"photographs": 3.0}),
+    "apertures, two": (False, {"blur_by": "apertures"}),
+    "apertures, three": (False, {"blur_by": "apertures", "photographs": 3.0}),
+    "apertures, three, in colour": (False, {"blur_by": "apertures", "photographs": 3.0, "colour": "colour"}),
+}
+SHEETS = (np.s_[76:110, 112:150], np.s_[5:45, 115:155], np.s_[10:110, 10:80])
+"""Parts of the plane that show one sheet each, from the back to the front."""
+
+
+def restoration(folder: Path, seed: int) -> None:
+    """Depth and picture of a scene, each with a ground truth, by all that may blur."""
+    for n, (what, (shaker, answers)) in enumerate(RESTORATIONS.items()):
+        incoming = folder / str(n)
+        incoming.mkdir()
+        bench = simulated_bench(incoming, seed=seed, virtual_time=True, shaker=shaker)
+        view = bench.simulated.view
+        view.camera = replace(view.camera, sensor=Sensor(rows=240, columns=320))
+        print(what, end=", ")
+        result = guided("restoration", bench, folder, {**answers, "ground_truth": "yes"}, lambda event: None)
+        w, witness = np.load(result / "w.npy"), json.loads((result / "result.json").read_text())["ground_truth"]
+        grain = w.shape[0] // 120
+        parts = [tuple(slice(grain * one.start, grain * one.stop) for one in part) for part in SHEETS]
+        told = [float(np.median(w[part])) for part in parts]
+        distances_mm = [bench.simulated.world.distance_mm(0.0) + one.behind_mm for one in view.sheets]
+        camera = view.camera
+        if answers.get("blur_by") == "apertures":
+            # radius of the blur circle of the first photograph, in pixels of a plane
+            f, focus_mm, pitch_mm = camera.lens.focal_length_mm, float(view.focus_mm or 0.0), camera.pitch_um / 1000
+            widest = f**2 / (2 * F_NUMBERS["first"] * (focus_mm - f)) / (2 * pitch_mm)
+            truth = [widest * (1 - focus_mm / d) for d in distances_mm]
+        else:
+            truth = [1000 / d for d in distances_mm]
+        print("  w " + ", ".join(f"{a:.3f} (truly {b:.3f})" for a, b in zip(told, truth, strict=True)))
+        print(f"  ground truth {witness['psnr_db']:.1f} dB, photographs {max(witness['before_db']):.1f} dB at best; "
+              f"error {100 * witness['error']:.2f} % of white, as soft {100 * witness['error_as_soft']:.2f} %, told "
+              f"{100 * witness['told']:.2f} %", flush=True)  # fmt: skip
+        bench.close()
+
+
 def main(what: str = "camera", seed: int = 3) -> None:
-    """One session."""
+    """One session, or all ways to restore."""
     with tempfile.TemporaryDirectory() as name:
+        if what == "restoration":
+            restoration(Path(name), seed)
+            return
         incoming = Path(name) / "incoming"
         incoming.mkdir()
         bench = simulated_bench(incoming, seed=seed, virtual_time=True)

@@ -32,12 +32,9 @@ NEAREST, ROUND, BACK = np.s_[10:110, 10:80], np.s_[5:45, 115:155], np.s_[76:110,
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     root = tmp_path_factory.mktemp("restoration")
-    plan, operator = plan_named("restoration"), Scripted()
-    incoming = root / "incoming"
-    incoming.mkdir()
-    bench = simulated_bench(incoming, seed=3, virtual_time=True)
+    plan, operator = plan_named("restoration"), Scripted({"ground_truth": "yes"})
+    bench = small_bench(root, 240, 320)
     view = bench.simulated.view
-    view.camera = replace(view.camera, sensor=Sensor(rows=240, columns=320))
     session = Session.create(root, plan=plan.name, camera="C", lens="L", config={}, clock=bench.clock, seed=3)
     session.learn({"scheme": "2x(4+4)+1x8"})
     ended = Run(plan, bench, session, operator).go()
@@ -53,13 +50,23 @@ def done(tmp_path_factory):
     return SimpleNamespace(ended=ended, result=result, state=state, view=view, w=w, sharp=sharp, straight=straight)
 
 
+def small_bench(root, rows, columns):
+    """A bench whose camera has a small sensor."""
+    incoming = root / "incoming"
+    incoming.mkdir()
+    bench = simulated_bench(incoming, seed=3, virtual_time=True)
+    view = bench.simulated.view
+    view.camera = replace(view.camera, sensor=Sensor(rows=rows, columns=columns))
+    return bench
+
+
 def test_it_goes_through_by_itself_and_the_verdict_is_good(done):
     assert done.ended.how == "finished"
     assert done.result.verdict in (Verdict.PASS, Verdict.DOUBTFUL), done.result.reason
-    assert [shot.purpose for shot in done.state.counting()] == ["first", "second"]
+    assert [shot.purpose for shot in done.state.counting()] == ["first", "second", "truth"]
     assert len(read_imu(done.result.folder / "imu_2.csv").time_s) > 50
     # the IMU felt the shaker: 1.9 mm at 10 Hz are 7.5 m/s^2 along the axis that it drives most
-    for shot, axis in zip(done.state.counting(), (0, 1), strict=True):
+    for shot, axis in zip(done.state.counting()[:2], (0, 1), strict=True):
         felt = np.array(shot.snapshot["motion"]["acceleration_m_s2"])[:, axis]
         assert np.ptp(felt) / 2 == pytest.approx(0.0019 * (20 * np.pi) ** 2, rel=0.4)
 
@@ -80,7 +87,7 @@ def test_depth_is_that_of_the_sheets(done):
 
 @pytest.mark.parametrize("part", [NEAREST, ROUND, BACK], ids=["nearest", "round", "back"])
 def test_the_picture_is_as_sharp_as_from_a_still_rig(done, part):
-    trial, first = (done.view.taken[i].plane("G1") for i in (-3, -2))
+    trial, first = (done.view.taken[i].plane("G1") for i in (-4, -3))
     restored = nearest_shift(done.sharp, trial)
     truth = trial[part] - trial[part].mean()
 
@@ -94,6 +101,16 @@ def test_the_picture_is_as_sharp_as_from_a_still_rig(done, part):
     fine = [float(np.std((p - gaussian_filter(p, 1.5))[part])) for p in (trial, restored, first)]
     assert fine[2] < 0.7 * fine[0]
     assert fine[1] == pytest.approx(fine[0], rel=0.25)
+
+
+def test_the_photograph_of_the_rig_at_rest_bears_witness(done):
+    witness = json.loads((done.result.folder / "result.json").read_text())["ground_truth"]
+    # the bench's own sharp photograph, which the restoration never saw: the trial before
+    trial, truth = (done.view.taken[i].plane("G1") for i in (-4, -1))
+    assert np.std(nearest_shift(truth, trial) - trial) < 0.1 * trial.std()
+    assert witness["psnr_db"] > max(witness["before_db"]) + 3
+    # of the error told, no more than from where a restoration is doubted
+    assert witness["error"] < 2 * witness["told"]
 
 
 def nearest_shift(picture, like):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -39,6 +39,11 @@ class Mosaics:
         return int(self.z.shape[2]), int(self.z.shape[3])
 
 
+def is_mosaic(planes: Collection[str]) -> bool:
+    """Whether these are all planes of a mosaic."""
+    return set(planes) == set(COLOUR)
+
+
 def mosaics(photographs: Sequence[Mapping[str, Plane]], light: Array) -> Mosaics:
     """The photographs' planes on one grid. light : (P,) of each over the first's, which is taken up.
 
@@ -49,7 +54,7 @@ def mosaics(photographs: Sequence[Mapping[str, Plane]], light: Array) -> Mosaics
     """
     origins = {name: plane.origin for name, plane in photographs[0].items()}
     for planes in photographs:
-        if set(planes) != set(COLOUR) or {name: plane.origin for name, plane in planes.items()} != origins:
+        if not is_mosaic(planes) or {name: plane.origin for name, plane in planes.items()} != origins:
             raise BadInput("colour needs mosaics that lie alike", "give RAW photographs of one camera, not turned")
     gains = _gains(photographs[0])
     rows, columns = (2 * size for size in photographs[0]["R"].samples.shape)

@@ -117,19 +117,23 @@ def poses_of_records(files: Sequence[Path], exposures_s: Sequence[float | None])
 # --- shapes ------------------------------------------------------------------------------------------------------
 
 
-def read_blur_shape(name: str, plane: str, shape: Size, samples_per_px: int | None = None) -> Shape:
+def read_blur_shape(name: str, plane: str | None, shape: Size | None, samples_per_px: int | None = None) -> Shape:
     """A shape over photographs (H, W): a model's by its name, one from a file, or a measured PSF or field.
 
-    plane : that of a field; samples_per_px : a text file is a measured PSF sampled so, not a shape on [-1, 1].
+    plane, shape : of the photographs; None is the first of a field, and its size
+    samples_per_px : a text file is a measured PSF sampled so, not a shape on [-1, 1]
     """
     if name.startswith(RADIAL):
+        if shape is None:
+            raise BadParameter(f"{name} is a lens over a frame, whose size is not known", "name a single file")
         return _radial(name.removeprefix(RADIAL).split(","), shape, samples_per_px)
     known = blur_models.named(name)
     if known is not None:
         return known
     path = Path(name)
     if path.suffix.lower() in FIELD_SUFFIXES:
-        return measured_field(_field(path, plane), shape)
+        field = _field(path, plane)
+        return measured_field(field, shape or (int(field.shape[0]), int(field.shape[1])))
     if samples_per_px is None and _is_kernel(path):
         return read_kernels([path])[0][0]
     psf = _psf(path, samples_per_px)
@@ -185,13 +189,21 @@ def _radial(names: Sequence[str], shape: Size, samples_per_px: int | None) -> Sh
     return measured_heights([h for h, _ in psfs], psfs[0][1], shape)
 
 
-def _field(path: Path, plane: str) -> Any:
+def _field(path: Path, plane: str | None) -> Any:
     from procedures.field.field_file import read_field
 
     fields = read_field(path)
+    if plane is None:
+        return next(iter(fields.values()))
     if plane not in fields:
         raise BadInput(f"{path} has the planes {', '.join(fields)}, not {plane}", "restore one of these: --plane")
     return fields[plane]
+
+
+def with_record(path: Path) -> list[Path]:
+    """A file, and the record that an array of a result stands beside."""
+    record = path.parent / "result.json"
+    return [path, record] if path.suffix.lower() == ".npy" and record.exists() else [path]
 
 
 def _samples_beside(path: Path) -> int:
@@ -201,10 +213,11 @@ def _samples_beside(path: Path) -> int:
         plane = record.get("planes", {}).get(path.stem.removeprefix("psf_"), {})
         found = plane.get("s") or record["parameters"]["s"]
     except (BadInput, KeyError, TypeError, AttributeError) as error:
-        raise BadParameter(f"{path} {_NO_SAMPLES}", "give --samples-per-pixel") from error
+        raise BadParameter(f"{path} {_NO_SAMPLES}", _TELL_SAMPLES) from error
     if type(found) is not int or not 1 <= found <= MOST_SAMPLES_PER_PX:
-        raise BadParameter(f"{path} {_NO_SAMPLES}", "give --samples-per-pixel")
+        raise BadParameter(f"{path} {_NO_SAMPLES}", _TELL_SAMPLES)
     return found
 
 
+_TELL_SAMPLES = "name the file in its result's folder; the command takes --samples-per-pixel"
 _NO_SAMPLES = "has no result.json beside it that tells its samples per pixel"

@@ -14,6 +14,7 @@ from procedures.colour_frame import read_colour_frame
 from procedures.outcome import BadInput, ColourInput, Outcome
 from procedures.raw import RawFrame, default_plane, read_frame
 from procedures.reading.sensor_dump import DumpLayout
+from procedures.restoration.colour.mosaic import is_mosaic
 from procedures.restoration.ground_truth import check_ground_truth, held_against
 from procedures.restoration.joint.estimate import RestorationParameters
 from procedures.restoration.joint.joint_descent import JointRound
@@ -23,7 +24,7 @@ from procedures.restoration.masks.blur_models import named
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.checks import check_photographs
 from procedures.restoration.metres import Distances
-from procedures.restoration.photograph_blur import SceneBlur, blur_of
+from procedures.restoration.photograph_blur import blur_of
 from station.calibration.restoration.blur_options import (
     BlurOptions,
     Tell,
@@ -32,7 +33,7 @@ from station.calibration.restoration.blur_options import (
     tell_finding,
     tell_measured,
 )
-from station.calibration.restoration.inputs import RADIAL
+from station.calibration.restoration.inputs import RADIAL, with_record
 from station.calibration.restoration.metres_options import MetresOptions
 
 NAME = "{name}"
@@ -130,10 +131,9 @@ class RestorationOptions:
     def files(self) -> list[Path]:
         """The files that the options name, with the records that measured PSFs stand beside."""
         names = [name for option in OF_FILES for name in getattr(self.blur, option)]
-        found = [Path(part) for name in names for part in _parts(name)]
-        beside = [one.parent / "result.json" for one in found if one.suffix.lower() == ".npy"]
+        found = [one for name in names for part in _parts(name) for one in with_record(Path(part))]
         truth = [Path(self.reference)] if self.reference else []
-        return list(dict.fromkeys([*found, *(one for one in beside if one.exists()), *truth]))
+        return list(dict.fromkeys([*found, *truth]))
 
 
 def _placed(name: str, folder: Path, photograph: Path) -> str:
@@ -239,7 +239,10 @@ def restored(
     spec = (metres.blur(options.blur, settings) if settings else options.blur).spec(frames, photographs)
     tell_measured(spec, tell)
     blur = blur_of(spec, photographs, partial(tell_finding, tell=tell))
-    outcome = _in_colour(blur.restored(photographs, options.descent.parameters, progress), frames, blur, tell)
+    outcome = blur.restored(photographs, options.descent.parameters, progress)
+    if is_mosaic(frames[0].planes) and outcome.value is not None:
+        tell("colour", "picture in colour on the sensor's grid")
+        outcome = blur.coloured(outcome, [frame.planes for frame in frames])
     distances = None
     if settings and outcome.value is not None:
         distances = metres.distances(outcome.value, photographs, blur.masks, settings[0])
@@ -255,16 +258,3 @@ def restored(
         **options.descent.told,
     }
     return Restored(outcome, told, distances)
-
-
-def _in_colour(
-    outcome: Outcome[Restoration], frames: list[RawFrame], blur: SceneBlur, tell: Tell
-) -> Outcome[Restoration]:
-    """The same, of whole mosaics with its picture in colour at every pixel of the sensor."""
-    if outcome.value is None or len(frames[0].planes) < 4:
-        return outcome
-    from procedures.restoration.colour.estimate import in_colour
-
-    tell("colour", "picture in colour on the sensor's grid")
-    planes: list[Mapping[str, Any]] = [frame.planes for frame in frames]
-    return replace(outcome, value=in_colour(outcome.value, planes, blur.finer(2)))

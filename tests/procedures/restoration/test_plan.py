@@ -4,24 +4,27 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from procedures.facts import facts_as
-from procedures.outcome import BadInput, BadParameter, Refused, Verdict
-from procedures.plan import Ask, Shoot
+from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
+from procedures.plan import HAS_IMU, Ask, Shoot
 from procedures.raw import Felt, Plane, RawFrame
 from procedures.reading.exposure import Exposure
-from procedures.restoration.facts import APERTURES, MOTIONS, RestorationFacts
+from procedures.restoration.facts import APERTURES, COLOUR, MOTIONS, ORDER, RestorationFacts
 from procedures.restoration.flat_part import parts, region_of
+from procedures.restoration.known_blur import apart, blur_ratio, blur_relation, blur_spec, planes_of, rig_poses
 from procedures.restoration.masks.camera_motion import planar_stacks
 from procedures.restoration.masks.thin_lens import CameraSetting
-from procedures.restoration.plan import aperture_ratio, check_first, check_second, estimate, plan
-from procedures.restoration.two_photographs import blur_ratio, blur_relation, rig_poses
+from procedures.restoration.plan import estimate, path, plan, witnessed
+from procedures.restoration.plan_checks import aperture_ratio, check_first, check_later, checks
 
 from .conftest import scene
 
+CHECKS = checks()
 FACTS = {"blur_by": "apertures", "max_w": 4.4, "scheme": "3x(4+4)+1x4", "first_f_number": 5.0, "second_f_number": 4.0}
 
 
@@ -48,7 +51,7 @@ def test_a_scene_without_detail_is_not(rng):
 
 def test_a_second_photograph_that_is_darker_tells_by_how_much_to_expose_longer(pair):
     first = check_first(frame(pair.z[0, 0]), FACTS)
-    advice = check_second(frame(0.7 * pair.z[1, 0]), {**FACTS, **first.facts})
+    advice = check_later("second", frame(0.7 * pair.z[1, 0]), {**FACTS, **first.facts})
     assert "darker than the first" in advice.say
     # a factor of 0.7 is half a stop; blur hardly changes the mean
     assert advice.by_hand["exposure_ev"] == pytest.approx(np.log2(1 / 0.7), abs=0.05)
@@ -56,12 +59,13 @@ def test_a_second_photograph_that_is_darker_tells_by_how_much_to_expose_longer(p
 
 def test_apertures_that_are_too_near_each_other_are_told(pair):
     level = {"first_level": float(pair.z[1, 0].mean()), "first_f_number": 5.6, "second_f_number": 5.2}
-    advice = check_second(frame(pair.z[1, 0], f_number=5.2), {**FACTS, **level})
+    advice = check_later("second", frame(pair.z[1, 0], f_number=5.2), {**FACTS, **level})
     assert "differ by a factor of 1.08" in advice.say
 
 
-@pytest.mark.parametrize(("check", "which", "wrong"), [(check_first, "first", 8.0), (check_second, "second", 3.2)])
-def test_an_f_number_that_the_camera_noted_otherwise_is_named_and_may_be_insisted_on(pair, check, which, wrong):
+@pytest.mark.parametrize(("which", "wrong"), [("first", 8.0), ("second", 3.2)])
+def test_an_f_number_that_the_camera_noted_otherwise_is_named_and_may_be_insisted_on(pair, which, wrong):
+    check = CHECKS[which]
     noted = {"first": 5.0, "second": 4.0}[which]
     image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
     facts = {**FACTS, "first_level": float(image.mean()), f"{which}_f_number": wrong}
@@ -77,13 +81,76 @@ def test_a_pixel_pitch_that_the_camera_noted_otherwise_is_named(pair):
     assert advice.doubted == ("pixel_pitch_um",)
 
 
+def test_a_third_aperture_differs_from_both_others_and_is_as_bright_as_the_first(pair):
+    image = pair.z[0, 0]
+    facts = {**FACTS, "photographs": 3.0, "first_level": float(image.mean())}
+    assert "differ by a factor of 1.05" in check_later("third", frame(image, f_number=4.2), facts).say
+    told = check_later("third", frame(image, f_number=2.8), facts)
+    assert told.good
+    assert told.facts["third_f_number"] == 2.8
+    assert "darker than the first" in check_later("third", frame(0.7 * image, f_number=2.8), facts).say
+    # from f/5 to f/2.8 at the same time: 3.2 times the light
+    timed = {**facts, "first_exposure_s": 0.05, "third_f_number": 2.8}
+    assert check_later("third", frame(image, exposure_s=0.05), timed).doubted == ("first_f_number", "third_f_number")
+    assert check_later("third", frame(image, exposure_s=0.05 * 0.3136), timed).good
+
+
+def test_a_ground_truth_is_stopped_down_further_than_the_others_and_as_bright_as_the_first(pair):
+    image = pair.z[0, 0]
+    facts = {**FACTS, "first_level": float(image.mean()), "first_exposure_s": 0.05, "truth_f_number": 16.0}
+    told = CHECKS["truth"](replace(frame(image, f_number=22.0), sha256="0f"), facts)
+    assert told.good
+    assert (told.facts["truth_sha256"], told.facts["truth_f_number"]) == ("0f", 22.0)
+    assert "at about f/5, the others at f/5 and wider" in CHECKS["truth"](frame(image, f_number=5.0), facts).say
+    # a lens that notes nothing: ten times the time at the same light is f/5 sqrt(10)
+    by_light = CHECKS["truth"](frame(image, exposure_s=0.5), facts)
+    assert by_light.good
+    assert by_light.readings[1].value == pytest.approx(10**0.5)
+    assert "stop down" in CHECKS["truth"](frame(image, exposure_s=0.05), facts).say
+    assert "darker than the first" in CHECKS["truth"](frame(0.7 * image, f_number=22.0), facts).say
+    # of motions it is the light alone
+    assert CHECKS["truth"](frame(image, f_number=5.0), {**facts, "blur_by": MOTIONS}).good
+
+
+def test_a_camera_without_a_mosaic_has_no_colour(pair):
+    image = frame(0.8 * pair.z[0, 0] / pair.z[0, 0].max())
+    advice = check_first(image, {**FACTS, "colour": COLOUR})
+    assert advice.doubted == ("colour",)
+    assert "only Y: restore one plane" in advice.say
+    assert check_first(image, {**FACTS, "colour": COLOUR, "insisted_colour": True}).good
+    mosaic = replace(image, planes={name: replace(image.planes["Y"], name=name) for name in ("R", "G1", "G2", "B")})
+    assert check_first(mosaic, {**FACTS, "colour": COLOUR}).good
+    known = facts_as(RestorationFacts, {**FACTS, "colour": COLOUR})
+    assert list(planes_of(mosaic, known)) == ["R", "G1", "G2", "B"]
+    assert list(planes_of(image, known)) == ["Y"]
+    assert list(planes_of(mosaic, RestorationFacts())) == ["G1"]
+
+
+def test_the_ground_truth_is_told_by_its_hash():
+    frames = [RawFrame(Path(one), one, {}, Exposure()) for one in "abc"]
+    blurred, truth = apart(frames, RestorationFacts(truth_sha256="b"))
+    assert ([one.sha256 for one in blurred], truth.sha256) == (["a", "c"], "b")
+    # one of before a retake
+    assert apart(frames, RestorationFacts(truth_sha256="z")) == (frames, None)
+    assert apart([replace(one, sha256="") for one in frames], RestorationFacts())[1] is None
+
+
+def test_a_ground_truth_of_another_size_makes_the_result_doubtful(pair):
+    outcome = Outcome(SimpleNamespace(), Verdict.PASS)
+    Y = frame(pair.z[0, 0]).planes
+    other = frame(pair.z[0, 0, 4:]).planes
+    held = witnessed(outcome, [Y, Y], other)
+    assert (held.verdict, held.value) == (Verdict.DOUBTFUL, outcome.value)
+    assert "it has Y of 96 x 76" in held.reason
+
+
 @pytest.mark.parametrize("factor", [1.2, 2.0, 1 / 1.2, 0.5])
 def test_an_f_number_of_a_lens_that_notes_none_is_held_against_the_light(pair, factor):
     # from f/5 to f/4 at the same light: 0.64 of the time gives the same level
     image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
     facts = {**FACTS, "first_level": float(image.mean()), "first_exposure_s": 0.05}
-    assert check_second(frame(image, exposure_s=0.032), facts).good
-    advice = check_second(frame(image, exposure_s=0.032), {**facts, "first_f_number": 5.0 * factor})
+    assert check_later("second", frame(image, exposure_s=0.032), facts).good
+    advice = check_later("second", frame(image, exposure_s=0.032), {**facts, "first_f_number": 5.0 * factor})
     assert advice.doubted == ("first_f_number", "second_f_number")
     assert "By exposure times and light the first f-number is 1.25 times the second" in advice.say
 
@@ -91,7 +158,7 @@ def test_an_f_number_of_a_lens_that_notes_none_is_held_against_the_light(pair, f
 def test_the_blurs_go_as_the_apertures():
     assert blur_ratio(facts_as(RestorationFacts, FACTS)) == 1.25
     assert aperture_ratio(RestorationFacts(first_f_number=4.0, second_f_number=5.0)) == 1.25
-    with pytest.raises(BadParameter, match="first f-number is not known; tell both"):
+    with pytest.raises(BadParameter, match="first f-number is not known; tell all"):
         blur_ratio(RestorationFacts())
 
 
@@ -138,14 +205,59 @@ def test_two_photographs_become_picture_and_depth(pair):
     assert pair.picture_error(outcome.value.sharp) < 0.5 * pair.picture_error(pair.z[0])
 
 
-def test_one_photograph_is_not_enough(pair):
-    with pytest.raises(BadInput, match="two photographs; 1 count"):
+def test_fewer_photographs_than_were_chosen_are_not_enough(pair):
+    with pytest.raises(BadInput, match="2 photographs; 1 count"):
         estimate([frame(pair.z[0, 0])], FACTS, {})
+    with pytest.raises(BadInput, match="3 photographs; 2 count"):
+        estimate([frame(one[0]) for one in pair.z], {**FACTS, "photographs": 3.0}, {})
 
 
-def test_the_imu_is_recorded_during_both():
+def test_the_blurs_of_three_go_as_the_apertures(pair):
+    known = facts_as(RestorationFacts, {**FACTS, "third_f_number": 2.5})
+    source = blur_spec([frame(pair.z[0, 0])] * 3, known).source
+    assert source.ratios == (1.0, 1.25, 2.0)
+    assert len(source.shapes) == 3
+
+
+def test_a_flat_part_tells_two_motions_and_no_more(pair):
+    frames, known = [frame(pair.z[0, 0])] * 3, facts_as(RestorationFacts, {**FACTS, "blur_by": MOTIONS})
+    assert blur_spec(frames[:2], known).source.region is None
+    with pytest.raises(BadParameter, match=r"not of 3, .* begin with two"):
+        blur_spec(frames, known)
+    assert blur_spec(frames, replace(known, region="whole")).source.region == "whole"
+    found = estimate(frames, {**FACTS, "blur_by": MOTIONS, "photographs": 3.0}, {})["picture"]
+    assert found.verdict is Verdict.REFUSED
+
+
+def test_three_loops_of_a_shaker_leave_no_direction_dark():
+    # sums of squared transfer functions: the noise that a filter lets through; a third loop that repeats the first
+    # takes a seventh, and one across both more
+    def noise(names, w):
+        fy, fx = np.meshgrid(np.arange(-16, 17) / 32, np.arange(-16, 17) / 32, indexing="ij")
+        power = np.full(fx.shape, 1e-3)
+        for name in names:
+            x, y = (np.array(one) for one in path(name, {"blur_by": MOTIONS}).shares.values())
+            assert max(np.abs(x).max(), np.abs(y).max()) <= 0.95 + 1e-12
+            waves = np.exp(-2j * np.pi * w * (fx[..., None] * x + fy[..., None] * y))
+            power += np.abs(waves.mean(axis=-1)) ** 2
+        return np.sqrt(np.mean(1 / power))
+
+    assert path("truth", {"blur_by": MOTIONS}) is None
+    for w in (2.0, 4.0, 8.0):
+        two, again, across = (noise(n, w) for n in (("first", "second"), ("first", "second", "first"), ORDER))
+        assert across < 0.85 * again < again < two
+
+
+def test_only_so_many_photographs_as_can_be_restored_are_taken():
+    ask = plan().asks()["photographs"]
+    ask.check(3.0, {})
+    with pytest.raises(BadParameter, match="two or three"):
+        ask.check(2.5, {})
+
+
+def test_the_imu_is_recorded_during_all_that_are_blurred():
     shoots = [request for step in plan().steps for request in step.requests if isinstance(request, Shoot)]
-    assert [(shoot.purpose, shoot.record_motion) for shoot in shoots] == [("first", True), ("second", True)]
+    assert {shoot.purpose: shoot.record_motion for shoot in shoots} == {**dict.fromkeys(ORDER, True), "truth": False}
 
 
 def test_the_rig_s_path_is_the_record_s_less_its_drift():
@@ -185,12 +297,31 @@ def test_masks_of_a_recorded_path_grow_with_w():
         (MOTIONS, {"first_moves", "region"}, {"first_f_number", "second_f_number", "shape"}),
     ],
 )
-def test_what_is_asked_fits_what_blurs(kind, asked, not_asked):
-    requests = (request for step in plan().steps for request in step.requests)
-    keys = [one.key for one in requests if isinstance(one, Ask) and one.when({"blur_by": kind})]
+@pytest.mark.parametrize("imu", [True, False])
+@pytest.mark.parametrize("photographs", [2.0, 3.0])
+def test_what_is_asked_fits_what_blurs(kind, asked, not_asked, imu, photographs):
+    requests = [request for step in plan().steps for request in step.requests if isinstance(request, Ask)]
+    facts = {"blur_by": kind, HAS_IMU: imu, "photographs": photographs}
+    keys = [one.key for one in requests if one.when(facts)]
     assert asked <= set(keys)
     assert not not_asked & set(keys)
     assert len(keys) == len(set(keys))
+    third = {"third", "third_f_number"} if kind == APERTURES else {"third"}
+    assert {one for one in keys if one.startswith("third")} == (third if photographs == 3 else set())
+    assert plan().step("third").when(facts) == (photographs == 3)
+    assert "truth" not in keys
+    assert "truth" in [one.key for one in requests if one.when({**facts, "ground_truth": "yes"})]
+    assert [plan().step("truth").when({**facts, "ground_truth": one}) for one in ("no", "yes")] == [False, True]
+
+
+def test_of_three_motions_by_hand_without_an_imu_only_a_flat_scene_is_asked_for():
+    facts = {"blur_by": MOTIONS, "photographs": 3.0}
+    region = plan().asks()["region"]
+    assert region.given(facts) == "whole"
+    assert region.given({**facts, HAS_IMU: True}) is region.given({**facts, "photographs": 2.0}) is None
+    (scene_ask,) = [one for one in plan().step("scene").requests
+                    if isinstance(one, Ask) and one.key == "scene" and one.when(facts)]  # fmt: skip
+    assert "flat" in scene_ask.question
 
 
 def test_the_rail_shows_what_blurs_how_bright_it_is_and_how_the_light_has_changed():
@@ -198,3 +329,6 @@ def test_the_rail_shows_what_blurs_how_bright_it_is_and_how_the_light_has_change
     told = [plan().step(name).gave(facts) for name in ("scene", "first", "second")]
     assert told == ["motions", "mean 40 %", "light +5 %"]
     assert [plan().step(name).gave({}) for name in ("first", "second")] == ["", ""]
+    assert [plan().step(name).gave(facts) for name in ("third", "truth")] == ["left out", "left out"]
+    more = {**facts, "photographs": 3.0, "third_level": 0.4, "ground_truth": "yes", "truth_level": 0.36}
+    assert [plan().step(name).gave(more) for name in ("third", "truth")] == ["light +0 %", "light -10 %"]

@@ -18,7 +18,7 @@ from simulators.bench.body import Opening
 from simulators.bench.view import Mount
 from simulators.camera.sensor import Sensor
 from station.__main__ import main
-from station.calibration.restoration.inputs import imu_table, read_imu
+from station.calibration.restoration.inputs import imu_table, read_blur_shape, read_imu
 
 SLOW_FIXTURES = {"shaken", "defocused"}
 OPEN_S = 0.2
@@ -208,3 +208,6 @@ def test_a_field_is_asked_for_the_plane_and_the_frame(defocused, tmp_path):
     cropped = run(*small, *images[2:], "--out", tmp_path / "p")
     assert cropped.exit_code == 4
     assert "of a plane of 124 x 104" in cropped.stderr
+    # named before there are photographs: its first plane, over itself
+    shape = read_blur_shape(str(tmp_path / "field.h5"), None, None)
+    assert shape.half_width_px == pytest.approx(3.0, abs=0.5)

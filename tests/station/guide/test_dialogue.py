@@ -6,8 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from procedures.outcome import BadParameter
 from procedures.plan import Ask
-from station.guide.dialogue import Conversation
+from station.guide.dialogue import ANSWERS, Conversation
+from station.guide.frontend import Stopped, Trouble
 from station.guide.scripted import Scripted
 
 FOCAL = Ask("focal_length_mm", "What is the lens's focal length?", "number", "mm", low=1.0, high=5000.0)
@@ -44,3 +46,19 @@ def test_operator_who_insists_is_not_overruled_by_the_next_photograph():
     talk.learn({"focal_length_mm": talk.agreed(FOCAL)})
     talk.learn_noted({"focal_length_mm": 50.0, "iso": 100})
     assert (known["focal_length_mm"], known["iso"]) == (35.0, 100)
+
+
+def test_an_answer_that_cannot_be_taken_is_said_and_asked_again():
+    def check(answer, facts):
+        if answer == "gone.npy":
+            raise BadParameter("there is no gone.npy", "name another file")
+
+    typed = iter(["gone.npy", "here.npy"])
+    talk, operator, _ = conversation(50.0)
+    operator.answers = {"shape": lambda ask: next(typed)}
+    assert talk.ask(Ask("shape", "Which?", "text", check=check)) == "here.npy"
+    assert operator.heard == [Trouble("there is no gone.npy", "name another file")]
+    operator.answers = {"shape": "gone.npy"}
+    with pytest.raises(Stopped):
+        talk.ask(Ask("shape", "Which?", "text", check=check))
+    assert operator.count("shape") == 2 + ANSWERS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,54 +12,82 @@ import numpy as np
 import pytest
 
 from drivers.clock import SystemClock
+from procedures.outcome import Refused
 from procedures.plan import HAS_SHAKER, Ask, Shake
 from procedures.raw import Carried, Exposure, Felt, RawFrame
+from procedures.restoration.known_blur import rig_poses
+from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.camera_motion import poses_on
-from procedures.restoration.two_photographs import rig_poses
 from station.calibration.restoration.inputs import poses_table, read_poses
+from station.common.durable_files import sha256_of
 from station.guide.catalogue import plan_named
-from station.guide.frontend import Result, Trouble
+from station.guide.dialogue import Conversation
+from station.guide.frontend import Result, Stopped, Trouble
+from station.guide.recompute import recompute
 from station.guide.run import Run
 from station.guide.scripted import Scripted
-from station.guide.session_result import carried_during, compute
+from station.guide.session_report import session_page
+from station.guide.session_result import carried_during, estimate_of
 from station.guide.vibration import Patience
+from station.sessions.journal import Damaged
 from station.sessions.session import Session
 
 from . import benches
 
 
 @pytest.mark.slow
-def test_two_photographs_of_a_folder_become_picture_and_depth(tmp_path, shared_data):
-    card = tmp_path / "card"
+def test_photographs_of_a_folder_and_a_shape_s_file_become_picture_and_depth_again_without_the_file(
+    tmp_path, shared_data
+):
+    card, folder = tmp_path / "card", shared_data / "synthetic/restoration"
     card.mkdir()
     taken = []
 
+    def image(which):
+        if which == "truth":
+            sharp = np.load(folder / "sharp.npy")
+            return (sharp * image("first").mean() / sharp.mean()).astype(np.uint16)
+        return cv2.imread(str(folder / f"defocus_40dB_{1 + (which == 'second')}.pgm"), cv2.IMREAD_UNCHANGED)
+
     def photograph(ask):
-        which = 2 if any(one.key == "second" for one in operator.asked) else 1
-        image = cv2.imread(str(shared_data / f"synthetic/restoration/defocus_40dB_{which}.pgm"), cv2.IMREAD_UNCHANGED)
-        part = image[40:112, 60:140].astype(np.uint16)
+        which = next(one.key for one in reversed(operator.asked) if one.key in ("first", "second", "truth"))
         # another last bit for every photograph: two that are the same never both count
-        part = np.minimum(part * (65535 // int(image.max())), 60000) + len(taken)
+        part = np.minimum(image(which)[40:112, 60:140].astype(np.uint16), 60000) + len(taken)
         taken.append(cv2.imwrite(str(card / f"{len(taken):03d}.png"), part))
         return True
 
+    shape = tmp_path / "shape.txt"
+    np.savetxt(shape, pillbox()[::4, ::4])
+    named = iter([str(tmp_path / "gone.npy"), str(shape)])
     answers = {"frames_folder": str(card), "photographed": photograph, "max_w": 4.0, "look": "go on"}
-    operator = Scripted({**answers, "first_f_number": 5.0, "second_f_number": 4.0})
-    plan = plan_named("restoration")
-    with Session.create(tmp_path, plan=plan.name, camera="C", lens="L", config={}, clock=SystemClock()) as session:
+    apertures = {"first_f_number": 5.0, "second_f_number": 4.0, "truth_f_number": 16.0}
+    operator = Scripted({**answers, **apertures, "ground_truth": "yes", "shape": lambda ask: next(named)})
+    lab = Session.create(tmp_path, plan="restoration", camera="C", lens="L", config={}, clock=SystemClock())
+    with lab as session:
+        plan = plan_named("restoration", session.folder)
         session.learn({"scheme": "1x(3+3)+1x3"})
         ended = Run(plan, None, session, operator, Patience(quiet=1.0)).go()
-        (result,) = (event for event in operator.heard if isinstance(event, Result))
-        again = tmp_path / "again"
-        compute(session.folder, replace(session.state, results=()), plan, again)
     assert ended.how == "finished"
-    assert {"sharp.tiff", "w.npy", "depth.png", "report.html", "result.json"} <= {
+    # a file that is not there is said when it is named, not when the photographs are taken
+    assert "gone.npy" in next(one.reason for one in operator.heard if isinstance(one, Trouble))
+    (result,) = (event for event in operator.heard if isinstance(event, Result))
+    assert {"sharp.tiff", "w.npy", "depth.png", "difference.tiff", "report.html", "result.json"} <= {
         one.name for one in result.folder.iterdir()
     }
-    assert json.loads((result.folder / "result.json").read_text())["verdict"] in ("pass", "doubtful")
+    record = json.loads((result.folder / "result.json").read_text())
+    assert record["verdict"] in ("pass", "doubtful")
+    assert record["parameters"]["shape"] == "given/1/shape.txt"
+    assert record["ground_truth"]["psnr_db"] > max(record["ground_truth"]["before_db"])
     assert ended.report == result.folder / "report.html"
-    for one in result.folder.iterdir():
-        assert (again / one.name).read_bytes() == one.read_bytes(), one.name
+    assert f"{sha256_of(shape)}  given/1/shape.txt" in (session.folder / "SHA256SUMS").read_text()
+    shape.write_text("no shape any more")
+    (again,) = recompute(session.folder)
+    assert again.identical
+    kept = session.folder / "given/1/shape.txt"
+    kept.chmod(0o644)
+    kept.write_text("0 1 0")
+    with pytest.raises(Damaged, match=r"given/1/shape\.txt"):
+        next(recompute(session.folder))
 
 
 @pytest.mark.slow
@@ -153,7 +182,45 @@ def asked(facts):
 def test_nobody_is_asked_what_a_shaker_does():
     assert "blur_by" not in asked({HAS_SHAKER: True})
     shaken, by_hand = asked({HAS_SHAKER: True, "blur_by": "motions"}), asked({"blur_by": "motions"})
-    assert by_hand - shaken == {"blur_by", "region", "first", "first_moves", "second"}
+    assert by_hand - shaken == {"blur_by", "motion_shape", "region", "first", "first_moves", "second"}
     # the apertures remain to be chosen, and then hands do it
     assert asked({HAS_SHAKER: True, "blur_by": "apertures"}) == asked({"blur_by": "apertures"})
     assert "second_f_number" in asked({"blur_by": "apertures"})
+
+
+def test_a_psf_is_kept_with_its_record_and_read_from_the_copy(tmp_path):
+    given = tmp_path / "psf"
+    given.mkdir()
+    np.save(given / "psf_Y.npy", np.pad(np.ones((9, 9)), 4))
+    operator = Scripted({"shape": f"pillbox; {given / 'psf_Y.npy'}"})
+    with Session.create(tmp_path, plan="restoration", camera="C", lens="L", config={}, clock=SystemClock()) as session:
+        plan = plan_named("restoration", session.folder)
+        talk, ask = Conversation(operator, session, None), plan.asks()["shape"]
+        with pytest.raises(Stopped):
+            talk.ask(ask)
+        assert "no result.json beside it" in operator.heard[-1].reason
+        (given / "result.json").write_text(json.dumps({"parameters": {"s": 3}}))
+        assert talk.ask(ask) == "pillbox; given/1/psf_Y.npy"
+        # the answer that is known is taken as it is
+        session.learn({"shape": "pillbox; given/1/psf_Y.npy"})
+        operator.answers = {"shape": lambda ask: ask.default}
+        assert talk.ask(ask) == "pillbox; given/1/psf_Y.npy"
+        assert list(session.state.given) == ["given/1/psf_Y.npy", "given/1/result.json"]
+    shutil.rmtree(given)
+    read = estimate_of(plan_named("restoration", session.folder)).estimate.keywords["read"]
+    assert read("given/1/psf_Y.npy", "Y", (80, 96)).half_width_px == pytest.approx(4.5 / 3)
+
+
+def test_a_restoration_that_was_refused_ends_without_a_page(tmp_path):
+    plan = plan_named("restoration")
+    with Session.create(tmp_path, plan=plan.name, camera="C", lens="L", config={}, clock=SystemClock()) as session:
+        for step in plan.steps:
+            session.begin_step(step.name)
+            session.finish_step(step.name)
+        session.result_folder().mkdir(parents=True)
+        (session.result_folder() / "result.json").write_text("{}")
+        session.keep_result(step="estimate", shots=[], verdict="refused")
+        ended = Run(plan, None, session, Scripted()).go()
+    assert (ended.how, ended.report) == ("finished", None)
+    with pytest.raises(Refused, match="a restoration that was refused has no page; its reason"):
+        session_page(session.folder)

@@ -343,3 +343,14 @@ def test_a_second_run_cannot_have_the_bench(tmp_path):
 
 def stopping(ask: Ask):
     raise Stopped
+
+
+def test_a_finished_session_of_a_plan_without_a_step_is_not_begun_again(bench, session):
+    plan = benches.short_plan()
+    Run(plan, bench, session, Scripted({"width": 5.0})).go()
+    first, *others = plan.steps
+    between = replace(first, name="between", when=lambda facts: False)
+    operator = Scripted()
+    assert Run(replace(plan, steps=(first, between, *others)), bench, session, operator).go().how == "finished"
+    assert "between" not in session.state.done
+    assert not operator.asked

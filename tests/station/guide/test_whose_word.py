@@ -44,14 +44,19 @@ def test_what_was_insisted_on_or_held_against_nothing_says_so():
     assert str(told["typed_f_number"]) == "8, the operator's word; nothing vouches for it"
 
 
-def test_each_of_two_f_numbers_is_held_against_its_own_photograph():
-    facts = {"first_f_number": 8.0, "second_f_number": 4.0}
-    told = words_of(plan_named("restoration"), facts, [noted(f_number=8.0), noted(f_number=5.6)])
-    assert [word.told_by for word in told.values()] == ["camera", "operator"]
+def test_each_of_three_f_numbers_is_held_against_its_own_photograph():
+    facts = {"first_f_number": 8.0, "second_f_number": 4.0, "third_f_number": 2.8}
+    frames = [noted(f_number=8.0), noted(f_number=5.6), noted(f_number=2.8)]
+    told = words_of(plan_named("restoration"), facts, frames)
+    assert [word.told_by for word in told.values()] == ["camera", "operator", "camera"]
+    # a photograph that is not there vouches for nothing
+    two = words_of(plan_named("restoration"), facts, frames[:2])
+    assert [word.told_by for word in two.values()] == ["camera", "operator", "operator"]
 
 
 @pytest.mark.parametrize("plan", PLANS)
 def test_every_number_whose_name_tells_that_it_is_measured_or_read_off_is_named(plan):
     asked = {key for key, ask in plan_named(plan).asks().items() if ask.kind == "number"}
-    chosen = {"wanted_mtf50", "places", "views", "ratio", "max_w", "tape_mm"}  # a wish, or what others are held against
+    # a wish, or what others are held against
+    chosen = {"wanted_mtf50", "places", "views", "ratio", "max_w", "tape_mm", "photographs"}
     assert asked <= {*NAMES, *chosen}

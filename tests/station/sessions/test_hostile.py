@@ -219,3 +219,19 @@ def test_sessions_may_lie_behind_a_link_to_their_folder(tmp_path, about):
         path.write_bytes(b"frame")
         shot = session.adopt(exposure_of(path), step="shots", purpose="frame", snapshot={})
     assert (tmp_path / "disk" / session.folder.name / shot.path).read_bytes() == b"frame"
+
+
+@pytest.mark.parametrize(
+    "path", ["/etc/passwd", "given/1/../../session.toml", "given/1/.hidden", "originals/0001-a.dng"]
+)
+def test_a_journal_cannot_name_given_files_elsewhere(about, tmp_path, path):
+    with Session.create(tmp_path, **about) as session, pytest.raises(ValueError, match="lie in given/"):
+        session.note("given", source="a", files={path: "00"})
+
+
+def test_given_files_go_nowhere_through_a_link(about, tmp_path, outside):
+    (tmp_path / "a.npy").write_bytes(b"1")
+    with Session.create(tmp_path / "sessions", **about) as session:
+        (session.folder / "given").symlink_to(outside)
+        with pytest.raises(Damaged, match="is a link"):
+            session.give([tmp_path / "a.npy"])

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from procedures.outcome import BadInput
-from station.common.durable_files import Changed, Disk
+from station.common.durable_files import Changed, Disk, NotKept
 from station.sessions.journal import Damaged
 from station.sessions.layout import Busy
 from station.sessions.reader import read_session
@@ -244,3 +244,31 @@ def test_wire_transcripts_of_each_opening_have_a_folder_of_their_own(session):
     with again(session) as reopened:
         assert reopened.wire_folder() != first
         assert reopened.wire_folder().parent == session.folder / "wire"
+
+
+def test_files_that_answers_name_are_kept_with_their_hashes_and_told_when_they_are_missing(session, tmp_path):
+    (tmp_path / "psf one.npy").write_bytes(b"1")
+    (tmp_path / "result.json").write_bytes(b"{}")
+    assert session.give([tmp_path / "psf one.npy", tmp_path / "result.json"]) == (
+        "given/1/psf-one.npy",
+        "given/1/result.json",
+    )
+    (tmp_path / "psf one.npy").write_bytes(b"2")
+    (tmp_path / "link.npy").symlink_to(tmp_path / "psf one.npy")
+    assert session.give([tmp_path / "link.npy"]) == ("given/2/psf-one.npy",)
+    folder = session.folder
+    assert (folder / "given/1/psf-one.npy").read_bytes() == b"1"
+    assert not os.access(folder / "given/1/psf-one.npy", os.W_OK) or os.geteuid() == 0
+    with again(session) as opened:
+        assert list(opened.state.given) == ["given/1/psf-one.npy", "given/1/result.json", "given/2/psf-one.npy"]
+        text = (folder / "SHA256SUMS").read_text()
+        assert all(f"{digest}  {name}" in text for name, digest in opened.state.given.items())
+    (folder / "given/1/result.json").unlink()
+    with pytest.raises(Damaged, match=r"given/1/result\.json"):
+        Session.open(folder, FixedClock(), today=today)
+
+
+def test_a_file_that_is_gone_is_not_given(session, tmp_path):
+    with pytest.raises(NotKept, match=r"gone\.npy"):
+        session.give([tmp_path / "gone.npy"])
+    assert not session.state.given

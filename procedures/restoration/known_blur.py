@@ -1,0 +1,175 @@
+"""What camera and operator know of the blur of a plan's photographs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.facts import required
+from procedures.outcome import BadInput, BadParameter
+from procedures.raw import Plane, RawFrame
+from procedures.restoration.colour.mosaic import is_mosaic
+from procedures.restoration.facts import COLOUR, MOTIONS, ORDER, SEARCH, RestorationFacts
+from procedures.restoration.flat_part import region_of
+from procedures.restoration.masks import thin_lens
+from procedures.restoration.masks.blur_models import named
+from procedures.restoration.masks.camera_motion import Poses, poses_of, poses_on
+from procedures.restoration.masks.psf_shapes import MeasuredShape
+from procedures.restoration.photograph_blur import (
+    BlurSpec,
+    KnownShapes,
+    RecordedMotion,
+    Shape,
+    UnknownMotion,
+)
+
+Array = npt.NDArray[np.float64]
+ReadShape = Callable[[str, str | None, tuple[int, int] | None], Shape]
+"""Gives the shape that a name tells over photographs (H, W) of a plane, or of any where None; raises ProcedureError."""
+
+
+def shown(frame: RawFrame) -> Plane:
+    """The plane that is restored."""
+    return frame.planes.get("G1") or next(iter(frame.planes.values()))
+
+
+def apart(frames: Sequence[RawFrame], known: RestorationFacts) -> tuple[list[RawFrame], RawFrame | None]:
+    """The blurred photographs, and the ground truth where there is one."""
+    each = [frames[n] for n in range(len(frames))]
+    truth = next((one for one in each if known.truth_sha256 and one.sha256 == known.truth_sha256), None)
+    return [one for one in each if one is not truth], truth
+
+
+def planes_of(frame: RawFrame, known: RestorationFacts) -> Mapping[str, Plane]:
+    """What is restored of a photograph: its whole mosaic, or one plane."""
+    if known.colour == COLOUR and is_mosaic(frame.planes):
+        return frame.planes
+    plane = shown(frame)
+    return {plane.name: plane}
+
+
+def stacked(planes: Mapping[str, Plane]) -> Array:
+    """Planes as channels, (C, H, W)."""
+    return np.stack([plane.samples.astype(np.float64) for plane in planes.values()])
+
+
+def by_name(name: str, plane: str | None, size: tuple[int, int] | None) -> Shape:
+    """A shape that has a name. Raises BadParameter."""
+    found = named(name)
+    if found is None:
+        raise BadParameter(f"no aperture is called {name!r}", "use pillbox, gaussian or polygon:BLADES")
+    return found
+
+
+def names_in(told: str) -> tuple[str, ...]:
+    """The names of shapes in what was told."""
+    return tuple(part.strip() for part in told.split(";"))
+
+
+def shapes_over(frame: RawFrame, told: str, known: RestorationFacts, read: ReadShape) -> tuple[Shape, ...]:
+    """The shape of each photograph, or one for all, over photographs like this one. Raises ProcedureError."""
+    plane = next(iter(planes_of(frame, known).values()))
+    size = (int(plane.samples.shape[0]), int(plane.samples.shape[1]))
+    found = {name: by_name(name, None, None) if named(name) is not None else read(name, plane.name, size)
+             for name in dict.fromkeys(names_in(told))}  # fmt: skip
+    return tuple(found[name] for name in names_in(told))
+
+
+def blur_spec(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadShape = by_name) -> BlurSpec:
+    """What is known of the blur of all. Raises BadParameter where apertures or region are not known.
+
+    Motion is that of the shapes that were told, or of the records where every photograph has one, and is left to be
+    found where not.
+    """
+    if known.blur_by == MOTIONS and known.motion_shape != SEARCH:
+        return BlurSpec(KnownShapes(shapes_over(frames[0], known.motion_shape, known, read)), known.max_w)
+    if known.blur_by == MOTIONS:
+        exposures = [poses for poses in map(rig_poses, frames) if poses is not None]
+        if len(exposures) == len(frames):
+            return BlurSpec(RecordedMotion((*exposures,), focal_px(frames[0], known)), known.max_w)
+        return BlurSpec(unknown_motion(len(frames), known), known.max_w)
+    each = [blur_relation(frames[0], frame, known, which) for frame, which in zip(frames, ORDER, strict=False)]
+    ratios, offsets = (tuple(one) for one in zip(*each, strict=True))
+    shapes = shapes_over(frames[0], known.shape, known, read)
+    if len(shapes) > 1 and all(isinstance(one, MeasuredShape) for one in shapes) and not any(offsets):
+        ratios = ()  # their half-widths tell
+    each_one = shapes * (len(frames) // len(shapes))
+    return BlurSpec(KnownShapes(each_one, ratios, offsets), known.max_w)
+
+
+def unknown_motion(photographs: int, known: RestorationFacts) -> UnknownMotion:
+    """Motion that the photographs have to tell. Raises BadParameter where a part of so many cannot."""
+    region = region_of(known.region)
+    if photographs > 2 and region != "whole":
+        raise BadParameter(
+            f"a flat part tells the motion of two photographs, not of {photographs}, and not every one has a record "
+            "of the IMU",
+            "mend the IMU and take them again, or begin with two photographs or a flat scene",
+        )
+    return UnknownMotion(region)
+
+
+def focal_px(frame: RawFrame, known: RestorationFacts) -> float | None:
+    """The image's distance behind the lens in pixels of the plane that is restored; None where it is not known."""
+    told = frame.exposure
+    focal_mm, pitch_um = told.focal_length_mm, known.pixel_pitch_um
+    if not focal_mm or not pitch_um:
+        return None
+    # focused nearer, the image lies farther behind the lens (4.1)
+    nearer = 1 - focal_mm / told.subject_distance_mm if told.subject_distance_mm else 1.0
+    return focal_mm / max(nearer, 0.5) / (pitch_um * 1e-3 * shown(frame).pitch)
+
+
+def rig_poses(frame: RawFrame) -> Poses | None:
+    """Where the camera was during an exposure, about where its rig rests; None where no record tells.
+
+    What a shaker was told comes before what was felt: it has no drift.
+    """
+    open_s = frame.exposure.exposure_s
+    if open_s is None:
+        return None
+    with suppress(BadInput):
+        if frame.carried is not None:
+            return poses_on(frame.carried, open_s)
+    with suppress(BadInput):
+        if frame.felt is not None:
+            return poses_of(frame.felt, open_s)
+    return None
+
+
+def blur_relation(
+    first: RawFrame, other: RawFrame, known: RestorationFacts, which: str = "second"
+) -> tuple[float, float]:
+    """w of another photograph is that of the first times a ratio, and an offset in pixels (4.8 to 4.10).
+
+    Where the camera noted both distances of focus, by them too; else the focus is taken to be the same.
+    """
+    ratio = blur_ratio(known, which)
+    lenses = lens(first, known.first_f_number, known), lens(other, known.f_numbers[which], known)
+    if lenses[0] is None or lenses[1] is None or lenses[0].focus_mm == lenses[1].focus_mm:
+        return ratio, 0.0
+    alpha, beta = thin_lens.relation(lenses[0], lenses[1])
+    # w counts from the plane of focus away from the camera, where radii are below zero
+    return alpha, -beta
+
+
+def lens(frame: RawFrame, f_number: float | None, known: RestorationFacts) -> thin_lens.CameraSetting | None:
+    """Lens and focus of a photograph over pixels of the plane that is restored; None where something is not known."""
+    told, pitch_um = frame.exposure, known.pixel_pitch_um
+    focal_mm, focus_mm = told.focal_length_mm, told.subject_distance_mm
+    if not (focal_mm and focus_mm and pitch_um and f_number) or focus_mm <= focal_mm:
+        return None
+    return thin_lens.CameraSetting(focal_mm, f_number, focus_mm, pitch_um * shown(frame).pitch)
+
+
+def blur_ratio(known: RestorationFacts, which: str = "second") -> float:
+    """Blur of a photograph over the first's: as the apertures, the focus being the same (4.8).
+
+    Raises BadParameter where they are not known.
+    """
+    remedy = "tell all f-numbers in the step `scene`"
+    first = required(known.first_f_number, "the first f-number", remedy)
+    return first / required(known.f_numbers[which], f"the {which} f-number", remedy)

@@ -1,0 +1,204 @@
+"""What the plan of a restoration says of each photograph: its light, its detail, and the apertures that were told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import cv2
+import numpy as np
+
+from procedures.advice import exposure_advice
+from procedures.clipping import NOMINAL
+from procedures.facts import facts_as
+from procedures.outcome import ProcedureError
+from procedures.plan import Advice, Fact, Facts, Reading
+from procedures.raw import Plane, RawFrame
+from procedures.reading.exposure import disagreements
+from procedures.restoration.colour.mosaic import is_mosaic
+from procedures.restoration.facts import APERTURES, COLOUR, ORDER, SEARCH, TRUTH, RestorationFacts
+from procedures.restoration.flat_part import DETAIL_PX
+from procedures.restoration.known_blur import ReadShape, by_name, shapes_over, shown
+
+LEAST_RATIO = 1.15
+"""Of any two f-numbers: nearer ones blur too much alike."""
+SAME_LIGHT = 0.1
+OTHER_LIGHT = 1.12
+"""Factor between two ways to tell the f-numbers' ratio, from which one is wrong: rings and shutters make 6 %."""
+TEXTURE = 5.0
+"""Contrast of the scene's detail over the noise, at least."""
+
+
+def check_first(frame: RawFrame, facts: Facts, read: ReadShape = by_name) -> Advice:
+    """Well exposed, with detail that blur can be told from."""
+    plane, known = shown(frame), facts_as(RestorationFacts, facts)
+    wrong = no_colour(frame, known) or shape_unknown(frame, known, read) or typed_otherwise("first", frame, known)
+    if wrong is not None:
+        return wrong
+    level, clipped = float(np.percentile(plane.samples, 99.5)), float(np.mean(plane.samples >= NOMINAL))
+    advice = exposure_advice(level, clipped, frame.exposure, "The brightest")
+    told = Reading("detail", detail(plane), "× noise", TEXTURE, None)
+    readings = (*advice.readings, told)
+    if advice.good and not told.good:
+        say = f"The scene's detail is only {told.value:.1f} times the noise: add things with texture, or more light."
+        return Advice(False, say, readings, by_hand={"texture": 1.0})
+    return replace(advice, readings=readings, facts={**advice.facts, **noted("first", frame)})
+
+
+def check_later(which: str, frame: RawFrame, facts: Facts) -> Advice:
+    """As bright as the first; another aperture than those before, where that is what blurs."""
+    wrong = typed_otherwise(which, frame, facts_as(RestorationFacts, facts))
+    if wrong is not None:
+        return wrong
+    known = facts_as(RestorationFacts, {**facts, **noted(which, frame)})
+    wrong = apertures_by_light(which, known)
+    if wrong is not None:
+        return wrong
+    light = light_against_first(frame, known)
+    ratio = aperture_ratio(known, which)
+    readings = (light, *((Reading("apertures", ratio, "", LEAST_RATIO, None),) if ratio else ()))
+    if known.blur_by == APERTURES and ratio and ratio < LEAST_RATIO:
+        say = f"The apertures differ by a factor of {ratio:.2f}: make it {LEAST_RATIO:g} or more."
+        return Advice(False, say, readings, by_hand={"aperture": LEAST_RATIO / ratio})
+    if not light.good:
+        return unevenly_lit(light, readings)
+    return Advice(True, "It is as bright as the first.", readings, facts=noted(which, frame))
+
+
+def check_truth(frame: RawFrame, facts: Facts) -> Advice:
+    """As bright as the first; stopped down further than any other, where apertures blur."""
+    noticed = {**noted(TRUTH, frame), "truth_sha256": frame.sha256}
+    # an f-number that is known is of an earlier one
+    known = facts_as(RestorationFacts, {**without(facts, "truth_f_number"), **noticed})
+    light, f_number = light_against_first(frame, known), f_number_of_truth(known)
+    largest = max((one for which in known.blurred if (one := known.f_numbers[which]) is not None), default=0.0)
+    ratio = f_number / largest if f_number and largest else 0.0
+    by_apertures = known.blur_by == APERTURES and ratio > 0
+    readings = (light, *((Reading("aperture", ratio, "", LEAST_RATIO, None),) if by_apertures else ()))
+    if by_apertures and ratio < LEAST_RATIO:
+        say = (
+            f"The ground truth is taken at about f/{f_number:.3g}, the others at f/{largest:g} and wider: stop down as "
+            "far as the lens goes, and expose as much longer."
+        )
+        return Advice(False, say, readings, by_hand={"aperture": LEAST_RATIO / ratio})
+    if not light.good:
+        return unevenly_lit(light, readings)
+    return Advice(True, "It is as bright as the first.", readings, facts=noticed)
+
+
+def f_number_of_truth(known: RestorationFacts) -> float:
+    """As the camera noted it, else by time and light against the first; 0 where neither tells."""
+    if known.truth_f_number:
+        return known.truth_f_number
+    N, t1, t2 = known.first_f_number, known.first_exposure_s, known.truth_exposure_s
+    L1, L2 = known.first_level, known.truth_level
+    return float(N * np.sqrt(t2 * L1 / (t1 * L2))) if N and t1 and t2 and L1 and L2 else 0.0
+
+
+def without(facts: Facts, name: str) -> Facts:
+    """The facts without one of them."""
+    return {key: fact for key, fact in facts.items() if key != name}
+
+
+def light_against_first(frame: RawFrame, known: RestorationFacts) -> Reading:
+    """How much brighter a photograph is than the first, in per cent."""
+    level = float(np.mean(shown(frame).samples))
+    change = 0.0 if known.first_level is None else level / known.first_level - 1
+    return Reading("light", 100 * change, "%", -100 * SAME_LIGHT, 100 * SAME_LIGHT)
+
+
+def unevenly_lit(light: Reading, readings: tuple[Reading, ...]) -> Advice:
+    """By how much to expose longer or shorter."""
+    change = light.value / 100
+    word = "brighter" if change > 0 else "darker"
+    say = f"It is {abs(change):.0%} {word} than the first: correct the exposure time by as much."
+    return Advice(False, say, readings, by_hand={"exposure_ev": -float(np.log2(1 + change))})
+
+
+def no_colour(frame: RawFrame, known: RestorationFacts) -> Advice | None:
+    """That there is no colour to restore, where it is asked for; None where there is."""
+    if known.colour != COLOUR or "colour" in known.insisted or is_mosaic(frame.planes):
+        return None
+    say = f"Colour needs a camera with a mosaic; this photograph has only {', '.join(frame.planes)}: restore one plane."
+    return Advice(False, say, doubted=("colour",))
+
+
+def shape_unknown(frame: RawFrame, known: RestorationFacts, read: ReadShape) -> Advice | None:
+    """That what was told is no shape over this photograph; None where it is."""
+    key, told = ("shape", known.shape) if known.blur_by == APERTURES else ("motion_shape", known.motion_shape)
+    try:
+        if told != SEARCH:
+            shapes_over(frame, told, known, read)
+    except ProcedureError as error:
+        return Advice(False, f"{error.reason}: {error.remedy}.", doubted=(key,))
+    return None
+
+
+def typed_otherwise(which: str, frame: RawFrame, known: RestorationFacts) -> Advice | None:
+    """What was typed of this photograph against what the camera noted; None where nothing contradicts."""
+    f_number = known.f_numbers[which] if known.blur_by == APERTURES else None
+    typed = {"f_number": f_number, "pixel_pitch_um": known.pixel_pitch_um}
+    asked = {"f_number": f"{which}_f_number"}
+    for name, value in typed.items():
+        key = asked.get(name, name)
+        told = disagreements(frame.exposure, {name: value}) if key not in known.insisted else []
+        if told:
+            return Advice(False, f"Of the {which} photograph {told[0]}.", doubted=(key,))
+    return None
+
+
+def apertures_by_light(which: str, known: RestorationFacts) -> Advice | None:
+    """The f-numbers' ratio against what the light says of it; None where they agree, or times are not known.
+
+    The level goes with t / N^2, at one ISO: N1 / N2 = sqrt(t1 L2 / (t2 L1)).
+    """
+    pair, keys = ("first", which), ("first_f_number", f"{which}_f_number")
+    each = [[told[one] for one in pair] for told in (known.f_numbers, known.exposures_s, known.levels)]
+    if known.blur_by != APERTURES or any(None in one for one in each) or known.insisted.issuperset(keys):
+        return None
+    (N1, N2), (t1, t2), (L1, L2) = ([float(one or 0.0) for one in pair] for pair in each)
+    by_light = float(np.sqrt(t1 * L2 / (t2 * L1)))
+    if 1 / OTHER_LIGHT < by_light / (N1 / N2) < OTHER_LIGHT:
+        return None
+    say = (
+        f"By exposure times and light the first f-number is {by_light:.2f} times the {which}, by what was given "
+        f"{N1 / N2:.2f} times: one of them is wrong, or the light has changed."
+    )
+    return Advice(False, say, doubted=keys)
+
+
+def detail(plane: Plane) -> float:
+    """Contrast of what varies within a few pixels, over the noise of neighbouring pixels."""
+    samples = plane.samples
+    rough = samples[:, 2:] - 2 * samples[:, 1:-1] + samples[:, :-2]
+    noise = max(1.4826 * float(np.median(np.abs(rough))) / 6**0.5, plane.quantisation / 12**0.5)
+    return float((samples - cv2.GaussianBlur(samples, (0, 0), DETAIL_PX)).std()) / noise
+
+
+def noted(which: str, frame: RawFrame) -> dict[str, Fact]:
+    """Level, exposure time and aperture of a photograph, as facts."""
+    facts: dict[str, Fact] = {f"{which}_level": float(np.mean(shown(frame).samples))}
+    if frame.exposure.exposure_s:
+        facts[f"{which}_exposure_s"] = float(frame.exposure.exposure_s)
+    if frame.exposure.f_number:
+        facts[f"{which}_f_number"] = float(frame.exposure.f_number)
+    return facts
+
+
+def aperture_ratio(known: RestorationFacts, which: str = "second") -> float:
+    """The larger f-number over the smaller, of a photograph and the nearest before it; 0 where one is not known."""
+    own, before = known.f_numbers[which], [known.f_numbers[one] for one in ORDER[: ORDER.index(which)]]
+    told = [one for one in before if one is not None]
+    if own is None or len(told) < len(before):
+        return 0.0
+    return min(max(one / own, own / one) for one in told)
+
+
+Check = Callable[[RawFrame, Facts], Advice]
+
+
+def checks(read: ReadShape = by_name) -> dict[str, Check]:
+    """What is said of each photograph, by what it is taken for."""
+    later = {which: partial(check_later, which) for which in ORDER[1:]}
+    return {ORDER[0]: partial(check_first, read=read), **later, TRUTH: check_truth}
