@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from procedures.facts import CameraFacts
 
-APERTURES, MOTIONS = "apertures", "motions"
+APERTURES, MOTIONS, BOTH = "apertures", "motions", "motions and lens"
 PLANE, COLOUR = "one plane", "colour"
 NO, YES = "no", "yes"
 SEARCH = "search"
@@ -24,7 +24,9 @@ class RestorationFacts(CameraFacts):
 
     Attributes
     ----------
-    blur_by : "apertures" or "motions"
+    blur_by : "apertures", "motions", or "motions and lens", whose one aperture blurs beside recorded motions (6.5)
+    lens_f_number : of them all, where both blur
+    focus_m : distance of the plane of focus from the lens, where the camera does not note it
     photographs : how many are blurred, two or three
     colour : what is restored, "one plane", or the mosaic in "colour"
     max_w : half-width of the widest blur, in pixels of the plane
@@ -43,6 +45,8 @@ class RestorationFacts(CameraFacts):
     photographs: int = 2
     colour: str = PLANE
     max_w: float | None = None
+    lens_f_number: float | None = None
+    focus_m: float | None = None
     first_f_number: float | None = None
     second_f_number: float | None = None
     third_f_number: float | None = None

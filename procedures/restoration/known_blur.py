@@ -12,7 +12,7 @@ from procedures.facts import required
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import Plane, RawFrame
 from procedures.restoration.colour.mosaic import is_mosaic
-from procedures.restoration.facts import COLOUR, MOTIONS, ORDER, SEARCH, RestorationFacts
+from procedures.restoration.facts import BOTH, COLOUR, MOTIONS, ORDER, SEARCH, RestorationFacts
 from procedures.restoration.flat_part import region_of
 from procedures.restoration.masks import thin_lens
 from procedures.restoration.masks.blur_models import named
@@ -20,6 +20,7 @@ from procedures.restoration.masks.camera_motion import Poses, poses_of, poses_on
 from procedures.restoration.masks.psf_shapes import MeasuredShape
 from procedures.restoration.photograph_blur import (
     BlurSpec,
+    DefocusBeside,
     KnownShapes,
     RecordedMotion,
     Shape,
@@ -86,6 +87,8 @@ def blur_spec(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadSha
     """
     if known.blur_by == MOTIONS and known.motion_shape != SEARCH:
         return BlurSpec(KnownShapes(shapes_over(frames[0], known.motion_shape, known, read)), known.max_w)
+    if known.blur_by == BOTH:
+        return motions_and_lens(frames, known, read)
     if known.blur_by == MOTIONS:
         exposures = [poses for poses in map(rig_poses, frames) if poses is not None]
         if len(exposures) == len(frames):
@@ -98,6 +101,28 @@ def blur_spec(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadSha
         ratios = ()  # their half-widths tell
     each_one = shapes * (len(frames) // len(shapes))
     return BlurSpec(KnownShapes(each_one, ratios, offsets), known.max_w)
+
+
+def motions_and_lens(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadShape) -> BlurSpec:
+    """Recorded motions with the lens's own blur, which goes with the inverse distance as they do (4.5, 6.5).
+
+    Raises BadParameter where a motion has no record, or the lens is not known.
+    """
+    exposures = [poses for poses in map(rig_poses, frames) if poses is not None]
+    focal = focal_px(frames[0], known)
+    settings = [one for one in (lens(frame, known.lens_f_number, known) for frame in frames) if one is not None]
+    if len(exposures) < len(frames):
+        remedy = "mend shaker or IMU and take them again, or let motions alone blur"
+        raise BadParameter("motions beside the lens's blur need a record of each photograph's motion", remedy)
+    if focal is None or len(settings) < len(frames):
+        remedy = "tell f-number, distance of focus and pixel pitch; the camera has to note the focal length"
+        raise BadParameter("the lens's blur is not known", remedy)
+    shapes = shapes_over(frames[0], known.shape, known, read)
+    # in front of the plane of focus the light has not crossed yet: the shape is upside down, its half-width below zero
+    ratios = tuple(-one.scale_px_mm / 1000 for one in settings)
+    offsets = tuple(one.scale_px_mm / one.focus_mm for one in settings)
+    lens_blur = DefocusBeside(shapes * (len(frames) // len(shapes)), ratios, offsets)
+    return BlurSpec(RecordedMotion((*exposures,), focal), known.max_w, lens_blur)
 
 
 def unknown_motion(photographs: int, known: RestorationFacts) -> UnknownMotion:
@@ -159,7 +184,7 @@ def blur_relation(
 def lens(frame: RawFrame, f_number: float | None, known: RestorationFacts) -> thin_lens.CameraSetting | None:
     """Lens and focus of a photograph over pixels of the plane that is restored; None where something is not known."""
     told, pitch_um = frame.exposure, known.pixel_pitch_um
-    focal_mm, focus_mm = told.focal_length_mm, told.subject_distance_mm
+    focal_mm, focus_mm = told.focal_length_mm, told.subject_distance_mm or 1000 * (known.focus_m or 0.0)
     if not (focal_mm and focus_mm and pitch_um and f_number) or focus_mm <= focal_mm:
         return None
     return thin_lens.CameraSetting(focal_mm, f_number, focus_mm, pitch_um * shown(frame).pitch)

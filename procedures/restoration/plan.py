@@ -15,7 +15,7 @@ from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.plan import Advice, Ask, Decide, Estimate, Facts, Known, Look, Outcomes, Plan, Shake, Shoot, Step
 from procedures.raw import Plane, RawFrame
 from procedures.restoration.colour.mosaic import is_mosaic
-from procedures.restoration.facts import MOTIONS, TRUTH, RestorationFacts
+from procedures.restoration.facts import APERTURES, TRUTH, RestorationFacts
 from procedures.restoration.ground_truth import held_against
 from procedures.restoration.joint.estimate import RestorationParameters
 from procedures.restoration.joint.result import Restoration
@@ -135,7 +135,7 @@ def path(which: str, facts: Facts) -> Shake | None:
     They cross as kernels should: what one blurs away the others keep.
     """
     known = facts_as(RestorationFacts, facts)
-    if known.blur_by != MOTIONS or which == TRUTH:
+    if known.blur_by == APERTURES or which == TRUTH:
         return None
     turn = 2 * np.pi * np.arange(POINTS) / POINTS
     if which == "third":

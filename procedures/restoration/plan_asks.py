@@ -7,7 +7,7 @@ from functools import partial
 from procedures.facts import facts_as
 from procedures.outcome import BadParameter
 from procedures.plan import HAS_IMU, HAS_SHAKER, Ask, Fact, Facts, SetLight
-from procedures.restoration.facts import APERTURES, COLOUR, MOTIONS, NO, PLANE, SEARCH, YES, RestorationFacts
+from procedures.restoration.facts import APERTURES, BOTH, COLOUR, MOTIONS, NO, PLANE, SEARCH, YES, RestorationFacts
 from procedures.restoration.joint.kernel_sizes import DEFAULT_MAX_W
 from procedures.restoration.known_blur import ReadShape, names_in
 from procedures.restoration.masks.blur_models import named
@@ -15,7 +15,7 @@ from procedures.restoration.masks.blur_models import named
 
 def shaken(facts: Facts) -> bool:
     """Whether a shaker blurs the photographs: the bench has one, and nobody said that it is to be the apertures."""
-    return bool(facts.get(HAS_SHAKER)) and facts.get("blur_by", MOTIONS) == MOTIONS
+    return bool(facts.get(HAS_SHAKER)) and facts.get("blur_by", MOTIONS) != APERTURES
 
 
 def done_by_shaker(facts: Facts) -> Fact | None:
@@ -29,8 +29,18 @@ def by_apertures(facts: Facts) -> bool:
 
 
 def by_motions(facts: Facts) -> bool:
-    """Whether motions of the rig do."""
+    """Whether motions of the rig do, alone or beside the lens."""
     return not by_apertures(facts)
+
+
+def by_both(facts: Facts) -> bool:
+    """Whether the lens blurs beside motions that are recorded."""
+    return facts_as(RestorationFacts, facts).blur_by == BOTH
+
+
+def by_motions_alone(facts: Facts) -> bool:
+    """Whether nothing but motions does."""
+    return facts_as(RestorationFacts, facts).blur_by == MOTIONS
 
 
 def with_third(facts: Facts) -> bool:
@@ -40,7 +50,7 @@ def with_third(facts: Facts) -> bool:
 
 def motions_unrecorded(facts: Facts) -> bool:
     """Whether nothing tells the motions but the photographs themselves: no kernels, no shaker, no IMU."""
-    return by_motions(facts) and not (told_motions(facts) or shaken(facts) or facts.get(HAS_IMU))
+    return by_motions_alone(facts) and not (told_motions(facts) or shaken(facts) or facts.get(HAS_IMU))
 
 
 def only_flat(facts: Facts) -> bool:
@@ -70,7 +80,12 @@ def truth_by_apertures(facts: Facts) -> bool:
 
 def truth_at_rest(facts: Facts) -> bool:
     """Whether the rig rests for one."""
-    return with_truth(facts) and by_motions(facts)
+    return with_truth(facts) and by_motions_alone(facts)
+
+
+def truth_of_both(facts: Facts) -> bool:
+    """Whether the rig rests and the lens is stopped down for one."""
+    return with_truth(facts) and by_both(facts)
 
 
 def check_photographs(answer: Fact, facts: Facts) -> None:
@@ -81,7 +96,7 @@ def check_photographs(answer: Fact, facts: Facts) -> None:
 
 def told_motions(facts: Facts) -> bool:
     """Whether measured kernels tell the motions."""
-    return by_motions(facts) and facts_as(RestorationFacts, facts).motion_shape != SEARCH
+    return by_motions_alone(facts) and facts_as(RestorationFacts, facts).motion_shape != SEARCH
 
 
 def names_file(part: str) -> bool:
@@ -118,8 +133,9 @@ def scene(read: ReadShape) -> tuple[Ask | SetLight, ...]:
     """What is asked before the first photograph; `read` reads shapes."""
     return (
         Ask(
-            "blur_by", "What will blur the photographs?", "choice", default=APERTURES, choices=(APERTURES, MOTIONS),
-            given=lambda facts: MOTIONS if shaken(facts) else None,
+            "blur_by", "What will blur the photographs?", "choice", default=APERTURES,
+            choices=(APERTURES, MOTIONS, BOTH),
+            given=lambda facts: facts.get("blur_by", MOTIONS) if shaken(facts) else None,
         ),
         Ask("photographs", "How many photographs will be blurred? A third makes the picture better.", "number",
             default=2.0, low=2.0, high=3.0, check=check_photographs),
@@ -128,7 +144,7 @@ def scene(read: ReadShape) -> tuple[Ask | SetLight, ...]:
         Ask("ground_truth", "Take a ground truth too, one more photograph that nothing blurs?", "choice", default=NO,
             choices=(NO, YES)),
         Ask("motion_shape", "What tells the motions? search: records or photographs; or FILE; FILE: a measured kernel "
-            "of each.", "text", default=SEARCH, when=lambda facts: by_motions(facts) and not shaken(facts),
+            "of each.", "text", default=SEARCH, when=lambda facts: by_motions_alone(facts) and not shaken(facts),
             check=partial(check_motion, read), names_file=names_file),
         Ask("scene", "Set up a scene that stands still, detailed everywhere. Fix the camera to its rig, the IMU y up.",
             when=lambda facts: by_motions(facts) and not only_flat(facts)),
@@ -136,21 +152,29 @@ def scene(read: ReadShape) -> tuple[Ask | SetLight, ...]:
             "motions by hand without an IMU. Fix the camera to its rig.", when=only_flat),
         Ask("scene", "Set up a scene that stands still, detailed everywhere, and fix the camera.", when=by_apertures),
         SetLight(lambda facts: 1.0),
-        Ask("focused", "Focus nearer than anything in the scene, then switch autofocus off."),
+        Ask("focused", "Focus nearer than anything in the scene, then switch autofocus off.",
+            when=lambda facts: not by_both(facts)),
+        Ask("focused", "Focus on the scene's middle, then switch autofocus off.", when=by_both),
         Ask("max_w", "How far does the widest blur reach?", "number", "pixels", DEFAULT_MAX_W, low=1.0, high=40.0),
         Ask("first_f_number", "Which f-number has the first photograph?", "number", "", 8.0, low=0.5, high=64.0,
             when=by_apertures),
+        Ask("lens_f_number", "Which f-number has the lens in all of them?", "number", "", 8.0, low=0.5, high=64.0,
+            when=by_both),
+        Ask("focus_m", "How far from the lens is its plane of focus? 0: as the camera notes it.", "number", "m", 0.0,
+            low=0.0, when=by_both),
         Ask("second_f_number", "And the second one?", "number", "", 4.0, low=0.5, high=64.0, when=by_apertures),
         Ask("third_f_number", "And the third one?", "number", "", 5.6, low=0.5, high=64.0, when=third_by_apertures),
         Ask("shape", "Which shape has the aperture? pillbox, gaussian, polygon:BLADES, or FILE, measured; or one for "
-            "each photograph, with ; between.", "text", default="pillbox", when=by_apertures,
+            "each photograph, with ; between.", "text", default="pillbox",
+            when=lambda facts: by_apertures(facts) or by_both(facts),
             check=partial(check_shape, read), names_file=names_file),
         Ask("pixel_pitch_um", "How far apart are the pixels? 0: the rig does not turn.", "number", "µm", 0.0, low=0.0,
-            when=by_motions),
+            when=by_motions_alone),
+        Ask("pixel_pitch_um", "How far apart are the pixels?", "number", "µm", 4.0, low=0.1, when=by_both),
         Ask("pixel_pitch_um", "How far apart are the pixels? 0: not known.", "number", "µm",
             0.0, low=0.0, when=by_apertures),
         Ask("region", "Where is a flat part of one distance? x,y,width,height, auto or whole.", "text", default="auto",
-            when=lambda facts: by_motions(facts) and not (shaken(facts) or told_motions(facts)),
+            when=lambda facts: by_motions_alone(facts) and not (shaken(facts) or told_motions(facts)),
             given=lambda facts: "whole" if only_flat(facts) else None),
     )  # fmt: skip
 
@@ -170,5 +194,10 @@ THIRD = (
 )
 GROUND_TRUTH = (
     Ask("truth", "Set the smallest aperture, and as much more time; touch nothing else.", when=truth_by_apertures),
+    Ask(
+        "truth",
+        "Let the rig stand still and the scene as it was; set the smallest aperture, and as much more time.",
+        when=truth_of_both,
+    ),
     Ask("truth", "Let the rig stand still, and the scene as it was.", when=truth_at_rest, given=done_by_shaker),
 )

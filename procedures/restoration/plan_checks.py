@@ -17,9 +17,9 @@ from procedures.plan import Advice, Fact, Facts, Reading
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import disagreements
 from procedures.restoration.colour.mosaic import is_mosaic
-from procedures.restoration.facts import APERTURES, COLOUR, ORDER, SEARCH, TRUTH, RestorationFacts
+from procedures.restoration.facts import APERTURES, BOTH, COLOUR, MOTIONS, ORDER, SEARCH, TRUTH, RestorationFacts
 from procedures.restoration.flat_part import DETAIL_PX
-from procedures.restoration.known_blur import ReadShape, by_name, shapes_over, shown
+from procedures.restoration.known_blur import ReadShape, by_name, lens, shapes_over, shown
 
 LEAST_RATIO = 1.15
 """Of any two f-numbers: nearer ones blur too much alike."""
@@ -34,6 +34,7 @@ def check_first(frame: RawFrame, facts: Facts, read: ReadShape = by_name) -> Adv
     """Well exposed, with detail that blur can be told from."""
     plane, known = shown(frame), facts_as(RestorationFacts, facts)
     wrong = no_colour(frame, known) or shape_unknown(frame, known, read) or typed_otherwise("first", frame, known)
+    wrong = wrong or lens_unknown(frame, known)
     if wrong is not None:
         return wrong
     level, clipped = float(np.percentile(plane.samples, 99.5)), float(np.mean(plane.samples >= NOMINAL))
@@ -74,7 +75,7 @@ def check_truth(frame: RawFrame, facts: Facts) -> Advice:
     light, f_number = light_against_first(frame, known), f_number_of_truth(known)
     largest = max((one for which in known.blurred if (one := known.f_numbers[which]) is not None), default=0.0)
     ratio = f_number / largest if f_number and largest else 0.0
-    by_apertures = known.blur_by == APERTURES and ratio > 0
+    by_apertures = known.blur_by != MOTIONS and ratio > 0
     readings = (light, *((Reading("aperture", ratio, "", LEAST_RATIO, None),) if by_apertures else ()))
     if by_apertures and ratio < LEAST_RATIO:
         say = (
@@ -126,7 +127,7 @@ def no_colour(frame: RawFrame, known: RestorationFacts) -> Advice | None:
 
 def shape_unknown(frame: RawFrame, known: RestorationFacts, read: ReadShape) -> Advice | None:
     """That what was told is no shape over this photograph; None where it is."""
-    key, told = ("shape", known.shape) if known.blur_by == APERTURES else ("motion_shape", known.motion_shape)
+    key, told = ("motion_shape", known.motion_shape) if known.blur_by == MOTIONS else ("shape", known.shape)
     try:
         if told != SEARCH:
             shapes_over(frame, told, known, read)
@@ -135,11 +136,22 @@ def shape_unknown(frame: RawFrame, known: RestorationFacts, read: ReadShape) -> 
     return None
 
 
+def lens_unknown(frame: RawFrame, known: RestorationFacts) -> Advice | None:
+    """That the lens's blur cannot be told beside the motions'; None where it can, or need not."""
+    if known.blur_by != BOTH or lens(frame, known.lens_f_number, known) is not None:
+        return None
+    say = (
+        "The lens's blur goes by its focal length, which the camera has to note, and by its f-number, its distance of "
+        "focus beyond that and the pixels' pitch."
+    )
+    return Advice(False, say, doubted=("lens_f_number", "focus_m", "pixel_pitch_um"))
+
+
 def typed_otherwise(which: str, frame: RawFrame, known: RestorationFacts) -> Advice | None:
     """What was typed of this photograph against what the camera noted; None where nothing contradicts."""
-    f_number = known.f_numbers[which] if known.blur_by == APERTURES else None
-    typed = {"f_number": f_number, "pixel_pitch_um": known.pixel_pitch_um}
-    asked = {"f_number": f"{which}_f_number"}
+    f_numbers = {APERTURES: known.f_numbers[which], BOTH: known.lens_f_number}
+    typed = {"f_number": f_numbers.get(known.blur_by), "pixel_pitch_um": known.pixel_pitch_um}
+    asked = {"f_number": "lens_f_number" if known.blur_by == BOTH else f"{which}_f_number"}
     for name, value in typed.items():
         key = asked.get(name, name)
         told = disagreements(frame.exposure, {name: value}) if key not in known.insisted else []

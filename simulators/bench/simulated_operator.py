@@ -57,6 +57,8 @@ MOTION_OF = {"first_moves": 0, "second": 1, "third": 2}
 """Which of its motions the rig is set in, by the question."""
 F_NUMBERS = {"first": 4.0, "second": 2.8, "third": 5.6, "truth": 22.0}
 """That the ring of apertures is set to, by the question, where apertures blur."""
+LENS_AND_MOTIONS = {"first": 8.0, "truth": 22.0}
+"""The same where the lens blurs beside motions: so wide that it does, and so long exposed that the IMU feels a path."""
 NEARER = 0.65
 """Of a scene's distance: nearer than anything in it."""
 
@@ -139,6 +141,8 @@ class Hands:
             "blur_by": "motions",
             "region": f"{RIM_PX},{RIM_PX},{columns // 2 - RIM_PX},{rows - 2 * RIM_PX}",
             "max_w": MAX_W,
+            "focus_m": round(1 / self._dioptres, 2),
+            "lens_f_number": LENS_AND_MOTIONS["first"],
             **{f"{which}_f_number": f_number for which, f_number in F_NUMBERS.items()},
         }
 
@@ -149,6 +153,8 @@ class Hands:
         view = self._at.view
         if key in F_NUMBERS and facts.get("blur_by") == "apertures":
             self._stop_down(F_NUMBERS[key])
+        if key in LENS_AND_MOTIONS and facts.get("blur_by") == "motions and lens":
+            self._stop_down(LENS_AND_MOTIONS[key])
         match key:
             case "printed":
                 view.cell_mm = float(facts.get("chart_width_mm", self._person.width_mm)) / 320 * self._person.printer

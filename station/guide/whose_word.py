@@ -24,12 +24,17 @@ NAMES = {
     "focal_length_mm": "focal length", "pixel_pitch_um": "pixel pitch", "chart_width_mm": "width of the chart",
     "ruler_mm": "printed ruler", "chart_seed": "number of the chart", "typed_f_number": "f-number",
     "near_mm": "near distance", "first_f_number": "first f-number", "second_f_number": "second f-number",
-    "third_f_number": "third f-number",
+    "third_f_number": "third f-number", "lens_f_number": "f-number of all", "focus_m": "distance of focus",
     "screw_count": "number of screws", "screw_radius_mm": "screws' radius", "screw_pitch_mm": "screws' pitch",
     "first_screw_deg": "place of the first screw",
 }  # fmt: skip
 """Of the questions' keys whose answers results rest on."""
-NOTED = {"first_f_number": ("f_number", 0), "second_f_number": ("f_number", 1), "third_f_number": ("f_number", 2)}
+NOTED = {
+    "lens_f_number": ("f_number", 0),
+    "first_f_number": ("f_number", 0),
+    "second_f_number": ("f_number", 1),
+    "third_f_number": ("f_number", 2),
+}
 """Where the camera's note stands: its field, and of which photograph; else the first's field of the same name."""
 
 

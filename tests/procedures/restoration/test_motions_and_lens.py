@@ -1,0 +1,89 @@
+"""The plan where the lens blurs beside motions that are recorded: what is asked, doubted, and known of the blur."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from procedures.facts import facts_as
+from procedures.outcome import BadParameter
+from procedures.plan import HAS_SHAKER, Ask
+from procedures.raw import Carried, Plane, RawFrame
+from procedures.reading.exposure import Exposure
+from procedures.restoration.facts import BOTH, RestorationFacts
+from procedures.restoration.known_blur import blur_spec
+from procedures.restoration.masks.mask_fields import MaskField
+from procedures.restoration.masks.thin_lens import CameraSetting
+from procedures.restoration.photograph_blur import BlurSpec, blur_of
+from procedures.restoration.plan import plan
+from procedures.restoration.plan_checks import check_first
+
+FACTS = {"blur_by": BOTH, "max_w": 4.0, "lens_f_number": 4.0, "focus_m": 1.0, "pixel_pitch_um": 8.0}
+LENS = CameraSetting(24.0, 4.0, 1000.0, 8.0)
+ROUND = np.arange(48) * np.pi / 24
+
+
+def frame(along: int, **exposure):
+    """A photograph during which a shaker goes around once, mostly along one axis."""
+    position_m = np.zeros((48, 3))
+    position_m[:, along], position_m[:, 1 - along] = 8e-4 * np.cos(ROUND), 3e-4 * np.cos(2 * ROUND + 0.7)
+    told = Exposure(exposure_s=0.048, **{"focal_length_mm": 24.0, **exposure})
+    samples = np.random.default_rng(1).random((80, 96), np.float32)
+    return RawFrame(Path("a"), "", {"Y": Plane("Y", samples, 1e-4)}, told, None, Carried(position_m, 0.001, 0.0))
+
+
+def widths(mask):
+    """Variance along x and y, pixels squared."""
+    n = np.arange(len(mask)) - len(mask) // 2
+    each = [mask.sum(axis=axis) for axis in (0, 1)]
+    return np.array([np.sum(one * n**2) - np.sum(one * n) ** 2 for one in each])
+
+
+@pytest.mark.parametrize("distance_mm", [700.0, 1000.0, 1900.0])
+def test_the_blur_is_the_motion_s_and_the_lens_s_circle_at_that_distance(distance_mm):
+    frames = [frame(0), frame(1)]
+    spec = blur_spec(frames, facts_as(RestorationFacts, FACTS))
+    pictures = [np.ones((1, 80, 96))] * 2
+    both, alone = (blur_of(one, pictures) for one in (spec, BlurSpec(spec.source, spec.max_w)))
+    w = 1000 / distance_mm / both.unit.per_pixel
+    for blurred, moved in zip(both.masks, alone.masks, strict=True):
+        more = widths(MaskField.of(blurred).at(w)) - widths(MaskField.of(moved).at(w))
+        # a disc of radius r has r^2 / 4 along each axis, and masks are drawn in pixels of 1 / 12 or twice that
+        np.testing.assert_allclose(more, LENS.blur_radius_px(distance_mm) ** 2 / 4, atol=0.17)
+
+
+def test_a_motion_without_record_and_a_lens_without_numbers_are_refused_in_words():
+    known = facts_as(RestorationFacts, FACTS)
+    still = RawFrame(Path("b"), "", frame(0).planes, frame(0).exposure)
+    with pytest.raises(BadParameter, match="a record of each photograph's motion"):
+        blur_spec([frame(0), still], known)
+    with pytest.raises(BadParameter, match="the lens's blur is not known"):
+        blur_spec([frame(0), frame(1)], facts_as(RestorationFacts, {**FACTS, "focus_m": 0.0}))
+    # the camera's own note of the distance does
+    blur_spec(
+        [frame(n, subject_distance_mm=900.0) for n in (0, 1)], facts_as(RestorationFacts, {**FACTS, "focus_m": 0.0})
+    )
+
+
+def test_the_first_photograph_tells_what_of_the_lens_is_not_known():
+    advice = check_first(frame(0), {**FACTS, "focus_m": 0.0})
+    assert advice.doubted == ("lens_f_number", "focus_m", "pixel_pitch_um")
+    noted = check_first(frame(0, f_number=5.6), FACTS)
+    assert noted.doubted == ("lens_f_number",)
+    assert "given as 4, and the camera noted 5.6" in noted.say
+
+
+def asked(facts):
+    everything = [one for step in plan().steps for one in step.requests if isinstance(one, Ask)]
+    return {one.key for one in everything if one.when(facts) and one.given(facts) is None}
+
+
+def test_what_the_lens_needs_is_asked_and_what_the_records_tell_is_not():
+    keys = asked({"blur_by": BOTH})
+    assert {"lens_f_number", "focus_m", "pixel_pitch_um", "shape", "first_moves", "second"} <= keys
+    assert not {"first_f_number", "second_f_number", "region", "motion_shape"} & keys
+    shaken = asked({"blur_by": BOTH, HAS_SHAKER: True})
+    assert "lens_f_number" in shaken
+    assert not {"first_moves", "second", "blur_by"} & shaken
