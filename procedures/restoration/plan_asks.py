@@ -132,11 +132,10 @@ def check_motion(read: ReadShape, answer: Fact, facts: Facts) -> None:
 def scene(read: ReadShape) -> tuple[Ask | SetLight, ...]:
     """What is asked before the first photograph; `read` reads shapes."""
     return (
-        Ask(
-            "blur_by", "What will blur the photographs?", "choice", default=APERTURES,
-            choices=(APERTURES, MOTIONS, BOTH),
-            given=lambda facts: facts.get("blur_by", MOTIONS) if shaken(facts) else None,
-        ),
+        Ask("blur_by", "What will blur the photographs?", "choice", default=APERTURES,
+            choices=(APERTURES, MOTIONS, BOTH), when=lambda facts: not facts.get(HAS_SHAKER)),
+        Ask("blur_by", "What will blur the photographs? The shaker makes the motions.", "choice", default=MOTIONS,
+            choices=(MOTIONS, BOTH, APERTURES), when=lambda facts: bool(facts.get(HAS_SHAKER))),
         Ask("photographs", "How many photographs will be blurred? A third makes the picture better.", "number",
             default=2.0, low=2.0, high=3.0, check=check_photographs),
         Ask("colour", "What is restored: one plane, or the mosaic in colour, which takes longer?", "choice",
@@ -181,7 +180,8 @@ def scene(read: ReadShape) -> tuple[Ask | SetLight, ...]:
 
 FIRST = (
     Ask("first", "Set the first aperture.", when=by_apertures),
-    Ask("first", "Let the rig stand still: the light is looked at first.", when=by_motions, given=done_by_shaker),
+    Ask("first", "Let the rig stand still: the light is looked at first.", when=by_motions_alone, given=done_by_shaker),
+    Ask("first", "Set the aperture, and let the rig stand still: the light is looked at first.", when=by_both),
 )
 MOVES = Ask("first_moves", "Set the rig in its first motion.", when=by_motions, given=done_by_shaker)
 SECOND = (

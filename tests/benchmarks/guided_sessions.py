@@ -97,6 +97,8 @@ RESTORATIONS: dict[str, tuple[bool, dict[str, Any]]] = {
     "shaker, three, in colour": (True, {"photographs": 3.0, "colour": "colour"}),
     "IMU, two": (False, {}),
     "IMU, three": (False, {"photographs": 3.0}),
+    "motions and lens, two": (False, {"blur_by": "motions and lens"}),
+    "shaker and lens, two": (True, {"blur_by": "motions and lens"}),
     "apertures, two": (False, {"blur_by": "apertures"}),
     "apertures, three": (False, {"blur_by": "apertures", "photographs": 3.0}),
     "apertures, three, in colour": (False, {"blur_by": "apertures", "photographs": 3.0, "colour": "colour"}),

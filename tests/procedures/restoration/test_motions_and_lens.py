@@ -86,4 +86,4 @@ def test_what_the_lens_needs_is_asked_and_what_the_records_tell_is_not():
     assert not {"first_f_number", "second_f_number", "region", "motion_shape"} & keys
     shaken = asked({"blur_by": BOTH, HAS_SHAKER: True})
     assert "lens_f_number" in shaken
-    assert not {"first_moves", "second", "blur_by"} & shaken
+    assert not {"first_moves", "second"} & shaken

@@ -378,7 +378,7 @@ def test_a_session_that_began_with_a_shaker_goes_on_with_one_and_others_do_not(t
     async def use(driver: Driver) -> None:
         await driver.until("Or go on with a session")
         await driver.press("tab", "enter")
-        await driver.until("Set up a scene that stands still")
+        await driver.until("The shaker makes")
         await driver.press("ctrl+c")
         await driver.until("go on where it stopped")
 

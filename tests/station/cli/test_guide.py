@@ -87,7 +87,7 @@ def test_ctrl_c_at_a_question_stops_at_once(tmp_path):
 def test_a_session_that_began_with_a_shaker_goes_on_with_one(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     begin = ["--plain", "--simulate", "--shaker", "--plan", "restoration"]
-    CliRunner().invoke(main, begin, input="D90\n50/1.8\nmotions\n", prog_name="station")
+    CliRunner().invoke(main, begin, input="D90\n50/1.8\nmotions\n\n\n\n\n", prog_name="station")
     (folder,) = (tmp_path / "sessions").iterdir()
     CliRunner().invoke(main, ["session", "resume", str(folder)], input="", prog_name="station")
     lines = read_session(folder).contents.lines
