@@ -16,10 +16,11 @@ import numpy as np
 from procedures.outcome import Outcome, Verdict
 from procedures.restoration.first_depth.initial_depth import MatchingSettings, matched
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
-from procedures.restoration.joint.estimate import RestorationParameters, restoration_of
+from procedures.restoration.joint.estimate import reach_of
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.priors import steps_allowed
-from procedures.restoration.joint.schedule import DEPTH_SLOPE
+from procedures.restoration.joint.joint_descent import Problem, begin, problem_of, run
+from procedures.restoration.joint.schedule import DEPTH_SLOPE, Schedule
 from procedures.restoration.masks.blur_models import mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array, Blur, MaskStack
 from procedures.restoration.unknown_motion.basin_hopping import Turns
@@ -37,6 +38,7 @@ from procedures.restoration.unknown_motion.mask_evidence import (
 from procedures.restoration.unknown_motion.motion_splines import basis, candidates, half_width, path_stack, shapes_of
 from procedures.restoration.unknown_motion.path_pairs import Search
 from procedures.restoration.unknown_motion.path_settings import PathSettings
+from procedures.restoration.unknown_motion.search_window import Window, search_window, within
 
 Box = tuple[int, int, int, int]
 
@@ -102,8 +104,11 @@ class _View:
 
     def part(self) -> _View:
         """Of the flat part alone."""
-        z = self.z[:, :, *self.flat]
-        return replace(self, z=z, flat=(slice(0, z.shape[2]), slice(0, z.shape[3])))
+        return self.cut(self.flat)
+
+    def cut(self, window: Window) -> _View:
+        """Of these rows and columns alone."""
+        return replace(self, z=self.z[:, :, *window], flat=within(self.flat, window))
 
     def data(self, stacks: list[MaskStack]) -> DataTerm:
         shape = (self.z.shape[2], self.z.shape[3])
@@ -181,11 +186,13 @@ def _view(photographs: list[Array], region: Box, half: float, max_w: float, sett
 
 
 def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
-    """The view with its noise, and what masks known to whole pixels leave unexplained of it."""
+    """What is looked at of the view, with its noise, and what masks known to whole pixels leave unexplained of it."""
     widest = view.max_w * found.half_width / view.half
     stacks = [mask_stack(s, widest, R=max(view.R + 1, reach(widest))) for s in found.shapes]
     coarse = replace(view, half=found.half_width, max_w=stacks[0].max_w - 2 * stacks[0].step)
     w = coarse.depth(stacks)
+    window = search_window(view.z, view.flat, coarse.half, w, view.settings.searched_pixels)
+    view, coarse, w = view.cut(window), coarse.cut(window), w[window]
     R = stacks[0].R
     e = _errors(coarse, stacks, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge"))[1]
     left = [(flat, float(r @ r) / TILE**2) for flat, r in _left(coarse, stacks, w, e)]
@@ -254,12 +261,12 @@ def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random
         for by in _origins(points)
     ]
     tried = [
-        (_turned(view, _restored(view, fit.points), those), those)
+        (_turned(view, _restored(view, fit.points, fit), those), those)
         for fit, those in sorted(matched, key=lambda one: one[0].energy)[: s.restored]
     ]
     fit, turns = min(tried, key=lambda one: one[0].energy)
     for _ in range(s.more):
-        other = _turned(view, fit, turns)
+        other = _turned(view, fit, turns.bends_alone())
         if other.energy > fit.energy - s.least_fall:
             return min(fit, other, key=lambda one: one.energy)
         fit = other
@@ -289,17 +296,23 @@ def _matched(view: _View, points: Array) -> _Fit:
     return _judged(view, replace(fit, u=u, w=wide[inside].astype(np.float64)), stacks)
 
 
-def _restored(view: _View, points: Array) -> _Fit:
-    """A fit with the picture and the depth of a whole restoration, and what it says of the masks."""
-    stacks, R = view.stacks(points), view.R
-    found = restoration_of(list(view.z), stacks, RestorationParameters(scheme=view.settings.scheme))
-    u = np.pad(found.sharp, ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32)
-    return _judged(view, _evidence(view, _Fit(points, view.pinned(found.w), u), stacks), stacks)
+def _restored(view: _View, points: Array, begun: _Fit) -> _Fit:
+    """A fit with the picture and the depth of a restoration, and what it says of the masks.
+
+    begun : whose depth the restoration goes on from, in the middle of its scheme.
+    """
+    stacks, R, s = view.stacks(points), view.R, view.settings
+    data, other = problem_of(view.z, stacks, np.ones((2, 1, *view.z.shape[2:])), np.float32)
+    w = view.pinned(begun.w)
+    problem = Problem(data, other, s.scheme, Schedule(s.scheme.rounds), view.sigma, reach_of(w, stacks))
+    done = run(problem, replace(begin(problem, w), n=int(s.settled * s.scheme.rounds)))
+    w = view.pinned(done.w[R:-R, R:-R])
+    return _judged(view, _evidence(view, _Fit(points, w, done.u), stacks), stacks)
 
 
 def _turned(view: _View, fit: _Fit, turns: Turns) -> _Fit:
     """The frame restored anew with the best curves that are met from those of a fit."""
-    return _restored(view, turns.taken(fit.evidence, fit.points, view.half))
+    return _restored(view, turns.taken(fit.evidence, fit.points, view.half), fit)
 
 
 def _errors(view: _View, stacks: list[MaskStack], w: Array, u: Array) -> tuple[Array, Array]:
