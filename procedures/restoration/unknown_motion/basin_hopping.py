@@ -50,9 +50,9 @@ class Turns:
         """The same about another origin, pixels x, y."""
         return replace(self, pools=[[one - origin for one in pool] for pool in self.pools])
 
-    def bends_alone(self) -> Turns:
-        """Without the pools: curves once taken from them are not exchanged for others any more."""
-        return replace(self, pools=[])
+    def fewer(self) -> Turns:
+        """For curves that were turned already: those of the pools are worse, and few bends still find better ones."""
+        return replace(self, pools=[], bends=replace(self.bends, number=self.bends.number // 4))
 
     def taken(self, evidence: Sequence[MaskEvidence], points: Array, half: float) -> Array:
         """The best curves met, (2, POINTS, 2), beginning with `points` of half-width `half`."""

@@ -17,9 +17,10 @@ from procedures.outcome import Outcome, Verdict
 from procedures.restoration.first_depth.initial_depth import MatchingSettings, matched
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.estimate import reach_of
+from procedures.restoration.joint.depth_edges import EdgeSettings
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.priors import steps_allowed
-from procedures.restoration.joint.joint_descent import Problem, begin, problem_of, run
+from procedures.restoration.joint.joint_descent import JointSettings, Problem, begin, problem_of, run
 from procedures.restoration.joint.schedule import DEPTH_SLOPE, Schedule
 from procedures.restoration.masks.blur_models import mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array, Blur, MaskStack
@@ -47,7 +48,8 @@ TILE = 24
 LEVEL = 0.05
 """Pixels of w between the levels for which a tile's masks are made."""
 
-
+JOINT = JointSettings(edges=EdgeSettings(rounds=2, iterations=20))
+"""Of restorations in between: each goes on from the last, so that steps need not come to rest in any of them."""
 REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
 
 
@@ -264,12 +266,20 @@ def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random
         (_turned(view, _restored(view, fit.points, fit), those), those)
         for fit, those in sorted(matched, key=lambda one: one[0].energy)[: s.restored]
     ]
-    fit, turns = min(tried, key=lambda one: one[0].energy)
-    for _ in range(s.more):
-        other = _turned(view, fit, turns.bends_alone())
-        if other.energy > fit.energy - s.least_fall:
-            return min(fit, other, key=lambda one: one.energy)
-        fit = other
+    return _turned_on(view, *min(tried, key=lambda one: one[0].energy))
+
+
+def _turned_on(view: _View, fit: _Fit, turns: Turns) -> _Fit:
+    """A fit turned until nothing better is met: few ways are tried while it falls, all before it is taken for the last."""
+    few = turns.fewer()
+    tried = few
+    for _ in range(view.settings.more):
+        other = _turned(view, fit, tried)
+        falls = other.energy < fit.energy - view.settings.least_fall
+        fit = min(fit, other, key=lambda one: one.energy)
+        if not falls and tried is turns:
+            break
+        tried = few if falls else turns
     return fit
 
 
@@ -304,7 +314,7 @@ def _restored(view: _View, points: Array, begun: _Fit) -> _Fit:
     stacks, R, s = view.stacks(points), view.R, view.settings
     data, other = problem_of(view.z, stacks, np.ones((2, 1, *view.z.shape[2:])), np.float32)
     w = view.pinned(begun.w)
-    problem = Problem(data, other, s.scheme, Schedule(s.scheme.rounds), view.sigma, reach_of(w, stacks))
+    problem = Problem(data, other, s.scheme, Schedule(s.scheme.rounds), view.sigma, reach_of(w, stacks), settings=JOINT)
     done = run(problem, replace(begin(problem, w), n=int(s.settled * s.scheme.rounds)))
     w = view.pinned(done.w[R:-R, R:-R])
     return _judged(view, _evidence(view, _Fit(points, w, done.u), stacks), stacks)

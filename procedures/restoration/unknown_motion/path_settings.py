@@ -49,11 +49,11 @@ class PathSettings:
     joint_iterations: int = 18
     picture_iterations: int = 20
     doubt: float = 10.0
-    beginnings: int = 96
-    matched: int = 6
-    restored: int = 3
-    more: int = 5
-    scheme: Scheme = field(default_factory=lambda: Scheme(10, 12, 12, 2, 10))
+    beginnings: int = 64
+    matched: int = 4
+    restored: int = 2
+    more: int = 12
+    scheme: Scheme = field(default_factory=lambda: Scheme(10, 20, 20, 2, 10))
     settled: float = 0.6
     least_fall: float = 0.003
     usual_left: float = 0.75
