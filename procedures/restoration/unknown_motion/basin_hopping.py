@@ -51,8 +51,8 @@ class Turns:
         return replace(self, pools=[[one - origin for one in pool] for pool in self.pools])
 
     def fewer(self) -> Turns:
-        """For curves that were turned already: those of the pools are worse, and few bends still find better ones."""
-        return replace(self, pools=[], bends=replace(self.bends, number=self.bends.number // 4))
+        """For curves that were turned already: those of the pools are worse, and fewer bends find better ones."""
+        return replace(self, pools=[], bends=replace(self.bends, number=self.bends.number // 2))
 
     def taken(self, evidence: Sequence[MaskEvidence], points: Array, half: float) -> Array:
         """The best curves met, (2, POINTS, 2), beginning with `points` of half-width `half`."""

@@ -119,12 +119,14 @@ class Tile:
     flat: bool
 
 
-def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[Tile], doubt: float) -> None:
-    """Add what tiles of one w say. slope : change of both masks with w, (2, K, K).
+def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[Tile], doubt: float) -> list[float]:
+    """Add what tiles of one w say; mean squares of what no common picture explains of each.
 
+    slope : change of both masks with w, (2, K, K).
     doubt : mean square of what a tile leaves beyond which it rather holds a depth step or a wrong depth.
     """
     filtering: Array | None = None
+    left = []
     for tile in tiles:
         n, K = tile.errors.shape[1], evidence.masks.shape[1]
         filtering = filters(evidence.masks, n) if filtering is None else filtering
@@ -134,15 +136,17 @@ def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[Tile], doubt: f
         spectra = rfft2(patches)
         A = np.concatenate([rows(spectra * one) for one in filtering])
         r = left_over(tile.errors, filtering)
+        left.append(float(r @ r) / n**2)
         if tile.flat:
             weight, V = 1.0, r[None][:0]
         else:
-            weight, V = 1 / (1 + float(r @ r) / n**2 / doubt) ** 2, _depth_changes(patches, slope, filtering)
+            weight, V = 1 / (1 + left[-1] / doubt) ** 2, _depth_changes(patches, slope, filtering)
         AV, inner = A @ V.T, V @ V.T + DEPTH_KNOWN[: len(V), : len(V)]
         found = np.linalg.solve(inner, np.concatenate([AV.T, (V @ r)[:, None]], axis=1))
         evidence.G += weight * (A @ A.T - AV @ found[:, :-1])
         evidence.g += weight * (A @ r - AV @ found[:, -1])
         evidence.c += weight * float(r @ r - (V @ r) @ found[:, -1])
+    return left
 
 
 def _depth_changes(patches: Array, slope: Array, filtering: Array) -> Array:

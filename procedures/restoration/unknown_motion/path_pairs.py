@@ -28,8 +28,8 @@ class PairSettings:
         are what tells them apart.
     """
 
-    paired: int = 10
-    descending: int = 10
+    paired: int = 12
+    descending: int = 12
     descents: int = 2
     different: float = 0.1
     larger: float = 1.3

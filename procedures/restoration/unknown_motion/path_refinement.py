@@ -266,7 +266,12 @@ def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random
         (_turned(view, _restored(view, fit.points, fit), those), those)
         for fit, those in sorted(matched, key=lambda one: one[0].energy)[: s.restored]
     ]
-    return _turned_on(view, *min(tried, key=lambda one: one[0].energy))
+    found: list[_Fit] = []
+    for fit, those in sorted(tried, key=lambda one: one[0].energy):
+        found.append(_turned_on(view, fit, those))
+        if found[-1].energy < s.enough:
+            break
+    return min(found, key=lambda one: one.energy)
 
 
 def _turned_on(view: _View, fit: _Fit, turns: Turns) -> _Fit:
@@ -317,7 +322,7 @@ def _restored(view: _View, points: Array, begun: _Fit) -> _Fit:
     problem = Problem(data, other, s.scheme, Schedule(s.scheme.rounds), view.sigma, reach_of(w, stacks), settings=JOINT)
     done = run(problem, replace(begin(problem, w), n=int(s.settled * s.scheme.rounds)))
     w = view.pinned(done.w[R:-R, R:-R])
-    return _judged(view, _evidence(view, _Fit(points, w, done.u), stacks), stacks)
+    return _evidence(view, _Fit(points, w, done.u), stacks)
 
 
 def _turned(view: _View, fit: _Fit, turns: Turns) -> _Fit:
@@ -357,20 +362,20 @@ def _level(w: Array) -> float:
 
 
 def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
-    """The fit with its picture improved, and what the frame says of the masks of every level of w."""
+    """The fit with its picture improved, what the frame says of the masks of every level of w, and what is left."""
     u, e = _errors(view, stacks, fit.w, fit.u)
     tiles: dict[float, list[Tile]] = {}
     for flat, (y, x) in _tiles(view):
         level = view.half if flat else _level(fit.w[y, x])
         around = u[0, y.start : y.stop + 2 * view.R, x.start : x.stop + 2 * view.R].astype(np.float64)
         tiles.setdefault(level, []).append(Tile(e[:, y, x] / view.sigma, around / view.sigma, flat))
-    found, delta = [], 0.05
+    found, left, delta = [], [], 0.05
     for w, those in sorted(tiles.items()):
         evidence = MaskEvidence.about(fit.points, view.half, w, view.R)
         above, below = (masks_at(fit.points, view.half, w + d, evidence.R) for d in (delta, -delta))
-        gather(evidence, (above - below) / (2 * delta), those, view.settings.doubt)
+        left += gather(evidence, (above - below) / (2 * delta), those, view.settings.doubt)
         found.append(evidence)
-    return replace(fit, u=u, evidence=tuple(found))
+    return replace(fit, u=u, energy=_energy(left, view.settings.doubt), evidence=tuple(found))
 
 
 def _left(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> Iterator[tuple[bool, Array]]:

@@ -36,6 +36,8 @@ class PathSettings:
         Part of the scheme's rounds that a depth has behind it which was matched, or restored with other curves.
     least_fall : float
         Fall of what is left unexplained, of the noise, below which nothing more is found.
+    enough : float
+        What is left unexplained, of the noise, below which no other pair is turned as well.
     usual_left, most_left : float
         What is left unexplained, of the noise, with the curves of the rig, and beyond which they are others.
     pairs, bends, places
@@ -43,19 +45,20 @@ class PathSettings:
     """
 
     most_pixels: int = 120_000
-    searched_pixels: int = 40_000
+    searched_pixels: int = 50_000
     contrast: float = 6.3e-3
     joint: int = 8
     joint_iterations: int = 18
     picture_iterations: int = 20
     doubt: float = 10.0
     beginnings: int = 64
-    matched: int = 4
-    restored: int = 2
+    matched: int = 5
+    restored: int = 3
     more: int = 12
     scheme: Scheme = field(default_factory=lambda: Scheme(10, 20, 20, 2, 10))
     settled: float = 0.6
     least_fall: float = 0.003
+    enough: float = 0.8
     usual_left: float = 0.75
     most_left: float = 0.87
     pairs: PairSettings = field(default_factory=PairSettings)
