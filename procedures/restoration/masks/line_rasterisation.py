@@ -67,11 +67,12 @@ def line_mask_change(
             for j in range(left, stop):
                 out[i, j] += down[i] * across[j]
             for j in range(first, last):
-                found = _add_change(changes, row_of, pixels, found, i * size + j, begins[t], down[i] * right[j], values[t])
+                change = down[i] * right[j]
+                found = _add_change(changes, row_of, pixels, found, i * size + j, begins[t], change, values[t])
         for i in range(upper, lowest):
             for j in range(left, stop):
-                at = points + begins[t]
-                found = _add_change(changes, row_of, pixels, found, i * size + j, at, lower[i] * across[j], values[t])
+                at, change = points + begins[t], lower[i] * across[j]
+                found = _add_change(changes, row_of, pixels, found, i * size + j, at, change, values[t])
     return out / max(whole, 1e-9), pixels[:found], changes[:found] / len(path)
 
 

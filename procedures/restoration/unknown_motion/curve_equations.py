@@ -59,7 +59,7 @@ def add_curves(
                 H[b * own : (b + 1) * own, mine] += block.T
 
 
-@numba.njit
+@numba.njit(error_model="numpy")
 def _part(G: Array, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Array:
     part = np.empty((len(rows), len(columns)))
     for i in range(len(rows)):

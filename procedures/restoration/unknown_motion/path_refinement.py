@@ -1,8 +1,9 @@
 """Motion paths from every depth of the scene: other depths show a path at other sizes, and so between the pixels.
 
 A flat part gives the masks to whole pixels (`blind`), which many curves draw equally well. Those that other depths
-agree with are looked for first (`pairs`); then the frame is restored with them, and turned to what that leaves
-(`turns`), until no better ones are found.
+agree with are looked for first (`path_pairs`), in a part of the frame that shows some (`search_window`); then it is
+restored with them, and they are turned to what that leaves (`basin_hopping`), until no better ones are found. Each
+restoration goes on from the last one's depth.
 """
 
 from __future__ import annotations
@@ -16,11 +17,11 @@ import numpy as np
 from procedures.outcome import Outcome, Verdict
 from procedures.restoration.first_depth.initial_depth import MatchingSettings, matched
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
-from procedures.restoration.joint.estimate import reach_of
 from procedures.restoration.joint.depth_edges import EdgeSettings
+from procedures.restoration.joint.estimate import reach_of
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
-from procedures.restoration.joint.priors import steps_allowed
 from procedures.restoration.joint.joint_descent import JointSettings, Problem, begin, problem_of, run
+from procedures.restoration.joint.priors import steps_allowed
 from procedures.restoration.joint.schedule import DEPTH_SLOPE, Schedule
 from procedures.restoration.masks.blur_models import mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array, Blur, MaskStack
@@ -266,16 +267,16 @@ def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random
         (_turned(view, _restored(view, fit.points, fit), those), those)
         for fit, those in sorted(matched, key=lambda one: one[0].energy)[: s.restored]
     ]
-    found: list[_Fit] = []
+    ends: list[_Fit] = []
     for fit, those in sorted(tried, key=lambda one: one[0].energy):
-        found.append(_turned_on(view, fit, those))
-        if found[-1].energy < s.enough:
+        ends.append(_turned_on(view, fit, those))
+        if ends[-1].energy < s.enough:
             break
-    return min(found, key=lambda one: one.energy)
+    return min(ends, key=lambda one: one.energy)
 
 
 def _turned_on(view: _View, fit: _Fit, turns: Turns) -> _Fit:
-    """A fit turned until nothing better is met: few ways are tried while it falls, all before it is taken for the last."""
+    """A fit turned until nothing better is met: few ways are tried while it falls, all before it is the last."""
     few = turns.fewer()
     tried = few
     for _ in range(view.settings.more):

@@ -17,8 +17,8 @@ class PathSettings:
     Attributes
     ----------
     most_pixels, searched_pixels : int
-        Of the frame about the flat part whose depth is matched roughly, and of the window of it in which paths are looked
-        for: beyond, more of them make the paths no better, but slower.
+        Of the frame about the flat part whose depth is matched roughly, and of the window of it in which paths are
+        looked for: that takes as much longer as it is larger, and finds somewhat better ones.
     contrast : float
         Mean squared difference of neighbours expected of the picture while paths are sought, white = 1.
     joint : int
