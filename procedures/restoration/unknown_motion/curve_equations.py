@@ -17,52 +17,75 @@ from procedures.restoration.masks.line_rasterisation import line_mask, line_mask
 Array = NDArray[np.floating[Any]]
 
 
-@jitted(nogil=True, error_model="numpy")
+@jitted(nogil=True, fastmath=True, error_model="numpy")
 def curves_chi_square(masks: Array, G: Array, g: Array, paths: Array, sigma: float) -> float:
     """d'G d - 2 g.d of the masks of paths (2, T, 2) at this size, of width `sigma`, less `masks` (2, K, K)."""
-    d = np.empty(masks.shape)
+    size = masks.shape[1]
+    there, at, found = np.empty(masks.size), np.empty(masks.size, np.int64), 0
     for k in range(2):
-        d[k] = line_mask(paths[k], masks.shape[1] // 2, sigma) - masks[k]
-    change = d.ravel()
-    at = np.flatnonzero(change)
-    there = change[at]
-    return float(np.dot(there, np.dot(_part(G, at, at), there) - 2 * g[at]))
+        mask = line_mask(paths[k], size // 2, sigma)
+        for i in range(size):
+            for j in range(size):
+                change = mask[i, j] - masks[k, i, j]
+                if change != 0:
+                    there[found], at[found] = change, (k * size + i) * size + j
+                    found += 1
+    value = 0.0
+    for m in range(found):
+        value += there[m] * (_times(G, at[m], at, there, found) - 2 * g[at[m]])
+    return value
 
 
-@jitted(nogil=True, error_model="numpy")
+@jitted(nogil=True, fastmath=True, error_model="numpy")
 def add_curves(
     H: Array, gradient: Array, masks: Array, G: Array, g: Array, paths: Array, sigma: float,
     free: NDArray[np.int64], scale: float, begins: NDArray[np.int64], values: Array, points: int,
 ) -> None:  # fmt: skip
     """Add to normal matrix and gradient, over the x, then the y of the points of each free curve, at their own size.
 
+    What lies below the matrix's diagonal blocks is left out, as it is symmetric.
     scale : of `paths` over the curves' own size; begins, values : see `line_mask_change`.
     """
-    R, area, own = masks.shape[1] // 2, masks[0].size, 2 * points
-    d = np.empty(masks.shape)
-    changes, pixels = [np.zeros((0, own))][:0], [np.zeros(0, np.int64)][:0]
+    size, own = masks.shape[1], 2 * points
+    area = size * size
+    there, at, found = np.empty(2 * area), np.empty(2 * area, np.int64), 0
+    changes, pixels, count = np.empty((2, area, own)), np.empty((2, area), np.int64), np.zeros(2, np.int64)
     for k in range(2):
-        mask, at, change = line_mask_change(paths[k], R, sigma, begins, values, points)
-        d[k] = mask - masks[k]
-        changes.append(scale * change)
-        pixels.append(at + k * area)
-    change = d.ravel()
-    changed = np.flatnonzero(change)
+        mask, those, rows = line_mask_change(paths[k], size // 2, sigma, begins, values, points)
+        for i in range(size):
+            for j in range(size):
+                change = mask[i, j] - masks[k, i, j]
+                if change != 0:
+                    there[found], at[found] = change, (k * size + i) * size + j
+                    found += 1
+        count[k] = len(those)
+        for n in range(len(those)):
+            pixels[k, n] = k * area + those[n]
+            for m in range(own):
+                changes[k, n, m] = scale * rows[n, m]
+    row = np.empty(own)
     for a in range(len(free)):
-        at, left = pixels[free[a]], changes[free[a]].T
-        mine = slice(a * own, (a + 1) * own)
-        gradient[mine] += np.dot(left, np.dot(_part(G, at, changed), change[changed]) - g[at])
-        for b in range(a, len(free)):
-            block = np.dot(left, np.dot(_part(G, at, pixels[free[b]]), changes[free[b]]))
-            H[mine, b * own : (b + 1) * own] += block
-            if b > a:
-                H[b * own : (b + 1) * own, mine] += block.T
+        for n in range(count[free[a]]):
+            pixel, mine = pixels[free[a], n], changes[free[a], n]
+            downhill = _times(G, pixel, at, there, found) - g[pixel]
+            for m in range(own):
+                gradient[a * own + m] += mine[m] * downhill
+            for b in range(a, len(free)):
+                row[:] = 0.0
+                for q in range(count[free[b]]):
+                    beside = G[pixel, pixels[free[b], q]]
+                    for m in range(own):
+                        row[m] += beside * changes[free[b], q, m]
+                for k in range(own):
+                    if mine[k] != 0:  # a pixel is moved by few of its curve's points
+                        for m in range(own):
+                            H[a * own + k, b * own + m] += mine[k] * row[m]
 
 
-@numba.njit(error_model="numpy")
-def _part(G: Array, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Array:
-    part = np.empty((len(rows), len(columns)))
-    for i in range(len(rows)):
-        for j in range(len(columns)):
-            part[i, j] = G[rows[i], columns[j]]
-    return part
+@numba.njit(fastmath=True, error_model="numpy")
+def _times(G: Array, row: int, at: NDArray[np.int64], values: Array, number: int) -> float:
+    """A row of G times values (number,) in the columns `at`."""
+    total = 0.0
+    for m in range(number):
+        total += G[row, at[m]] * values[m]
+    return total

@@ -183,6 +183,8 @@ def _equations(
         scale = e.w / half
         said = (e.masks, e.G, e.g, paths * scale, LINE * e.w)
         add_curves(H, gradient, *said, chosen, scale, *moving(instants), POINTS)
+    own = 2 * POINTS
+    H[own:, :own] = H[:own, own:].T
     return H, gradient
 
 

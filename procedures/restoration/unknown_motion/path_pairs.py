@@ -28,8 +28,8 @@ class PairSettings:
         are what tells them apart.
     """
 
-    paired: int = 12
-    descending: int = 12
+    paired: int = 14
+    descending: int = 16
     descents: int = 2
     different: float = 0.1
     larger: float = 1.3

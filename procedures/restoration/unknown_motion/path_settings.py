@@ -51,8 +51,8 @@ class PathSettings:
     joint_iterations: int = 18
     picture_iterations: int = 20
     doubt: float = 10.0
-    beginnings: int = 64
-    matched: int = 5
+    beginnings: int = 96
+    matched: int = 6
     restored: int = 3
     more: int = 12
     scheme: Scheme = field(default_factory=lambda: Scheme(10, 20, 20, 2, 10))
