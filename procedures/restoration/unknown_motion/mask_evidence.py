@@ -29,8 +29,8 @@ FLOOR = 1e-3
 FARTHEST = 20.0
 """Times the least cost so far from which no descent came below it."""
 PATIENCE = 4.0
-"""Falls of the cost in two rounds beyond which it is not followed. Of 136 descents of two pairs of motions 13 came below
-the least cost so far, none of which either rule gives up; of all rounds they save 40 %."""
+"""Falls of the cost in two rounds beyond which it is not followed. Of 136 descents of two pairs of motions 13 came
+below the least cost so far, none of which either rule gives up; of all rounds they save 40 %."""
 DEPTH_KNOWN = np.diag([1e-3, 10.0, 10.0])
 """Expected of a tile's depth, its slope and slope across the tile: one over variances, 1 / pixel^2."""
 

@@ -123,7 +123,7 @@ class _View:
 
     def depth(self, stacks: list[MaskStack]) -> Array:
         """A first depth (H, W) for these masks."""
-        return self.pinned(matched(self.z, stacks, np.full(2, MatchingSettings.least_sigma)).w)
+        return self.pinned(matched(self.z, stacks, np.full(2, max(self.sigma, MatchingSettings.least_sigma))).w)
 
 
 @dataclass(frozen=True)
