@@ -95,6 +95,11 @@ class _View:
         return int(np.ceil(self.max_w + 0.5))
 
     @property
+    def noisy(self) -> bool:
+        """Whether depths that were only matched err by more than the end of a restoration's scheme makes good."""
+        return self.sigma > 2 * MatchingSettings.least_sigma
+
+    @property
     def weights(self) -> PriorWeights:
         """Of the priors of picture and depth."""
         return PriorWeights(self.sigma**2 / self.settings.contrast, self.sigma**2 / DEPTH_SLOPE**2)
@@ -104,10 +109,6 @@ class _View:
         w = np.array(w, dtype=np.float64)
         w[self.flat] = self.half
         return w
-
-    def part(self) -> _View:
-        """Of the flat part alone."""
-        return self.cut(self.flat)
 
     def cut(self, window: Window) -> _View:
         """Of these rows and columns alone."""
@@ -123,7 +124,8 @@ class _View:
 
     def depth(self, stacks: list[MaskStack]) -> Array:
         """A first depth (H, W) for these masks."""
-        return self.pinned(matched(self.z, stacks, np.full(2, max(self.sigma, MatchingSettings.least_sigma))).w)
+        sigma = self.sigma if self.noisy else MatchingSettings.least_sigma
+        return self.pinned(matched(self.z, stacks, np.full(2, sigma)).w)
 
 
 @dataclass(frozen=True)
@@ -238,7 +240,7 @@ def _nearest(pool: list[Array], mask: Array) -> Array:
 
 def _of_flat_part(view: _View, points: Array) -> tuple[Array, tuple[MaskEvidence, ...]]:
     """Curves fitted to the flat part alone, and what it says of the masks."""
-    part = view.part()
+    part = view.cut(view.flat)
     fit = _fresh(part, points, np.full(part.z.shape[2:], view.half))
     for _ in range(2):
         stacks = part.stacks(fit.points)
@@ -264,7 +266,7 @@ def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random
         for by in _origins(points)
     ]
     tried = [
-        (_turned(view, _restored(view, fit.points, fit), those), those)
+        (_turned(view, _restored(view, fit.points, fit, 0 if view.noisy else s.settled), those), those)
         for fit, those in sorted(matched, key=lambda one: one[0].energy)[: s.restored]
     ]
     ends: list[_Fit] = []
@@ -312,23 +314,23 @@ def _matched(view: _View, points: Array) -> _Fit:
     return _judged(view, replace(fit, u=u, w=wide[inside].astype(np.float64)), stacks)
 
 
-def _restored(view: _View, points: Array, begun: _Fit) -> _Fit:
+def _restored(view: _View, points: Array, begun: _Fit, done: float) -> _Fit:
     """A fit with the picture and the depth of a restoration, and what it says of the masks.
 
-    begun : whose depth the restoration goes on from, in the middle of its scheme.
+    begun : whose depth the restoration goes on from; done : the part of its scheme that this has behind it.
     """
     stacks, R, s = view.stacks(points), view.R, view.settings
     data, other = problem_of(view.z, stacks, np.ones((2, 1, *view.z.shape[2:])), np.float32)
     w = view.pinned(begun.w)
     problem = Problem(data, other, s.scheme, Schedule(s.scheme.rounds), view.sigma, reach_of(w, stacks), settings=JOINT)
-    done = run(problem, replace(begin(problem, w), n=int(s.settled * s.scheme.rounds)))
-    w = view.pinned(done.w[R:-R, R:-R])
-    return _evidence(view, _Fit(points, w, done.u), stacks)
+    state = run(problem, replace(begin(problem, w), n=int(done * s.scheme.rounds)))
+    w = view.pinned(state.w[R:-R, R:-R])
+    return _evidence(view, _Fit(points, w, state.u), stacks)
 
 
 def _turned(view: _View, fit: _Fit, turns: Turns) -> _Fit:
     """The frame restored anew with the best curves that are met from those of a fit."""
-    return _restored(view, turns.taken(fit.evidence, fit.points, view.half), fit)
+    return _restored(view, turns.taken(fit.evidence, fit.points, view.half), fit, view.settings.settled)
 
 
 def _errors(view: _View, stacks: list[MaskStack], w: Array, u: Array) -> tuple[Array, Array]:
