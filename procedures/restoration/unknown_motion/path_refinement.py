@@ -272,7 +272,7 @@ def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random
     ends: list[_Fit] = []
     for fit, those in sorted(tried, key=lambda one: one[0].energy):
         ends.append(_turned_on(view, fit, those))
-        if ends[-1].energy < s.enough:
+        if view.noisy or ends[-1].energy < s.enough:  # of strong noise more is left with the best, too
             break
     return min(ends, key=lambda one: one.energy)
 
