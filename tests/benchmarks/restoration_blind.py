@@ -1,8 +1,9 @@
 """Unknown motion: shapes from a flat part of 150 x 150, and the restoration with them against that with the true ones.
 
-`python tests/benchmarks/restoration_blind.py [--recorded] [--pairs N]`
+`python tests/benchmarks/restoration_blind.py [--recorded] [--pairs N] [--noise DB] [--large]`
 
-`--recorded` begins the search from both paths as a unit with errors of 3 % records them; `--pairs` takes the first N.
+`--recorded` begins the search from both paths as a unit with errors of 3 % records them; `--pairs` takes the first N;
+`--noise` is told below the photographs' standard deviation; `--large` takes frames of 365 x 325 instead of 240 x 200.
 """
 
 from __future__ import annotations
@@ -48,9 +49,9 @@ def error(case: Scene, u: Array) -> float:
     return float(found.fun)
 
 
-def trial(motions: tuple[int, int], recorded: bool) -> None:
+def trial(motions: tuple[int, int], recorded: bool, noise: float, shape: tuple[int, int]) -> None:
     """Print likeness of the masks and errors of the restorations for one pair of vibrations."""
-    case = scene("vibration", "wall", 40.0, motions=motions)
+    case = scene("vibration", "wall", noise, shape=shape, motions=motions)
     print(f"{case.name}, motions {motions}, rim of {RIM} left out")
     start = time.process_time()
     parts, rng = case.z[:, 0, FLAT, FLAT], np.random.default_rng(9)
@@ -86,10 +87,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recorded", action="store_true")
     parser.add_argument("--pairs", type=int, default=len(PAIRS))
+    parser.add_argument("--noise", type=float, default=40.0)
+    parser.add_argument("--large", action="store_true")
     asked = parser.parse_args()
     print(f"Python {platform.python_version()}, {platform.machine()}")
     for motions in PAIRS[: asked.pairs]:
-        trial(motions, asked.recorded)
+        trial(motions, asked.recorded, asked.noise, (325, 365) if asked.large else (200, 240))
 
 
 if __name__ == "__main__":

@@ -1,13 +1,15 @@
 """The light of a thin line that each pixel gets, told from samples as the masks of shapes are, and how it changes.
 
 Masks of shapes are sums of samples (`blur_models.mask`), and a line narrower than the samples' spacing gets more or
-less light as it lies: masks of curves must err likewise, or curves bend to make up for it.
+less light as it lies: masks of curves must err likewise, or curves bend to make up for it. An instant of the line
+touches few pixels and is moved by few points of its curve, so that drawing takes one pass over the instants.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,39 +22,115 @@ TAIL = 5.0
 """Widths of the line beyond which it has no light."""
 
 
-@jitted(nogil=True)
-def shares(x: Array, R: int, sigma: float) -> tuple[Array, Array]:
-    """Light of each instant at x (T,) in each of 2R + 1 pixels, (T, 2R + 1), its line of width sigma pixels.
+@jitted(nogil=True, error_model="numpy")
+def line_mask(path: Array, R: int, sigma: float) -> Array:
+    """Mask (2R + 1, 2R + 1) of a path (T, 2) of x, y at equal times, pixels, its line of width sigma.
 
-    And its whole light (T,), wherever it falls.
+    Its sum is 1, less what falls beside the mask.
     """
-    out, light = np.zeros((len(x), 2 * R + 1)), np.zeros(len(x))
-    scale = 1 / (np.sqrt(2 * np.pi) * sigma * SAMPLES)
-    for t in range(len(x)):
-        first = int(np.ceil((x[t] - TAIL * sigma + R + 0.5) * SAMPLES - 0.5))
-        last = int(np.floor((x[t] + TAIL * sigma + R + 0.5) * SAMPLES - 0.5))
-        for k in range(first, last + 1):
-            away = ((k + 0.5) / SAMPLES - R - 0.5 - x[t]) / sigma
-            share = scale * np.exp(-away * away / 2)
-            light[t] += share
-            if 0 <= k < (2 * R + 1) * SAMPLES:
-                out[t, k // SAMPLES] += share
-    return out, light
+    size = 2 * R + 1
+    out, across, down = np.zeros((size, size)), np.zeros(size), np.zeros(size)
+    whole = 0.0
+    for t in range(len(path)):
+        left, right, light = _shares(path[t, 0], R, sigma, across)
+        top, bottom, more = _shares(path[t, 1], R, sigma, down)
+        whole += light * more
+        for i in range(top, bottom):
+            for j in range(left, right):
+                out[i, j] += down[i] * across[j]
+    return out / max(whole, 1e-9)
 
 
-@jitted(nogil=True)
-def share_changes(x: Array, R: int, sigma: float) -> Array:
-    """How the shares change with x, but for their wavering as a line passes from sample to sample."""
-    out = np.zeros((len(x), 2 * R + 1))
+@jitted(nogil=True, error_model="numpy")
+def line_mask_change(
+    path: Array, R: int, sigma: float, begins: NDArray[np.int64], values: Array, points: int
+) -> tuple[Array, NDArray[np.int64], Array]:
+    """`line_mask`, the pixels (n,) that change with a curve's points, flat, and how, (n, 2 points): with x, then y.
+
+    But for what samples make of it. begins, values : the first point that moves each instant of the path, (T,), and by
+    how much it and the following do, (T, m).
+    """
+    size = 2 * R + 1
+    out, across, down, right, lower = (
+        np.zeros((size, size)), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size),
+    )  # fmt: skip
+    changes, row_of = np.zeros((size * size, 2 * points)), np.full(size * size, -1)
+    pixels, whole = np.empty(size * size, np.int64), 0.0
+    found = 0
+    for t in range(len(path)):
+        left, stop, light = _shares(path[t, 0], R, sigma, across)
+        top, bottom, more = _shares(path[t, 1], R, sigma, down)
+        first, last = _share_changes(path[t, 0], R, sigma, right)
+        upper, lowest = _share_changes(path[t, 1], R, sigma, lower)
+        whole += light * more
+        for i in range(top, bottom):
+            for j in range(left, stop):
+                out[i, j] += down[i] * across[j]
+            for j in range(first, last):
+                change = down[i] * right[j]
+                found = _add_change(changes, row_of, pixels, found, i * size + j, begins[t], change, values[t])
+        for i in range(upper, lowest):
+            for j in range(left, stop):
+                at, change = points + begins[t], lower[i] * across[j]
+                found = _add_change(changes, row_of, pixels, found, i * size + j, at, change, values[t])
+    return out / max(whole, 1e-9), pixels[:found], changes[:found] / len(path)
+
+
+@numba.njit(error_model="numpy")
+def _add_change(
+    changes: Array, row_of: NDArray[np.int64], pixels: NDArray[np.int64], found: int, pixel: int, begin: int,
+    change: float, values: Array,
+) -> int:  # fmt: skip
+    """Add values times `change` from `begin` on to a pixel's row of `changes`; how many pixels have one now."""
+    if row_of[pixel] < 0:
+        row_of[pixel], pixels[found] = found, pixel
+        found += 1
+    for m in range(len(values)):
+        changes[row_of[pixel], begin + m] += change * values[m]
+    return found
+
+
+@numba.njit(error_model="numpy")
+def _shares(x: float, R: int, sigma: float, out: Array) -> tuple[int, int, float]:
+    """Light of an instant at x in each of 2R + 1 pixels: the first that gets some, the one after the last, all of it.
+
+    Only those of `out` are set. Samples of a Gaussian at equal distances follow from the first by products.
+    """
+    place, step = (x + R + 0.5) * SAMPLES - 0.5, 1 / (SAMPLES * sigma)
+    first, last = int(np.ceil(place - TAIL / step)), int(np.floor(place + TAIL / step))
+    away = (first - place) * step
+    share = step / np.sqrt(2 * np.pi) * np.exp(-away * away / 2)
+    growth, slower = np.exp(-step * (away + step / 2)), np.exp(-step * step)
+    light, k, begin, end = 0.0, first, 2 * R + 1, 0
+    while k <= last:
+        pixel = k // SAMPLES
+        here = 0.0
+        for _ in range(min(last + 1, (pixel + 1) * SAMPLES) - k):
+            here += share
+            share *= growth
+            growth *= slower
+        k = (pixel + 1) * SAMPLES
+        light += here
+        if 0 <= pixel <= 2 * R:
+            out[pixel] = here
+            begin, end = min(begin, pixel), pixel + 1
+    return begin, end, light
+
+
+@numba.njit(error_model="numpy")
+def _share_changes(x: float, R: int, sigma: float, out: Array) -> tuple[int, int]:
+    """How the shares change with x, but for their wavering as a line passes from sample to sample; see `_shares`."""
+    first = max(int(np.ceil(x - TAIL * sigma + R + 0.5)), 0)
+    last = min(int(np.floor(x + TAIL * sigma + R + 0.5)), 2 * R + 1)
+    begin, end = max(first - 1, 0), min(last + 1, 2 * R + 1)
+    for k in range(begin, end):
+        out[k] = 0.0
     scale = 1 / (np.sqrt(2 * np.pi) * sigma)
-    for t in range(len(x)):
-        first = int(np.ceil(x[t] - TAIL * sigma + R + 0.5))
-        last = int(np.floor(x[t] + TAIL * sigma + R + 0.5))
-        for k in range(max(first, 0), min(last, 2 * R + 1) + 1):
-            away = (k - R - 0.5 - x[t]) / sigma
-            density = scale * np.exp(-away * away / 2)
-            if k > 0:
-                out[t, k - 1] -= density
-            if k <= 2 * R:
-                out[t, k] += density
-    return out
+    for k in range(first, last + 1):
+        away = (k - R - 0.5 - x) / sigma
+        density = scale * np.exp(-away * away / 2)
+        if k > 0:
+            out[k - 1] -= density
+        if k <= 2 * R:
+            out[k] += density
+    return begin, end

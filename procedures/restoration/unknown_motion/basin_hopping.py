@@ -50,6 +50,10 @@ class Turns:
         """The same about another origin, pixels x, y."""
         return replace(self, pools=[[one - origin for one in pool] for pool in self.pools])
 
+    def fewer(self) -> Turns:
+        """For curves that were turned already: those of the pools are worse, and fewer bends find better ones."""
+        return replace(self, pools=[], bends=replace(self.bends, number=self.bends.number // 2))
+
     def taken(self, evidence: Sequence[MaskEvidence], points: Array, half: float) -> Array:
         """The best curves met, (2, POINTS, 2), beginning with `points` of half-width `half`."""
         best = _better((np.inf, points), evidence, points, half)
@@ -73,4 +77,5 @@ def _better(
     best: tuple[float, Array], evidence: Sequence[MaskEvidence], points: Array, half: float
 ) -> tuple[float, Array]:
     """Cost and curves where descent from `points` ends, or the best so far."""
-    return min(best, fitted(evidence, points, half, (0, 1), INSTANTS, 15, 1e-3), key=lambda one: one[0])
+    found = fitted(evidence, points, half, (0, 1), INSTANTS, 15, 1e-3, best[0])
+    return min(best, found, key=lambda one: one[0])

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.linalg import eigh
 from scipy.optimize import nnls
 from scipy.signal import fftconvolve
@@ -148,13 +149,17 @@ def _normalised(masks: Array) -> Array:
 
 def _picture(parts: Array, masks: Array, u: Array, weight: float) -> Array:
     """The picture of the part and what surrounds it, by total variation with one relinearisation."""
-    flipped = masks[:, ::-1, ::-1]
+    n, first = [next_fast_len(size, True) for size in u.shape], masks.shape[1] - 1
+    seen = (..., slice(first, u.shape[0]), slice(first, u.shape[1]))
+    spectra, wide = rfft2(masks, n), np.zeros((2, *n))
 
     def adjoint(e: Array) -> Array:
-        return np.asarray(sum(fftconvolve(a, h) for a, h in zip(e, flipped, strict=True)))
+        wide[seen] = e
+        return np.asarray(irfft2((spectra.conj() * rfft2(wide)).sum(axis=0), n)[: u.shape[0], : u.shape[1]])
 
     def forward(x: Array) -> Array:
-        return np.stack([fftconvolve(x, h, mode="valid") for h in masks])
+        # what wraps around falls beside the part
+        return np.asarray(irfft2(spectra * rfft2(x, n), n)[seen])
 
     for _ in range(2):
         diffusion = total_variation(u[None], 0.01)

@@ -138,7 +138,7 @@ class Disagreement:
             wide = self._cut(sign * irfft2(spectrum / noise, (self.n, self.n)), place.outside.shape, R)
             views = np.lib.stride_tricks.sliding_window_view(wide, (K, K))[at]
             rows.append(views[:, ::-1, ::-1].reshape(len(views), -1).T)
-        return np.concatenate(rows).astype(np.float64)
+        return np.concatenate(rows)
 
 
 def _sizes(w: Array, flat: tuple[slice, slice], half: float, s: PlaceSettings) -> Array:

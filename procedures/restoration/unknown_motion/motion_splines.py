@@ -9,12 +9,13 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.ndimage import gaussian_filter
 
 from procedures.restoration.masks.blur_models import LINE, path_shape, unit
 from procedures.restoration.masks.blur_operator import Array, MaskStack
-from procedures.restoration.masks.line_rasterisation import share_changes, shares
+from procedures.restoration.masks.line_rasterisation import line_mask, line_mask_change
 
 POINTS = 28
 """Of the spline, each way: closed curves of the fourth order come out to 0.002 pixel at a half-width of 3, their masks
@@ -32,6 +33,13 @@ FINE = ((0.2, 1e-12), (0.0, 1e-12))
 def basis(instants: int = INSTANTS) -> Array:
     """Values of the splines at the middles of equal times, (instants, POINTS)."""
     return _splines((np.arange(instants) + 0.5) / instants)
+
+
+@cache
+def moving(instants: int) -> tuple[NDArray[np.int64], Array]:
+    """The first point that moves each instant, and the splines of it and the three that follow."""
+    begins = np.minimum((basis(instants) != 0).argmax(axis=1), POINTS - 4)
+    return begins, np.take_along_axis(basis(instants), begins[:, None] + np.arange(4), axis=1)
 
 
 @cache
@@ -57,20 +65,17 @@ def drawn(points: Array, R: int, sigma: float, instants: int = INSTANTS) -> Arra
 
     Its sum is 1, less what falls beside the mask.
     """
-    path = basis(instants) @ points
-    (columns, across), (rows, down) = (shares(path[:, k], R, sigma) for k in (0, 1))
-    return np.asarray(rows.T @ columns / max(float(across @ down), 1e-9))
+    return line_mask(basis(instants) @ points, R, sigma)
 
 
-def drawn_change(points: Array, R: int, sigma: float, instants: int = INSTANTS) -> Array:
-    """How the mask changes with the points' x, then y, ((2R + 1)^2, 2 POINTS), but for what samples make of it."""
-    B = basis(instants)
-    path = B @ points
-    (columns, across), (rows, down) = (
-        (shares(path[:, k], R, sigma)[0], share_changes(path[:, k], R, sigma)) for k in (0, 1)
-    )
-    parts = [(b[:, :, None] * a[:, None, :]).reshape(instants, -1).T @ B for b, a in ((rows, across), (down, columns))]
-    return np.concatenate(parts, axis=1) / instants
+def drawn_change(
+    points: Array, R: int, sigma: float, instants: int = INSTANTS
+) -> tuple[Array, NDArray[np.int64], Array]:
+    """The mask, the pixels of it (n,) that change with the points, flat, and how, (n, 2 POINTS): with x, then y.
+
+    But for what samples make of it.
+    """
+    return line_mask_change(basis(instants) @ points, R, sigma, *moving(instants), POINTS)
 
 
 def path_stack(points: Array, half: float, max_w: float, R: int) -> MaskStack:
@@ -103,9 +108,9 @@ def fitted(points: Array, target: Array, sigma: float, steady: float, instants: 
     cost, damping = _cost(points, target, sigma, steady, instants), 1e-3
     stiff = np.kron(np.eye(2), steady * unsteadiness())
     for _ in range(25):
-        mask, J = (draw(points, len(target) // 2, sigma, instants) for draw in (drawn, drawn_change))
+        mask, at, J = drawn_change(points, len(target) // 2, sigma, instants)
         H = J.T @ J + stiff
-        gradient = J.T @ (mask - target).ravel() + stiff @ points.T.ravel()
+        gradient = J.T @ (mask - target).ravel()[at] + stiff @ points.T.ravel()
         step, before = np.trace(J.T @ J) / len(H), cost
         for _ in range(6):
             tried = points - np.linalg.solve(H + damping * step * np.eye(len(H)), gradient).reshape(2, -1).T
@@ -155,10 +160,15 @@ def _softened(target: Array, sigma: float, line: float) -> Array:
 
 
 def candidates(mask: Array, half: float, rng: np.random.Generator, number: int) -> list[Array]:
-    """Points of curves of half-width about `half` that draw a mask nearly, from as many beginnings."""
+    """Points of curves of half-width about `half` that draw a mask nearly: the better half of as many beginnings."""
     target, line = np.pad(mask, 2), LINE * half
     found = [_begun(target, rng) for _ in range(number)]
     for sigma, steady in (*COARSE, FINE[0]):
         wide = max(sigma, line)
-        found = [fitted(points, _softened(target, wide, line), wide, steady, 150)[1] for points in found]
+        # dots of a wide line may lie farther apart
+        instants = int(min(60 / np.sqrt(wide), 150))
+        ends = [fitted(points, _softened(target, wide, line), wide, steady, instants) for points in found]
+        found = [points for _, points in sorted(ends, key=lambda one: one[0])]
+        if (sigma, steady) == COARSE[-1]:
+            found = found[: (number + 1) // 2]
     return found

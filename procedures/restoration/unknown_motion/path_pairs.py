@@ -29,7 +29,7 @@ class PairSettings:
     """
 
     paired: int = 14
-    descending: int = 20
+    descending: int = 16
     descents: int = 2
     different: float = 0.1
     larger: float = 1.3
@@ -52,7 +52,7 @@ def distinct(
     """
     found = []
     for one in pool:
-        cost, pair = fitted(flat, replaced(points, k, one), half, (k,), INSTANTS)
+        cost, pair = fitted(flat, replaced(points, k, one), half, (k,), INSTANTS, 15, 1e-3)
         found.append((cost, pair[k]))
     R = int(np.ceil(s.larger * half + 1))
     curves: list[Array] = []

@@ -1,8 +1,9 @@
 """Motion paths from every depth of the scene: other depths show a path at other sizes, and so between the pixels.
 
 A flat part gives the masks to whole pixels (`blind`), which many curves draw equally well. Those that other depths
-agree with are looked for first (`pairs`); then the frame is restored with them, and turned to what that leaves
-(`turns`), until no better ones are found.
+agree with are looked for first (`path_pairs`), in a part of the frame that shows some (`search_window`); then it is
+restored with them, and they are turned to what that leaves (`basin_hopping`), until no better ones are found. Each
+restoration goes on from the last one's depth.
 """
 
 from __future__ import annotations
@@ -16,10 +17,12 @@ import numpy as np
 from procedures.outcome import Outcome, Verdict
 from procedures.restoration.first_depth.initial_depth import MatchingSettings, matched
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
-from procedures.restoration.joint.estimate import RestorationParameters, restoration_of
+from procedures.restoration.joint.depth_edges import EdgeSettings
+from procedures.restoration.joint.estimate import reach_of
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
+from procedures.restoration.joint.joint_descent import JointSettings, Problem, begin, problem_of, run
 from procedures.restoration.joint.priors import steps_allowed
-from procedures.restoration.joint.schedule import DEPTH_SLOPE
+from procedures.restoration.joint.schedule import DEPTH_SLOPE, Schedule
 from procedures.restoration.masks.blur_models import mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array, Blur, MaskStack
 from procedures.restoration.unknown_motion.basin_hopping import Turns
@@ -37,6 +40,7 @@ from procedures.restoration.unknown_motion.mask_evidence import (
 from procedures.restoration.unknown_motion.motion_splines import basis, candidates, half_width, path_stack, shapes_of
 from procedures.restoration.unknown_motion.path_pairs import Search
 from procedures.restoration.unknown_motion.path_settings import PathSettings
+from procedures.restoration.unknown_motion.search_window import Window, search_window, within
 
 Box = tuple[int, int, int, int]
 
@@ -45,7 +49,8 @@ TILE = 24
 LEVEL = 0.05
 """Pixels of w between the levels for which a tile's masks are made."""
 
-
+JOINT = JointSettings(edges=EdgeSettings(rounds=2, iterations=20))
+"""Of restorations in between: each goes on from the last, so that steps need not come to rest in any of them."""
 REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
 
 
@@ -90,6 +95,11 @@ class _View:
         return int(np.ceil(self.max_w + 0.5))
 
     @property
+    def noisy(self) -> bool:
+        """Whether depths that were only matched err by more than the end of a restoration's scheme makes good."""
+        return self.sigma > 2 * MatchingSettings.least_sigma
+
+    @property
     def weights(self) -> PriorWeights:
         """Of the priors of picture and depth."""
         return PriorWeights(self.sigma**2 / self.settings.contrast, self.sigma**2 / DEPTH_SLOPE**2)
@@ -100,10 +110,9 @@ class _View:
         w[self.flat] = self.half
         return w
 
-    def part(self) -> _View:
-        """Of the flat part alone."""
-        z = self.z[:, :, *self.flat]
-        return replace(self, z=z, flat=(slice(0, z.shape[2]), slice(0, z.shape[3])))
+    def cut(self, window: Window) -> _View:
+        """Of these rows and columns alone."""
+        return replace(self, z=self.z[:, :, *window], flat=within(self.flat, window))
 
     def data(self, stacks: list[MaskStack]) -> DataTerm:
         shape = (self.z.shape[2], self.z.shape[3])
@@ -115,7 +124,8 @@ class _View:
 
     def depth(self, stacks: list[MaskStack]) -> Array:
         """A first depth (H, W) for these masks."""
-        return self.pinned(matched(self.z, stacks, np.full(2, MatchingSettings.least_sigma)).w)
+        sigma = self.sigma if self.noisy else MatchingSettings.least_sigma
+        return self.pinned(matched(self.z, stacks, np.full(2, sigma)).w)
 
 
 @dataclass(frozen=True)
@@ -181,11 +191,13 @@ def _view(photographs: list[Array], region: Box, half: float, max_w: float, sett
 
 
 def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
-    """The view with its noise, and what masks known to whole pixels leave unexplained of it."""
+    """What is looked at of the view, with its noise, and what masks known to whole pixels leave unexplained of it."""
     widest = view.max_w * found.half_width / view.half
     stacks = [mask_stack(s, widest, R=max(view.R + 1, reach(widest))) for s in found.shapes]
     coarse = replace(view, half=found.half_width, max_w=stacks[0].max_w - 2 * stacks[0].step)
     w = coarse.depth(stacks)
+    window = search_window(view.z, view.flat, coarse.half, w, view.settings.searched_pixels)
+    view, coarse, w = view.cut(window), coarse.cut(window), w[window]
     R = stacks[0].R
     e = _errors(coarse, stacks, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge"))[1]
     left = [(flat, float(r @ r) / TILE**2) for flat, r in _left(coarse, stacks, w, e)]
@@ -228,7 +240,7 @@ def _nearest(pool: list[Array], mask: Array) -> Array:
 
 def _of_flat_part(view: _View, points: Array) -> tuple[Array, tuple[MaskEvidence, ...]]:
     """Curves fitted to the flat part alone, and what it says of the masks."""
-    part = view.part()
+    part = view.cut(view.flat)
     fit = _fresh(part, points, np.full(part.z.shape[2:], view.half))
     for _ in range(2):
         stacks = part.stacks(fit.points)
@@ -254,15 +266,28 @@ def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random
         for by in _origins(points)
     ]
     tried = [
-        (_turned(view, _restored(view, fit.points), those), those)
+        (_turned(view, _restored(view, fit.points, fit, 0 if view.noisy else s.settled), those), those)
         for fit, those in sorted(matched, key=lambda one: one[0].energy)[: s.restored]
     ]
-    fit, turns = min(tried, key=lambda one: one[0].energy)
-    for _ in range(s.more):
-        other = _turned(view, fit, turns)
-        if other.energy > fit.energy - s.least_fall:
-            return min(fit, other, key=lambda one: one.energy)
-        fit = other
+    ends: list[_Fit] = []
+    for fit, those in sorted(tried, key=lambda one: one[0].energy):
+        ends.append(_turned_on(view, fit, those))
+        if view.noisy or ends[-1].energy < s.enough:  # of strong noise more is left with the best, too
+            break
+    return min(ends, key=lambda one: one.energy)
+
+
+def _turned_on(view: _View, fit: _Fit, turns: Turns) -> _Fit:
+    """A fit turned until nothing better is met: few ways are tried while it falls, all before it is the last."""
+    few = turns.fewer()
+    tried = few
+    for _ in range(view.settings.more):
+        other = _turned(view, fit, tried)
+        falls = other.energy < fit.energy - view.settings.least_fall
+        fit = min(fit, other, key=lambda one: one.energy)
+        if not falls and tried is turns:
+            break
+        tried = few if falls else turns
     return fit
 
 
@@ -289,17 +314,23 @@ def _matched(view: _View, points: Array) -> _Fit:
     return _judged(view, replace(fit, u=u, w=wide[inside].astype(np.float64)), stacks)
 
 
-def _restored(view: _View, points: Array) -> _Fit:
-    """A fit with the picture and the depth of a whole restoration, and what it says of the masks."""
-    stacks, R = view.stacks(points), view.R
-    found = restoration_of(list(view.z), stacks, RestorationParameters(scheme=view.settings.scheme))
-    u = np.pad(found.sharp, ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32)
-    return _judged(view, _evidence(view, _Fit(points, view.pinned(found.w), u), stacks), stacks)
+def _restored(view: _View, points: Array, begun: _Fit, done: float) -> _Fit:
+    """A fit with the picture and the depth of a restoration, and what it says of the masks.
+
+    begun : whose depth the restoration goes on from; done : the part of its scheme that this has behind it.
+    """
+    stacks, R, s = view.stacks(points), view.R, view.settings
+    data, other = problem_of(view.z, stacks, np.ones((2, 1, *view.z.shape[2:])), np.float32)
+    w = view.pinned(begun.w)
+    problem = Problem(data, other, s.scheme, Schedule(s.scheme.rounds), view.sigma, reach_of(w, stacks), settings=JOINT)
+    state = run(problem, replace(begin(problem, w), n=int(done * s.scheme.rounds)))
+    w = view.pinned(state.w[R:-R, R:-R])
+    return _evidence(view, _Fit(points, w, state.u), stacks)
 
 
 def _turned(view: _View, fit: _Fit, turns: Turns) -> _Fit:
     """The frame restored anew with the best curves that are met from those of a fit."""
-    return _restored(view, turns.taken(fit.evidence, fit.points, view.half))
+    return _restored(view, turns.taken(fit.evidence, fit.points, view.half), fit, view.settings.settled)
 
 
 def _errors(view: _View, stacks: list[MaskStack], w: Array, u: Array) -> tuple[Array, Array]:
@@ -334,20 +365,20 @@ def _level(w: Array) -> float:
 
 
 def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
-    """The fit with its picture improved, and what the frame says of the masks of every level of w."""
+    """The fit with its picture improved, what the frame says of the masks of every level of w, and what is left."""
     u, e = _errors(view, stacks, fit.w, fit.u)
     tiles: dict[float, list[Tile]] = {}
     for flat, (y, x) in _tiles(view):
         level = view.half if flat else _level(fit.w[y, x])
         around = u[0, y.start : y.stop + 2 * view.R, x.start : x.stop + 2 * view.R].astype(np.float64)
         tiles.setdefault(level, []).append(Tile(e[:, y, x] / view.sigma, around / view.sigma, flat))
-    found, delta = [], 0.05
+    found, left, delta = [], [], 0.05
     for w, those in sorted(tiles.items()):
         evidence = MaskEvidence.about(fit.points, view.half, w, view.R)
         above, below = (masks_at(fit.points, view.half, w + d, evidence.R) for d in (delta, -delta))
-        gather(evidence, (above - below) / (2 * delta), those, view.settings.doubt)
+        left += gather(evidence, (above - below) / (2 * delta), those, view.settings.doubt)
         found.append(evidence)
-    return replace(fit, u=u, evidence=tuple(found))
+    return replace(fit, u=u, energy=_energy(left, view.settings.doubt), evidence=tuple(found))
 
 
 def _left(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> Iterator[tuple[bool, Array]]:

@@ -16,8 +16,9 @@ class PathSettings:
 
     Attributes
     ----------
-    most_pixels : int
-        Of the frame that are looked at: beyond, more of them make the paths no better, but slower.
+    most_pixels, searched_pixels : int
+        Of the frame about the flat part whose depth is matched roughly, and of the window of it in which paths are
+        looked for: that takes as much longer as it is larger, and finds somewhat better ones.
     contrast : float
         Mean squared difference of neighbours expected of the picture while paths are sought, white = 1.
     joint : int
@@ -31,8 +32,12 @@ class PathSettings:
         restorations with what the best becomes. Nearly all of the time goes into these.
     scheme : Scheme
         Of these restorations.
+    settled : float
+        Part of the scheme's rounds that a depth has behind it which was matched, or restored with other curves.
     least_fall : float
         Fall of what is left unexplained, of the noise, below which nothing more is found.
+    enough : float
+        What is left unexplained, of the noise, below which no other pair is turned as well.
     usual_left, most_left : float
         What is left unexplained, of the noise, with the curves of the rig, and beyond which they are others.
     pairs, bends, places
@@ -40,6 +45,7 @@ class PathSettings:
     """
 
     most_pixels: int = 120_000
+    searched_pixels: int = 50_000
     contrast: float = 6.3e-3
     joint: int = 8
     joint_iterations: int = 18
@@ -48,9 +54,11 @@ class PathSettings:
     beginnings: int = 96
     matched: int = 6
     restored: int = 3
-    more: int = 5
-    scheme: Scheme = field(default_factory=lambda: Scheme(10, 12, 12, 2, 10))
+    more: int = 12
+    scheme: Scheme = field(default_factory=lambda: Scheme(10, 20, 20, 2, 10))
+    settled: float = 0.6
     least_fall: float = 0.003
+    enough: float = 0.8
     usual_left: float = 0.75
     most_left: float = 0.87
     pairs: PairSettings = field(default_factory=PairSettings)

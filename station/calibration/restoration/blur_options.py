@@ -227,7 +227,7 @@ def tell_finding(found: Finding, tell: Tell) -> None:
         tell("motion", sentence, level="warning" if found.doubt else "info", **told)
     elif isinstance(found, Prototypes):
         tell("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
-        tell("paths", "looking for the paths that the whole frame agrees with; this takes some minutes")
+        tell("paths", "looking for the paths that the whole frame agrees with; this takes about a minute")
     else:
         sentence = found.doubt or f"paths of half-width {found.half_width:.2f} pixels in the flat part"
         tell("motion", sentence, level="warning" if found.doubt else "info", half_width=found.half_width)

@@ -112,6 +112,15 @@ def test_a_curve_that_is_not_free_stays(rng, points):
     assert (found[1] != begun[1]).any()
 
 
+def test_a_curve_that_cannot_do_as_well_is_given_up(rng, points):
+    one = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
+    one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e6)
+    begun = points + rng.normal(0, 0.1, points.shape)
+    least, first = fitted([one], begun, FLAT_W)[0], cost([one], begun, FLAT_W)
+    assert fitted([one], begun, FLAT_W, below=first / 30)[0] == first
+    assert fitted([one], begun, FLAT_W, below=first / 10)[0] == least
+
+
 def test_masks_keep_their_line(points):
     # a line's width grows with the masks (5.3)
     large = masks_at(points, FLAT_W, 2 * FLAT_W, 8)

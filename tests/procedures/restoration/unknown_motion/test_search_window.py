@@ -1,0 +1,53 @@
+"""Where in a frame motion paths are looked for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from procedures.restoration.unknown_motion.search_window import FLAT, search_window, within
+
+FLAT_PART = (slice(10, 160), slice(20, 170))
+HALF = 3.0
+
+
+@pytest.fixture(scope="module")
+def z():
+    """Two photographs of 300 x 400, textured alike everywhere."""
+    return np.random.default_rng(2).standard_normal((2, 1, 300, 400))
+
+
+@pytest.fixture(scope="module")
+def w():
+    """Flat but for a square, which lies at rows 140 to 200 and columns 250 to 320."""
+    w = np.full((300, 400), HALF)
+    w[140:200, 250:320] = 2.0
+    return w
+
+
+@pytest.mark.parametrize("pixels", [40_000, 60_000])
+def test_a_window_holds_other_depths_and_some_of_the_flat_part(z, w, pixels):
+    rows, columns = search_window(z, FLAT_PART, HALF, w, pixels)
+    assert (rows.stop - rows.start) * (columns.stop - columns.start) <= pixels
+    assert rows.start <= 140
+    assert rows.stop >= 200
+    assert columns.start <= 250
+    assert columns.stop >= 320
+    y, x = within(FLAT_PART, (rows, columns))
+    assert min(y.stop - y.start, x.stop - x.start) >= FLAT
+
+
+def test_a_small_frame_is_looked_at_as_a_whole(z, w):
+    assert search_window(z, FLAT_PART, HALF, w, 120_000) == (slice(0, 300), slice(0, 400))
+
+
+def test_where_all_is_flat_a_window_holds_the_flat_part_still(z):
+    window = search_window(z, FLAT_PART, HALF, np.full((300, 400), HALF), 40_000)
+    y, x = within(FLAT_PART, window)
+    assert min(y.stop - y.start, x.stop - x.start) >= FLAT
+
+
+def test_the_flat_part_is_told_in_the_window_s_pixels(z):
+    window = (slice(40, 200), slice(5, 100))
+    y, x = within(FLAT_PART, window)
+    np.testing.assert_array_equal(z[:, :, *window][:, :, y, x], z[:, :, 40:160, 20:100])
