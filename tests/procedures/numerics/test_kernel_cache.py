@@ -18,13 +18,12 @@ import subprocess, sys
 import numpy as np
 from procedures.restoration.first_depth import semi_global_matching
 from procedures.restoration.masks import array_loops, kernels
-from procedures.restoration.masks.line_rasterisation import share_changes, shares
+from procedures.restoration.masks.line_rasterisation import line_mask
 from procedures.ray_histogram.film import film_of_samples
 
 assert film_of_samples(np.ones((2, 2, 3, 3), np.float32)).count.tolist() == [[3, 3], [3, 3]]
-values, light = shares(np.array([0.25]), 2, 0.5)
-assert abs(values.sum() - 1) < 1e-3, values  # a narrow line in the middle
-assert share_changes(np.array([0.25]), 2, 0.5).shape == (1, 5)
+mask = line_mask(np.array([[0.25, 0.0]]), 2, 0.5)
+assert abs(mask.sum() - 1) < 1e-3, mask  # a narrow line in the middle
 {more}
 """
 LATER = "from procedures.restoration.masks import line_rasterisation"
