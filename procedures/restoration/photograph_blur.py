@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import BadInput, Outcome, Refused
+from procedures.outcome import BadInput, Outcome, Refused, Verdict
 from procedures.raw import Plane
 from procedures.restoration.colour.estimate import in_colour
 from procedures.restoration.flat_part import Box, Whole, check_region, parts
@@ -44,7 +44,7 @@ from procedures.restoration.unknown_motion.flat_scene import (
 )
 from procedures.restoration.unknown_motion.kernel_error import picture_moved
 from procedures.restoration.unknown_motion.motion_splines import recorded
-from procedures.restoration.unknown_motion.path_refinement import MotionShapes, motion_of_scene
+from procedures.restoration.unknown_motion.path_refinement import REMEDY, MotionShapes, motion_of_scene
 from procedures.restoration.unknown_motion.path_settings import PathSettings
 from procedures.restoration.unknown_motion.recorded_paths import recorded_masks
 from procedures.restoration.unknown_motion.turned_scene import kernels_of_turned_scene
@@ -64,11 +64,13 @@ class KnownShapes:
 
     ratios, offsets : w of each photograph is ratio times the first's plus offset, in pixels; none are 1 and 0, but of
     measured shapes the ratio of their half-widths, and of kernels that of their sizes where it fits better.
+    doubt : why shapes that another restoration found are not to be trusted, or None.
     """
 
     shapes: tuple[Shape, ...]
     ratios: tuple[float, ...] = ()
     offsets: tuple[float, ...] = ()
+    doubt: str | None = None
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ class SceneBlur:
     """Masks of each photograph as functions of one w.
 
     unit : what w is told in; max_w, ratios : as used, where w is a half-width; motion : where the photographs gave it;
-    flat_w : of the whole frame, where that made the masks;
+    flat_w : of the whole frame, where that made the masks; doubt : of shapes that were found before, or None;
     finer : the same masks where pixels are n times as fine along each axis, and w counts in those.
     """
 
@@ -147,6 +149,7 @@ class SceneBlur:
     ratios: tuple[float, ...] = ()
     motion: MotionShapes | None = None
     flat_w: float | None = None
+    doubt: str | None = None
 
     def restored(
         self,
@@ -155,14 +158,16 @@ class SceneBlur:
         progress: Callable[[JointRound], None] | None = None,
     ) -> Outcome[Restoration]:
         """Picture and depth of photographs (C, H, W), as `restore` judges them; doubtful where the blur is."""
-        kernels = None
+        kernels, shapes = None, None if self.motion is None else self.motion.shapes
         if self.flat_w is not None:
             parameters = of_flat_scene(parameters or RestorationParameters(), self.flat_w)
-            kernels = None if self.motion is None else self.motion.shapes
+            kernels, shapes = shapes, None
         outcome = restore([*photographs], self.masks, parameters, progress)
         if self.motion is not None and self.motion.others is not None and outcome.value is not None:
             outcome = judged_by_both(outcome.value, self.motion.shapes, self.motion.others, parameters)
-        outcome = told_in(self.unit, outcome, kernels)
+        outcome = told_in(self.unit, outcome, kernels, shapes)
+        if self.doubt is not None and outcome.verdict is Verdict.PASS:
+            outcome = replace(outcome, verdict=Verdict.DOUBTFUL, reason=self.doubt, remedy=REMEDY)
         return outcome if self.motion is None else self.motion.judged(outcome)
 
     def coloured(
@@ -209,7 +214,7 @@ def _shaped(source: KnownShapes, max_w: float | None, photographs: Sequence[Arra
     widest = max_w or max([default_max_w(_drawn(shapes)), *measured])
     ratios = source.ratios or _ratios(source, widest, photographs)
     finer = partial(_masks_of_shapes, shapes, ratios, source.offsets or (0.0,) * len(shapes), widest, shape)
-    return SceneBlur(finer(1), finer, max_w=widest, ratios=ratios)
+    return SceneBlur(finer(1), finer, max_w=widest, ratios=ratios, doubt=source.doubt)
 
 
 def _drawn(shapes: Sequence[Shape]) -> list[npt.NDArray[np.float64]]:

@@ -88,6 +88,8 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
         folder.write(f"kernel_{n}.npy", npy(kernel))
         folder.write(f"kernel_{n}.fits", kernel_fits(kernel, n, software()["version"]))
         folder.write(f"kernel_{n}.tiff", described_tiff(float_tiff(kernel), KERNEL_WORDS.format(n)))
+    for n, shape in enumerate(() if found.shapes is None else found.shapes, start=1):
+        folder.write(f"shape_{n}.npy", npy(shape, np.float32))
     if page is not None:
         folder.write("report.html", page)
     if distances is not None:
@@ -109,6 +111,7 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
             "per_pixel": unit.per_pixel,
         },
         **({} if found.kernels is None else {"kernels": {"count": len(found.kernels), "samples_per_pixel": 1}}),
+        **({} if found.shapes is None else {"shapes": {"count": len(found.shapes)}}),
         **({} if distances is None else {"distance": _told_distances(distances)}),
         **({} if found.ground_truth is None else {"ground_truth": _told_ground_truth(found.ground_truth)}),
         "shift": {"x_y": found.shifts.tolist(), "unit": "pixel"},

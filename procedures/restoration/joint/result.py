@@ -96,7 +96,8 @@ class Restoration:
     something moved between the photographs: neither picture nor w is to be believed there. occlusion : (H, W), beside
     steps of depth, where w may be either side's and both errors are raised, see `occlusion`.
     unit : what w is told in to people and files. kernels : (P, K, K) of a flat scene's motions that were found, one
-    sample a pixel, or None. ground_truth : what such a photograph says of it, where there was one.
+    sample a pixel, or None; shapes : (P, n, n) on [-1, 1] of those of a scene in depth, or None. ground_truth : what
+    such a photograph says of it, where there was one.
     """
 
     sharp: Array
@@ -115,6 +116,7 @@ class Restoration:
     occlusion: Mask
     unit: DepthUnit = field(default_factory=DepthUnit)
     kernels: Array | None = None
+    shapes: Array | None = None
     ground_truth: GroundTruth | None = None
 
     def uncertain_by(self, more: Array) -> Restoration:
@@ -125,11 +127,13 @@ class Restoration:
         return replace(self, sharp_std=np.hypot(self.sharp_std, more), diagnostics=told)
 
 
-def told_in(unit: DepthUnit, outcome: Outcome[Restoration], kernels: Array | None = None) -> Outcome[Restoration]:
-    """The same, with w told in that unit, and the kernels that were found."""
+def told_in(
+    unit: DepthUnit, outcome: Outcome[Restoration], kernels: Array | None = None, shapes: Array | None = None
+) -> Outcome[Restoration]:
+    """The same, with w told in that unit, and the kernels or shapes that were found."""
     if outcome.value is None:
         return outcome
-    return replace(outcome, value=replace(outcome.value, unit=unit, kernels=kernels))
+    return replace(outcome, value=replace(outcome.value, unit=unit, kernels=kernels, shapes=shapes))
 
 
 def refocused(result: Restoration, stack: Masks, focus_w: float, strength: float = 1.0) -> Array:

@@ -159,7 +159,7 @@ class BlurOptions:
         from procedures.restoration.flat_part import region_of
         from procedures.restoration.photograph_blur import KnownShapes, UnknownMotion
         from procedures.restoration.unknown_motion.recorded_paths import read_path
-        from station.calibration.restoration.inputs import read_kernels
+        from station.calibration.restoration.inputs import doubt_of, read_kernels
 
         if self.imu or self.poses:
             return self._recorded(frames)
@@ -169,7 +169,7 @@ class BlurOptions:
             kernels, doubt = read_kernels([Path(one) for one in self.shapes])
             return UnknownMotion(region_of(self.prototype_region), paths, ratios, kernels, doubt)
         shapes = _shapes(self.shapes, frames, photographs, self.samples_per_pixel)
-        return KnownShapes(shapes, ratios, _later(self.offsets, 0.0, len(frames)))
+        return KnownShapes(shapes, ratios, _later(self.offsets, 0.0, len(frames)), doubt_of(self.shapes))
 
     def _recorded(self, frames: list[RawFrame]) -> RecordedMotion:
         from procedures.restoration.photograph_blur import RecordedMotion

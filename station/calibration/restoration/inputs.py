@@ -136,22 +136,37 @@ def read_blur_shape(name: str, plane: str | None, shape: Size | None, samples_pe
         return measured_field(field, shape or (int(field.shape[0]), int(field.shape[1])))
     if samples_per_px is None and _is_kernel(path):
         return read_kernels([path])[0][0]
+    if samples_per_px is None and _is_found_shape(path):
+        return _found_array(path, "shape")
     psf = _psf(path, samples_per_px)
     return blur_models.read_shape(path) if psf is None else measured_shape(*psf)
 
 
 def read_kernels(paths: Sequence[Path]) -> tuple[tuple[Array, ...], str | None]:
     """Kernels of one sample a pixel from a restoration's kernel_N.npy or text files, and the doubt told of them."""
-    kernels, doubts = [], []
+    kernels = []
     for path in paths:
-        if path.suffix.lower() == ".npy":
-            array = read_npy(path, "kernel", "give a kernel_N.npy of a result")
-            check_real(array, str(path))
-            kernels.append(blur_models.check_shape(np.asarray(array, np.float64), str(path)))
-        else:
-            kernels.append(blur_models.read_shape(path))
-        doubts += [_beside(path).get("parameters", {}).get("motion", {}).get("doubt")] if _is_kernel(path) else []
-    return tuple(kernels), next((str(one) for one in doubts if one), None)
+        kernels.append(_found_array(path, "kernel") if path.suffix.lower() == ".npy" else blur_models.read_shape(path))
+    return tuple(kernels), doubt_of([str(path) for path in paths])
+
+
+def doubt_of(names: Sequence[str]) -> str | None:
+    """The doubt that the records beside kernels or shapes tell which restorations found; None where none does."""
+    found = [path for path in map(Path, names) if _is_kernel(path) or _is_found_shape(path)]
+    doubts = (_beside(path).get("parameters", {}).get("motion", {}).get("doubt") for path in found)
+    return next((str(one) for one in doubts if one), None)
+
+
+def _found_array(path: Path, what: str) -> Array:
+    """A kernel or a shape of a result."""
+    array = read_npy(path, what, f"give a {what}_N.npy of a result")
+    check_real(array, str(path))
+    return blur_models.check_shape(np.asarray(array, np.float64), str(path))
+
+
+def _is_found_shape(path: Path) -> bool:
+    """Whether the file is the shape of a motion that a restoration found in a scene in depth."""
+    return path.suffix.lower() == ".npy" and path.stem.startswith("shape_") and "shapes" in _beside(path)
 
 
 def _is_kernel(path: Path) -> bool:

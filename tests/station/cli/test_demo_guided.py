@@ -19,7 +19,7 @@ from station.sessions.reader import read_session
 def printed_only(monkeypatch):
     """The pattern's plan up to the print, which needs no photographs."""
     whole = catalogue.plan_named("pattern")
-    monkeypatch.setattr(catalogue, "plan_named", lambda name: replace(whole, steps=whole.steps[:1]))
+    monkeypatch.setattr(catalogue, "plan_named", lambda name, folder=None: replace(whole, steps=whole.steps[:1]))
 
 
 @pytest.mark.slow

@@ -157,6 +157,14 @@ def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatc
     assert record["parameters"]["motion"]["half_width_px"] > 0
     # a path is in the record, or why there is none
     assert record["parameters"]["motion"]["paths_px"] or record["reason"]
+    # its shapes are taken again, with the doubt of them and without the search
+    shapes = [tmp_path / "o" / f"shape_{n}.npy" for n in (1, 2)]
+    arguments = ["--blur", "motion", "--shape", *shapes, "--scheme", "1x(2+2)", "--max-w", "3"]
+    result = run(*photographs[0], *arguments, "--depth-total-variation", "--out", tmp_path / "again")
+    assert result.exit_code == 0, result.stderr
+    again = json.loads((tmp_path / "again" / "result.json").read_text())
+    assert again["verdict"] == record["verdict"] == "doubtful"
+    np.testing.assert_allclose(np.load(tmp_path / "again" / "w.npy"), np.load(tmp_path / "o" / "w.npy"), atol=0.02)
 
 
 def test_the_report_shows_every_picture_and_needs_no_network(done):
