@@ -45,7 +45,7 @@ class PathSettings:
     """
 
     most_pixels: int = 120_000
-    searched_pixels: int = 50_000
+    searched_pixels: int = 60_000
     contrast: float = 6.3e-3
     joint: int = 8
     joint_iterations: int = 18
