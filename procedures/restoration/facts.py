@@ -38,6 +38,8 @@ class RestorationFacts(CameraFacts):
     shape : of the apertures, one or one for each photograph with ; between: as `masks.blur_models.named`, or files
     motion_shape : "search", or files of a shape for each photograph's motion with ; between
     region : a flat part of one distance, x,y,width,height in pixels, "auto" or "whole"
+    steady : "x" or "y" where the rig goes steadily along that axis, whose masks are even: where depth begins
+        (Proposition 3); else "no"
     scheme : of the joint descent; None is the usual one
     """
 
@@ -64,6 +66,7 @@ class RestorationFacts(CameraFacts):
     shape: str = "pillbox"
     motion_shape: str = SEARCH
     region: str = "auto"
+    steady: str = NO
     scheme: str | None = None
 
     @property

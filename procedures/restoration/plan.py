@@ -15,7 +15,7 @@ from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.plan import Advice, Ask, Decide, Estimate, Facts, Known, Look, Outcomes, Plan, Shake, Shoot, Step
 from procedures.raw import Plane, RawFrame
 from procedures.restoration.colour.mosaic import is_mosaic
-from procedures.restoration.facts import APERTURES, TRUTH, RestorationFacts
+from procedures.restoration.facts import APERTURES, NO, TRUTH, RestorationFacts
 from procedures.restoration.ground_truth import held_against
 from procedures.restoration.joint.estimate import RestorationParameters
 from procedures.restoration.joint.result import Restoration
@@ -167,7 +167,7 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known, read: ReadS
     if not is_mosaic(planes[0]):
         pictures = [one * (pictures[0].mean() / one.mean()) for one in pictures]
     try:
-        parameters = RestorationParameters(scheme=Scheme() if told.scheme is None else Scheme.parse(told.scheme))
+        parameters = parameters_of(told)
         blur = blur_of(blur_spec(blurred, told, read), pictures)
         outcome = blur.restored(pictures, parameters)
         if is_mosaic(planes[0]):
@@ -175,6 +175,14 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known, read: ReadS
         return {PICTURE: outcome if truth is None else witnessed(outcome, planes, planes_of(truth, told))}
     except (Refused, BadInput, BadParameter) as error:
         return {PICTURE: Outcome(None, Verdict.REFUSED, error.reason, error.remedy)}
+
+
+def parameters_of(known: RestorationFacts) -> RestorationParameters:
+    """How to restore: as usual but for the scheme, and where depth begins of a steady motion. Raises BadParameter."""
+    parameters = RestorationParameters(scheme=Scheme() if known.scheme is None else Scheme.parse(known.scheme))
+    if known.steady == NO:
+        return parameters
+    return replace(parameters, depth_start="symmetric", symmetric_axis=known.steady)
 
 
 def witnessed(

@@ -172,6 +172,8 @@ def scene(read: ReadShape) -> tuple[Ask | SetLight, ...]:
         Ask("pixel_pitch_um", "How far apart are the pixels?", "number", "µm", 4.0, low=0.1, when=by_both),
         Ask("pixel_pitch_um", "How far apart are the pixels? 0: not known.", "number", "µm",
             0.0, low=0.0, when=by_apertures),
+        Ask("steady", "Does the rig go steadily along one axis of the frame in both photographs?", "choice", default=NO,
+            choices=(NO, "x", "y"), when=lambda facts: by_motions_alone(facts) and not shaken(facts)),
         Ask("region", "Where is a flat part of one distance? x,y,width,height, auto or whole.", "text", default="auto",
             when=lambda facts: by_motions_alone(facts) and not (shaken(facts) or told_motions(facts)),
             given=lambda facts: "whole" if only_flat(facts) else None),

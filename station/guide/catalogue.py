@@ -101,13 +101,15 @@ def _write_field(
 
 def _restoration(folder: Path | None = None) -> Plan:
     from procedures.restoration.plan import plan
-    from station.calibration.restoration.inputs import read_blur_shape
+    from station.calibration.restoration.inputs import files_in, read_blur_shape, with_files
     from station.sessions.given_files import is_given
 
     def read_shape(name: str, plane: str | None, size: tuple[int, int] | None) -> Shape:
         """Of a file that the session keeps, or of one that is just being told of."""
-        path = folder / name if folder is not None and is_given(name) else Path(name).expanduser()
-        return read_blur_shape(str(path), plane, size)
+        known = (
+            folder / one if folder is not None and is_given(one) else Path(one).expanduser() for one in files_in(name)
+        )
+        return read_blur_shape(with_files(name, [str(path) for path in known]), plane, size)
 
     return plan(read_shape)
 

@@ -97,16 +97,24 @@ class Conversation:
     def _with_copies(self, ask: Ask, answer: Fact) -> Fact:
         """The answer, with copies that the session keeps in place of the files that it names."""
         parts = [part.strip() for part in answer.split(BETWEEN)] if isinstance(answer, str) else []
-        outside = [part for part in parts if ask.names_file(part) and not is_given(part)]
-        if not outside:
+        if not any(map(ask.names_file, parts)):
             return answer
-        from station.calibration.restoration.inputs import with_record  # here: what it stands on is slow to import
+        from station.calibration.restoration.inputs import (  # here: what it stands on is slow to import
+            files_in,
+            with_files,
+            with_record,
+        )
 
-        def kept(name: str) -> str:
-            files = with_record(Path(name).expanduser())
+        def kept(file: str) -> str:
+            if is_given(file):
+                return file
+            files = with_record(Path(file).expanduser())
             return self.attempt(lambda: self._session.give(files))[0]
 
-        return f"{BETWEEN} ".join(kept(one) if one in outside else one for one in parts)
+        copies = (
+            with_files(part, [kept(one) for one in files_in(part)]) if ask.names_file(part) else part for part in parts
+        )
+        return f"{BETWEEN} ".join(copies)
 
     def ask_and_learn(self, ask: Ask) -> Fact:
         """The answer, which is kept under its key where that is worth it. Raises Stopped."""

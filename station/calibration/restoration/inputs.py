@@ -31,6 +31,8 @@ POSE_COLUMNS = ("t_s", "x", "y", "z", "rx", "ry", "rz")
 """Of a record of poses: seconds, the first row at the opening of the shutter and the last at its closing; metres and
 rotation vectors in radians from where the rig rests, x right, y up, z back."""
 RADIAL = "radial:"
+ANY_SIZE = (240, 320)
+"""Of a frame over which a lens is only tried whether it can be read."""
 FIELD_SUFFIXES = (".h5", ".hdf5")
 
 
@@ -124,9 +126,7 @@ def read_blur_shape(name: str, plane: str | None, shape: Size | None, samples_pe
     samples_per_px : a text file is a measured PSF sampled so, not a shape on [-1, 1]
     """
     if name.startswith(RADIAL):
-        if shape is None:
-            raise BadParameter(f"{name} is a lens over a frame, whose size is not known", "name a single file")
-        return _radial(name.removeprefix(RADIAL).split(","), shape, samples_per_px)
+        return _radial(files_in(name), shape or ANY_SIZE, samples_per_px)
     known = blur_models.named(name)
     if known is not None:
         return known
@@ -213,6 +213,16 @@ def _field(path: Path, plane: str | None) -> Any:
     if plane not in fields:
         raise BadInput(f"{path} has the planes {', '.join(fields)}, not {plane}", "restore one of these: --plane")
     return fields[plane]
+
+
+def files_in(name: str) -> list[str]:
+    """The files in the name of a shape or record."""
+    return name.removeprefix(RADIAL).split(",") if name.startswith(RADIAL) else [name]
+
+
+def with_files(name: str, files: Sequence[str]) -> str:
+    """The same name of other files, as many as it has."""
+    return f"{RADIAL}{','.join(files)}" if name.startswith(RADIAL) else files[0]
 
 
 def with_record(path: Path) -> list[Path]:

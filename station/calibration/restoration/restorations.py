@@ -33,7 +33,7 @@ from station.calibration.restoration.blur_options import (
     tell_finding,
     tell_measured,
 )
-from station.calibration.restoration.inputs import RADIAL, with_record
+from station.calibration.restoration.inputs import files_in, with_files, with_record
 from station.calibration.restoration.metres_options import MetresOptions
 
 NAME = "{name}"
@@ -142,8 +142,7 @@ def _placed(name: str, folder: Path, photograph: Path) -> str:
     parts = _parts(name)
     if not parts:
         return name
-    whole = ",".join(str(folder / part) for part in parts)
-    return f"{RADIAL}{whole}" if name.startswith(RADIAL) else whole
+    return with_files(name, [str(folder / part) for part in parts])
 
 
 TELL_ENCODING = "of colours in 16 bits tell what the numbers mean, --encoding linear or srgb; or give RAW files"
@@ -151,9 +150,7 @@ TELL_ENCODING = "of colours in 16 bits tell what the numbers mean, --encoding li
 
 def _parts(name: str) -> list[str]:
     """The files in the name of a shape or record; none in that of a model."""
-    if name.startswith(RADIAL):
-        return name.removeprefix(RADIAL).split(",")
-    return [] if named(name) is not None else [name]
+    return [] if named(name) is not None else files_in(name)
 
 
 def read_photographs(

@@ -12,12 +12,12 @@ from procedures.outcome import BadParameter
 from procedures.plan import HAS_SHAKER, Ask
 from procedures.raw import Carried, Plane, RawFrame
 from procedures.reading.exposure import Exposure
-from procedures.restoration.facts import BOTH, RestorationFacts
+from procedures.restoration.facts import BOTH, MOTIONS, RestorationFacts
 from procedures.restoration.known_blur import blur_spec
 from procedures.restoration.masks.mask_fields import MaskField
 from procedures.restoration.masks.thin_lens import CameraSetting
 from procedures.restoration.photograph_blur import BlurSpec, blur_of
-from procedures.restoration.plan import plan
+from procedures.restoration.plan import parameters_of, plan
 from procedures.restoration.plan_checks import check_first
 
 FACTS = {"blur_by": BOTH, "max_w": 4.0, "lens_f_number": 4.0, "focus_m": 1.0, "pixel_pitch_um": 8.0}
@@ -73,6 +73,14 @@ def test_the_first_photograph_tells_what_of_the_lens_is_not_known():
     noted = check_first(frame(0, f_number=5.6), FACTS)
     assert noted.doubted == ("lens_f_number",)
     assert "given as 4, and the camera noted 5.6" in noted.say
+
+
+def test_a_steady_motion_begins_with_the_even_masks_of_its_axis():
+    told = parameters_of(facts_as(RestorationFacts, {"blur_by": MOTIONS, "steady": "y"}))
+    assert (told.depth_start, told.symmetric_axis) == ("symmetric", "y")
+    assert parameters_of(RestorationFacts()).depth_start == "matched"
+    assert "steady" in asked({"blur_by": MOTIONS})
+    assert "steady" not in asked({"blur_by": MOTIONS, HAS_SHAKER: True}) | asked({"blur_by": BOTH}) | asked({})
 
 
 def asked(facts):

@@ -184,7 +184,7 @@ def test_nobody_is_asked_what_a_shaker_does():
                if isinstance(one, Ask) and one.key == "blur_by" and one.when({HAS_SHAKER: True}))  # fmt: skip
     assert kind.default == "motions"
     shaken, by_hand = asked({HAS_SHAKER: True, "blur_by": "motions"}), asked({"blur_by": "motions"})
-    assert by_hand - shaken == {"motion_shape", "region", "first", "first_moves", "second"}
+    assert by_hand - shaken == {"motion_shape", "region", "steady", "first", "first_moves", "second"}
     # the apertures remain to be chosen, and then hands do it
     assert asked({HAS_SHAKER: True, "blur_by": "apertures"}) == asked({"blur_by": "apertures"})
     assert "second_f_number" in asked({"blur_by": "apertures"})
@@ -208,9 +208,13 @@ def test_a_psf_is_kept_with_its_record_and_read_from_the_copy(tmp_path):
         operator.answers = {"shape": lambda ask: ask.default}
         assert talk.ask(ask) == "pillbox; given/1/psf_Y.npy"
         assert list(session.state.given) == ["given/1/psf_Y.npy", "given/1/result.json"]
+        # of a lens symmetric about its axis every file is kept
+        operator.answers = {"shape": f"radial:{given / 'psf_Y.npy'},{given / 'psf_Y.npy'}"}
+        assert talk.ask(ask) == "radial:given/2/psf_Y.npy,given/3/psf_Y.npy"
     shutil.rmtree(given)
     read = estimate_of(plan_named("restoration", session.folder)).estimate.keywords["read"]
     assert read("given/1/psf_Y.npy", "Y", (80, 96)).half_width_px == pytest.approx(4.5 / 3)
+    assert read("radial:given/2/psf_Y.npy,given/3/psf_Y.npy", "Y", (80, 96)).half_width_px == pytest.approx(4.5 / 3)
 
 
 def test_a_restoration_that_was_refused_ends_without_a_page(tmp_path):
