@@ -73,31 +73,13 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
     found = outcome.value
     if found is None:
         raise ValueError("a restoration without a value has no files")
-    folder.write("sharp.tiff", described_tiff(encoded(".tiff", picture(found.sharp).astype(np.float32)), SHARP_WORDS))
-    folder.write("sharp_std.tiff", described_tiff(float_tiff(found.sharp_std), STD_WORDS))
-    folder.write("sharp.png", encoded(".png", levels(picture(found.sharp), 0, 1)))
     unit = found.unit
-    folder.write("w.npy", npy(found.w * unit.per_pixel, np.float32))
-    folder.write("w_std.npy", npy(found.w_std * unit.per_pixel, np.float32))
-    if found.moved.any():
-        folder.write("moved.npy", npy(found.moved, np.uint8))
-    if found.occlusion.any():
-        folder.write("occlusion.npy", npy(found.occlusion, np.uint8))
-    folder.write("depth.png", encoded(".png", coloured(found.w)))
-    for n, kernel in enumerate(() if found.kernels is None else found.kernels, start=1):
-        folder.write(f"kernel_{n}.npy", npy(kernel))
-        folder.write(f"kernel_{n}.fits", kernel_fits(kernel, n, software()["version"]))
-        folder.write(f"kernel_{n}.tiff", described_tiff(float_tiff(kernel), KERNEL_WORDS.format(n)))
-    for n, shape in enumerate(() if found.shapes is None else found.shapes, start=1):
-        folder.write(f"shape_{n}.npy", npy(shape, np.float32))
-    if page is not None:
-        folder.write("report.html", page)
+    _write_pictures(folder, found)
     if distances is not None:
         folder.write("distance.npy", npy(distances.metres, np.float32))
         folder.write("distance_std.npy", npy(distances.std, np.float32))
-    if found.ground_truth is not None:
-        off = picture(np.nan_to_num(found.ground_truth.difference))
-        folder.write("difference.tiff", described_tiff(float_tiff(off), DIFFERENCE_WORDS))
+    if page is not None:
+        folder.write("report.html", page)
     record = {
         "schema": RESTORATION,
         **head.told(),
@@ -126,6 +108,29 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
         "software": software(),
     }
     return write_record(folder, record)
+
+
+def _write_pictures(folder: ResultFolder, found: Restoration) -> None:
+    """Picture, depth, what is said of both, and the blur that was found."""
+    folder.write("sharp.tiff", described_tiff(encoded(".tiff", picture(found.sharp).astype(np.float32)), SHARP_WORDS))
+    folder.write("sharp_std.tiff", described_tiff(float_tiff(found.sharp_std), STD_WORDS))
+    folder.write("sharp.png", encoded(".png", levels(picture(found.sharp), 0, 1)))
+    folder.write("w.npy", npy(found.w * found.unit.per_pixel, np.float32))
+    folder.write("w_std.npy", npy(found.w_std * found.unit.per_pixel, np.float32))
+    if found.moved.any():
+        folder.write("moved.npy", npy(found.moved, np.uint8))
+    if found.occlusion.any():
+        folder.write("occlusion.npy", npy(found.occlusion, np.uint8))
+    folder.write("depth.png", encoded(".png", coloured(found.w)))
+    for n, kernel in enumerate(() if found.kernels is None else found.kernels, start=1):
+        folder.write(f"kernel_{n}.npy", npy(kernel))
+        folder.write(f"kernel_{n}.fits", kernel_fits(kernel, n, software()["version"]))
+        folder.write(f"kernel_{n}.tiff", described_tiff(float_tiff(kernel), KERNEL_WORDS.format(n)))
+    for n, shape in enumerate(() if found.shapes is None else found.shapes, start=1):
+        folder.write(f"shape_{n}.npy", npy(shape, np.float32))
+    if found.ground_truth is not None:
+        off = picture(np.nan_to_num(found.ground_truth.difference))
+        folder.write("difference.tiff", described_tiff(float_tiff(off), DIFFERENCE_WORDS))
 
 
 def _told_ground_truth(found: GroundTruth) -> dict[str, Any]:

@@ -196,8 +196,9 @@ _RESULT_FILE = re.compile(
     r"(psf|covariance|mtf|edge|heights|inter_image|profile|transfer|spectrogram|histogram|defects|nps|information|vignetting)"
     r"_(R|G1|G2|B|Y)\.(npy|csv|png|fits|tiff)|numbers\.csv|budget\.csv|emva1288\.xml|report\.html"
     r"|certificate\.(html|pdf)|field\.h5|tilt\.csv"
-    r"|geometry_\w+\.(npy|csv)|(corrected|sharp|filtered|difference)\.(tiff|dng|png)|gain\.csv|(w|w_std|moved|occlusion|similar)\.npy"
-    r"|sharp_std\.tiff|kernel_\d+\.(npy|fits|tiff)|shape_\d+\.npy|depth\.png|imu_[12]\.csv|rays\.html|result\.json"
+    r"|geometry_\w+\.(npy|csv)|(corrected|sharp|filtered|difference)\.(tiff|dng|png)|gain\.csv"
+    r"|(w|w_std|moved|occlusion|similar)\.npy|imu_[12]\.csv"
+    r"|sharp_std\.tiff|kernel_\d+\.(npy|fits|tiff)|depth\.png|rays\.html|result\.json"
 )
 """Files that results have: none of somebody else's is written over."""
 
