@@ -45,8 +45,8 @@ def save(path: Path, samples: np.ndarray) -> Path:
 
 
 def pattern(folder: Path) -> Words:
-    """All planes of one RAW file, with page and certificate."""
-    return "psf", "pattern", chart_photograph(folder / "photo.dng", 1), "--plane", "all", "--report", "--certificate"
+    """One plane of a RAW file, with page and certificate."""
+    return "psf", "pattern", chart_photograph(folder / "photo.dng", 1), "--plane", "G1", "--report", "--certificate"
 
 
 def series(folder: Path) -> Words:
