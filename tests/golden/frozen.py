@@ -1,4 +1,4 @@
-"""Records and pages as frozen text: what differs from run to run is removed, numbers are compared within a tolerance."""
+"""Frozen records and pages: what differs from run to run is removed, numbers are compared within a tolerance."""
 
 from __future__ import annotations
 
