@@ -15,6 +15,7 @@ from procedures.field.maps import FieldMap, derive
 from procedures.field.measuring import MeasuredFrames, Told, silent
 from procedures.field.photosite import Photosite, WithoutPhotosite
 from procedures.field.seen_charts import SeenChart, usual_budgets
+from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE
 from procedures.outcome import Miss, Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 from procedures.psf import Psf
 from procedures.psf_field import Node
@@ -172,8 +173,8 @@ def _plane_field(
 def _rules(found: Interpolation, maps: Sequence[FieldMap]) -> list[Rule]:
     """What makes a field doubtful."""
     by_name = {one.name: one for one in maps}
-    error = by_name["error_interpolation"].median(by_name["error_interpolation"].value)
-    enclosed = by_name["error_noise"].share
+    error = by_name[ERROR_INTERPOLATION].median(by_name[ERROR_INTERPOLATION].value)
+    enclosed = by_name[ERROR_NOISE].share
     rows, columns = found.field.shape
     centred = bool(found.field.inside(np.array([[(columns - 1) / 2, (rows - 1) / 2]]))[0])
     return [

@@ -17,6 +17,7 @@ from procedures.field.chromatic import DEGREES, LateralColour
 from procedures.field.interpolate import Interpolation, Recipe, rebuild
 from procedures.field.maps import FieldMap, grid
 from procedures.field.surfaces import fit_surface
+from procedures.numbers import ENERGY_OUTSIDE_SUPPORT
 from procedures.numerics.kernel_tail import SHAPES, tail_kernels
 from procedures.outcome import BadInput
 from procedures.psf import Psf, PsfTail
@@ -155,7 +156,7 @@ def _write_plane(plane: h5py.Group, found: Interpolation) -> None:
         _put(nodes, "tail_covariance", [n.psf.tail.covariance for n in field.nodes], "1")
         _put(nodes, "tail_cross", np.array([n.psf.tail.cross for n in field.nodes], dtype=np.float32), "1")
         share, uncertainty = np.transpose([n.psf.energy_outside for n in field.nodes])
-        _put(nodes, "energy_outside_support", share, "1")
+        _put(nodes, ENERGY_OUTSIDE_SUPPORT, share, "1")
         _put(nodes, "energy_outside_support_uncertainty", uncertainty, "1")
     nodes.create_dataset("source", data=[n.source.encode() for n in field.nodes])
     nodes.create_dataset("number", data=[n.number for n in field.nodes])
@@ -179,7 +180,7 @@ def _write_anywhere(group: h5py.Group, field: PsfField) -> None:
         _put(group, "components_tail", field.components[:, n:], "1")
         shapes = tail_kernels(k)[: field.q].astype(np.float32)
         _put(group, "tail_shapes", shapes, "1 (energy per sample)", compression="gzip")
-        _put(group, "energy_outside_support", field.energy_outside(points).reshape(len(y), len(x)), "1")
+        _put(group, ENERGY_OUTSIDE_SUPPORT, field.energy_outside(points).reshape(len(y), len(x)), "1")
 
 
 def _write_maps(group: h5py.Group, maps: Iterable[FieldMap]) -> None:

@@ -16,6 +16,7 @@ from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.shape import NAMES, ShapeModel, own_errors, scale_spread, shape_model
 from procedures.geometry.uncertainty import enclosed, projection_uncertainty, seen_region
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
+from procedures.numbers import FOCAL, projection_at
 from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 
 Array = npt.NDArray[np.float64]
@@ -185,7 +186,7 @@ class Geometry:
             )
             if not name.startswith("spline")  # control points are in the record, and mean nothing one by one
         }
-        return found | {_map_name(one): self._of_map(one) for one in self.maps}
+        return found | {projection_at(one.distance_mm): self._of_map(one) for one in self.maps}
 
     def _of_map(self, one: UncertaintyMap) -> Quantity:
         x, y = np.meshgrid(one.x, one.y)
@@ -194,11 +195,6 @@ class Geometry:
         method = "root mean square over the part of the frame that the charts covered"
         value = float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
         return Quantity(value, "pixel", value / np.sqrt(2 * self.adjustment.freedom), method, self.points)
-
-
-def _map_name(one: UncertaintyMap) -> str:
-    far = "infinity" if not np.isfinite(one.distance_mm) else f"{one.distance_mm:.0f}_mm"
-    return f"projection_uncertainty_at_{far}"
 
 
 def calibrate_geometry(
@@ -270,7 +266,7 @@ def _settled(
 
 def too_poor(found: Geometry) -> bool:
     """Whether the model leaves more undrawn than what is stated anyway."""
-    stated = found.numbers()[_map_name(found.maps[0])].value
+    stated = found.numbers()[projection_at(found.maps[0].distance_mm)].value
     return found.misfit.significant and found.misfit.rms_px > max(stated, NEGLIGIBLE_PX)
 
 
@@ -336,8 +332,8 @@ def _map(found: Adjustment, grid: Array, distance_mm: float) -> UncertaintyMap:
 def _rules(found: Geometry, parameters: GeometryParameters) -> list[Rule]:
     """What makes a camera doubtful."""
     numbers = found.numbers()
-    stated = numbers[_map_name(found.maps[0])].value
-    focal = next(numbers[name] for name in ("f", "fx") if name in numbers)
+    stated = numbers[projection_at(found.maps[0].distance_mm)].value
+    focal = next(numbers[name] for name in (FOCAL[0], FOCAL[1]) if name in numbers)
     model, misfit = found.camera.model, found.misfit
     better = "" if parameters.model is None else "; leave the model to be chosen"
     return [

@@ -25,6 +25,7 @@ from scipy.spatial.transform import Rotation
 from procedures.geometry.adjustment import POSE, moved_pose
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.views import Pose
+from procedures.numbers import BASELINE, TURN
 from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 
 Array = npt.NDArray[np.float64]
@@ -99,8 +100,8 @@ class RigPose:
         of_angle = float(np.degrees(np.sqrt(axis @ self.covariance[:3, :3] @ axis)))
         method, n = f"relative poses of {len(self.charts)} charts", len(self.charts)
         return {
-            "baseline": Quantity(length, "mm", spread, f"{method}; the print's scale is in the uncertainty", n),
-            "turn": Quantity(float(np.degrees(angle)), "degree", of_angle, method, n),
+            BASELINE: Quantity(length, "mm", spread, f"{method}; the print's scale is in the uncertainty", n),
+            TURN: Quantity(float(np.degrees(angle)), "degree", of_angle, method, n),
         }
 
 

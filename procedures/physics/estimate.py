@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import STREHL_LENS, WAVEFRONT_RMS, WAVEFRONT_RMS_NM
 from procedures.outcome import BadParameter, Outcome, Quantity, Rule, Verdict, verdict_of
 from procedures.physics.choice import choose, scale_of
 from procedures.physics.fit import ModelFit, WhitenedPsf
@@ -175,16 +176,16 @@ def _numbers(data: WhitenedPsf, fit: ModelFit) -> dict[str, Quantity]:
     notch = place.get("notch") if fit.parts.aperture is not Aperture.SQUARE else None
     derived("fill_factor", "1", lambda p: float(p[place["side"]] ** 2 * (1 - (p[notch] ** 2 if notch else 0.0))))
     count, pupil = 2 + len(fit.parts.names), data.grid.pupil
-    derived("wavefront_rms", "wave", lambda p: float(np.linalg.norm(p[count:])))
+    derived(WAVEFRONT_RMS, "wave", lambda p: float(np.linalg.norm(p[count:])))
     nm = data.grid.diffraction.wavelength_nm
-    derived("wavefront_rms_nm", "nm", lambda p: nm * float(np.linalg.norm(p[count:])))
+    derived(WAVEFRONT_RMS_NM, "nm", lambda p: nm * float(np.linalg.norm(p[count:])))
 
     def strehl(p: Array) -> float:
         waves = np.zeros(len(TERMS))
         waves[list(fit.parts.aberrations)] = p[count:]
         return pupil.strehl(waves)
 
-    derived("strehl_lens", "1", strehl)
+    derived(STREHL_LENS, "1", strehl)
     return numbers
 
 

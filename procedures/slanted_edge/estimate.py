@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF_NYQUIST, LEVELS
 from procedures.outcome import Outcome, Quantity, Refused, Verdict
 from procedures.quality import Diffraction
 from procedures.raw import Plane
@@ -28,7 +29,6 @@ from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
 from procedures.slanted_edge.trust import MOST_OVERSHOOT, check_clipping, check_course, check_samples, judge
-from procedures.transfer_function import LEVELS
 
 Array = npt.NDArray[np.float64]
 
@@ -97,7 +97,7 @@ class EdgeMtf:
         if not 0 <= frequency <= self.frequencies[-1]:
             return None
         value, spread = (float(np.interp(frequency, self.frequencies, one)) for one in (self.mtf, self.uncertainty))
-        return Quantity(value, "1", spread, METHOD, self.numbers["mtf_nyquist"].n)
+        return Quantity(value, "1", spread, METHOD, self.numbers[EDGE_MTF_NYQUIST].n)
 
 
 @dataclass(frozen=True)
@@ -236,11 +236,11 @@ def _numbers(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: 
         if np.isfinite(value) and np.isfinite(drawn_at).mean() > MOST_FALL:
             drawn = float(np.nanstd(drawn_at))
             spread = math.hypot(drawn, REPEATED * value * (value / REPEATED_AT) ** 4)
-            numbers[f"mtf{level}"] = Quantity(value, "cycles/pixel", spread, METHOD, n)
+            numbers[EDGE_CROSSINGS[level]] = Quantity(value, CYCLES, spread, METHOD, n)
     nyquist = int(np.searchsorted(FREQUENCIES, 0.5))
-    numbers["mtf_nyquist"] = Quantity(float(mtf[nyquist]), "1", float(np.std(draws[:, nyquist])), METHOD, n)
+    numbers[EDGE_MTF_NYQUIST] = Quantity(float(mtf[nyquist]), "1", float(np.std(draws[:, nyquist])), METHOD, n)
     rows = len(strip.samples)
     angle = float(np.degrees(np.arctan(abs(course.mean_slope))))
     spread = float(np.degrees(course.slope_uncertainty / (1 + course.mean_slope**2)))
-    numbers["angle"] = Quantity(angle, "degree", spread, f"chord from end to end, order {course.order}", rows)
+    numbers[EDGE_ANGLE] = Quantity(angle, "degree", spread, f"chord from end to end, order {course.order}", rows)
     return numbers

@@ -9,6 +9,17 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.field.focus import FREQUENCY, PlaceFocus, best_focus
+from procedures.numbers import (
+    BACKFOCUS,
+    BACKFOCUS_CENTRE,
+    FIELD_CURVATURE,
+    RMS_AFTER,
+    RMS_BEFORE,
+    SHIM,
+    TILT_CORNER,
+    TILT_HORIZONTAL,
+    TILT_VERTICAL,
+)
 from procedures.outcome import BadParameter, Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 from procedures.psf_field import Node
 from procedures.tilt.plane import SensorPlane, fit_plane
@@ -88,28 +99,28 @@ class Tilt:
         """Tilt over width and height, of the whole frame, backfocus and its shim, and the lens's curvature."""
         found, n = self.sensor, len(self.sensor.heights_um)
         (width, height), half = found.size_mm, float(np.hypot(*found.size_mm)) / 2
-        rows = {
-            "tilt_horizontal": (np.array([0, width, 0]), "height at the photograph's right edge over that at its left"),
-            "tilt_vertical": (np.array([0, 0, height]), "height at the photograph's lower edge over that at its upper"),
+        rows: dict[str, tuple[Array, str]] = {
+            TILT_HORIZONTAL: (np.array([0, width, 0]), "height at the photograph's right edge over that at its left"),
+            TILT_VERTICAL: (np.array([0, 0, height]), "height at the photograph's lower edge over that at its upper"),
         }
         if self.with_focus:
-            rows["backfocus"] = np.array([1.0, 0, 0]), "the sensor behind best focus at the nominal position, mean"
-            rows["shim"] = np.array([-1.0, 0, 0]), "what a shim under the lens's mount has to be thicker, for the mean"
+            rows[BACKFOCUS] = np.array([1.0, 0, 0]), "the sensor behind best focus at the nominal position, mean"
+            rows[SHIM] = np.array([-1.0, 0, 0]), "what a shim under the lens's mount has to be thicker, for the mean"
         numbers = {name: _linear(found.plane, found.covariance, *row, n) for name, row in rows.items()}
         if self.with_focus:
             height, variance = found.centre
             method = "the same at the frame's centre"
-            numbers["backfocus_centre"] = Quantity(height, "um", float(np.sqrt(variance)), method, n)
+            numbers[BACKFOCUS_CENTRE] = Quantity(height, "um", float(np.sqrt(variance)), method, n)
         corner = found.corners_mm[int(np.argmax(found.corners_mm @ found.plane[1:]))]
         row = np.array([0.0, *corner])
-        numbers["tilt_corner"] = _linear(
+        numbers[TILT_CORNER] = _linear(
             found.plane, found.covariance, row, "height of the highest corner over the centre", n
         )
         bend = np.array([0.5, 0, 0.5]) * half**2
-        numbers["field_curvature"] = _linear(
+        numbers[FIELD_CURVATURE] = _linear(
             found.curvature, found.curvature_covariance, bend, "mean quadratic at half the diagonal", n
         )
-        return {**numbers, "rms_before": self.turns.before, "rms_after": self.turns.after}
+        return {**numbers, RMS_BEFORE: self.turns.before, RMS_AFTER: self.turns.after}
 
 
 def _linear(values: Array, covariance: Array, row: Array, method: str, n: int) -> Quantity:
@@ -212,7 +223,7 @@ def chart_slope(positions_mm: Sequence[float], parameters: TiltParameters) -> fl
 
 def _rules(tilt: Tilt, positions: set[float], places: Sequence[PlaceFocus]) -> list[Rule]:
     found, numbers = tilt.sensor, tilt.numbers()
-    uncertain = max(numbers[name].uncertainty for name in ("tilt_horizontal", "tilt_vertical"))
+    uncertain = max(numbers[name].uncertainty for name in (TILT_HORIZONTAL, TILT_VERTICAL))
     z = np.sort(list(positions))
     low, high = (z[0] + z[1]) / 2, (z[-1] + z[-2]) / 2
     tops = [top.at for one in places for top in one.tops]

@@ -21,6 +21,7 @@ from procedures.field import plan as field_plan
 from procedures.field.facts import TourStart
 from procedures.field.locations import AHEAD, Location, direction, pan_tilt_deg, ray
 from procedures.field.plan import BEFORE, correction, light_readings, off_place
+from procedures.numbers import HELPS, TILT_CORNER
 from procedures.outcome import BadParameter
 from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown
 from procedures.pattern_psf.facts import SIZES
@@ -137,10 +138,10 @@ def tells(found: Mapping[str, Any]) -> Facts:
     """The turns, and the probability that they help, of the one plane that was measured."""
     tilts: list[Tilt] = [one for one in found.values() if one is not None]
     if not tilts:
-        return {"helps": 0.0}
+        return {HELPS: 0.0}
     (tilt,) = tilts
     told: dict[str, Fact] = {f"{TURN}{i}": one.value for i, one in enumerate(tilt.turns.turns, 1)}
-    return {**told, "helps": tilt.turns.helps, "corner_um": tilt.numbers()["tilt_corner"].value}
+    return {**told, HELPS: tilt.turns.helps, "corner_um": tilt.numbers()[TILT_CORNER].value}
 
 
 def say_turns(facts: Facts) -> str:

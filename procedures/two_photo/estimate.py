@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from procedures.budget import taken_apart, with_settling
 from procedures.choice import Trial, choose, settling
+from procedures.numbers import GAIN, NOISE, RESIDUAL_STD, SCALE
 from procedures.numerics.solvers import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
 from procedures.outcome import Outcome, Refused, Verdict
@@ -109,7 +110,7 @@ class TwoPhotoPsf:
     @property
     def values(self) -> dict[str, float | tuple[float, float]]:
         """The numbers that have no uncertainty."""
-        return {"scale": self.scale, "gain": self.gain, "noise": self.noise, "residual_std": self.residual_std}
+        return {SCALE: self.scale, GAIN: self.gain, NOISE: self.noise, RESIDUAL_STD: self.residual_std}
 
 
 def estimate_psf(
@@ -259,7 +260,7 @@ def _result(
         swapped=sighting.swapped,
         gain=kernel.gain,
         noise=kernel.noise,
-        residual_std=diagnostics["residual_std"],
+        residual_std=diagnostics[RESIDUAL_STD],
         choice=tried,
         warp=found.fit.warp,
         diagnostics=diagnostics,

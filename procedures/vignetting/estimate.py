@@ -8,6 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import (
+    COLOUR_SHADING,
+    CORNER_LIGHT,
+    DARKEST_CORNER,
+    VIGNETTING_CENTRE_X,
+    VIGNETTING_CENTRE_Y,
+    VIGNETTING_K,
+    VIGNETTING_NOT_RADIAL,
+)
 from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
 from procedures.raw import Plane
 from procedures.vignetting.cells import Cells, cells_of
@@ -119,13 +128,13 @@ def _numbers(surface: Falloff, radial: RadialFalloff, middle: Array, count: int)
     where = f"{fitted}; from the frame's"
     centre = radial.centre - middle
     return {
-        "corner_light": Quantity(float(light.mean()), "1", float(spread.mean()), f"{method}; mean of corners", count),
-        "darkest_corner": Quantity(float(light[darkest]), "1", float(spread[darkest]), method, count),
-        "vignetting_centre_x": Quantity(float(centre[0]), "pixel", float(sigma[0]), where, count),
-        "vignetting_centre_y": Quantity(float(centre[1]), "pixel", float(sigma[1]), where, count),
-        **{f"vignetting_k{i + 1}": Quantity(float(radial.coefficients[i]), "1", float(sigma[i + 2]), fitted, count)
+        CORNER_LIGHT: Quantity(float(light.mean()), "1", float(spread.mean()), f"{method}; mean of corners", count),
+        DARKEST_CORNER: Quantity(float(light[darkest]), "1", float(spread[darkest]), method, count),
+        VIGNETTING_CENTRE_X: Quantity(float(centre[0]), "pixel", float(sigma[0]), where, count),
+        VIGNETTING_CENTRE_Y: Quantity(float(centre[1]), "pixel", float(sigma[1]), where, count),
+        **{VIGNETTING_K[i]: Quantity(float(radial.coefficients[i]), "1", float(sigma[i + 2]), fitted, count)
            for i in range(3)},
-        "vignetting_not_radial": Quantity(radial.lost, "1", 0.0, "rms over the frame of the formula's error", count),
+        VIGNETTING_NOT_RADIAL: Quantity(radial.lost, "1", 0.0, "rms over the frame of the formula's error", count),
     }  # fmt: skip
 
 
@@ -170,8 +179,8 @@ def _with_colour(found: dict[str, Outcome[PlaneVignetting]]) -> dict[str, Outcom
             spread = float(np.sqrt(np.mean(_noise(one) ** 2 + _noise(green) ** 2)))
             value = float(np.sqrt(np.mean(ratio**2)))
             method = f"rms over the frame of light over that of {REFERENCE}, less 1"
-            colour = Quantity(value, "1", spread, method, one.numbers["corner_light"].n)
-            answer = replace(one, numbers={**one.numbers, "colour_shading": colour})
+            colour = Quantity(value, "1", spread, method, one.numbers[CORNER_LIGHT].n)
+            answer = replace(one, numbers={**one.numbers, COLOUR_SHADING: colour})
             told[name] = Outcome(answer, outcome.verdict, outcome.reason, outcome.remedy)
         else:
             told[name] = outcome

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from procedures.numbers import name_at
 from procedures.outcome import Quantity, Verdict
 from procedures.quality import Diffraction
 from procedures.raw import Plane, RawFrame
 from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome, estimate_edge, estimate_edges, orientation
 from procedures.slanted_edge.strip import Roi
-from procedures.transfer_function import name_at
 from station.common.versions import software
 from station.drawing.edge_pictures import edge_picture
 from station.results.exports import csv_bytes

@@ -11,6 +11,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import (
+    DARK_CURRENT,
+    DSNU,
+    DYNAMIC_RANGE,
+    INVERSE_GAIN,
+    PRNU,
+    QUANTUM_EFFICIENCY,
+    RESPONSIVITY,
+    SENSITIVITY_THRESHOLD,
+    SNR_MAX,
+    SYSTEM_GAIN,
+    TEMPORAL_DARK_NOISE,
+)
 from procedures.sensor.estimate import Pattern, SensorResult, sensor_model
 from procedures.sensor.general import input_snr
 from procedures.sensor.measured import IntervalNumber
@@ -26,11 +39,11 @@ Array = npt.NDArray[np.float64]
 
 SCHEMA = "station/sensor/1"
 SECTIONS = {
-    "sensitivity": ("quantum_efficiency", "system_gain", "inverse_gain", "responsivity", "temporal_dark_noise",
-                    "sensitivity_threshold", "saturation", "snr_max", "dynamic_range"),
+    "sensitivity": (QUANTUM_EFFICIENCY, SYSTEM_GAIN, INVERSE_GAIN, RESPONSIVITY, TEMPORAL_DARK_NOISE,
+                    SENSITIVITY_THRESHOLD, "saturation", SNR_MAX, DYNAMIC_RANGE),
     "linearity": ("linearity",),
-    "dark_current": ("dark_current",),
-    "spatial": ("dsnu", "prnu"),
+    DARK_CURRENT: (DARK_CURRENT,),
+    "spatial": (DSNU, PRNU),
     "defect_pixel": ("defect_pixels",),
     "general": ("general",),
 }  # fmt: skip

@@ -254,14 +254,13 @@ def _planes(done: Batch) -> Table:
     from rich.table import Table
 
     from station.batch.run import followed, statistics
-    from station.results.number_names import short
     from station.results.verdict_words import measurement_words
 
-    numbers = followed(done.job.procedure)
+    numbers = followed(done.rows)
     table = Table(
-        "plane", *(short(name) for name in numbers), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
+        "plane", *(one.short for one in numbers), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
     )
-    for name, entry in statistics(done.rows, numbers).items():
+    for name, entry in statistics(done.rows).items():
         medians = [f"{entry[number]['median']:.4f}" if number in entry else "—" for number in numbers]
         verdicts = _counted(entry["verdicts"], measurement_words)
         table.add_row(name, *medians, verdicts)

@@ -33,7 +33,7 @@ def manual(context: click.Context, topic: str | None, folder: Path | None) -> No
 
 def _drawn_from_the_program(context: click.Context, topic: str | None) -> dict[str, str]:
     """What pages say that is drawn from the program itself: all of it, or that of the one topic."""
-    drawn = {"commands": _commands, "numbers": _diagnostics}
+    drawn = {"commands": _commands, "numbers": _numbers}
     return {name: draw(context) for name, draw in drawn.items() if topic in (None, name)}
 
 
@@ -45,14 +45,19 @@ def _commands(context: click.Context) -> str:
     return commands_text(program)
 
 
-def _diagnostics(context: click.Context) -> str:
+def _numbers(context: click.Context) -> str:
+    """All numbers, and the diagnostics behind verdicts."""
+    from procedures.numbers import reference_text
     from procedures.pattern_psf.diagnostics import Diagnostics
     from procedures.two_photo.diagnostics import Diagnostics as OfPair
     from procedures.two_photo.likeness import Likeness, NearLook
     from station.manual.field_reference import fields_text
 
     tables = {"Diagnostics of the chart": Diagnostics, "Diagnostics of two photographs": OfPair}
-    return fields_text({**tables, "Likeness of two photographs": Likeness, "The near photograph by itself": NearLook})
+    diagnostics = fields_text(
+        {**tables, "Likeness of two photographs": Likeness, "The near photograph by itself": NearLook}
+    )
+    return f"{reference_text()}\n{diagnostics}"
 
 
 def _laid_out(markdown: str) -> str:

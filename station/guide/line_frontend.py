@@ -8,6 +8,7 @@ from functools import singledispatchmethod
 from io import StringIO
 from typing import TYPE_CHECKING, TextIO
 
+from procedures.numbers import MTF50_HORIZONTAL, MTF50_VERTICAL
 from procedures.plan import Advice, Ask, Fact, Reading
 from station.common.uncertainty_text import stated
 from station.drawing.diagrams import diagram_lines
@@ -211,7 +212,7 @@ def seen_lines(advice: Advice) -> list[str]:
 
 def plane_words(plane: PlaneResult) -> str:
     """A plane's verdict and its MTF50 along rows and columns: "G1 pass: MTF50 0.412 ± 0.003 by 0.408 ± 0.003"."""
-    told = [plane.numbers[key] for key in ("mtf50_horizontal", "mtf50_vertical") if key in plane.numbers]
+    told = [plane.numbers[key] for key in (MTF50_HORIZONTAL, MTF50_VERTICAL) if key in plane.numbers]
     if not told:
         return f"{plane.name} {measurement_words(plane.verdict)}"
     both = " by ".join(stated(one.value, one.uncertainty) for one in told)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.facts import facts_as
+from procedures.numbers import W_GREATEST, W_LEAST, W_MEDIAN
 from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
 from procedures.restoration.facts import RestorationFacts
@@ -42,10 +43,12 @@ def restoration_result(outcome: Outcome[Restoration], frames: Sequence[RawFrame]
     per, unit = found.unit.per_pixel, found.unit.name
     spread = float(np.median(found.w_std)) * per
     method = "median over the map; uncertainty: the median of each place's least"
-    numbers = {"w_median": Quantity(float(np.median(found.w)) * per, unit, spread, method, found.w.size)}
+    numbers: dict[str, Quantity] = {
+        W_MEDIAN: Quantity(float(np.median(found.w)) * per, unit, spread, method, found.w.size)
+    }
     return PlaneResult(
         name, outcome.verdict, outcome.reason, outcome.remedy, numbers,
-        values={"w_least": float(found.w.min()) * per, "w_greatest": float(found.w.max()) * per,
+        values={W_LEAST: float(found.w.min()) * per, W_GREATEST: float(found.w.max()) * per,
                 **asdict(found.diagnostics)},
         found=found,
     )  # fmt: skip

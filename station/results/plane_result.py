@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
+from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL
 from procedures.outcome import Outcome, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality
 from procedures.reading.exposure import Exposure
-from station.results.exports import GAUSSIAN_RADIUS, gaussian_radius
+from station.results.exports import gaussian_radius
 from station.results.units import Pixels, Unit, told_name, told_numbers, told_quantity
 
 if TYPE_CHECKING:
@@ -130,8 +131,8 @@ def _edge_in(check: EdgeCheck, unit: Unit, factor: float) -> EdgeCheck:
 def numbers_of(quality: Quality, pitch: int) -> Iterator[tuple[str, Quantity]]:
     """The numbers, and what follows from them for RAW developers."""
     yield from quality.numbers.items()
-    if "mtf50_radial" in quality.numbers:
-        yield GAUSSIAN_RADIUS, gaussian_radius(quality.numbers["mtf50_radial"], pitch)
+    if MTF50_RADIAL in quality.numbers:
+        yield GAUSSIAN_RADIUS, gaussian_radius(quality.numbers[MTF50_RADIAL], pitch)
 
 
 def curves_of(quality: Quality) -> dict[str, Array]:

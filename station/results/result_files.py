@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
+from procedures.numbers import ENERGY_OUTSIDE_SUPPORT, SAMPLES_PER_PIXEL, SUPPORT
 from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.quality import energy_outside_support
 from station.common.durable_files import Disk, hashes_in, holds, read_own
@@ -244,8 +245,8 @@ def _sampling(planes: Sequence[PlaneResult]) -> dict[str, Any]:
     """s and k as they were used: one number where all planes have the same, else one a plane."""
     used = {plane.name: plane.psf for plane in planes if plane.psf is not None}
     found: dict[str, Any] = {}
-    for name in ("s", "k") if used else ():
-        values = {plane: psf.s if name == "s" else psf.k for plane, psf in used.items()}
+    for name in (SAMPLES_PER_PIXEL, SUPPORT) if used else ():
+        values = {plane: psf.s if name == SAMPLES_PER_PIXEL else psf.k for plane, psf in used.items()}
         found[name] = next(iter(values.values())) if len(set(values.values())) == 1 else values
     return found
 
@@ -320,7 +321,7 @@ def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
     if plane.psf is not None:
         n = next((quantity.n for quantity in plane.quality.numbers.values()), 0) if plane.quality else 0
         outside = asdict(energy_outside_support(plane.psf, n))
-        entry |= {"s": plane.psf.s, "k": plane.psf.k, "energy_outside_support": outside}
+        entry |= {SAMPLES_PER_PIXEL: plane.psf.s, SUPPORT: plane.psf.k, ENERGY_OUTSIDE_SUPPORT: outside}
     if plane.quality is not None:
         budgets = plane.quality.budgets
         numbers = plane.quality.numbers.items()

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from procedures.numbers import Group, in_group
 from procedures.outcome import Quantity
 from station.app.widgets import verdict_words
 from station.common.uncertainty_text import stated
 from station.drawing.glyphs import Glyphs
 from station.drawing.terminal_plots import TerminalCurve, TerminalFrame, plot
-from station.results.number_names import short
 from station.results.plane_result import PlaneResult
 from station.results.reader import Change
 from station.results.restored import Restored
@@ -20,13 +20,7 @@ from station.results.verdict_words import specification_words
 
 Plotted = Callable[[int, int, bool], list[str]]
 
-SHOWN = tuple(
-    (name, short(name))
-    for name in (
-        *("mtf50_horizontal", "mtf50_vertical", "mtf_nyquist_radial", "fwhm_horizontal", "fwhm_vertical"),
-        *("encircled_energy_80", "strehl"),
-    )
-)
+SHOWN = tuple((one, one.short) for one in in_group(Group.SCREEN))
 COVERAGE = 1.96
 """Standard uncertainties that a band of 95 % reaches either way."""
 LETTERS = "*o"

@@ -20,16 +20,6 @@ if TYPE_CHECKING:
     from procedures.outcome import Miss
     from station.calibration.sensor import SensorPlane
 
-TOLD = (
-    "system_gain",
-    "temporal_dark_noise",
-    "saturation_capacity",
-    "dynamic_range_db",
-    "linearity_error",
-    "dsnu",
-    "prnu",
-)
-"""Numbers of the line on stderr."""
 
 EPILOG = """\
 FOLDER holds dark pictures and pictures of even light, two or more of each exposure; three or more of one exposure are
@@ -107,9 +97,10 @@ def _tell(plane: SensorPlane) -> None:
     outcome = plane.outcome
     verdict = str(outcome.verdict)
     parts = [f"{plane.name}: {verdict}"] + ([outcome.reason] if outcome.reason else [])
+    from procedures.numbers import Group, in_group
+
     numbers = outcome.value.numbers if outcome.value is not None else {}
-    for name in TOLD:
-        if name in numbers:
-            one = numbers[name]
-            parts.append(f"{name} {stated(one.value, one.uncertainty)}" + ("" if one.unit == "1" else f" {one.unit}"))
+    for name in in_group(Group.LINE, numbers):
+        one = numbers[name]
+        parts.append(f"{name} {stated(one.value, one.uncertainty)}" + ("" if one.unit == "1" else f" {one.unit}"))
     log("plane", "; ".join(parts), level=LEVELS[verdict], remedy=outcome.remedy, plane=plane.name, verdict=verdict)

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from procedures.outcome import Outcome
     from procedures.vignetting.estimate import PlaneVignetting
 
-TOLD = ("corner_light", "darkest_corner", "vignetting_centre_x", "vignetting_centre_y", "colour_shading")
-"""Numbers of the line on stderr."""
-
 
 @click.command("vignetting")
 @click.argument("flats", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="FLAT...")
@@ -57,8 +54,11 @@ def _tell(plane: str, outcome: Outcome[PlaneVignetting]) -> None:
     verdict = str(outcome.verdict)
     parts = [f"{plane}: {verdict}"] + ([outcome.reason] if outcome.reason else [])
     if outcome.value is not None:
+        from procedures.numbers import Group, in_group
+
         numbers = outcome.value.numbers
         parts += [
-            f"{name} {numbers[name].value:.4g} ± {numbers[name].uncertainty:.2g}" for name in TOLD if name in numbers
+            f"{name} {numbers[name].value:.4g} ± {numbers[name].uncertainty:.2g}"
+            for name in in_group(Group.LINE, numbers)
         ]
     log("plane", "; ".join(parts), level=LEVELS[verdict], remedy=outcome.remedy, plane=plane, verdict=verdict)

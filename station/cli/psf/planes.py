@@ -226,18 +226,17 @@ def tell_misses(misses: Iterable[Miss]) -> None:
 
 def _sentence(record: PlaneResult) -> str:
     """What a person wants to know of a plane in one line."""
+    from procedures.numbers import RADIAL, Group, frequency_of, in_group, label
     from station.common.uncertainty_text import stated
-    from station.results.number_names import words_of
     from station.results.verdict_words import measurement_words
 
     parts = [f"{record.name}: {measurement_words(record.verdict)}"]
     parts += [record.reason] if record.reason else []
-    asked = [name for name in record.numbers if name.startswith("mtf_at_") and not name.endswith("_radial")]
-    for name in ("mtf50_horizontal", "mtf50_vertical", *asked):
-        if name in record.numbers:
-            number = record.numbers[name]
-            words = f"{words_of(name, record.unit).words} {stated(number.value, number.uncertainty)}"
-            parts.append(f"{words} {number.unit}" if number.unit != "1" else words)
+    asked = [name for name in record.numbers if (at := frequency_of(name)) and at[1] != RADIAL]
+    for name in (*in_group(Group.LINE, record.numbers), *asked):
+        number = record.numbers[name]
+        words = f"{label(name, record.unit)} {stated(number.value, number.uncertainty)}"
+        parts.append(f"{words} {number.unit}" if number.unit != "1" else words)
     if record.unit == "cycles/pixel" and record.pitch > 1 and any("pixel" in part for part in parts):
         parts.append(f"pixels of the plane, each {record.pitch} of the sensor")
     return "; ".join(parts)

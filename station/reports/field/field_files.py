@@ -15,6 +15,7 @@ from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.image_height import HeightCurve, over_height
 from procedures.field.maps import FieldMap
 from procedures.field.photosite import Photosite, WithoutPhotosite
+from procedures.numbers import CORNER_LIGHT, DARKEST_CORNER, ERROR_INTERPOLATION, ERROR_NOISE
 from procedures.vignetting.formula import LightSurface
 from procedures.whole_camera.camera_file import write_camera_numbers
 from procedures.whole_camera.from_field import WholeCamera
@@ -189,7 +190,7 @@ def _light_told(light: LightSurface) -> dict[str, Any]:
     """What the record says of a plane's vignetting."""
     rows, columns = light.shape
     corners = np.array([(x, y) for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
-    return {"corner_light": float(light.at(corners).mean()), "darkest_corner": float(light.at(corners).min())}
+    return {CORNER_LIGHT: float(light.at(corners).mean()), DARKEST_CORNER: float(light.at(corners).min())}
 
 
 def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...]:
@@ -210,11 +211,13 @@ def _told(one: PlaneField) -> dict[str, Any]:
     """What the record says about a plane's field."""
     found = one.interpolation
     by_name = {name.name: name for name in one.maps}
-    errors = {name: by_name[name].median(by_name[name].value) for name in ("error_noise", "error_interpolation")}
+    errors: dict[str, float] = {
+        name: by_name[name].median(by_name[name].value) for name in (ERROR_NOISE, ERROR_INTERPOLATION)
+    }
     return {
         "model": found.field.model.name,
         "components": len(found.field.components),
-        "enclosed_share": by_name["error_noise"].share,
+        "enclosed_share": by_name[ERROR_NOISE].share,
         **errors,
         "budgets": {name: dict(terms) for name, terms in one.budgets.items()},
         "candidates": [asdict(candidate) for candidate in found.candidates[:CANDIDATES_TOLD]],
