@@ -20,7 +20,7 @@ def station_toml(tmp_path, monkeypatch):
 
 
 def options(unit=None):
-    return {"unit": unit, "specification": None, "at": (0.2,)}
+    return {"unit": unit, "config": None, "specification": None, "at": (0.2,)}
 
 
 def test_station_toml_tells_the_unit_and_an_option_another(station_toml):
