@@ -95,8 +95,8 @@ def main(
 ) -> None:
     """Camera calibration station: subpixel point spread functions with error bars.
 
-    Without a command it opens the operator's application. Options before a command are handed to the commands named in
-    brackets, and are errors before others; --quiet holds for all.
+    Without a command it opens the operator's application. An option before a command is handed to it where the
+    option's help names the command ("also for"), and is an error where not; --quiet holds for every command.
     """
     # Work runs side by side by planes and frames. BLAS threads beside that wait in turns for each other's cores: four
     # planes took over four times the processor time. Read when numpy is loaded, which no command does before this.

@@ -27,9 +27,10 @@ def existing_file(context: click.Context, option: click.Parameter, path: Path | 
     return path
 
 
-USUAL_FILE = "The bench's devices, and the unit of frequencies.  [default: station.toml where there is one]"
-
-config_option = inherited("--config", type=click.Path(path_type=Path), callback=existing_file, help=USUAL_FILE)
+config_option = inherited(
+    "--config", type=click.Path(path_type=Path), callback=existing_file,
+    help="The bench's devices.  [default: station.toml where there is one]",
+)  # fmt: skip
 simulate_option = inherited("--simulate", is_flag=True, help="Work with the simulated bench.")
 seed_option = inherited("--seed", type=SEED, default=0, show_default=True, help="Of the simulated bench.")
 shaker_option = inherited("--shaker", is_flag=True, help="With --simulate: the bench has a shaker.")

@@ -15,11 +15,12 @@ from click.core import ParameterSource
 
 EXPLICIT = (ParameterSource.COMMANDLINE, ParameterSource.ENVIRONMENT)
 WITHOUT_COMMAND = "leave the command out; the option is for the guide, which `station` opens by itself"
-KEPT = "leave it out; a session keeps that with which it was begun"
+KEPT = "leave it out; a session keeps what it was begun with"
 SIMULATED = "leave it out; this command simulates in any case"
 INSTEAD: Mapping[tuple[str, str], str] = {
     ("batch", "--unit"): 'write `unit = "..."` in the procedure file',
     ("batch", "--specification"): 'write `specification = "..."` in the procedure file',
+    ("session resume", "--plain"): "leave it out; a session is resumed in plain lines in any case",
     ("demo", "--simulate"): SIMULATED,
     ("simulate", "--simulate"): SIMULATED,
     **{("session resume", name): KEPT for name in ("--seed", "--shaker", "--specification", "--unit", "--plan")},
