@@ -9,9 +9,10 @@ from pathlib import Path
 
 import click
 
+from station.cli.terminal.bench_options import check_shaker, existing_file
 from station.cli.terminal.lazy import LazyGroup
-from station.cli.terminal.numbers import SEED
-from station.common.log import set_quiet
+from station.cli.terminal.numbers import SEED, UNITS
+from station.common.log import quiet_option
 
 # name -> (module under station.cli, function, help line)
 COMMANDS = {
@@ -50,18 +51,34 @@ LARGE_HEAP = 50_000
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @click.version_option(package_name="calibration-station")
-@click.option("--simulate", is_flag=True, help="Work with the simulated bench.")
-@click.option("--shaker", is_flag=True, help="With --simulate: the bench has a shaker.")
-@click.option("--config", type=click.Path(path_type=Path), help="The bench's devices; station.toml where there is one.")
-@click.option("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
-@click.option("--seed", type=SEED, default=0, help="Of the simulated bench.")
-@click.option("-q", "--quiet", is_flag=True, help="Say on stderr only what is doubtful or wrong.")
+@click.option(
+    "--simulate", is_flag=True,
+    help="Work with the simulated bench.  [also for: focus, session resume, devices, serve]",
+)  # fmt: skip
+@click.option("--shaker", is_flag=True, help="With --simulate: the bench has a shaker.  [also for: devices, serve]")
+@click.option(
+    "--config", type=click.Path(path_type=Path), callback=existing_file,
+    help="The bench's devices, and the unit of frequencies.  [default: station.toml where there is one]"
+    "  [also for: psf, focus, mtf, session resume, devices, serve]",
+)  # fmt: skip
+@click.option(
+    "--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True,
+    help="Folder of the sessions.  [also for: session, serve]",
+)  # fmt: skip
+@click.option(
+    "--seed", type=SEED, default=0,
+    help="Of the simulated bench.  [also for: focus, devices, serve, simulate, demo]",
+)  # fmt: skip
+@quiet_option
 @click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")
 @click.option("--plan", help="What to be guided through.  [default: pattern]")
-@click.option("--specification", type=click.Path(path_type=Path), help="Limits to hold new sessions' results to.")
 @click.option(
-    "--unit", type=click.Choice(["cycles/pixel", "lp/mm", "lw/ph"], case_sensitive=False),
-    help="Of new sessions' frequencies.  [default: as station.toml says]",
+    "--specification", type=click.Path(path_type=Path),
+    help="Limits to hold results to, in TOML.  [also for: psf, mtf, serve]",
+)  # fmt: skip
+@click.option(
+    "--unit", type=UNITS,
+    help="Of frequencies.  [default: as --config says, else cycles/pixel]  [also for: psf, mtf, serve]",
 )  # fmt: skip
 @click.pass_context
 def main(
@@ -71,7 +88,6 @@ def main(
     config: Path | None,
     sessions: Path,
     seed: int,
-    quiet: bool,
     plain: bool,
     plan: str | None,
     specification: Path | None,
@@ -79,7 +95,8 @@ def main(
 ) -> None:
     """Camera calibration station: subpixel point spread functions with error bars.
 
-    Without a command it opens the operator's application.
+    Without a command it opens the operator's application. An option before a command is handed to it where the
+    option's help names the command ("also for"), and is an error where not; --quiet holds for every command.
     """
     # Work runs side by side by planes and frames. BLAS threads beside that wait in turns for each other's cores: four
     # planes took over four times the processor time. Read when numpy is loaded, which no command does before this.
@@ -87,17 +104,17 @@ def main(
     # What is imported stays: looking through it for garbage, now and then and at the end, takes a tenth of a command.
     gc.set_threshold(LARGE_HEAP)
     atexit.register(gc.freeze)
-    set_quiet(ctx, quiet)
-    if shaker and not simulate:
-        raise click.UsageError("--shaker is of the simulated bench: give --simulate, or write [devices.shaker]")
-    if ctx.invoked_subcommand is None and plain:
+    if ctx.invoked_subcommand is not None:  # options that apply to it are handed to it: see `inherited`
+        return
+    check_shaker(simulate=simulate, shaker=shaker)
+    if plain:
         from station.cli.guide import run_plain
 
         run_plain(
             simulate=simulate, shaker=shaker, config=config, sessions=sessions, seed=seed, plan=plan,
             specification=specification, unit=unit,
         )  # fmt: skip
-    elif ctx.invoked_subcommand is None:
+    else:
         from station.cli.app import run_app
 
         run_app(

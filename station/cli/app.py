@@ -14,13 +14,13 @@ import click
 
 from procedures.outcome import BadParameter
 from station.app.background import at_once
+from station.cli.terminal.bench_options import usual_config
 from station.common.stop_signals import ENDING, EXIT_DEVICE
 from station.guide.workspace import StationLab
 
 if TYPE_CHECKING:
     from station.app.app import StationApp
 
-CONFIG = Path("station.toml")
 PATIENCE_S = 3.0
 """How long the application may take to leave, and a run to write its last line."""
 
@@ -104,8 +104,3 @@ def check_plan(name: str) -> None:
     from station.guide.catalogue import entry_named
 
     entry_named(name)
-
-
-def usual_config() -> Path | None:
-    """station.toml, where there is one."""
-    return CONFIG if CONFIG.is_file() else None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import SEED
 from station.cli.terminal.progress import progress as progress_shown
 from station.common.errors import REFUSED
@@ -30,7 +31,7 @@ WIDE = 100
 @click.option(
     "--out", type=click.Path(path_type=Path), default="demo", show_default=True, help="Folder for everything it makes."
 )
-@click.option("--seed", type=SEED, default=1, show_default=True, help="Of the camera's noise.")
+@inherited("--seed", type=SEED, default=1, show_default=True, help="Of the camera's noise.")
 @click.option("--rendered", is_flag=True, help="Also trace light through scenes in depth, filter and photograph them.")
 @click.option("--guided", is_flag=True, help="Go through the guide on the simulated bench, into a session in --out.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")

@@ -14,6 +14,8 @@ import click
 from procedures.numbers import EDGE_MTF50, S_OVER_T
 from station.cli.psf.planes import chart_options, chart_source
 from station.cli.psf.terms import plane_name
+from station.cli.terminal.bench_options import existing_file
+from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import SEED
 from station.common.errors import REFUSED
 
@@ -26,9 +28,14 @@ BAR = 30
 
 @click.command()
 @click.option("--watch", "folder", type=click.Path(path_type=Path), help="The folder in which photographs arrive.")
-@click.option("--config", type=click.Path(path_type=Path), help="Expose with the camera of this station.toml.")
-@click.option("--simulate", is_flag=True, help="Sweep the focus of the simulated camera.")
-@click.option("--simulated-seed", type=SEED, default=0, show_default=True, help="Of the simulated bench.")
+@inherited(
+    "--config", type=click.Path(path_type=Path), callback=existing_file,
+    help="Expose with the camera of this station.toml.",
+)  # fmt: skip
+@inherited("--simulate", is_flag=True, help="Sweep the focus of the simulated camera.")
+@inherited(
+    "--simulated-seed", inherits="--seed", type=SEED, default=0, show_default=True, help="Of the simulated bench."
+)
 @chart_options
 @click.option("-s", "s", type=click.IntRange(2, 16), default=4, show_default=True, help="PSF samples per pixel.")
 @click.option("-k", "k", type=click.IntRange(3, 101), default=17, show_default=True, help="PSF samples along a side.")

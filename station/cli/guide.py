@@ -13,7 +13,8 @@ import click
 from procedures.outcome import Verdict
 from procedures.plan import Ask
 from station.app.background import at_once
-from station.cli.app import check_plan, check_specification, frozen_unit, usual_config
+from station.cli.app import check_plan, check_specification, frozen_unit
+from station.cli.terminal.bench_options import usual_config
 from station.common.errors import INTERRUPTED, REFUSED
 from station.common.stop_signals import EXIT_DEVICE, guarded
 from station.guide.frontend import Event, Result, RunEnded, Stopped

@@ -37,9 +37,17 @@ def logs_json() -> bool:
     return context is not None and bool(context.meta.get(_LOG_JSON))
 
 
-def set_quiet(context: click.Context, quiet: bool) -> None:
-    """Whether a program's commands say only what is doubtful or wrong."""
-    context.meta[_QUIET] = quiet
+def quiet_option(program: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a program the option `--quiet`, which holds for all its commands."""
+    option = click.option(
+        "-q",
+        "--quiet",
+        is_flag=True,
+        expose_value=False,
+        callback=lambda context, _, chosen: context.meta.__setitem__(_QUIET, chosen),
+        help="Say on stderr only what is doubtful or wrong.",
+    )
+    return option(program)
 
 
 def _is_quiet() -> bool:

@@ -9,8 +9,15 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
+from station.cli.terminal.bench_options import (
+    CONFIG,
+    check_shaker,
+    config_option,
+    seed_option,
+    shaker_option,
+    simulate_option,
+)
 from station.cli.terminal.columns import columns
-from station.cli.terminal.numbers import SEED
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -22,9 +29,10 @@ FAILED = 3
 
 
 @click.command()
-@click.option("--config", type=click.Path(path_type=Path), default=Path("station.toml"), show_default=True)
-@click.option("--simulate", is_flag=True, help="Show the simulated bench instead.")
-@click.option("--seed", type=SEED, default=0, help="Of the simulated bench.")
+@config_option
+@simulate_option
+@shaker_option
+@seed_option
 @click.option("--faults", is_flag=True, help="Let the simulated bench fail now and then.")
 @click.option("--wire-log", type=click.Path(path_type=Path), help="Write every byte on the wires to this folder.")
 @click.option("--json", "as_json", is_flag=True, help="Write the rows as JSON to stdout.")
@@ -35,23 +43,25 @@ FAILED = 3
 @click.option("--output", type=click.Path(path_type=Path), help="Write the commissioned stages' tables to this file.")
 @log_json_option
 def devices(
-    config: Path, simulate: bool, seed: int, faults: bool, wire_log: Path | None, as_json: bool, commission: bool,
-    output: Path | None,
+    config: Path | None, simulate: bool, shaker: bool, seed: int, faults: bool, wire_log: Path | None, as_json: bool,
+    commission: bool, output: Path | None,
 ) -> None:  # fmt: skip
     """Show each device: driver, address, what answered, its state, and what to do where something is wrong."""
     from station.bench.opening import make_bench, read_config, simulated_bench, simulated_tables
     from station.common.leftovers import temporary_folder
     from station.common.stop_signals import guarded
 
+    check_shaker(simulate=simulate, shaker=shaker)
     with temporary_folder() as folder:
         if wire_log is not None:
             wire_log.mkdir(parents=True, exist_ok=True)
         if simulate:
-            bench = simulated_bench(folder, seed=seed, faults=faults)
-            tables = simulated_tables(bench.simulated.address, folder)
+            bench = simulated_bench(folder, seed=seed, faults=faults, shaker=shaker)
+            tables = simulated_tables(bench.simulated.address, folder, shaker=shaker)
         else:
-            tables = read_config(config)
-            bench = make_bench(tables, folder=config.resolve().parent, wire_log=wire_log)
+            path = config or CONFIG
+            tables = read_config(path)
+            bench = make_bench(tables, folder=path.resolve().parent, wire_log=wire_log)
         try:
             with guarded(bench.emergency_stop, interrupt):
                 rows = bench.rows()

@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.numbers import SEED, Number
+from station.cli.terminal.bench_options import (
+    check_shaker,
+    config_option,
+    seed_option,
+    shaker_option,
+    simulate_option,
+    usual_config,
+)
+from station.cli.terminal.inherited import inherited
+from station.cli.terminal.numbers import UNITS, Number
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -28,10 +37,13 @@ PATIENCE_S = 3.0
 
 
 @click.command()
-@click.option("--config", type=click.Path(path_type=Path), help="The bench's devices; station.toml where there is one.")
-@click.option("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
-@click.option("--simulate", is_flag=True, help="Serve the simulated bench.")
-@click.option("--seed", type=SEED, default=0, help="Of the simulated bench.")
+@config_option
+@inherited("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
+@simulate_option
+@shaker_option
+@seed_option
+@inherited("--specification", type=click.Path(path_type=Path), help="Limits to hold new sessions' results to, in TOML.")
+@inherited("--unit", type=UNITS, help="Of new sessions' frequencies.  [default: as station.toml says]")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Where to listen; 0.0.0.0 for the local network.")
 @click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0 takes a free one.")
 @click.option("--token", help=f"What clients must tell.  [default: {TOKEN} of the environment, or a new one]")
@@ -41,18 +53,22 @@ PATIENCE_S = 3.0
 @click.option("--json", "as_json", is_flag=True, help="Write address and token as one JSON object.")
 @log_json_option
 def serve(
-    config: Path | None, sessions: Path, simulate: bool, seed: int, host: str, port: int, token: str | None,
-    no_token: bool, discovery: bool, for_s: float | None, as_json: bool,
+    config: Path | None, sessions: Path, simulate: bool, shaker: bool, seed: int, specification: Path | None,
+    unit: str | None, host: str, port: int, token: str | None, no_token: bool, discovery: bool, for_s: float | None,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Serve bench, sessions and runs to other programs until Ctrl-C: JSON over HTTP, Alpaca, a page for a phone.
 
     Everybody may stop the bench, without a token.
     """
     from procedures.outcome import BadParameter
-    from station.cli.app import usual_config
+    from station.cli.app import check_specification, frozen_unit
     from station.common.stop_signals import guarded
     from station.guide.workspace import StationLab
 
+    check_shaker(simulate=simulate, shaker=shaker)
+    if specification is not None:
+        check_specification(specification)
     if token is not None and no_token:
         raise BadParameter("--token and --no-token contradict each other", "leave one of them out")
     try:
@@ -63,7 +79,10 @@ def serve(
         raise BadParameter(reason, "install it: pip install 'calibration-station[serve]'") from error
     given = token if token is not None else os.environ.get(TOKEN)
     key = None if no_token else new_token() if given is None else check_token(given)
-    lab = StationLab(sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed)
+    lab = StationLab(
+        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification,
+        shaker=shaker, unit=frozen_unit(unit, config),
+    )  # fmt: skip
     ended = threading.Event()
     with listen(host, port) as listening, ExitStack() as besides:
         if discovery:

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import click
 
+from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import SEED, Number
 
 
 @click.command()
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Of all noise, and of the faults.")
+@inherited("--seed", type=SEED, default=0, show_default=True, help="Of all noise, and of the faults.")
 @click.option("--faults", is_flag=True, help="Lose, change and double bytes now and then, and fall silent.")
 @click.option(
     "--folder", type=click.Path(path_type=Path), default=Path("incoming"), show_default=True, help="Where RAW files go."

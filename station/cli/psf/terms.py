@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.terminal.bench_options import existing_file
 from station.cli.terminal.force import force_option
+from station.cli.terminal.inherited import inherited
+from station.cli.terminal.numbers import UNITS
 from station.common.log import log
 from station.common.sanitise import printable
 
@@ -19,7 +22,6 @@ if TYPE_CHECKING:
 
 Command = Callable[..., Any]
 
-UNITS = ("cycles/pixel", "lp/mm", "lw/ph")
 LEVELS = {"meets": "info", "undecided": "warning", "does not meet": "error"}
 """Of a log line, by the specification's verdict."""
 
@@ -45,28 +47,30 @@ def _frequencies(context: click.Context, option: click.Parameter, words: str | N
     return found
 
 
-unit_option = click.option(
-    "--unit", type=click.Choice(UNITS, case_sensitive=False),
+unit_option = inherited(
+    "--unit", type=UNITS,
     help="Of every frequency: cycles/pixel of the plane, lp/mm on the sensor, lw/ph of the frame's short side."
-    "  [default: as station.toml says, else cycles/pixel]",
+    "  [default: as --config says, else cycles/pixel]",
+)  # fmt: skip
+config_option = inherited(
+    "--config", type=click.Path(path_type=Path), callback=existing_file,
+    help="File that names the unit where --unit does not.  [default: station.toml where there is one]",
 )  # fmt: skip
 
 
-def chosen_unit(name: str | None) -> Unit:
-    """The unit that was asked for, else that of station.toml. Raises BadParameter where it names none."""
+def chosen_unit(name: str | None, config: Path | None) -> Unit:
+    """The unit that was asked for, else that of `config` or station.toml. Raises BadParameter where it names none."""
     from station.results.preferred_unit import preferred_unit
     from station.results.units import Unit
 
-    context = click.get_current_context(silent=True)
-    config = context.find_root().params.get("config") if context else None
     return preferred_unit(config) if name is None else Unit(name.lower())
 
 
 def terms_options(command: Command) -> Command:
-    """Give a command --unit, --at, --specification and --force."""
+    """Give a command --unit, --config, --at, --specification and --force."""
     at = click.option("--at", callback=_frequencies, metavar="F,F...", help="Tell the MTF at these frequencies too.")
-    held = click.option("--specification", type=click.Path(path_type=Path), help="Limits to hold the lens to, in TOML.")
-    return unit_option(at(held(force_option(command))))
+    held = inherited("--specification", type=click.Path(path_type=Path), help="Limits to hold the lens to, in TOML.")
+    return unit_option(config_option(at(held(force_option(command)))))
 
 
 def terms_of(options: dict[str, Any]) -> Terms:
@@ -76,7 +80,7 @@ def terms_of(options: dict[str, Any]) -> Terms:
     from station.results.terms import Terms
     from station.results.units import Frequency
 
-    unit, file = chosen_unit(options.pop("unit")), options.pop("specification")
+    unit, file = chosen_unit(options.pop("unit"), options.pop("config")), options.pop("specification")
     at = tuple(Frequency(value, unit) for value in options.pop("at"))
     return Terms(unit, at, read_specification(file) if file else Specification())
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from station.cli.terminal.inherited import inherited
 from station.cli.terminal.lazy import LazyGroup
 
 # name -> (module under station.cli, function, help line)
@@ -24,7 +25,7 @@ SESSION_COMMANDS = {
 
 Command = Callable[..., Any]
 
-sessions_option = click.option(
+sessions_option = inherited(
     "--sessions",
     "root",
     type=click.Path(path_type=Path),

@@ -8,16 +8,16 @@ from pathlib import Path
 import click
 
 from station.cli.session.group import find_session, newest_unfinished, sessions_option
+from station.cli.terminal.bench_options import config_option, usual_config
+from station.cli.terminal.inherited import inherited
 from station.common.log import log_json_option
 
 
 @click.command("resume")
 @click.argument("name", metavar="[SESSION]", required=False)
 @sessions_option
-@click.option(
-    "--config", type=click.Path(path_type=Path), help="The bench.  [default: station.toml where there is one]"
-)
-@click.option("--simulate", is_flag=True, help="Use the simulated bench, as a session that began on it does.")
+@config_option
+@inherited("--simulate", is_flag=True, help="Use the simulated bench, as a session that began on it does.")
 @click.option("--without", type=click.IntRange(min=1), multiple=True, help="Give up a shot whose photograph is lost.")
 @click.option("--back-to", metavar="STEP", help="Do this step and those after it again.")
 @log_json_option
@@ -25,7 +25,6 @@ def session_resume(
     name: str | None, root: Path, config: Path | None, simulate: bool, without: tuple[int, ...], back_to: str | None
 ) -> None:
     """Go on with SESSION, or the newest unfinished one, at the first step that is not done; stages home again first."""
-    from station.cli.app import usual_config
     from station.cli.guide import Watched, conduct
     from station.guide.workspace import StationLab
     from station.sessions.reader import read_session

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from station.cli.terminal.inherited import check_inherited
 from station.common.errors import explained
 
 Table = Mapping[str, tuple[str, str, str]]
@@ -32,6 +33,15 @@ class LazyGroup(click.Group):
         module, function, _ = self.table[cmd_name]
         command: click.Command = getattr(importlib.import_module(f"station.cli.{module}"), function)
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The command that the words name. Raises UsageError where an option before it does not apply to it."""
+        name, command, rest = super().resolve_command(ctx, args)
+        if name and command and not isinstance(command, click.Group) and not ctx.resilient_parsing:
+            check_inherited(ctx, name, command)
+        return name, command, rest
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Help lines from the table, without importing anything."""

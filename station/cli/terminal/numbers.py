@@ -25,5 +25,7 @@ class Number(click.FloatRange):
         return "" if self.min is None and self.max is None else super()._describe_range()
 
 
+UNITS = click.Choice(["cycles/pixel", "lp/mm", "lw/ph"], case_sensitive=False)
+"""Of frequencies."""
 SEED = click.IntRange(0, 2**63 - 1)
 """Of a generator of random numbers."""

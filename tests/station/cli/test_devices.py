@@ -39,9 +39,11 @@ def test_what_is_wrong_is_shown_with_its_remedy(tmp_path):
     assert "what to do: plug the cable in" in done.stderr
 
 
-def test_without_configuration_it_says_what_to_do(tmp_path):
-    done = CliRunner().invoke(main, ["devices", "--config", str(tmp_path / "none.toml")])
+def test_without_configuration_it_says_what_to_do(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main, ["devices"])
     assert done.exit_code == 2
+    assert "there is no station.toml" in done.stderr
     assert "use --simulate" in done.stderr
 
 

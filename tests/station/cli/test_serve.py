@@ -11,6 +11,8 @@ import urllib.request
 
 import pytest
 
+from procedures.outcome import BadParameter
+from station.guide import workspace
 from station.service.hosting import listen
 
 
@@ -36,6 +38,21 @@ def test_options_that_cannot_be_meant_are_refused(run, options, words):
     assert done.exit_code == 2
     assert words in done.stderr
     assert "what to do" in done.stderr
+
+
+def test_new_sessions_have_the_unit_the_specification_and_the_shaker(run, monkeypatch, tmp_path):
+    limits = tmp_path / "lens.toml"
+    limits.write_text("[limits]\nmtf50_horizontal = { min = 0.25 }\n")
+    asked = []
+
+    def lab(**settings):
+        asked.append(settings)
+        raise BadParameter("this is enough", "end")
+
+    monkeypatch.setattr(workspace, "StationLab", lab)
+    given = ("--unit", "lp/mm", "--specification", limits, "--simulate", "--shaker")
+    assert run(*given, "serve").exit_code == 2
+    assert asked[0] | {"unit": "lp/mm", "specification": limits, "shaker": True, "simulate": True} == asked[0]
 
 
 def test_without_the_extra_it_says_what_to_install(run, monkeypatch):

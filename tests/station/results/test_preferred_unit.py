@@ -19,8 +19,8 @@ def station_toml(tmp_path, monkeypatch):
     return (tmp_path / "station.toml").write_text
 
 
-def options(unit=None):
-    return {"unit": unit, "specification": None, "at": (0.2,)}
+def options(unit=None, config=None):
+    return {"unit": unit, "config": config, "specification": None, "at": (0.2,)}
 
 
 def test_station_toml_tells_the_unit_and_an_option_another(station_toml):
@@ -31,6 +31,13 @@ def test_station_toml_tells_the_unit_and_an_option_another(station_toml):
     assert terms_of(options("lw/ph")).unit is Unit.LINE_WIDTHS
     assert frozen_unit(None, None) == "lp/mm"
     assert frozen_unit("cycles/pixel", None) is None
+
+
+def test_a_file_that_is_named_counts_before_station_toml(station_toml, tmp_path):
+    station_toml('unit = "lp/mm"\n')
+    other = tmp_path / "other.toml"
+    other.write_text('unit = "lw/ph"\n')
+    assert terms_of(options(config=other)).unit is Unit.LINE_WIDTHS
 
 
 def test_what_is_no_unit_is_named(station_toml):
