@@ -71,8 +71,8 @@ NUMBERS: dict[str, Number] = {}
 """All numbers by name, in the order in which they are shown."""
 
 
-class _Section:
-    """Registers the numbers of one section of the manual's reference."""
+class Section:
+    """Registers the numbers of one section of the manual's reference: called with a name, unit, label, definition."""
 
     def __init__(self, title: str) -> None:
         self.title = title
@@ -99,7 +99,7 @@ DIRECTIONS: Mapping[str, tuple[str, str]] = {
 
 # --- of a PSF --------------------------------------------------------------------------------------------------------
 
-_psf = _Section("Of a PSF")
+_psf = Section("Of a PSF")
 
 
 def _crossing(level: int, direction: str) -> Number:
@@ -171,7 +171,7 @@ ENERGY_OUTSIDE_SUPPORT = _psf(
 
 # --- of the estimate -------------------------------------------------------------------------------------------------
 
-_estimate = _Section("Of the estimate")
+_estimate = Section("Of the estimate")
 SAMPLES_PER_PIXEL = _estimate("s", "1", "Samples per pixel", "samples per pixel of the plane")
 SUPPORT = _estimate("k", "1", "Samples of the support", "samples along one side of the support")
 S_OVER_T = _estimate(
@@ -207,7 +207,7 @@ NOISE = _estimate(
 
 # --- across an edge --------------------------------------------------------------------------------------------------
 
-_edge = _Section("Across an edge")
+_edge = Section("Across an edge")
 EDGE_CROSSINGS: Mapping[int, Number] = {
     level: _edge(
         f"mtf{level}", CYCLES, f"MTF{level} across the edge",
@@ -227,7 +227,7 @@ EDGE_ANGLE = _edge(
 
 # --- over the frame --------------------------------------------------------------------------------------------------
 
-_frame = _Section("Over the frame")
+_frame = Section("Over the frame")
 MTF50_SAGITTAL = _frame(
     "mtf50_sagittal", CYCLES, "MTF50 of sagittal detail",
     "MTF50 of detail that repeats across the radius from the frame's centre", _M, short="MTF50, sagittal",
@@ -269,7 +269,7 @@ FOCUS: Mapping[str, Number] = {
 
 # --- of a sensor (EMVA 1288) -----------------------------------------------------------------------------------------
 
-_sensor = _Section("Of a sensor (EMVA 1288)")
+_sensor = Section("Of a sensor (EMVA 1288)")
 
 
 def _emva(name: str, unit: str, label: str, definition: str, *groups: Group, symbol: str = "") -> Number:
@@ -371,7 +371,7 @@ DEFECT_PIXELS: Mapping[str, Number] = {
 
 # --- of flats --------------------------------------------------------------------------------------------------------
 
-_flats = _Section("Of flats")
+_flats = Section("Of flats")
 _LIGHT = "light in the frame's corners over that at its centre: "
 CORNER_LIGHT = _flats("corner_light", "1", "Light in the corners", f"{_LIGHT}their mean", _H, _L, _C, _T, _U)
 DARKEST_CORNER = _flats("darkest_corner", "1", "Light in the darkest corner", f"{_LIGHT}the least", _H, _L, _C, _U)
@@ -393,7 +393,7 @@ COLOUR_SHADING = _flats(
 
 # --- of the sensor's plane -------------------------------------------------------------------------------------------
 
-_tilt = _Section("Of the sensor's plane")
+_tilt = Section("Of the sensor's plane")
 _EDGES = "height of the sensor behind best focus at the photograph's {} edge over that at its {}"
 TILT_HORIZONTAL = _tilt("tilt_horizontal", "um", "tilt horizontal", _EDGES.format("right", "left"), _H, _L, _C, _T, _U)
 TILT_VERTICAL = _tilt("tilt_vertical", "um", "tilt vertical", _EDGES.format("lower", "upper"), _H, _L, _C, _T, _U)
@@ -416,7 +416,7 @@ HELPS = _tilt("helps", "1", "helps", "probability that the turns bring the plane
 
 # --- of a camera's geometry ------------------------------------------------------------------------------------------
 
-_geometry = _Section("Of a camera's geometry")
+_geometry = Section("Of a camera's geometry")
 _FOCAL = "focal length in pixels of the sensor"
 FOCAL = tuple(
     _geometry(name, "pixel", f"Focal length {name}", _FOCAL, _H, _L, _C, _T, _U, short=name, symbol=name)
@@ -447,7 +447,7 @@ TURN = _geometry("turn", "degree", "Turn", "angle between the axes of a rig's tw
 
 # --- what a PSF is made of -------------------------------------------------------------------------------------------
 
-_physics = _Section("What a PSF is made of (`--physics`)")
+_physics = Section("What a PSF is made of (`--physics`)")
 SIDE = _physics("side", "pixel", "Side of the photosite", "side of the photosite's aperture, in sensor pixels")
 NOTCH = _physics("notch", "1", "Notch of the photosite", "part of the side that an L-shaped aperture lacks")
 SEPARATION = _physics("separation", "pixel", "Low-pass filter", "distance of the low-pass filter's spots")
@@ -469,7 +469,7 @@ STREHL_LENS = _physics("strehl_lens", "1", "Strehl ratio of the lens", "Strehl r
 
 # --- of a restoration ------------------------------------------------------------------------------------------------
 
-_restoration = _Section("Of a restoration")
+_restoration = Section("Of a restoration")
 W_MEDIAN = _restoration("w_median", "pixel", "Blur w, median over the frame", "median of the blur map", _U, _L,
                         short="w, median")  # fmt: skip
 W_LEAST = _restoration("w_least", "pixel", "Blur w, least of the frame", "least of the blur map", short="w, least")

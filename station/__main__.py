@@ -21,7 +21,7 @@ COMMANDS = {
     "sensor": ("camera.sensor", "sensor", "Measure gain, noise and non-uniformity of a sensor (EMVA 1288)."),
     "geometry": ("camera.geometry", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
     "rig": ("camera.rig", "rig", "Tell how two cameras on one rig stand to each other."),
-    "vignetting": ("camera.vignetting", "vignetting", "Measure the light lost towards the corners, from flats."),
+    "vignetting": ("procedure", "vignetting", "Measure the light lost towards the corners, from flats."),
     "tilt": ("camera.tilt", "tilt", "Find the sensor's tilt, and the turns of its screws that mend it."),
     "export": ("export", "export", "Write a result as a file of another program."),
     "focus": ("focus", "focus", "Tell how sharp every photograph is as it comes, and which way to turn."),
@@ -47,6 +47,7 @@ LARGE_HEAP = 50_000
 @click.group(
     cls=LazyGroup,
     table=COMMANDS,
+    extensible=True,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

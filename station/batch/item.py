@@ -14,11 +14,14 @@ from procedures.outcome import BadInput, Outcome, ProcedureError, Verdict
 from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
 from station.batch.estimates import Answer, ChangedMeanwhile, Write, estimate, further_files, hash_of
-from station.batch.procedure_file import FIELD, PATTERN, SERIES, Procedure
+from station.batch.procedure_file import PATTERN, SERIES, Procedure
 from station.calibration.folder_photographs import Item
 from station.common.sanitise import encodable, printable, safe_stem
 from station.common.versions import software
+from station.procedure.base import Inputs
+from station.procedure.registry import procedure_named
 from station.results.comparison import Comparison, Judged
+from station.results.measurement import Measurement, write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import RECORD, ResultFolder, write_psf_result
@@ -143,7 +146,7 @@ def work(item: Item, job: Job) -> ItemRow:
 def _row(item: Item, job: Job) -> ItemRow:
     if item.trouble:
         return ItemRow(item.files, UNREADABLE, item.trouble, item.remedy)
-    if job.procedure.name == FIELD:  # it reads its photographs one after the other
+    if job.procedure.inputs in (Inputs.PHOTOGRAPHS, Inputs.FOLDER):  # read one after the other
         contents, hashes = [], [hash_of(path) for path in item.paths]
     else:
         contents = [read_photograph(path) for path in item.paths]
@@ -182,6 +185,9 @@ def _estimate(
 
 def _write_failure(procedure: Procedure, error: ProcedureError) -> Write:
     """Writes the record of what could not be estimated."""
+    if procedure.settings is not None:
+        schema = procedure_named(procedure.name).schema
+        return lambda place, head, page: write_measurement(place, Measurement(schema, head, ()))
     if procedure.restoration is None:
         return lambda place, head, page: write_psf_result(place, (), head)
     from station.reports.restoration_files import write_refusal  # here: it draws, which is slow to load

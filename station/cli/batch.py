@@ -68,7 +68,7 @@ def batch(
     strict: bool,
     as_json: bool,
 ) -> None:
-    """Estimate the PSFs of all photographs in FOLDER... and hold them to limits.
+    """Measure all photographs in FOLDER... by any procedure, and compare the numbers with limits.
 
     What was done before with the same procedure is not done again. The first Ctrl-C finishes what runs, the second
     stops at once; what is done is kept.
@@ -105,13 +105,13 @@ def carry_out(
     """Run a batch, tell it as it goes, and leave with its exit code."""
     from station.batch.allowance import Allowance
     from station.batch.item import Job, finished
-    from station.batch.procedure_file import ENDINGS, FIELD, SERIES
+    from station.batch.procedure_file import SERIES
     from station.batch.process_pool import Stop
     from station.batch.run import run_batch
     from station.common.stop_signals import guarded
 
     items = _items(folders, out, procedure)
-    what = "pairs" if procedure.name in ENDINGS else "fields" if procedure.name == FIELD else "photographs"
+    what = {"pair": "pairs", "photograph": "photographs"}.get(procedure.inputs, "folders")
     log("found", f"found {len(items)} {what}", items=len(items))
     jobs = jobs or os.cpu_count() or 1
     fair = Allowance.fair(min(jobs, len(items)))
@@ -155,16 +155,19 @@ def _say_who_can_connect(cluster: str | None) -> None:
 
 
 def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[Item]:
-    from station.batch.procedure_file import ENDINGS, FIELD, TWO_PHOTO
-    from station.calibration.folder_photographs import by_folder, find_frames, in_pairs, in_rows, singly, unread
+    from station.batch.procedure_file import TWO_PHOTO
+    from station.calibration.folder_photographs import Item, by_folder, find_frames, in_pairs, in_rows, singly, unread
+    from station.procedure.base import Inputs
 
     missed: list[Item] = []
     frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)))
     if procedure.pairs is not None:
         return in_rows(frames, procedure.pairs, most=2 if procedure.name == TWO_PHOTO else None) + missed
-    if procedure.name in ENDINGS:
+    if procedure.inputs is Inputs.PAIR:
         return _without_records(in_pairs(frames, procedure.endings), procedure) + missed
-    return (by_folder(frames) if procedure.name == FIELD else singly(frames)) + missed
+    if procedure.inputs is Inputs.FOLDER:
+        return [Item(tuple(find_frames([folder], out))) for folder in folders] + missed
+    return (by_folder(frames) if procedure.inputs is Inputs.PHOTOGRAPHS else singly(frames)) + missed
 
 
 def _without_records(items: list[Item], procedure: Procedure) -> list[Item]:

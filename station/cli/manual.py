@@ -16,9 +16,15 @@ NARROWEST, WIDEST = 40, 100
 @click.command("manual")
 @click.argument("topic", required=False)
 @click.option("--html", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Write all pages for a browser.")
+@click.option(
+    "--schemas", type=click.Path(path_type=Path), metavar="DIR", help="Write the JSON schemas of all records."
+)
 @click.pass_context
-def manual(context: click.Context, topic: str | None, folder: Path | None) -> None:
+def manual(context: click.Context, topic: str | None, folder: Path | None, schemas: Path | None) -> None:
     """Show the manual's page TOPIC, or the list of all pages."""
+    if schemas is not None:
+        _write_schemas(schemas)
+        return
     from station.manual.pages import find_page, for_terminal, index_text, read_pages
 
     pages = read_pages(_drawn_from_the_program(context, topic if folder is None else None))
@@ -29,6 +35,21 @@ def manual(context: click.Context, topic: str | None, folder: Path | None) -> No
     from station.manual.browser_pages import write_manual
 
     click.echo(write_manual(pages, folder))
+
+
+def _write_schemas(folder: Path) -> None:
+    """One file a procedure: NAME.schema.json."""
+    import json
+
+    from station.common.atomic_files import write_whole
+    from station.procedure.registry import procedure_named, procedure_names
+    from station.procedure.schema import schema_of
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in procedure_names():
+        path = folder / f"{name}.schema.json"
+        write_whole(path, json.dumps(schema_of(procedure_named(name)), indent=1).encode())
+        click.echo(path)
 
 
 def _drawn_from_the_program(context: click.Context, topic: str | None) -> dict[str, str]:

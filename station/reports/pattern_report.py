@@ -303,7 +303,7 @@ def report_of_files(
         planes=[_sheet(one, frames) for one in results],
         shots=[shot_of(frame) for frame in frames],
         parameters=parameters,
-        conditions=_conditions(exposure),
+        conditions=exposure_lines(exposure),
         specification=specification or Specification(),
         overlays=overlays,
         beside="",
@@ -342,7 +342,7 @@ def camera_words(exposure: Exposure) -> str:
     return ", ".join(printable(one) for one in (exposure.camera, exposure.lens) if one)
 
 
-def _conditions(exposure: Exposure) -> list[ReportLine]:
+def exposure_lines(exposure: Exposure) -> list[ReportLine]:
     """What the camera noted about the first photograph."""
     distance = exposure.subject_distance_mm
     noted = {

@@ -42,7 +42,7 @@ class PlaneResult:
     samples : (k, k) of the PSF's support, sum 1
     values : numbers without an uncertainty: gamma, residual_std, scale, ...
     diagnostics : further numbers for those who look into a verdict
-    pitch : sensor pixels per pixel of the plane
+    pitch : sensor pixels per pixel of the plane; 0 where nothing is counted in pixels of the plane
     found : the estimate itself, for figures that need its marks, residual or map
     psf, quality : the PSF with its covariance, and what it says with the budget of every number
     inter_image : the kernel between two photographs, where the PSF comes from two
@@ -56,6 +56,7 @@ class PlaneResult:
     place : where in the frame it was measured, as limits name places; "" where that is not known
     unit, factor : of frequencies, and what one cycle per pixel of the plane is in it
     specification : how the numbers stand to their limits, where there are some
+    details : further entries of the plane in a record, of its procedure alone
     untold : sentences, one for each frequency asked for at which there is no MTF
     """
 
@@ -86,6 +87,7 @@ class PlaneResult:
     specification: Comparison | None = None
     untold: tuple[str, ...] = ()
     duration_s: float = 0.0
+    details: Mapping[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(cls, name: str, verdict: Verdict, psf: Psf, quality: Quality | None = None, **more: Any) -> PlaneResult:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
 from procedures.numbers import ENERGY_OUTSIDE_SUPPORT, SAMPLES_PER_PIXEL, SUPPORT
-from procedures.outcome import BadParameter, Outcome, Verdict
+from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.quality import energy_outside_support
 from station.common.durable_files import Disk, hashes_in, holds, read_own
 from station.common.leftovers import make, release, sweep
@@ -35,7 +35,6 @@ from station.results.record_head import RecordHead
 if TYPE_CHECKING:
     from procedures.physics.estimate import Physics
     from procedures.sensor.information import Information
-    from procedures.sensor.measured import IntervalNumber
 
 RECORD = "result.json"
 PUBLISHING = ".publishing.json"
@@ -217,7 +216,7 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], head: 
         "schema": SCHEMA,
         **head.told(**_sampling(planes)),
         "choice": {plane.name: [asdict(trial) for trial in plane.choice] for plane in planes if plane.choice},
-        "planes": {plane.name: _plane_entry(plane) for plane in planes},
+        "planes": {plane.name: plane_record(plane) for plane in planes},
         "software": software(),
     }
     return write_record(folder, record)
@@ -309,13 +308,14 @@ def information_table(found: Information) -> bytes:
     return csv_bytes(rows)
 
 
-def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
+def plane_record(plane: PlaneResult) -> dict[str, Any]:
+    """A plane as a record holds it: verdict, numbers with their budgets, and what belongs to its procedure alone."""
     entry: dict[str, Any] = {"verdict": str(plane.verdict), "reason": plane.reason, "remedy": plane.remedy}
     if plane.specification is not None:
         entry["specification"] = plane.specification.told()
     if plane.untold:
         entry["untold"] = list(plane.untold)
-    if plane.verdict is not Verdict.REFUSED:
+    if plane.verdict is not Verdict.REFUSED and plane.pitch:
         entry["sensor_pixels_per_pixel"] = plane.pitch
     entry.update(plane.values)
     if plane.psf is not None:
@@ -326,6 +326,8 @@ def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
         budgets = plane.quality.budgets
         numbers = plane.quality.numbers.items()
         entry.update({name: {**asdict(quantity), "budget": dict(budgets[name])} for name, quantity in numbers})
+    else:
+        entry.update({name: number_record(one) for name, one in plane.numbers.items()})
     if plane.variations:
         entry["variations"] = [asdict(one) for one in plane.variations]
     if plane.diffraction is not None:
@@ -339,10 +341,15 @@ def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
         entry["information"] = {name: interval_entry(number) for name, number in plane.information.numbers.items()}
     if plane.diagnostics:
         entry["diagnostics"] = dict(plane.diagnostics)
-    return entry
+    return entry | dict(plane.details)
 
 
-def interval_entry(number: IntervalNumber) -> dict[str, Any]:
+def number_record(number: Quantity) -> dict[str, Any]:
+    """A number as a record holds it; with its 95 % interval where it has one."""
+    return interval_entry(number) if hasattr(number, "low") else asdict(number)
+
+
+def interval_entry(number: Quantity) -> dict[str, Any]:
     """A number with its 95 % interval."""
     told = asdict(number)
     interval = [told.pop("low"), told.pop("high")]

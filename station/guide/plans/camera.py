@@ -28,8 +28,9 @@ from procedures.whole_camera.from_others import sensor_parts, vignetting_parts
 from procedures.whole_camera.joint import Part
 from station.calibration.sensor import SensorFiles
 from station.calibration.sensor_files import write_sensor_record
-from station.calibration.vignetting import Flats, flats_of, write_vignetting_result
+from station.calibration.vignetting import Flats, flats_of, vignetting_measurement
 from station.guide.plans import field, sensor
+from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import PartBeside, RecordHead
 from station.results.result_files import ResultFolder
@@ -245,7 +246,8 @@ def _write_vignetting(
 ) -> str:
     flats: Flats = one.result()
     inputs = _of_inputs(head, {sha256 for _, sha256 in flats.inputs}).input
-    write_vignetting_result(folder, replace(flats, inputs=tuple((Path(told.path), told.sha256) for told in inputs)))
+    flats = replace(flats, inputs=tuple((Path(told.path), told.sha256) for told in inputs))
+    write_measurement(folder, vignetting_measurement(flats))
     return "numbers.csv"
 
 

@@ -1,0 +1,155 @@
+"""The protocol of procedures, and the base of those that look at photographs one by one."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar
+
+from procedures.outcome import Outcome, Quantity
+from procedures.raw import RawFrame, default_plane, read_frame
+from procedures.reading.sensor_dump import DumpLayout
+from station.common.progress import Progress, silent
+from station.procedure.settings import Settings, setting, to_record
+from station.results.measurement import Measurement
+from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead, files_read
+from station.results.terms import USUAL, Terms
+
+
+class Inputs(StrEnum):
+    """What a procedure takes at once, on the command line and as an item of a batch."""
+
+    PHOTOGRAPH = "photograph"
+    """One photograph."""
+    PAIR = "pair"
+    """Two photographs."""
+    PHOTOGRAPHS = "photographs"
+    """Any number of photographs; a folder or a session stands for its own."""
+    FOLDER = "folder"
+    """A folder whose files have roles."""
+
+
+class Reading(Settings, frozen=True, kw_only=True):
+    """Settings of everything that reads photographs."""
+
+    plane: Annotated[str | None, setting("R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")] = (
+        None
+    )
+    raw: Annotated[
+        str | None,
+        setting(
+            "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
+            metavar="WxH,RGGB,u16le,BLACK,WHITE",
+        ),
+    ] = None
+
+    @property
+    def layout(self) -> DumpLayout | None:
+        """How samples without a header lie. Raises BadParameter where the text says nothing of the kind."""
+        return None if self.raw is None else DumpLayout.parse(self.raw)
+
+    @property
+    def plane_name(self) -> str | None:
+        """The plane as records call it: G1 for g1, all for ALL."""
+        return self.plane if self.plane is None else "all" if self.plane.lower() == "all" else self.plane.upper()
+
+    def read(self, path: Path) -> RawFrame:
+        """The planes asked for. Raises ProcedureError."""
+        chosen = self.plane_name or default_plane(path, self.layout)
+        return read_frame(path, None if chosen == "all" else [chosen], self.layout)
+
+
+S = TypeVar("S", bound=Settings)
+
+
+class Procedure(ABC, Generic[S]):
+    """One kind of measurement.
+
+    Attributes
+    ----------
+    name : as commands, records, procedure files and limits call it
+    title : one line for lists and for the first line of its page
+    help : what `--help` says, paragraphs with an empty line between
+    inputs : what it takes at once
+    Settings : its model of settings
+    argument : what stands for its photographs in the help, where "PHOTO..." and the like do not fit
+    has_page : whether a page is drawn
+    has_mtf : whether it has an MTF, so that a unit of frequencies and further frequencies can be chosen
+    method : the publication or standard that certificates cite
+    """
+
+    name: ClassVar[str]
+    title: ClassVar[str]
+    help: ClassVar[str]
+    inputs: ClassVar[Inputs]
+    Settings: ClassVar[type[Any]] = Settings
+    has_page: ClassVar[bool] = True
+    has_mtf: ClassVar[bool] = False
+    argument: ClassVar[str] = ""
+    method: ClassVar[str] = ""
+
+    @property
+    def schema(self) -> str:
+        """Of its record."""
+        return f"station/{self.name}/1"
+
+    @abstractmethod
+    def measure(
+        self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Measurement:
+        """What these files give. Raises ProcedureError where they give nothing that could be judged."""
+
+    def page(self, found: Measurement) -> bytes:
+        """The page for people: by default verdict, numbers, limits, curves and provenance."""
+        from station.reports.measurement_page import measurement_page  # here: it draws, which is slow to load
+
+        return measurement_page(found, self.title).encode()
+
+
+class Numbered(Protocol):
+    """What a result must have: its numbers."""
+
+    @property
+    def numbers(self) -> Mapping[str, Quantity]:
+        """Every number with unit and standard uncertainty, by a name of `procedures.numbers`."""
+        ...
+
+
+class PhotographProcedure(Procedure[S]):
+    """A procedure that looks at the planes of photographs: `run` is all that it needs."""
+
+    inputs = Inputs.PHOTOGRAPH
+    Settings: ClassVar[type[Any]] = Reading
+
+    @abstractmethod
+    def run(self, frames: Sequence[RawFrame], settings: S) -> Mapping[str, Outcome[Any]]:
+        """The outcome of every plane. Its value has `numbers`; it may have `curves` and `arrays`."""
+
+    def measure(
+        self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Measurement:
+        """Reads the photographs, runs, and puts the planes together."""
+        reading = settings if isinstance(settings, Reading) else Reading()
+        frames = []
+        for path in paths:
+            frames.append(reading.read(path))
+            progress(path.name)
+        outcomes = self.run(frames, settings)
+        planes = tuple(plane_result(name, one) for name, one in outcomes.items())
+        head = RecordHead(self.name, files_read(frames), to_record(settings))
+        return Measurement(self.schema, head, planes, exposure=frames[0].exposure).compared(terms)
+
+
+def plane_result(name: str, outcome: Outcome[Any], details: Mapping[str, Any] | None = None) -> PlaneResult:
+    """A plane's outcome with the numbers and curves of its value, and further entries of the record."""
+    found = outcome.value
+    numbers = {} if found is None else found.numbers
+    return PlaneResult(
+        name, outcome.verdict, outcome.reason, outcome.remedy,
+        numbers=numbers() if callable(numbers) else numbers,
+        curves=getattr(found, "curves", {}) if found is not None else {},
+        found=found, pitch=0, details=details or {},
+    )  # fmt: skip

@@ -1,0 +1,78 @@
+"""A measurement: what a procedure found in its inputs, as records, pages, batches, limits and certificates read it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from procedures.outcome import Miss
+from procedures.reading.exposure import Exposure
+from station.common.versions import software
+from station.results.exports import numbers_table
+from station.results.limits import compare
+from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
+from station.results.result_files import ResultFolder, plane_record, write_record
+from station.results.terms import USUAL, Terms
+from station.results.units import Pixels
+
+NUMBERS = "numbers.csv"
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """What a procedure found.
+
+    Attributes
+    ----------
+    schema : of the record, `station/NAME/1`
+    head : procedure, inputs with their hashes, settings, duration
+    planes : what was found in every plane, with its verdict
+    entries : further entries of the record
+    files : tables, arrays and pictures beside the record, by name
+    missed : photographs that gave nothing; None where the record of the procedure does not list them
+    exposure : what the camera noted
+    terms : unit of frequencies and specification
+    """
+
+    schema: str
+    head: RecordHead
+    planes: tuple[PlaneResult, ...]
+    entries: Mapping[str, Any] = field(default_factory=dict)
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    missed: tuple[Miss, ...] | None = None
+    exposure: Exposure = field(default_factory=Exposure)
+    terms: Terms = USUAL
+
+    def compared(self, terms: Terms) -> Measurement:
+        """The same with every plane compared with the limits of a specification."""
+        if not terms.specification.limits:
+            return self
+        pixels = (Pixels(one.pitch or 1) for one in self.planes)
+        planes = tuple(
+            replace(one, specification=compare(one, terms.specification, of_plane))
+            for one, of_plane in zip(self.planes, pixels, strict=True)
+        )
+        return replace(self, planes=planes, head=replace(self.head, specification=terms.specified(planes)), terms=terms)
+
+    def record(self) -> dict[str, Any]:
+        """As `result.json` holds it."""
+        return {
+            "schema": self.schema,
+            **self.head.told(),
+            "planes": {one.name: plane_record(one) for one in self.planes},
+            **self.entries,
+            **({} if self.missed is None else {"left_out": [one.told() for one in self.missed]}),
+            "software": software(),
+        }
+
+
+def write_measurement(folder: ResultFolder, found: Measurement) -> str:
+    """Write the files, the table of all numbers and the record; returns the record's text."""
+    for name, data in found.files.items():
+        folder.write(name, data)
+    numbers = [(one.name, name, number) for one in found.planes for name, number in one.numbers.items()]
+    if numbers and NUMBERS not in found.files:
+        folder.write(NUMBERS, numbers_table(iter(numbers)))
+    return write_record(folder, found.record())
