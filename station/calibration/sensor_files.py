@@ -21,6 +21,7 @@ from station.common.versions import software
 from station.results.exports import csv_bytes
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder, interval_entry, npy, write_record
+from station.results.verdict_entry import verdict_entry
 
 Array = npt.NDArray[np.float64]
 
@@ -79,7 +80,7 @@ def write_sensor_record(
 def _plane_entry(plane: SensorPlane) -> dict[str, Any]:
     """Verdict, all numbers, what other procedures take from the sensor, and what was found in its pictures."""
     outcome = plane.outcome
-    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    entry = verdict_entry(outcome)
     found = outcome.value
     if found is None:
         return entry

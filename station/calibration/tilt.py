@@ -21,6 +21,7 @@ from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder, write_record
+from station.results.verdict_entry import verdict_entry
 
 SCHEMA = "station/tilt/1"
 PAGE = "report.html"
@@ -93,7 +94,7 @@ def write_tilt_record(
     start: float | None = None,
 ) -> str:
     """The same; `start` tells when it began where that is to be told."""
-    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    entry = verdict_entry(outcome)
     if (found := outcome.value) is not None:
         folder.write("tilt.csv", csv_bytes(_places(found)))
         folder.write("numbers.csv", numbers_table((plane, name, one) for name, one in found.numbers().items()))

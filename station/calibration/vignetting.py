@@ -23,6 +23,7 @@ from station.common.progress import Progress, silent
 from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
 from station.results.result_files import RECORD, ResultFolder, npy, write_record
+from station.results.verdict_entry import verdict_entry
 
 SCHEMA = "station/vignetting/1"
 COVARIANCE = "vignetting_covariance.npy"
@@ -126,7 +127,7 @@ def _map_rows(found: PlaneVignetting) -> list[list[str]]:
 
 
 def _entry(outcome: Outcome[PlaneVignetting]) -> dict[str, Any]:
-    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    entry = verdict_entry(outcome)
     found = outcome.value
     if found is None:
         return entry

@@ -15,6 +15,7 @@ from station.cli.psf.planes import chart_options, chart_source
 from station.cli.psf.terms import plane_name
 from station.cli.terminal.numbers import SEED
 from station.common.errors import REFUSED
+from station.results.verdict_entry import other_causes_entry
 
 if TYPE_CHECKING:
     from station.guide.focus.live import FocusSeen, LiveFrame, PhotographSource
@@ -150,6 +151,7 @@ def entry(seen: FocusSeen) -> dict[str, Any]:
         "verdict": str(seen.found.verdict),
         "reason": seen.found.reason,
         "remedy": seen.found.remedy,
+        **other_causes_entry(seen.found),
         **told,
         "s_over_t": found.s_over_t if found else None,
         "best": seen.best,

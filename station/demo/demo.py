@@ -25,6 +25,7 @@ from station.demo.demonstration import ComparedPlane, Demonstration, DemoPhotogr
 from station.demo.truth_comparison import compare
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import RECORD, ResultFolder, write_psf_result, write_record
+from station.results.verdict_entry import verdict_entry
 
 SCHEMA = "station/demo/1"
 CHART = "chart.pdf"
@@ -144,7 +145,7 @@ def _shot_entry(shot: DemoPhotograph) -> dict[str, Any]:
 
 def _plane_entry(plane: ComparedPlane) -> dict[str, Any]:
     record, against = plane.result, plane.comparison
-    entry: dict[str, Any] = {"verdict": str(record.verdict), "reason": record.reason, "remedy": record.remedy}
+    entry = verdict_entry(record)
     if against is not None:
         entry |= {"error": against.error, "expected_error": against.expected, "centre_px": list(against.centre_px)}
         for name, mtf50 in against.mtf50.items():

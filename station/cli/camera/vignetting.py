@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.psf.planes import LEVELS, tell_misses
+from station.cli.psf.planes import tell_judged, tell_misses
 from station.cli.terminal.progress import progress
 from station.common.errors import FAILED_ITEMS, REFUSED
 from station.common.log import log, log_json_option
@@ -61,4 +61,4 @@ def _tell(plane: str, outcome: Outcome[PlaneVignetting]) -> None:
         parts += [
             f"{name} {numbers[name].value:.4g} ± {numbers[name].uncertainty:.2g}" for name in TOLD if name in numbers
         ]
-    log("plane", "; ".join(parts), level=LEVELS[verdict], remedy=outcome.remedy, plane=plane, verdict=verdict)
+    tell_judged("plane", "; ".join(parts), outcome, plane=plane)
