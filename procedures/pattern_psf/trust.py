@@ -25,6 +25,10 @@ SEEN = 0.3
 """Share of the noise region that its own cells explain at the least."""
 UNEXPLAINED = 0.15
 """Share of the variance that is neither chart nor noise, at the most."""
+UNMODELLED = 0.03
+"""The same share from which a result is doubted."""
+COLOURED_RESIDUAL = 0.3
+"""Correlation of neighbouring pixels' residual from which a result is doubted."""
 CORRELATED = 0.25
 """Correlation of neighbouring samples' noise from which a picture was processed."""
 CURVED = 0.15
@@ -149,7 +153,8 @@ def _refusals(d: Diagnostics, raw: bool) -> list[Check]:
         *_unseen(d.agreement, d.unexplained),
         Check("noise correlation", abs(d.noise_correlation), CORRELATED, refused,
               f"{d.unexplained:.0%} of the noise region is neither the chart nor noise, and its noise is correlated "
-              f"by {d.noise_correlation:.2f}: the picture was demosaiced, smoothed, turned or resized",
+              f"by {d.noise_correlation:.2f}: "
+              + (IN_RAW if raw else "the picture was demosaiced, smoothed, turned or resized"),
               unprocessed(raw, "use the RAW file"), given=d.unexplained > UNEXPLAINED, prior=_processing(raw)),
         Check("unexplained", d.unexplained, UNEXPLAINED, refused,
               f"{d.unexplained:.0%} of the noise region is neither the chart nor noise: the registration slipped, or "
@@ -167,6 +172,10 @@ def _refusals(d: Diagnostics, raw: bool) -> list[Check]:
     ]  # fmt: skip
 
 
+IN_RAW = "the camera reduced the noise, or the light flickered"
+"""What correlates the noise of a RAW file."""
+
+
 def _processing(raw: bool) -> float:
     """Prior of processing as the cause."""
     return UNLIKELY_IN_RAW if raw else 1.0
@@ -179,10 +188,10 @@ def _doubts(d: Diagnostics, fit: ChartFit) -> list[Check]:
     return [
         Check("convergence", not fit.still, 0, doubtful,
               "the registration did not converge", "photograph the chart more squarely"),
-        Check("unexplained", d.unexplained, 0.03, doubtful,
+        Check("unexplained", d.unexplained, UNMODELLED, doubtful,
               f"{d.unexplained:.1%} of the noise region is neither the chart nor noise",
               "lay the chart flat and light it evenly", prior=SYMPTOM),
-        Check("whiteness", abs(d.whiteness), 0.3, doubtful,
+        Check("whiteness", abs(d.whiteness), COLOURED_RESIDUAL, doubtful,
               f"the residual is not white: neighbouring pixels are correlated by {d.whiteness:.0%}",
               "raise k, lay the chart flat, and keep reflections off it", prior=SYMPTOM),
         Check("support", d.support_cut, 0.15, doubtful,
@@ -226,25 +235,33 @@ def _processed(d: Diagnostics, more: Doubts) -> list[Check]:
     """What a camera's processing leaves in a photograph."""
     doubtful, raw, prior = Verdict.DOUBTFUL, more.raw, _processing(more.raw)
     less = "expose less" if more.sensor else "expose less, or calibrate the sensor's response"
-    unsharpened = unprocessed(raw, "use the RAW file, or switch sharpening off")
+    structured = d.unexplained > UNMODELLED or abs(d.whiteness) > COLOURED_RESIDUAL
+    sharpened = SYMPTOM if raw or structured else 1.0  # uneven light and reflections dig out rings as well
+    by = "uneven light or a reflection" if raw else "the picture was sharpened"
+    unsharpened = (
+        "light the chart evenly, and keep reflections and shadows off it"
+        if raw
+        else "use the RAW file, or switch sharpening off"
+    )
     masked = float(np.hypot(d.sharpened_sigmas, max(d.missing_light, 0.0)))
     return [
         Check("noise correlation", abs(d.noise_correlation), CORRELATED, doubtful,
-              f"the noise of neighbouring samples is correlated by {d.noise_correlation:.2f}: the picture was "
-              "demosaiced, sharpened or compressed",
+              f"the noise of neighbouring samples is correlated by {d.noise_correlation:.2f}: "
+              + (IN_RAW if raw else "the picture was demosaiced, sharpened or compressed"),
               unprocessed(raw, "use the RAW file"), given=abs(d.whiteness) > CORRELATED / 2, prior=prior),
         Check("sharpening", d.missing_light, DUG_OUT, doubtful,
               f"a ring around the PSF's core has less light than a lens leaves, by {d.missing_light:.0f} standard "
-              "uncertainties: the picture was sharpened", unsharpened, prior=prior),
+              f"uncertainties: {by}", unsharpened, prior=sharpened),
         Check("sharpening", masked, COLOURED, doubtful,
               f"the noise of neighbouring pixels is anticorrelated, by {d.sharpened_sigmas:.1f} standard "
-              f"uncertainties, as by an unsharp mask of {d.sharpened_by:.0%} and {d.sharpened_radius_px:g} px: the "
-              "picture was sharpened", unsharpened, given=d.sharpened_sigmas > HINT, prior=prior),
+              f"uncertainties, as by an unsharp mask of {d.sharpened_by:.0%} and {d.sharpened_radius_px:g} px: {by}",
+              unsharpened, given=d.sharpened_sigmas > HINT, prior=sharpened),
         Check("black", d.crushed, CRUSHED, doubtful,
               f"black is cut off: {d.crushed:.0%} of its samples lie at one value",
               "raise the black level (offset) of the camera" if raw else "use the RAW file, or raise the black level"),
         Check("response", abs(d.response_curvature), CURVED, doubtful,
-              f"the response is curved by {d.response_curvature:.2f}: a tone curve, or light that is not linear",
+              f"the response is curved by {d.response_curvature:.2f}"
+              + ("" if raw else ": a tone curve, or light that is not linear"),
               less if raw else "use the RAW file, or a linear picture"),
         Check("ink spread", abs(d.ink_spread), SPREAD_OUT, doubtful,
               f"the cells' edges moved by {d.ink_spread:.2f} cells in print",
@@ -262,7 +279,7 @@ def _other_noise(d: Diagnostics, sensor: SensorModel | None, raw: bool) -> list[
     return [
         Check("noise of the sensor", off, max(OTHER_NOISE, SURELY * uncertainty), Verdict.DOUBTFUL,
               f"noise from pixel to pixel has {d.finest_noise:.2f} ± {uncertainty:.2f} times the variance that the "
-              f"sensor's calibration tells: the picture was {what}, or taken at another gain",
+              f"sensor's calibration tells: the picture was {'' if raw else f'{what}, or '}taken at another gain",
               f"{'take it' if raw else 'use the RAW file,'} at the gain of the calibration"),
     ]  # fmt: skip
 
