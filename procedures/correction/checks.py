@@ -38,7 +38,7 @@ def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField]) ->
         if name not in fields:
             raise BadInput(
                 f"the photograph has the plane {name}, the field has {', '.join(fields)}",
-                "measure the field from RAW photographs of the same camera, with all planes",
+                "measure the field from photographs of the same kind, with all planes (--plane all)",
             )
         if tuple(fields[name].shape) != plane.samples.shape:
             rows, columns = fields[name].shape
