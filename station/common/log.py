@@ -89,7 +89,7 @@ def log(
     if other_causes:
         click.echo("  other possible causes:", err=True)
     for one in other_causes:
-        click.echo(f"  - {printable(one.reason)}: {printable(one.remedy)}", err=True)
+        click.echo(f"  - {printable(one.reason)}; {printable(one.remedy)}", err=True)
 
 
 def _finite(facts: dict[str, Fact]) -> dict[str, Fact]:

@@ -136,7 +136,7 @@ class Plain:
         if event.other_causes:
             self._line("   Other possible causes:")
         for cause in event.other_causes:
-            self._line(f"   - {cause.reason}: {cause.remedy}.")
+            self._line(f"   - {cause.reason}; {cause.remedy}.")
         for plane in event.planes.values():
             if plane.specification is not None and plane.specification.judged is not None:
                 against = "; ".join(plane.specification.against)

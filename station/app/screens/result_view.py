@@ -73,7 +73,7 @@ def plane_in_words(plane: PlaneResult, glyphs: Glyphs) -> list[str]:
 
 def _causes_in_words(judged: Judged) -> list[str]:
     """The most likely cause and its remedy, then the other possible ones."""
-    others = [f"- {one.reason}: {one.remedy}" for one in judged.other_causes]
+    others = [f"- {one.reason}; {one.remedy}" for one in judged.other_causes]
     lines = [text for text in (judged.reason, judged.remedy) if text]
     return lines + (["Other possible causes:", *others] if others else [])
 

@@ -170,6 +170,7 @@ def test_a_result_shows_verdict_numbers_picture_and_curve(tmp_path, size):
         await driver.until("Plane R: ✗ refused")
         assert "too dark" in driver.text
         assert "light the chart" in driver.text
+        assert "- it is blurred; focus" in driver.text
 
     drive(StationApp(FakeLab(tmp_path, nothing)), use, size)
 

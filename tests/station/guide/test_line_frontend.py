@@ -112,7 +112,7 @@ def test_troubles_results_and_ends_are_told_in_lines():
         "   B refused",
         "   Why: too dark.",
         "   Other possible causes:",
-        "   - blurred: focus.",
+        "   - blurred; focus.",
         "Finished.",
         "Report: report.html",
     ):
