@@ -21,9 +21,8 @@ from procedures.reading.sensor_dump import DumpLayout
 from station.calibration.camera_notes import CameraNotes, read_notes
 from station.calibration.picture_files import BLACK, WHITE, write_linear_dng, write_tiff
 from station.common.versions import software
-from station.results.record_head import RecordHead
+from station.results.record_head import RecordHead, verdict_entry
 from station.results.result_files import ResultFolder, write_record
-from station.results.verdict_entry import verdict_entry
 
 SCHEMA = "station/correct/1"
 TIFF, DNG, MAPS, PAGE = "corrected.tiff", "corrected.dng", "gain.csv", "report.html"

@@ -17,11 +17,10 @@ from station.drawing.edge_pictures import edge_picture
 from station.results.exports import csv_bytes
 from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead
+from station.results.record_head import RecordHead, verdict_entry
 from station.results.result_files import ResultFolder, write_record
 from station.results.terms import USUAL, Terms
 from station.results.units import pixels_of, told_numbers
-from station.results.verdict_entry import verdict_entry
 
 SCHEMA = "station/mtf/1"
 

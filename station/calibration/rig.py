@@ -21,9 +21,8 @@ from procedures.reading.text import parse_json
 from station.common.versions import software
 from station.results.exports import numbers_table
 from station.results.geometry_planes import plane_entry, table_prefix
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import RECORD, ResultFolder, npy, write_record
-from station.results.verdict_entry import verdict_entry
 
 SCHEMA = "station/rig/1"
 JOINT = "joint_covariance.npy"

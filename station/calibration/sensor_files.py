@@ -19,9 +19,8 @@ from procedures.sensor.photon_transfer import gain_and_noise
 from station.calibration.sensor import SensorFiles, SensorPlane
 from station.common.versions import software
 from station.results.exports import csv_bytes
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import ResultFolder, interval_entry, npy, write_record
-from station.results.verdict_entry import verdict_entry
 
 Array = npt.NDArray[np.float64]
 

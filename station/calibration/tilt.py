@@ -19,9 +19,8 @@ from procedures.tilt.estimate import Tilt, TiltParameters, chart_slope, estimate
 from procedures.tilt.positions import behind_lens_um
 from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import ResultFolder, write_record
-from station.results.verdict_entry import verdict_entry
 
 SCHEMA = "station/tilt/1"
 PAGE = "report.html"

@@ -22,8 +22,8 @@ from station.calibration.folder_photographs import check_any, for_want, readable
 from station.common.progress import Progress, silent
 from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
+from station.results.record_head import verdict_entry
 from station.results.result_files import RECORD, ResultFolder, npy, write_record
-from station.results.verdict_entry import verdict_entry
 
 SCHEMA = "station/vignetting/1"
 COVARIANCE = "vignetting_covariance.npy"

@@ -15,7 +15,7 @@ from station.cli.psf.planes import chart_options, chart_source
 from station.cli.psf.terms import plane_name
 from station.cli.terminal.numbers import SEED
 from station.common.errors import REFUSED
-from station.results.verdict_entry import other_causes_entry
+from station.results.record_head import other_causes_entry
 
 if TYPE_CHECKING:
     from station.guide.focus.live import FocusSeen, LiveFrame, PhotographSource

@@ -19,9 +19,8 @@ from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
 from station.results.geometry_planes import table_prefix
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead, files_read
+from station.results.record_head import RecordHead, files_read, verdict_entry
 from station.results.result_files import ResultFolder, npy, write_record
-from station.results.verdict_entry import verdict_entry
 
 Array = npt.NDArray[np.float64]
 

@@ -22,10 +22,9 @@ from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.drawing.linear_pictures import described_tiff, float_tiff
 from station.results.exports import kernel_fits
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead
+from station.results.record_head import RecordHead, verdict_entry
 from station.results.restored import RESTORATION
 from station.results.result_files import ResultFolder, npy, write_record
-from station.results.verdict_entry import verdict_entry
 
 SHARP_WORDS = "restored picture, linear, 1 = white, first row uppermost; calibration-station"
 """The picture's description."""

@@ -16,11 +16,11 @@ import numpy.typing as npt
 from procedures.outcome import BadInput, Quantity, Verdict
 from station.common.durable_files import read_own
 from station.results.plane_result import PlaneResult
+from station.results.record_head import read_other_causes
 from station.results.restored import RESTORATION, Restored, read_restored
 from station.results.result_files import RECORD
 from station.results.terms import comparison_of
 from station.results.units import Unit
-from station.results.verdict_entry import read_other_causes
 
 Array = npt.NDArray[np.float64]
 

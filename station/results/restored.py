@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput, Cause, Verdict
 from station.common.durable_files import read_own
-from station.results.verdict_entry import read_other_causes
+from station.results.record_head import read_other_causes
 
 RESTORATION = "station/restore/1"
 """The schema of its record."""

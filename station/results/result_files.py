@@ -29,8 +29,7 @@ from station.drawing.psf_picture import psf_picture
 from station.results.budget_table import budget_csv
 from station.results.exports import csv_bytes, numbers_table, profile_table, psf_fits, psf_tiff
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead
-from station.results.verdict_entry import verdict_entry
+from station.results.record_head import RecordHead, verdict_entry
 
 if TYPE_CHECKING:
     from procedures.physics.estimate import Physics
