@@ -80,6 +80,7 @@ class Section:
     def __call__(
         self, name: str, unit: str, label: str, definition: str, *groups: Group, short: str = "", symbol: str = ""
     ) -> Number:
+        """The number, which is in the table from now on."""
         number = Number(name)
         number.unit, number.label, number.short, number.symbol = unit, label, short or label, symbol
         number.definition, number.groups, number.section = definition, frozenset(groups), self.title

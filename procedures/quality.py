@@ -17,7 +17,7 @@ import numpy.typing as npt
 from procedures.numbers import ENERGY_ABOVE_NYQUIST, FWHM_HORIZONTAL, FWHM_VERTICAL, LEVELS, MTF_CROSSINGS, STREHL
 from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
-from procedures.outcome import BadParameter, Quantity, Rule, Verdict
+from procedures.outcome import BadParameter, Check, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.spatial_numbers import (
     CIRCLES,
@@ -371,7 +371,7 @@ def _strehl(psf: Psf, diffraction: Diffraction) -> DrawnNumber:
     return DrawnNumber(STREHL, value, "1", method, gradient)
 
 
-def beyond_diffraction(quality: Quality, diffraction: Diffraction | None) -> list[Rule]:
+def beyond_diffraction(quality: Quality, diffraction: Diffraction | None) -> list[Check]:
     """Doubt where an MTF is higher than diffraction lets any be: f-number or pixel pitch are not the camera's."""
     if diffraction is None:
         return []
@@ -385,4 +385,5 @@ def beyond_diffraction(quality: Quality, diffraction: Diffraction | None) -> lis
         f"the MTF at {quality.frequencies[at]:.2f} cycles/pixel is {found:.2f}, and diffraction at "
         f"f/{diffraction.f_number:g} with pixels of {diffraction.pixel_pitch_um:g} um leaves at most {most:.2f}"
     )
-    return [Rule(Verdict.DOUBTFUL, bool(above[way, at] > 0), reason, "check f-number and pixel pitch")]
+    allowed = BEYOND + SURE * unsure[way, at]
+    return [Check("diffraction", found - most, allowed, Verdict.DOUBTFUL, reason, "check f-number and pixel pitch")]

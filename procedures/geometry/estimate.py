@@ -17,7 +17,7 @@ from procedures.geometry.shape import NAMES, ShapeModel, own_errors, scale_sprea
 from procedures.geometry.uncertainty import enclosed, projection_uncertainty, seen_region
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
 from procedures.numbers import FOCAL, projection_at
-from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
+from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
 
 Array = npt.NDArray[np.float64]
 
@@ -238,7 +238,7 @@ def calibrate_geometry(
     except Refused as refusal:
         refusal = _if_square_on(refusal, nodes, views)
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    return Outcome(geometry, *verdict_of(_rules(geometry, parameters)))
+    return verdict_of(_checks(geometry, parameters), geometry)
 
 
 def _if_square_on(refusal: Refused, nodes: Array, views: Sequence[ChartView]) -> Refused:
@@ -329,43 +329,28 @@ def _map(found: Adjustment, grid: Array, distance_mm: float) -> UncertaintyMap:
     return UncertaintyMap(distance_mm, grid[: MAP[0], 0], grid[:: MAP[0], 1], value)
 
 
-def _rules(found: Geometry, parameters: GeometryParameters) -> list[Rule]:
+def _checks(found: Geometry, parameters: GeometryParameters) -> list[Check]:
     """What makes a camera doubtful."""
-    numbers = found.numbers()
+    doubtful, numbers = Verdict.DOUBTFUL, found.numbers()
     stated = numbers[projection_at(found.maps[0].distance_mm)].value
     focal = next(numbers[name] for name in (FOCAL[0], FOCAL[1]) if name in numbers)
     model, misfit = found.camera.model, found.misfit
     better = "" if parameters.model is None else "; leave the model to be chosen"
     return [
-        Rule(
-            Verdict.DOUBTFUL,
-            too_poor(found),
-            f"{model} is too poor a model for this lens: it leaves a field of {misfit.rms_px:.3f} pixel rms undrawn, "
-            f"where {stated:.3f} are stated at the charts",
-            f"take a richer model{better}, or use the camera only as far as that matters",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            len(found.views) < LEAST_VIEWS,
-            f"{len(found.views)} views are too few to hold one half of them against the other",
-            f"photograph at least {LEAST_VIEWS} views, better 12",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            found.covered < SMALL_SHARE,
-            f"the charts covered {found.covered:.0%} of the frame: beyond them the model is not held by anything",
-            "photograph the chart in the corners and along the sides too",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            focal.uncertainty > LOOSE_FOCAL * focal.value,
-            f"the focal length is known to {focal.uncertainty / focal.value:.1%} only: the views are too much alike",
-            "tilt the chart by 20 to 40 degrees to all sides, or change its distance",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            found.residual_scale > LARGE_RESIDUAL,
-            f"the points scatter {found.residual_scale:.1f} times as much as their own covariances say",
-            "see the views' residuals: a chart that moved or changed its bend between photographs, or another focus",
-        ),
-    ]
+        Check("model", misfit.rms_px, max(stated, NEGLIGIBLE_PX), doubtful,
+              f"{model} is too poor a model for this lens: it leaves a field of {misfit.rms_px:.3f} pixel rms undrawn, "
+              f"where {stated:.3f} are stated at the charts",
+              f"take a richer model{better}, or use the camera only as far as that matters", given=misfit.significant),
+        Check("views", len(found.views), LEAST_VIEWS, doubtful,
+              f"{len(found.views)} views are too few to hold one half of them against the other",
+              f"photograph at least {LEAST_VIEWS} views, better 12", least=True),
+        Check("coverage", found.covered, SMALL_SHARE, doubtful,
+              f"the charts covered {found.covered:.0%} of the frame: beyond them the model is not held by anything",
+              "photograph the chart in the corners and along the sides too", least=True),
+        Check("focal length", focal.uncertainty / focal.value, LOOSE_FOCAL, doubtful,
+              f"the focal length is known to {focal.uncertainty / focal.value:.1%} only: the views are too much alike",
+              "tilt the chart by 20 to 40 degrees to all sides, or change its distance"),
+        Check("residual", found.residual_scale, LARGE_RESIDUAL, doubtful,
+              f"the points scatter {found.residual_scale:.1f} times as much as their own covariances say",
+              "see the views' residuals: a chart that moved or changed its bend between photographs, or another focus"),
+    ]  # fmt: skip

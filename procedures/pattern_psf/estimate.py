@@ -25,7 +25,7 @@ from procedures.numbers import (
     S_OVER_T,
 )
 from procedures.numerics.kernel_tail import far_light
-from procedures.outcome import Outcome, Refused, Verdict
+from procedures.outcome import Outcome, Refused, Verdict, verdict_of
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_chart
 from procedures.pattern_psf.correspondences import Correspondences, correspondences
@@ -44,7 +44,7 @@ from procedures.pattern_psf.registration import (
     register_marks,
 )
 from procedures.pattern_psf.solution import SharedErrors, solution
-from procedures.pattern_psf.trust import Doubts, check_cells, check_light, judge, misfits
+from procedures.pattern_psf.trust import Doubts, check_cells, check_light, checks_of, misfits
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
@@ -269,11 +269,9 @@ def _estimate(
         found.fit, found.psf, light, corners, marks_map, found.lost, parts, known.tail, tried[-1], noise
     )
     contradicted = beyond_diffraction(quality, diffraction)
-    more = Doubts(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor)
-    verdict, reason, remedy = judge(diagnostics, found.fit, more)
-    if verdict is Verdict.REFUSED:
-        return Outcome(None, verdict, reason, remedy)
-    return Outcome(_result(found, quality, parts, tried, diagnostics, corners, diffraction), verdict, reason, remedy)
+    more = Doubts(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor, plane.raw)
+    result = _result(found, quality, parts, tried, diagnostics, corners, diffraction)
+    return verdict_of(checks_of(diagnostics, found.fit, more), result)
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from procedures.numbers import (
     WITHOUT_DEFECTS,
     non_uniformity,
 )
-from procedures.outcome import Outcome, Rule, Verdict, verdict_of
-from procedures.sensor.checks import count_rules, ladder_rules, linearity_rules, stack_rules
+from procedures.outcome import Outcome, Verdict, verdict_of
+from procedures.sensor.checks import count_checks, ladder_checks, linearity_checks, stack_checks
 from procedures.sensor.curves import Curves, curves_of
 from procedures.sensor.dark_current import dark_current_numbers
 from procedures.sensor.defects import Defects, dark_field, find_defects, response_field
@@ -103,16 +103,16 @@ def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcom
     rng : Generator
         Of the draws that the intervals of the temporal numbers come from.
     """
-    for rules in (count_rules, ladder_rules):  # the second reads what the first asks for
-        verdict, reason, remedy = verdict_of(told := rules(recording))
-        if verdict is Verdict.REFUSED:
-            return Outcome(None, verdict, reason, remedy)
+    for checks_on in (count_checks, ladder_checks):  # the second reads what the first asks for
+        outcome: Outcome[SensorResult] = verdict_of(checks := checks_on(recording))
+        if outcome.verdict is Verdict.REFUSED:
+            return outcome
     result = _temporal(recording, rng)
     numbers = result.numbers
-    result = replace(result, doubt=reason)
-    told = [*told, *stack_rules(recording, numbers[SATURATION_SIGNAL].value)]
-    told += linearity_rules(numbers[LINEARITY_ERROR].value)
-    return _judged(told, _spatial(result, recording))
+    result = replace(result, doubt=outcome.reason)
+    checks += stack_checks(recording, numbers[SATURATION_SIGNAL].value)
+    checks += linearity_checks(numbers[LINEARITY_ERROR].value)
+    return verdict_of(checks, _spatial(result, recording))
 
 
 def sensor_model(result: SensorResult, step: float = 1.0) -> SensorModel:
@@ -141,11 +141,6 @@ def sensor_model(result: SensorResult, step: float = 1.0) -> SensorModel:
 def _pixels(result: SensorResult, name: str) -> float:
     """A non-uniformity, 0 where no stack tells it."""
     return result.numbers[name].value if name in result.numbers else 0.0
-
-
-def _judged(rules: list[Rule], result: SensorResult) -> Outcome[SensorResult]:
-    verdict, reason, remedy = verdict_of(rules)
-    return Outcome(None if verdict is Verdict.REFUSED else result, verdict, reason, remedy)
 
 
 def _temporal(recording: SensorRecording, rng: np.random.Generator) -> SensorResult:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF_NYQUIST, LEVELS
-from procedures.outcome import Outcome, Quantity, Refused, Verdict
+from procedures.outcome import Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.quality import Diffraction
 from procedures.raw import Plane
 from procedures.slanted_edge.edge_line import Course, find_course
@@ -28,7 +28,7 @@ from procedures.slanted_edge.resampling import expected_noise, resampled_mtf
 from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
-from procedures.slanted_edge.trust import MOST_OVERSHOOT, check_clipping, check_course, check_samples, judge
+from procedures.slanted_edge.trust import MOST_OVERSHOOT, check_clipping, check_course, check_samples, checks_of
 
 Array = npt.NDArray[np.float64]
 
@@ -145,11 +145,12 @@ def _of_sighting(sighting: EdgeSighting, plane: Plane, diffraction: Diffraction 
 def _informed(strip: Strip, plane: Plane, diffraction: Diffraction | None) -> Strip:
     """The strip with what is known of the camera."""
     tail = None if diffraction is None else Tail.of_pupil(diffraction)
-    return replace(strip, quantisation=plane.quantisation, tail=tail)
+    return replace(strip, quantisation=plane.quantisation, tail=tail, raw=plane.raw)
 
 
 def _placed(outcome: Outcome[EdgeMtf], strip: Strip) -> EdgeOutcome:
-    return EdgeOutcome(outcome.value, outcome.verdict, outcome.reason, outcome.remedy, strip.roi, strip.turned)
+    causes = outcome.reason, outcome.remedy, outcome.other_causes
+    return EdgeOutcome(outcome.value, outcome.verdict, *causes, strip.roi, strip.turned)
 
 
 def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
@@ -166,10 +167,8 @@ def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
     draws = resampled_mtf(profile)
     mtf50 = float(frequency_at(mtf, 0.5))
     uncertainty = float(np.nanstd(frequency_at(draws, 0.5))) if np.isfinite(mtf50) else np.inf
-    verdict, reason, remedy = judge(course, profile, mtf50, uncertainty)
-    if verdict is Verdict.REFUSED:
-        return Outcome(None, verdict, reason, remedy)
-    return Outcome(_result(strip, course, profile, mtf, draws), verdict, reason, remedy)
+    outcome: Outcome[EdgeMtf] = verdict_of(checks_of(course, profile, mtf50, uncertainty, raw=strip.raw))
+    return outcome.of_value(None if outcome.verdict is Verdict.REFUSED else _result(strip, course, profile, mtf, draws))
 
 
 def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:

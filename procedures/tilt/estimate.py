@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtri
 
 from procedures.field.focus import FREQUENCY, PlaceFocus, best_focus
 from procedures.numbers import (
@@ -20,7 +21,7 @@ from procedures.numbers import (
     TILT_HORIZONTAL,
     TILT_VERTICAL,
 )
-from procedures.outcome import BadParameter, Outcome, Quantity, Refused, Rule, Verdict, verdict_of
+from procedures.outcome import BadParameter, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.psf_field import Node
 from procedures.tilt.plane import SensorPlane, fit_plane
 from procedures.tilt.positions import Positions, behind_lens_um, magnification
@@ -165,8 +166,7 @@ def estimate_tilt(
     turns = turns_for(found, parameters.screws, with_focus=with_focus)
     astigmatism = np.array([one.tops[1].at - one.tops[0].at for one in places])
     tilt = Tilt(found, astigmatism, parameters.screws, turns, with_focus)
-    verdict, reason, remedy = verdict_of(_rules(tilt, set(in_um), places))
-    return Outcome(tilt, verdict, reason, remedy)
+    return verdict_of(_checks(tilt, set(in_um), places), tilt)
 
 
 def heights_of(places: Sequence[PlaceFocus], zero_um: float, position_um: float) -> tuple[Array, Array]:
@@ -221,29 +221,20 @@ def chart_slope(positions_mm: Sequence[float], parameters: TiltParameters) -> fl
     return 1000 * magnification(focal, distance) * float(np.tan(np.radians(parameters.chart_tilt_deg)))
 
 
-def _rules(tilt: Tilt, positions: set[float], places: Sequence[PlaceFocus]) -> list[Rule]:
-    found, numbers = tilt.sensor, tilt.numbers()
+def _checks(tilt: Tilt, positions: set[float], places: Sequence[PlaceFocus]) -> list[Check]:
+    doubtful, found, numbers = Verdict.DOUBTFUL, tilt.sensor, tilt.numbers()
     uncertain = max(numbers[name].uncertainty for name in (TILT_HORIZONTAL, TILT_VERTICAL))
     z = np.sort(list(positions))
     low, high = (z[0] + z[1]) / 2, (z[-1] + z[-2]) / 2
     tops = [top.at for one in places for top in one.tops]
     return [
-        Rule(
-            Verdict.DOUBTFUL,
-            found.chance < UNLIKELY,
-            f"best focus differs from a smooth surface by {found.misfit:.1f} times its uncertainty",
-            "take the bracket again; a chart that is not flat, or a lens that was touched, makes this",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            uncertain > LARGE_UM,
-            f"the tilt over the frame is known to {uncertain:.1f} um only",
-            "hang the chart squarer and say so by --chart-tilt-deg, or photograph more charts, nearer to the corners",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            min(tops) < low or max(tops) > high,
-            "at some places the best focus lies at the bracket's end",
-            "extend the bracket on that side",
-        ),
-    ]
+        Check("misfit", -ndtri(found.chance), -ndtri(UNLIKELY), doubtful,
+              f"best focus differs from a smooth surface by {found.misfit:.1f} times its uncertainty",
+              "take the bracket again; a chart that is not flat, or a lens that was touched, makes this"),
+        Check("uncertainty", uncertain, LARGE_UM, doubtful,
+              f"the tilt over the frame is known to {uncertain:.1f} um only",
+              "hang the chart squarer and say so by --chart-tilt-deg, or photograph more charts, nearer to the "
+              "corners"),
+        Check("bracket", min(tops) < low or max(tops) > high, 0, doubtful,
+              "at some places the best focus lies at the bracket's end", "extend the bracket on that side"),
+    ]  # fmt: skip

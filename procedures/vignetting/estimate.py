@@ -17,7 +17,7 @@ from procedures.numbers import (
     VIGNETTING_K,
     VIGNETTING_NOT_RADIAL,
 )
-from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
+from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.raw import Plane
 from procedures.vignetting.cells import Cells, cells_of
 from procedures.vignetting.surface import Falloff, RadialFalloff, fit_falloff, fit_radial
@@ -107,7 +107,7 @@ def _plane(cells: Sequence[Cells], plane: Plane) -> Outcome[PlaneVignetting]:
         surface.uncertainty(places),
         middle,
     )
-    return Outcome(answer, *verdict_of(_rules(surface, len(cells))))
+    return verdict_of(_checks(surface, len(cells)), answer)
 
 
 def frame_places(shape: tuple[int, int]) -> Array:
@@ -138,30 +138,22 @@ def _numbers(surface: Falloff, radial: RadialFalloff, middle: Array, count: int)
     }  # fmt: skip
 
 
-def _rules(surface: Falloff, count: int) -> list[Rule]:
+def _checks(surface: Falloff, count: int) -> list[Check]:
     """What makes vignetting doubtful."""
-    steepest = float(np.linalg.norm(surface.slopes, axis=1).max())
+    doubtful, steepest = Verdict.DOUBTFUL, float(np.linalg.norm(surface.slopes, axis=1).max())
     return [
-        Rule(
-            Verdict.DOUBTFUL,
-            count < 2,
-            "one flat cannot tell a slope of the light from the lens: the centre and the difference of the corners may "
-            "be the light's",
-            "photograph a second flat with the camera or the light turned by 180 degrees about the axis, better four",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            surface.structure > LARGE_STRUCTURE,
-            f"the flats show structure of {surface.structure:.1%} rms that no lens makes",
-            "photograph evenly lit, structureless light: a diffuser before the lens, out of focus",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            steepest > LARGE_SLOPE and count >= 2,
-            f"the flats' light differs by {steepest:.1%} over half a diagonal from one to the next",
-            "make the light more even: it is known no better than its slopes average out",
-        ),
-    ]
+        Check("flats", count, 2, doubtful,
+              "one flat cannot tell a slope of the light from the lens: the centre and the difference of the corners "
+              "may be the light's",
+              "photograph a second flat with the camera or the light turned by 180 degrees about the axis, better four",
+              least=True),
+        Check("structure", surface.structure, LARGE_STRUCTURE, doubtful,
+              f"the flats show structure of {surface.structure:.1%} rms that no lens makes",
+              "photograph evenly lit, structureless light: a diffuser before the lens, out of focus"),
+        Check("slope", steepest, LARGE_SLOPE, doubtful,
+              f"the flats' light differs by {steepest:.1%} over half a diagonal from one to the next",
+              "make the light more even: it is known no better than its slopes average out", given=count >= 2),
+    ]  # fmt: skip
 
 
 def _with_colour(found: dict[str, Outcome[PlaneVignetting]]) -> dict[str, Outcome[PlaneVignetting]]:
@@ -181,7 +173,7 @@ def _with_colour(found: dict[str, Outcome[PlaneVignetting]]) -> dict[str, Outcom
             method = f"rms over the frame of light over that of {REFERENCE}, less 1"
             colour = Quantity(value, "1", spread, method, one.numbers[CORNER_LIGHT].n)
             answer = replace(one, numbers={**one.numbers, COLOUR_SHADING: colour})
-            told[name] = Outcome(answer, outcome.verdict, outcome.reason, outcome.remedy)
+            told[name] = outcome.of_value(answer)
         else:
             told[name] = outcome
     return told

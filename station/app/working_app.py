@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 SHOW_EVERY_S = 0.08
 """What runs tell is shown at most so often: 12 times a second is as much as an eye or an ssh line wants."""
 GUIDE, BENCH, FOCUS, RESULTS = "guide", "bench", "focus", "results"
+NO_BENCH = "No bench is configured: write a station.toml, or start with --simulate."
 ALARM = "EMERGENCY STOP: everything was halted. Stages must be homed to move again."
 
 
@@ -57,7 +58,7 @@ class WorkingApp(App[int]):
         self.rows: Sequence[DeviceRow] = ()
         self._jobs: dict[str, BackgroundJob] = {}
         self._states: Sequence[DeviceState] = ()
-        self._bench_words = "opening the bench"
+        self._bench_words, self.why_no_bench = "opening the bench", "The bench is being opened."
         self._watcher: Watcher | None = None
         self._guide: GuideScreen | None = None
         self._sitting: Sitting | None = None
@@ -181,8 +182,10 @@ class WorkingApp(App[int]):
             self.bench, self.rows = finished.value.bench, finished.value.rows
         bench = self.bench
         self._bench_words = "no bench: every move is made by hand" if bench is None else ""
+        self.why_no_bench = NO_BENCH
         if finished.problem is not None:
             self._bench_words = "the bench could not be opened"
+            self.why_no_bench = f"{finished.problem.reason}. {finished.problem.remedy}."
             self._complain(finished.problem)
         if bench is not None:
             from station.bench.stage_watch import StageWatch

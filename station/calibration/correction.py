@@ -15,13 +15,13 @@ from procedures.correction.checks import check_exposure
 from procedures.correction.estimate import Correction, CorrectionParameters, correct
 from procedures.correction.light import evened
 from procedures.field.field_file import read_camera, read_colours, read_field, read_lights
-from procedures.outcome import Outcome, Refused, Verdict
+from procedures.outcome import Outcome, Refused, with_doubt
 from procedures.raw import Exposure, RawFrame, read_frame, read_photograph
 from procedures.reading.sensor_dump import DumpLayout
 from station.calibration.camera_notes import CameraNotes, read_notes
 from station.calibration.picture_files import BLACK, WHITE, write_linear_dng, write_tiff
 from station.common.versions import software
-from station.results.record_head import RecordHead
+from station.results.record_head import RecordHead, verdict_entry
 from station.results.result_files import ResultFolder, write_record
 
 SCHEMA = "station/correct/1"
@@ -105,9 +105,7 @@ def _doubted(outcome: Outcome[Correction], unknown: list[str]) -> Outcome[Correc
         return outcome
     reason = f"it is not known whether the field is of this lens and setting: {', '.join(unknown)}"
     remedy = "compare them yourself, or measure the field from files that hold the camera's notes"
-    told = [(outcome.reason, outcome.remedy), (reason, remedy)]
-    reasons, remedies = ("; ".join(one for one in both if one) for both in zip(*told, strict=True))
-    return replace(outcome, verdict=Verdict.DOUBTFUL, reason=reasons, remedy=remedies)
+    return with_doubt(outcome, reason, remedy)
 
 
 def write_correction(folder: ResultFolder, found: Corrected, head: RecordHead, page: bytes) -> str:
@@ -129,7 +127,7 @@ def write_refusal(folder: ResultFolder, found: Corrected, head: RecordHead) -> s
 
 def _verdict(found: Corrected) -> dict[str, str]:
     outcome = found.outcome
-    return {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    return verdict_entry(outcome)
 
 
 def record(found: Corrected, head: RecordHead) -> dict[str, Any]:

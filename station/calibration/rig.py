@@ -21,7 +21,7 @@ from procedures.reading.text import parse_json
 from station.common.versions import software
 from station.results.exports import numbers_table
 from station.results.geometry_planes import plane_entry, table_prefix
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import RECORD, ResultFolder, npy, write_record
 
 SCHEMA = "station/rig/1"
@@ -88,7 +88,7 @@ def write_rig_result(
     folder: ResultFolder, cameras: tuple[RigCamera, RigCamera], outcome: Outcome[RigPose], start: float
 ) -> str:
     """Write the pose's covariance, the numbers and the record; returns the record's text."""
-    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    entry = verdict_entry(outcome)
     if (found := outcome.value) is not None:
         numbers = found.numbers()
         folder.write("rig_covariance.npy", npy(found.covariance))

@@ -32,7 +32,7 @@ from procedures.sensor.photon_transfer import gain_and_noise
 from station.calibration.sensor import SensorFiles, SensorPlane
 from station.common.versions import software
 from station.results.exports import csv_bytes
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import ResultFolder, interval_entry, npy, write_record
 
 Array = npt.NDArray[np.float64]
@@ -92,7 +92,7 @@ def write_sensor_record(
 def _plane_entry(plane: SensorPlane) -> dict[str, Any]:
     """Verdict, all numbers, what other procedures take from the sensor, and what was found in its pictures."""
     outcome = plane.outcome
-    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    entry = verdict_entry(outcome)
     found = outcome.value
     if found is None:
         return entry

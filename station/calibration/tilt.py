@@ -19,7 +19,7 @@ from procedures.tilt.estimate import Tilt, TiltParameters, chart_slope, estimate
 from procedures.tilt.positions import behind_lens_um
 from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import ResultFolder, write_record
 
 SCHEMA = "station/tilt/1"
@@ -93,7 +93,7 @@ def write_tilt_record(
     start: float | None = None,
 ) -> str:
     """The same; `start` tells when it began where that is to be told."""
-    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    entry = verdict_entry(outcome)
     if (found := outcome.value) is not None:
         folder.write("tilt.csv", csv_bytes(_places(found)))
         folder.write("numbers.csv", numbers_table((plane, name, one) for name, one in found.numbers().items()))

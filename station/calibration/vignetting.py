@@ -113,7 +113,7 @@ def _map_rows(found: PlaneVignetting) -> list[list[str]]:
 def _plane(name: str, outcome: Outcome[PlaneVignetting]) -> PlaneResult:
     found = outcome.value
     if found is None:
-        return PlaneResult(name, outcome.verdict, outcome.reason, outcome.remedy, pitch=0)
+        return PlaneResult.of_outcome(name, outcome, pitch=0)
     light = found.surface.light
     details = {
         "light": {"rows": light.shape[0], "columns": light.shape[1], "degree": light.degree,
@@ -122,9 +122,7 @@ def _plane(name: str, outcome: Outcome[PlaneVignetting]) -> PlaneResult:
         "diagnostics": {"scatter": found.surface.scatter, "structure": found.surface.structure,
                         "left_out": found.surface.left_out, "slopes": found.surface.slopes.tolist()},
     }  # fmt: skip
-    return PlaneResult(
-        name, outcome.verdict, outcome.reason, outcome.remedy, found.numbers, found=found, pitch=0, details=details
-    )
+    return PlaneResult.of_outcome(name, outcome, numbers=found.numbers, found=found, pitch=0, details=details)
 
 
 def is_vignetting(result: Path) -> bool:

@@ -7,14 +7,14 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import INTERRUPTED
-from station.common.log import Fact, log, log_json_option, logs_json
+from station.common.log import log, log_json_option, logs_json
 from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:
@@ -207,7 +207,7 @@ def _heard(total: int) -> Iterator[Callable[[ItemRow], None]]:
         level = "info" if row.sure else "warning"
         words = f"{pace.done} of {total}, {left}: {_sentence(row)}"
         milliseconds = round(1000 * row.duration_s)
-        facts: dict[str, Fact] = {"file": row.files[0], "verdict": row.verdict, "folder": row.folder}
+        facts: dict[str, Any] = {"file": row.files[0], "verdict": row.verdict, "folder": row.folder}
         facts |= {"specification": row.specification} if row.specification else {}
         log("item", words, level=level, remedy=row.remedy, reused=row.reused, dur_ms=milliseconds, **facts)
 

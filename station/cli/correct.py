@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.psf.planes import LEVELS, raw_option, told_layout
+from station.cli.psf.planes import raw_option, tell_judged, told_layout
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
@@ -123,7 +123,7 @@ def correct(
     for frame, place in zip(found.others, places, strict=bool(places)):
         if place.reason:
             log("set aside", f"{frame.path.name} is set aside: {place.reason}", level="warning", remedy=place.remedy)
-    log("corrected", sentence, level=LEVELS[str(outcome.verdict)], remedy=outcome.remedy)
+    tell_judged("corrected", sentence, outcome)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
         click.echo(text, nl=False)

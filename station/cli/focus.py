@@ -18,6 +18,7 @@ from station.cli.terminal.bench_options import existing_file
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import SEED
 from station.common.errors import REFUSED
+from station.results.record_head import other_causes_entry
 
 if TYPE_CHECKING:
     from station.guide.focus.live import FocusSeen, LiveFrame, PhotographSource
@@ -158,6 +159,7 @@ def entry(seen: FocusSeen) -> dict[str, Any]:
         "verdict": str(seen.found.verdict),
         "reason": seen.found.reason,
         "remedy": seen.found.remedy,
+        **other_causes_entry(seen.found),
         **told,
         S_OVER_T: found.s_over_t if found else None,
         "best": seen.best,

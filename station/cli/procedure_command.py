@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import LEVELS, certificate_option, finish, tell_misses
+from station.cli.psf.planes import certificate_option, finish, tell_judged, tell_misses
 from station.cli.psf.terms import specification_option, terms_of, terms_options
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
@@ -132,8 +132,7 @@ def report(found: Measurement) -> None:
     """Lines on stderr: the photographs that gave nothing, then every plane with its numbers."""
     tell_misses(found.missed or ())
     for one in found.planes:
-        verdict = str(one.verdict)
-        log("plane", _sentence(one), level=LEVELS[verdict], remedy=one.remedy, plane=one.name, verdict=verdict)
+        tell_judged("plane", _sentence(one), one, plane=one.name)
 
 
 def _sentence(plane: PlaneResult) -> str:

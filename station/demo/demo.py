@@ -23,7 +23,7 @@ from station.common.progress import Progress, silent
 from station.common.versions import software
 from station.demo.demonstration import ComparedPlane, Demonstration, DemoPhotograph, summary
 from station.demo.truth_comparison import compare
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import RECORD, ResultFolder, write_psf_result, write_record
 
 SCHEMA = "station/demo/1"
@@ -144,7 +144,7 @@ def _shot_entry(shot: DemoPhotograph) -> dict[str, Any]:
 
 def _plane_entry(plane: ComparedPlane) -> dict[str, Any]:
     record, against = plane.result, plane.comparison
-    entry: dict[str, Any] = {"verdict": str(record.verdict), "reason": record.reason, "remedy": record.remedy}
+    entry = verdict_entry(record)
     if against is not None:
         entry |= {"error": against.error, "expected_error": against.expected, "centre_px": list(against.centre_px)}
         for name, mtf50 in against.mtf50.items():

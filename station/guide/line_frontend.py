@@ -134,6 +134,10 @@ class Plain:
         if event.reason:
             self._line(f"   Why: {event.reason}.")
             self._line(f"   What to do: {event.remedy}.")
+        if event.other_causes:
+            self._line("   Other possible causes:")
+        for cause in event.other_causes:
+            self._line(f"   - {cause.reason}; {cause.remedy}.")
         for plane in event.planes.values():
             if plane.specification is not None and plane.specification.judged is not None:
                 against = "; ".join(plane.specification.against)

@@ -371,7 +371,7 @@ class Run:
         folder, found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name, told, self._known))
         self._result = found
         self._talk.learn(estimate.tells({name: one.found for name, one in found.planes.items()}))
-        self._talk.hear(Result(folder, found.planes, found.verdict, found.reason, found.remedy))
+        self._talk.hear(Result(folder, found.planes, found.verdict, found.reason, found.remedy, found.other_causes))
 
     @_carry.register
     def _(self, decide: Decide) -> None:

@@ -147,8 +147,8 @@ def plane_result(name: str, outcome: Outcome[Any], details: Mapping[str, Any] | 
     """A plane's outcome with the numbers and curves of its value, and further entries of the record."""
     found = outcome.value
     numbers = {} if found is None else found.numbers
-    return PlaneResult(
-        name, outcome.verdict, outcome.reason, outcome.remedy,
+    return PlaneResult.of_outcome(
+        name, outcome,
         numbers=numbers() if callable(numbers) else numbers,
         curves=getattr(found, "curves", {}) if found is not None else {},
         found=found, pitch=0, details=details or {},

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
 from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL
-from procedures.outcome import Outcome, Quantity, Verdict
+from procedures.outcome import Cause, Judged, Outcome, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality
 from procedures.reading.exposure import Exposure
@@ -37,6 +37,7 @@ class PlaneResult:
 
     Attributes
     ----------
+    reason, remedy : the most likely cause of a doubt or a refusal; `other_causes` are less likely ones
     numbers : every number with its unit and standard uncertainty, by name
     curves : the MTF as columns of (n,): frequency, and by direction the value and its uncertainty
     samples : (k, k) of the PSF's support, sum 1
@@ -88,6 +89,17 @@ class PlaneResult:
     untold: tuple[str, ...] = ()
     duration_s: float = 0.0
     details: Mapping[str, Any] = field(default_factory=dict)
+    other_causes: tuple[Cause, ...] = ()
+
+    @classmethod
+    def of_outcome(cls, name: str, outcome: Judged, **more: Any) -> PlaneResult:
+        """The result with the verdict and the causes of an outcome; `more` are further attributes."""
+        more["other_causes"] = outcome.other_causes
+        return cls(name, outcome.verdict, outcome.reason, outcome.remedy, **more)
+
+    def outcome(self, value: Any) -> Outcome[Any]:
+        """Its verdict and causes as the outcome of a value."""
+        return Outcome(value, self.verdict, self.reason, self.remedy, self.other_causes)
 
     @classmethod
     def of(cls, name: str, verdict: Verdict, psf: Psf, quality: Quality | None = None, **more: Any) -> PlaneResult:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from procedures.outcome import BadInput, Quantity, Verdict
 from station.common.durable_files import read_own
 from station.results.plane_result import PlaneResult
+from station.results.record_head import read_other_causes
 from station.results.restored import RESTORATION, Restored, read_restored
 from station.results.result_files import RECORD
 from station.results.terms import comparison_of
@@ -84,7 +85,7 @@ def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> PlaneResult:
     mtf = {} if refused else _columns(folder / f"mtf_{name}.csv")
     return PlaneResult(
         name, verdict, reason, remedy, numbers, mtf, h, unit=_unit(folder / f"mtf_{name}.csv", mtf),
-        specification=comparison_of(entry),
+        specification=comparison_of(entry), other_causes=read_other_causes(entry),
     )  # fmt: skip
 
 

@@ -30,7 +30,7 @@ from station.drawing.psf_picture import psf_picture
 from station.results.budget_table import budget_csv
 from station.results.exports import csv_bytes, numbers_table, profile_table, psf_fits, psf_tiff
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead
+from station.results.record_head import RecordHead, verdict_entry
 
 if TYPE_CHECKING:
     from procedures.physics.estimate import Physics
@@ -310,7 +310,7 @@ def information_table(found: Information) -> bytes:
 
 def plane_record(plane: PlaneResult) -> dict[str, Any]:
     """A plane as a record holds it: verdict, numbers with their budgets, and what belongs to its procedure alone."""
-    entry: dict[str, Any] = {"verdict": str(plane.verdict), "reason": plane.reason, "remedy": plane.remedy}
+    entry: dict[str, Any] = verdict_entry(plane)
     if plane.specification is not None:
         entry["specification"] = plane.specification.told()
     if plane.untold:
@@ -370,7 +370,7 @@ def _edge_entry(check: EdgeCheck) -> dict[str, Any]:
 
 def _physics_entry(outcome: Outcome[Physics]) -> dict[str, Any]:
     """The parts of the best model, their sizes, what they leave unexplained, and the next best models."""
-    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    entry = verdict_entry(outcome)
     if (found := outcome.value) is not None:
         entry |= {"aperture": found.aperture, "missing_corner_deg": found.missing_corner_deg}
         entry |= {"low_pass_filter": found.low_pass, "chi_square": found.chi_square, "freedom": found.freedom}

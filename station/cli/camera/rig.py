@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.psf.planes import LEVELS
+from station.cli.psf.planes import tell_judged
 from station.cli.psf.terms import plane_name
 from station.cli.terminal.force import force_option, forced
 from station.common.errors import REFUSED
@@ -58,4 +58,4 @@ def _tell(outcome: Outcome[RigPose]) -> None:
     if found is not None:
         parts += [f"{name} {one.value:.4f} ± {one.uncertainty:.2g} {one.unit}" for name, one in found.numbers().items()]
         parts.append(f"from {len(found.charts)} charts")
-    log("rig", "; ".join(parts), level=LEVELS[verdict], remedy=outcome.remedy, verdict=verdict)
+    tell_judged("rig", "; ".join(parts), outcome)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.psf.planes import LEVELS, tell_misses
+from station.cli.psf.planes import tell_judged, tell_misses
 from station.cli.psf.terms import plane_name
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.progress import progress
@@ -103,4 +103,4 @@ def _tell(plane: SensorPlane) -> None:
     for name in in_group(Group.LINE, numbers):
         one = numbers[name]
         parts.append(f"{name} {stated(one.value, one.uncertainty)}" + ("" if one.unit == "1" else f" {one.unit}"))
-    log("plane", "; ".join(parts), level=LEVELS[verdict], remedy=outcome.remedy, plane=plane.name, verdict=verdict)
+    tell_judged("plane", "; ".join(parts), outcome, plane=plane.name)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import LEVELS, chart_options, chart_source, raw_option, tell_misses, told_layout
+from station.cli.psf.planes import chart_options, chart_source, raw_option, tell_judged, tell_misses, told_layout
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
@@ -152,7 +152,7 @@ def _tell(plane: str, outcome: Outcome[Tilt]) -> None:
         parts += [
             f"{name} {one.value:+.1f} ± {one.uncertainty:.1f} {one.unit}" for name, one in found.numbers().items()
         ]
-    log("plane", "; ".join(parts), level=LEVELS[verdict], remedy=outcome.remedy, plane=plane, verdict=verdict)
+    tell_judged("plane", "; ".join(parts), outcome, plane=plane)
     if found is None:
         return
     screws = zip(found.screws.angles_deg, found.turns.moves, found.turns.turns, strict=True)

@@ -12,13 +12,13 @@ import click
 
 from procedures.numbers import EDGE_MTF50
 from station.cli.psf.planes import (
-    LEVELS,
     certificate_option,
     finish,
     overlay_option,
     raw_option,
     read_overlays,
     read_planes,
+    tell_judged,
     tell_untold,
     told_layout,
 )
@@ -167,4 +167,4 @@ def _tell_edge(told: PlaneResult, outcome: EdgeOutcome, also: str = "") -> None:
             f"{edge.numbers['angle'].value:.2f} degrees"
         )
     parts += [also] if also else []
-    log("plane", "; ".join(parts), level=LEVELS[verdict], remedy=outcome.remedy, plane=plane, verdict=verdict)
+    tell_judged("plane", "; ".join(parts), outcome, plane=plane)

@@ -11,10 +11,10 @@ import click
 from station.cli.psf.terms import plane_option, tell_specification, terms_options
 from station.cli.terminal.numbers import SEED, Number
 from station.common.errors import REFUSED
-from station.common.log import log, log_json_option
+from station.common.log import Fact, log, log_json_option
 
 if TYPE_CHECKING:
-    from procedures.outcome import Miss
+    from procedures.outcome import Judged, Miss
     from procedures.pattern_print.source import Source
     from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
@@ -198,18 +198,22 @@ def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool) -> None:
 
 def tell_result(record: PlaneResult) -> None:
     """One line on stderr about a plane."""
-    verdict = str(record.verdict)
     took = {"dur_ms": round(1000 * record.duration_s)} if record.duration_s else {}
-    log(
-        "plane",
-        _sentence(record),
-        level=LEVELS[verdict],
-        remedy=record.remedy,
-        plane=record.name,
-        verdict=verdict,
-        **took,
-    )
+    tell_judged("plane", _sentence(record), record, plane=record.name, **took)
     tell_untold(record)
+
+
+def tell_judged(event: str, sentence: str, judged: Judged, **facts: Fact) -> None:
+    """One line on stderr about a result, with the causes of its verdict."""
+    log(
+        event,
+        sentence,
+        level=LEVELS[str(judged.verdict)],
+        remedy=judged.remedy,
+        other_causes=judged.other_causes,
+        verdict=str(judged.verdict),
+        **facts,
+    )
 
 
 def tell_untold(record: PlaneResult) -> None:

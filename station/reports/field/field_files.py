@@ -28,7 +28,7 @@ from station.reports.otf_figures import FrequencyAxis
 from station.reports.pattern_report import Report, report_of_files
 from station.results.overlay import HeightOverlay
 from station.results.plane_result import PlaneResult
-from station.results.record_head import InputFile, PartBeside, RecordHead
+from station.results.record_head import InputFile, PartBeside, RecordHead, verdict_entry
 from station.results.result_files import ResultFolder, json_text, write_psf_result
 from station.results.terms import Terms
 from station.results.units import told_quantity
@@ -178,7 +178,7 @@ def _heights(found: FieldResult, photosite: Photosite | None) -> dict[str, list[
 def _camera_told(camera: WholeCamera) -> dict[str, Any]:
     """What the record says of all that the charts tell: the file, and the geometry in figures."""
     geometry, numbers = camera.geometry, camera.numbers
-    told: dict[str, Any] = {"verdict": str(geometry.verdict), "reason": geometry.reason, "remedy": geometry.remedy}
+    told = verdict_entry(geometry)
     if geometry.value is not None:
         found = {name: asdict(number) for name, number in geometry.value.numbers().items()}
         told = {**told, "model": geometry.value.camera.model, **found}

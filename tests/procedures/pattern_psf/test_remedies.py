@@ -17,4 +17,4 @@ def test_a_band_that_ends_too_soon_asks_for_s(better: tuple[int, int] | None, wo
     tried = Trial(2, 11, (0.41, 0.41), uncertainty=0.0004, truncation=0.0001, band_edge=0.06, better=better)
     assert tried.band_open
     doubts = _left_out(Doubts(Sampling(2, 11, "ls", ()), False, (tried,), (), []))
-    assert [doubt.remedy.startswith(words) for doubt in doubts if doubt.applies] == [True]
+    assert [doubt.remedy.startswith(words) for doubt in doubts if doubt.fails] == [True]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import OutsideTravel
-from procedures.outcome import Verdict
+from procedures.outcome import Cause, Verdict
 from procedures.plan import Ask
 from procedures.psf import Psf
 from procedures.quality import assess
@@ -147,7 +147,8 @@ def gaussian(width_px: float, k: int = 17, s: int = 4) -> Psf:
 def write_result(sessions: Path, name: str, width_px: float) -> Path:
     psf = gaussian(width_px)
     good = PlaneResult.of("G1", Verdict.PASS, psf, assess(psf, n=9000))
-    bad = PlaneResult("R", Verdict.REFUSED, "too dark", "light the chart")
+    others = (Cause("it is blurred", "focus"),)
+    bad = PlaneResult("R", Verdict.REFUSED, "too dark", "light the chart", other_causes=others)
     folder = sessions / name / "derived" / "1"
     with ResultFolder(folder) as result:
         write_psf_result(result, [bad, good], RecordHead("pattern"))
@@ -169,6 +170,7 @@ def test_a_result_shows_verdict_numbers_picture_and_curve(tmp_path, size):
         await driver.until("Plane R: ✗ refused")
         assert "too dark" in driver.text
         assert "light the chart" in driver.text
+        assert "- it is blurred; focus" in driver.text
 
     drive(StationApp(FakeLab(tmp_path, nothing)), use, size)
 
@@ -297,7 +299,7 @@ def test_a_verdict_is_shown_whole_with_what_to_do_and_with_what_the_lens_misses(
         "plane R: white is at 4 % of the scale and noise leads",
         "expose longer, and take the pictures anew",
     )
-    result = Result(tmp_path, planes, Verdict.REFUSED, reason, remedy)
+    result = Result(tmp_path, planes, Verdict.REFUSED, reason, remedy, (Cause("it is blurred", "focus"),))
     accept = Ask("verdict", "Accept it?", "choice", default="accept", choices=("accept", "retake", "stop"))
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, result, accept))
 
@@ -308,6 +310,7 @@ def test_a_verdict_is_shown_whole_with_what_to_do_and_with_what_the_lens_misses(
             f"{reason}. Expose",
             "the pictures anew.",
             "must be 0.3 at",
+            "Other possible causes: it is blurred.",
             accept.question,
         ):
             await driver.until(lambda words=words: words in without_edges(driver.text))
