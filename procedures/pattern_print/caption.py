@@ -43,7 +43,7 @@ def caption(panel: Panel, titles: Iterable[str], noise_mm: float) -> Drawing:
         + _advice(panel)
         + _distances(panel, noise_mm)
         + _explanation(panel, noise_mm)
-        + rulers(ruler_x, ruler_y - 6)
+        + rulers(ruler_x, ruler_y - 6.2)
     )
 
 

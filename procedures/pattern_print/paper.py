@@ -32,22 +32,21 @@ ISO_PAPERS = (
 """ISO 216, smallest first."""
 US_PAPERS = (
     Paper("Letter", 215.9, 279.4), Paper("Legal", 215.9, 355.6), Paper("Tabloid", 279.4, 431.8),
-    Paper("ANSI-C", 431.8, 558.8), Paper("ANSI-D", 558.8, 863.6), Paper("ANSI-E", 863.6, 1117.6),
 )  # fmt: skip
-"""ANSI Y14.1 and Legal, smallest first."""
+"""Smallest first; larger charts are printed on A sheets there too."""
 PAPERS = {paper.key: paper for paper in ISO_PAPERS + US_PAPERS}
 LETTER_TERRITORIES = frozenset(["BZ", "CA", "CL", "CO", "CR", "GT", "MX", "NI", "PA", "PH", "PR", "SV", "US", "VE"])
 """Where Letter is the usual paper: Unicode CLDR, supplemental data, measurementData/paperSize."""
 
 
 def papers_of_locale(environ: Mapping[str, str]) -> tuple[Paper, ...]:
-    """The papers of the locale that the environment names, the usual one first.
+    """The papers that are used where the environment's locale says, the usual one first.
 
     POSIX: LC_ALL overrides the category LC_PAPER, which overrides LANG; an empty variable counts as not set.
     """
     locale = next((told for name in ("LC_ALL", "LC_PAPER", "LANG") if (told := environ.get(name))), "")
     territory = locale.partition(".")[0].partition("@")[0].partition("_")[2]
-    return US_PAPERS if territory.upper() in LETTER_TERRITORIES else ISO_PAPERS
+    return US_PAPERS + ISO_PAPERS if territory.upper() in LETTER_TERRITORIES else ISO_PAPERS
 
 
 def paper_named(name: str) -> Paper:

@@ -19,6 +19,8 @@ BLEED_MM = 1.5
 ARM_MM = 3.0
 """Half the size of a cross; along the seam it extends over the whole band beyond the bleed."""
 THICKNESS_MM, TYPE_MM = 0.15, 2.5
+ORIGIN_LETTERS = 24
+"""The beginning of a long origin tells a chart from others at hand."""
 
 
 def tiled(source: Source, tiling: Tiling) -> list[Sheet]:
@@ -93,9 +95,11 @@ def _cross(centre: tuple[float, float], start: tuple[float, float], end: tuple[f
 
 def _label(source: Source, tiling: Tiling, tile: Tile, box: Box) -> Drawing:
     """Which sheet of which chart it is, in the band below the cells."""
-    x, y = box[0] + 2 * ARM_MM, box[3] + BAND_MM - 2
-    rows, columns = len(tiling.rows) - 1, len(tiling.columns) - 1
-    row = f"row {tile.row + 1} of {rows}, column {tile.column + 1} of {columns}"
-    name = Text(x, y, tile.name, 2 * TYPE_MM, bold=True)
-    words = f"{row}; {source.origin[:24]}; {tiling.size}"
-    return Drawing(texts=(name, Text(x + 5 * TYPE_MM, y, words, TYPE_MM)))
+    x, y = box[0] + 2 * ARM_MM, box[3] + BAND_MM - 1.5
+    rows, columns, size = len(tiling.rows) - 1, len(tiling.columns) - 1, tiling.size
+    lines = (
+        f"{source.origin[:ORIGIN_LETTERS]}; chart {size.whole_mm:.6g} mm, cell {size.cell_mm:.4g} mm",
+        f"row {tile.row + 1} of {rows}, column {tile.column + 1} of {columns}",
+    )
+    texts = [Text(x + 5 * TYPE_MM, y - 1.3 * TYPE_MM * up, words, TYPE_MM) for up, words in enumerate(lines)]
+    return Drawing(texts=(Text(x, y, tile.name, 2 * TYPE_MM, bold=True), *texts))

@@ -159,7 +159,7 @@ PRINT = (
         proposed=lambda facts: papers_of_locale(os.environ)[0].key,
     ),
     Ask(
-        "chart_width_mm", "How wide shall the chart be? What the paper does not hold is printed over several sheets.",
+        "chart_width_mm", "How wide shall the chart be? If it exceeds one sheet, it is printed over several.",
         "number", "mm", low=SMALLEST_WIDTH_MM, high=LARGEST_WIDTH_MM,
         proposed=lambda facts: facts_as(PatternFacts, facts).size.whole_mm, check=check_sheets,
     ),
