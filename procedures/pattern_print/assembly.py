@@ -86,8 +86,8 @@ def _plan(panel: Panel, tiling: Tiling) -> Drawing:
     unit = SIDE_MM / DRAWN_CELLS
 
     def line(x0: float, y0: float, x1: float, y1: float, thickness: float) -> Stroke:
-        ends = (panel.at(LEFT + x * unit, TOP_MM + y * unit) for x, y in ((x0, y0), (x1, y1)))
-        return Stroke(*ends, thickness * panel.scale)
+        start, end = (panel.at(LEFT + x * unit, TOP_MM + y * unit) for x, y in ((x0, y0), (x1, y1)))
+        return Stroke(start, end, thickness * panel.scale)
 
     end = DRAWN_CELLS - FRAME
     corners = ((FRAME, FRAME), (end, FRAME), (end, end), (FRAME, end), (FRAME, FRAME))

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from procedures.outcome import BadParameter
 from procedures.pattern_print.paper import Paper
 from procedures.pattern_print.raster import CELL_PIXELS, bitmap, pgm, png
-from procedures.pattern_print.sheet import Size, check_fits, lay_out
+from procedures.pattern_print.sheet import Sheet, Size, check_fits, lay_out
 from procedures.pattern_print.source import Source
 from procedures.pattern_print.tile_sheets import tiled
 from procedures.pattern_print.tiles import tiling_of
 from procedures.pattern_print.vector import pdf, svg
 
-PAGES = {".pdf": pdf, ".svg": svg}
+PAGES: dict[str, Callable[[Sheet], bytes]] = {".pdf": pdf, ".svg": svg}
 IMAGES = {".png": png, ".pgm": pgm}
 
 
