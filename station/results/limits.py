@@ -19,8 +19,6 @@ from station.results.comparison import UNMEASURED, Comparison, Judged, Judgement
 from station.results.plane_result import PlaneResult
 from station.results.units import Frequency, Pixels, Unit, told_name, told_quantity
 
-LIMITED = tuple(dict.fromkeys((*FAMILIES, *NUMBERS)))
-"""What a limit can be set for; values without an uncertainty have no guard band."""
 BOTH = (HORIZONTAL, VERTICAL)
 MIDDLE = 0.4
 """Of the frame's half sides, within which a place is in the middle."""
@@ -41,7 +39,7 @@ class Limit:
 
     Attributes
     ----------
-    number : one of LIMITED
+    number : one of `limited_numbers`
     least, most : float
         Infinite where there is no such bound; frequencies in `unit`.
     coverage : float
@@ -136,6 +134,11 @@ class Spot:
     name: str
     places: Sequence[Place]
     numbers: Mapping[str, Quantity] = field(default_factory=dict)
+
+
+def limited_numbers() -> list[str]:
+    """What a limit can be set for; values without an uncertainty have no guard band."""
+    return list(dict.fromkeys((*FAMILIES, *NUMBERS)))
 
 
 def compare(

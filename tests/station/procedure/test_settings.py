@@ -66,5 +66,5 @@ def test_fields_carry_all_that_an_option_needs():
 
 def test_a_record_holds_what_was_set():
     assert to_record(Model(table=Path("a/b.csv"))) == {
-        "width_mm": 300.0, "count": 3, "positions": "lens", "distances_mm": [], "table": "a/b.csv", "insist": False,
+        "width_mm": 300.0, "count": 3, "positions": "lens", "distances_mm": (), "table": "a/b.csv", "insist": False,
     }  # fmt: skip
