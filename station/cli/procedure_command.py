@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ from station.cli.terminal.progress import progress
 from station.common.errors import FAILED_ITEMS
 from station.common.log import log, log_json_option
 from station.procedure.base import Inputs, Procedure
-from station.procedure.registry import procedure_named
+from station.procedure.registry import procedure_named, procedure_names
 from station.procedure.settings import SettingField, fields_of, read_settings
 
 if TYPE_CHECKING:
@@ -34,11 +35,14 @@ ARGUMENTS: dict[Inputs, tuple[str, int]] = {
 """Of each kind of input: what stands for it in the help, and how many words it is."""
 
 
-def command_named(name: str) -> click.Command:
-    """The command of a procedure. Raises BadParameter where there is none."""
+def __getattr__(name: str) -> click.Command:
+    """The command of the procedure of that name."""
+    if name.startswith("_") or name not in procedure_names():
+        raise AttributeError(name)
     return command_for(procedure_named(name))
 
 
+@cache
 def command_for(procedure: Procedure[Any]) -> click.Command:
     """The command of a procedure."""
     metavar, count = ARGUMENTS[procedure.inputs]

@@ -14,8 +14,8 @@ from station.common.errors import explained
 
 Table = Mapping[str, tuple[str, str, str]]
 """name -> (module under station.cli, function, help line)"""
-PROCEDURE = "procedure"
-"""In place of a module: the command is drawn from the procedure of the function's name."""
+PROCEDURES = "procedure_command"
+"""The module whose attributes are the procedures' commands."""
 ADDED = "station.procedures"
 """The entry-point group of other packages' procedures, each of which is a command."""
 
@@ -38,17 +38,14 @@ class LazyGroup(click.Group):
         return [one.name for one in entry_points(group=ADDED) if one.name not in self.table]
 
     def _added(self, name: str) -> click.Command | None:
-        return _command_of(name) if name in self._procedures() else None
+        return _attribute(PROCEDURES, name) if name in self._procedures() else None
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command itself, imported now."""
         if cmd_name not in self.table:
             return self._added(cmd_name)
         module, function, _ = self.table[cmd_name]
-        if module == PROCEDURE:
-            return _command_of(cmd_name)
-        command: click.Command = getattr(importlib.import_module(f"station.cli.{module}"), function)
-        return command
+        return _attribute(module, function)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -71,7 +68,6 @@ class LazyGroup(click.Group):
             return super().invoke(ctx)
 
 
-def _command_of(name: str) -> click.Command:
-    from station.cli.procedure_command import command_named
-
-    return command_named(name)
+def _attribute(module: str, name: str) -> click.Command:
+    command: click.Command = getattr(importlib.import_module(f"station.cli.{module}"), name)
+    return command
