@@ -18,7 +18,7 @@ from station.common.log import quiet_option
 COMMANDS = {
     "pattern": ("pattern", "pattern", "Write the printable noise chart."),
     "psf": ("psf.group", "psf", "Estimate a point spread function."),
-    "sensor": ("camera.sensor", "sensor", "Measure gain, noise and non-uniformity of a sensor (EMVA 1288)."),
+    "sensor": ("procedure_command", "sensor", "Measure gain, noise and non-uniformity of a sensor (EMVA 1288)."),
     "geometry": ("camera.geometry", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
     "rig": ("camera.rig", "rig", "Tell how two cameras on one rig stand to each other."),
     "vignetting": ("procedure_command", "vignetting", "Measure the light lost towards the corners, from flats."),
@@ -75,7 +75,7 @@ LARGE_HEAP = 50_000
 @click.option("--plan", help="What to be guided through.  [default: pattern]")
 @click.option(
     "--specification", type=click.Path(path_type=Path),
-    help="Limits to hold results to, in TOML.  [also for: psf, vignetting, mtf, serve]",
+    help="Limits to hold results to, in TOML.  [also for: psf, sensor, vignetting, mtf, serve]",
 )  # fmt: skip
 @click.option(
     "--unit", type=UNITS,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
@@ -20,6 +20,7 @@ from procedures.sensor.recording import SensorRecording
 from procedures.sensor.stacks import LEAST_PICTURES, FrameStack, StackSums
 from station.calibration.folder_photographs import check_any, for_want, readable
 from station.calibration.sensor_folder import DARK, LIGHT, Shots
+from station.results.record_head import InputFile
 
 Numbers = npt.NDArray[np.float64]
 
@@ -55,7 +56,7 @@ class SensorFiles:
     `missed` are pictures that cannot be read, and the only one that such a picture left of a level.
     """
 
-    inputs: Sequence[Mapping[str, str]]
+    files: Sequence[InputFile]
     camera: str | None
     iso: float | None
     planes: Sequence[SensorPlane]
@@ -100,7 +101,7 @@ def measure_sensor(
         If no picture can be read, or pictures differ in size or planes.
     """
     gathered: dict[str, _Gathered] = {}
-    inputs: list[dict[str, str]] = []
+    inputs: list[InputFile] = []
     exposures: list[Exposure] = []
     opened = read or partial(read_frame, names=None if plane in (None, "all") else [str(plane)])
     left_out = [*missed]
@@ -122,11 +123,11 @@ def measure_sensor(
         for name, of in gathered.items()
     ]
     first = exposures[0] if exposures else Exposure()
-    return SensorFiles(inputs, first.camera, first.iso, planes, left_out)
+    return SensorFiles(tuple(inputs), first.camera, first.iso, planes, left_out)
 
 
-def _checked(frame: RawFrame, inputs: list[dict[str, str]], exposures: list[Exposure]) -> RawFrame:
-    inputs.append({"path": str(frame.path), "sha256": frame.sha256})
+def _checked(frame: RawFrame, inputs: list[InputFile], exposures: list[Exposure]) -> RawFrame:
+    inputs.append(InputFile(str(frame.path), frame.sha256))
     exposures.append(frame.exposure)
     if frame.exposure.iso != exposures[0].iso:
         raise BadInput(

@@ -110,7 +110,7 @@ def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str,
     settings = read_settings(procedure.Settings, chosen)
     if procedure.inputs is Inputs.PHOTOGRAPHS:
         paths = [path for one in paths for path in (photographs(one) if one.is_dir() else [one])]
-    with ResultFolder(out, force=forced()) as folder, progress(len(paths)) as shown:
+    with ResultFolder(out, force=forced()) as folder, progress(procedure.steps(paths)) as shown:
         found = procedure.measure(paths, settings, terms, shown)
         found = replace(found, head=replace(found.head, duration_s=round(time.perf_counter() - start, 3)))
         if given.get("report") and any(one.verdict != "refused" for one in found.planes):

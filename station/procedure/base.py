@@ -32,6 +32,11 @@ class Inputs(StrEnum):
     """A folder whose files have roles."""
 
 
+def upper_plane(name: str | None) -> str | None:
+    """A plane's name as records have it: G1 for g1, all for ALL."""
+    return name if name is None else "all" if name.lower() == "all" else name.upper()
+
+
 class Reading(Settings, frozen=True, kw_only=True):
     """Settings of everything that reads photographs."""
 
@@ -54,7 +59,7 @@ class Reading(Settings, frozen=True, kw_only=True):
     @property
     def plane_name(self) -> str | None:
         """The plane as records call it: G1 for g1, all for ALL."""
-        return self.plane if self.plane is None else "all" if self.plane.lower() == "all" else self.plane.upper()
+        return upper_plane(self.plane)
 
     def read(self, path: Path) -> RawFrame:
         """The planes asked for. Raises ProcedureError."""
@@ -95,6 +100,10 @@ class Procedure(ABC, Generic[S]):
     def schema(self) -> str:
         """Of its record."""
         return f"station/{self.name}/1"
+
+    def steps(self, paths: Sequence[Path]) -> int:
+        """How many steps a measurement of these files reports to its progress."""
+        return len(paths)
 
     @abstractmethod
     def measure(

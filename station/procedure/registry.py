@@ -16,6 +16,7 @@ from station.procedure.base import Procedure
 
 GROUP = "station.procedures"
 BUILTIN: Mapping[str, str] = {
+    "sensor": "station.procedure.builtin.sensor:PROCEDURE",
     "vignetting": "station.procedure.builtin.vignetting:PROCEDURE",
 }
 """Name -> module and object, as an entry point names them."""

@@ -37,7 +37,7 @@ def sensor_page(found: SensorFiles) -> bytes:
     return render(
         "sensor.html",
         camera=found.camera,
-        inputs=found.inputs,
+        inputs=found.files,
         missed=found.missed,
         planes=[_view(plane) for plane in found.planes],
         software=software(),

@@ -34,6 +34,7 @@ class Measurement:
     missed : photographs that gave nothing; None where the record of the procedure does not list them
     exposure : what the camera noted
     terms : unit of frequencies and specification
+    found : the whole result, where the planes are parts of one, for pages that draw it
     """
 
     schema: str
@@ -44,6 +45,7 @@ class Measurement:
     missed: tuple[Miss, ...] | None = None
     exposure: Exposure = field(default_factory=Exposure)
     terms: Terms = USUAL
+    found: Any = None
 
     def compared(self, terms: Terms) -> Measurement:
         """The same with every plane compared with the limits of a specification."""

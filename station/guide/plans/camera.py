@@ -27,7 +27,7 @@ from procedures.whole_camera.from_field import whole_camera
 from procedures.whole_camera.from_others import sensor_parts, vignetting_parts
 from procedures.whole_camera.joint import Part
 from station.calibration.sensor import SensorFiles
-from station.calibration.sensor_files import write_sensor_record
+from station.calibration.sensor_files import sensor_measurement
 from station.calibration.vignetting import Flats, flats_of, vignetting_measurement
 from station.guide.plans import field, sensor
 from station.results.measurement import write_measurement
@@ -220,7 +220,8 @@ def _write_sensor(
     from station.reports.sensor_page import sensor_page  # it draws: that import is slow
 
     files: SensorFiles = one.result()
-    write_sensor_record(folder, files, _of_inputs(head, {told["sha256"] for told in files.inputs}), sensor_page(files))
+    folder.write("report.html", sensor_page(files))
+    write_measurement(folder, sensor_measurement(files, _of_inputs(head, {one.sha256 for one in files.files})))
     return "report.html"
 
 

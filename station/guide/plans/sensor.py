@@ -11,8 +11,9 @@ from procedures.raw import RawFrame
 from procedures.sensor import plan as guide
 from procedures.sensor.facts import SensorFacts, mark_of
 from station.calibration.sensor import SensorFiles, SensorPlane, measure_sensor
-from station.calibration.sensor_files import write_sensor_record
+from station.calibration.sensor_files import sensor_measurement
 from station.calibration.sensor_folder import DARK, LIGHT, Shots
+from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder
@@ -69,7 +70,8 @@ def write(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead)
     whole = next((one.found for one in planes if one.found is not None), None)
     if whole is None:
         refused = [SensorPlane(one.name, one.outcome(None), (), 1.0, None) for one in planes]
-        return write_sensor_record(folder, SensorFiles((), None, None, refused), head)
+        return write_measurement(folder, sensor_measurement(SensorFiles((), None, None, refused), head))
     from station.reports.sensor_page import sensor_page  # it draws: that import is slow
 
-    return write_sensor_record(folder, whole, head, sensor_page(whole))
+    folder.write("report.html", sensor_page(whole))
+    return write_measurement(folder, sensor_measurement(whole, head))
