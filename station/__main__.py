@@ -22,7 +22,7 @@ COMMANDS = {
     "geometry": ("camera.geometry", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
     "rig": ("camera.rig", "rig", "Tell how two cameras on one rig stand to each other."),
     "vignetting": ("procedure_command", "vignetting", "Measure the light lost towards the corners, from flats."),
-    "tilt": ("camera.tilt", "tilt", "Find the sensor's tilt, and the turns of its screws that mend it."),
+    "tilt": ("procedure_command", "tilt", "Find the sensor's tilt, and the turns of its screws that mend it."),
     "export": ("export", "export", "Write a result as a file of another program."),
     "focus": ("focus", "focus", "Tell how sharp every photograph is as it comes, and which way to turn."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
@@ -75,7 +75,7 @@ LARGE_HEAP = 50_000
 @click.option("--plan", help="What to be guided through.  [default: pattern]")
 @click.option(
     "--specification", type=click.Path(path_type=Path),
-    help="Limits to hold results to, in TOML.  [also for: psf, sensor, vignetting, mtf, serve]",
+    help="Limits to hold results to, in TOML.  [also for: psf, sensor, vignetting, tilt, mtf, serve]",
 )  # fmt: skip
 @click.option(
     "--unit", type=UNITS,

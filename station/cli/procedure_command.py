@@ -119,6 +119,8 @@ def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str,
             _certify(folder, procedure, found)
         text = write_measurement(folder, found)
     report(found)
+    for line in procedure.lines(found):
+        log(procedure.name, line)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     finish(found.planes, text, as_json=given["as_json"])
     if found.missed:

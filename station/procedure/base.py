@@ -8,7 +8,9 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar
 
-from procedures.outcome import Outcome, Quantity
+from procedures.outcome import BadParameter, Outcome, Quantity
+from procedures.pattern import DEFAULT_SEED
+from procedures.pattern_print.source import Source
 from procedures.raw import RawFrame, default_plane, read_frame
 from procedures.reading.sensor_dump import DumpLayout
 from station.common.progress import Progress, silent
@@ -40,16 +42,19 @@ def upper_plane(name: str | None) -> str | None:
 class Reading(Settings, frozen=True, kw_only=True):
     """Settings of everything that reads photographs."""
 
-    plane: Annotated[str | None, setting("R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")] = (
+    plane: Annotated[str, setting("R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")] | None = (
         None
     )
-    raw: Annotated[
-        str | None,
-        setting(
-            "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
-            metavar="WxH,RGGB,u16le,BLACK,WHITE",
-        ),
-    ] = None
+    raw: (
+        Annotated[
+            str,
+            setting(
+                "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
+                metavar="WxH,RGGB,u16le,BLACK,WHITE",
+            ),
+        ]
+        | None
+    ) = None
 
     @property
     def layout(self) -> DumpLayout | None:
@@ -65,6 +70,30 @@ class Reading(Settings, frozen=True, kw_only=True):
         """The planes asked for. Raises ProcedureError."""
         chosen = self.plane_name or default_plane(path, self.layout)
         return read_frame(path, None if chosen == "all" else [chosen], self.layout)
+
+
+class ChartReading(Reading, frozen=True, kw_only=True):
+    """Settings of everything that reads photographs of the noise chart."""
+
+    bits: Annotated[Path, setting("The chart's 256 x 256 cells as a grey image.")] | None = None
+    seed: (
+        Annotated[int, setting("The chart's seed; 1 if neither this nor the cells are given.", least=0, most=2**63 - 1)]
+        | None
+    ) = None
+
+    @property
+    def source(self) -> Source:
+        """The chart. Raises BadParameter where both were given."""
+        if self.bits is not None and self.seed is not None:
+            raise BadParameter("the chart comes from its cells or from its seed", "give --bits or --seed")
+        if self.bits is not None:
+            return Source.from_file(self.bits)
+        return Source.from_seed(DEFAULT_SEED if self.seed is None else self.seed)
+
+    @staticmethod
+    def beside(path: Path, folder: Path) -> Path:
+        """A file that is named from here, or lies in a folder."""
+        return path if path.is_absolute() or path.exists() else folder / path
 
 
 S = TypeVar("S", bound=Settings)
@@ -110,6 +139,10 @@ class Procedure(ABC, Generic[S]):
         self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """What these files give. Raises ProcedureError where they give nothing that could be judged."""
+
+    def lines(self, found: Measurement) -> list[str]:
+        """Further lines for the terminal, after those of the planes."""
+        return []
 
     def page(self, found: Measurement) -> bytes:
         """The page for people: by default verdict, numbers, limits, curves and provenance."""

@@ -17,6 +17,7 @@ from station.procedure.base import Procedure
 GROUP = "station.procedures"
 BUILTIN: Mapping[str, str] = {
     "sensor": "station.procedure.builtin.sensor:PROCEDURE",
+    "tilt": "station.procedure.builtin.tilt:PROCEDURE",
     "vignetting": "station.procedure.builtin.vignetting:PROCEDURE",
 }
 """Name -> module and object, as an entry point names them."""

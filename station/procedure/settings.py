@@ -72,14 +72,20 @@ def fields_of(model: type[Settings]) -> list[SettingField]:
 
 
 def _field(one: msgspec.structs.FieldInfo, hint: Any) -> SettingField:
-    meta = next((extra for extra in getattr(hint, "__metadata__", ()) if isinstance(extra, msgspec.Meta)), None)
     kind, choices, several = _plain(hint)
     default = None if one.required else one.default if one.default is not msgspec.NODEFAULT else one.default_factory()
-    known = meta or msgspec.Meta()
+    known = _meta(hint) or msgspec.Meta()
     return SettingField(
         one.name, kind, default, known.description or "", known.ge, known.le, (known.extra or {}).get("metavar", ""),
         choices, several, one.required,
     )  # fmt: skip
+
+
+def _meta(hint: Any) -> msgspec.Meta | None:
+    """What `setting` says of a field; of an optional one it stands inside the union, where bounds have a meaning."""
+    inside = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else ()
+    found = (extra for one in (hint, *inside) for extra in getattr(one, "__metadata__", ()))
+    return next((extra for extra in found if isinstance(extra, msgspec.Meta)), None)
 
 
 def _plain(hint: Any) -> tuple[type, tuple[str, ...], bool]:

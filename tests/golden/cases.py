@@ -132,8 +132,9 @@ def tilt(folder: Path) -> None:
     from procedures.tilt.estimate import Tilt
     from procedures.tilt.plane import fit_plane
     from procedures.tilt.screws import Screws, turns_for
-    from station.calibration.tilt import write_tilt_record
+    from station.calibration.tilt import tilt_measurement
     from station.reports.tilt_page import tilt_page
+    from station.results.measurement import write_measurement
     from station.results.record_head import RecordHead
     from station.results.result_files import ResultFolder
 
@@ -145,7 +146,8 @@ def tilt(folder: Path) -> None:
     )
     found = Outcome(Tilt(plane, np.zeros(9), screws, turns_for(plane, screws, with_focus=True), True))
     with ResultFolder(folder / OUT) as results:
-        write_tilt_record(results, RecordHead("tilt"), "G1", found, tilt_page("G1", 5, found))
+        results.write("report.html", tilt_page("G1", 5, found).encode())
+        write_measurement(results, tilt_measurement(RecordHead("tilt"), "G1", found))
 
 
 def vignetting(folder: Path) -> Words:

@@ -16,7 +16,8 @@ class Model(Settings, frozen=True, kw_only=True):
     count: Annotated[int, setting("Photographs.", least=1, most=9)] = 3
     positions: Annotated[Literal["lens", "set"], setting("What they mean.")] = "lens"
     distances_mm: Annotated[tuple[float, ...], setting("Distances.", least=None)] = ()
-    table: Annotated[Path | None, setting("A table.")] = None
+    table: Annotated[Path, setting("A table.")] | None = None
+    pitch_um: Annotated[float, setting("Pitch.", least=0.1)] | None = None
     insist: Annotated[bool, setting("Insist.")] = False
 
 
@@ -42,6 +43,7 @@ def test_a_table_becomes_the_model():
         ({"distances_mm": [1, "far"]}, "distances_mm must be a list, each a number"),
         ({"insist": 1}, "insist must be true or false"),
         ({"table": 4}, "table must be a path"),
+        ({"pitch_um": 0}, r"pitch_um must be a number at least 0\.1; it is '0'"),
     ],
 )
 def test_what_cannot_be_is_named_with_the_key_and_what_it_must_be(given, words):
