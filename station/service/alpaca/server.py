@@ -15,7 +15,7 @@ from starlette.routing import Route
 
 from drivers.interfaces import Stage
 from station.service.alpaca.camera import BenchCamera
-from station.service.alpaca.device import AlpacaDevice, program_version
+from station.service.alpaca.device import AlpacaDevice, is_stop, program_version
 from station.service.alpaca.errors import BadRequest, as_alpaca
 from station.service.alpaca.focuser import AxisFocuser
 from station.service.alpaca.image import BYTES, INT32, Mosaic, image_bytes, nested
@@ -48,6 +48,7 @@ class AlpacaServer:
     """What answers Alpaca's clients."""
 
     def __init__(self, served: ServedBench) -> None:
+        self._served = served
         self._devices = {(one.kind, one.number): one for one in devices_of(served)}
         self._transactions = itertools.count(1)
 
@@ -84,7 +85,8 @@ class AlpacaServer:
                 return self._image(value, client, as_bytes)
             return self._framed(client, **({} if value is None else {"Value": value}))
 
-        return await asyncio.to_thread(self._answered, given, make)
+        threads = self._served.stopper if not reading and is_stop(member, given) else device.polls
+        return await asyncio.get_running_loop().run_in_executor(threads, self._answered, given, make)
 
     def _answered(self, given: Parameters, make: Callable[[int], Response]) -> Response:
         """What `make` makes of the client's number; what goes wrong as its number and a sentence."""
