@@ -14,6 +14,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from drivers.interfaces import Stage
+from station.service.access import refused
 from station.service.alpaca.camera import BenchCamera
 from station.service.alpaca.device import AlpacaDevice, is_stop, program_version
 from station.service.alpaca.errors import BadRequest, as_alpaca
@@ -86,7 +87,10 @@ class AlpacaServer:
             return self._framed(client, **({} if value is None else {"Value": value}))
 
         threads = self._served.stopper if not reading and is_stop(member, given) else device.polls
-        return await asyncio.get_running_loop().run_in_executor(threads, self._answered, given, make)
+        try:
+            return await asyncio.get_running_loop().run_in_executor(threads, self._answered, given, make)
+        except asyncio.CancelledError:
+            return refused(503, f"the server ends, and {device.name} has not answered", "ask again once it runs")
 
     def _answered(self, given: Parameters, make: Callable[[int], Response]) -> Response:
         """What `make` makes of the client's number; what goes wrong as its number and a sentence."""
