@@ -16,7 +16,7 @@ from station.service.connection_limits import FOR_STOPS, most_connections
 
 from ..guide import benches
 from .alpaca_clients import once
-from .serving import serving
+from .serving import ENDS_S, serving
 
 resource = pytest.importorskip("resource", reason="no limit of files here")
 FILES = 600
@@ -63,17 +63,17 @@ def flood(client, count, half):
 
 
 def half_sent(client, half=HEAD):
-    opened = socket.create_connection(("127.0.0.1", client.port), 30)
+    opened = socket.create_connection(("127.0.0.1", client.port), ENDS_S)
     opened.sendall(half.encode())
     return opened
 
 
-def closed(opened):
-    """Whether the other end has closed it."""
-    opened.setblocking(False)
+def ends(opened, within_s):
+    """Whether the other end closes it within that time."""
+    opened.settimeout(within_s)
     try:
         return opened.recv(1) == b""
-    except BlockingIOError:
+    except TimeoutError:
         return False
     except ConnectionError:
         return True
@@ -120,8 +120,8 @@ def test_who_owes_a_request_longest_gives_way(tmp_path, monkeypatch):
     with serving(tmp_path, token=None) as (client, _):
         first = [half_sent(client) for _ in range(6)]
         client.request("GET", "/")
-        once(lambda: closed(first[0]))
-        assert not any(closed(one) for one in first[2:])
+        assert ends(first[0], ENDS_S)
+        assert not any(ends(one, 0.01) for one in first[2:])
         for one in first:
             one.close()
 
