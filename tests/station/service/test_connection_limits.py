@@ -37,10 +37,8 @@ for _ in range(count):
 print("there", flush=True)
 sys.stdin.read()
 """
-HEAD, BODY = (
-    "POST /station/v1/stop HTTP/1.1\r\nHost: ",
-    "POST /station/v1/run HTTP/1.1\r\nHost: a\r\nContent-Length: 9\r\n\r\n{",
-)
+HEAD = "POST /station/v1/stop HTTP/1.1\r\nHost: "
+BODY = "POST /station/v1/run HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 9\r\n\r\n{"
 
 
 @pytest.fixture
