@@ -97,9 +97,11 @@ class LimitedConnection(H11Protocol):
 
     def _find_room(self) -> None:
         """Let those give way that owe a request; where none does, answer only stops here."""
+        most = most_connections()
+        if len(self.connections) <= most * 3 // 4:
+            return
         everybody = [one for one in self.connections if isinstance(one, LimitedConnection)]
         neighbours = [one for one in everybody if one._address == self._address]
-        most = most_connections()
         if not (self._has_room(neighbours, most * 3 // 4) and self._has_room(everybody, most)):
             self.app = OnlyStops(self.app, most)
         if len(self.connections) > most + FOR_STOPS:

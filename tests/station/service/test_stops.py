@@ -89,3 +89,17 @@ def test_a_stop_waits_for_no_poll_and_no_controller(hung, way, how):
         assert polls.count() > POLLS // 2  # every stop answers those that the controllers were being asked
     assert min(answer for answer, _ in found) < BOUND_MS, found
     assert min(wire for _, wire in found) < BOUND_MS, found
+
+
+@pytest.mark.slow
+def test_polls_whose_clients_have_left_are_forgotten(hung):
+    client, _, lab = hung
+    lab.hang("silent")
+    with pending(client) as polls:
+        polls.fill(POLLS, POLLED)
+        client.request("GET", "/")
+    begin_s = time.monotonic()
+    form = b"ClientID=1&Connected=true"
+    assert client.request("PUT", "/api/v1/focuser/0/connected", form, **ALPACA)[0] == 200
+    # it waits for the two polls that are being answered, not for all: each takes the controller's three half seconds
+    assert time.monotonic() - begin_s < POLLS / 3 / 2 * 1.5 / 2
