@@ -294,9 +294,14 @@ class TmclStage:
             self._link.host(tries=TRIES).stop(axis.motor, axis.module)
 
     def stop(self) -> None:
-        """Slow down and stay. Raises DeviceError."""
+        """Slow down and stay: told at once, past the queue of requests, then confirmed. Raises DeviceError."""
         self._one_mover.stop()
         self._require_line()
+        try:
+            self._link.urge(self._stops)
+        except NoAnswer:
+            self.emergency_stop()
+            raise
         self._halt(self._axes)
 
     def emergency_stop(self) -> None:
