@@ -35,6 +35,8 @@ CURVED = 0.15
 """Curvature of the response from which it is no linear picture."""
 SPREAD_OUT = 0.25
 """Spread of the ink, in cells, that the model of thin outlines does not describe any more."""
+CUT_OFF = 0.15
+"""Share of the PSF's energy outside its support from which a result is doubted."""
 LEAST_STEPS = 16
 """Digital numbers between black and white from which rounding is no worse than noise."""
 OTHER_APERTURE = 3.0
@@ -194,7 +196,7 @@ def _doubts(d: Diagnostics, fit: ChartFit) -> list[Check]:
         Check("whiteness", abs(d.whiteness), COLOURED_RESIDUAL, doubtful,
               f"the residual is not white: neighbouring pixels are correlated by {d.whiteness:.0%}",
               "raise k, lay the chart flat, and keep reflections off it", prior=SYMPTOM),
-        Check("support", d.support_cut, 0.15, doubtful,
+        Check("support", d.support_cut, CUT_OFF, doubtful,
               f"about {d.support_cut:.0%} of the PSF's energy lies outside its support", "focus, or raise k"),
         Check("uncertainty", d.relative_uncertainty, 0.3, doubtful,
               f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF",
@@ -236,7 +238,8 @@ def _processed(d: Diagnostics, more: Doubts) -> list[Check]:
     doubtful, raw, prior = Verdict.DOUBTFUL, more.raw, _processing(more.raw)
     less = "expose less" if more.sensor else "expose less, or calibrate the sensor's response"
     structured = d.unexplained > UNMODELLED or abs(d.whiteness) > COLOURED_RESIDUAL
-    sharpened = SYMPTOM if raw or structured else 1.0  # uneven light and reflections dig out rings as well
+    # uneven light, reflections and a support that is too small leave such rings as well
+    sharpened = SYMPTOM if raw or structured or d.support_cut > CUT_OFF else 1.0
     by = "uneven light or a reflection" if raw else "the picture was sharpened"
     unsharpened = (
         "light the chart evenly, and keep reflections and shadows off it"

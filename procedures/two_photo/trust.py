@@ -22,6 +22,10 @@ COARSE_REMAINS, FINE_REMAINS, SMOOTHING, STREAKS = 1.6, 0.8, 1.35, 1.4
 not have."""
 LIGHT_TURNED = 0.005
 """Variation with the direction at coarse detail: a lens gives 0.001."""
+FAR_SOFTER = 1.8
+"""Fine contrast of the near photograph over the far one's from which the far one is doubted to be in focus."""
+PARTS_OFF_PX, PARTS_OFF_SIGMAS = 0.02, 6.0
+"""Distance of a part of the wall from where one plane puts it, and its standard uncertainties, from which it tells."""
 COARSE_SHARE = 0.05
 """Share of the wall's coarse detail that may differ."""
 BEYOND_LIGHT, DUG_OUT = 0.02, 4.0
@@ -120,6 +124,16 @@ def checks_of(
     ]  # fmt: skip
 
 
+def _shifted(d: Diagnostics) -> bool:
+    """Whether parts of the wall lie off its plane: detail that does not meet looks soft, smoothed and noisy."""
+    return d.local_shift_px > PARTS_OFF_PX and d.local_shift_significance > PARTS_OFF_SIGMAS
+
+
+def _processing(d: Diagnostics, raw: bool) -> float:
+    """Prior of processing as the cause."""
+    return SYMPTOM if _shifted(d) else UNLIKELY_IN_RAW if raw else 1.0
+
+
 def _as_raw(raw: bool) -> str:
     """What is added to a remedy where the photographs are no RAW files."""
     return "" if raw else ", as RAW files"
@@ -147,7 +161,7 @@ def _other_light(d: Diagnostics, raw: bool) -> list[Check]:
 
 def _processed(d: Diagnostics, raw: bool) -> list[Check]:
     """What it does not explain, as smoothing, sharpening, compression or motion leave it."""
-    doubtful, prior = Verdict.DOUBTFUL, UNLIKELY_IN_RAW if raw else 1.0
+    doubtful, prior = Verdict.DOUBTFUL, _processing(d, raw)
     files = unprocessed(raw, "use the RAW files")
     return [
         Check("smoothing", d.smoothing, SMOOTHING, doubtful,
@@ -171,14 +185,17 @@ def _processed(d: Diagnostics, raw: bool) -> list[Check]:
 def _unlike(d: Diagnostics, raw: bool, band_open: bool) -> list[Check]:
     """What tells that the photographs are not equally sharp, equally lit and unprocessed.
 
-    A band that ends where the OTF has not rings around the core as sharpening does.
+    A band that ends where the OTF has not rings around the core as sharpening does; a far photograph that is softer
+    than the near one was not sharpened.
     """
-    doubtful, prior = Verdict.DOUBTFUL, UNLIKELY_IN_RAW if raw else 1.0
+    softer = d.sharpness_ratio > FAR_SOFTER
+    doubtful, prior = Verdict.DOUBTFUL, _processing(d, raw)
     no_light = "no PSF of light has this MTF: the far photograph was sharpened, or the near one softened"
     focused = "focus again at either distance" if raw else "use the RAW files, focused at either distance"
     return [
-        Check("MTF of light", d.beyond_light, BEYOND_LIGHT, doubtful, no_light, focused),
-        Check("MTF of light", d.missing_light, DUG_OUT, doubtful, no_light, focused, given=not band_open),
+        Check("MTF of light", d.beyond_light, BEYOND_LIGHT, doubtful, no_light, focused, given=not softer),
+        Check("MTF of light", d.missing_light, DUG_OUT, doubtful, no_light, focused,
+              given=not (softer or band_open)),
         Check("near focus", d.focus_effect, OTHER_FOCUS, doubtful,
               f"the near photograph's fine detail is not what a wall of this kind has: if the focus is why, the MTF at "
               f"Nyquist is wrong by {d.focus_effect:.0%}",
@@ -232,7 +249,7 @@ def _refusals(d: Diagnostics) -> list[Check]:
               flat),
         Check("sharpness", d.sharpness_ratio, 0.2, refused,
               f"the near photograph must be as sharp as the far one; it has {d.sharpness_ratio:.0%} of its fine "
-              "contrast", "focus again at the near distance", least=True),
+              "contrast", "focus again at the near distance", least=True, prior=SYMPTOM if _shifted(d) else 1.0),
         Check("uncertainty", d.relative_uncertainty, 1.0, refused,
               f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF: the wall's spectrum is too weak",
               "choose a rougher wall with detail of all sizes, expose longer, or lower s or k"),
@@ -244,12 +261,12 @@ def _doubts_of_wall(d: Diagnostics, s: int) -> list[Check]:
     doubtful = Verdict.DOUBTFUL
     determined = min(d.determined_horizontal, d.determined_vertical)
     return [
-        Check("local shift", d.local_shift_px, 0.02, doubtful,
+        Check("local shift", d.local_shift_px, PARTS_OFF_PX, doubtful,
               f"parts of the wall lie {d.local_shift_px:.3f} pixel from where one plane puts them",
-              "choose a flatter wall", given=d.local_shift_significance > 6),
+              "choose a flatter wall", given=d.local_shift_significance > PARTS_OFF_SIGMAS),
         Check("relief", d.relief_px, 0.06, doubtful,
               f"the wall's relief moves details by {d.relief_px:.2f} pixel between the photographs",
-              "choose a wall without relief"),
+              "choose a wall without relief", prior=1.0 if _shifted(d) else SYMPTOM),
         Check("uncertainty", d.relative_uncertainty, 0.3, doubtful,
               f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF",
               "choose a rougher wall, expose longer, or lower s or k"),
@@ -273,7 +290,7 @@ def _doubts_of_camera(d: Diagnostics) -> list[Check]:
     return [
         Check("sharpness", d.sharpness_ratio, 0.4, doubtful, softer, refocus, least=True),
         Check("sharpness", d.excess, 0.05, doubtful, softer, refocus),
-        Check("sharpness", d.sharpness_ratio, 1.8, doubtful,
+        Check("sharpness", d.sharpness_ratio, FAR_SOFTER, doubtful,
               "the far photograph is less sharp than the near one: the PSF is that of the far one", refocus),
         Check("contrast", abs(d.gain - 1), 0.15, doubtful,
               f"the far photograph has {d.gain:.2f} times the near one's contrast",
