@@ -76,9 +76,21 @@ def test_vignetting_of_each_folder(batch, tmp_path):
 
 
 def test_sensors_of_each_folder(batch, tmp_path):
+    """The manifest is of the item: it lies above all pictures, and another one is another measurement."""
     cases.sensor(tmp_path)
     (tmp_path / "dark_only").mkdir()
     shutil.copy(tmp_path / "shoot" / "dark" / "short0.dng", tmp_path / "dark_only" / "short0.dng")
+    (tmp_path / "shoot" / "dark").rename(tmp_path / "shoot" / "light" / "dark")
+    (tmp_path / "shoot" / "light").rename(tmp_path / "shoot" / "pictures")
+    times_s = np.linspace(0.003, 0.141, 16)
+    rows = ["file,kind,exposure_s"]
+    for path in sorted((tmp_path / "shoot" / "pictures").rglob("*.dng")):
+        at = {"fl": 6, "da": 6, "sh": 0}.get(path.stem[:2])
+        kind = "dark" if path.parent.name == "dark" else "light"
+        rows.append(
+            f"{path.relative_to(tmp_path / 'shoot')},{kind},{times_s[int(path.stem[:2]) if at is None else at]}"
+        )
+    (tmp_path / "shoot" / "sensor.csv").write_text("\n".join(rows))
     text = '[settings]\nplane = "G1"\n[limits]\nsystem_gain = { min = 0.1 }\n'
     rows, out = batch("sensor", text, tmp_path / "shoot", tmp_path / "dark_only")
     assert rows["dark_only/short0.dng"]["verdict"] in ("refused", "unreadable")
