@@ -212,7 +212,7 @@ def _of_number(record: PlaneResult, limit: Limit, spot: Spot, name: str, pixels:
 
 def _number(record: PlaneResult, spot: Spot, name: str) -> Quantity | None:
     """A number of a place; those without an uncertainty are the plane's."""
-    return spot.numbers[name] if name in spot.numbers else record.quantity(name)
+    return spot.numbers.get(name) or (record.quantity(name) if name in record.values else None)
 
 
 def _bound(value: float) -> float | None:
