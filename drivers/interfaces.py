@@ -309,8 +309,8 @@ class Transport(Protocol[E_co]):
         """Wait for something the listener notes down. Raises LineLost, or what interrupted."""
         ...
 
-    def write(self, data: bytes) -> None:
-        """Write without waiting for a reply or a lock. Raises LineLost."""
+    def write(self, data: bytes, *, noted: bool = True) -> None:
+        """Write without waiting for a reply or a lock; the transcript has it if `noted`. Raises LineLost."""
         ...
 
     def shout(self, data: bytes, error: Exception) -> None:

@@ -15,7 +15,8 @@ NEVER = float("inf")
 LONGEST_MS = 3_600_000
 LONGEST_LINE = 63
 WATCHDOG_S = 5.0
-HEARTBEAT_S = 0.1
+HEARTBEAT_MS, LONGEST_HEARTBEAT_MS = 100, 1000
+MOTORS = ("ENABLE", "BEAT")
 SHAKES = ("PATH", "POINT", "SHAKE")
 MOST, FULL = 128, 4095
 
@@ -54,16 +55,11 @@ Enable = Callable[[bool, float], None]
 
 @dataclass
 class Hold:
-    """The motor enable output: the command that set it last, the last heartbeat, when it was released."""
+    """The motor enable output: the command that set it last, when the next heartbeat is due, when it was released."""
 
     seq: int = 0
-    beat_s: float = NEVER
+    due_s: float = NEVER
     released_s: float | None = None
-
-    @property
-    def late_s(self) -> float:
-        """When the watchdog releases it."""
-        return self.beat_s + HEARTBEAT_S
 
 
 @dataclass
@@ -166,7 +162,7 @@ class StrigBox:
 
     def next_event_s(self) -> float | None:
         """The earliest of boot, contacts, watchdogs and flash."""
-        moments = [self._boot_end_s, self._flash_at_s, self._hold.late_s]
+        moments = [self._boot_end_s, self._flash_at_s, self._hold.due_s]
         if self._path.runs:
             moments.append(min(self._path.rest_at_s, self._heard_s + WATCHDOG_S))
         if self._shot is not None:
@@ -175,7 +171,7 @@ class StrigBox:
         return None if min(moments) == NEVER else min(moments)
 
     def _event(self, now_s: float) -> None:
-        if self._hold.late_s <= now_s:
+        if self._hold.due_s <= now_s:
             self._release(now_s)
             self._report_release()
         if self._boot_end_s <= now_s:
@@ -192,24 +188,24 @@ class StrigBox:
     def _release(self, now_s: float) -> None:
         """Without heartbeat, or where it is told to, the motors have no current."""
         self.enable(False, now_s)
-        self._hold.beat_s, self._hold.released_s = NEVER, now_s
+        self._hold.due_s, self._hold.released_s = NEVER, now_s
 
     def _report_release(self) -> None:
         released_s = self._hold.released_s
         self._say(f"EVT RELEASE {self._hold.seq} {0 if released_s is None else self._t_us(released_s)}")
 
-    def _feel_beat(self, now_s: float) -> None:
-        if self._hold.beat_s == NEVER:
+    def _feel_beat(self, next_ms: int, now_s: float) -> None:
+        if self._hold.due_s == NEVER:
             self._report_release()
         else:
-            self._hold.beat_s = now_s
+            self._hold.due_s = now_s + next_ms / 1000
 
     def _set_enable(self, on: bool, now_s: float) -> None:
         seq = self._accept()
         if on:
             self.enable(True, now_s)
-            self._hold.seq, self._hold.beat_s = seq, now_s
-        elif self._hold.beat_s != NEVER:
+            self._hold.seq, self._hold.due_s = seq, now_s + HEARTBEAT_MS / 1000
+        elif self._hold.due_s != NEVER:
             self._release(now_s)
 
     def _rest(self, now_s: float) -> None:
@@ -259,13 +255,13 @@ class StrigBox:
             self._accept()
             self._end("ABORT", now_s)
             self._rest(now_s)
-        elif line == b"BEAT":
-            self._feel_beat(now_s)
-        elif command not in ("FOCUS", "SHOT", "BULB", "ENABLE", *SHAKES):
+        elif command not in ("FOCUS", "SHOT", "BULB", *MOTORS, *SHAKES):
             self._say("ERR 1 unknown command")
         elif command in SHAKES and self.actuators is None:
             self._say("ERR 4 no shaker")
-        elif command != "ENABLE" and (self._shot is not None or (self._path.runs and command in SHAKES and line != b"SHAKE 0")):
+        elif command not in MOTORS and (
+            self._shot is not None or (self._path.runs and command in SHAKES and line != b"SHAKE 0")
+        ):
             self._say("ERR 3 busy")
         else:
             self._act(command, [int(w) if w.isascii() and w.isdigit() and len(w) < 8 else -1 for w in words], now_s)
@@ -282,6 +278,10 @@ class StrigBox:
                 self._accept()
             case "ENABLE", [0 | 1 as on] if good:
                 self._set_enable(bool(on), now_s)
+            case "BEAT", []:
+                self._feel_beat(HEARTBEAT_MS, now_s)
+            case "BEAT", [next_ms] if 1 <= next_ms <= LONGEST_HEARTBEAT_MS:
+                self._feel_beat(next_ms, now_s)
             case "SHOT", [focus, pulse, *delay] if good and pulse > 0 and len(delay) < 2:
                 start_s = now_s + (delay[0] if delay else 0) / 1000
                 close_s = start_s + focus / 1000

@@ -149,13 +149,28 @@ def test_a_shot_is_taken_while_it_shakes_by_the_same_clock(library):
 @pytest.mark.parametrize("has_shaker", [True, False])
 def test_any_lines_bring_the_same_answers(library, has_shaker):
     rng = random.Random(5)
-    words = ["PATH", "POINT", "SHAKE", "SHOT", "BULB", "FOCUS", "ENABLE", "BEAT", "ABORT", "ID?", "SYNC?", "HELLO", "PATHS", "SHAKE1"]
+    words = [
+        "PATH",
+        "POINT",
+        "SHAKE",
+        "SHOT",
+        "BULB",
+        "FOCUS",
+        "ENABLE",
+        "BEAT",
+        "ABORT",
+        "ID?",
+        "SYNC?",
+        "HELLO",
+        "PATHS",
+        "SHAKE1",
+    ]
     numbers = [0, 1, 2, 3, 4, 128, 129, 500, 999, 1000, 4095, 4096, 1_000_000, 1_000_001, 3_600_001, 99999999]
     script, at_s = [], 0.1
     for _ in range(400):
         line = " ".join([rng.choice(words), *(str(rng.choice(numbers)) for _ in range(rng.choice([0, 1, 2, 2, 3, 4])))])
         likely = ["PATH 2 1000", "POINT 0 1 2", "POINT 1 3 4", "SHAKE 1", "SHAKE 0", "POINT 2 5 6", "ABORT", "SHOT 0 3"]
-        likely += ["ENABLE 1", "ENABLE 0", "BEAT"]
+        likely += ["ENABLE 1", "ENABLE 0", "BEAT", "BEAT 1000"]
         script.append((at_s, rng.choice([line, rng.choice(likely), rng.choice(likely)])))
         at_s += rng.choice([0.0001, 0.0103, 0.0507])
     ours, theirs, _, _ = told_the_same(library, script, has_shaker)
@@ -198,6 +213,13 @@ def test_without_a_heartbeat_for_100_ms_the_motors_are_released_until_they_are_e
     assert motors(outputs) == [True, False, True, False]
     assert [on for on, _ in twin.motors] == motors(outputs)
     assert [at_s for on, at_s in twin.motors if not on] == pytest.approx([2.15, 2.45])
+
+
+def test_a_heartbeat_may_allow_the_next_more_time(library):
+    script = [(0.1, "ENABLE 1"), (0.15, "BEAT 1000"), (1.1, "BEAT 20"), (1.15, "BEAT 1001"), (1.15, "BEAT 0")]
+    ours, theirs, _, _ = told_the_same(library, script)
+    compare(ours, theirs)
+    assert ours == ["OK 1", "EVT RELEASE 1 1120000", "ERR 2 bad argument", "ERR 2 bad argument"]
 
 
 def test_other_lines_are_no_heartbeat(library):

@@ -6,7 +6,8 @@
 #define LONGEST 63
 #define LONGEST_MS 3600000UL
 #define WATCHDOG_US 5000000ULL
-#define HEARTBEAT_US 100000ULL
+#define HEARTBEAT_MS 100UL
+#define LONGEST_HEARTBEAT_MS 1000UL
 #define MOST_POINTS 128
 #define SHORTEST_US 1000UL
 #define LONGEST_US 1000000UL
@@ -28,7 +29,7 @@ static bool flash_before;
 
 static bool enabled;            /* the motors are */
 static uint32_t hold;           /* number of the command that enabled them last */
-static uint64_t beat_us;        /* last heartbeat */
+static uint64_t due_us;         /* when the next heartbeat is */
 static uint64_t released_us;
 static bool unreported;         /* the watchdog released them, and the host has not been told */
 
@@ -109,7 +110,7 @@ static void release_motors(void)
 
 void strig_watch(void)
 {
-    if (enabled && board_now_us() - beat_us >= HEARTBEAT_US) {
+    if (enabled && board_now_us() >= due_us) {
         release_motors();
         unreported = true;
     }
@@ -122,13 +123,17 @@ static void report_release(void)
 }
 
 /* A heartbeat that comes too late finds the motors released. */
-static void feel_beat(void)
+static bool take_beat(uint8_t count, const uint32_t *n)
 {
+    uint32_t ms = count ? n[0] : HEARTBEAT_MS;
+    if (ms < 1 || ms > LONGEST_HEARTBEAT_MS)
+        return false;
     strig_watch();
     if (enabled)
-        beat_us = board_now_us();
+        due_us = board_now_us() + 1000ULL * ms;
     else
         report_release();
+    return true;
 }
 
 static void end_shot(const char *kind)
@@ -226,7 +231,7 @@ static bool take_enable(uint8_t count, const uint32_t *n)
         return true;
     }
     hold = seq;
-    beat_us = board_now_us();
+    due_us = board_now_us() + 1000ULL * HEARTBEAT_MS;
     enabled = true;
     board_motors(true);
     return true;
@@ -264,6 +269,10 @@ static void act(void)
         count = read_numbers(line + 6, n, 1);
         if (count >= 0 && take_enable((uint8_t)count, n))
             return;
+    } else if (begins("BEAT")) {
+        count = read_numbers(line + 4, n, 1);
+        if (count >= 0 && take_beat((uint8_t)count, n))
+            return;
     } else if (begins("PATH")) {
         count = read_numbers(line + 4, n, 2);
         if (count >= 0 && take_path((uint8_t)count, n))
@@ -298,9 +307,7 @@ static void obey(uint64_t arrived_us)
         accept();
         end_shot("ABORT");
         rest();
-    } else if (strcmp(line, "BEAT") == 0) {
-        feel_beat();
-    } else if (begins("ENABLE")) {
+    } else if (begins("ENABLE") || begins("BEAT")) {
         act();
     } else if (!begins("FOCUS") && !begins("SHOT") && !begins("BULB") && !shakes()) {
         board_send("ERR 1 unknown command\n");
