@@ -83,7 +83,7 @@ def test_the_motors_are_enabled_by_homing_and_released_by_closing(lab):
     assert [on for on, _ in lab.enabled] == [True]
     lab.watchdog.close()
     assert [on for on, _ in lab.enabled] == [True, False]
-    with pytest.raises(NotHomed, match="released by closing the watchdog .* home the stage"):
+    with pytest.raises(NotHomed, match=r"released by closing the watchdog .* home the stage"):
         lab.stage.move_to(z_mm=0.0)
 
 
@@ -162,7 +162,7 @@ def test_a_box_that_is_unplugged_has_released_the_motors(lab):
     lab.clock.sleep(2.0)
     assert "released the motors: " in lab.stage.condition().word
     assert len(lab.releases) == 1
-    with pytest.raises(LineLost, match="the shutter box at .* is not connected; connect the shutter first"):
+    with pytest.raises(LineLost, match=r"the shutter box at .* is not connected; connect the shutter first"):
         lab.stage.home()
 
 
@@ -191,5 +191,5 @@ def test_an_axis_without_current_stays_where_it_is(lab):
 
 def test_a_box_of_an_earlier_version_has_none(lab):
     lab.box.version = 2
-    with pytest.raises(BadConfiguration, match="needs STRIG/3, and the box at .* speaks STRIG/2; load the firmware"):
+    with pytest.raises(BadConfiguration, match=r"needs STRIG/3, and the box at .* speaks STRIG/2; load the firmware"):
         lab.watchdog.connect()

@@ -83,7 +83,8 @@ def test_the_motors_are_released_while_the_program_is_suspended(bench, tmp_path)
     assert not axis.moves(bench.clock.now_s())
     program.send_signal(signal.SIGCONT)
     while "released the motors: no heartbeat of this program came in time" not in seen:
-        assert (one := program.stdout.read(1)), seen
+        one = program.stdout.read(1)
+        assert one, seen
         seen += one
     program.send_signal(signal.SIGTERM)
     program.communicate(timeout=PATIENCE_S)
