@@ -45,6 +45,7 @@ class Setup:
 
     `faults` by cable, `mishaps` to devices; `develop` makes the RAW file of an opening, by default a rendering of the
     chart. `virtual_time` lets time jump while it is waited for; otherwise it runs `speed` times as fast as real time.
+    `motors_on_box`: the motors of rail and height have current only while the box's enable output is set.
     """
 
     seed: int = 0
@@ -55,10 +56,11 @@ class Setup:
     mishaps: tuple[Mishap, ...] = ()
     virtual_time: bool = False
     speed: float = 1.0
+    motors_on_box: bool = False
 
 
 class SimulatedBench:
-    """Rail and height on GRBL, a pan-tilt head on Zaber, a STRIG/2 box, body, shaker, two IMUs and lasers, a lamp."""
+    """Rail and height on GRBL, a pan-tilt head on Zaber, a STRIG/3 box, body, shaker, two IMUs and lasers, a lamp."""
 
     def __init__(self, folder: Path, setup: Setup | None = None) -> None:
         setup = setup or Setup()
@@ -72,6 +74,7 @@ class SimulatedBench:
         self.subject = "chart"
         self.motions: tuple[tuple[Drive, ...], ...] = ()
         self._room = setup.room
+        self._motors_on_box = setup.motors_on_box
         develop = setup.develop or self.view.develop
         self.body = CameraBody(self.world, folder, develop, self.clock, replace(setup.body))
         self.clock.attach(self.body)
@@ -91,7 +94,7 @@ class SimulatedBench:
         return {
             "stage": GrblController({"X": axes["z_mm"], "Y": axes["x_mm"], "Z": axes["y_mm"]}, outputs=outputs),
             "head": ZaberChain(chain),
-            "shutter": StrigBox(self.body, actuators=VoiceCoils(self.world)),
+            "shutter": StrigBox(self.body, actuators=VoiceCoils(self.world), enable=self._enable),
             "rts": RtsLine(self.body),
             "imu": WitModule(self.world, seeds[0]),
             "fast_imu": FastModule(self.world, seeds[1]),
@@ -116,6 +119,11 @@ class SimulatedBench:
         lens = replace(self.view.camera.lens, f_number=shown.f_number)
         self.view.camera = replace(self.view.camera, lens=lens)
         self.world.room = replace(self._room, arm_mm=float("inf")) if shown.motions else self._room
+
+    def _enable(self, on: bool, now_s: float) -> None:
+        if self._motors_on_box:
+            for name in ("z_mm", "x_mm", "y_mm"):
+                self.world.axes[name].power(on, now_s)
 
     def _relay(self, on: bool, now_s: float) -> None:
         if on:
