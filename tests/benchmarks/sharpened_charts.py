@@ -59,7 +59,7 @@ def main() -> None:
                 for seed in range(count):
                     plane = masked(exposed(picture, np.random.default_rng(seed)), amount, radius)
                     value, verdict, reason = found(plane)
-                    sure = "noise of neighbouring pixels goes apart" in reason
+                    sure = "noise of neighbouring pixels is anticorrelated" in reason
                     told, by_noise = told + ("sharpened" in reason), by_noise + sure
                     amounts += [value.diagnostics["sharpened_by"]] if sure else []
                     if verdict is Verdict.PASS:
