@@ -339,6 +339,7 @@ def _rules(found: Geometry, parameters: GeometryParameters) -> list[Rule]:
     stated = numbers[_map_name(found.maps[0])].value
     focal = next(numbers[name] for name in ("f", "fx") if name in numbers)
     model, misfit = found.camera.model, found.misfit
+    unknown = [one.model for one in found.trials if not one.converged and one.parameters > found.trials[0].parameters]
     better = "" if parameters.model is None else "; leave the model to be chosen"
     return [
         Rule(
@@ -347,6 +348,13 @@ def _rules(found: Geometry, parameters: GeometryParameters) -> list[Rule]:
             f"{model} is too poor a model for this lens: it leaves a field of {misfit.rms_px:.3f} pixel rms undrawn, "
             f"where {stated:.3f} are stated at the charts",
             f"take a richer model{better}, or use the camera only as far as that matters",
+        ),
+        Rule(
+            Verdict.DOUBTFUL,
+            bool(unknown),
+            f"{model} was chosen without a comparison with {' and '.join(unknown)}: the adjustment of half of the views "
+            "did not converge",
+            f"photograph more views, or compare the residuals with --model {' or '.join(unknown)}",
         ),
         Rule(
             Verdict.DOUBTFUL,

@@ -161,16 +161,19 @@ def minimise(problem: Problem[State], start: State, *, tolerance: float, limit: 
     state, damping, decrease = start, FIRST_DAMPING, np.inf
     for iteration in range(1, limit + 1):
         model = problem.linearise(state)
-        cost = _sum(model.residual)
-        if _is_minimum(model, cost, tolerance):
-            last = _trial(problem, state, model, LEAST_DAMPING)
-            state, cost = (last.state, last.cost) if last.cost < cost else (state, cost)
-            return Minimum(state, cost, iteration, decrease, True)
-        trial, rejected = _trial(problem, state, model, damping), 0
+        cost, step = _sum(model.residual), _step(model, damping)
+        # a damped step promises less and is shorter than the undamped one, which need not be computed where it is not
+        if _is_small(model, step, damping, cost, tolerance):
+            whole = _step(model, LEAST_DAMPING)
+            if _is_small(model, whole, LEAST_DAMPING, cost, tolerance):
+                last = _trial(problem, state, model, whole, LEAST_DAMPING)
+                state, cost = (last.state, last.cost) if last.cost < cost else (state, cost)
+                return Minimum(state, cost, iteration, decrease, True)
+        trial, rejected = _trial(problem, state, model, step, damping), 0
         while not trial.cost < cost and rejected < MAX_REJECTIONS:
             damping *= RAISE * 2.0**rejected
             rejected += 1
-            trial = _trial(problem, state, model, damping)
+            trial = _trial(problem, state, model, _step(model, damping), damping)
         if not trial.cost < cost:
             break
         state, decrease = trial.state, 1 - trial.cost / cost
@@ -191,14 +194,18 @@ def _sum(residual: Array) -> float:
     return total if np.isfinite(total) else np.inf
 
 
-def _is_minimum(model: Linearisation, cost: float, tolerance: float) -> bool:
-    """Whether an undamped step promises next to nothing, or moves next to nothing."""
+def _step(model: Linearisation, damping: float) -> Array:
+    """The damped step, NaN where the system is singular."""
     try:
-        step = model.solve(model.gradient, LEAST_DAMPING)
+        return model.solve(model.gradient, damping)
     except LinAlgError:
-        return False
+        return np.full_like(model.gradient, np.nan)
+
+
+def _is_small(model: Linearisation, step: Array, damping: float, cost: float, tolerance: float) -> bool:
+    """Whether a step promises next to nothing, or moves the unknowns by next to nothing."""
     length, size = (float(np.sqrt(model.scale @ one**2)) for one in (step, model.unknowns))
-    return _predicted(model, step, LEAST_DAMPING) <= tolerance * cost or length <= STEP_TOLERANCE * size
+    return _predicted(model, step, damping) <= tolerance * cost or length <= STEP_TOLERANCE * size
 
 
 def _predicted(model: Linearisation, step: Array, damping: float) -> float:
@@ -206,11 +213,11 @@ def _predicted(model: Linearisation, step: Array, damping: float) -> float:
     return float(step @ (model.gradient + damping * model.scale * step))
 
 
-def _trial(problem: Problem[State], state: State, model: Linearisation, damping: float) -> _Trial[State]:
+def _trial(
+    problem: Problem[State], state: State, model: Linearisation, step: Array, damping: float
+) -> _Trial[State]:
     """Where a damped step leads, corrected to second order where the straight one gains little."""
-    try:
-        step = model.solve(model.gradient, damping)
-    except LinAlgError:
+    if not np.isfinite(step).all():
         return _Trial(state, np.inf)
     cost, straight = _sum(model.residual), problem.moved(state, step)
     plain = _Trial(straight, _sum(problem.residual(straight)))
