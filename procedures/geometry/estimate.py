@@ -237,8 +237,10 @@ def calibrate_geometry(
         geometry = _settled(trials, start, nodes, views, shape, parameters)
         if parameters.model is None and too_poor(geometry) and len(views) >= LEAST_VIEWS:
             trials = with_splines(trials, size, start, nodes, views, shape)
-            if trials[0].model != geometry.camera.model:
-                geometry = _settled(trials, start, nodes, views, shape, parameters)
+            same = trials[0].model == geometry.camera.model
+            geometry = (
+                replace(geometry, trials=trials) if same else _settled(trials, start, nodes, views, shape, parameters)
+            )
     except Refused as refusal:
         refusal = _if_square_on(refusal, nodes, views)
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
