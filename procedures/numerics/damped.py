@@ -17,7 +17,7 @@ less than STEP_TOLERANCE of their size. A damped step is short by itself, so its
 References
 ----------
 Marquardt, An algorithm for least-squares estimation of nonlinear parameters, J. SIAM 11 (1963).
-Bates, Watts, A relative offset orthogonality convergence criterion for nonlinear least squares, Technometrics 23 (1981).
+Bates, Watts, A relative offset orthogonality convergence criterion for nonlinear least squares, Technometrics 23, 1981.
 Transtrum, Sethna, Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization, 2012.
 """
 
@@ -51,27 +51,23 @@ REACH = 0.1
 
 
 class Linearisation(Protocol):
-    """The model about a state.
-
-    Attributes
-    ----------
-    residual : (m,) float64
-    gradient : (n,) float64
-        J'r.
-    scale : (n,) float64
-        D; 0 for unknowns that are not damped, such as Lagrange multipliers.
-    unknowns : (n,) float64
-        Their values, against which a step is short or long.
-    """
+    """The model about a state."""
 
     @property
-    def residual(self) -> Array: ...  # noqa: D102
+    def residual(self) -> Array:
+        """Residuals (m,)."""
+
     @property
-    def gradient(self) -> Array: ...  # noqa: D102
+    def gradient(self) -> Array:
+        """J'r, (n,)."""
+
     @property
-    def scale(self) -> Array: ...  # noqa: D102
+    def scale(self) -> Array:
+        """D (n,); 0 for unknowns that are not damped, such as Lagrange multipliers."""
+
     @property
-    def unknowns(self) -> Array: ...  # noqa: D102
+    def unknowns(self) -> Array:
+        """Values (n,), against which a step is short or long."""
 
     def transposed(self, residual: Array) -> Array:
         """J' times residuals (m,)."""
@@ -219,9 +215,7 @@ def _predicted(model: Linearisation, step: Array, damping: float) -> float:
     return float(step @ (model.gradient + damping * model.scale * step))
 
 
-def _trial(
-    problem: Problem[State], state: State, model: Linearisation, step: Array, damping: float
-) -> _Trial[State]:
+def _trial(problem: Problem[State], state: State, model: Linearisation, step: Array, damping: float) -> _Trial[State]:
     """Where a damped step leads, corrected to second order where the straight one gains little."""
     if not np.isfinite(step).all():
         return _Trial(state, np.inf)
