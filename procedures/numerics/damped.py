@@ -12,7 +12,8 @@ Where the sum falls by much less than the linear model predicts, the step follow
 r'' being the second derivative of r along d, taken from differences (geodesic acceleration).
 
 The minimum is reached when an undamped step would lower the sum by less than `tolerance` of it, or move the unknowns by
-less than STEP_TOLERANCE of their size. A damped step is short by itself, so its length proves nothing.
+less than STEP_TOLERANCE of their size. A damped step is short by itself, so its length proves nothing; but where not
+even the shortest lowers the sum, a residual with a kink has its minimum.
 
 References
 ----------
@@ -33,7 +34,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 Array = npt.NDArray[np.float64]
 State = TypeVar("State")
 
-MAX_ITERATIONS, MAX_REJECTIONS = 100, 25
+MAX_ITERATIONS, MAX_REJECTIONS = 100, 10
 """Linearisations in all, and trial steps from one of them."""
 STEP_TOLERANCE = 1e-9
 """Relative length of a step, both measured by D, that counts as none."""
@@ -177,7 +178,8 @@ def minimise(problem: Problem[State], start: State, *, tolerance: float, limit: 
             rejected += 1
             trial = _trial(problem, state, model, _step(model, damping), damping)
         if not trial.cost < lower:
-            break
+            # a minimum at a kink, where no undamped step tells it: the shortest step was no way down either
+            return Minimum(state, cost, iteration, decrease, np.isfinite(trial.cost))
         state, decrease = trial.state, 1 - trial.cost / cost
         # what was just found too little is not tried again at once
         damping = max(damping * (LOWER if rejected == 0 else 1.0), LEAST_DAMPING)
