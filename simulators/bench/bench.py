@@ -20,6 +20,7 @@ from simulators.bench.device_faults import Fate, Mishap, random_faults, random_m
 from simulators.bench.simulated_operator import Hands
 from simulators.bench.view import View
 from simulators.bench.voice_coils import VoiceCoils
+from simulators.camera.camera import SimulatedCamera
 from simulators.camera.subjects import SUBJECTS
 from simulators.devices.cable_faults import Faults
 from simulators.devices.grbl import GrblController
@@ -70,6 +71,7 @@ class SimulatedBench:
         sensing, picture = root.spawn(2)
         self.view = View(self.world, picture)
         self.subject = "chart"
+        self._usual_camera: SimulatedCamera | None = None
         self.motions: tuple[tuple[Drive, ...], ...] = ()
         self._room = setup.room
         develop = setup.develop or self.view.develop
@@ -113,8 +115,11 @@ class SimulatedBench:
         shown = SUBJECTS[subject](np.random.default_rng(self._seed))
         self.subject, self.view.sheets, self.motions = subject, shown.sheets, shown.motions
         self.view.held = replace(self.view.held, slopes=shown.slopes)
-        lens = replace(self.view.camera.lens, f_number=shown.f_number)
-        self.view.camera = replace(self.view.camera, lens=lens)
+        usual, self._usual_camera = self._usual_camera or self.view.camera, None
+        if shown.camera is not None:
+            self._usual_camera = usual
+        camera = shown.camera or usual
+        self.view.camera = replace(camera, lens=replace(camera.lens, f_number=shown.f_number))
         self.world.room = replace(self._room, arm_mm=float("inf")) if shown.motions else self._room
 
     def _relay(self, on: bool, now_s: float) -> None:

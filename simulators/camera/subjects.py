@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from simulators.camera.camera import NOMINAL_F_NUMBER
+from simulators.camera.camera import NOMINAL_F_NUMBER, Lens, SimulatedCamera
+from simulators.camera.sensor import Sensor
 from simulators.camera.sheets import Frame, Sheet, leaves, smooth
 from simulators.world.world import Drive
 
@@ -46,14 +47,21 @@ MOTIONS = (
 class Subject:
     """Sheets from the back to the front; none: the chart.
 
-    `f_number`: the lens is stopped down to it. `slopes`: of the sensor behind the image, in um/mm. `motions`: what the
-    rig's shaker can do; only that turns the camera of such a rig, along which it otherwise shifts.
+    `camera`: None is the bench's usual one. `f_number`: the lens is stopped down to it. `slopes`: of the sensor behind
+    the image, in um/mm. `motions`: what the rig's shaker can do; only that turns the camera of such a rig, along which
+    it otherwise shifts.
     """
 
     sheets: tuple[Sheet, ...] = ()
+    camera: SimulatedCamera | None = None
     f_number: float = NOMINAL_F_NUMBER
     motions: tuple[tuple[Drive, ...], ...] = ()
     slopes: tuple[float, float] = (0.0, 0.0)
+
+
+def frame_camera() -> SimulatedCamera:
+    """A monochrome camera whose frame is six charts wide and four high at the s/t that the guide goes to."""
+    return SimulatedCamera(Lens(focal_length_mm=24.0), Sensor(rows=480, columns=640, cfa=None), pitch_um=11.88)
 
 
 def wall(rng: np.random.Generator) -> Subject:
@@ -89,7 +97,7 @@ def panel() -> Subject:
 
 
 TILT_F_NUMBER, TILT_SLOPES = 2.8, (9.0, -6.0)
-"""Of a camera, before the chart, whose sensor is to be squared to its lens: 34 um from side to side of a small one."""
+"""Of a camera, before the chart, whose sensor is to be squared to its lens: 68 um from side to side."""
 
 
 def _cover(inside: npt.NDArray[np.bool_]) -> Frame:
@@ -98,7 +106,8 @@ def _cover(inside: npt.NDArray[np.bool_]) -> Frame:
 
 SUBJECTS: Mapping[str, Callable[[np.random.Generator], Subject]] = {
     "chart": lambda rng: Subject(),
-    "tilt": lambda rng: Subject(f_number=TILT_F_NUMBER, slopes=TILT_SLOPES),
+    "frame": lambda rng: Subject(camera=frame_camera()),
+    "tilt": lambda rng: Subject(camera=frame_camera(), f_number=TILT_F_NUMBER, slopes=TILT_SLOPES),
     "wall": wall,
     "depth": depth,
     "panel": lambda rng: panel(),
