@@ -75,8 +75,10 @@ def test_a_terminal_that_is_gone_ends_the_program_and_its_run(terminal, tmp_path
     for _ in range(3):
         terminal.press(b"\r")
         time.sleep(0.2)
-    terminal.wait_for("How wide")
+    terminal.wait_for("Which paper")
     terminal.press(b"\r")  # a session in which nothing was answered is not kept
+    terminal.wait_for("How wide")
+    terminal.press(b"\r")
     terminal.wait_for("matt paper")
     terminal.hang_up()
     assert terminal.program.wait(PATIENCE_S) == 3

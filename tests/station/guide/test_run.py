@@ -332,11 +332,11 @@ def test_a_wrong_folder_of_photographs_is_corrected_within_the_run(tmp_path, ben
 
 def test_a_second_run_cannot_have_the_bench(tmp_path):
     lab = StationLab(sessions=tmp_path / "sessions", config=None)
-    first = lab.begin("pattern", "C", "L", Scripted({"chart_width_mm": stopping}))
+    first = lab.begin("pattern", "C", "L", Scripted({"paper": stopping}))
     with pytest.raises(BadParameter, match="has the bench already"):
         lab.begin("pattern", "C", "L", Scripted())
     assert first.go().how == "stopped"
-    lab.begin("pattern", "C", "L", Scripted({"chart_width_mm": stopping})).go()
+    lab.begin("pattern", "C", "L", Scripted({"paper": stopping})).go()
     lab.close()
     assert list((tmp_path / "sessions").iterdir()) == []  # nothing was answered in either
 
