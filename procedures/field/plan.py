@@ -128,7 +128,9 @@ def check_places(frame: RawFrame, facts: Facts) -> Advice:
 
 def small_frame(advice: Advice) -> Advice:
     """The advice where the chart, which has its best size in pixels at any distance, is too large for the frame."""
-    say = "The frame is too small for the chart, whose best size in pixels is the same at every distance: set the camera "
+    say = (
+        "The frame is too small for the chart, whose best size in pixels is the same at every distance: set the camera "
+    )
     return replace(advice, good=False, say=f"{say}to its whole sensor, without binning or a region of interest.")
 
 

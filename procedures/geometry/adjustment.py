@@ -224,9 +224,7 @@ class _ChartLinearisation:
         """Values of the unknowns; poses count by their distance."""
         state, count = self.state, self.problem.shape.similarity.shape[-1]
         poses = [np.concatenate([np.zeros(3), pose.t]) for pose in state.poses]
-        return np.concatenate(
-            [state.camera.params, state.terms_mm, *poses, np.zeros(count), state.errors_mm.ravel()]
-        )
+        return np.concatenate([state.camera.params, state.terms_mm, *poses, np.zeros(count), state.errors_mm.ravel()])
 
     def transposed(self, residual: Array) -> Array:
         """J' times residuals; those of what is known beforehand are linear and have no second derivative."""

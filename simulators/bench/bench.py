@@ -121,7 +121,8 @@ class SimulatedBench:
             self._usual_camera = usual
         camera = shown.camera or usual
         self.view.camera = replace(camera, lens=replace(camera.lens, f_number=shown.f_number))
-        self.world.room = replace(self._room, arm_mm=float("inf")) if shown.motions else self._room
+        arm_mm = float("inf") if shown.motions else self._room.arm_mm
+        self.world.room = replace(self._room, arm_mm=arm_mm, near_mm=shown.near_mm or self._room.near_mm)
 
     def _relay(self, on: bool, now_s: float) -> None:
         if on:

@@ -13,10 +13,14 @@ from simulators.camera.sensor import Sensor
 from simulators.camera.sheets import Frame, Sheet, leaves, smooth
 from simulators.world.world import Drive
 
-WALL_MM = (640.0, 480.0)
-WALL_TEXEL_MM = 0.16
-LARGEST_MM = 40.0
-"""Radius of the wall's largest leaves; the smallest are below a pixel from the near end of the rail."""
+WALL_MM = (252.0, 190.0)
+WALL_TEXEL_MM = 0.05
+LARGEST_MM, PER_LEAF = 12.0, 100.0
+"""Radius of the wall's largest leaves, the smallest being below a pixel from the near end of the rail; texels per leaf.
+"""
+WALL_NEAR_MM, WALL_F_NUMBER = 360.0, 16.0
+"""Four times as far is well within the rail's travel. The lens is stopped down: its MTF is low beyond the near
+photograph's Nyquist frequency, where detail would be folded back."""
 
 
 SHAKE_HZ, SHAKE_MM = 10.0, 1.9
@@ -49,7 +53,7 @@ class Subject:
 
     `camera`: None is the bench's usual one. `f_number`: the lens is stopped down to it. `slopes`: of the sensor behind
     the image, in um/mm. `motions`: what the rig's shaker can do; only that turns the camera of such a rig, along which
-    it otherwise shifts.
+    it otherwise shifts. `near_mm`: from it to the camera at the rail's near end; None is where a chart hangs.
     """
 
     sheets: tuple[Sheet, ...] = ()
@@ -57,6 +61,7 @@ class Subject:
     f_number: float = NOMINAL_F_NUMBER
     motions: tuple[tuple[Drive, ...], ...] = ()
     slopes: tuple[float, float] = (0.0, 0.0)
+    near_mm: float | None = None
 
 
 def frame_camera() -> SimulatedCamera:
@@ -67,8 +72,8 @@ def frame_camera() -> SimulatedCamera:
 def wall(rng: np.random.Generator) -> Subject:
     """A flat wall with detail of all sizes, wider than the camera sees from the far end of the rail."""
     columns, rows = (round(size / WALL_TEXEL_MM) for size in WALL_MM)
-    picture = leaves((rows, columns), rng, largest=LARGEST_MM / WALL_TEXEL_MM)
-    return Subject((Sheet(picture, WALL_TEXEL_MM),))
+    picture = leaves((rows, columns), rng, largest=LARGEST_MM / WALL_TEXEL_MM, per_leaf=PER_LEAF)
+    return Subject((Sheet(picture, WALL_TEXEL_MM),), f_number=WALL_F_NUMBER, near_mm=WALL_NEAR_MM)
 
 
 def depth(rng: np.random.Generator) -> Subject:

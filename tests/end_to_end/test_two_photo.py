@@ -45,8 +45,9 @@ def test_it_goes_through_by_itself_and_the_verdict_is_good(done):
     assert done.ended.how == "finished"
     assert done.ended.report.read_text().startswith("<!doctype html>")
     (result,) = (event for event in done.operator.heard if isinstance(event, Result))
-    assert result.verdict in (Verdict.PASS, Verdict.DOUBTFUL), result.reason
-    assert done.state.facts["at_z_mm"] == pytest.approx(1440.0, abs=10)  # 1.8 times 800 mm
+    assert result.verdict is Verdict.PASS, result.reason
+    # three times the near distance, which is read off a tape to 5 mm
+    assert done.state.facts["at_z_mm"] == pytest.approx(3 * done.view.world.room.near_mm, abs=15)
     assert (done.state.facts["at_pan_deg"], done.state.facts["at_tilt_deg"]) == pytest.approx((0, 0), abs=0.01)
 
 
