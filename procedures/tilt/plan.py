@@ -68,8 +68,8 @@ ROUNDS = 6
 MARK = 16
 """Letters of a file's hash that tell it from the others."""
 MARGIN_MM = 200.0
-"""Left of the rail's reach on either side where a chart is proposed: the rangefinder's zero is not the lens, and s/t has
-a tolerance."""
+"""Kept free at either end of the rail's reach where a chart is proposed: the rangefinder's zero is not the lens, and
+s/t has a tolerance."""
 BY_HAND = "take the bracket as your camera can, and give it to `station tilt` with a table of its positions"
 
 
@@ -81,8 +81,8 @@ def plan(estimate: Estimator) -> Plan:
         "The sensor's tilt, and the screws that mend it",
         (
             Step(
-                "rail", "Rail and lens", "They decide how large the chart can be: the bracket must be in the rail's reach.",
-                RAIL, drawings.DISTANCE,
+                "rail", "Rail and lens", "Tell the lens, and home the rail: its reach limits the chart's size.", RAIL,
+                drawings.DISTANCE,
             ),
             *(replace(step, requests=after_rail(step)) for step in map(begin.step, BEFORE)),
             Step("screws", "Screws", "Tell what holds the sensor, the chart in the middle.", SCREWS, drawings.TOUR),
@@ -113,7 +113,7 @@ RAIL: tuple[Request, ...] = (
 
 
 def after_rail(step: Step) -> tuple[Request, ...]:
-    """A step's requests without those that the step `rail` has done; the chart's width is proposed by what it learnt."""
+    """A step's requests without those that the step `rail` has done; the chart's width is proposed from its facts."""
     asked = [one.key for one in RAIL if isinstance(one, Ask)]
     requests = (one for one in step.requests if not isinstance(one, Home) and getattr(one, "key", "") not in asked)
     return tuple(
@@ -172,7 +172,7 @@ def width_within_reach(facts: Facts) -> float:
     if found is None:
         raise BadParameter(
             "no chart that can be printed has its bracket within the rail's reach",
-            "set a wider aperture or take a longer lens, which shorten the bracket, or use a longer rail",
+            "hang it nearer to the rail or farther from it; a wider aperture or a longer lens shortens the bracket",
         )
     return float(found)
 
@@ -201,7 +201,7 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
     if not off_reach_mm(known, bracket_mm(optics, f_number, distance_mm)):
         return advice
     if not off_reach_mm(known, bracket_mm(optics, f_number, aimed_mm)):
-        say = f"Move the camera to {aimed_mm / 1000:.2f} m from the chart: from there the rail reaches the whole bracket."
+        say = f"Move the camera to {aimed_mm / 1000:.2f} m from the chart: about there the rail reaches the bracket."
         return replace(advice, good=False, say=say, moves={"z_mm": aimed_mm - distance_mm})
     depths = bracket_mm(optics, f_number, aimed_mm)
     nearer = off_reach_mm(known, depths)
@@ -209,12 +209,12 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
     say = f"hang the chart {abs(nearer):.0f} mm {way} the rail."
     if abs(nearer) == math.inf:
         say = f"begin again with a chart at most {width_within_reach(without_laser(facts)):.0f} mm wide."
-    needed = f"The bracket goes from {depths[0]:.0f} to {depths[-1]:.0f} mm before the chart, where the rail does not reach"
-    return replace(advice, good=False, say=f"{needed}: {say}")
+    needed = f"The bracket goes from {depths[0]:.0f} to {depths[-1]:.0f} mm before the chart"
+    return replace(advice, good=False, say=f"{needed}, where the rail does not reach: {say}")
 
 
 def off_reach_mm(known: TiltFacts, depths: Sequence[float]) -> float:
-    """How much nearer to the rail the chart must come for a bracket; 0 in reach, infinite where the rail is too short."""
+    """How much nearer to the rail the chart must come for a bracket; infinite where the rail is too short."""
     rail, start = rail_of(known), known.begun()
     at, low, high = (cast(float, one) for one in (rail.at, rail.low, rail.high))
     nearest, farthest = (at + depth - start.distance_mm for depth in (depths[0], depths[-1]))
