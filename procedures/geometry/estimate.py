@@ -237,8 +237,10 @@ def calibrate_geometry(
         geometry = _settled(trials, start, nodes, views, shape, parameters)
         if parameters.model is None and too_poor(geometry) and len(views) >= LEAST_VIEWS:
             trials = with_splines(trials, size, start, nodes, views, shape)
-            if trials[0].model != geometry.camera.model:
-                geometry = _settled(trials, start, nodes, views, shape, parameters)
+            same = trials[0].model == geometry.camera.model
+            geometry = (
+                replace(geometry, trials=trials) if same else _settled(trials, start, nodes, views, shape, parameters)
+            )
     except Refused as refusal:
         refusal = _if_square_on(refusal, nodes, views)
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
@@ -339,6 +341,7 @@ def _rules(found: Geometry, parameters: GeometryParameters) -> list[Rule]:
     stated = numbers[_map_name(found.maps[0])].value
     focal = next(numbers[name] for name in ("f", "fx") if name in numbers)
     model, misfit = found.camera.model, found.misfit
+    unknown = [one.model for one in found.trials if not one.converged and one.parameters > found.trials[0].parameters]
     better = "" if parameters.model is None else "; leave the model to be chosen"
     return [
         Rule(
@@ -347,6 +350,13 @@ def _rules(found: Geometry, parameters: GeometryParameters) -> list[Rule]:
             f"{model} is too poor a model for this lens: it leaves a field of {misfit.rms_px:.3f} pixel rms undrawn, "
             f"where {stated:.3f} are stated at the charts",
             f"take a richer model{better}, or use the camera only as far as that matters",
+        ),
+        Rule(
+            Verdict.DOUBTFUL,
+            bool(unknown),
+            f"{model} was chosen without a comparison with {' and '.join(unknown)}: the adjustment of half of the views "
+            "did not converge",
+            f"photograph more views, or compare the residuals with --model {' or '.join(unknown)}",
         ),
         Rule(
             Verdict.DOUBTFUL,

@@ -38,7 +38,7 @@ FRAME = (13, 9)
 COVER = 0.65
 """Share of the frame that planned views enclose first, however much others would tell: a result needs 0.6."""
 WIDENS, ALIKE = 0.01, 0.9
-"""Least share of the frame that a view must add to widen what is covered; places that add so much of the most are alike.
+"""Least share of the frame that a view must add to widen what is covered; places that add so much of the most count.
 """
 LOOSE: Mapping[str, Callable[[Camera], float]] = {
     "pixel": lambda camera: 0.03 * camera.columns,

@@ -37,13 +37,15 @@ MAX_ITERATIONS, MAX_REJECTIONS = 100, 25
 """Linearisations in all, and trial steps from one of them."""
 STEP_TOLERANCE = 1e-9
 """Relative length of a step, both measured by D, that counts as none."""
-LEAST_DAMPING, FIRST_DAMPING = 1e-13, 1e-8
+LEAST_DAMPING, FIRST_DAMPING = 1e-13, 1e-10
 """The first lies below the eigenvalues of a scaled system that rounding leaves meaningful, and keeps a singular system
 solvable; with the second a start near the minimum takes Gauss-Newton steps in all but the weakest directions."""
 LOWER, RAISE = 0.1, 4.0
 """Factors of lambda after a step that was taken, and after the first that was rejected; each further one doubles it."""
 POOR_GAIN = 0.5
 """Share of the predicted decrease below which a step is corrected to second order."""
+ROUNDING = 1e-13
+"""Relative decrease that a sum of squares cannot tell from rounding."""
 REACH = 0.1
 """Part of the step over which the second derivative is taken: large against rounding, small against third orders."""
 
@@ -103,7 +105,7 @@ class Minimum(Generic[State]):
     iterations : int
         Linearisations.
     decrease : float
-        By which share of it the last step lowered the sum of squares.
+        By which share of it the last step lowered the sum of squares; 0 where none was taken.
     converged : bool
     """
 
@@ -158,20 +160,27 @@ def minimise(problem: Problem[State], start: State, *, tolerance: float, limit: 
     limit : int
         Iterations at most.
     """
-    state, damping, decrease = start, FIRST_DAMPING, np.inf
+    state, damping, decrease = start, FIRST_DAMPING, 0.0
     for iteration in range(1, limit + 1):
         model = problem.linearise(state)
         cost = _sum(model.residual)
-        if _is_minimum(model, cost, tolerance):
-            last = _trial(problem, state, model, LEAST_DAMPING)
-            state, cost = (last.state, last.cost) if last.cost < cost else (state, cost)
-            return Minimum(state, cost, iteration, decrease, True)
-        trial, rejected = _trial(problem, state, model, damping), 0
-        while not trial.cost < cost and rejected < MAX_REJECTIONS:
+        if not np.isfinite(cost):
+            break
+        step = _step(model, damping)
+        # a damped step promises less and is shorter than the undamped one, which need not be computed where it is not
+        if _is_small(model, step, damping, cost, tolerance):
+            whole = _step(model, LEAST_DAMPING)
+            if _is_small(model, whole, LEAST_DAMPING, cost, tolerance):
+                last = _trial(problem, state, model, whole, LEAST_DAMPING)
+                state, cost = (last.state, last.cost) if last.cost < cost else (state, cost)
+                return Minimum(state, cost, iteration, decrease, True)
+        trial, rejected = _trial(problem, state, model, step, damping), 0
+        lower = (1 - ROUNDING) * cost
+        while not trial.cost < lower and rejected < MAX_REJECTIONS:
             damping *= RAISE * 2.0**rejected
             rejected += 1
-            trial = _trial(problem, state, model, damping)
-        if not trial.cost < cost:
+            trial = _trial(problem, state, model, _step(model, damping), damping)
+        if not trial.cost < lower:
             break
         state, decrease = trial.state, 1 - trial.cost / cost
         # what was just found too little is not tried again at once
@@ -191,14 +200,18 @@ def _sum(residual: Array) -> float:
     return total if np.isfinite(total) else np.inf
 
 
-def _is_minimum(model: Linearisation, cost: float, tolerance: float) -> bool:
-    """Whether an undamped step promises next to nothing, or moves next to nothing."""
+def _step(model: Linearisation, damping: float) -> Array:
+    """The damped step, NaN where the system is singular."""
     try:
-        step = model.solve(model.gradient, LEAST_DAMPING)
+        return model.solve(model.gradient, damping)
     except LinAlgError:
-        return False
+        return np.full_like(model.gradient, np.nan)
+
+
+def _is_small(model: Linearisation, step: Array, damping: float, cost: float, tolerance: float) -> bool:
+    """Whether a step promises next to nothing, or moves the unknowns by next to nothing."""
     length, size = (float(np.sqrt(model.scale @ one**2)) for one in (step, model.unknowns))
-    return _predicted(model, step, LEAST_DAMPING) <= tolerance * cost or length <= STEP_TOLERANCE * size
+    return _predicted(model, step, damping) <= tolerance * cost or length <= STEP_TOLERANCE * size
 
 
 def _predicted(model: Linearisation, step: Array, damping: float) -> float:
@@ -206,11 +219,11 @@ def _predicted(model: Linearisation, step: Array, damping: float) -> float:
     return float(step @ (model.gradient + damping * model.scale * step))
 
 
-def _trial(problem: Problem[State], state: State, model: Linearisation, damping: float) -> _Trial[State]:
+def _trial(
+    problem: Problem[State], state: State, model: Linearisation, step: Array, damping: float
+) -> _Trial[State]:
     """Where a damped step leads, corrected to second order where the straight one gains little."""
-    try:
-        step = model.solve(model.gradient, damping)
-    except LinAlgError:
+    if not np.isfinite(step).all():
         return _Trial(state, np.inf)
     cost, straight = _sum(model.residual), problem.moved(state, step)
     plain = _Trial(straight, _sum(problem.residual(straight)))

@@ -17,7 +17,7 @@ import numpy as np
 from drivers.transport import register_scheme
 from simulators.bench.body import BodySettings, CameraBody, Opening
 from simulators.bench.device_faults import Fate, Mishap, random_faults, random_mishaps
-from simulators.bench.simulated_operator import Hands
+from simulators.bench.simulated_operator import Hands, Person
 from simulators.bench.view import View
 from simulators.bench.voice_coils import VoiceCoils
 from simulators.camera.camera import SimulatedCamera
@@ -105,7 +105,8 @@ class SimulatedBench:
     @cached_property
     def hands(self) -> Hands:
         """A person at this bench, who begins with an empty room; without him the chart hangs straight and in focus."""
-        return Hands(self, self._seed)
+        width_mm = None if self.subject == "tilt" else Person.width_mm
+        return Hands(self, self._seed, Person(width_mm))
 
     def show(self, subject: str) -> None:
         """Stand before one of `SUBJECTS`; a person who had begun with another subject begins again."""
