@@ -219,9 +219,7 @@ def _predicted(model: Linearisation, step: Array, damping: float) -> float:
     return float(step @ (model.gradient + damping * model.scale * step))
 
 
-def _trial(
-    problem: Problem[State], state: State, model: Linearisation, step: Array, damping: float
-) -> _Trial[State]:
+def _trial(problem: Problem[State], state: State, model: Linearisation, step: Array, damping: float) -> _Trial[State]:
     """Where a damped step leads, corrected to second order where the straight one gains little."""
     if not np.isfinite(step).all():
         return _Trial(state, np.inf)
