@@ -213,6 +213,8 @@ def fit_pose(camera: Camera, pose: Pose, nodes: Array, view: ChartView) -> tuple
         points = pose.apply(nodes[view.index])
         r = np.einsum("nab,nb->na", whitening, view.points - camera.project(points))
         J = (whitening @ by_pose(camera.by_points(points), points)).reshape(-1, POSE)
+        if not (np.isfinite(r).all() and np.isfinite(J).all()):  # a camera that does not see the chart so
+            return pose, np.full_like(r, np.inf)
         step = np.linalg.lstsq(J, r.ravel(), rcond=None)[0]
         if np.linalg.norm(J @ step) < POSE_STILL:
             break

@@ -6,10 +6,11 @@ chart then stands along the optical axis follows from rail and head, not from it
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -23,10 +24,12 @@ from procedures.field.locations import AHEAD, Location, direction, pan_tilt_deg,
 from procedures.field.plan import BEFORE, correction, light_readings, off_place
 from procedures.numbers import HELPS, TILT_CORNER
 from procedures.outcome import BadParameter
+from procedures.pattern_print.sheet import SMALLEST_WIDTH_MM
 from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown
 from procedures.pattern_psf.facts import SIZES
-from procedures.pattern_psf.plan import UNNOTED
+from procedures.pattern_psf.plan import LENS
 from procedures.pattern_psf.plan import plan as pattern_plan
+from procedures.pattern_psf.pose import Optics
 from procedures.plan import (
     Advice,
     Ask,
@@ -35,11 +38,14 @@ from procedures.plan import (
     Fact,
     Facts,
     Go,
+    Home,
     Known,
     Look,
+    Measure,
     Outcomes,
     Plan,
     Reading,
+    Request,
     Step,
     Tour,
     TourStop,
@@ -62,6 +68,9 @@ ROUNDS = 6
 """Of head and rail in turn: each is nearer by a factor of ten or so."""
 MARK = 16
 """Letters of a file's hash that tell it from the others."""
+MARGIN_MM = 200.0
+"""Kept free at either end of the rail's reach where a chart is proposed: the rangefinder's zero is not the lens, and
+s/t has a tolerance."""
 BY_HAND = "take the bracket as your camera can, and give it to `station tilt` with a table of its positions"
 
 
@@ -72,7 +81,11 @@ def plan(estimate: Estimator) -> Plan:
         "tilt",
         "The sensor's tilt, and the screws that mend it",
         (
-            *(begin.step(name) for name in BEFORE),
+            Step(
+                "rail", "Rail and lens", "Tell the lens, and home the rail: its reach limits the chart's size.", RAIL,
+                drawings.DISTANCE,
+            ),
+            *(replace(step, requests=after_rail(step)) for step in map(begin.step, BEFORE)),
             Step("screws", "Screws", "Tell what holds the sensor, the chart in the middle.", SCREWS, drawings.TOUR),
             Step("turn", "Turn", "Turn the screws as they were found to need it.", (TURN_THEM,)),
             Step(
@@ -90,6 +103,91 @@ def plan(estimate: Estimator) -> Plan:
     )  # fmt: skip
 
 
+# --- rail and lens: the chart's width ----------------------------------------------------------------------------
+
+RAIL: tuple[Request, ...] = (
+    *LENS,
+    Ask("typed_f_number", "Which f-number do you set?", "number", "", low=0.5, high=64.0),
+    Home(),
+    Measure(),
+)
+
+
+def after_rail(step: Step) -> tuple[Request, ...]:
+    """A step's requests without those that the step `rail` has done; the chart's width is proposed from its facts."""
+    asked = [one.key for one in RAIL if isinstance(one, Ask)]
+    requests = (one for one in step.requests if not isinstance(one, Home) and getattr(one, "key", "") not in asked)
+    return tuple(
+        replace(one, proposed=width_within_reach, check=check_width)
+        if isinstance(one, Ask) and one.key == "chart_width_mm"
+        else one
+        for one in requests
+    )
+
+
+def rail_of(known: TiltFacts) -> AxisTravel:
+    """The rail. Raises BadParameter where the bench has none, or its travel is not known."""
+    rail = known.axes.get("z_mm")
+    if rail is None or None in (rail.at, rail.low, rail.high):
+        raise BadParameter("the bracket is made by a rail, the axis z_mm, which the bench has not", BY_HAND)
+    return rail
+
+
+def reach_mm(known: TiltFacts) -> tuple[float, float]:
+    """Distances from the chart, least and greatest, to which the rail surely brings the lens.
+
+    Where a rangefinder has told the wall's distance; else as if the chart was hung where it suits the rail best.
+    """
+    rail = rail_of(known)
+    at, low, high = (cast(float, one) for one in (rail.at, rail.low, rail.high))
+    start = 0.0 if known.distance_mm is None else known.distance_mm - at
+    return start + low + MARGIN_MM, start + high - MARGIN_MM
+
+
+def check_width(width: Fact, facts: Facts) -> None:
+    """Raises BadParameter where a chart so wide needs a bracket that the rail does not reach."""
+    known = facts_as(TiltFacts, {**facts, "chart_width_mm": width})
+    low, high = reach_mm(known)
+    optics = known.optics()
+    depths = bracket_mm(optics, f_number_of(known), optics.distance_mm(known.wanted_px_per_cell))
+    too_long = depths[-1] - depths[0] > high - low
+    if too_long or (known.distance_mm is not None and not low <= depths[0] <= depths[-1] <= high):
+        raise BadParameter(
+            f"a chart {width:g} mm wide needs the lens {depths[0]:.0f} to {depths[-1]:.0f} mm before it; "
+            f"the rail reaches {low:.0f} to {high:.0f} mm",
+            "print a chart of another width: a narrower one is photographed from nearer, and its bracket is shorter",
+        )
+
+
+def width_within_reach(facts: Facts) -> float:
+    """The widest chart, in whole mm, that one sheet of the paper holds and whose bracket is in the rail's reach.
+
+    Raises
+    ------
+    BadParameter
+        If there is none.
+    """
+    widest = replace(facts_as(TiltFacts, facts), chart_width_mm=None).size.whole_mm
+    widths = range(int(widest), math.ceil(SMALLEST_WIDTH_MM) - 1, -1)
+    found = next((width for width in widths if in_reach(width, facts)), None)
+    if found is None:
+        raise BadParameter(
+            "no chart that can be printed has its bracket within the rail's reach",
+            "hang it nearer to the rail or farther from it; a wider aperture or a longer lens shortens the bracket",
+        )
+    return float(found)
+
+
+def in_reach(width: float, facts: Facts) -> bool:
+    """Whether the rail reaches the bracket of a chart so wide. Raises BadParameter where there is no rail."""
+    rail_of(facts_as(TiltFacts, facts))
+    try:
+        check_width(width, facts)
+    except BadParameter:
+        return False
+    return True
+
+
 # --- screws ------------------------------------------------------------------------------------------------------
 
 
@@ -99,22 +197,39 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
     if not advice.good:
         return advice
     known = facts_as(TiltFacts, {**facts, **advice.facts})
-    rail = known.axes.get("z_mm")
-    if rail is None or rail.at is None:
-        raise BadParameter("the bracket is made by a rail, the axis z_mm, which the bench has not", BY_HAND)
-    depths = bracket_mm(known, shown(frame).pitch)
-    nearest, farthest = (rail.at + depth - known.begun().distance_mm for depth in (min(depths), max(depths)))
-    if rail.holds(nearest) and rail.holds(farthest):
+    optics, f_number = known.optics(shown(frame).pitch), f_number_of(known)
+    distance_mm, aimed_mm = known.begun().distance_mm, optics.distance_mm(known.wanted_px_per_cell)
+    if not off_reach_mm(known, bracket_mm(optics, f_number, distance_mm)):
         return advice
-    say = (
-        f"The bracket goes from {min(depths):.0f} to {max(depths):.0f} mm before the chart, where the rail does not "
-        "reach: print a smaller chart, and begin again."
-    )
-    return replace(advice, good=False, say=say, by_hand={"smaller_chart": 1.0})
+    if not off_reach_mm(known, bracket_mm(optics, f_number, aimed_mm)):
+        say = f"Move the camera to {aimed_mm / 1000:.2f} m from the chart: about there the rail reaches the bracket."
+        return replace(advice, good=False, say=say, moves={"z_mm": aimed_mm - distance_mm})
+    depths = bracket_mm(optics, f_number, aimed_mm)
+    nearer = off_reach_mm(known, depths)
+    way = "nearer to" if nearer > 0 else "farther from"
+    say = f"hang the chart {abs(nearer):.0f} mm {way} the rail."
+    if abs(nearer) == math.inf:
+        say = f"begin again with a chart at most {width_within_reach(without_laser(facts)):.0f} mm wide."
+    needed = f"The bracket goes from {depths[0]:.0f} to {depths[-1]:.0f} mm before the chart"
+    return replace(advice, good=False, say=f"{needed}, where the rail does not reach: {say}")
+
+
+def off_reach_mm(known: TiltFacts, depths: Sequence[float]) -> float:
+    """How much nearer to the rail the chart must come for a bracket; infinite where the rail is too short."""
+    rail, start = rail_of(known), known.begun()
+    at, low, high = (cast(float, one) for one in (rail.at, rail.low, rail.high))
+    nearest, farthest = (at + depth - start.distance_mm for depth in (depths[0], depths[-1]))
+    if farthest - nearest > high - low:
+        return math.inf
+    return max(low - nearest, 0.0) + min(high - farthest, 0.0)
+
+
+def without_laser(facts: Facts) -> Facts:
+    """What is known but for the rangefinder's reading: the chart may be hung anywhere."""
+    return {name: one for name, one in facts.items() if name != "distance_mm"}
 
 
 SCREWS = (
-    UNNOTED,
     Ask("places", "At how many places?", "number", "", USUAL, low=FEWEST, high=MOST),
     Ask("screw_count", "How many screws hold the sensor?", "number", "", 3, low=3, high=12),
     Ask("screw_radius_mm", "How far are they from the frame's centre?", "number", "mm", low=1.0, high=500.0),
@@ -167,17 +282,20 @@ TURN_THEM = Go(lambda facts: {}, say_turns, turns_by_hand)
 # --- bracket -----------------------------------------------------------------------------------------------------
 
 
-def bracket_mm(known: TiltFacts, pitch: int) -> list[float]:
+def bracket_mm(optics: Optics, f_number: float, distance_mm: float) -> list[float]:
     """Distances of the chart at which its image steps through the sensor, the nearest first.
 
-    Thin lens: 1 / image + 1 / object = 1 / focal length.
+    Thin lens, focused at a distance: 1 / image + 1 / object = 1 / focal length.
     """
-    optics, start = known.optics(pitch), known.begun()
-    f_number = required(known.aperture, "the f-number", "tell it in the step `screws`")
     f, depth_um = optics.focal_length_mm, f_number * optics.plane_pitch_um
-    image_um = behind_lens_um(start.distance_mm, Positions.SET, f)
+    image_um = behind_lens_um(distance_mm, Positions.SET, f)
     images_mm = [(image_um - step * depth_um) / 1000 for step in STEPS]
     return sorted(f * image / (image - f) for image in images_mm)
+
+
+def f_number_of(known: TiltFacts) -> float:
+    """The f-number. Raises BadParameter where it is not known."""
+    return required(known.aperture, "the f-number", "tell it in the step `rail`")
 
 
 def stops(facts: Facts) -> list[TourStop]:
@@ -185,7 +303,7 @@ def stops(facts: Facts) -> list[TourStop]:
     known = facts_as(TiltFacts, facts)
     start = known.begun()
     pitch = round(known.optics(1).principal_px(start.distance_mm) / start.principal_px)
-    depths = bracket_mm(known, pitch)
+    depths = bracket_mm(known.optics(pitch), f_number_of(known), start.distance_mm)
     nearer = start.distance_mm / depths[0]
     as_nearest = {name: half * nearer for name, half in zip(("tour_half_x", "tour_half_y"), start.half, strict=True)}
     found = field_plan.locations({**facts, **as_nearest})  # so that the chart is not cut where it is largest

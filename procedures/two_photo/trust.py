@@ -177,8 +177,8 @@ def _processed(d: Diagnostics, raw: bool) -> list[Check]:
               f"take both from a tripod, without touching the camera{_as_raw(raw)}"),
         Check("residual at detail", d.detail, AT_DETAIL, doubtful,
               f"what the near photograph does not explain is {d.detail:.1f} times as strong at the wall's detail as "
-              "where it has none: the far photograph was smoothed all but for its edges",
-              f"{files}, or choose a flat wall", prior=prior),
+              "where it has none: the far photograph was smoothed all but for its edges, or the near one is aliased",
+              f"{files}, choose a flat wall, or stop the lens down", prior=prior),
     ]  # fmt: skip
 
 

@@ -49,7 +49,7 @@ def facts_of(start: TourStart) -> dict:
 
 def test_a_bracket_steps_the_image_by_depths_of_focus():
     known = facts_as(TiltFacts, facts_of(begun(np.array([0.0, 0.0, 950.0]))))
-    images = [24.0 * z / (z - 24.0) for z in bracket_mm(known, 1)]
+    images = [24.0 * z / (z - 24.0) for z in bracket_mm(known.optics(1), 2.8, 950.0)]
     np.testing.assert_allclose(np.diff(images), -2.8 * 11.88e-3, rtol=1e-6)  # f-number times a pixel
 
 
