@@ -100,10 +100,11 @@ def done(tmp_path_factory, monkeypatch_module):
         incoming = Path(root, f"incoming-{part}")
         incoming.mkdir()
         bench = simulated_bench(incoming, seed=3, virtual_time=True)
+        bench.simulated.show(whole.subject)
         view = bench.simulated.view
         # what is done to a mosaic's four planes is done here to one of their size; the error stays far below the noise
         lens = replace(view.camera.lens, k1=-0.02, vignetting=VIGNETTING)
-        view.camera = replace(view.camera, lens=lens, oversampling=5, sensor=Sensor(240, 320, cfa=None), pitch_um=11.88)
+        view.camera = replace(view.camera, lens=lens, oversampling=5, sensor=Sensor(300, 400, cfa=None))
         if folder is None:
             session = Session.create(root, plan="camera", camera="C", lens="L", config={}, clock=bench.clock, seed=3)
             folder = session.folder
