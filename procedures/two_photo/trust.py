@@ -177,8 +177,8 @@ def _processed(d: Diagnostics) -> list[Rule]:
             doubtful,
             d.detail > AT_DETAIL,
             f"what the near photograph does not explain is {d.detail:.1f} times as strong at the wall's detail as "
-            "where it has none: the far photograph was smoothed all but for its edges",
-            "use the RAW files, or choose a flat wall",
+            "where it has none: the far photograph was smoothed all but for its edges, or the near one is aliased",
+            "use the RAW files, choose a flat wall, or stop the lens down",
         ),
     ]
 

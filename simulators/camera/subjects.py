@@ -89,7 +89,7 @@ def depth(rng: np.random.Generator) -> Subject:
         replace(middle, cover=_cover(disc), behind_mm=350.0),
         replace(front, cover=_cover(left), behind_mm=-150.0),
     )
-    return Subject(sheets, 16.0, MOTIONS)
+    return Subject(sheets, f_number=16.0, motions=MOTIONS)
 
 
 PANEL_MM = 4000.0
