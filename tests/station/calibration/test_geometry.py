@@ -295,3 +295,17 @@ def test_two_photographs_are_refused_with_the_contracts_code(measured, tmp_path)
 def test_a_wrong_model_is_a_usage_error(measured, tmp_path):
     run = CliRunner().invoke(main, ["geometry", *measured, "--model", "BROWN", "--out", str(tmp_path / "out")])
     assert run.exit_code == 2
+
+
+@pytest.mark.delicate
+def test_five_views_that_hardly_tell_the_principal_point_are_concluded(shared_data, tmp_path):
+    folder = shared_data / "geometry" / "five_views"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    told = CliRunner().invoke(main, ["geometry", str(folder), "--out", str(tmp_path)])
+    record = json.loads((tmp_path / "result.json").read_text())["planes"]["Y"]
+    assert "5 views are too few" in told.output
+    assert record["verdict"] == "doubtful"
+    # where the adjustment ended on two processors: it leaves a thirtieth of a standard uncertainty
+    for name, value in {"fx": 2060.26, "fy": 2047.18, "cx": 152.53, "cy": 89.52}.items():
+        assert record[name]["value"] == pytest.approx(value, abs=0.1 * record[name]["uncertainty"]), name
