@@ -72,25 +72,22 @@ def _marks(box: Box, tile: Tile) -> Drawing:
     """Crosses on the seams, and the word at those that are cut through."""
     left, top, right, bottom = box
     on_left, on_top, on_right, on_bottom = tile.joined
-    strokes: list[Stroke] = []
-    for x in [left] * on_left + [right] * on_right:
-        for y, outwards in ((top, -1), (bottom, 1)):
-            ends = y + outwards * (BLEED_MM + THICKNESS_MM), y + outwards * BAND_MM
-            strokes += _cross((x, y + outwards * BAND_MM / 2), (x, ends[0]), (x, ends[1]))
-    for y in [top] * on_top + [bottom] * on_bottom:
-        for x, outwards in ((left, -1), (right, 1)):
-            ends = x + outwards * (BLEED_MM + THICKNESS_MM), x + outwards * BAND_MM
-            strokes += _cross((x + outwards * BAND_MM / 2, y), (ends[0], y), (ends[1], y))
+    strokes = _crosses([left] * on_left + [right] * on_right, (top, bottom), upright=True)
+    strokes += _crosses([top] * on_top + [bottom] * on_bottom, (left, right), upright=False)
     words = [Text(left - 0.8, top - 6.2, "cut", TYPE_MM, anchor="end")] * on_left
     words += [Text(left - BAND_MM, top - 0.8, "cut", TYPE_MM)] * on_top
     return Drawing(tuple(strokes), tuple(words))
 
 
-def _cross(centre: tuple[float, float], start: tuple[float, float], end: tuple[float, float]) -> list[Stroke]:
-    """A cross whose arm along the seam runs from `start` to `end`."""
-    (x, y), upright = centre, start[0] == end[0]
-    dx, dy = (ARM_MM, 0.0) if upright else (0.0, ARM_MM)
-    return [Stroke(start, end, THICKNESS_MM), Stroke((x - dx, y - dy), (x + dx, y + dy), THICKNESS_MM)]
+def _crosses(seams: list[float], ends: tuple[float, float], *, upright: bool) -> list[Stroke]:
+    """Crosses in the bands beyond both ends of the seams, which are upright or level."""
+    arms = []
+    for seam in seams:
+        for end, outwards in zip(ends, (-1, 1), strict=True):
+            middle = end + outwards * BAND_MM / 2
+            arms.append(((seam, end + outwards * (BLEED_MM + THICKNESS_MM)), (seam, end + outwards * BAND_MM)))
+            arms.append(((seam - ARM_MM, middle), (seam + ARM_MM, middle)))
+    return [Stroke(a, b, THICKNESS_MM) if upright else Stroke(a[::-1], b[::-1], THICKNESS_MM) for a, b in arms]
 
 
 def _label(source: Source, tiling: Tiling, tile: Tile, box: Box) -> Drawing:

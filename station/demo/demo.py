@@ -16,7 +16,7 @@ from procedures.pattern_print.sheet import Size
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, read_frame
-from simulators.bench.demonstration import PITCH_UM, SETUPS, Staging, photograph
+from simulators.bench.demonstration import PITCH_UM, SETUPS, WIDTH_MM, Staging, photograph
 from simulators.camera.camera import Photograph
 from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
@@ -53,7 +53,7 @@ def run_demo(
     start = time.perf_counter()
     chart, parameters = Source.from_seed().with_edges(), PatternParameters()
     with ResultFolder(out) as folder:
-        folder.write(CHART, encode(Path(CHART), chart, Size(300.0)).data)
+        folder.write(CHART, encode(Path(CHART), chart, Size(WIDTH_MM)).data)
         progress(f"printed the chart, {chart.origin}")
         shots = tuple(
             _shoot(folder.staging, setup, chart, parameters, np.random.default_rng([seed, i]), progress)
