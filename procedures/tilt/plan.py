@@ -10,26 +10,23 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
-from procedures.facts import AxisTravel, facts_as, required
+from procedures.facts import AxisTravel, facts_as
 from procedures.field import plan as field_plan
 from procedures.field.facts import TourStart
 from procedures.field.locations import AHEAD, Location, direction, pan_tilt_deg, ray
 from procedures.field.plan import BEFORE, correction, light_readings, off_place
 from procedures.numbers import HELPS, TILT_CORNER
-from procedures.outcome import BadParameter
-from procedures.pattern_print.sheet import SMALLEST_WIDTH_MM
 from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown
 from procedures.pattern_psf.facts import SIZES
 from procedures.pattern_psf.plan import LENS
 from procedures.pattern_psf.plan import plan as pattern_plan
-from procedures.pattern_psf.pose import Optics
 from procedures.plan import (
     Advice,
     Ask,
@@ -53,25 +50,26 @@ from procedures.plan import (
 from procedures.raw import RawFrame
 from procedures.tilt.estimate import Tilt
 from procedures.tilt.facts import DEPTH, TURN, TiltFacts
-from procedures.tilt.positions import Positions, behind_lens_um
+from procedures.tilt.reach import (
+    bracket_mm,
+    check_width,
+    f_number_of,
+    off_reach_mm,
+    width_within_reach,
+    without_laser,
+)
 from procedures.tilt.screws import SURE
 
 Array = npt.NDArray[np.float64]
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 USUAL, FEWEST, MOST = 9, 7, 25
 """Places: fewer than seven do not tell a tilt from the lens's own curvature."""
-STEPS = (-3, -2, -1, 0, 1, 2, 3)
-"""Of the bracket, in depths of focus behind the lens: f-number times a pixel of the plane."""
 NEAR = 0.05
 """How far from its place the chart may appear, in parts of the frame's width."""
 ROUNDS = 6
 """Of head and rail in turn: each is nearer by a factor of ten or so."""
 MARK = 16
 """Letters of a file's hash that tell it from the others."""
-MARGIN_MM = 200.0
-"""Kept free at either end of the rail's reach where a chart is proposed: the rangefinder's zero is not the lens, and
-s/t has a tolerance."""
-BY_HAND = "take the bracket as your camera can, and give it to `station tilt` with a table of its positions"
 
 
 def plan(estimate: Estimator) -> Plan:
@@ -125,69 +123,6 @@ def after_rail(step: Step) -> tuple[Request, ...]:
     )
 
 
-def rail_of(known: TiltFacts) -> AxisTravel:
-    """The rail. Raises BadParameter where the bench has none, or its travel is not known."""
-    rail = known.axes.get("z_mm")
-    if rail is None or None in (rail.at, rail.low, rail.high):
-        raise BadParameter("the bracket is made by a rail, the axis z_mm, which the bench has not", BY_HAND)
-    return rail
-
-
-def reach_mm(known: TiltFacts) -> tuple[float, float]:
-    """Distances from the chart, least and greatest, to which the rail surely brings the lens.
-
-    Where a rangefinder has told the wall's distance; else as if the chart was hung where it suits the rail best.
-    """
-    rail = rail_of(known)
-    at, low, high = (cast(float, one) for one in (rail.at, rail.low, rail.high))
-    start = 0.0 if known.distance_mm is None else known.distance_mm - at
-    return start + low + MARGIN_MM, start + high - MARGIN_MM
-
-
-def check_width(width: Fact, facts: Facts) -> None:
-    """Raises BadParameter where a chart so wide needs a bracket that the rail does not reach."""
-    known = facts_as(TiltFacts, {**facts, "chart_width_mm": width})
-    low, high = reach_mm(known)
-    optics = known.optics()
-    depths = bracket_mm(optics, f_number_of(known), optics.distance_mm(known.wanted_px_per_cell))
-    too_long = depths[-1] - depths[0] > high - low
-    if too_long or (known.distance_mm is not None and not low <= depths[0] <= depths[-1] <= high):
-        raise BadParameter(
-            f"a chart {width:g} mm wide needs the lens {depths[0]:.0f} to {depths[-1]:.0f} mm before it; "
-            f"the rail reaches {low:.0f} to {high:.0f} mm",
-            "print a chart of another width: a narrower one is photographed from nearer, and its bracket is shorter",
-        )
-
-
-def width_within_reach(facts: Facts) -> float:
-    """The widest chart, in whole mm, that one sheet of the paper holds and whose bracket is in the rail's reach.
-
-    Raises
-    ------
-    BadParameter
-        If there is none.
-    """
-    widest = replace(facts_as(TiltFacts, facts), chart_width_mm=None).size.whole_mm
-    widths = range(int(widest), math.ceil(SMALLEST_WIDTH_MM) - 1, -1)
-    found = next((width for width in widths if in_reach(width, facts)), None)
-    if found is None:
-        raise BadParameter(
-            "no chart that can be printed has its bracket within the rail's reach",
-            "hang it nearer to the rail or farther from it; a wider aperture or a longer lens shortens the bracket",
-        )
-    return float(found)
-
-
-def in_reach(width: float, facts: Facts) -> bool:
-    """Whether the rail reaches the bracket of a chart so wide. Raises BadParameter where there is no rail."""
-    rail_of(facts_as(TiltFacts, facts))
-    try:
-        check_width(width, facts)
-    except BadParameter:
-        return False
-    return True
-
-
 # --- screws ------------------------------------------------------------------------------------------------------
 
 
@@ -212,21 +147,6 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
         say = f"begin again with a chart at most {width_within_reach(without_laser(facts)):.0f} mm wide."
     needed = f"The bracket goes from {depths[0]:.0f} to {depths[-1]:.0f} mm before the chart"
     return replace(advice, good=False, say=f"{needed}, where the rail does not reach: {say}")
-
-
-def off_reach_mm(known: TiltFacts, depths: Sequence[float]) -> float:
-    """How much nearer to the rail the chart must come for a bracket; infinite where the rail is too short."""
-    rail, start = rail_of(known), known.begun()
-    at, low, high = (cast(float, one) for one in (rail.at, rail.low, rail.high))
-    nearest, farthest = (at + depth - start.distance_mm for depth in (depths[0], depths[-1]))
-    if farthest - nearest > high - low:
-        return math.inf
-    return max(low - nearest, 0.0) + min(high - farthest, 0.0)
-
-
-def without_laser(facts: Facts) -> Facts:
-    """What is known but for the rangefinder's reading: the chart may be hung anywhere."""
-    return {name: one for name, one in facts.items() if name != "distance_mm"}
 
 
 SCREWS = (
@@ -280,22 +200,6 @@ def turns_by_hand(facts: Facts) -> dict[str, float]:
 TURN_THEM = Go(lambda facts: {}, say_turns, turns_by_hand)
 
 # --- bracket -----------------------------------------------------------------------------------------------------
-
-
-def bracket_mm(optics: Optics, f_number: float, distance_mm: float) -> list[float]:
-    """Distances of the chart at which its image steps through the sensor, the nearest first.
-
-    Thin lens, focused at a distance: 1 / image + 1 / object = 1 / focal length.
-    """
-    f, depth_um = optics.focal_length_mm, f_number * optics.plane_pitch_um
-    image_um = behind_lens_um(distance_mm, Positions.SET, f)
-    images_mm = [(image_um - step * depth_um) / 1000 for step in STEPS]
-    return sorted(f * image / (image - f) for image in images_mm)
-
-
-def f_number_of(known: TiltFacts) -> float:
-    """The f-number. Raises BadParameter where it is not known."""
-    return required(known.aperture, "the f-number", "tell it in the step `rail`")
 
 
 def stops(facts: Facts) -> list[TourStop]:
