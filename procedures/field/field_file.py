@@ -121,7 +121,7 @@ def read_lights(path: Path | str) -> dict[str, LightSurface]:
 
 def _read_light(group: h5py.Group, room: Room) -> LightSurface:
     shape = int(group.attrs["rows"]), int(group.attrs["columns"])
-    return LightSurface(shape, int(group.attrs["degree"]), Stored(group, room).numbers("coefficients"))
+    return LightSurface(shape, int(group.attrs["degree"]), Stored(group, room).numbers("coefficients", (None,)))
 
 
 def _put(group: h5py.Group, name: str, values: npt.ArrayLike, unit: str, **options: Any) -> None:
@@ -239,7 +239,8 @@ def read_colours(path: Path | str) -> dict[str, LateralColour]:
 
 def _read_colour(name: str, group: h5py.Group, shape: tuple[int, int], room: Room) -> LateralColour:
     stored = Stored(group, room)
-    positions, shift, covariance = (stored.numbers(part) for part in ("position", "shift", "covariance"))
+    positions, shift = (stored.numbers(part, (None, 2)) for part in ("position", "shift"))
+    covariance = stored.numbers("covariance", (len(positions), 2, 2))
     surface = fit_surface(in_half_diagonals(positions, shape), shift, covariance, DEGREES)
     return LateralColour(name, str(group.attrs["reference"]), shape, positions, shift, covariance, surface)
 
@@ -269,7 +270,11 @@ def _check_version(file: h5py.File, path: Path | str) -> None:
 def _read_plane(name: str, plane: h5py.Group, room: Room) -> PsfField:
     stored = Stored(plane["nodes"], room)
     s = int(plane.attrs["samples_per_pixel"])
-    places = (stored.numbers(column) for column in ("position", "position_covariance", "sensor_position"))
+    places = (
+        stored.numbers("position", (None, 2)),
+        stored.numbers("position_covariance", (None, 2, 2)),
+        stored.numbers("sensor_position", (None, 2)),
+    )
     rows = zip(*places, stored.texts("source"), stored.values("number"), _read_psfs(stored, s), strict=True)
     nodes = [
         Node(position, spread, on_sensor, psf, source, int(number))
@@ -283,9 +288,15 @@ def _read_plane(name: str, plane: h5py.Group, room: Room) -> PsfField:
 
 def _read_psfs(stored: Stored, s: int) -> Iterator[Psf]:
     """The nodes' PSFs, with their tails where the file has them."""
-    supports, covariances = stored.numbers("psf"), stored.numbers("covariance")
+    supports = stored.numbers("psf", (None, "k", "k"))
+    samples = supports.shape[1] ** 2
+    covariances = stored.numbers("covariance", (len(supports), samples, samples))
     if "tail" in stored:
-        tails = (stored.numbers(name) for name in ("tail", "tail_covariance", "tail_cross"))
+        tails = (
+            stored.numbers("tail", (None, None)),
+            stored.numbers("tail_covariance", (None, "q", "q")),
+            stored.numbers("tail_cross", (None, samples, None)),
+        )
         for h, covariance, *tail in zip(supports, covariances, *tails, strict=True):
             yield Psf(h, s, covariance, PsfTail(*tail))
     else:

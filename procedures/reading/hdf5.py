@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from procedures.reading.arrays import Shape, checked_array
 from procedures.reading.guard import Room
 
 if TYPE_CHECKING:
@@ -72,12 +73,9 @@ class Stored:
         """Whether the group has this data set."""
         return name in self._group
 
-    def numbers(self, name: str) -> npt.NDArray[np.float64]:
-        """A data set of finite real numbers. Raises BadInput where it takes too much memory, ValueError, KeyError."""
-        values = np.asarray(self.values(name), dtype=np.float64)
-        if not np.isfinite(values).all():
-            raise ValueError(f"`{name}` holds values that are no finite numbers")
-        return values
+    def numbers(self, name: str, shape: Shape | None = None) -> npt.NDArray[np.float64]:
+        """A data set of real numbers. Raises BadInput as `checked_array` and for its memory, ValueError, KeyError."""
+        return checked_array(self.values(name), f"`{name}` of {self._group.name} in {self._room.name}", shape)
 
     def values(self, name: str) -> npt.NDArray[Any]:
         """A data set of numbers of any kind. Raises as `numbers`."""
