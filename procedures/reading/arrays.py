@@ -33,6 +33,7 @@ LONGEST = 1_000_000
 """Pixels along a side of a frame: of no sensor."""
 Shape = tuple[int | str | None, ...]
 """Lengths of the axes: a number, a letter for axes of equal length, None for any. Only the number 0 allows no entry."""
+_AGAIN = "correct it, or write it again"
 _PLAIN = "write it again with numpy.save or numpy.savez_compressed"
 
 
@@ -117,7 +118,7 @@ def checked_array(
     high: float = LARGEST,
     finite: bool = True,
     dtype: type[np.floating[Any]] | None = np.float64,
-    remedy: str = "correct it, or write it again",
+    remedy: str = _AGAIN,
 ) -> npt.NDArray[Any]:
     """An array that was read, or nested lists of a record, as an array of real numbers.
 
@@ -154,11 +155,7 @@ def checked_array(
 
 
 def checked_number(
-    value: object,
-    what: str,
-    low: float = -LARGEST,
-    high: float = LARGEST,
-    remedy: str = "correct it, or write it again",
+    value: object, what: str, low: float = -LARGEST, high: float = LARGEST, *, remedy: str = _AGAIN
 ) -> float:
     """A number of a record. Raises BadInput as `checked_array`."""
     return float(checked_array(value, what, (), low=low, high=high, remedy=remedy))

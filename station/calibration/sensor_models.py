@@ -151,12 +151,10 @@ def models_of(record: Mapping[str, Any]) -> dict[str, SensorModel]:
 
 
 def _model(told: Mapping[str, Any]) -> SensorModel:
+    names = [one.name for one in fields(SensorModel) if one.name in told and one.name != "bend"]
     values: dict[str, Any] = {
-        one.name: checked_number(
-            told[one.name], f"`{one.name}` of the sensor", LEAST.get(one.name, -LARGEST), remedy=_GIVE
-        )
-        for one in fields(SensorModel)
-        if one.name in told and one.name != "bend"
+        name: checked_number(told[name], f"`{name}` of the sensor", LEAST.get(name, -LARGEST), remedy=_GIVE)
+        for name in names
     }
     bend = [checked_number(one, "`bend` of the sensor", remedy=_GIVE) for one in told.get("bend", ())]
     return SensorModel(**values, bend=tuple(bend))

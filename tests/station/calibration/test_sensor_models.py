@@ -84,7 +84,7 @@ def test_record_that_no_sensor_has_is_refused(written, change, words):
 )
 def test_spectrum_that_is_none_is_refused(written, tmp_path, power):
     np.save(tmp_path / "nps.npy", power)
-    with pytest.raises(BadInput, match="the noise spectrum .* must"):
+    with pytest.raises(BadInput, match=r"the noise spectrum .* must"):
         read_sensor(written(), PHOTOGRAPH)
 
 
