@@ -121,7 +121,7 @@ def test_photographs_of_two_scenes_are_refused(shaken):
 
 
 def test_photographs_smaller_than_four_kernels_are_refused(shaken):
-    with pytest.raises(BadInput, match="need photographs of 113 pixels"):
+    with pytest.raises(BadInput, match="overlap by 113 pixels; got 112 x 112"):
         kernels_of_flat_scene(shaken[0], 28, QUICK)
 
 
