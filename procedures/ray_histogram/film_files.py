@@ -90,7 +90,8 @@ def _real(arrays: Arrays, name: str, shape: Shape) -> npt.NDArray[Any]:
 
 def _whole(numbers: npt.NDArray[Any], what: str, shape: Shape) -> npt.NDArray[np.uint32]:
     high = float(np.iinfo(np.uint32).max)
-    counts = checked_array(numbers, what, shape, low=-0.5, high=high, remedy="write the film again")
+    remedy = "write the film again"
+    counts: npt.NDArray[np.float64] = checked_array(numbers, what, shape, low=-0.5, high=high, remedy=remedy)
     return np.rint(counts).astype(np.uint32)
 
 

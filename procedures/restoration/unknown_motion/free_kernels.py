@@ -11,6 +11,8 @@ from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import label
 from scipy.signal import fftconvolve
 
+from procedures.outcome import Refused
+
 Kernels = NDArray[np.float32]
 """(P, K, K), K odd, sum 1 each; a common shift of all moves only the picture."""
 LEAST_PIECE = 0.05
@@ -36,8 +38,13 @@ def _whole_pieces(kernel: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def recentred(kernels: Kernels) -> Kernels:
-    """The same, moved together by whole pixels so that their common centroid is in the middle."""
+    """The same, moved together by whole pixels so that their common centroid is in the middle.
+
+    Raises Refused where all are empty: no kernels explain the photographs.
+    """
     both, R = kernels.sum(axis=0), kernels.shape[1] // 2
+    if not both.sum() > 0:  # nor where NaN is
+        raise Refused("no kernels explain the photographs", "put structure into the scene, or give larger photographs")
     places = np.arange(2 * R + 1)
     dy, dx = (round(float(R - places @ both.sum(axis=axis) / both.sum())) for axis in (1, 0))
     wide = np.pad(kernels, ((0, 0), (R, R), (R, R)))
