@@ -26,8 +26,14 @@ def unit(kernels: Kernels) -> Kernels:
 
 
 def thin(kernels: Kernels, least: float) -> Kernels:
-    """Without what is below `least` of a kernel's greatest value, and without small pieces apart from the others."""
-    return unit(np.stack([_whole_pieces(np.where(k < least * k.max(), 0, k)) for k in kernels]))
+    """Without what is below `least` of a kernel's greatest value, and without small pieces apart from the others.
+
+    Raises Refused where that leaves nothing of any kernel.
+    """
+    thinned = np.stack([_whole_pieces(np.where(k < least * k.max(), 0, k)) for k in kernels])
+    if not thinned.any():
+        raise Refused("no kernels explain the photographs", "put structure into the scene, or give larger photographs")
+    return unit(thinned)
 
 
 def _whole_pieces(kernel: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -38,13 +44,8 @@ def _whole_pieces(kernel: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def recentred(kernels: Kernels) -> Kernels:
-    """The same, moved together by whole pixels so that their common centroid is in the middle.
-
-    Raises Refused where all are empty: no kernels explain the photographs.
-    """
+    """The same, moved together by whole pixels so that their common centroid is in the middle."""
     both, R = kernels.sum(axis=0), kernels.shape[1] // 2
-    if not both.sum() > 0:  # nor where NaN is
-        raise Refused("no kernels explain the photographs", "put structure into the scene, or give larger photographs")
     places = np.arange(2 * R + 1)
     dy, dx = (round(float(R - places @ both.sum(axis=axis) / both.sum())) for axis in (1, 0))
     wide = np.pad(kernels, ((0, 0), (R, R), (R, R)))
