@@ -30,8 +30,10 @@ FLIPPED = np.array([1.0, -1.0, -1.0])
 """From an inertial unit's axes, x right and y up, to those of the picture, y down and z ahead."""
 FEWEST = 16
 """Samples of a record from which motion is found."""
-LARGEST_READING, LEAST_INTERVAL_S = 1e6, 1e-7
-"""Of a record: no rig is farther, later, faster or turns faster, in SI units; no unit or tracker samples at 10 MHz."""
+LARGEST_READING = 1e6
+"""Of a record: no rig is farther, or faster, in SI units."""
+LATEST_S, LEAST_INTERVAL_S = 1e11, 1e-7
+"""Times of a record may count from 1970; no unit or tracker samples at 10 MHz."""
 MOST_MASK_SAMPLES = 1 << 29
 """Of all masks of all photographs: 4 GB, and 10 s of processor."""
 MOST_TURN = 0.15
@@ -143,7 +145,7 @@ def poses_on(carried: Carried, exposure_s: float) -> Poses:
     """
     points = _vectors(carried.position_m, "a shaker's path", None)
     interval_s = checked_number(carried.interval_s, "the interval of a shaker's path", LEAST_INTERVAL_S)
-    began_s = checked_number(carried.since_s or 0.0, "the opening of the shutter", -LARGEST_READING, LARGEST_READING)
+    began_s = checked_number(carried.since_s or 0.0, "the opening of the shutter", -LATEST_S, LATEST_S)
     round_s = interval_s * len(points)
     rounds = exposure_s / round_s
     if carried.since_s is None and abs(rounds - max(round(rounds), 1)) > WHOLE_ROUND * rounds:
@@ -174,9 +176,7 @@ def check_record(felt: Felt, exposure_s: float) -> Array:
 
 def _times(values: object) -> Array:
     remedy = "give seconds, sort the rows, drop repeated ones"
-    t: Array = checked_array(
-        values, "times of a record", (None,), low=-LARGEST_READING, high=LARGEST_READING, remedy=remedy
-    )
+    t: Array = checked_array(values, "times of a record", (None,), low=-LATEST_S, high=LATEST_S, remedy=remedy)
     least = float(np.diff(t).min(initial=np.inf))
     if least < LEAST_INTERVAL_S:
         raise BadInput(f"times of a record must increase by {LEAST_INTERVAL_S:g} s or more; got {least:g} s", remedy)
