@@ -49,10 +49,13 @@ def check_light(near: Array32, far: Array32) -> float:
     Raises
     ------
     Refused
-        If too much of a photograph is clipped, or it shows next to no light.
+        If too much of a photograph is clipped, or it shows next to no light, or is of a few pixels only.
     """
     clipped = []
     for photograph in (near, far):
+        if min(photograph.shape) < 3:  # noise is told by second differences
+            rows, columns = photograph.shape
+            raise Refused(f"photographs must be 3 pixels wide and high; one is {columns} x {rows}", "give whole ones")
         clipped.append(clipped_share(photograph))
         if clipped[-1] > 0.05:
             raise Refused(

@@ -298,19 +298,15 @@ def _decibels(film: Film, found: FilteredFilm, truth: Picture) -> dict[str, dict
 
 
 def _reference(path: Path, shape: tuple[int, ...]) -> Picture:
-    import numpy as np
 
     from procedures.outcome import BadInput
-    from procedures.reading.arrays import read_npz
+    from procedures.reading.arrays import checked_array, read_npz
 
     arrays, _ = read_npz(path, ("reference", "image"))
     truth = arrays.get("reference", arrays.get("image"))
-    if truth is None or truth.shape != shape:
-        came = "no array `reference` or `image`" if truth is None else f"a picture of shape {truth.shape}"
-        raise BadInput(f"{path} has {came}", f"give a converged render of shape {shape}")
-    if truth.dtype.kind not in "fiu" or not np.isfinite(truth).all():
-        raise BadInput(f"{path} holds values that are no finite numbers", "give a converged render")
-    return np.asarray(truth, np.float64)
+    if truth is None:
+        raise BadInput(f"{path} has no array `reference` or `image`", f"give a converged render of shape {shape}")
+    return checked_array(truth, f"the reference {path}", shape, remedy="give a converged render of the film's size")
 
 
 def _source(path: Path) -> dict[str, str]:

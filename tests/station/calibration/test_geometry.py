@@ -224,14 +224,18 @@ def test_what_is_no_camera_is_refused_by_name(tmp_path, result):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"columns": 1 << 70}, "1 to 1000000 pixels each way"),
+        ({"columns": 1 << 62}, "1 to 1000000 pixels each way"),
+        ({"columns": 1 << 70}, "whole numbers have up to 64 bits"),
         ({"rows": 480.5}, "1 to 1000000 pixels each way"),
-        ({"params": [1e400, 1, 1, 1, 0, 0, 0, 0]}, "parameters are finite"),
-        ({"params": [-1.0, 1, 1, 1, 0, 0, 0, 0]}, "focal length is above 0"),
-        ({"params": [900.0, 900, 320]}, "with 3 parameters is no camera"),
+        ({"params": [1e400, 1, 1, 1, 0, 0, 0, 0]}, "is no finite number"),
+        ({"params": [-1.0, 1, 1, 1, 0, 0, 0, 0]}, "the focal length of a camera must be finite, from 1e-30"),
+        (
+            {"params": [900.0, 900, 320]},
+            r"the parameters of a camera OPENCV must be an array \(8\); got an array \(3\)",
+        ),
         ({"model": "OPENCV_2"}, "is no camera|not whole|not exist"),
         ({"model": "OPENCV+SPLINE_3X9"}, "is no camera"),
-        ({"params": "many"}, "could not convert"),
+        ({"params": "many"}, "must be real numbers"),
     ],
     ids=str,
 )
