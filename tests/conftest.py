@@ -42,17 +42,26 @@ def shared_data() -> Path:
     return folder
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--nightly`: the tests marked so, too, which otherwise never run, whatever `-m` selects."""
+    parser.addoption("--nightly", action="store_true", help="run the tests marked nightly, too")
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Where processes share the tests, files come in the order below, not by the number of tests in them."""
     config.option.loadscopereorder = False
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """The house rules first, then the files with slow tests, so that none of these is waited for at the end.
 
     A test is slow too that asks for one of the fixtures which its file calls SLOW_FIXTURES: these take seconds to make.
     """
+    if not config.getoption("--nightly"):
+        nightly = [item for item in items if item.get_closest_marker("nightly")]
+        config.hook.pytest_deselected(items=nightly)
+        items[:] = [item for item in items if not item.get_closest_marker("nightly")]
     for item in items:
         if isinstance(item, pytest.Function) and set(item.fixturenames) & getattr(item.module, "SLOW_FIXTURES", set()):
             item.add_marker(pytest.mark.slow)
