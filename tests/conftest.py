@@ -2,7 +2,11 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 # as the program does for itself, before numpy is loaded: see station.__main__
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -27,6 +31,12 @@ gc.set_threshold(500_000)
 # power cut leaves is played by tests/station/sessions/faulty_disk.py, and programs that tests start do wait
 os.fsync = os.fstat  # refuses what is no file, as it does
 
+# nohup and shell scripts start the tests with signals ignored, and programs that tests start would inherit that. With a
+# handler, which no program inherits, the signals have their usual effect there and still none here
+for _number in (getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)):
+    if signal.getsignal(_number) == signal.SIG_IGN:
+        signal.signal(_number, lambda number, frame: None)
+
 ROOT = Path(__file__).resolve().parent.parent
 ABSENT = "no shared data"
 
@@ -43,6 +53,41 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"{ABSENT} at {folder}; set STATION_SHARED_DATA to its folder")
     return folder
+
+
+@pytest.fixture
+def start_program() -> Iterator[Callable[..., subprocess.Popen[Any]]]:
+    """start_program(words, **options): subprocess.Popen; killed after the test if it still runs then.
+
+    A program that outlives a failed test opens the ports of the tests that follow.
+    """
+    started: list[subprocess.Popen[Any]] = []
+
+    def start(words: list[object], **options: Any) -> subprocess.Popen[Any]:
+        started.append(subprocess.Popen([str(word) for word in words], **options))
+        return started[-1]
+
+    yield start
+    for program in started:
+        program.kill()
+        program.wait()
+        for stream in (program.stdin, program.stdout, program.stderr):
+            if stream is not None:
+                stream.close()
+
+
+@pytest.fixture(scope="session")
+def read_until() -> Callable[[Any, str], str]:
+    """read_until(stream, text): what a program writes, up to this text; fails if the program ends without it."""
+
+    def read(stream: Any, text: str) -> str:
+        seen = ""
+        while text not in seen:
+            assert (character := stream.read(1)), f"the program ended without {text!r}: {seen!r}"
+            seen += character
+        return seen
+
+    return read
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
