@@ -83,7 +83,8 @@ def read_until() -> Callable[[Any, str], str]:
     def read(stream: Any, text: str) -> str:
         seen = ""
         while text not in seen:
-            assert (character := stream.read(1)), f"the program ended without {text!r}: {seen!r}"
+            character = stream.read(1)
+            assert character, f"the program ended without {text!r}: {seen!r}"
             seen += character
         return seen
 

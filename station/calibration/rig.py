@@ -1,37 +1,33 @@
-"""Two cameras on one rig, from the results of their geometries: read, put together, written."""
+"""The charts that a camera of a rig saw, read from the result of its geometry."""
 
 from __future__ import annotations
 
 import hashlib
-import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from procedures.geometry.adjustment import POSE
-from procedures.geometry.rig import PosedCharts, RigPose
+from procedures.geometry.rig import PosedCharts
 from procedures.geometry.views import Pose
-from procedures.outcome import BadInput, Outcome
+from procedures.outcome import BadInput
 from procedures.reading.arrays import checked_array, checked_number, read_npy
 from procedures.reading.guard import decoding, read_file
 from procedures.reading.text import parse_json
-from station.common.versions import software
-from station.results.exports import numbers_table
 from station.results.geometry_planes import plane_entry, table_prefix
-from station.results.record_head import InputFile, RecordHead, verdict_entry
-from station.results.result_files import RECORD, ResultFolder, npy, write_record
+from station.results.record_head import InputFile
+from station.results.result_files import RECORD
 
-SCHEMA = "station/rig/1"
 JOINT = "joint_covariance.npy"
 _GIVE = "name the folder that station geometry wrote"
 
 
 @dataclass(frozen=True, eq=False)
 class RigCamera:
-    """One camera's charts, as its geometry's result tells them."""
+    """One camera's charts, as its geometry's result has them."""
 
     file: InputFile
     charts: PosedCharts
@@ -82,22 +78,3 @@ def _pose(told: Mapping[str, Any]) -> Pose:
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-6):
         raise ValueError("`R` of a pose must be a rotation")
     return Pose(R, t)
-
-
-def write_rig_result(
-    folder: ResultFolder, cameras: tuple[RigCamera, RigCamera], outcome: Outcome[RigPose], start: float
-) -> str:
-    """Write the pose's covariance, the numbers and the record; returns the record's text."""
-    entry = verdict_entry(outcome)
-    if (found := outcome.value) is not None:
-        numbers = found.numbers()
-        folder.write("rig_covariance.npy", npy(found.covariance))
-        folder.write("numbers.csv", numbers_table(("rig", name, one) for name, one in numbers.items()))
-        entry |= {
-            **{name: asdict(one) for name, one in numbers.items()},
-            "R": found.pose.R.tolist(), "t_mm": found.pose.t.tolist(), "charts": list(found.charts),
-            "diagnostics": {"misfit": found.misfit, "chance": found.chance},
-        }  # fmt: skip
-    files = tuple(one.file for one in cameras)
-    head = RecordHead("rig", files, {}, duration_s=round(time.perf_counter() - start, 3))
-    return write_record(folder, {"schema": SCHEMA, **head.told(), "rig": entry, "software": software()})

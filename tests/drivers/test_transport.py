@@ -221,11 +221,11 @@ def heard(master):
     return found
 
 
-def test_a_shout_comes_first_where_the_port_is_clogged(terminal, monkeypatch):
-    monkeypatch.setattr(outgoing, "WRITE_S", 60.0)  # the order ends by the stop, not by having waited
+def test_a_shout_comes_first_where_the_port_is_clogged(terminal):
     transport, master = terminal
     clog(transport)
-    orders = threading.Thread(target=lambda: transport.write(b"order " * 1000))
+    # the order ends by the stop, not by having waited
+    orders = threading.Thread(target=lambda: transport.write(b"order " * 1000, within_s=60.0))
     orders.start()
     while not transport._outgoing._turn.locked():
         time.sleep(0.001)

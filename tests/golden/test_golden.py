@@ -15,7 +15,6 @@ from .frozen import differences, frozen_record, page_text, same_text
 
 pytestmark = pytest.mark.slow
 FROZEN = Path(__file__).with_name("frozen")
-WITHOUT_PAGE = ("rig", "vignetting")
 
 
 @pytest.fixture(scope="module", params=CASES)
@@ -46,8 +45,6 @@ def test_records_are_as_they_were(made, request):
 
 def test_pages_are_as_they_were(made, request):
     name, folder = made
-    if name in WITHOUT_PAGE:
-        pytest.skip("this procedure writes no page")
     lines = [line for page in files_of(folder, ".html") for line in (f"# {page.name}", *page_text(page, folder))]
     kept = FROZEN / f"{name}.txt"
     if request.config.getoption("--freeze"):
