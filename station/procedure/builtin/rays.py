@@ -146,7 +146,7 @@ class FilteredRender:
 
     def numbers(self) -> dict[str, float]:
         """What limits can be set for."""
-        found = {
+        found: dict[str, float] = {
             SIMILAR_PATCHES: self.filtered.median_similar[0],
             SAMPLES_CAST: float(self.film.count.mean()),
             DROPPED_SAMPLES: int(self.film.dropped.sum()),
