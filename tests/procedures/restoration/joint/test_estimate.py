@@ -165,7 +165,7 @@ def spoilt(z):
         "identical": ([z[0], z[0]], BadInput, "identical"),
         "sizes": ([z[0], z[1][:, :-3]], BadInput, "differ in size"),
         "one": ([z[0]], BadInput, "two photographs"),
-        "nan": ([z[0], z[1] * np.nan], BadInput, "not numbers"),
+        "nan": ([z[0], z[1] * np.nan], BadInput, "must be finite"),
         "flat": (list(flat), Refused, "no texture"),
         "saturated": (list(white), Refused, "saturated"),
         "shifted": (list(moved), Refused, "shifted"),
