@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import gc
 import os
+import random
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
@@ -94,6 +95,7 @@ def read_until() -> Callable[[Any, str], str]:
 def pytest_addoption(parser: pytest.Parser) -> None:
     """`--nightly`: the tests marked so, too, which otherwise never run, whatever `-m` selects."""
     parser.addoption("--nightly", action="store_true", help="run the tests marked nightly, too")
+    parser.addoption("--shuffle", metavar="SEED", help="files, and the tests in each, in a random order")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -114,6 +116,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if isinstance(item, pytest.Function) and set(item.fixturenames) & getattr(item.module, "SLOW_FIXTURES", set()):
             item.add_marker(pytest.mark.slow)
+    if seed := config.getoption("--shuffle"):
+        chance = random.Random(seed)
+        places = {path: chance.random() for path in sorted({item.path for item in items})}
+        items.sort(key=lambda item: (places[item.path], chance.random()))
+        return
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: (item.path.name != "test_house.py", item.path not in slow))
 

@@ -109,6 +109,11 @@ class Count:
     wrong: list[str] = field(default_factory=list)
     late: list[str] = field(default_factory=list)
 
+    @property
+    def missing(self) -> list[str]:
+        """What was wrong with stops apart from their lateness."""
+        return [one for one in self.wrong if "within the bound" not in one]
+
 
 def _in_its_terminal() -> None:
     """The new process' terminal is its own, and it minds when that hangs up, also where this program does not."""
@@ -339,6 +344,7 @@ def main() -> int:
     parser.add_argument("--only", default=",".join(WAYS))
     parser.add_argument("--where", default=",".join(PLACES))
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--shared-machine", action="store_true", help="a late stop is printed and does not count")
     chosen = parser.parse_args()
     machine = f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} cores"
     print(f"{machine}, load {os.getloadavg()[0]:.1f}")
@@ -350,7 +356,7 @@ def main() -> int:
             count = measured(way, place, chosen.tries, chance)
             times = sorted(count.ms)
             over = sum(one > BOUND_MS for one in times)
-            missed += over + len(count.wrong)
+            missed += len(count.missing) if chosen.shared_machine else over + len(count.wrong)
             wrong = "; ".join(f"{n} x {told}" for told, n in sorted(Counter(count.wrong).items()))
             print(
                 f"{way:13} {place:9} {len(times):4} tries: median {times[len(times) // 2]:6.2f} ms, longest "
