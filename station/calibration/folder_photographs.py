@@ -90,7 +90,7 @@ def find_frames(
             found.setdefault(os.path.realpath(path), path)  # which goes round no loop of links
     if not found:
         where = ", ".join(map(printable, folders))
-        if suffixes == PHOTOGRAPHS:
+        if PHOTOGRAPHS.issubset(suffixes):
             raise BadParameter(f"no photographs in {where}", "name folders that hold RAW, PGM, PNG or TIFF")
         words = ", ".join(sorted(suffixes))
         raise BadParameter(f"no {words} in {where}", f"name folders that hold {words}")

@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import jsonschema
 import pytest
 from click.testing import CliRunner
 
 from station.__main__ import main
+from station.procedure.registry import procedure_named, procedure_names
+from station.procedure.schema import schema_of
 
 from .cases import CASES, OUT
 from .frozen import differences, frozen_record, page_text, same_text
@@ -52,3 +55,12 @@ def test_pages_are_as_they_were(made, request):
     before = kept.read_text(encoding="utf-8").splitlines()
     assert len(before) == len(lines)
     assert [(a, b) for a, b in zip(before, lines, strict=True) if not same_text(a, b)] == []
+
+
+def test_records_follow_the_schema_that_is_generated(made):
+    name, folder = made
+    if name not in procedure_names():
+        pytest.skip("this procedure has no generated schema yet")
+    for path in files_of(folder, ".json"):
+        schema = schema_of(procedure_named(name))
+        jsonschema.validate(json.loads(path.read_text(encoding="utf-8")), schema, jsonschema.Draft202012Validator)
