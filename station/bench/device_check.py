@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Any, NoReturn
 
 from drivers.errors import BadConfiguration
-from station.bench.device_options import EITHER, OPTIONS, REFERS, Option, Options
+from station.bench.device_options import EITHER, OPTIONS, REFERS, Option, Options, named
 from station.common.sanitise import printable
 from station.common.toml_lines import Path, line_of
 from station.common.toml_text import toml_value
@@ -112,14 +112,18 @@ class TableCheck:
     def _check_references(self, name: str) -> None:
         table = self._tables[name]
         for key, (drivers, kind) in REFERS.items():
-            if key not in table or key not in OPTIONS[table["driver"]].keys:
-                continue
-            other = self._tables.get(table[key])
-            if other is None or other["driver"] not in drivers:
-                good = [one for one, its in self._tables.items() if its["driver"] in drivers]
-                remedy = f'write {key} = "{good[0]}"' if good else f"add a table of a {kind}: {', '.join(drivers)}"
-                missing = "there is no such device" if other is None else f"{table[key]} is no {kind}"
-                self._refuse((name, key), f"{_value(table[key])} is given, and {missing}", remedy)
+            for one in named(table, key) if key in OPTIONS[table["driver"]].keys else ():
+                self._check_reference((name, key), one, drivers, kind)
+
+    def _check_reference(self, path: tuple[str, str], one: str, drivers: tuple[str, ...], kind: str) -> None:
+        other, given = self._tables.get(one), self._tables[path[0]][path[1]]
+        if other is None or other["driver"] not in drivers:
+            good = [name for name, its in self._tables.items() if its["driver"] in drivers]
+            remedy = f"add a table of a {kind}: {', '.join(drivers)}"
+            if good:
+                remedy = f"write {path[1]} = {toml_value(good[:1] if isinstance(given, list) else good[0])}"
+            missing = "there is no such device" if other is None else f"{one} is no {kind}"
+            self._refuse(path, f"{_value(given)} is given, and {missing}", remedy)
 
 
 def _shown(path: Path) -> str:

@@ -36,6 +36,7 @@ from drivers.shaker import ShakerAxis, StrigShaker
 from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
 from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport
+from drivers.watchdog import Released, StrigWatchdog
 from drivers.wire.transcript import Transcript
 from drivers.zaber import ZaberAxis, ZaberStage
 
@@ -108,6 +109,10 @@ def _strig(name: str, parts: Parts, *, port: str, baud: int = 115200) -> StrigSh
 def _strig_shaker(name: str, parts: Parts, *, box: str, axes: Sequence[Mapping[str, Any]]) -> StrigShaker:
     made = [ShakerAxis(**axis) for axis in axes]
     return StrigShaker(cast(StrigShutter, parts.made[box]), made, clock=parts.clock)
+
+
+def _strig_watchdog(name: str, parts: Parts, *, box: str, stages: Sequence[str]) -> StrigWatchdog:
+    return StrigWatchdog(cast(StrigShutter, parts.made[box]), [cast(Released, parts.made[one]) for one in stages])
 
 
 def _rts(name: str, parts: Parts, *, port: str) -> RtsShutter:
@@ -226,6 +231,7 @@ MAKERS: dict[str, Callable[..., Device]] = {
     "tmcl_stage": _tmcl_stage,
     "strig": _strig,
     "strig_shaker": _strig_shaker,
+    "strig_watchdog": _strig_watchdog,
     "rts": _rts,
     "relay": _relay,
     "folder": _folder,

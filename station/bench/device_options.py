@@ -246,6 +246,7 @@ OPTIONS: dict[str, Options] = {
         },
         (("name",), ("channel",)),
     ),
+    "strig_watchdog": Options({"box": Option(DEVICE, required=True), "stages": Option(Several(DEVICE), required=True)}),
     "rts": Options({"port": PORT}),
     "relay": Options(ON_A_STAGE),
     "folder": Options(
@@ -329,7 +330,20 @@ OPTIONS: dict[str, Options] = {
     "grbl_light": Options({**ON_A_STAGE, **LAMP}),
 }
 STAGES, SHUTTERS = ("grbl",), ("strig", "rts", "relay", "micromanager_shutter", "alpaca_shutter")
-REFERS = {"on": (STAGES, "GRBL stage"), "shutter": (SHUTTERS, "shutter"), "box": (("strig",), "STRIG box")}
-"""Keys that name another device, the drivers it may have, and what it is called."""
+REFERS = {
+    "on": (STAGES, "GRBL stage"),
+    "shutter": (SHUTTERS, "shutter"),
+    "box": (("strig",), "STRIG box"),
+    "stages": (("grbl", "tmcl_stage"), "stage with a motor enable input"),
+}
+"""Keys that name other devices, the drivers they may have, and what they are called."""
+
+
+def named(table: Mapping[str, Any], key: str) -> list[str]:
+    """The devices that a key of `REFERS` names."""
+    names = table.get(key, [])
+    return names if isinstance(names, list) else [names]
+
+
 EITHER = {"relay": ("on", "port"), "grbl_light": ("on", "port")}
 """Drivers that need one of two keys."""

@@ -212,7 +212,9 @@ def _of_number(record: PlaneResult, limit: Limit, spot: Spot, name: str, pixels:
 
 def _number(record: PlaneResult, spot: Spot, name: str) -> Quantity | None:
     """A number of a place; those without an uncertainty are the plane's."""
-    return spot.numbers.get(name) or (record.quantity(name) if name in record.values else None)
+    if name in spot.numbers:
+        return spot.numbers[name]
+    return None if name in record.numbers else record.quantity(name)  # a number of another place is not this one's
 
 
 def _bound(value: float) -> float | None:

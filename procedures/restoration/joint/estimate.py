@@ -273,6 +273,8 @@ def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outco
     d, s = result.diagnostics, limits or RestorationLimits()
     doubtful, refused = Verdict.DOUBTFUL, Verdict.REFUSED
     noise = d.noise_gain * d.noise
+    order = _order(d, s)
+    unexplained = 1.0 if order else SYMPTOM  # a wrong order alone leaves a residual and no depth together
     return verdict_of([
         Check("motion", d.moved, s.most_moved, refused,
               f"something moved in {d.moved:.0%} of the frame between the photographs; at most {s.most_moved:.0%} may",
@@ -280,8 +282,8 @@ def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outco
         Check("residual", d.elsewhere_over_noise, s.most_residual, refused,
               f"no picture explains the photographs: the residual is {d.elsewhere_over_noise:.1f} times their noise "
               f"and {d.unexplained:.0%} of their contrast; at most {s.most_residual:.0f} times may be",
-              f"{_order(d, s)}check that the photographs show one scene in which nothing moved, and which shape "
-              "blurred which", prior=SYMPTOM),
+              f"{order}check that the photographs show one scene in which nothing moved, and which shape "
+              "blurred which", prior=unexplained),
         Check("motion", d.moved, 0, doubtful,
               f"{_what_moved(result)}: {_where(result.moved)}; there neither picture nor depth is to be believed",
               "take them again while nothing moves, or leave that part out"),
@@ -291,8 +293,8 @@ def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outco
               f"the shapes are off: beyond noise they leave {d.unexplained:.1%} of the photographs' contrast "
               f"unexplained ({d.residual_over_noise:.1f} times the noise in all); the picture is uncertain by "
               f"{d.picture_std:.1%} of white or more",
-              f"{_order(d, s)}for finer detail measure the shapes again, or check that nothing moved between the "
-              "photographs", given=d.gained < s.least_gained, prior=SYMPTOM),
+              f"{order}for finer detail measure the shapes again, or check that nothing moved between the "
+              "photographs", given=d.gained < s.least_gained, prior=unexplained),
         Check("depth", d.undetermined, s.most_undetermined, doubtful,
               f"depth is not determined in {d.undetermined:.0%} of the frame, where texture is weak",
               "put structure into the scene"),

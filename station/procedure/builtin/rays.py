@@ -32,7 +32,7 @@ from procedures.ray_histogram.filter import PAPER, FilterParameters
 from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
 from procedures.ray_histogram.sequence import filter_sequence
 from procedures.ray_histogram.uncertainty import coverage
-from procedures.reading.arrays import read_npz
+from procedures.reading.arrays import checked_array, read_npz
 from station.common.progress import Progress, silent
 from station.drawing.linear_pictures import described_tiff, display_png, float_tiff
 from station.procedure.base import Inputs, Procedure
@@ -306,12 +306,9 @@ def _filtered(paths: Sequence[Path], settings: RaysSettings, progress: Progress)
 def _reference(path: Path, shape: tuple[int, ...]) -> Picture:
     arrays, _ = read_npz(path, ("reference", "image"))
     truth = arrays.get("reference", arrays.get("image"))
-    if truth is None or truth.shape != shape:
-        came = "no array `reference` or `image`" if truth is None else f"a picture of shape {truth.shape}"
-        raise BadInput(f"{path} has {came}", f"give a converged render of shape {shape}")
-    if truth.dtype.kind not in "fiu" or not np.isfinite(truth).all():
-        raise BadInput(f"{path} holds values that are no finite numbers", "give a converged render")
-    return np.asarray(truth, np.float64)
+    if truth is None:
+        raise BadInput(f"{path} has no array `reference` or `image`", f"give a converged render of shape {shape}")
+    return checked_array(truth, f"the reference {path}", shape, remedy="give a converged render of the film's size")
 
 
 PROCEDURE = Rays()

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import threading
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from drivers.errors import OutsideTravel
+from drivers.errors import EmergencyStopped, OutsideTravel
 from procedures.outcome import Cause, Verdict
 from procedures.plan import Ask
 from procedures.psf import Psf
@@ -30,8 +31,8 @@ from station.results.record_head import RecordHead
 from station.results.restored import RESTORATION
 from station.results.result_files import ResultFolder, write_psf_result, write_record
 
-from .driving import Driver, drive
-from .fakes import FakeLab, FakeRun, chosen_step
+from .driving import PATIENCE_S, Driver, drive
+from .fakes import FakeLab, FakeRun, FakeStage, chosen_step
 
 
 def nothing(run: FakeRun) -> RunEnded:
@@ -109,6 +110,38 @@ def test_an_emergency_stop_takes_a_question_back_that_would_begin_a_movement(tmp
 
     drive(app, use)
     assert not lab.stage.homed
+
+
+class MovesUntilStopped(FakeStage):
+    """A stage that arrives nowhere."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stopped = threading.Event()
+
+    def move_to(self, **target: float) -> None:
+        self.stopped.wait(PATIENCE_S)
+        raise EmergencyStopped("emergency stop", "home the stage")
+
+    def emergency_stop(self) -> None:
+        super().emergency_stop()
+        self.stopped.set()
+
+
+def test_ctrl_c_stops_an_axis_that_moves(tmp_path):
+    lab, app = bench_app(tmp_path)
+    lab.stage = lab.bench.devices["stage"] = MovesUntilStopped()
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f3", "right")
+        await driver.until(lambda: lab.bench.motions.under_way)
+        await driver.press("ctrl+c")
+        await driver.until("EMERGENCY STOP")
+        await driver.until(lambda: not lab.bench.motions.under_way)
+
+    drive(app, use)
+    assert lab.stage.stops == 1
 
 
 def test_a_device_that_refuses_is_a_sentence(tmp_path):

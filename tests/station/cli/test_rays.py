@@ -184,7 +184,7 @@ def test_a_reference_of_another_size_is_refused(run, small, shared_data, tmp_pat
     reference = shared_data / "rays" / "cornell_reference.npz"
     done = run("rays", small, "--scales", "2", "--reference", reference, "--out", tmp_path / "out")
     assert done.exit_code == 4
-    assert "a picture of shape (250, 250, 3)" in done.stderr
+    assert "got an array (250, 250, 3)" in done.stderr
 
 
 def test_a_file_that_is_no_film_is_refused(run, shared_data, tmp_path):
