@@ -114,18 +114,18 @@ def test_a_psf_of_two_peaks_stays_one(bench: Bench, rng: np.random.Generator) ->
 
 
 @pytest.mark.slow
-def test_error_bars_are_those_of_repeated_photographs(bench: Bench, rng: np.random.Generator) -> None:
-    n = 16
+@pytest.mark.parametrize("n", [7, pytest.param(16, marks=pytest.mark.nightly)])
+def test_error_bars_are_those_of_repeated_photographs(bench: Bench, rng: np.random.Generator, n: int) -> None:
     found = [value(estimate_psf(bench.plane(0.012, rng), CHART)) for _ in range(n)]
     h = np.array([f.psf.h.ravel() for f in found])
     sd = np.sqrt(np.mean([np.diag(f.psf.covariance) for f in found], axis=0))
     spread = np.sqrt(np.mean(np.var(h, axis=0, ddof=1) / sd**2))
-    # 289 samples of 15 freedoms, neighbours correlated: some 3 %
-    assert spread == pytest.approx(1, abs=0.1)
+    # 289 samples of 15 freedoms, neighbours correlated: some 3 %; of 6 some 5 %
+    assert spread == pytest.approx(1, abs=0.1 if n == 16 else 0.16)
     mtf50 = [f.quality.numbers["mtf50_radial"] for f in found]
     ratio = np.std([q.value for q in mtf50], ddof=1) / np.mean([q.uncertainty for q in mtf50])
-    # one number of 15 freedoms: a standard deviation known to 18 %
-    assert 0.5 < ratio < 1.6
+    # one number of 15 freedoms: a standard deviation known to 18 %; of 6, to 29 %
+    assert (0.5 if n == 16 else 0.25) < ratio < (1.6 if n == 16 else 1.9)
 
 
 @pytest.mark.slow

@@ -46,7 +46,7 @@ def rendered(flat_film, tmp_path):
     }
 
     def write(name, channels, header):
-        with openexr.File(header, channels) as file:
+        with openexr.File(dict(header), dict(channels)) as file:  # before 3.5 it changes what it is given
             file.write(str(tmp_path / name))
         return tmp_path / name
 

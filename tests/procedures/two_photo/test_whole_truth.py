@@ -12,6 +12,9 @@ from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estim
 from .endless import CAMERAS, camera, mtf50, mtf_nyquist, photographs
 from .wall import Pair
 
+WALLS = (("pink", 3.3), ("leaves", 4.2), ("pink", 5.2))
+"""Walls, and how many times nearer the second photograph is."""
+
 
 def estimate(pair: Pair, parameters: TwoPhotoParameters | None = None) -> Outcome[TwoPhotoPsf]:
     planes = [Plane("Y", samples, 1 / 65535) for samples in (pair.near, pair.far)]
@@ -62,18 +65,21 @@ def test_the_choice_is_told() -> None:
 
 
 @pytest.mark.slow
-def test_uncertainties_are_true_over_cameras_walls_and_zooms() -> None:
+@pytest.mark.parametrize("each", [False, pytest.param(True, marks=pytest.mark.nightly)], ids=["three", "all"])
+def test_uncertainties_are_true_over_cameras_walls_and_zooms(each: bool) -> None:
     off, bias = [], []
     for i, name in enumerate(CAMERAS):
-        for j, (wall, zoom) in enumerate((("pink", 3.3), ("leaves", 4.2), ("pink", 5.2))):
+        for j, (wall, zoom) in enumerate(WALLS):
+            if not each and i != j:
+                continue
             pair = photographs(CAMERAS[name], wall=wall, zoom=zoom, noise=0.005, size=110, seed=10 * i + j, tilt=0.02)
             outcome = estimate(pair)
             assert outcome.verdict is not Verdict.REFUSED, outcome.reason
             told = errors(outcome, name)
             off += [sigmas for _, sigmas in told.values()]
             bias += [told[f"mtf50_{axis}"][0] for axis in ("horizontal", "vertical")]
-    # x and y share the tail's error: some ten independent draws
-    assert np.sqrt(np.mean(np.square(off))) < 1.3
+    # x and y share the tail's error: some ten independent draws, or three
+    assert np.sqrt(np.mean(np.square(off))) < (1.3 if each else 1.7)
     assert np.abs(off).max() < 3.5
     # each pair is known to 0.5 to 1 %
-    assert abs(np.mean(bias)) < 0.008
+    assert abs(np.mean(bias)) < (0.008 if each else 0.012)

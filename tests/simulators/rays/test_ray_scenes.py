@@ -25,7 +25,7 @@ def test_print_is_ink_on_paper():
     page = text_texture(("AB", "12"))
     assert page.min() == pytest.approx(INK)
     assert page[0, 0] == pytest.approx(PAPER)
-    assert 0.02 < (page < 0.5).mean() < 0.3
+    assert 0.01 < (page < 0.5).mean() < 0.3
 
 
 def test_dead_leaves_look_alike_at_every_scale(rng):

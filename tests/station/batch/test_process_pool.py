@@ -126,7 +126,7 @@ def test_no_process_of_a_pool_or_a_local_cluster_hears_of_ctrl_c(errands, tmp_pa
     assert dict(run_on_cluster(errands.deaf, errand, range(4), 2, Stop(), "local")) == dict.fromkeys(range(4), True)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(not hasattr(os, "waitid"), reason="the system does not tell which child is stopped")
 def test_stopped_process_of_a_local_cluster_is_ended_and_its_item_done_again(errands, tmp_path):
     pytest.importorskip("distributed")
@@ -160,7 +160,7 @@ def group_ends(group):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no groups of processes")
-@pytest.mark.parametrize("kind", ["pool", "cluster"])
+@pytest.mark.parametrize("kind", ["pool", pytest.param("cluster", marks=pytest.mark.nightly)])
 def test_ctrl_c_twice_ends_endless_work_and_all_its_processes(tmp_path, kind):
     pytest.importorskip("distributed")
     script = tmp_path / "ctrl_c.py"
