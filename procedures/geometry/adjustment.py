@@ -35,7 +35,7 @@ from procedures.outcome import Refused
 Array = npt.NDArray[np.float64]
 
 CONVERGENCE = 1e-3
-"""Decrease of chi-square, over its mean per coordinate, that is not worth another step: a thirtieth of an uncertainty."""
+"""Decrease of chi-square, over its mean per coordinate, that is worth no other step: a thirtieth of an uncertainty."""
 OPEN = 1e-15
 """Least share of the scaled system's eigenvalues that rounding leaves meaningful."""
 POSE = 6
@@ -166,7 +166,7 @@ def adjust(start: AdjustmentState, nodes: Array, views: Sequence[ChartView], sha
     if not found.converged:
         raise NotConverged(
             f"the adjustment of camera and poses must converge; with {start.camera.model} it did not in "
-            f"{found.iterations} iterations, the last of which lowered the sum of squares by {found.decrease:.1e} of it",
+            f"{found.iterations} iterations; the last relative decrease of the sum of squares was {found.decrease:.1e}",
             "name a simpler camera model, or add views of the chart, tilted differently and spread over the frame",
         )
     return _concluded(found.state, nodes, views, shape, assemble(found.state, nodes, views, shape))

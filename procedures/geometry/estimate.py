@@ -354,8 +354,8 @@ def _rules(found: Geometry, parameters: GeometryParameters) -> list[Rule]:
         Rule(
             Verdict.DOUBTFUL,
             bool(unknown),
-            f"{model} was chosen without a comparison with {' and '.join(unknown)}: the adjustment of half of the views "
-            "did not converge",
+            f"{model} was chosen without a comparison with {' and '.join(unknown)}: the adjustment of half of the "
+            "views did not converge",
             f"photograph more views, or compare the residuals with --model {' or '.join(unknown)}",
         ),
         Rule(

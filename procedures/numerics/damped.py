@@ -12,12 +12,13 @@ Where the sum falls by much less than the linear model predicts, the step follow
 r'' being the second derivative of r along d, taken from differences (geodesic acceleration).
 
 The minimum is reached when an undamped step would lower the sum by less than `tolerance` of it, or move the unknowns by
-less than STEP_TOLERANCE of their size. A damped step is short by itself, so its length proves nothing.
+less than STEP_TOLERANCE of their size. A damped step is short by itself, so its length proves nothing; but where not
+even the shortest lowers the sum, a residual with a kink has its minimum.
 
 References
 ----------
 Marquardt, An algorithm for least-squares estimation of nonlinear parameters, J. SIAM 11 (1963).
-Bates, Watts, A relative offset orthogonality convergence criterion for nonlinear least squares, Technometrics 23 (1981).
+Bates, Watts, A relative offset orthogonality convergence criterion for nonlinear least squares, Technometrics 23, 1981.
 Transtrum, Sethna, Improvements to the Levenberg-Marquardt algorithm for nonlinear least-squares minimization, 2012.
 """
 
@@ -33,7 +34,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 Array = npt.NDArray[np.float64]
 State = TypeVar("State")
 
-MAX_ITERATIONS, MAX_REJECTIONS = 100, 25
+MAX_ITERATIONS, MAX_REJECTIONS = 100, 10
 """Linearisations in all, and trial steps from one of them."""
 STEP_TOLERANCE = 1e-9
 """Relative length of a step, both measured by D, that counts as none."""
@@ -51,27 +52,23 @@ REACH = 0.1
 
 
 class Linearisation(Protocol):
-    """The model about a state.
-
-    Attributes
-    ----------
-    residual : (m,) float64
-    gradient : (n,) float64
-        J'r.
-    scale : (n,) float64
-        D; 0 for unknowns that are not damped, such as Lagrange multipliers.
-    unknowns : (n,) float64
-        Their values, against which a step is short or long.
-    """
+    """The model about a state."""
 
     @property
-    def residual(self) -> Array: ...  # noqa: D102
+    def residual(self) -> Array:
+        """Residuals (m,)."""
+
     @property
-    def gradient(self) -> Array: ...  # noqa: D102
+    def gradient(self) -> Array:
+        """J'r, (n,)."""
+
     @property
-    def scale(self) -> Array: ...  # noqa: D102
+    def scale(self) -> Array:
+        """D (n,); 0 for unknowns that are not damped, such as Lagrange multipliers."""
+
     @property
-    def unknowns(self) -> Array: ...  # noqa: D102
+    def unknowns(self) -> Array:
+        """Values (n,), against which a step is short or long."""
 
     def transposed(self, residual: Array) -> Array:
         """J' times residuals (m,)."""
@@ -181,7 +178,8 @@ def minimise(problem: Problem[State], start: State, *, tolerance: float, limit: 
             rejected += 1
             trial = _trial(problem, state, model, _step(model, damping), damping)
         if not trial.cost < lower:
-            break
+            # a minimum at a kink, where no undamped step tells it: the shortest step was no way down either
+            return Minimum(state, cost, iteration, decrease, np.isfinite(trial.cost))
         state, decrease = trial.state, 1 - trial.cost / cost
         # what was just found too little is not tried again at once
         damping = max(damping * (LOWER if rejected == 0 else 1.0), LEAST_DAMPING)
@@ -219,9 +217,7 @@ def _predicted(model: Linearisation, step: Array, damping: float) -> float:
     return float(step @ (model.gradient + damping * model.scale * step))
 
 
-def _trial(
-    problem: Problem[State], state: State, model: Linearisation, step: Array, damping: float
-) -> _Trial[State]:
+def _trial(problem: Problem[State], state: State, model: Linearisation, step: Array, damping: float) -> _Trial[State]:
     """Where a damped step leads, corrected to second order where the straight one gains little."""
     if not np.isfinite(step).all():
         return _Trial(state, np.inf)

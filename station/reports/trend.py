@@ -10,8 +10,8 @@ from datetime import datetime
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.weighted_line import WeightedLine, weighted_line
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
+from station.reports.weighted_line import WeightedLine, weighted_line
 from station.sessions.index import IndexedNumber
 
 Array = npt.NDArray[np.float64]

@@ -86,7 +86,7 @@ def test_a_long_curved_valley_is_followed_to_its_end(long_lens):
 def test_an_adjustment_that_does_not_converge_blames_no_view(long_lens, monkeypatch):
     taken, start, shape = long_lens
     monkeypatch.setattr(adjustment, "minimise", partial(adjustment.minimise, limit=2))
-    with pytest.raises(NotConverged, match=r"must converge; with OPENCV it did not in 2 iterations, .* by [0-9.]+e-"):
+    with pytest.raises(NotConverged, match=r"must converge; with OPENCV it did not in 2 iterations; .* was [0-9.]+e-"):
         adjust(start, taken.nodes, taken.views, shape)
 
 

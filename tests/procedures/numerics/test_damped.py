@@ -117,3 +117,14 @@ def test_steps_to_where_there_is_no_residual_are_shortened():
     found = minimise(Residuals(lambda p: np.log(p), lambda p: np.diag(-1 / p)), np.array([10.0]), tolerance=1e-12)
     assert found.converged
     assert found.state[0] == pytest.approx(1, abs=1e-8)
+
+
+def test_the_minimum_at_a_kink_is_one():
+    # |x| + 1 where it falls steeply on one side and slowly on the other: the slope never vanishes
+    kinked = Residuals(
+        lambda p: np.array([1 + np.where(p[0] > 0, p[0], -3 * p[0])]),
+        lambda p: np.array([[-1.0 if p[0] > 0 else 3.0]]),
+    )
+    found = minimise(kinked, np.array([2.0]), tolerance=1e-9)
+    assert found.converged
+    assert found.state[0] == pytest.approx(0, abs=1e-6)
