@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from procedures.facts import facts_as
@@ -68,18 +70,21 @@ def check_reach(near_mm: Fact, facts: Facts) -> None:
 
 def check_ratio(ratio: Fact, facts: Facts) -> None:
     """Raises BadParameter where the far place lies beyond the rail's end."""
-    beyond = beyond_rail(facts_as(TwoPhotoFacts, {**facts, "ratio": ratio}))
+    known = facts_as(TwoPhotoFacts, {**facts, "ratio": ratio})
+    beyond = beyond_rail(known)
     if beyond is not None:
-        raise BadParameter(beyond.say.removesuffix("."), f"give a ratio of at most {proposed_ratio(facts):g}")
+        raise BadParameter(beyond.say.removesuffix("."), f"give a ratio of at most {reached_ratio(known):g}")
 
 
 def proposed_ratio(facts: Facts) -> float:
-    """The usual ratio, or the largest that the rail reaches, to one decimal."""
-    known = facts_as(TwoPhotoFacts, facts)
+    """The usual ratio, or the largest that the rail reaches."""
+    return min(RATIO, reached_ratio(facts_as(TwoPhotoFacts, facts)))
+
+
+def reached_ratio(known: TwoPhotoFacts) -> float:
+    """The largest ratio that the rail reaches from here, to one decimal; infinite where there is none."""
     room = room_mm(known)
-    if room is None or known.near_mm is None:
-        return RATIO
-    return min(RATIO, np.floor(10 * (1 + room / known.near_mm)) / 10)
+    return math.inf if room is None or known.near_mm is None else int(10 * (1 + room / known.near_mm)) / 10
 
 
 def beyond_rail(known: TwoPhotoFacts) -> Advice | None:

@@ -24,7 +24,7 @@ MAX_PROMPTS = 400
 """Prompts of one walk; the longest plan has about a hundred."""
 MAX_REPEATS = 40
 """How often one question may be asked in one walk; a focus ring is turned by the same step 16 times."""
-PATIENCE_S = 900.0
+PATIENCE_S = 1800.0
 """Wall-clock limit of a walk in the application, on a loaded machine."""
 FRONTENDS = ("plain", "app")
 

@@ -173,6 +173,9 @@ def test_the_ratio_proposed_is_one_that_the_rail_reaches():
     with pytest.raises(BadParameter, match=r"the rail goes 1\.50 m") as error:
         ASKS["ratio"].check(3.6, facts)
     assert "at most 3.5" in error.value.remedy
+    with pytest.raises(BadParameter) as error:
+        ASKS["ratio"].check(6.0, {**RAIL, "near_mm": 360.0})
+    assert "at most 5.1" in error.value.remedy  # 1 + 1500 / 360
     assert ASKS["ratio"].proposed({"near_mm": 360.0}) == 4.0
 
 

@@ -12,7 +12,7 @@ from drivers.errors import FrameMissing
 from procedures.outcome import BadParameter
 from procedures.plan import Advice, Ask, Go, Look
 from simulators.bench.device_faults import Mishap
-from station.guide.frontend import CurveSeen, Doing, RunBegan, RunEnded, Seen, StepEnded, Stopped, Trouble
+from station.guide.frontend import CurveSeen, Doing, RunBegan, RunEnded, Seen, StepBegan, StepEnded, Stopped, Trouble
 from station.guide.run import Run
 from station.guide.scripted import Scripted
 from station.guide.vibration import Patience
@@ -68,6 +68,7 @@ def test_of_a_step_that_is_left_out_nothing_is_asked(bench, session):
     operator = Scripted({"width": 5.0})
     Run(replace(plan, steps=(replace(first, when=lambda facts: False), *others)), bench, session, operator).go()
     assert "width" not in session.state.facts
+    assert [event.step.name for event in events(operator, StepBegan)] == ["trials", "shots"]
     assert session.state.done == ("rig", "trials", "shots")
 
 
