@@ -74,6 +74,7 @@ class SimulatedBench:
         self.view = View(self.world, picture)
         self.subject = "chart"
         self._usual_camera: SimulatedCamera | None = None
+        self._lit_by_stage = False
         self.motions: tuple[tuple[Drive, ...], ...] = ()
         self._room = setup.room
         self._motors_on_box = setup.motors_on_box
@@ -91,7 +92,7 @@ class SimulatedBench:
 
     def _devices(self, rng: np.random.Generator) -> dict[str, SerialDevice]:
         axes, seeds = self.world.axes, rng.spawn(4)
-        outputs = Outputs(self._relay, self.world.set_lamp)
+        outputs = Outputs(self._relay, self._spindle)
         chain = {number: [(axes[name], UNIT_PER_STEP[name])] for number, name in ((1, "pan_deg"), (2, "tilt_deg"))}
         return {
             "stage": GrblController({"X": axes["z_mm"], "Y": axes["x_mm"], "Z": axes["y_mm"]}, outputs=outputs),
@@ -137,6 +138,12 @@ class SimulatedBench:
             self.body.close(now_s)
         else:
             self.body.release(now_s)
+
+    def _spindle(self, level: float, now_s: float) -> None:
+        """The stage's controller switches the lamp too, but a reset of it does not switch off what others lit."""
+        if level or self._lit_by_stage:
+            self.world.set_lamp(level, now_s)
+        self._lit_by_stage = level > 0
 
     def address(self, device: str) -> str:
         """The URL of a device's port."""

@@ -131,7 +131,7 @@ def test_the_head_at_rest_is_the_special_case():
     assert pan_tilt_deg(location, shape, F_PX) == pan_tilt_deg(location, shape, F_PX, np.array([0.0, 0.0, 2.0]))
 
 
-# --- what the tour will cover is checked before its first photograph -------------------------------------------------
+# --- what the tour will cover is checked before its first photograph ------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -60,3 +60,9 @@ def test_a_plan_over_the_frame_has_a_camera_of_its_own_and_others_have_theirs_ag
     assert bench.view.camera.lens.f_number == 2.8
     bench.show("panel")
     assert bench.view.camera.sensor == usual
+
+
+def test_a_reset_of_the_stage_s_controller_leaves_the_lamp_that_another_lit(bench):
+    bench.world.set_lamp(0.5, 0.0)
+    bench.devices["stage"].receive(b"\x18", 1.0)
+    assert bench.world.lamp(1e5) == 0.5
