@@ -84,7 +84,8 @@ def _measured(procedure: Procedure, paths: Sequence[Path], hashes: Sequence[str]
     def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
         if page and measuring.has_page and not found.refused:
             place.write(measuring.page_name, measuring.page(found))
-        return write_measurement(place, replace(found, head=head))
+        whole = replace(head, parameters={**head.parameters, **found.head.parameters})
+        return write_measurement(place, replace(found, head=whole))
 
     return Answer(found.planes, found.exposure, write)
 

@@ -149,10 +149,10 @@ def _found_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms,
 def _write_geometry(
     folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    from station.reports.geometry_files import write_plane
+    from station.guide.plans.geometry import write
 
     (plane,) = planes
-    return write_plane(folder, plane, frames, head)
+    return write(folder, plane, frames, head)
 
 
 def _sensor() -> Plan:

@@ -82,8 +82,8 @@ def _field(one: msgspec.structs.FieldInfo, hint: Any) -> SettingField:
 
 
 def _meta(hint: Any) -> msgspec.Meta | None:
-    """What `setting` says of a field; of an optional one it stands inside the union, where bounds have a meaning."""
-    inside = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else ()
+    """What `setting` says of a field; in an optional one or a list it stands inside, where bounds have a meaning."""
+    inside = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType, tuple) else ()
     found = (extra for one in (hint, *inside) for extra in getattr(one, "__metadata__", ()))
     return next((extra for extra in found if isinstance(extra, msgspec.Meta)), None)
 

@@ -76,9 +76,15 @@ class Measurement:
             **self.head.told(),
             self.results_key: records if self.results_key == BY_PLANE else next(iter(records.values())),
             **self.entries,
-            **({} if self.missed is None else {"left_out": [one.told() for one in self.missed]}),
+            **self._left_out(),
             "software": software(),
         }
+
+    def _left_out(self) -> dict[str, Any]:
+        """The photographs that gave nothing, where the planes do not list them."""
+        if self.missed is None or any("left_out" in one.details for one in self.planes):
+            return {}
+        return {"left_out": [one.told() for one in self.missed]}
 
 
 def write_measurement(folder: ResultFolder, found: Measurement) -> str:
