@@ -15,7 +15,7 @@ from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, default_plane, read_frame, read_photograph
 from procedures.reading.exposure import Exposure, check_typed
 from procedures.two_photo.estimate import TwoPhotoParameters
-from station.batch.procedure_file import ALL, EDGE, FIELD, TWO_PHOTO, Procedure
+from station.batch.procedure_file import ALL, FIELD, TWO_PHOTO, Procedure
 from station.calibration.planes import calibrate, calibrate_pair, diffraction_limit
 from station.common.sanitise import encodable, printable
 from station.procedure.base import Inputs
@@ -68,7 +68,7 @@ def estimate(
     if procedure.restoration is not None:
         return _restoration(procedure, procedure.restoration, paths, contents)
     frames = [_read(*file, procedure) for file in zip(paths, contents, strict=True)]
-    return _edges(procedure, frames[0]) if procedure.name == EDGE else _psf(procedure, frames)
+    return _psf(procedure, frames)
 
 
 def _measured(procedure: Procedure, paths: Sequence[Path], hashes: Sequence[str]) -> Answer:
@@ -82,7 +82,7 @@ def _measured(procedure: Procedure, paths: Sequence[Path], hashes: Sequence[str]
             raise ChangedMeanwhile(Path(one.path))
 
     def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
-        if page and measuring.has_page and not found.refused:
+        if page and measuring.draws(found):
             place.write(measuring.page_name, measuring.page(found))
         whole = replace(head, parameters={**head.parameters, **found.head.parameters})
         return write_measurement(place, replace(found, head=whole))
@@ -138,25 +138,6 @@ def _write_page(
     kind = TWO_PHOTO if procedure.name == TWO_PHOTO else "pattern"
     report = report_of_files(kind, frames, planes, procedure.told(), procedure.terms.specification)
     place.write(PAGE, calibration_page(report).encode())
-
-
-def _edges(procedure: Procedure, frame: RawFrame) -> Answer:
-    """The slanted edges of a photograph."""
-    from station.calibration.edges import measure_edges, write_edge_result
-
-    optics = _optics(procedure)
-    limit = partial(diffraction_limit, frame.exposure, **optics)
-    records = list(measure_edges(frame, None, limit, procedure.terms, optics["pixel_pitch_um"]))
-
-    def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
-        if page:
-            from station.reports.edges.edge_page import edge_page, edge_report  # here: it draws, which is slow to load
-
-            told = edge_report(frame, records, procedure.told(), procedure.terms)
-            place.write("report.html", edge_page(told, frame, records).encode())
-        return write_edge_result(place, frame, records, head)
-
-    return Answer([one.result for one in records], frame.exposure, write)
 
 
 def further_files(procedure: Procedure, paths: Sequence[Path]) -> dict[Path, str]:

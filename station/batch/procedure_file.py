@@ -50,12 +50,12 @@ from station.results.units import Frequency, Unit
 if TYPE_CHECKING:
     from station.calibration.restoration.restorations import RestorationOptions
 
-PATTERN, TWO_PHOTO, FIELD, EDGE, SERIES, RESTORE = "pattern", "two-photo", "field", "edge", "series", "restore"
+PATTERN, TWO_PHOTO, FIELD, SERIES, RESTORE = "pattern", "two-photo", "field", "series", "restore"
+EDGE = "edge"
 DEFAULTS: Mapping[str, Sampling | None] = {
     PATTERN: PatternParameters(),
     TWO_PHOTO: TwoPhotoParameters(),
     FIELD: FIELD_PARAMETERS,
-    EDGE: None,
     SERIES: PatternParameters(),
     RESTORE: None,
 }
@@ -66,6 +66,8 @@ ENDINGS: Mapping[str, Mapping[str, str]] = {
 }
 """Of procedures whose items are pairs: which photograph's name ends how, where nothing is told."""
 OF_CHARTS = (PATTERN, FIELD, SERIES)
+AT_THE_TOP = (EDGE,)
+"""Procedures whose planes, optics, raw and trust_typed may stand beside [settings]."""
 ALL = "all"
 OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
 
@@ -76,8 +78,9 @@ class Procedure:
 
     Attributes
     ----------
-    name : "pattern", "two-photo", "field" (a folder's photographs together), "edge", "series" or "restore"
-    parameters : PatternParameters or TwoPhotoParameters, or None of edges and restorations
+    name : "pattern", "two-photo", "field" (a folder's photographs together), "series", "restore", or one of
+        `station.procedure`
+    parameters : PatternParameters or TwoPhotoParameters, or None of restorations
     planes : tuple of str
         Empty for the default one of each file, ("all",) for all.
     chart : Source or None
@@ -198,7 +201,10 @@ def read_procedure(path: Path) -> Procedure:
 def _measuring(table: Table, name: str, beside: Path) -> Procedure:
     """Of a procedure with a model of settings: its keys stand in [settings]."""
     measuring = procedure_named(name)
-    settings = placed(read_settings(measuring.Settings, table.get("settings", dict, {}), "settings."), beside)
+    given = table.get("settings", dict, {})
+    if name in AT_THE_TOP:
+        given = {**_at_the_top(table), **given}
+    settings = placed(read_settings(measuring.Settings, given, "settings."), beside)
     endings, pairs = Procedure.endings, None
     if measuring.inputs in (Inputs.PAIR, Inputs.RESULTS):
         endings, pairs = _pairs(table.table("pairs"), beside, measuring.endings)
@@ -207,6 +213,18 @@ def _measuring(table: Table, name: str, beside: Path) -> Procedure:
     )
     table.end()
     return found
+
+
+def _at_the_top(table: Table) -> dict[str, Any]:
+    """Settings that stand in a procedure file under keys of their own."""
+    table.table("parameters").end()
+    planes = _planes(table)
+    found: dict[str, Any] = {"plane": ",".join(planes)} if planes else {}
+    if (layout := _layout(table)) is not None:
+        found["raw"] = str(layout)
+    if table.has("trust_typed"):
+        found["trust_typed"] = table.get("trust_typed", bool, False)
+    return found | _optics(table.table("optics"))
 
 
 def _auto(table: Table, name: str, default: int | None) -> int | None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ SCHEMA = "station/geometry/1"
 def geometry_measurement(planes: Sequence[PlaneGeometry], head: RecordHead) -> Measurement:
     """Each plane's camera with its tables; `found` are the planes themselves."""
     cameras = {one.shoot.plane: one.outcome.value for one in planes if one.outcome.value is not None}
-    files = {}
+    files: dict[str, bytes | Callable[[Path], None]] = {}
     for name, camera in cameras.items():
         files |= _tables(table_prefix(name, len(planes)), camera)
     if cameras:

@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import certificate_option, finish, tell_judged, tell_misses
+from station.cli.psf.planes import (
+    certificate_option,
+    finish,
+    overlay_option,
+    read_overlays,
+    tell_judged,
+    tell_misses,
+    tell_untold,
+)
 from station.cli.psf.terms import specification_option, terms_of, terms_options
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
@@ -60,9 +68,10 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
     command: Any = click.pass_context(lambda context, **given: measure(**given))
     options = [
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
-        *([click.option("--report/--no-report", default=True, show_default=True,
+        *([click.option("--report/--no-report", default=procedure.usual_page, show_default=True,
                         help=f"Write {procedure.page_name} too, for people.")] if procedure.has_page else []),
         certificate_option,
+        *([overlay_option] if procedure.has_mtf else []),
         click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too."),
         log_json_option,
     ]  # fmt: skip
@@ -120,7 +129,7 @@ def _results(
     from station.results.measurement import write_measurement
     from station.results.result_files import ResultFolder
 
-    out, terms = given["out"], terms_of(given)
+    out, terms, overlays = given["out"], terms_of(given), read_overlays(given.get("overlays", ()))
     settings = read_settings(procedure.Settings, chosen)
     if procedure.inputs is Inputs.PHOTOGRAPHS:
         paths = [path for one in paths for path in (photographs(one) if one.is_dir() else [one])]
@@ -130,8 +139,9 @@ def _results(
             start = time.perf_counter()
             with ResultFolder(out / place, force=forced()) as folder:
                 found = next(results)
-                found = replace(found, head=replace(found.head, duration_s=round(time.perf_counter() - start, 3)))
-                if given.get("report") and not found.refused:
+                head = replace(found.head, duration_s=round(time.perf_counter() - start, 3))
+                found = replace(found, head=head, overlays=overlays)
+                if (given.get("report") or overlays) and procedure.draws(found):
                     folder.write(procedure.page_name, procedure.page(found))
                 if given["certificate"]:
                     _certify(folder, procedure, found)
@@ -152,6 +162,7 @@ def report(procedure: Procedure[Any], found: Measurement, written: Path) -> None
     tell_misses(found.missed or ())
     for one in found.planes:
         tell_judged("plane", _sentence(one), one, plane=one.name)
+        tell_untold(one)
     for line in procedure.lines(found):
         log(procedure.name, line)
     log("written", f"wrote {written}", path=str(written))

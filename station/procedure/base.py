@@ -77,9 +77,9 @@ class Reading(RawLayout, frozen=True, kw_only=True):
         return upper_plane(self.plane)
 
     def read(self, path: Path) -> RawFrame:
-        """The planes asked for. Raises ProcedureError."""
+        """The planes asked for: one, several with commas between them, or all. Raises ProcedureError."""
         chosen = self.plane_name or default_plane(path, self.layout)
-        return read_frame(path, None if chosen == "all" else [chosen], self.layout)
+        return read_frame(path, None if chosen == "all" else chosen.split(","), self.layout)
 
 
 class ChartReading(Reading, frozen=True, kw_only=True):
@@ -123,7 +123,7 @@ class Procedure(ABC, Generic[S]):
     suffixes : which files of a folder a batch takes: suffixes, or whole names
     endings : how the names of a batch's pairs end, by key of the procedure file
     results_key : the entry of the record that holds the results by plane, or the only one of them
-    has_page : whether a page is drawn; `page_name` is its file
+    has_page : whether a page is drawn; `page_name` is its file; `usual_page` whether it is where nothing is said of it
     has_mtf : whether it has an MTF, so that a unit of frequencies and further frequencies can be chosen
     method : the publication or standard that certificates cite
     """
@@ -138,6 +138,7 @@ class Procedure(ABC, Generic[S]):
     results_key: ClassVar[str] = BY_PLANE
     has_page: ClassVar[bool] = True
     page_name: ClassVar[str] = "report.html"
+    usual_page: ClassVar[bool] = True
     has_mtf: ClassVar[bool] = False
     argument: ClassVar[str] = ""
     method: ClassVar[str] = ""
@@ -174,6 +175,10 @@ class Procedure(ABC, Generic[S]):
     def lines(self, found: Measurement) -> list[str]:
         """Further lines for the terminal, after those of the planes."""
         return []
+
+    def draws(self, found: Measurement) -> bool:
+        """Whether a measurement has a page."""
+        return self.has_page and not found.refused
 
     def page(self, found: Measurement) -> bytes:
         """The page for people: by default verdict, numbers, limits, curves and provenance."""

@@ -17,6 +17,7 @@ from station.procedure.base import Procedure
 GROUP = "station.procedures"
 BUILTIN: Mapping[str, str] = {
     "correct": "station.procedure.builtin.correct:PROCEDURE",
+    "edge": "station.procedure.builtin.edge:PROCEDURE",
     "geometry": "station.procedure.builtin.geometry:PROCEDURE",
     "rays": "station.procedure.builtin.rays:PROCEDURE",
     "rig": "station.procedure.builtin.rig:PROCEDURE",

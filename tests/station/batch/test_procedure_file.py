@@ -58,7 +58,7 @@ def test_auto_and_numbers_are_what_s_and_k_can_be(procedure_file):
         ("limits = { gamma = { min = 2, max = 1 } }", "limits.gamma.min and max must leave a range", "min below max"),
         ("limits = { gamma = {} }", "must leave a range", "give min"),
         ("limits = { gamma = { min = nan } }", "limits.gamma.min must be a number", "correct"),
-        ("procedure = 'patern'", "procedure is 'patern'", "pattern, two-photo, field, edge, series"),
+        ("procedure = 'patern'", "procedure is 'patern'", "pattern, two-photo, field, series, restore, correct, edge"),
         ("procedure = 'edge'\nparameters = { s = 4 }", "parameters.s is not known", ""),
         ("procedure = 'edge'\nphysics = true", "physics is not known", "write optics"),
         ("specification = 'x.toml'\nlimits = { gamma = { min = 1 } }", "are both given", "one of them"),
