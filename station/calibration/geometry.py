@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -19,6 +18,7 @@ from procedures.raw import RawFrame, default_plane, read_frame
 from procedures.reading.exposure import Exposure
 from procedures.reading.sensor_dump import DumpLayout
 from station.common.progress import Progress, silent
+from station.common.threads import threads
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def measure_views(
     """
     one = partial(_measure, plane=plane, chart=chart, layout=layout)
     found: list[_Measured] = []
-    with ThreadPoolExecutor(min(len(paths), os.cpu_count() or 1)) as workers:
+    with ThreadPoolExecutor(min(len(paths), threads())) as workers:
         try:
             for path, answer in zip(paths, workers.map(one, paths), strict=True):
                 found.append(answer)

@@ -16,9 +16,8 @@ from station.cli.psf.planes import (
     finish,
     overlay_option,
     read_overlays,
-    tell_judged,
     tell_misses,
-    tell_untold,
+    tell_result,
 )
 from station.cli.psf.terms import specification_option, terms_of, terms_options
 from station.cli.terminal.force import force_option, forced
@@ -98,7 +97,23 @@ def _option(one: SettingField) -> Any:
     )
 
 
+class NumberOr(click.ParamType):  # type: ignore[type-arg]  # generic in some releases only
+    """A whole number, or a word that stands for none."""
+
+    def __init__(self, word: str) -> None:
+        self.word, self.name = word, f"{word}|N"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
+        """The number, or the word."""
+        try:
+            return self.word if value == self.word else int(str(value))
+        except ValueError:
+            self.fail(f"give a whole number, or {self.word}; got {value!r}", param, ctx)
+
+
 def _type(one: SettingField) -> click.ParamType[Any]:
+    if one.word:
+        return NumberOr(one.word)
     if one.choices:
         return click.Choice(one.choices, case_sensitive=False)
     if one.kind is int:
@@ -152,28 +167,15 @@ def _results(
 
 def _certify(folder: Any, procedure: Procedure[Any], found: Measurement) -> None:
     from station.reports.certificate_print import write_certificate
-    from station.reports.measurement_page import measurement_report
 
-    write_certificate(folder, measurement_report(found, procedure.title, procedure.method))
+    write_certificate(folder, procedure.report(found))
 
 
 def report(procedure: Procedure[Any], found: Measurement, written: Path) -> None:
     """Lines on stderr: the photographs that gave nothing, every plane with its numbers, what was written."""
     tell_misses(found.missed or ())
     for one in found.planes:
-        tell_judged("plane", _sentence(one), one, plane=one.name)
-        tell_untold(one)
+        tell_result(one)
     for line in procedure.lines(found):
         log(procedure.name, line)
     log("written", f"wrote {written}", path=str(written))
-
-
-def _sentence(plane: PlaneResult) -> str:
-    from procedures.numbers import Group, in_group
-    from station.common.uncertainty_text import stated
-
-    parts = [f"{plane.name}: {plane.verdict}", *([plane.reason] if plane.reason else [])]
-    for number in in_group(Group.LINE):
-        if (one := plane.quantity(number)) is not None:
-            parts.append(f"{number} {stated(one.value, one.uncertainty)}" + ("" if one.unit == "1" else f" {one.unit}"))
-    return "; ".join(parts)

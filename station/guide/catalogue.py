@@ -39,7 +39,7 @@ def _psf_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, f
 def _write_psf(
     folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    from station.results.result_files import write_psf_result
+    from station.results.psf_files import write_psf_result
 
     return write_psf_result(folder, planes, head)
 

@@ -15,7 +15,7 @@ from station.procedure.base import Reading
 from station.procedure.settings import setting
 from station.results.units import Pixels, pixels_of
 
-INSIST = "add --trust-typed (in a procedure file trust_typed = true)"
+INSIST = "add --trust-typed, or in a procedure file write trust_typed = true"
 
 
 class OpticsReading(Reading, frozen=True, kw_only=True):
@@ -47,6 +47,10 @@ class OpticsReading(Reading, frozen=True, kw_only=True):
     def pixels(self, frame: RawFrame) -> Mapping[str, Pixels]:
         """The pixels of each plane."""
         return pixels_of(frame, self.pixel_pitch_um)
+
+    def plane_pixels(self, frame: RawFrame) -> Pixels:
+        """The pixels of the planes, which are alike."""
+        return next(iter(self.pixels(frame).values()))
 
     def given(self) -> dict[str, Any]:
         """What of them a record says."""

@@ -19,7 +19,9 @@ NUMBER_OR_NULL = {"type": ["number", "null"]}
 
 def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
     """The schema (draft 2020-12) of a procedure's `result.json`."""
-    (settings,), definitions = msgspec.json.schema_components([procedure.Settings], ref_template="#/$defs/{name}")
+    (settings,), definitions = msgspec.json.schema_components(
+        [procedure.Settings], schema_hook=_path, ref_template="#/$defs/{name}"
+    )
     results = {"type": "object", "additionalProperties": {"$ref": "#/$defs/plane"}}
     return {
         "$schema": DRAFT,
@@ -43,6 +45,11 @@ def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
         },
         "$defs": {**definitions, **_definitions()},
     }
+
+
+def _path(kind: type) -> dict[str, Any]:
+    """A file's name, the one type of settings that JSON does not have."""
+    return {"type": "string"}
 
 
 def _definitions() -> dict[str, Any]:

@@ -44,6 +44,7 @@ class SettingField:
     ----------
     kind : float, int, bool, str or Path
     choices : the only values, of a Literal; empty where others are possible
+    word : a text that may stand in place of a number, as "auto"; "" where none may
     several : whether it is a list of such values
     required : whether it has no default
     """
@@ -56,6 +57,7 @@ class SettingField:
     most: float | None
     metavar: str
     choices: tuple[str, ...]
+    word: str
     several: bool
     required: bool
 
@@ -77,8 +79,15 @@ def _field(one: msgspec.structs.FieldInfo, hint: Any) -> SettingField:
     known = _meta(hint) or msgspec.Meta()
     return SettingField(
         one.name, kind, default, known.description or "", known.ge, known.le, (known.extra or {}).get("metavar", ""),
-        choices, several, one.required,
+        choices, _word(hint), several, one.required,
     )  # fmt: skip
+
+
+def _word(hint: Any) -> str:
+    """The text of `int | Literal["auto"]`."""
+    parts = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else ()
+    texts = [one for part in parts if typing.get_origin(part) is Literal for one in typing.get_args(part)]
+    return str(texts[0]) if texts and typing.get_origin(parts[0]) is not Literal else ""
 
 
 def _meta(hint: Any) -> msgspec.Meta | None:
@@ -143,7 +152,8 @@ def _required(one: SettingField) -> str:
     bounds = [
         f"{word} {bound:g}" for word, bound in (("at least", one.least), ("at most", one.most)) if bound is not None
     ]
-    return " ".join(["a list, each" if one.several else "", words, " and ".join(bounds)]).strip()
+    or_word = f'or "{one.word}"' if one.word else ""
+    return " ".join(["a list, each" if one.several else "", words, " and ".join(bounds), or_word]).strip()
 
 
 def named_files(settings: Settings) -> list[Path]:

@@ -12,7 +12,6 @@ from station.drawing.colours import PLANE_COLOURS
 from station.drawing.style import axes_grid, svg
 from station.reports.page import render
 from station.reports.pattern_report import (
-    METHODS,
     PlaneSheet,
     Report,
     ReportShot,
@@ -39,7 +38,7 @@ def measurement_report(found: Measurement, title: str, method: str = "") -> Repo
     first = inputs[0].path.rpartition("/")[2] if inputs else RECORD
     return Report(
         subject=camera_words(found.exposure) or (title if first == RECORD else first),
-        procedure=method or (found.head.procedure if found.head.procedure in METHODS else title),
+        procedure=method or title,
         planes=[PlaneSheet(one) for one in found.planes],
         shots=[ReportShot(one.path, one.sha256) for one in inputs],
         parameters=found.head.parameters,

@@ -77,8 +77,8 @@ class Measurement:
         return {
             "schema": self.schema,
             **self.head.told(),
-            self.results_key: records if self.results_key == BY_PLANE else next(iter(records.values())),
             **self.entries,
+            self.results_key: records if self.results_key == BY_PLANE else next(iter(records.values())),
             **self._left_out(),
             "software": software(),
         }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from procedures.numbers import EDGE_ANGLE, EDGE_MTF50
 from procedures.outcome import BadParameter
@@ -21,6 +21,9 @@ from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
 from station.results.units import told_quantity
 from station.results.verdict_words import measurement_words
+
+if TYPE_CHECKING:
+    from station.reports.pattern_report import Report
 
 
 class EdgeSettings(OpticsReading, frozen=True, kw_only=True):
@@ -83,13 +86,18 @@ class SlantedEdge(Procedure[EdgeSettings]):
         """Always: where an edge was refused is worth seeing."""
         return True
 
-    def page(self, found: Measurement) -> bytes:
-        """Every edge with its place, its spread and its MTF."""
-        from station.reports.edges.edge_page import edge_page, edge_report  # here: it draws, which is slow to load
+    def report(self, found: Measurement) -> Report:
+        """With what the camera noted of the photograph."""
+        from station.reports.edges.edge_page import edge_report  # here: it draws, which is slow to load
 
         frame, records = found.found.frame, found.found.records
-        report = edge_report(frame, records, found.head.parameters, found.terms, found.overlays)
-        return edge_page(report, frame, records).encode()
+        return edge_report(frame, records, found.head.parameters, found.terms, found.overlays)
+
+    def page(self, found: Measurement) -> bytes:
+        """Every edge with its place, its spread and its MTF."""
+        from station.reports.edges.edge_page import edge_page  # here: it draws, which is slow to load
+
+        return edge_page(self.report(found), found.found.frame, found.found.records).encode()
 
     def lines(self, found: Measurement) -> list[str]:
         """Every edge that has a place, and how many have which verdict."""

@@ -139,7 +139,7 @@ def test_a_field_names_the_photograph_that_cannot_be_read(tmp_path):
 def test_what_the_camera_noted_stands_in_the_row(tmp_path, chart_photograph, monkeypatch):
     path = chart_photograph(tmp_path / "in" / "a.dng")
     exposure = read_frame(path).exposure
-    monkeypatch.setattr(estimates, "calibrate", lambda *args, **more: iter(()))
+    monkeypatch.setattr("station.procedure.builtin.pattern.calibrate", lambda *args, **more: iter(()))
     monkeypatch.setattr("station.batch.item._row_of", lambda item, *rest: ItemRow(item.files, "pass"))
     (row,) = rows_of(tmp_path, 'procedure = "series"\n')
     assert row.noted["f_number"] == exposure.f_number
