@@ -19,7 +19,7 @@ COMMANDS = {
     "pattern": ("pattern", "pattern", "Write the printable noise chart."),
     "psf": ("psf.group", "psf", "Estimate a point spread function."),
     "sensor": ("procedure_command", "sensor", "Measure gain, noise and non-uniformity of a sensor (EMVA 1288)."),
-    "geometry": ("camera.geometry", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
+    "geometry": ("procedure_command", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
     "rig": ("procedure_command", "rig", "Measure the pose of one camera on a rig by the other."),
     "vignetting": ("procedure_command", "vignetting", "Measure the light lost towards the corners, from flats."),
     "tilt": ("procedure_command", "tilt", "Find the sensor's tilt, and the turns of its screws that mend it."),
@@ -75,8 +75,8 @@ LARGE_HEAP = 50_000
 @click.option("--plan", help="What to be guided through.  [default: pattern]")
 @click.option(
     "--specification", type=click.Path(path_type=Path),
-    help="Limits to hold results to, in TOML.  [also for: psf, sensor, rig, vignetting, tilt, mtf, correct, rays,"
-    " serve]",
+    help="Limits to hold results to, in TOML.  [also for: psf, sensor, geometry, rig, vignetting, tilt, mtf, correct,"
+    " rays, serve]",
 )  # fmt: skip
 @click.option(
     "--unit", type=UNITS,

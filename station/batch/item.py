@@ -19,12 +19,12 @@ from station.calibration.folder_photographs import Item, called
 from station.common.sanitise import encodable, printable, safe_stem
 from station.common.versions import software
 from station.procedure.base import Inputs
-from station.procedure.registry import procedure_named
 from station.results.comparison import Comparison, Judged
 from station.results.measurement import BY_PLANE, Measurement, write_measurement
 from station.results.plane_result import PlaneResult
+from station.results.psf_files import write_psf_result
 from station.results.record_head import InputFile, RecordHead
-from station.results.result_files import RECORD, ResultFolder, write_psf_result
+from station.results.result_files import RECORD, ResultFolder
 from station.results.result_seal import damage
 
 RESULTS = "results"
@@ -186,7 +186,7 @@ def _estimate(
 def _write_failure(procedure: Procedure, error: ProcedureError) -> Write:
     """Writes the record of what could not be estimated."""
     if procedure.settings is not None:
-        measuring = procedure_named(procedure.name)
+        measuring = procedure.measuring
         missing = PlaneResult(measuring.name, Verdict.REFUSED, error.reason, error.remedy)
         planes = () if measuring.results_key == BY_PLANE else (missing,)
         return lambda place, head, page: write_measurement(

@@ -24,7 +24,7 @@ energy_above_nyquist = { max = 0.05, planes = ["G1", "G2"] }
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,15 +34,14 @@ from procedures.outcome import BadParameter
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters
-from procedures.psf import Sampling
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
 from procedures.reading.sensor_dump import DumpLayout
-from procedures.two_photo.estimate import TwoPhotoParameters
 from station.common.sanitise import printable
 from station.common.toml_table import Table
 from station.procedure.base import Inputs
+from station.procedure.base import Procedure as Measuring
 from station.procedure.registry import procedure_named, procedure_names
-from station.procedure.settings import Settings, placed, read_settings, to_record
+from station.procedure.settings import Settings, fields_of, placed, read_settings, to_record
 from station.results.specification_file import read_specification, specification_in
 from station.results.terms import USUAL, Terms
 from station.results.units import Frequency, Unit
@@ -51,21 +50,12 @@ if TYPE_CHECKING:
     from station.calibration.restoration.restorations import RestorationOptions
 
 PATTERN, TWO_PHOTO, FIELD, EDGE, SERIES, RESTORE = "pattern", "two-photo", "field", "edge", "series", "restore"
-DEFAULTS: Mapping[str, Sampling | None] = {
-    PATTERN: PatternParameters(),
-    TWO_PHOTO: TwoPhotoParameters(),
-    FIELD: FIELD_PARAMETERS,
-    EDGE: None,
-    SERIES: PatternParameters(),
-    RESTORE: None,
-}
-"""How a PSF is sampled by each procedure; None where there is none."""
-ENDINGS: Mapping[str, Mapping[str, str]] = {
-    TWO_PHOTO: {"near": "_near", "far": "_far"},
-    RESTORE: {"first": "_1", "second": "_2"},
-}
-"""Of procedures whose items are pairs: which photograph's name ends how, where nothing is told."""
-OF_CHARTS = (PATTERN, FIELD, SERIES)
+OWN = (FIELD, SERIES, RESTORE)
+"""Procedures of batches beside those of `station.procedure`."""
+PAIRS: Mapping[str, str] = {"first": "_1", "second": "_2"}
+"""How the names of a restoration's photographs end, where nothing is told."""
+AT_THE_TOP = (PATTERN, TWO_PHOTO, EDGE, SERIES)
+"""Procedures whose planes, parameters, chart, optics, ... may stand beside [settings]."""
 ALL = "all"
 OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
 
@@ -76,8 +66,8 @@ class Procedure:
 
     Attributes
     ----------
-    name : "pattern", "two-photo", "field" (a folder's photographs together), "edge", "series" or "restore"
-    parameters : PatternParameters or TwoPhotoParameters, or None of edges and restorations
+    name : "field" (a folder's photographs together), "series", "restore", or one of `station.procedure`
+    parameters : PatternParameters of a field, None of others
     planes : tuple of str
         Empty for the default one of each file, ("all",) for all.
     chart : Source or None
@@ -96,16 +86,14 @@ class Procedure:
         Of the procedure file, where files lie that it names.
     layout : DumpLayout or None
         How the samples lie in photographs without a header; None where each file tells it itself.
-    physics : bool
-        Whether PSFs are explained by photosites, low-pass filter, diffraction and aberrations.
     trust_typed : bool
         Whether `optics` count against what a camera noted in its files.
     settings : Settings or None
-        Of a procedure of `station.procedure`; None of the others.
+        Of a procedure of `station.procedure`, and of a series, which are those of its photographs; None of the others.
     """
 
     name: str
-    parameters: Sampling | None
+    parameters: PatternParameters | None
     planes: tuple[str, ...] = ()
     chart: Source | None = None
     optics: Mapping[str, float] = field(default_factory=dict)
@@ -116,17 +104,19 @@ class Procedure:
     folder: Path = Path()
     layout: DumpLayout | None = None
     trust_typed: bool = False
-    physics: bool = False
     settings: Settings | None = None
 
     @property
     def inputs(self) -> Inputs:
         """What one item of a batch is."""
         if self.settings is not None:
-            return procedure_named(self.name).inputs
-        if self.name in ENDINGS:
-            return Inputs.PAIR
-        return Inputs.PHOTOGRAPHS if self.name == FIELD else Inputs.PHOTOGRAPH
+            return self.measuring.inputs
+        return Inputs.PHOTOGRAPHS if self.name == FIELD else Inputs.PAIR
+
+    @property
+    def measuring(self) -> Measuring[Any]:
+        """The procedure of `station.procedure` that measures an item."""
+        return procedure_named(PATTERN if self.name == SERIES else self.name)
 
     @property
     def chart_source(self) -> Source:
@@ -140,13 +130,12 @@ class Procedure:
         chart = {} if self.chart is None else {"chart": self.chart.origin}
         layout = {"raw": str(self.layout)} if self.layout else {}
         trust = {"trust_typed": True} if self.trust_typed else {}
-        physics = {"physics": True} if self.physics else {}
         sampling = {} if self.parameters is None else self.parameters.told()
         if self.restoration is not None:
             sampling = self.restoration.told
         if self.settings is not None:
             sampling = to_record(self.settings)
-        return {**sampling, **physics, **chart, **self.optics, **layout, **trust, **self.terms.parameters()}
+        return {**sampling, **chart, **self.optics, **layout, **trust, **self.terms.parameters()}
 
     def fingerprint(self) -> dict[str, Any]:
         """All that a result depends on, as plain data."""
@@ -167,38 +156,37 @@ def read_procedure(path: Path) -> Procedure:
     """
     table = Table.read(path)
     name = table.get("procedure", str, PATTERN)
-    if name not in (*DEFAULTS, *procedure_names()):
-        raise table.wrong(
-            "procedure", f"is {printable(name)!r}", f"use one of {', '.join((*DEFAULTS, *procedure_names()))}"
-        )
-    if name not in DEFAULTS:
-        return _measuring(table, name, path.parent)
+    known = (*OWN, *procedure_names())
+    if name not in known:
+        raise table.wrong("procedure", f"is {printable(name)!r}", f"use one of {', '.join(known)}")
     if name == RESTORE:
         return _restoration(table, path.parent)
-    endings, pairs = Procedure.endings, None
-    if name in ENDINGS:
-        endings, pairs = _pairs(table.table("pairs"), path.parent, ENDINGS[name])
-    procedure = Procedure(
-        name,
-        _parameters(table.table("parameters"), DEFAULTS[name]),
+    return _field(table, path.parent) if name == FIELD else _measuring(table, name, path.parent)
+
+
+def _field(table: Table, beside: Path) -> Procedure:
+    found = Procedure(
+        FIELD,
+        _parameters(table.table("parameters"), FIELD_PARAMETERS),
         _planes(table),
-        _chart(table.table("chart"), path.parent) if name in OF_CHARTS else None,
+        _chart(table.table("chart"), beside),
         _optics(table.table("optics")),
-        _terms(table, path.parent),
-        endings,
-        pairs,
+        _terms(table, beside),
         layout=_layout(table),
         trust_typed=table.get("trust_typed", bool, False),
-        physics=table.get("physics", bool, False) if name in (PATTERN, SERIES) else False,
     )
     table.end()
-    return procedure
+    return found
 
 
 def _measuring(table: Table, name: str, beside: Path) -> Procedure:
     """Of a procedure with a model of settings: its keys stand in [settings]."""
-    measuring = procedure_named(name)
-    settings = placed(read_settings(measuring.Settings, table.get("settings", dict, {}), "settings."), beside)
+    measuring = procedure_named(PATTERN if name == SERIES else name)
+    given = table.get("settings", dict, {})
+    if name in AT_THE_TOP:
+        known = {one.name for one in fields_of(measuring.Settings)}
+        given = {**_at_the_top(table, known, beside), **given}
+    settings = placed(read_settings(measuring.Settings, given, "settings."), beside)
     endings, pairs = Procedure.endings, None
     if measuring.inputs in (Inputs.PAIR, Inputs.RESULTS):
         endings, pairs = _pairs(table.table("pairs"), beside, measuring.endings)
@@ -209,15 +197,36 @@ def _measuring(table: Table, name: str, beside: Path) -> Procedure:
     return found
 
 
+def _at_the_top(table: Table, known: Collection[str], beside: Path) -> dict[str, Any]:
+    """Settings that stand in a procedure file under keys of their own."""
+    planes, parameters = _planes(table), table.table("parameters")
+    found: dict[str, Any] = {"plane": ",".join(planes)} if planes else {}
+    if "s" in known:
+        chosen = _parameters(parameters, PatternParameters())
+        found |= {"s": chosen.s or "auto", "k": chosen.k or "auto", "solver": chosen.solver}
+    else:
+        parameters.end()
+    if "bits" in known:
+        found |= _chart_settings(table.table("chart"), beside)
+    if (layout := _layout(table)) is not None:
+        found["raw"] = str(layout)
+    found |= {name: table.get(name, bool, False) for name in ("trust_typed", "physics") if name in known}
+    return found | _optics(table.table("optics"))
+
+
+def _chart_settings(table: Table, beside: Path) -> dict[str, Any]:
+    """The chart's seed, or its cells; raises BadInput where these cannot be read."""
+    _chart(table, beside)
+    found: dict[str, Any] = {"bits": beside / table.get("bits", str, "")} if table.has("bits") else {}
+    return found | ({"seed": table.get("seed", int, 0)} if table.has("seed") else {})
+
+
 def _auto(table: Table, name: str, default: int | None) -> int | None:
     """A whole number, or "auto" for what the program chooses."""
     return table.number_or(name, "auto", default)
 
 
-def _parameters(table: Table, default: Sampling | None) -> Sampling | None:
-    if default is None:
-        table.end()
-        return None
+def _parameters(table: Table, default: PatternParameters) -> PatternParameters:
     s, k, solver = (
         _auto(table, "s", default.s),
         _auto(table, "k", default.k),
@@ -292,7 +301,7 @@ def _restoration(table: Table, beside: Path) -> Procedure:
     planes = _planes(table)
     if len(planes) > 1:
         raise table.wrong("planes", "must be one plane here", 'write ["G1"], or ["all"] for colour')
-    endings, pairs = _pairs(table.table("pairs"), beside, ENDINGS[RESTORE])
+    endings, pairs = _pairs(table.table("pairs"), beside, PAIRS)
     found = Procedure(
         RESTORE, None, planes, endings=endings, pairs=pairs, restoration=options, folder=beside, layout=_layout(table)
     )

@@ -1,9 +1,9 @@
-"""Slanted edges of a photograph, and the files of their result."""
+"""Slanted edges of a photograph, and the measurement of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from procedures.numbers import name_at
@@ -12,15 +12,14 @@ from procedures.quality import Diffraction
 from procedures.raw import Plane, RawFrame
 from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome, estimate_edge, estimate_edges, orientation
 from procedures.slanted_edge.strip import Roi
-from station.common.versions import software
 from station.drawing.edge_pictures import edge_picture
 from station.results.exports import csv_bytes
 from station.results.limits import place_of
+from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, verdict_entry
-from station.results.result_files import ResultFolder, write_record
 from station.results.terms import USUAL, Terms
-from station.results.units import pixels_of, told_numbers
+from station.results.units import Pixels, pixels_of, told_numbers
 
 SCHEMA = "station/mtf/1"
 
@@ -53,11 +52,6 @@ class EdgeRecord:
         return self.outcomes[0]
 
     @property
-    def verdict(self) -> Verdict:
-        """Of the best edge."""
-        return self.best.verdict
-
-    @property
     def edges(self) -> tuple[EdgeMtf, ...]:
         """Those that were measured, the best first."""
         return tuple(one.value for one in self.outcomes if one.value is not None)
@@ -70,12 +64,20 @@ class EdgeRecord:
         return "" if len(verdicts) < 2 else f"{len(verdicts)} edges: {', '.join(words)}"
 
 
+@dataclass(frozen=True, eq=False)
+class PhotographEdges:
+    """A photograph and the edges of each of its planes."""
+
+    frame: RawFrame
+    records: tuple[EdgeRecord, ...]
+
+
 def measure_edges(
     frame: RawFrame,
     roi: Roi | None,
     limit: Callable[[Plane], Diffraction | None] = lambda _: None,
     terms: Terms = USUAL,
-    pixel_pitch_um: float | None = None,
+    pixels: Mapping[str, Pixels] | None = None,
 ) -> Iterator[EdgeRecord]:
     """The edge of a region, or all edges that are found, plane by plane; `limit` is what is known of diffraction.
 
@@ -84,7 +86,7 @@ def measure_edges(
     BadParameter
         If the region does not lie in a plane, or the terms' unit needs what is not known.
     """
-    pixels = pixels_of(frame, pixel_pitch_um)
+    pixels = pixels or pixels_of(frame)
     for plane in frame.planes.values():
         known, at = limit(plane), terms.frequencies(pixels[plane.name])
         outcomes = [estimate_edge(plane, roi, known)] if roi else estimate_edges(plane, known)
@@ -107,23 +109,23 @@ def _numbers(edge: EdgeMtf, at: Sequence[float]) -> dict[str, Quantity]:
     return {**edge.numbers, **asked}
 
 
-def write_edge_result(folder: ResultFolder, frame: RawFrame, records: Sequence[EdgeRecord], head: RecordHead) -> str:
-    """Write mtf_P.csv and edge_P.png of every plane that has edges, and the record; returns the record's text."""
-    for record in records:
-        told = record.result
+def edge_measurement(found: PhotographEdges, head: RecordHead, terms: Terms) -> Measurement:
+    """Every plane with all of its edges, their MTFs as tables, and a picture of where they lie."""
+    files: dict[str, Any] = {}
+    for record in found.records:
         if record.edges:
-            folder.write(f"mtf_{record.name}.csv", edge_table(record.edges, told))
+            files[f"mtf_{record.name}.csv"] = edge_table(record.edges, record.result)
             measured = [one for one in record.outcomes if one.value is not None]
-            picture = edge_picture(frame.planes[record.name], measured, str(told.unit), told.factor)
-            folder.write(f"edge_{record.name}.png", picture)
-    at = {"at": list(records[0].at)} if records and records[0].at else {}
-    whole = {
-        "schema": SCHEMA,
-        **head.told(**at),
-        "planes": {record.name: _plane_entry(record) for record in records},
-        "software": software(),
-    }
-    return write_record(folder, whole)
+            unit, factor = str(record.result.unit), record.result.factor
+            files[f"edge_{record.name}.png"] = edge_picture(found.frame.planes[record.name], measured, unit, factor)
+    planes = tuple(replace(one.result, details=_entries(one)) for one in found.records)
+    at = {"at": list(found.records[0].at)} if found.records and found.records[0].at else {}
+    whole = replace(
+        head, parameters={**head.parameters, **terms.parameters(), **at}, specification=terms.specified(planes)
+    )
+    return Measurement(
+        SCHEMA, whole, planes, files=files, exposure=found.frame.exposure, terms=terms, found=found
+    )  # fmt: skip
 
 
 def edge_table(edges: Sequence[EdgeMtf], told: PlaneResult) -> bytes:
@@ -136,19 +138,10 @@ def edge_table(edges: Sequence[EdgeMtf], told: PlaneResult) -> bytes:
     return csv_bytes([list(columns), *rows])
 
 
-def _plane_entry(record: EdgeRecord) -> dict[str, Any]:
-    """Verdict, the best edge's numbers, and every edge by itself with its own verdict."""
-    best, told = record.best, record.result
-    entry = verdict_entry(best)
-    if told.specification is not None:
-        entry["specification"] = told.specification.told()
-    if told.untold:
-        entry["untold"] = list(told.untold)
-    if best.value is not None:
-        entry["sensor_pixels_per_pixel"] = told.pitch
-    entry |= {name: asdict(number) for name, number in told.numbers.items()}
+def _entries(record: EdgeRecord) -> dict[str, Any]:
+    """Every edge that has a place by itself, with its own verdict."""
     placed = [edge_entry(one, record) for one in record.outcomes if one.roi is not None]
-    return entry | {"edges": placed} if placed else entry
+    return {"edges": placed} if placed else {}
 
 
 def edge_entry(outcome: EdgeOutcome, record: EdgeRecord) -> dict[str, Any]:

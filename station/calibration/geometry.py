@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -13,11 +12,13 @@ from procedures.geometry.chart_bins.photographs import views_of
 from procedures.geometry.estimate import Geometry, GeometryParameters
 from procedures.geometry.planes import calibrate_planes
 from procedures.geometry.views import ChartView
-from procedures.outcome import BadInput, Outcome, ProcedureError, Verdict
+from procedures.outcome import BadInput, Miss, Outcome, ProcedureError, Verdict
 from procedures.pattern import Chart
 from procedures.raw import RawFrame, default_plane, read_frame
+from procedures.reading.exposure import Exposure
 from procedures.reading.sensor_dump import DumpLayout
 from station.common.progress import Progress, silent
+from station.common.threads import threads
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,7 @@ class ViewRecord:
     path, sha256 : of the file, the hash "" where it could not be read
     view : ChartView or None
     verdict, reason, remedy : of the chart in it
+    exposure : what the camera noted
     """
 
     path: Path
@@ -37,6 +39,7 @@ class ViewRecord:
     verdict: Verdict
     reason: str = ""
     remedy: str = ""
+    exposure: Exposure = field(default_factory=Exposure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +63,14 @@ class GeometryPhotographs:
         return [record.view for record in self.records if record.view is not None]
 
     @property
-    def missed(self) -> list[ViewRecord]:
+    def missed(self) -> list[Miss]:
         """The photographs that gave none."""
-        return [record for record in self.records if record.view is None]
+        return [Miss(one.path.name, one.reason, one.remedy) for one in self.records if one.view is None]
+
+    @property
+    def exposure(self) -> Exposure:
+        """What the camera noted of the first photograph that could be read."""
+        return next((one.exposure for one in self.records if one.sha256), Exposure())
 
 
 @dataclass(frozen=True)
@@ -99,7 +107,7 @@ def measure_views(
     """
     one = partial(_measure, plane=plane, chart=chart, layout=layout)
     found: list[_Measured] = []
-    with ThreadPoolExecutor(min(len(paths), os.cpu_count() or 1)) as workers:
+    with ThreadPoolExecutor(min(len(paths), threads())) as workers:
         try:
             for path, answer in zip(paths, workers.map(one, paths), strict=True):
                 found.append(answer)
@@ -120,7 +128,7 @@ def _measure(path: Path, *, plane: str | None, chart: Chart, layout: DumpLayout 
 
 
 def _record(frame: RawFrame, seen: Outcome[ChartView]) -> ViewRecord:
-    return ViewRecord(frame.path, frame.sha256, seen.value, seen.verdict, seen.reason, seen.remedy)
+    return ViewRecord(frame.path, frame.sha256, seen.value, seen.verdict, seen.reason, seen.remedy, frame.exposure)
 
 
 def _size(frame: RawFrame) -> tuple[int, int]:
@@ -167,5 +175,5 @@ def _with_missed(found: Outcome[Geometry], shoot: GeometryPhotographs) -> Outcom
         return found
     first = missed[0]
     share = f"{len(missed)} of {len(shoot.records)} photographs gave none"
-    reason = f"{found.reason}; {share}, {first.path.name}: {first.reason}"
+    reason = f"{found.reason}; {share}, {first.source}: {first.reason}"
     return replace(found, reason=reason, remedy=first.remedy or found.remedy)

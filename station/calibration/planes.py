@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -19,6 +18,7 @@ from procedures.psf import Psf
 from procedures.quality import CAMERA, OPERATOR, WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
 from station.calibration.sensor_models import NO_SENSOR, KnownSensor
+from station.common.threads import threads
 from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
 
@@ -81,7 +81,6 @@ def calibrate(
     parameters: PatternParameters,
     limit: Limit = lambda plane: None,
     *,
-    threads: int | None = None,
     physics: bool = False,
     sensor: KnownSensor = NO_SENSOR,
 ) -> Iterator[PlaneResult]:
@@ -89,8 +88,6 @@ def calibrate(
 
     Parameters
     ----------
-    threads : int, optional
-        Planes estimated at a time; by default as many as there are cores.
     physics : bool
         Whether a model of sensor and lens is fitted to every PSF.
     sensor : KnownSensor, optional
@@ -119,7 +116,7 @@ def calibrate(
                 result = replace(result, physics=estimate_physics(outcome.value.psf, limit(plane), plane.pitch))
         return replace(result, duration_s=time.perf_counter() - start)
 
-    yield from _side_by_side(estimate, list(frame.planes.values()), threads)
+    yield from _side_by_side(estimate, list(frame.planes.values()))
 
 
 def calibrate_pair(
@@ -127,8 +124,6 @@ def calibrate_pair(
     b: RawFrame,
     parameters: TwoPhotoParameters,
     limit: Limit = lambda plane: None,
-    *,
-    threads: int | None = None,
 ) -> Iterator[PlaneResult]:
     """Every plane of two photographs of one wall, in any order, as `calibrate` does.
 
@@ -149,7 +144,7 @@ def calibrate_pair(
         taken = time.perf_counter() - start
         return replace(plane_result(plane, outcome, a.exposure), diffraction=limit(plane), duration_s=taken)
 
-    yield from _side_by_side(estimate, list(a.planes.values()), threads)
+    yield from _side_by_side(estimate, list(a.planes.values()))
 
 
 def _of_pair(
@@ -166,10 +161,8 @@ def _of_pair(
     return estimate_psf_of_pair(a.planes[name], b.planes[name], parameters, diffraction)
 
 
-def _side_by_side(
-    estimate: Callable[[Plane], PlaneResult], planes: Sequence[Plane], threads: int | None
-) -> Iterator[PlaneResult]:
-    workers = min(len(planes), threads or os.cpu_count() or 1)
+def _side_by_side(estimate: Callable[[Plane], PlaneResult], planes: Sequence[Plane]) -> Iterator[PlaneResult]:
+    workers = min(len(planes), threads())
     if workers == 1:  # a thread of its own would begin with memory of its own
         yield from map(estimate, planes)
         return

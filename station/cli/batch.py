@@ -167,10 +167,9 @@ def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[I
         unread,
     )
     from station.procedure.base import Inputs
-    from station.procedure.registry import procedure_named
 
     missed: list[Item] = []
-    suffixes = PHOTOGRAPHS if procedure.settings is None else procedure_named(procedure.name).suffixes
+    suffixes = PHOTOGRAPHS if procedure.settings is None else procedure.measuring.suffixes
     frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)), suffixes)
     if procedure.pairs is not None:
         return in_rows(frames, procedure.pairs, most=None if procedure.name == RESTORE else 2) + missed

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import certificate_option, finish, tell_judged, tell_misses
+from station.cli.psf.planes import (
+    certificate_option,
+    finish,
+    overlay_option,
+    read_overlays,
+    tell_misses,
+    tell_result,
+)
 from station.cli.psf.terms import specification_option, terms_of, terms_options
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
@@ -60,9 +67,10 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
     command: Any = click.pass_context(lambda context, **given: measure(**given))
     options = [
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
-        *([click.option("--report/--no-report", default=True, show_default=True,
+        *([click.option("--report/--no-report", default=procedure.usual_page, show_default=True,
                         help=f"Write {procedure.page_name} too, for people.")] if procedure.has_page else []),
         certificate_option,
+        *([overlay_option] if procedure.has_mtf else []),
         click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too."),
         log_json_option,
     ]  # fmt: skip
@@ -89,7 +97,23 @@ def _option(one: SettingField) -> Any:
     )
 
 
+class NumberOr(click.ParamType):  # type: ignore[type-arg]  # generic in some releases only
+    """A whole number, or a word that stands for none."""
+
+    def __init__(self, word: str) -> None:
+        self.word, self.name = word, f"{word}|N"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
+        """The number, or the word."""
+        try:
+            return self.word if value == self.word else int(str(value))
+        except ValueError:
+            self.fail(f"give a whole number, or {self.word}; got {value!r}", param, ctx)
+
+
 def _type(one: SettingField) -> click.ParamType[Any]:
+    if one.word:
+        return NumberOr(one.word)
     if one.choices:
         return click.Choice(one.choices, case_sensitive=False)
     if one.kind is int:
@@ -120,7 +144,7 @@ def _results(
     from station.results.measurement import write_measurement
     from station.results.result_files import ResultFolder
 
-    out, terms = given["out"], terms_of(given)
+    out, terms, overlays = given["out"], terms_of(given), read_overlays(given.get("overlays", ()))
     settings = read_settings(procedure.Settings, chosen)
     if procedure.inputs is Inputs.PHOTOGRAPHS:
         paths = [path for one in paths for path in (photographs(one) if one.is_dir() else [one])]
@@ -130,8 +154,9 @@ def _results(
             start = time.perf_counter()
             with ResultFolder(out / place, force=forced()) as folder:
                 found = next(results)
-                found = replace(found, head=replace(found.head, duration_s=round(time.perf_counter() - start, 3)))
-                if given.get("report") and not found.refused:
+                head = replace(found.head, duration_s=round(time.perf_counter() - start, 3))
+                found = replace(found, head=head, overlays=overlays)
+                if (given.get("report") or overlays) and procedure.draws(found):
                     folder.write(procedure.page_name, procedure.page(found))
                 if given["certificate"]:
                     _certify(folder, procedure, found)
@@ -142,27 +167,15 @@ def _results(
 
 def _certify(folder: Any, procedure: Procedure[Any], found: Measurement) -> None:
     from station.reports.certificate_print import write_certificate
-    from station.reports.measurement_page import measurement_report
 
-    write_certificate(folder, measurement_report(found, procedure.title, procedure.method))
+    write_certificate(folder, procedure.report(found))
 
 
 def report(procedure: Procedure[Any], found: Measurement, written: Path) -> None:
     """Lines on stderr: the photographs that gave nothing, every plane with its numbers, what was written."""
     tell_misses(found.missed or ())
     for one in found.planes:
-        tell_judged("plane", _sentence(one), one, plane=one.name)
+        tell_result(one)
     for line in procedure.lines(found):
         log(procedure.name, line)
     log("written", f"wrote {written}", path=str(written))
-
-
-def _sentence(plane: PlaneResult) -> str:
-    from procedures.numbers import Group, in_group
-    from station.common.uncertainty_text import stated
-
-    parts = [f"{plane.name}: {plane.verdict}", *([plane.reason] if plane.reason else [])]
-    for number in in_group(Group.LINE):
-        if (one := plane.quantity(number)) is not None:
-            parts.append(f"{number} {stated(one.value, one.uncertainty)}" + ("" if one.unit == "1" else f" {one.unit}"))
-    return "; ".join(parts)

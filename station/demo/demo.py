@@ -23,8 +23,9 @@ from station.common.progress import Progress, silent
 from station.common.versions import software
 from station.demo.demonstration import ComparedPlane, Demonstration, DemoPhotograph, summary
 from station.demo.truth_comparison import compare
+from station.results.psf_files import write_psf_result
 from station.results.record_head import InputFile, RecordHead, verdict_entry
-from station.results.result_files import RECORD, ResultFolder, write_psf_result, write_record
+from station.results.result_files import RECORD, ResultFolder, write_record
 
 SCHEMA = "station/demo/1"
 CHART = "chart.pdf"

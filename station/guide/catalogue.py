@@ -39,7 +39,7 @@ def _psf_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, f
 def _write_psf(
     folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    from station.results.result_files import write_psf_result
+    from station.results.psf_files import write_psf_result
 
     return write_psf_result(folder, planes, head)
 
@@ -149,10 +149,10 @@ def _found_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms,
 def _write_geometry(
     folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    from station.reports.geometry_files import write_plane
+    from station.guide.plans.geometry import write
 
     (plane,) = planes
-    return write_plane(folder, plane, frames, head)
+    return write(folder, plane, frames, head)
 
 
 def _sensor() -> Plan:

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Protocol, TypeVar
 
 from procedures.outcome import BadParameter, Outcome, Quantity
 from procedures.pattern import DEFAULT_SEED
@@ -20,6 +20,9 @@ from station.results.measurement import BY_PLANE, Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
+
+if TYPE_CHECKING:
+    from station.reports.pattern_report import Report
 
 
 class Inputs(StrEnum):
@@ -77,28 +80,37 @@ class Reading(RawLayout, frozen=True, kw_only=True):
         return upper_plane(self.plane)
 
     def read(self, path: Path) -> RawFrame:
-        """The planes asked for. Raises ProcedureError."""
+        """The planes asked for: one, several with commas between them, or all. Raises ProcedureError."""
         chosen = self.plane_name or default_plane(path, self.layout)
-        return read_frame(path, None if chosen == "all" else [chosen], self.layout)
+        return read_frame(path, None if chosen == "all" else chosen.split(","), self.layout)
+
+
+ChartBits = Annotated[Path, setting("The chart's 256 x 256 cells as a grey image.")] | None
+ChartSeed = (
+    Annotated[int, setting("The chart's seed; 1 if neither this nor the cells are given.", least=0, most=2**63 - 1)]
+    | None
+)
+
+
+def chart_source(bits: Path | None, seed: int | None) -> Source:
+    """The chart of its cells or its seed. Raises BadParameter where both were given."""
+    if bits is not None and seed is not None:
+        raise BadParameter("the chart comes from its cells or from its seed", "give one of them: --bits or --seed")
+    if bits is not None:
+        return Source.from_file(bits)
+    return Source.from_seed(DEFAULT_SEED if seed is None else seed)
 
 
 class ChartReading(Reading, frozen=True, kw_only=True):
     """Settings of everything that reads photographs of the noise chart."""
 
-    bits: Annotated[Path, setting("The chart's 256 x 256 cells as a grey image.")] | None = None
-    seed: (
-        Annotated[int, setting("The chart's seed; 1 if neither this nor the cells are given.", least=0, most=2**63 - 1)]
-        | None
-    ) = None
+    bits: ChartBits = None
+    seed: ChartSeed = None
 
     @property
     def source(self) -> Source:
-        """The chart. Raises BadParameter where both were given."""
-        if self.bits is not None and self.seed is not None:
-            raise BadParameter("the chart comes from its cells or from its seed", "give --bits or --seed")
-        if self.bits is not None:
-            return Source.from_file(self.bits)
-        return Source.from_seed(DEFAULT_SEED if self.seed is None else self.seed)
+        """The chart. Raises ProcedureError."""
+        return chart_source(self.bits, self.seed)
 
 
 def beside(path: Path, folder: Path) -> Path:
@@ -123,7 +135,7 @@ class Procedure(ABC, Generic[S]):
     suffixes : which files of a folder a batch takes: suffixes, or whole names
     endings : how the names of a batch's pairs end, by key of the procedure file
     results_key : the entry of the record that holds the results by plane, or the only one of them
-    has_page : whether a page is drawn; `page_name` is its file
+    has_page : whether a page is drawn; `page_name` is its file; `usual_page` whether it is where nothing is said of it
     has_mtf : whether it has an MTF, so that a unit of frequencies and further frequencies can be chosen
     method : the publication or standard that certificates cite
     """
@@ -138,6 +150,7 @@ class Procedure(ABC, Generic[S]):
     results_key: ClassVar[str] = BY_PLANE
     has_page: ClassVar[bool] = True
     page_name: ClassVar[str] = "report.html"
+    usual_page: ClassVar[bool] = True
     has_mtf: ClassVar[bool] = False
     argument: ClassVar[str] = ""
     method: ClassVar[str] = ""
@@ -174,6 +187,16 @@ class Procedure(ABC, Generic[S]):
     def lines(self, found: Measurement) -> list[str]:
         """Further lines for the terminal, after those of the planes."""
         return []
+
+    def report(self, found: Measurement) -> Report:
+        """What certificates say of a measurement."""
+        from station.reports.measurement_page import measurement_report  # here: it draws, which is slow to load
+
+        return measurement_report(found, self.title, self.method)
+
+    def draws(self, found: Measurement) -> bool:
+        """Whether a measurement has a page."""
+        return self.has_page and not found.refused
 
     def page(self, found: Measurement) -> bytes:
         """The page for people: by default verdict, numbers, limits, curves and provenance."""

@@ -17,10 +17,14 @@ from station.procedure.base import Procedure
 GROUP = "station.procedures"
 BUILTIN: Mapping[str, str] = {
     "correct": "station.procedure.builtin.correct:PROCEDURE",
+    "edge": "station.procedure.builtin.edge:PROCEDURE",
+    "geometry": "station.procedure.builtin.geometry:PROCEDURE",
+    "pattern": "station.procedure.builtin.pattern:PROCEDURE",
     "rays": "station.procedure.builtin.rays:PROCEDURE",
     "rig": "station.procedure.builtin.rig:PROCEDURE",
     "sensor": "station.procedure.builtin.sensor:PROCEDURE",
     "tilt": "station.procedure.builtin.tilt:PROCEDURE",
+    "two-photo": "station.procedure.builtin.two_photo:PROCEDURE",
     "vignetting": "station.procedure.builtin.vignetting:PROCEDURE",
 }
 """Name -> module and object, as an entry point names them."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -49,9 +48,7 @@ def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
 
 
 def _path(kind: type) -> dict[str, Any]:
-    """A path is text in a record."""
-    if not issubclass(kind, Path):
-        raise NotImplementedError
+    """A file's name, the one type of settings that JSON does not have."""
     return {"type": "string"}
 
 

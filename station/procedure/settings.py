@@ -44,6 +44,7 @@ class SettingField:
     ----------
     kind : float, int, bool, str or Path
     choices : the only values, of a Literal; empty where others are possible
+    word : a text that may stand in place of a number, as "auto"; "" where none may
     several : whether it is a list of such values
     required : whether it has no default
     """
@@ -56,6 +57,7 @@ class SettingField:
     most: float | None
     metavar: str
     choices: tuple[str, ...]
+    word: str
     several: bool
     required: bool
 
@@ -77,13 +79,20 @@ def _field(one: msgspec.structs.FieldInfo, hint: Any) -> SettingField:
     known = _meta(hint) or msgspec.Meta()
     return SettingField(
         one.name, kind, default, known.description or "", known.ge, known.le, (known.extra or {}).get("metavar", ""),
-        choices, several, one.required,
+        choices, _word(hint), several, one.required,
     )  # fmt: skip
 
 
+def _word(hint: Any) -> str:
+    """The text of `int | Literal["auto"]`."""
+    parts = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else ()
+    texts = [one for part in parts if typing.get_origin(part) is Literal for one in typing.get_args(part)]
+    return str(texts[0]) if texts and typing.get_origin(parts[0]) is not Literal else ""
+
+
 def _meta(hint: Any) -> msgspec.Meta | None:
-    """What `setting` says of a field; of an optional one it stands inside the union, where bounds have a meaning."""
-    inside = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else ()
+    """What `setting` says of a field; in an optional one or a list it stands inside, where bounds have a meaning."""
+    inside = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType, tuple) else ()
     found = (extra for one in (hint, *inside) for extra in getattr(one, "__metadata__", ()))
     return next((extra for extra in found if isinstance(extra, msgspec.Meta)), None)
 
@@ -143,7 +152,8 @@ def _required(one: SettingField) -> str:
     bounds = [
         f"{word} {bound:g}" for word, bound in (("at least", one.least), ("at most", one.most)) if bound is not None
     ]
-    return " ".join(["a list, each" if one.several else "", words, " and ".join(bounds)]).strip()
+    or_word = f'or "{one.word}"' if one.word else ""
+    return " ".join(["a list, each" if one.several else "", words, " and ".join(bounds), or_word]).strip()
 
 
 def named_files(settings: Settings) -> list[Path]:

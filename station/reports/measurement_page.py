@@ -11,7 +11,14 @@ from station.common.versions import software
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.style import axes_grid, svg
 from station.reports.page import render
-from station.reports.pattern_report import PlaneSheet, Report, ReportShot, camera_words, exposure_lines
+from station.reports.pattern_report import (
+    PlaneSheet,
+    Report,
+    ReportShot,
+    camera_words,
+    curves_over,
+    exposure_lines,
+)
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.result_files import RECORD
@@ -38,6 +45,7 @@ def measurement_report(found: Measurement, title: str, method: str = "") -> Repo
         conditions=exposure_lines(found.exposure),
         specification=found.terms.specification,
         software=software(),
+        overlays=found.overlays,
         beside="",
     )
 
@@ -66,5 +74,10 @@ def curve_figure(found: Measurement, name: str) -> Markup:
         axes.plot(x, y, color=colour, lw=1.2, label=one.name)
         if spread is not None:
             axes.fill_between(x, y - 2 * spread, y + 2 * spread, color=colour, alpha=0.2, lw=0)
+        for other, columns in curves_over(found.overlays, one).items():
+            if name in columns:
+                axes.plot(columns["frequency"], columns[name], color=colour, lw=1, ls="--", label=other)
+    if found.overlays:
+        axes.legend(frameon=False)
     axes.set(xlabel=over.replace("_", " "), ylabel=name.replace("_", " "), xlim=(float(np.min(x)), float(np.max(x))))
     return svg(figure, f"curve-{name}", f"{name.replace('_', ' ')} over {over.replace('_', ' ')}")

@@ -31,7 +31,7 @@ from station.results.comparison import Comparison, Judged
 from station.results.limits import Specification
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
-from station.results.result_files import file_names
+from station.results.psf_files import file_names
 from station.results.terms import specification_verdict
 from station.results.units import Pixels
 from station.results.verdict_words import MEASUREMENT, SPECIFICATION

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from procedures.reading.exposure import Exposure
 from station.common.versions import software
 from station.results.exports import numbers_table
 from station.results.limits import compare
+from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, plane_record, write_record
@@ -39,6 +40,7 @@ class Measurement:
     exposure : what the camera noted
     terms : unit of frequencies and specification
     found : the whole result, where the planes are parts of one, for pages that draw it
+    overlays : results whose MTF is drawn over this one's
     """
 
     schema: str
@@ -51,6 +53,7 @@ class Measurement:
     terms: Terms = USUAL
     found: Any = None
     results_key: str = BY_PLANE
+    overlays: Sequence[Overlay] = ()
 
     @property
     def refused(self) -> bool:
@@ -74,11 +77,17 @@ class Measurement:
         return {
             "schema": self.schema,
             **self.head.told(),
-            self.results_key: records if self.results_key == BY_PLANE else next(iter(records.values())),
             **self.entries,
-            **({} if self.missed is None else {"left_out": [one.told() for one in self.missed]}),
+            self.results_key: records if self.results_key == BY_PLANE else next(iter(records.values())),
+            **self._left_out(),
             "software": software(),
         }
+
+    def _left_out(self) -> dict[str, Any]:
+        """The photographs that gave nothing, where the planes do not list them."""
+        if self.missed is None or any("left_out" in one.details for one in self.planes):
+            return {}
+        return {"left_out": [one.told() for one in self.missed]}
 
 
 def write_measurement(folder: ResultFolder, found: Measurement) -> str:

@@ -25,16 +25,11 @@ from procedures.quality import energy_outside_support
 from station.common.durable_files import Disk, hashes_in, holds, read_own
 from station.common.leftovers import make, release, sweep
 from station.common.sanitise import encodable
-from station.common.versions import software
-from station.drawing.psf_picture import psf_picture
-from station.results.budget_table import budget_csv
-from station.results.exports import csv_bytes, numbers_table, profile_table, psf_fits, psf_tiff
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead, verdict_entry
+from station.results.record_head import verdict_entry
 
 if TYPE_CHECKING:
     from procedures.physics.estimate import Physics
-    from procedures.sensor.information import Information
 
 RECORD = "result.json"
 PUBLISHING = ".publishing.json"
@@ -42,7 +37,6 @@ PUBLISHING = ".publishing.json"
 UNFINISHED = ".unfinished-"
 """How the name of a folder begins that receives a result."""
 SEAL = "sha256"
-SCHEMA = "station/psf/1"
 CANDIDATES = 5
 """Physical models told of, the best first."""
 
@@ -203,53 +197,6 @@ _RESULT_FILE = re.compile(
 """Files that results have: none of somebody else's is written over."""
 
 
-def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
-    """Write the files of every plane and the record; returns the record's text."""
-    for plane in planes:
-        _write_plane(folder, plane)
-    if any(plane.quality is not None for plane in planes):
-        folder.write(
-            "numbers.csv", numbers_table((plane.name, *one) for plane in planes for one in plane.numbers.items())
-        )
-        folder.write("budget.csv", budget_csv(planes))
-    record = {
-        "schema": SCHEMA,
-        **head.told(**_sampling(planes)),
-        "choice": {plane.name: [asdict(trial) for trial in plane.choice] for plane in planes if plane.choice},
-        "planes": {plane.name: plane_record(plane) for plane in planes},
-        "software": software(),
-    }
-    return write_record(folder, record)
-
-
-def file_names(planes: Sequence[PlaneResult]) -> list[str]:
-    """The names of the files that `write_psf_result` writes for people and programs, the record first."""
-    found = [RECORD]
-    if any(plane.quality is not None for plane in planes):
-        found += ["numbers.csv", "budget.csv"]
-    for plane in planes:
-        if plane.curves:
-            found.append(f"mtf_{plane.name}.csv")
-        if plane.psf is not None:
-            found += [f"profile_{plane.name}.csv", f"psf_{plane.name}.npy", f"covariance_{plane.name}.npy"]
-            found += [f"psf_{plane.name}.{suffix}" for suffix in ("fits", "tiff", "png")]
-        if plane.information is not None:
-            found.append(f"information_{plane.name}.csv")
-        if plane.inter_image is not None:
-            found.append(f"inter_image_{plane.name}.npy")
-    return found
-
-
-def _sampling(planes: Sequence[PlaneResult]) -> dict[str, Any]:
-    """s and k as they were used: one number where all planes have the same, else one a plane."""
-    used = {plane.name: plane.psf for plane in planes if plane.psf is not None}
-    found: dict[str, Any] = {}
-    for name in (SAMPLES_PER_PIXEL, SUPPORT) if used else ():
-        values = {plane: psf.s if name == SAMPLES_PER_PIXEL else psf.k for plane, psf in used.items()}
-        found[name] = next(iter(values.values())) if len(set(values.values())) == 1 else values
-    return found
-
-
 def write_record(folder: ResultFolder, record: Mapping[str, Any]) -> str:
     """Write the record, null where a number is not finite, and publish the folder; returns the record's text."""
     text = sealed_text(record, hashes_in(folder.staging)) if folder.sealed else json_text(record)
@@ -268,44 +215,6 @@ def sealed_text(record: Mapping[str, Any], files: Mapping[str, str]) -> str:
 def json_text(record: Mapping[str, Any]) -> str:
     """A record as JSON that every parser takes: null for every number that is not finite."""
     return json.dumps(plain(record), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _write_plane(folder: ResultFolder, plane: PlaneResult) -> None:
-    if plane.psf is not None:
-        folder.write(f"psf_{plane.name}.npy", npy(plane.psf.h))
-        folder.write(f"covariance_{plane.name}.npy", npy(plane.psf.covariance))
-        folder.write(f"psf_{plane.name}.fits", psf_fits(plane.psf, plane.name, software()["version"], plane.exposure))
-        folder.write(f"psf_{plane.name}.tiff", psf_tiff(plane.psf, plane.name, plane.exposure))
-        folder.write(f"profile_{plane.name}.csv", profile_table(plane.psf, plane.pitch))
-        folder.write(f"psf_{plane.name}.png", psf_picture(plane.psf, f"{plane.name}  {plane.verdict}"))
-    if plane.information is not None:
-        folder.write(f"information_{plane.name}.csv", information_table(plane.information))
-    if plane.inter_image is not None:
-        folder.write(f"inter_image_{plane.name}.npy", npy(plane.inter_image))
-    if plane.curves:
-        folder.write(f"mtf_{plane.name}.csv", mtf_table(plane.curves, str(plane.unit)))
-
-
-def mtf_table(curves: Mapping[str, Array], unit: str = "cycles/pixel") -> bytes:
-    """The MTF as CSV: frequency in a unit, told in its heading; horizontal, vertical, radial mean, each with its error.
-
-    Moduli have no unit.
-    """
-    head = [f"{name} [{unit}]" if name == "frequency" else name for name in curves]
-    return csv_bytes([head, *([f"{value:.9g}" for value in row] for row in zip(*curves.values(), strict=True))])
-
-
-def information_table(found: Information) -> bytes:
-    """NPS, NEQ and noise-equivalent MTF as CSV, over all frequencies of the upper half plane, in cycles/pixel."""
-    unit = "[cycles/pixel]"
-    rows = [[f"frequency_x {unit}", f"frequency_y {unit}", "mtf", "nps", "neq", "neq_uncertainty", "equivalent_mtf",
-             "equivalent_mtf_uncertainty"]]  # fmt: skip
-    maps = (found.mtf, found.nps, found.neq, found.neq_uncertainty, found.equivalent_mtf,
-            found.equivalent_mtf_uncertainty)  # fmt: skip
-    for j in range(len(found.frequencies) // 2 + 1):
-        for i, fx in enumerate(found.frequencies):
-            rows.append([f"{value:.7g}" for value in (fx, abs(found.frequencies[j]), *(one[j, i] for one in maps))])
-    return csv_bytes(rows)
 
 
 def plane_record(plane: PlaneResult) -> dict[str, Any]:

@@ -70,9 +70,10 @@ from station.calibration.sensor_folder import Shots, find_shots
 from station.calibration.sensor_models import read_sensor
 from station.calibration.vignetting import measure_flats, read_joint_formula, read_vignetting
 from station.results.plane_result import PlaneResult
+from station.results.psf_files import write_psf_result
 from station.results.reader import read_result
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder, write_psf_result
+from station.results.result_files import ResultFolder
 from station.results.result_seal import damage
 from station.results.specification_file import read_specification
 from station.sessions.index import Index

@@ -82,7 +82,10 @@ def geometry(folder: Path) -> None:
     """Six views of a known camera, their charts' points drawn by formulas."""
     from procedures.geometry.estimate import GeometryParameters
     from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude
-    from station.reports.geometry_files import write_geometry_result
+    from station.calibration.geometry_files import geometry_measurement
+    from station.procedure.builtin.geometry import PROCEDURE
+    from station.results.measurement import write_measurement
+    from station.results.record_head import RecordHead, files_read
     from station.results.result_files import ResultFolder
 
     truth = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
@@ -92,7 +95,9 @@ def geometry(folder: Path) -> None:
     shoot = GeometryPhotographs("G1", truth.size, (*good, bad))
     found = conclude([shoot], GeometryParameters(CELL_MM, model="OPENCV"))
     with ResultFolder(folder / OUT) as results:
-        write_geometry_result(results, found, parameters={"width_mm": 300.0}, start=0.0, report=True)
+        whole = geometry_measurement(found, RecordHead("geometry", files_read(shoot.records), {"width_mm": 300.0}))
+        results.write("report.html", PROCEDURE.page(whole))
+        write_measurement(results, whole)
 
 
 def rig(folder: Path) -> Words:

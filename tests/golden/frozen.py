@@ -24,6 +24,11 @@ def frozen_record(path: Path, folder: Path) -> Any:
     return _frozen(json.loads(path.read_text(encoding="utf-8")), str(folder))
 
 
+def without_hashes(text: str) -> str:
+    """A text without the hashes of files, and of what a batch's folders depend on."""
+    return re.sub(r"-[0-9a-f]{16}\b", "-KEY", re.sub(r"\b[0-9a-f]{64}\b", "SHA256", text))
+
+
 def _frozen(value: Any, folder: str) -> Any:
     if isinstance(value, dict):
         kept = {name: one for name, one in value.items() if name not in PASSING}
@@ -33,7 +38,7 @@ def _frozen(value: Any, folder: str) -> Any:
     if isinstance(value, list):
         return [_frozen(one, folder) for one in value]
     if isinstance(value, str):
-        return re.sub(r"\b[0-9a-f]{64}\b", "SHA256", value.replace(folder, "DIR"))
+        return without_hashes(value.replace(folder, "DIR"))
     return float(f"{value:.8g}") if isinstance(value, float) else value
 
 

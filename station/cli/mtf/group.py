@@ -7,7 +7,7 @@ import click
 from station.cli.terminal.lazy import LazyGroup
 
 # name -> (module under station.cli, function, help line)
-MTF_COMMANDS = {"edge": ("mtf.edge", "mtf_edge", "Across slanted edges, ISO 12233 e-SFR.")}
+MTF_COMMANDS = {"edge": ("procedure_command", "edge", "Across slanted edges, ISO 12233 e-SFR.")}
 
 
 @click.group(cls=LazyGroup, table=MTF_COMMANDS)

@@ -8,8 +8,8 @@ from station.cli.terminal.lazy import LazyGroup
 
 # name -> (module under station.cli, function, help line)
 PSF_COMMANDS = {
-    "pattern": ("psf.pattern", "psf_pattern", "From one photograph of the noise chart."),
-    "two-photo": ("psf.two_photo", "psf_two_photo", "From two photographs of a wall at different distances."),
+    "pattern": ("procedure_command", "pattern", "From one photograph of the noise chart."),
+    "two-photo": ("procedure_command", "two-photo", "From two photographs of a wall at different distances."),
     "series": ("psf.series", "psf_series", "Over aperture, focus and ISO, from one mounting."),
     "field": ("psf.field", "psf_field", "Over the whole frame, from charts at many places."),
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,6 @@ from station.common.log import Fact, log, log_json_option
 if TYPE_CHECKING:
     from procedures.outcome import Judged, Miss
     from procedures.pattern_print.source import Source
-    from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
     from station.results.overlay import Overlay
     from station.results.plane_result import PlaneResult
@@ -149,29 +148,6 @@ def chart_source(bits: Path | None, seed: int | None) -> Source:
     return Source.from_file(bits) if bits else Source.from_seed(DEFAULT_SEED if seed is None else seed)
 
 
-def read_planes(
-    image: Path,
-    plane: str | None,
-    layout: DumpLayout | None = None,
-    *,
-    typed: Mapping[str, float | None] | None = None,
-) -> RawFrame:
-    """The planes asked for, of one photograph; the default one where none is named.
-
-    `typed` are settings that must not contradict what the camera noted. Raises BadParameter where they do.
-    """
-    from procedures.raw import default_plane, read_frame
-    from procedures.reading.exposure import check_typed
-
-    chosen = plane or default_plane(image, layout)
-    frame = read_frame(image, None if chosen == "all" else [chosen], layout)
-    check_typed(frame.exposure, typed or {}, str(image), INSIST)
-    rows, columns = next(iter(frame.planes.values())).samples.shape
-    sentence = f"read {image}: {', '.join(frame.planes)}, {columns} x {rows} pixels a plane"
-    log("read", sentence, path=str(image), sha256=frame.sha256, planes=",".join(frame.planes))
-    return frame
-
-
 def tell_each(calibrated: Iterable[PlaneResult]) -> list[PlaneResult]:
     """The planes, each told as it comes."""
     found = []
@@ -237,8 +213,9 @@ def _sentence(record: PlaneResult) -> str:
     parts = [f"{record.name}: {measurement_words(record.verdict)}"]
     parts += [record.reason] if record.reason else []
     asked = [name for name in record.numbers if (at := frequency_of(name)) and at[1] != RADIAL]
-    for name in (*in_group(Group.LINE, record.numbers), *asked):
-        number = record.numbers[name]
+    for name in (*in_group(Group.LINE, {**record.numbers, **record.values}), *asked):
+        if (number := record.quantity(name)) is None:
+            continue
         words = f"{label(name, record.unit)} {stated(number.value, number.uncertainty)}"
         parts.append(f"{words} {number.unit}" if number.unit != "1" else words)
     if record.unit == "cycles/pixel" and record.pitch > 1 and any("pixel" in part for part in parts):

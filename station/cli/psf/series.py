@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.batch import carry_out
-from station.cli.psf.planes import OPTICS, chart_options, chart_source, psf_options
+from station.cli.psf.planes import chart_options, psf_options, told_layout
 from station.cli.psf.terms import terms_of
 from station.common.log import log
 
@@ -45,18 +45,18 @@ def psf_series(
     series.html beside what `station batch` writes: it is a batch with `procedure = "series"`, and goes on where it was
     stopped.
     """
-    source = chart_source(bits, seed)
-    from procedures.pattern_psf.estimate import PatternParameters
     from station.batch.procedure_file import SERIES, Procedure
+    from station.procedure.builtin.pattern import PatternSettings
+    from station.procedure.settings import read_settings
 
-    trusted, terms = options.pop("trust_typed"), terms_of(options)
-    optics = {name: value for name in OPTICS if (value := options.pop(name)) is not None}
-    explained = "pixel_pitch_um" in optics if physics is None else physics
+    terms = terms_of(options)
+    chosen = {name: value for name, value in {**options, "bits": bits, "seed": seed}.items() if value is not None}
+    explained = "pixel_pitch_um" in chosen if physics is None else physics
     if not explained:
         remedy = "give --pixel-pitch-um for it, and for the Strehl ratio" if physics is None else ""
         log("physics", "no wavefront is looked for", remedy=remedy)
-    procedure = Procedure(
-        SERIES, PatternParameters(**options), (plane,) if plane else (), source, optics, terms, layout=layout,
-        trust_typed=trusted, physics=explained,
-    )  # fmt: skip
+    chosen |= {"physics": explained, **told_layout(layout), **({"plane": plane} if plane else {})}
+    settings = read_settings(PatternSettings, chosen)
+    settings.check()
+    procedure = Procedure(SERIES, None, terms=terms, settings=settings)
     carry_out(procedure, (folder,), out, jobs=jobs, reports=report, as_json=as_json)

@@ -29,7 +29,7 @@ from procedures.whole_camera.joint import Part
 from station.calibration.sensor import SensorFiles
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.vignetting import Flats, flats_of, vignetting_measurement
-from station.guide.plans import field, sensor
+from station.guide.plans import field, geometry, sensor
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import PartBeside, RecordHead
@@ -238,13 +238,11 @@ def _write_vignetting(
 def _write_geometry(
     folder: ResultFolder, one: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    from station.reports.geometry_files import write_plane  # it draws: that import is slow
-
-    geometry: Geometry = one.result()
-    sources = {view.view.source for view in geometry.views}
+    camera: Geometry = one.result()
+    sources = {view.view.source for view in camera.views}
     seen = Picked(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
-    told = PlaneResult.of_outcome(plane, one, found=geometry, numbers=geometry.numbers())
-    write_plane(folder, told, seen, _of_inputs(head, {frame.sha256 for frame in seen}))
+    told = PlaneResult.of_outcome(plane, one, found=camera, numbers=camera.numbers())
+    geometry.write(folder, told, seen, _of_inputs(head, {frame.sha256 for frame in seen}))
     return "report.html"
 
 

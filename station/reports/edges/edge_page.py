@@ -14,7 +14,9 @@ from station.reports.edges.edge_figures import edges_mtf_figure, places_figure, 
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.page import render
 from station.reports.pattern_report import Report, curves_over, report_of_files
+from station.results.measurement import NUMBERS
 from station.results.overlay import Overlay
+from station.results.result_files import RECORD
 from station.results.terms import Terms
 from station.results.units import told_numbers
 
@@ -37,7 +39,7 @@ def edge_page(report: Report, frame: RawFrame, records: Sequence[EdgeRecord]) ->
         (sheet, record, _edges(record), _pictures(record, frame.planes[record.name], report, f"p{i}"))
         for i, (sheet, record) in enumerate(zip(report.planes, records, strict=True), 1)
     ]
-    files = ["result.json"]
+    files = [RECORD, *([NUMBERS] if any(one.result.numbers for one in records) else [])]
     for one in records:
         files += [f"mtf_{one.name}.csv", f"edge_{one.name}.png"] if one.edges else []
     return render("edge.html", report=report, sheets=sheets, shown=SHOWN, files=files)

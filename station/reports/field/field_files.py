@@ -28,8 +28,9 @@ from station.reports.otf_figures import FrequencyAxis
 from station.reports.pattern_report import Report, report_of_files
 from station.results.overlay import HeightOverlay
 from station.results.plane_result import PlaneResult
+from station.results.psf_files import write_psf_result
 from station.results.record_head import InputFile, PartBeside, RecordHead, verdict_entry
-from station.results.result_files import ResultFolder, json_text, write_psf_result
+from station.results.result_files import ResultFolder, json_text
 from station.results.terms import Terms
 from station.results.units import told_quantity
 

@@ -27,9 +27,10 @@ from station.guide.catalogue import DEFAULT, PLANS
 from station.guide.frontend import Result, RunEnded
 from station.results.comparison import Comparison, Judged, Judgement
 from station.results.plane_result import PlaneResult
+from station.results.psf_files import write_psf_result
 from station.results.record_head import RecordHead
 from station.results.restored import RESTORATION
-from station.results.result_files import ResultFolder, write_psf_result, write_record
+from station.results.result_files import ResultFolder, write_record
 
 from .driving import PATIENCE_S, Driver, drive
 from .fakes import FakeLab, FakeRun, FakeStage, chosen_step

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import cv2
+import jsonschema
 import numpy as np
 import pytest
 from scipy.special import ndtr
@@ -17,6 +18,8 @@ from station.batch.item import ItemRow, Job, finished, work
 from station.batch.procedure_file import FIELD, read_procedure
 from station.batch.run import run_batch
 from station.calibration.folder_photographs import by_folder, find_frames, singly
+from station.procedure.registry import procedure_named
+from station.procedure.schema import schema_of
 
 
 def edge_picture(path, mtf50):
@@ -51,6 +54,34 @@ def test_edges_are_measured_held_to_limits_and_not_done_again(tmp_path):
     assert (record["schema"], record["procedure"]) == ("station/mtf/1", "edge")
     assert "MTF50 across the edge ≥ 0.22 cycles/pixel is missed" in soft.against
     assert all(one.reused for one in rows_of(tmp_path, EDGES))
+
+
+@pytest.mark.slow
+def test_keys_of_an_edge_may_stand_beside_its_settings(tmp_path):
+    edge_picture(tmp_path / "in" / "a.png", 0.25)
+    keys = 'planes = ["Y"]\ntrust_typed = true\noptics = { pixel_pitch_um = 5, f_number = 2.8 }\nunit = "lp/mm"\n'
+    (row,) = rows_of(tmp_path, f'procedure = "edge"\n{keys}at = [20]\n[settings]\nroi = "5,5,50,70"\n')
+    assert row.planes["Y"].numbers["mtf50"]["value"] == pytest.approx(50, rel=0.01)  # 200 pixels to a millimetre
+    record = json.loads((tmp_path / "out" / row.folder / "result.json").read_text())
+    given = {name: record["parameters"][name] for name in ("roi", "f_number", "trust_typed", "unit", "at")}
+    assert given == {"roi": [5, 5, 50, 70], "f_number": 2.8, "trust_typed": True, "unit": "lp/mm", "at": [0.1]}
+    jsonschema.validate(record, schema_of(procedure_named("edge")))
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ("planes = ['G']", "planes has .G.; use one of R, G1"),
+        ("raw = '8x6,RGGB'", "five parts"),
+        ("trust_typed = 1", "trust_typed must be true or false"),
+        ("optics = { f_number = 0 }", r"optics\.f_number must be more than 0"),
+        ("settings = { roi = 3 }", r"settings\.roi must be text"),
+    ],
+)
+def test_keys_of_an_edge_are_checked(tmp_path, keys, words):
+    (tmp_path / "p.toml").write_text(f"procedure = 'edge'\n{keys}\n".replace("'", '"'))
+    with pytest.raises(BadParameter, match=words):
+        read_procedure(tmp_path / "p.toml")
 
 
 def test_photographs_of_each_folder_are_one_field(tmp_path, monkeypatch):
@@ -108,7 +139,7 @@ def test_a_field_names_the_photograph_that_cannot_be_read(tmp_path):
 def test_what_the_camera_noted_stands_in_the_row(tmp_path, chart_photograph, monkeypatch):
     path = chart_photograph(tmp_path / "in" / "a.dng")
     exposure = read_frame(path).exposure
-    monkeypatch.setattr(estimates, "calibrate", lambda *args, **more: iter(()))
+    monkeypatch.setattr("station.procedure.builtin.pattern.calibrate", lambda *args, **more: iter(()))
     monkeypatch.setattr("station.batch.item._row_of", lambda item, *rest: ItemRow(item.files, "pass"))
     (row,) = rows_of(tmp_path, 'procedure = "series"\n')
     assert row.noted["f_number"] == exposure.f_number

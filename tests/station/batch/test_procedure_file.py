@@ -26,10 +26,10 @@ energy_above_nyquist = { max = 0.1, planes = ["G1"] }
 
 def test_file_is_read_as_it_is_written(procedure_file):
     found = read_procedure(procedure_file(WHOLE))
-    assert (found.name, found.planes) == ("pattern", ("G1", "B"))
-    assert (found.parameters.s, found.parameters.k, found.parameters.solver) == (3, 13, "nnls")
-    assert found.optics == {"pixel_pitch_um": 3.76, "f_number": 8.0}
-    np.testing.assert_array_equal(found.chart.chart.cells, Chart.from_seed(5).cells)
+    assert (found.name, found.settings.plane) == ("pattern", "G1,B")
+    assert (found.settings.s, found.settings.k, found.settings.solver) == (3, 13, "nnls")
+    assert (found.settings.pixel_pitch_um, found.settings.f_number) == (3.76, 8.0)
+    np.testing.assert_array_equal(found.settings.check().chart.cells, Chart.from_seed(5).cells)
     assert found.terms.specification.limits == (
         Limit("mtf50_horizontal", 0.25, math.inf, 3.0),
         Limit("energy_above_nyquist", -math.inf, 0.1, 3.0, ("G1",)),
@@ -39,13 +39,14 @@ def test_file_is_read_as_it_is_written(procedure_file):
 @pytest.mark.parametrize("text", ["", 'procedure = "two-photo"'])
 def test_what_is_left_out_is_as_in_the_command(procedure_file, text):
     found = read_procedure(procedure_file(text))
-    assert (found.parameters.s, found.parameters.k, found.planes, found.terms) == (None, None, (), USUAL)
+    settings = found.settings
+    assert (settings.s, settings.k, settings.plane, found.terms) == ("auto", "auto", None, USUAL)
     assert found.told()["s"] == "auto"
 
 
 def test_auto_and_numbers_are_what_s_and_k_can_be(procedure_file):
-    parameters = read_procedure(procedure_file('parameters = { s = "auto", k = 21 }')).parameters
-    assert (parameters.s, parameters.k) == (None, 21)
+    settings = read_procedure(procedure_file('parameters = { s = "auto", k = 21 }')).settings
+    assert (settings.s, settings.k) == ("auto", 21)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +59,7 @@ def test_auto_and_numbers_are_what_s_and_k_can_be(procedure_file):
         ("limits = { gamma = { min = 2, max = 1 } }", "limits.gamma.min and max must leave a range", "min below max"),
         ("limits = { gamma = {} }", "must leave a range", "give min"),
         ("limits = { gamma = { min = nan } }", "limits.gamma.min must be a number", "correct"),
-        ("procedure = 'patern'", "procedure is 'patern'", "pattern, two-photo, field, edge, series"),
+        ("procedure = 'patern'", "procedure is 'patern'", "field, series, restore, correct, edge, geometry, pattern"),
         ("procedure = 'edge'\nparameters = { s = 4 }", "parameters.s is not known", ""),
         ("procedure = 'edge'\nphysics = true", "physics is not known", "write optics"),
         ("specification = 'x.toml'\nlimits = { gamma = { min = 1 } }", "are both given", "one of them"),

@@ -22,7 +22,6 @@ from click.testing import CliRunner
 from procedures.outcome import BadParameter
 from procedures.raw import read_frame
 from station.__main__ import main
-from station.batch import estimates
 from station.batch.batch_folder import owned
 from station.batch.item import Job, finished, kept_row, work
 from station.batch.procedure_file import read_procedure
@@ -129,7 +128,7 @@ def test_optics_that_contradict_a_file_are_named_and_can_be_insisted_on(done, tm
     (row,) = again(tmp_path / "in", tmp_path / "out", text)
     assert row.verdict == "refused"
     assert "the f-number was given as 11, and the camera noted 2.8" in row.reason
-    assert row.remedy.endswith("to insist, write trust_typed = true")
+    assert row.remedy.endswith("in a procedure file write trust_typed = true")
     (row,) = again(tmp_path / "in", tmp_path / "out", "trust_typed = true\n" + text)
     # it is insisted on, and estimated; the photograph's own far tail tells that it is wrong all the same
     assert row.verdict == "doubtful"
@@ -189,22 +188,20 @@ def test_result_that_was_damaged_is_done_again_and_that_is_said(tmp_path, chart_
 
 
 @pytest.mark.slow
-def test_photograph_that_is_replaced_while_it_is_worked_on_is_told_by_the_hash_of_what_was_decoded(
-    tmp_path, chart_photograph, monkeypatch
-):
+def test_photograph_that_is_replaced_while_it_is_worked_on_is_not_kept(tmp_path, chart_photograph, monkeypatch):
     path = chart_photograph(tmp_path / "in" / "one.dng")
-    whole, decoded = path.read_bytes(), []
+    other = chart_photograph(tmp_path / "other.dng", seed=2).read_bytes()
 
-    def replaced(*file, **data):
-        path.write_bytes(b"another file")
-        decoded.append(read_frame(*file, **data))
-        return decoded[0]
+    def replaced(*file):
+        path.write_bytes(other)
+        return read_frame(*file)
 
-    monkeypatch.setattr(estimates, "default_plane", lambda path, layout: "G1")
-    monkeypatch.setattr(estimates, "read_frame", replaced)
+    with monkeypatch.context() as while_read:
+        while_read.setattr("station.procedure.base.read_frame", replaced)
+        (row,) = again(path.parent, tmp_path / "out")
+    assert (row.verdict, row.folder, row.reason) == ("unreadable", "", f"{path} was changed while the batch read it")
     (row,) = again(path.parent, tmp_path / "out")
-    assert row.verdict == "pass"
-    assert row.sha256 == [decoded[0].sha256] == [hashlib.sha256(whole).hexdigest()]
+    assert (row.verdict, row.sha256) == ("pass", [hashlib.sha256(other).hexdigest()])
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import jsonschema
 import numpy as np
 import pycolmap
 import pytest
@@ -19,10 +20,17 @@ from procedures.geometry.spline_camera import SplineCamera
 from procedures.geometry.views import ChartView
 from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
 from station.__main__ import main
+from station.batch.item import Job, work
+from station.batch.procedure_file import read_procedure
 from station.calibration.exports.geometry import StoredCamera, export_camera, read_camera
+from station.calibration.folder_photographs import by_folder, find_frames
 from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord, conclude
+from station.calibration.geometry_files import geometry_measurement
 from station.calibration.rig import read_rig_camera
-from station.reports.geometry_files import write_geometry_result
+from station.procedure.builtin.geometry import PROCEDURE
+from station.procedure.schema import schema_of
+from station.results.measurement import write_measurement
+from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder
 from tests.procedures.geometry.simulated_views import CELL_MM, TrueCamera, take
 from tests.procedures.geometry.simulated_views import Shoot as Photographed
@@ -48,9 +56,10 @@ def outcome(shoot):
 def result(shoot, outcome, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("geometry")
     with ResultFolder(path) as folder:
-        write_geometry_result(
-            folder, [PlaneGeometry(shoot, outcome)], parameters={"width_mm": 300.0}, start=0.0, report=True
-        )
+        head = RecordHead("geometry", files_read(shoot.records), {"width_mm": 300.0})
+        found = geometry_measurement([PlaneGeometry(shoot, outcome)], head)
+        folder.write("report.html", PROCEDURE.page(found))
+        write_measurement(folder, found)
     return path
 
 
@@ -96,7 +105,7 @@ def test_several_planes_have_one_record_and_tables_of_their_own(shoot, outcome, 
     planes = [PlaneGeometry(replace(shoot, plane="R"), blurred), PlaneGeometry(shoot, outcome)]
     planes.append(PlaneGeometry(replace(shoot, plane="B"), outcome))
     with ResultFolder(tmp_path / "all") as folder:
-        write_geometry_result(folder, planes, parameters={}, start=0.0)
+        write_measurement(folder, geometry_measurement(planes, RecordHead("geometry")))
     told = json.loads((tmp_path / "all" / "result.json").read_text())["planes"]
     assert [(name, one["verdict"]) for name, one in told.items()] == [
         ("R", "refused"), ("G1", str(outcome.verdict)), ("B", str(outcome.verdict))
@@ -288,6 +297,36 @@ def test_the_commands_calibrate_and_export(measured, tmp_path):
     run = CliRunner().invoke(main, ["export", str(out), "--to", "ros", str(tmp_path / "camera.yaml")])
     assert run.exit_code == 0, run.output
     assert yaml.safe_load((tmp_path / "camera.yaml").read_text())["image_width"] == TRUTH.size[0]
+
+
+@pytest.mark.slow
+def test_a_batch_takes_the_photographs_of_each_folder_together(measured, tmp_path):
+    (tmp_path / "empty.pgm").write_bytes(b"")
+    (tmp_path / "p.toml").write_text(
+        'procedure = "geometry"\n[limits]\nfx = { min = 9000 }\n[settings]\nmodel = "OPENCV"\nat_mm = [700]\n'
+    )
+    (item,) = by_folder(find_frames([tmp_path], tmp_path / "out"))
+    row = work(item, Job(read_procedure(tmp_path / "p.toml"), tmp_path / "out", reports=True))
+    assert (row.verdict, row.specification) == ("pass", "does not meet")
+    assert row.planes["Y"].numbers["fx"]["value"] == pytest.approx(TRUTH.focal_px[0], rel=1e-4)
+    folder = tmp_path / "out" / row.folder
+    assert (folder / "report.html").is_file()
+    record = json.loads((folder / "result.json").read_text())
+    assert record["parameters"]["chart"] == "seed 1"
+    assert [one["source"] for one in record["planes"]["Y"]["left_out"]] == ["empty.pgm"]
+    assert "projection_uncertainty_at_700_mm" in record["planes"]["Y"]
+
+
+@pytest.mark.slow
+def test_the_record_follows_its_schema_and_has_a_certificate(measured, tmp_path):
+    (tmp_path / "limits.toml").write_text("[limits]\nfx = { min = 9000 }\n")
+    words = ("--model", "OPENCV", "--no-report", "--certificate", "--specification", str(tmp_path / "limits.toml"))
+    run = CliRunner().invoke(main, ["geometry", *measured, *words, "--out", str(tmp_path / "out")])
+    assert run.exit_code == 1, run.output
+    jsonschema.validate(json.loads((tmp_path / "out" / "result.json").read_text()), schema_of(PROCEDURE))
+    page = (tmp_path / "out" / "certificate.html").read_text()
+    assert "bundle adjustment" in page
+    assert "Focal length fx" in page
 
 
 def test_two_photographs_are_refused_with_the_contracts_code(measured, tmp_path):

@@ -95,7 +95,7 @@ def test_log_json_makes_every_line_an_object(run, estimator, photograph, tmp_pat
     estimator.answers["Y"] = refused
     done = run("psf", "pattern", photograph, "--out", tmp_path, "--log-json")
     lines = [json.loads(line) for line in done.stderr.splitlines()]
-    assert [line["event"] for line in lines] == ["read", "plane", "written"]
+    assert [line["event"] for line in lines] == ["step", "plane", "written"]
     assert lines[1].items() >= {"level": "error", "plane": "Y", "verdict": "refused"}.items()
     assert all({"ts", "level", "event"} <= line.keys() for line in lines)
 

@@ -15,7 +15,7 @@ class Model(Settings, frozen=True, kw_only=True):
     width_mm: Annotated[float, setting("Width of the chart.", least=1)] = 300.0
     count: Annotated[int, setting("Photographs.", least=1, most=9)] = 3
     positions: Annotated[Literal["lens", "set"], setting("What they mean.")] = "lens"
-    distances_mm: Annotated[tuple[float, ...], setting("Distances.", least=None)] = ()
+    distances_mm: tuple[Annotated[float, setting("Distances.", least=1)], ...] = ()
     table: Annotated[Path, setting("A table.")] | None = None
     pitch_um: Annotated[float, setting("Pitch.", least=0.1)] | None = None
     insist: Annotated[bool, setting("Insist.")] = False
@@ -41,7 +41,8 @@ def test_a_table_becomes_the_model():
         ({"count": 10}, r"count must be a whole number at least 1 and at most 9; it is '10'"),
         ({"count": 2.5}, "count must be a whole number"),
         ({"positions": "chart"}, "positions must be one of lens, set; it is 'chart'"),
-        ({"distances_mm": [1, "far"]}, "distances_mm must be a list, each a number"),
+        ({"distances_mm": [1, "far"]}, "distances_mm must be a list, each a number at least 1"),
+        ({"distances_mm": [1, 0.5]}, "distances_mm must be a list, each a number at least 1"),
         ({"insist": 1}, "insist must be true or false"),
         ({"tile_px": 100}, "tile_px must be one of 128, 256; it is '100'"),
         ({"table": 4}, "table must be a path"),

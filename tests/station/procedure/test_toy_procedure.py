@@ -56,7 +56,7 @@ def test_it_has_a_command_with_its_options(station):
 def test_record_page_and_certificate(station):
     done = station("mean-level", "shoot/bright.png", "--out", "one", "--certificate")
     assert done.returncode == 0, done.stderr
-    assert "Y: pass; mean_level 0.49999" in done.stderr
+    assert "Y: trusted; Mean level 0.49999" in done.stderr
     record = json.loads((station.folder / "one" / "result.json").read_text())
     assert record["schema"] == "station/mean-level/1"
     assert record["parameters"]["border_px"] == 4

@@ -64,7 +64,7 @@ def test_page_tells_verdicts_numbers_and_places(frame, told):
     assert "<b>" not in page
     assert "<script" not in page
     assert len(page) < 3_000_000
-    assert {one.get("href") for one in tree.iter("a")} == {"result.json", "mtf_Y.csv", "edge_Y.png"}
+    assert {one.get("href") for one in tree.iter("a")} == {"result.json", "numbers.csv", "mtf_Y.csv", "edge_Y.png"}
 
 
 @pytest.mark.slow

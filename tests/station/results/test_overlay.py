@@ -14,8 +14,9 @@ from station.reports.field.height_curves import heights_figure, heights_table
 from station.reports.otf_figures import FrequencyAxis
 from station.results.overlay import read_height_overlay, read_height_overlays, read_overlay
 from station.results.plane_result import PlaneResult
+from station.results.psf_files import file_names, write_psf_result
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder, file_names, write_psf_result
+from station.results.result_files import ResultFolder
 from station.results.units import Pixels, Unit
 
 

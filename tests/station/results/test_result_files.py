@@ -18,8 +18,9 @@ from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
 from station.drawing.psf_picture import psf_picture
 from station.results.plane_result import PlaneResult
+from station.results.psf_files import write_psf_result
 from station.results.record_head import RecordHead
-from station.results.result_files import ResultFolder, write_psf_result, write_record
+from station.results.result_files import ResultFolder, write_record
 
 
 def psf_of(h, s=4):

@@ -1,0 +1,121 @@
+"""The MTF of each plane across slanted edges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from procedures.numbers import EDGE_ANGLE, EDGE_MTF50
+from procedures.outcome import BadParameter
+from procedures.slanted_edge.estimate import EdgeOutcome, orientation
+from procedures.slanted_edge.strip import Roi
+from station.calibration.edges import EdgeRecord, PhotographEdges, edge_measurement, measure_edges
+from station.common.progress import Progress, silent
+from station.common.uncertainty_text import stated
+from station.procedure.base import Inputs, Procedure
+from station.procedure.optics import OpticsReading
+from station.procedure.settings import setting
+from station.results.measurement import Measurement
+from station.results.record_head import RecordHead, files_read
+from station.results.terms import USUAL, Terms
+from station.results.units import told_quantity
+from station.results.verdict_words import measurement_words
+
+if TYPE_CHECKING:
+    from station.reports.pattern_report import Report
+
+
+class EdgeSettings(OpticsReading, frozen=True, kw_only=True):
+    """Where the edge is, and the optics."""
+
+    roi: (
+        Annotated[
+            str, setting("Where the edge is, in pixels of the plane.  [default: all edges]", metavar="X,Y,W,H")
+        ]
+        | None
+    ) = None  # fmt: skip
+
+    @property
+    def region(self) -> tuple[int, int, int, int] | None:
+        """First pixel, width and height. Raises BadParameter where the text is not four numbers."""
+        if self.roi is None:
+            return None
+        try:
+            x, y, width, height = map(int, self.roi.split(","))
+        except ValueError:
+            width = height = 0
+        if min(width, height) < 1:
+            raise BadParameter(
+                f"roi must be X,Y,W,H: first pixel, width, height; it is {self.roi!r}", "for example 5,5,50,70"
+            )
+        return x, y, width, height
+
+
+class SlantedEdge(Procedure[EdgeSettings]):
+    """Slanted edges of a photograph."""
+
+    name = "edge"
+    title = "MTF across slanted edges"
+    help = """Measure the MTF across the slanted edges of IMAGE, each plane by itself and not demosaicked.
+
+    With pitch and aperture known, the light that diffraction throws beyond the edge's plains is known to 5 %; without,
+    it is estimated from the plains alone.
+
+    An edge is the straight border of a dark and a bright plain area, some degrees off the axes of the pixels."""
+    inputs = Inputs.PHOTOGRAPH
+    Settings = EdgeSettings
+    schema = "station/mtf/1"
+    has_mtf = True
+    usual_page = False
+
+    def measure(
+        self, paths: Sequence[Path], settings: EdgeSettings, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Measurement:
+        """The edge of a region, or all edges that are found."""
+        region = settings.region
+        frame = settings.read(paths[0])
+        roi = None if region is None else Roi(*region)
+        limit, pixels = settings.limit(frame.exposure), settings.pixels(frame)
+        found = PhotographEdges(frame, tuple(measure_edges(frame, roi, limit, terms, pixels)))
+        progress(paths[0].name)
+        given = {"roi": region, **settings.given()}
+        return edge_measurement(found, RecordHead(self.name, files_read([frame]), given), terms)
+
+    def draws(self, found: Measurement) -> bool:
+        """Always: where an edge was refused is worth seeing."""
+        return True
+
+    def report(self, found: Measurement) -> Report:
+        """With what the camera noted of the photograph."""
+        from station.reports.edges.edge_page import edge_report  # here: it draws, which is slow to load
+
+        frame, records = found.found.frame, found.found.records
+        return edge_report(frame, records, found.head.parameters, found.terms, found.overlays)
+
+    def page(self, found: Measurement) -> bytes:
+        """Every edge with its place, its spread and its MTF."""
+        from station.reports.edges.edge_page import edge_page  # here: it draws, which is slow to load
+
+        return edge_page(self.report(found), found.found.frame, found.found.records).encode()
+
+    def lines(self, found: Measurement) -> list[str]:
+        """Every edge that has a place, and how many have which verdict."""
+        whole: PhotographEdges = found.found
+        counts = [f"{one.name}: {one.count}" for one in whole.records if one.count]
+        return [*(_words(one, edge) for one in whole.records for edge in one.outcomes if edge.roi), *counts]
+
+
+def _words(record: EdgeRecord, outcome: EdgeOutcome) -> str:
+    """Place, verdict, direction and MTF50 of an edge."""
+    roi, edge, told = outcome.roi, outcome.value, record.result
+    place = "" if roi is None else f" at {roi.x},{roi.y},{roi.width},{roi.height}"
+    words = f"{record.name}{place}: {measurement_words(outcome.verdict)}, {orientation(outcome.turned)}"
+    if edge is None or EDGE_MTF50 not in edge.numbers:
+        return f"{words}; {outcome.reason}"
+    mtf50 = told_quantity(edge.numbers[EDGE_MTF50], told.unit, told.factor)
+    angle = edge.numbers[EDGE_ANGLE].value
+    return f"{words}, {angle:.2f} degrees; MTF50 {stated(mtf50.value, mtf50.uncertainty)} {mtf50.unit}"
+
+
+PROCEDURE = SlantedEdge()

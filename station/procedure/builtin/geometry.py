@@ -1,0 +1,94 @@
+"""The geometry of a camera from photographs of the chart: intrinsics, distortion and poses with covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+from procedures.geometry.cameras import parameter_names
+from procedures.geometry.estimate import GeometryParameters
+from procedures.pattern import BLOCK, BLOCKS
+from station.calibration.geometry import conclude, measure_views
+from station.calibration.geometry_files import geometry_measurement
+from station.common.progress import Progress, silent
+from station.procedure.base import ChartReading, Inputs, Procedure
+from station.procedure.settings import setting
+from station.results.measurement import Measurement
+from station.results.record_head import RecordHead, files_read
+from station.results.terms import USUAL, Terms
+
+
+class GeometrySettings(ChartReading, frozen=True, kw_only=True):
+    """The print, the camera model, and what is reported besides."""
+
+    width_mm: Annotated[float, setting("Width of the printed chart's ten blocks, as measured.", least=1)] = 300.0
+    width_uncertainty_mm: (
+        Annotated[
+            float, setting("Its standard uncertainty; all distances share it.  [default: 0.3 %]", least=0)
+        ]
+        | None
+    ) = None  # fmt: skip
+    model: (
+        Annotated[
+            str,
+            setting("One of COLMAP's camera models, or OPENCV+SPLINE_12X9.  [default: chosen by views left out]"),
+        ]
+        | None
+    ) = None  # fmt: skip
+    at_mm: tuple[Annotated[float, setting("Report the uncertainty at this distance too.", least=1)], ...] = ()
+
+    @property
+    def parameters(self) -> GeometryParameters:
+        """Those of the estimate. Raises BadParameter where there is no such model."""
+        if self.model is not None:
+            parameter_names(self.model)
+        known = self.width_uncertainty_mm
+        share = {} if known is None else {"scale_uncertainty": known / self.width_mm}
+        cell_mm = self.width_mm / (BLOCK * BLOCKS)
+        return GeometryParameters(cell_mm, model=self.model, distances_mm=self.at_mm, **share)
+
+
+class CameraGeometry(Procedure[GeometrySettings]):
+    """Photographs of one chart from many places, by plane."""
+
+    name = "geometry"
+    title = "geometry of a camera"
+    help = """Calibrate a camera's geometry from PHOTO..., one chart each; a folder or a session stands for its own.
+
+    Tilt the chart by 20 to 40 degrees to all sides and show it all over the frame, also in the corners: 12 photographs
+    at one focus are a good number."""
+    inputs = Inputs.PHOTOGRAPHS
+    Settings = GeometrySettings
+    method = "bundle adjustment of camera, poses and chart, each point weighted by its covariance"
+
+    def measure(
+        self, paths: Sequence[Path], settings: GeometrySettings, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Measurement:
+        """The camera in every plane."""
+        parameters, source, layout = settings.parameters, settings.source, settings.layout
+        shoots = measure_views(paths, settings.plane_name, source.chart, layout, progress)
+        given = {
+            "width_mm": settings.width_mm, "scale_uncertainty": parameters.scale_uncertainty,
+            "model": settings.model or "auto", "chart": source.origin, **({"raw": str(layout)} if layout else {}),
+        }  # fmt: skip
+        read = [one for one in shoots[0].records if one.sha256]
+        head = RecordHead(self.name, files_read(read), given)
+        return geometry_measurement(conclude(shoots, parameters), head).compared(terms)
+
+    def page(self, found: Measurement) -> bytes:
+        """How well the frame is known, the lens, the chart, the views."""
+        from station.reports.geometry_page import geometry_page  # here: it draws, which is slow to load
+
+        return geometry_page(found.found, found.head).encode()
+
+    def lines(self, found: Measurement) -> list[str]:
+        """Which camera model each plane has, and from how many views."""
+        return [
+            f"{one.name}: {one.found.camera.model} from {len(one.found.views)} views"
+            for one in found.planes
+            if one.found is not None
+        ]
+
+
+PROCEDURE = CameraGeometry()

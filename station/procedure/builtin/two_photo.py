@@ -1,0 +1,41 @@
+"""The PSF of each plane from two photographs of a wall at different distances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from procedures.two_photo.estimate import TwoPhotoParameters
+from station.calibration.planes import calibrate_pair
+from station.common.progress import Progress, silent
+from station.procedure.base import Inputs
+from station.procedure.psf import PsfProcedure, PsfSettings
+from station.results.measurement import Measurement
+from station.results.terms import USUAL, Terms
+
+
+class TwoPhoto(PsfProcedure[PsfSettings]):
+    """Two photographs of one textured wall."""
+
+    name = "two-photo"
+    title = "PSF from two photographs of a wall"
+    help = "Estimate the PSF from A and B, photographs of one textured wall at distances more than s times apart."
+    inputs = Inputs.PAIR
+    endings = {"near": "_near", "far": "_far"}  # noqa: RUF012  (a constant of the class)
+
+    def measure(
+        self, paths: Sequence[Path], settings: PsfSettings, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Measurement:
+        """The PSF of every plane."""
+        TwoPhotoParameters(**settings.sampling())  # what cannot be meant is refused before a photograph is read
+        frames = []
+        for path in paths:
+            frames.append(settings.read(path))
+            progress(f"read {path}")
+        first, second = frames
+        parameters = TwoPhotoParameters(**settings.sampling(), at=terms.frequencies(settings.plane_pixels(first)))
+        found = calibrate_pair(first, second, parameters, settings.limit(first.exposure))
+        return self.measurement(frames, found, parameters.told(), settings, terms)
+
+
+PROCEDURE = TwoPhoto()

@@ -1,0 +1,114 @@
+"""The files of PSFs, one for each plane: samples, covariance, MTF, pictures, budget; and the record of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.numbers import SAMPLES_PER_PIXEL, SUPPORT
+from station.common.versions import software
+from station.drawing.psf_picture import psf_picture
+from station.results.budget_table import budget_csv
+from station.results.exports import csv_bytes, profile_table, psf_fits, psf_tiff
+from station.results.measurement import NUMBERS, Measurement, write_measurement
+from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
+from station.results.result_files import RECORD, ResultFolder, npy
+
+if TYPE_CHECKING:
+    from procedures.sensor.information import Information
+
+SCHEMA = "station/psf/1"
+BUDGET = "budget.csv"
+
+Array = npt.NDArray[np.float64]
+Write = Callable[[Path], None]
+
+
+def psf_measurement(planes: Sequence[PlaneResult], head: RecordHead) -> Measurement:
+    """The planes with their files; s and k as they were used are among the parameters of the record."""
+    choice = {plane.name: [asdict(trial) for trial in plane.choice] for plane in planes if plane.choice}
+    whole = replace(head, parameters={**head.parameters, **_sampling(planes)})
+    return Measurement(SCHEMA, whole, tuple(planes), entries={"choice": choice}, files=_files(planes))
+
+
+def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
+    """Write the files of every plane and the record; returns the record's text."""
+    return write_measurement(folder, psf_measurement(planes, head))
+
+
+def file_names(planes: Sequence[PlaneResult]) -> list[str]:
+    """The names of the files that `write_psf_result` writes, the record first."""
+    return [RECORD, *([NUMBERS] if any(plane.numbers for plane in planes) else []), *_files(planes)]
+
+
+def _files(planes: Sequence[PlaneResult]) -> dict[str, Write]:
+    """Each is made when it is written: a covariance may be large."""
+    found = {BUDGET: _made(budget_csv, planes)} if any(plane.quality is not None for plane in planes) else {}
+    for plane in planes:
+        found |= _plane_files(plane)
+    return found
+
+
+def _plane_files(plane: PlaneResult) -> dict[str, Write]:
+    name, psf, found = plane.name, plane.psf, dict[str, Write]()
+    if plane.curves:
+        found[f"mtf_{name}.csv"] = _made(mtf_table, plane.curves, str(plane.unit))
+    if psf is not None:
+        found |= {
+            f"profile_{name}.csv": _made(profile_table, psf, plane.pitch),
+            f"psf_{name}.npy": _made(npy, psf.h),
+            f"covariance_{name}.npy": _made(npy, psf.covariance),
+            f"psf_{name}.fits": _made(psf_fits, psf, name, software()["version"], plane.exposure),
+            f"psf_{name}.tiff": _made(psf_tiff, psf, name, plane.exposure),
+            f"psf_{name}.png": _made(psf_picture, psf, f"{name}  {plane.verdict}"),
+        }
+    if plane.information is not None:
+        found[f"information_{name}.csv"] = _made(information_table, plane.information)
+    if plane.inter_image is not None:
+        found[f"inter_image_{name}.npy"] = _made(npy, plane.inter_image)
+    return found
+
+
+def _made(make: Callable[..., bytes], *given: Any) -> Write:
+    def write(path: Path) -> None:
+        path.write_bytes(make(*given))
+
+    return write
+
+
+def _sampling(planes: Sequence[PlaneResult]) -> dict[str, Any]:
+    """s and k as they were used: one number where all planes have the same, else one a plane."""
+    used = {plane.name: plane.psf for plane in planes if plane.psf is not None}
+    found: dict[str, Any] = {}
+    for name in (SAMPLES_PER_PIXEL, SUPPORT) if used else ():
+        values = {plane: psf.s if name == SAMPLES_PER_PIXEL else psf.k for plane, psf in used.items()}
+        found[name] = next(iter(values.values())) if len(set(values.values())) == 1 else values
+    return found
+
+
+def mtf_table(curves: Mapping[str, Array], unit: str = "cycles/pixel") -> bytes:
+    """The MTF as CSV: frequency in a unit, told in its heading; horizontal, vertical, radial mean, each with its error.
+
+    Moduli have no unit.
+    """
+    head = [f"{name} [{unit}]" if name == "frequency" else name for name in curves]
+    return csv_bytes([head, *([f"{value:.9g}" for value in row] for row in zip(*curves.values(), strict=True))])
+
+
+def information_table(found: Information) -> bytes:
+    """NPS, NEQ and noise-equivalent MTF as CSV, over all frequencies of the upper half plane, in cycles/pixel."""
+    unit = "[cycles/pixel]"
+    rows = [[f"frequency_x {unit}", f"frequency_y {unit}", "mtf", "nps", "neq", "neq_uncertainty", "equivalent_mtf",
+             "equivalent_mtf_uncertainty"]]  # fmt: skip
+    maps = (found.mtf, found.nps, found.neq, found.neq_uncertainty, found.equivalent_mtf,
+            found.equivalent_mtf_uncertainty)  # fmt: skip
+    for j in range(len(found.frequencies) // 2 + 1):
+        for i, fx in enumerate(found.frequencies):
+            rows.append([f"{value:.7g}" for value in (fx, abs(found.frequencies[j]), *(one[j, i] for one in maps))])
+    return csv_bytes(rows)
