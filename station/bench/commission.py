@@ -79,13 +79,13 @@ def settings_told(stage: Stage) -> list[str]:
 def settings_findings(stage: Stage) -> list[Finding]:
     """What to change before anything moves."""
     if isinstance(stage, TmclStage):
-        doubts = [one.doubt(name) for name, one in stage.envelopes.items()]
-        return [Finding(doubt.reason, doubt.remedy) for doubt in doubts if doubt is not None]
+        doubts = [one.caveat(name) for name, one in stage.envelopes.items()]
+        return [Finding(caveat.reason, caveat.remedy) for caveat in doubts if caveat is not None]
     if not isinstance(stage, GrblStage):
         return []
     found = [_too_fast(name, one) for name, one in stage.envelopes.items()]
-    doubt = stage.condition().doubt
-    found.append(None if doubt is None else Finding(doubt.reason, doubt.remedy))
+    caveat = stage.condition().caveat
+    found.append(None if caveat is None else Finding(caveat.reason, caveat.remedy))
     if stage.link.controls.flag(21) is False:
         found.append(Finding("a switch that is hit does not stop it ($21=0)", "set $21=1 where every end has a switch"))
     found.append(_moves_unhomed(stage.link.controls))

@@ -33,7 +33,7 @@ from drivers.protocols.tmcl import TmclParser
 from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
 from drivers.shaker import ShakerAxis, StrigShaker
-from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
+from drivers.shutter import NullParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
 from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport
 from drivers.watchdog import Released, StrigWatchdog
@@ -116,7 +116,7 @@ def _strig_watchdog(name: str, parts: Parts, *, box: str, stages: Sequence[str])
 
 
 def _rts(name: str, parts: Parts, *, port: str) -> RtsShutter:
-    return RtsShutter(parts.wire(name, port, DeafParser, rts=False), clock=parts.clock)
+    return RtsShutter(parts.wire(name, port, NullParser, rts=False), clock=parts.clock)
 
 
 def _relay(name: str, parts: Parts, *, on: str | None = None, port: str | None = None) -> RelayShutter:

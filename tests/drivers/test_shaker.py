@@ -98,7 +98,7 @@ def test_a_stop_lets_it_rest_at_once_and_is_told(shaker, box, quiet, ended):
     (shaker.emergency_stop if ended == "emergency_stop" else box.abort)()
     quiet.clock.sleep(0.05)
     np.testing.assert_array_equal(carried(quiet, quiet.clock.now_s()), [[0.0, 0.0]])
-    with pytest.raises(MoveFailed, match="came to rest before its time"):
+    with pytest.raises(MoveFailed, match="stopped too early"):
         shaker.began_s()
     shaker.start(CIRCLE)
     shaker.stop()

@@ -72,9 +72,9 @@ def devices(
     click.echo(json.dumps([entry(row) for row in rows], indent=1) if as_json else table(rows))
     wrong = [row for row in rows if row.error is not None]
     for row in rows:
-        if row.condition.doubt is not None:
+        if row.condition.caveat is not None:
             log(
-                "doubt", f"{row.name}: {row.condition.doubt.reason}", level="warning", remedy=row.condition.doubt.remedy
+                "doubt", f"{row.name}: {row.condition.caveat.reason}", level="warning", remedy=row.condition.caveat.remedy
             )
     for row in wrong:
         assert row.error is not None
@@ -139,7 +139,7 @@ def entry(row: DeviceRow) -> dict[str, Any]:
         "usable": row.condition.usable and error is None,
         "wrong": error.reason if error else None,
         "remedy": error.remedy if error else row.condition.remedy or None,
-        "doubt": f"{doubt.reason}: {doubt.remedy}" if (doubt := row.condition.doubt) else None,
+        "doubt": f"{caveat.reason}: {caveat.remedy}" if (caveat := row.condition.caveat) else None,
     }
 
 
