@@ -242,8 +242,8 @@ def simulated_bench(
     """
     from simulators.bench.bench import Setup, SimulatedBench, random_trouble
 
-    spoilt, mishaps = random_trouble(seed) if faults else ({}, ())
-    truth = SimulatedBench(folder, Setup(seed=seed, faults=spoilt, mishaps=mishaps, virtual_time=virtual_time))
+    spoilt, fault_events = random_trouble(seed) if faults else ({}, ())
+    truth = SimulatedBench(folder, Setup(seed=seed, faults=spoilt, fault_events=fault_events, virtual_time=virtual_time))
     bench = make_bench(simulated_tables(truth.address, folder, shaker=shaker), folder=folder, clock=truth.clock)
     bench.surroundings = SimulatedSurroundings(truth)
     bench.simulated, bench._on_close = truth, (truth.close,)

@@ -72,10 +72,8 @@ def devices(
     click.echo(json.dumps([entry(row) for row in rows], indent=1) if as_json else table(rows))
     wrong = [row for row in rows if row.error is not None]
     for row in rows:
-        if row.condition.caveat is not None:
-            log(
-                "doubt", f"{row.name}: {row.condition.caveat.reason}", level="warning", remedy=row.condition.caveat.remedy
-            )
+        if (caveat := row.condition.caveat) is not None:
+            log("doubt", f"{row.name}: {caveat.reason}", level="warning", remedy=caveat.remedy)
     for row in wrong:
         assert row.error is not None
         log("device", f"{row.name}: {row.error.reason}", level="error", remedy=row.error.remedy)

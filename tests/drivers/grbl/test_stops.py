@@ -78,8 +78,8 @@ def test_homing_has_the_time_of_every_axis_the_firmware_has(make, twin):
 
 def deaf(twin):
     """A controller that homes and says no word any more."""
-    say, twin._say = twin._say, lambda *lines: None
-    return lambda: setattr(twin, "_say", say)
+    say, twin._send = twin._send, lambda *lines: None
+    return lambda: setattr(twin, "_send", say)
 
 
 def test_homing_that_ends_without_an_answer_is_reset(make, bench, twin):

@@ -122,7 +122,7 @@ def test_a_move_that_was_not_answered_is_stopped(homed, bench, module, monkeypat
         done = obey(command, *order)
         if command == MVP:
             module._out.clear()
-            monkeypatch.setattr(module, "_say", lambda *told: monkeypatch.undo())
+            monkeypatch.setattr(module, "_send", lambda *answer: monkeypatch.undo())
         return done
 
     monkeypatch.setattr(module, "_obey", deaf)
@@ -144,9 +144,11 @@ def test_an_axis_that_homed_to_a_place_outside_its_travel_is_stopped_before_that
 
 
 def test_an_axis_that_stands_still_on_its_way_is_stopped_before_that_is_told(homed, module, monkeypatch):
-    told = module.motors[0].told
+    parameter = module.motors[0].parameter
     frozen = {1: 32_000, 3: 0}  # where it was, and no speed
-    monkeypatch.setattr(module.motors[0], "told", lambda number, now_s: frozen.get(number, told(number, now_s)))
+    monkeypatch.setattr(
+        module.motors[0], "parameter", lambda number, now_s: frozen.get(number, parameter(number, now_s))
+    )
     with pytest.raises(MoveFailed, match="stopped at 100"):
         homed.move_to(z_mm=0.0)
     assert orders(module, MST) == [0]
