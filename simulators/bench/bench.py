@@ -45,7 +45,7 @@ class Setup:
     """Which bench to simulate.
 
     `faults` by cable, `fault_events` of devices; `develop` makes the RAW file of an opening, by default a rendering of
-    the chart. `virtual_time` lets time jump while it is waited for; otherwise it runs `speed` times as fast as real time.
+    the chart. With `virtual_time` time jumps during waits; otherwise it runs `speed` times as fast as real time.
     `motors_on_box`: the motors of rail and height have current only while the box's enable output is set.
     """
 

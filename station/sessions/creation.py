@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from station.common.durable_files import Disk, NotKept, kept
+from station.common.durable_files import Disk, WriteFailed, write_errors
 from station.sessions.journal import Contents, Journal, JournalLine
 from station.sessions.layout import CONFIG, FOLDERS, JOURNAL, read_config
 
@@ -12,7 +12,7 @@ from station.sessions.layout import CONFIG, FOLDERS, JOURNAL, read_config
 def furnish(folder: Path, config: bytes, first: JournalLine, disk: Disk) -> None:
     """Everything that a session needs, on the disk."""
     for name in FOLDERS:
-        with kept(folder / name):
+        with write_errors(folder / name):
             (folder / name).mkdir()
     for name, data in ((CONFIG, config), (JOURNAL, b"")):
         disk.write_whole(folder / name, data)
@@ -29,8 +29,8 @@ def settle(raw: Path, name: str, disk: Disk) -> Path:
     for number in range(1, 10_000):
         folder = raw.with_name(name if number == 1 else f"{name}-{number}")
         if not folder.exists() and not folder.is_symlink():
-            with kept(folder):
+            with write_errors(folder):
                 disk.replace(raw, folder)
                 disk.sync_folder(folder.parent)
             return folder
-    raise NotKept(f"{raw.parent} has 9999 sessions of the name {name}", "name another folder with --sessions")
+    raise WriteFailed(f"{raw.parent} has 9999 sessions of the name {name}", "name another folder with --sessions")

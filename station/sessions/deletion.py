@@ -6,7 +6,7 @@ import secrets
 import shutil
 from pathlib import Path
 
-from station.common.durable_files import kept
+from station.common.durable_files import write_errors
 from station.sessions.layout import Lock, check_layout
 
 
@@ -25,6 +25,6 @@ def delete_session(folder: Path) -> None:
     check_layout(folder)
     Lock(folder).release()  # raises where another program has it
     doomed = folder.with_name(f".deleting-{secrets.token_hex(8)}")
-    with kept(folder):
+    with write_errors(folder):
         folder.rename(doomed)
         shutil.rmtree(doomed)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from station.common.durable_files import Disk, kept, sha256_of
+from station.common.durable_files import Disk, sha256_of, write_errors
 from station.sessions.layout import own
 
 GIVEN = "given"
@@ -32,7 +32,7 @@ def copied(folder: Path, files: Sequence[Path], disk: Disk) -> dict[str, str]:
     found = {}
     for source in (one.resolve() for one in files):
         target = place / (re.sub(r"[^A-Za-z0-9._-]+", "-", source.name).lstrip(".-") or "file")
-        with kept(source):
+        with write_errors(source):
             digest = sha256_of(source)
         disk.copy(source, target, digest)
         found[target.relative_to(folder).as_posix()] = digest
@@ -42,7 +42,7 @@ def copied(folder: Path, files: Sequence[Path], disk: Disk) -> dict[str, str]:
 
 def _free(root: Path) -> Path:
     """A new folder in this one, numbered."""
-    with kept(root):
+    with write_errors(root):
         root.mkdir(exist_ok=True)
         taken = [int(one.name) for one in root.iterdir() if one.name.isdecimal()]
         place = root / str(max(taken, default=0) + 1)

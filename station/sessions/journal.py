@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import ProcedureError
-from station.common.durable_files import Disk, not_kept, read_own
+from station.common.durable_files import Disk, read_own, write_failed
 from station.sessions.journal_head import HEAD, Head, HeadFile
 
 BEGIN, SUM, END = b'{"seq":', b',"sum":"', b'"}\n'
@@ -125,7 +125,7 @@ class Journal:
         try:
             self._descriptor = disk.open(path, os.O_RDWR | os.O_APPEND)
         except OSError as error:
-            raise not_kept(path, error) from error
+            raise write_failed(path, error) from error
         try:
             self._head = HeadFile(path.with_name(HEAD), disk)
         except BaseException:
@@ -151,7 +151,7 @@ class Journal:
             with contextlib.suppress(OSError):  # the next append cuts again, and so does whoever opens the journal
                 self._cut()
                 self._head.retract(head)
-            raise not_kept(self.path, error) from error
+            raise write_failed(self.path, error) from error
         line = _read(text)
         assert line is not None
         self._lines.append(line)

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from station.common.durable_files import Disk, not_kept, read_own
+from station.common.durable_files import Disk, read_own, write_failed
 
 HEAD = "journal.head"
 WIDTH = 85
@@ -106,7 +106,7 @@ class HeadFile:
                 disk.write_whole(path, BLANK)
             self._descriptor = disk.open(path, os.O_RDWR)
         except OSError as error:
-            raise not_kept(path, error) from error
+            raise write_failed(path, error) from error
 
     def announce(self, head: Head) -> None:
         """A line is about to be appended. Raises OSError."""

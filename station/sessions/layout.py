@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput, ProcedureError
-from station.common.durable_files import holds, kept, read_own
+from station.common.durable_files import holds, read_own, write_errors
 from station.common.sanitise import printable
 from station.sessions.journal import Damaged
 
@@ -137,7 +137,7 @@ class Lock:
     def __init__(self, folder: Path) -> None:
         path = folder / LOCK
         flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
-        with kept(path):
+        with write_errors(path):
             self._descriptor = os.open(path, flags, 0o666)
         try:
             _lock(self._descriptor)

@@ -33,7 +33,16 @@ from typing import Any, Self
 from drivers.clock import Clock
 from drivers.interfaces import ExposedFile
 from procedures.plan import Facts
-from station.common.durable_files import READ_ONLY, Disk, NotKept, files_in, hashes_in, holds, holds_all, kept
+from station.common.durable_files import (
+    READ_ONLY,
+    Disk,
+    WriteFailed,
+    files_in,
+    hashes_in,
+    holds,
+    holds_all,
+    write_errors,
+)
 from station.common.leftovers import make, release, sweep
 from station.common.toml_text import toml_text
 from station.sessions.compute_environment import machine
@@ -123,7 +132,7 @@ class Session:
         head = {"schema": SCHEMA, "plan": plan, "camera": camera, "lens": lens, "began": began.isoformat()}
         first = JournalLine(1, began.isoformat(), clock.now_s(), "created", {**head, "seed": seed})
         names = (safe_name(camera, "camera"), safe_name(lens, "lens"), safe_name(plan, "plan"))
-        with kept(root):
+        with write_errors(root):
             root.mkdir(parents=True, exist_ok=True)
             sweep(root, ".creating-")
             raw, held = make(".creating-", root, 0o777)
@@ -188,7 +197,7 @@ class Session:
             if self._open:
                 self._open = False
                 if self._wires is not None:
-                    with suppress(NotKept, OSError):  # the disk is full: they are kept, and not checked later
+                    with suppress(WriteFailed, OSError):  # the disk is full: they are kept, and not checked later
                         self.note("wired", folder=f"{WIRE}/{self._wires.name}", files=hashes_in(self._wires))
                 self._journal.close()
                 self._lock.release()
@@ -307,7 +316,7 @@ class Session:
             shot = self._announce(replace(shot, path=path))
         target = self.folder / shot.path
         if holds(target, shot.sha256):
-            with kept(target):
+            with write_errors(target):
                 target.chmod(target.stat().st_mode & READ_ONLY)
                 self._disk.settle(target)
         else:
@@ -337,7 +346,7 @@ class Session:
         """
         with self._guard:
             folder, standing = self.result_folder(), self.state.standing
-            with kept(folder):
+            with write_errors(folder):
                 files = self._synchronised(folder)
             if standing is not None and (standing.step, standing.files) == (step, files):
                 shutil.rmtree(folder)
@@ -366,7 +375,7 @@ class Session:
         """Where this opening of the session keeps what passes on the wires; made now. Raises NotKept."""
         number = sum(line.event == "opened" for line in self._journal.lines)
         folder = own(self.folder / WIRE / f"{number:03d}")
-        with kept(folder):
+        with write_errors(folder):
             folder.mkdir(exist_ok=True)
         self._wires = folder
         return folder
@@ -388,5 +397,5 @@ class Session:
             if not path.is_symlink() and path.is_file() and path.read_bytes() == text:
                 return
             self._disk.write_whole(path, text)
-        except (NotKept, OSError):
+        except (WriteFailed, OSError):
             return

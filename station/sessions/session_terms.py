@@ -37,12 +37,12 @@ def terms_of_session(folder: Path) -> Terms:
         If what it has frozen names no unit, or no specification.
     """
     config, _ = read_config(folder)
-    kept = config.get("config", {})
-    unit = unit_named(str(kept.get(UNIT, Unit.CYCLES)), f"{printable(folder)}, unit")
-    told: Mapping[str, Any] = kept.get(KEY, {})
-    if not isinstance(told, Mapping) or not isinstance(told.get("text"), str):
+    frozen_config = config.get("config", {})
+    unit = unit_named(str(frozen_config.get(UNIT, Unit.CYCLES)), f"{printable(folder)}, unit")
+    specification: Mapping[str, Any] = frozen_config.get(KEY, {})
+    if not isinstance(specification, Mapping) or not isinstance(specification.get("text"), str):
         return USUAL if unit is Unit.CYCLES else Terms(unit)
-    return Terms(unit, specification=parse_specification(told["text"], str(told.get("path", ""))))
+    return Terms(unit, specification=parse_specification(specification["text"], str(specification.get("path", ""))))
 
 
 def in_terms(result: PlaneResult, terms: Terms, pixels: Pixels) -> PlaneResult:

@@ -111,8 +111,8 @@ class SessionState:
     @property
     def empty(self) -> bool:
         """Whether nothing was answered, photographed or done, and no emergency ended it: nothing to look at again."""
-        kept = (self.done, self.facts, self.shots, self.results, self.adopting, self.awaited)
-        return not any(kept) and self.ended != "emergency"
+        contents = (self.done, self.facts, self.shots, self.results, self.adopting, self.awaited)
+        return not any(contents) and self.ended != "emergency"
 
     def shot(self, number: int) -> SessionShot:
         """The shot of that number. Raises KeyError."""

@@ -84,7 +84,7 @@ def devices(
 class AtTheTerminal:
     """The operator beside the stage, asked on the terminal; remarks go to stderr."""
 
-    def tell(self, words: str) -> None:
+    def show(self, words: str) -> None:
         """A line."""
         click.echo(words, err=True)
 
@@ -101,7 +101,7 @@ class AtTheTerminal:
                 value = 0.0
             if 0 < value < float("inf"):
                 return value
-            self.tell(f"a length above 0 is needed, as 299.5; {text!r} is none")
+            self.show(f"a length must be a number above 0, such as 299.5; got {text!r}")
         return None
 
 

@@ -101,7 +101,7 @@ def test_pipe_in_the_place_of_a_file_is_named_and_not_waited_for(finished, tmp_p
         (folder / name).unlink()
         os.mkfifo(folder / name)
     record = reader.read_session(folder)
-    assert "journal.head cannot be read (it is no regular file)" in record.lost
+    assert "journal.head cannot be read (it is not a regular file)" in record.lost
     with pytest.raises(ProcedureError, match=r"0001-IMG_0001\.DNG"):
         reader.verify(folder, record.state)
     with pytest.raises(ProcedureError, match=r"derived/1/sum\.txt"):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from procedures.outcome import BadInput
-from station.common.durable_files import Changed, Disk, NotKept
+from station.common.durable_files import ContentChanged, Disk, WriteFailed
 from station.sessions.journal import Damaged
 from station.sessions.layout import Busy
 from station.sessions.reader import read_session
@@ -142,7 +142,7 @@ def test_same_photograph_does_not_count_twice(session, camera):
 def test_file_that_changed_since_it_was_exposed_is_not_taken(session, camera):
     exposure = camera.expose("frame")
     exposure.path.write_bytes(b"something else")
-    with pytest.raises(Changed, match="not any more what was exposed"):
+    with pytest.raises(ContentChanged, match="has changed since its exposure"):
         session.adopt(exposure, step="shots", purpose="frame", snapshot={})
     assert list((session.folder / "originals").iterdir()) == []
     assert session.adopt(camera.expose("next"), step="shots", purpose="frame", snapshot={}).number == 1
@@ -269,6 +269,6 @@ def test_files_that_answers_name_are_kept_with_their_hashes_and_told_when_they_a
 
 
 def test_a_file_that_is_gone_is_not_given(session, tmp_path):
-    with pytest.raises(NotKept, match=r"gone\.npy"):
+    with pytest.raises(WriteFailed, match=r"gone\.npy"):
         session.give([tmp_path / "gone.npy"])
     assert not session.state.given
