@@ -76,7 +76,7 @@ def test_damaged_result_is_named_by_list_and_by_whoever_resumes(finished, tmp_pa
     path = folder / "derived" / "1" / "sum.txt"
     SPOILS[spoil](path, path.read_bytes())
     with Index(folder.parent) as index:
-        assert "derived/1/sum.txt: missing, or not what was written" in index.sessions()[0].damage
+        assert "derived/1/sum.txt: missing or changed" in index.sessions()[0].damage
     with Session.open(folder, FixedClock(), today=today, disk=FaultyDisk()) as session:
         assert any("derived/1/sum.txt" in one for one in session.state.notices)
 

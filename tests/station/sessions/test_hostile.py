@@ -225,7 +225,7 @@ def test_sessions_may_lie_behind_a_link_to_their_folder(tmp_path, about):
     "path", ["/etc/passwd", "given/1/../../session.toml", "given/1/.hidden", "originals/0001-a.dng"]
 )
 def test_a_journal_cannot_name_given_files_elsewhere(about, tmp_path, path):
-    with Session.create(tmp_path, **about) as session, pytest.raises(ValueError, match="lie in given/"):
+    with Session.create(tmp_path, **about) as session, pytest.raises(ValueError, match="must be in given/"):
         session.note("given", source="a", files={path: "00"})
 
 

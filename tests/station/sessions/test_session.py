@@ -156,7 +156,7 @@ def test_exposure_without_a_photograph_is_told_to_whoever_resumes(session):
         assert "an exposure for frame (shots)" in notice
     with again(reopened) as reopened:
         assert reopened.state.notices == (notice,)
-        reopened.told()
+        reopened.acknowledge_notices()
     with again(reopened) as reopened:
         assert reopened.state.notices == ()
 
@@ -169,7 +169,7 @@ def test_trials_of_a_step_that_was_not_finished_are_said_to_be_repeated(session,
         assert "the step focus was not finished and begins again; of its 1 photographs" in notice
         reopened.begin_step("focus")
         reopened.finish_step("focus")
-        reopened.told()
+        reopened.acknowledge_notices()
     with again(reopened) as reopened:
         assert reopened.state.notices == ()
 
@@ -208,9 +208,9 @@ def test_altered_journal_and_configuration_are_refused(session):
 def test_strange_file_among_the_photographs_is_named_once_and_not_used(session):
     (session.folder / "originals" / "holiday.jpg").write_bytes(b"x")
     with again(session) as reopened:
-        assert "'holiday.jpg' lies in originals/" in reopened.state.notices[0]
+        assert "'holiday.jpg' is in originals/" in reopened.state.notices[0]
         assert reopened.state.shots == ()
-        reopened.told()
+        reopened.acknowledge_notices()
     with again(reopened) as reopened:
         assert reopened.state.notices == ()
 
@@ -235,7 +235,7 @@ def test_it_is_read_while_another_program_works_in_it(session):
 
 
 def test_folder_that_is_no_session_is_named(tmp_path):
-    with pytest.raises(BadInput, match="no session"):
+    with pytest.raises(BadInput, match="not a session"):
         Session.open(tmp_path, FixedClock())
 
 

@@ -67,7 +67,7 @@ class Work:
         session = self._session(disk)
         try:
             self.notices += session.state.notices
-            session.told()
+            session.acknowledge_notices()
             self.steps(session)
         finally:
             session.close()
