@@ -1,4 +1,4 @@
-"""Time as an argument: drivers ask a clock, so that tests and simulated benches need not wait."""
+"""Time as an argument: drivers use a clock object, so that tests and simulated benches need not wait."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from typing import Protocol
 
 
 class Clock(Protocol):
-    """Seconds since a fixed moment, and waiting by them."""
+    """Seconds since a fixed moment, and waiting."""
 
     def now_s(self) -> float:
-        """Seconds; never runs backwards."""
+        """Seconds; monotonic."""
         ...
 
     def sleep(self, duration_s: float) -> None:
-        """Return `duration_s` seconds later."""
+        """Return after `duration_s` seconds."""
         ...
 
     def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:
-        """Wait, holding `condition`, until `ready()` or the deadline; the last answer of `ready()`."""
+        """Wait, holding `condition`, until `ready()` or the deadline; returns the last value of `ready()`."""
         ...
 
 

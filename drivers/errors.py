@@ -1,6 +1,6 @@
-"""What can go wrong on a wire: each error says what was required, what came, and what to do.
+"""Errors of devices: each states what was required, what was received, and the remedy.
 
-One small family; every name is a situation an operator meets, not a layer of the program.
+Every class is a situation that an operator meets, not a layer of the program.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 
 class DeviceError(Exception):
-    """A device cannot do what was asked: what happened (`reason`) and what to do (`remedy`)."""
+    """A device cannot do what was requested: what happened (`reason`) and what to do (`remedy`)."""
 
     exit_code = 3
 
@@ -20,7 +20,7 @@ class DeviceError(Exception):
 
 
 class NotConnected(DeviceError):
-    """Every device that did not answer, gathered, so that one walk to the bench mends them all."""
+    """All devices that did not answer, collected, so that the operator can correct them together."""
 
     def __init__(self, failures: Mapping[str, DeviceError]) -> None:
         self.failures = dict(failures)
@@ -30,13 +30,13 @@ class NotConnected(DeviceError):
 
 
 class BadConfiguration(DeviceError):
-    """The configuration or the argument cannot be meant for this device."""
+    """The configuration or the argument is not valid for this device."""
 
     exit_code = 2
 
 
 class NoAnswer(DeviceError):
-    """The deadline passed without the reply."""
+    """No reply before the deadline."""
 
 
 class LineLost(DeviceError):
@@ -44,7 +44,7 @@ class LineLost(DeviceError):
 
 
 class Rejected(DeviceError):
-    """The device understood and said no."""
+    """The device understood the command and refused it."""
 
     def __init__(self, reason: str, remedy: str, code: str = "") -> None:
         super().__init__(reason, remedy)
@@ -56,7 +56,7 @@ class Alarm(Rejected):
 
 
 class WasReset(DeviceError):
-    """The device restarted in mid-run; its position is lost."""
+    """The device restarted during operation; its position is lost."""
 
 
 class NotHomed(DeviceError):
@@ -68,15 +68,15 @@ class OutsideTravel(DeviceError):
 
 
 class Held(DeviceError):
-    """A person holds the machine: the safety door is open, or feed hold was pressed. The position is kept."""
+    """A person has paused the machine: the safety door is open, or feed hold was pressed. The position is kept."""
 
 
 class MoveFailed(DeviceError):
-    """The axis is still, but not where it was sent: stopped, stalled, or a command was garbled."""
+    """The axis is still, but not at its target: stopped, stalled, or a command was garbled."""
 
 
 class EmergencyStopped(DeviceError):
-    """An emergency stop ended this; nothing moves until the stage is homed again."""
+    """An emergency stop interrupted the operation; nothing moves until the stage is homed again."""
 
 
 class FrameMissing(DeviceError):
@@ -84,11 +84,11 @@ class FrameMissing(DeviceError):
 
 
 class FrameWrong(DeviceError):
-    """A file came, but it is not the exposure that was asked for."""
+    """A file came, but it is not the requested exposure."""
 
 
 class NoReading(DeviceError):
-    """The instrument answered that it cannot measure now."""
+    """The instrument reports that it cannot measure now."""
 
     def __init__(self, reason: str, remedy: str, code: int = -1) -> None:
         super().__init__(reason, remedy)

@@ -1,7 +1,7 @@
-"""Any tethered body whose software drops RAW files into a folder, fired by a shutter box.
+"""Any tethered body whose software saves RAW files to a folder, fired by a shutter box.
 
-A file counts when its size and time have rested, it decodes, and it was hashed without changing meanwhile; what does
-not decode yet is looked at again, as it may still grow.
+A file is accepted when its size and time are stable, it decodes, and it did not change while it was hashed. A file
+that does not decode yet is examined again, as it may still grow.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ Stamp = tuple[int, int]  # size, modification time in ns
 
 @dataclass(frozen=True)
 class Tether:
-    """How the body and its software behave: contact time, rest before a file counts, longest wait after the exposure.
+    """Properties of the body and its software: contact time, time without change before a file is accepted, time limit
+    after the exposure.
 
     `bulb`: the contact is held for the whole exposure.
     """
@@ -34,7 +35,7 @@ class Tether:
 
 @dataclass
 class Candidate:
-    """A file that may become the frame: what it looked like, since when, and why it did not count yet."""
+    """A file that may become the frame: its size and time, since when, and why it is not accepted yet."""
 
     stamp: Stamp
     since_s: float
@@ -61,7 +62,7 @@ class FolderCamera:
         self._inspect = inspect
         self._known: dict[Path, Stamp] = {}
         self._hashes: set[str] = set()
-        self._doubt_until_s = -float("inf")
+        self._stray_until_s = -float("inf")
         self._connected = False
         self._stopped: EmergencyStopped | None = None
 
@@ -71,7 +72,7 @@ class FolderCamera:
         return str(self._folder)
 
     def connect(self) -> Identity:
-        """Look at what lies in the folder already; the shutter is connected by whoever owns it. Raises LineLost."""
+        """List the files already in the folder; the shutter is connected by its owner. Raises LineLost."""
         if not self._folder.is_dir():
             raise LineLost(f"there is no folder {self._folder}", "create it, and let the tethering software save there")
         self._known = self._look()
@@ -91,11 +92,11 @@ class FolderCamera:
         return Condition(f"{len(self._hashes)} frames")
 
     def configure(self, settings: CameraSettings) -> None:
-        """Expect these settings in the files: this body is set by hand."""
+        """Expect these settings in the files; the body itself is set by hand."""
         self.settings = settings
 
     def expose(self) -> ExposedFile:
-        """Fire once and return the one RAW file that comes of it. Raises FrameMissing, FrameWrong."""
+        """Fire once and return the one RAW file of that exposure. Raises FrameMissing, FrameWrong."""
         self._stopped = None
         self._wait_for_strays()
         requested_s = self.clock.now_s()
@@ -105,20 +106,20 @@ class FolderCamera:
             shutter = self._shutter.fire(pulse_s, self.tether.focus_s)
             path, facts, digest = self._await_frame(exposure_s)
         except DeviceError:
-            self._doubt_until_s = self.clock.now_s() + exposure_s + self.tether.patience_s
+            self._stray_until_s = self.clock.now_s() + exposure_s + self.tether.patience_s
             raise
         exposure = self._record(path, digest, requested_s, shutter)
         check_settings(path, facts, self.settings)
         return exposure
 
     def _wait_for_strays(self) -> None:
-        """After an exposure that failed its frame may still come: it must not be taken for the next one's."""
-        while self.clock.now_s() < self._doubt_until_s:
+        """Wait for the frame of an earlier, failed exposure, which could be taken for the next one's."""
+        while self.clock.now_s() < self._stray_until_s:
             self._pause()
         self._known |= self._look()
 
     def _pause(self) -> None:
-        """Until the folder is looked at again. Raises the emergency stop that came meanwhile."""
+        """Wait until the next poll of the folder. Raises an emergency stop that came meanwhile."""
         self.clock.sleep(self.tether.poll_s)
         if self._stopped is not None:
             raise self._stopped
@@ -130,16 +131,16 @@ class FolderCamera:
         return ExposedFile(path, digest, size, self.settings, requested_s, received_s, shutter, companions)
 
     def _look(self) -> dict[Path, Stamp]:
-        """Every RAW file with its size and time; a file that vanishes while one looks was renamed."""
-        seen = {}
+        """Every RAW file with its size and time; a file that vanishes meanwhile was renamed."""
+        listed = {}
         for path in self._folder.iterdir():
             if is_raw(path):
                 try:
                     stat = path.stat()
                 except FileNotFoundError:
                     continue
-                seen[path] = (stat.st_size, stat.st_mtime_ns)
-        return seen
+                listed[path] = (stat.st_size, stat.st_mtime_ns)
+        return listed
 
     def _await_frame(self, exposure_s: float) -> tuple[Path, Facts, str]:
         deadline_s = self.clock.now_s() + exposure_s + self.tether.patience_s
@@ -147,38 +148,38 @@ class FolderCamera:
         while self.clock.now_s() < deadline_s:
             self._pause()
             self._track(candidates)
-            found = [frame for path in list(candidates) if (frame := self._accept(path, candidates)) is not None]
-            if len(found) > 1:
-                names = ", ".join(path.name for path, _, _ in found)
-                raise FrameWrong(f"one exposure brought {len(found)} RAW files ({names})", "let only the body fire")
-            if found:
-                return found[0]
-        seen = "; ".join(f"{path.name}: {candidate.why}" for path, candidate in candidates.items())
+            accepted = [frame for path in list(candidates) if (frame := self._accept(path, candidates)) is not None]
+            if len(accepted) > 1:
+                names = ", ".join(path.name for path, _, _ in accepted)
+                raise FrameWrong(f"one exposure gave {len(accepted)} RAW files ({names})", "let only the body fire")
+            if accepted:
+                return accepted[0]
+        reasons = "; ".join(f"{path.name}: {candidate.why}" for path, candidate in candidates.items())
         raise FrameMissing(
-            f"no complete RAW file in {self._folder} within {self.tether.patience_s:g} s ({seen or 'none appeared'})",
+            f"no complete RAW file in {self._folder} within {self.tether.patience_s:g} s ({reasons or 'none came'})",
             "check body, battery, card and tethering software, then repeat",
         )
 
     def _track(self, candidates: dict[Path, Candidate]) -> None:
-        """Bring the candidates up to date with the folder."""
-        now_s, seen = self.clock.now_s(), self._look()
-        for path in [path for path in candidates if path not in seen]:
+        """Update the candidates from the folder."""
+        now_s, listed = self.clock.now_s(), self._look()
+        for path in [path for path in candidates if path not in listed]:
             del candidates[path]
-        for path, stamp in seen.items():
+        for path, stamp in listed.items():
             if self._known.get(path) == stamp:
                 continue
             if path not in candidates or candidates[path].stamp != stamp:
                 candidates[path] = Candidate(stamp, now_s)
 
     def _accept(self, path: Path, candidates: dict[Path, Candidate]) -> tuple[Path, Facts, str] | None:
-        """The file, if it is at rest, decodes, is new, and did not change while it was read."""
+        """The file, if it is stable, decodes, is new, and did not change while it was read."""
         candidate = candidates[path]
         if self.clock.now_s() - candidate.since_s < self.tether.rest_s:
             return None
         try:
             facts = self._inspect(path)
             digest = sha256_of(path)
-        except Exception as error:  # decoders raise what they like on half a file
+        except Exception as error:  # decoders raise any exception on an incomplete file
             candidate.why = f"it does not decode ({error})"
             return None
         if self._look().get(path) != candidate.stamp:
@@ -191,6 +192,6 @@ class FolderCamera:
         return path, facts, digest
 
     def emergency_stop(self) -> None:
-        """Open the contacts, and await no frame any more: one that still comes stays in the folder."""
+        """Open the contacts and stop waiting for a frame; one that still comes stays in the folder."""
         self._stopped = EmergencyStopped(f"emergency stop at {self.address}", "expose again")
         self._shutter.emergency_stop()

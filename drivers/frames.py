@@ -1,4 +1,4 @@
-"""RAW files as they come from a body: which names count, what was photographed, whether it is what was asked for."""
+"""RAW files of a body: which names count, their exposure metadata, and its comparison with the request."""
 
 from __future__ import annotations
 
@@ -18,36 +18,36 @@ THIRD_STOP = 2 ** (1 / 3) - 1  # bodies round their settings to thirds of a stop
 
 @dataclass(frozen=True)
 class Facts:
-    """What a file says about its exposure; None where it does not."""
+    """Exposure metadata of a file; None where it is absent."""
 
     exposure_s: float | None = None
     iso: int | None = None
     f_number: float | None = None
 
 
-# Decodes a RAW file and tells its facts; any exception means that it is not (yet) a good file.
+# Decodes a RAW file and returns its metadata; any exception means that the file is incomplete or damaged.
 Inspect = Callable[[Path], Facts]
 
 
 def is_raw(path: Path) -> bool:
-    """Whether its name is that of a RAW file, and no temporary or hidden one."""
+    """Whether this is the name of a RAW file that is neither temporary nor hidden."""
     return path.suffix.lower() in RAW_SUFFIXES and not path.name.startswith((".", "~"))
 
 
 def sha256_of(path: Path) -> str:
-    """The file's hash, in hex."""
+    """SHA-256 of the file, in hex."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def check_settings(path: Path, facts: Facts, wanted: CameraSettings) -> None:
-    """Raises FrameWrong if the file tells other settings than were wanted, beyond a third of a stop."""
-    for unit, asked, told in (
+    """Raises FrameWrong if the file's settings differ from the requested ones by more than a third of a stop."""
+    for unit, target, actual in (
         (" s", wanted.exposure_s, facts.exposure_s),
         (" ISO", wanted.iso, facts.iso),
         ("", wanted.f_number, facts.f_number),
     ):
-        if asked is not None and told is not None and not 1 / (1 + THIRD_STOP) <= told / asked <= 1 + THIRD_STOP:
+        if target is not None and actual is not None and not 1 / (1 + THIRD_STOP) <= actual / target <= 1 + THIRD_STOP:
             raise FrameWrong(
-                f"{path.name} was taken at {told:g}{unit} instead of {asked:g}{unit}", "set the body, repeat"
+                f"{path.name} was taken at {actual:g}{unit} instead of {target:g}{unit}", "set the body, repeat"
             )

@@ -1,7 +1,7 @@
 """A tethered body through libgphoto2. The only import of gphoto2, which is optional (extra `tether`).
 
-All of libgphoto2 runs in one owned thread: it is not safe from several, and may block for seconds. One exposure may
-bring several files (RAW and JPEG) in any order, so all are collected until the body has been quiet for a while.
+All of libgphoto2 runs in one thread: it is not thread-safe, and may block for seconds. One exposure may
+produce several files (RAW and JPEG) in any order, so files are collected until the body has been quiet for a while.
 """
 
 from __future__ import annotations
@@ -37,23 +37,23 @@ WIDGETS = {
     "iso": ("iso", "isospeed"),
     "f_number": ("aperture", "f-number"),
 }
-"""What makes call these settings: Canon's aperture is an `aperture`, Nikon's and Sony's an `f-number`."""
+"""Setting names by maker: Canon has an `aperture`, Nikon and Sony an `f-number`."""
 NEAREST = 0.12
-"""How far what is wanted may lie beyond the choices: half a third of a stop."""
+"""Allowed distance of a requested value from the choices: half of a third of a stop."""
 TAKES_S = 3.0
-"""How long a body may take to take a setting."""
+"""Time limit for a body to accept a setting."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """A file inside the body."""
+    """A file in the body."""
 
     folder: str
     name: str
 
 
 class _Owner:
-    """The one thread in which libgphoto2 lives."""
+    """The one thread that calls libgphoto2."""
 
     def __init__(self, name: str) -> None:
         self._calls: SimpleQueue[tuple[Future[Any], Callable[[], Any]] | None] = SimpleQueue()
@@ -69,7 +69,7 @@ class _Owner:
                 future.set_exception(error)
 
     def call(self, work: Callable[[], T], timeout_s: float) -> T:
-        """What `work` gives, done in the thread. Raises NoAnswer, and what `work` raises."""
+        """Run `work` in the thread and return its result. Raises NoAnswer, and what `work` raises."""
         future: Future[T] = Future()
         self._calls.put((future, work))
         try:
@@ -78,7 +78,7 @@ class _Owner:
             raise NoAnswer(f"the camera did not answer within {timeout_s:g} s", "switch it off and on") from None
 
     def end(self) -> None:
-        """Let the thread finish."""
+        """End the thread."""
         self._calls.put(None)
         self._thread.join(timeout=2.0)
 
@@ -86,7 +86,7 @@ class _Owner:
 class GphotoCamera:
     """A Camera on libgphoto2; frames are saved to `folder`.
 
-    With `shutter`, that fires it; without, the body is triggered over its cable. Empty `model` and `port` take the
+    With `shutter`, that fires; without, the body is triggered over its cable. Empty `model` and `port` select the
     first body found.
     """
 
@@ -149,7 +149,7 @@ class GphotoCamera:
         return Identity(model, f"libgphoto2 {gp.gp_library_version(gp.GP_VERSION_SHORT)[0]}", "", self.address)
 
     def close(self) -> None:
-        """Leave the body and end the thread."""
+        """Close the body and end the thread."""
         owner, self._owner = self._owner, None
         camera, self._camera = self._camera, None
         if owner is None:
@@ -157,12 +157,12 @@ class GphotoCamera:
         if camera is not None:
             try:
                 owner.call(camera.exit, CALL_S)
-            except Exception:  # a body that is gone cannot be left politely
+            except Exception:  # a body that is gone raises on closing
                 camera = None
         owner.end()
 
     def _do(self, work: Callable[[], T], timeout_s: float = CALL_S) -> T:
-        """What `work` gives, done in the owner's thread. Raises DeviceError."""
+        """Run `work` in the library's thread. Raises DeviceError."""
         if self._owner is None:
             raise not_connected(f"the camera ({self.address})")
         try:
@@ -177,19 +177,19 @@ class GphotoCamera:
         return line_condition(self._camera is not None)
 
     def configure(self, settings: CameraSettings) -> None:
-        """Set what the body lets be set, by the nearest choice it offers. Raises DeviceError."""
+        """Set what can be set from the host, to the nearest choice of the body. Raises DeviceError."""
         self.settings = settings
         for name, wanted in asdict(settings).items():
             if name in WIDGETS and wanted is not None:
                 self._do(partial(self._choose, WIDGETS[name], float(wanted)))
 
     def _choose(self, names: Sequence[str], wanted: float) -> None:
-        """Set the first of these that the body has to the nearest choice, and see that it took. Raises Rejected."""
+        """Set the first of these settings that the body has, and verify it. Raises Rejected."""
         try:
             config = self._camera.get_config()
         except self._gp.GPhoto2Error as error:
             if error.code == self._gp.GP_ERROR_NOT_SUPPORTED:
-                return  # set on the body by hand; the file will tell whether it was
+                return  # set on the body by hand; the file is checked later
             raise
         name, widget = next(((n, w) for n in names if (w := self._child(config, n)) is not None), ("", None))
         if widget is None:
@@ -214,7 +214,7 @@ class GphotoCamera:
             return None
 
     def _nearest(self, name: str, widget: Any, wanted: float) -> str | None:
-        """The choice nearest to what is wanted, None where the body offers none. Raises Rejected."""
+        """The choice nearest to `wanted`, None if the body offers none. Raises Rejected."""
         choices = {text: value for text in widget.get_choices() if (value := read_choice(text))}
         if not choices:
             return None
@@ -229,12 +229,12 @@ class GphotoCamera:
 
     def _not_taken(self, name: str, choice: str, now: str) -> Rejected:
         return Rejected(
-            f"the camera ({self.address}) did not take {name} = {choice}: it stands at {now}",
-            "turn its dial to M, and switch off what sets it by itself",
+            f"the camera ({self.address}) did not accept {name} = {choice}: it is set to {now}",
+            "turn its dial to M, and switch off its automatic setting",
         )
 
     def files(self) -> list[Place]:
-        """Every RAW file inside the body. Raises DeviceError."""
+        """Every RAW file in the body. Raises DeviceError."""
         return self._do(lambda: self._list("/"))
 
     def _list(self, folder: str) -> list[Place]:
@@ -244,7 +244,7 @@ class GphotoCamera:
         return here
 
     def fetch(self, place: Place) -> Path:
-        """Copy a file to the folder, under its own name or, if that is taken, a new one. Raises DeviceError."""
+        """Copy a file to the folder, under its own name or, if that exists, a new one. Raises DeviceError."""
         target = self._folder / place.name
         for number in range(1, 10_000):
             if not target.exists():
@@ -259,7 +259,7 @@ class GphotoCamera:
         return target
 
     def expose(self) -> ExposedFile:
-        """One photograph, fetched, decoded and hashed. Raises DeviceError."""
+        """Take one photograph, fetch, decode and hash it. Raises DeviceError."""
         requested_s = self.clock.now_s()
         before = set(self.files()) if self._shutter else set()
         times = self._shutter.fire(self._pulse_s) if self._shutter else None
@@ -274,7 +274,7 @@ class GphotoCamera:
         return ExposedFile(path, sha256_of(path), path.stat().st_size, self.settings, requested_s, received_s, times)
 
     def _new_file(self, before: set[Place]) -> Place:
-        """The RAW file of a shot that was fired from outside: told by the body's events, or else found by listing."""
+        """The RAW file of an externally fired shot: from the body's events, or else by listing."""
         added = self._do(self._collect, self._longest_s() + CALL_S)
         if added is not None:
             return self._the_raw(added)
@@ -287,7 +287,7 @@ class GphotoCamera:
         return self._the_raw([])
 
     def _list_afresh(self) -> list[Place]:
-        """Every RAW file; libgphoto2 remembers a listing until the body is opened again."""
+        """Every RAW file; libgphoto2 caches a listing until the body is opened again."""
         self._camera.exit()
         self._camera.init()
         return self._list("/")
@@ -306,7 +306,7 @@ class GphotoCamera:
         return raw[0]
 
     def _triggered(self) -> Place:
-        """Trigger over the cable; the RAW file among what the body then adds."""
+        """Trigger over the cable and return the new RAW file."""
 
         def shoot() -> list[Place]:
             self._camera.trigger_capture()
@@ -315,7 +315,7 @@ class GphotoCamera:
         return self._the_raw(self._do(shoot, self._longest_s() + CALL_S))
 
     def _collect(self) -> list[Place] | None:
-        """Files the body adds until it is done and quiet; None if it tells no events."""
+        """Files added by the body until it is done and quiet; None if it sends no events."""
         gp, added, complete = self._gp, list[Place](), False
         deadline_s = self.clock.now_s() + self._longest_s()
         quiet_since_s = self.clock.now_s()
@@ -336,7 +336,7 @@ class GphotoCamera:
         return added
 
     def emergency_stop(self) -> None:
-        """Open the contacts, where a shutter box holds them."""
+        """Open the contacts if a shutter box is used."""
         if self._shutter is not None:
             self._shutter.emergency_stop()
 

@@ -1,7 +1,7 @@
 """Rails, gantries and pan-tilt heads on GRBL 1.1, grblHAL and FluidNC.
 
 All motion is `$J=G53 G90` : absolute in machine space, refused outside the travel without an alarm, and cancellable.
-`ok` means planned; a move is over when two reports in a row say Idle, and right when the position then is the target.
+`ok` means planned; a move has ended when two reports in a row say Idle, and succeeded if it is at the target.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from drivers.errors import (
 )
 from drivers.grbl_envelope import Envelope, GrblAxis, envelope
 from drivers.homing_state import HOME
-from drivers.interfaces import Condition, Doubt, Identity, Transport, Travel
+from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
 from drivers.move_checks import OneMover, check_arrival, check_target, in_turn, left_still
-from drivers.protocols.grbl import DOOR_SAID, HOLD, JOG_CANCEL, MOTORS_HELD, PAUSES, RESET, RESUMABLE, RESUME, Event
+from drivers.protocols.grbl import DOOR_MESSAGE, HOLD, JOG_CANCEL, MOTORS_HELD, PAUSES, RESET, RESUMABLE, RESUME, Event
 from drivers.protocols.grbl_link import GrblLink, StatusReport
 from drivers.wire.connection import anything
 
 RESUME_S = 5.0
-"""How long a controller may take to start again after its door was closed."""
+"""Time limit for a controller to resume after its door was closed."""
 
 
 class GrblStage:
@@ -58,7 +58,7 @@ class GrblStage:
         self._one_mover = OneMover()
         self._homing = False
         self.power: Callable[[], AbstractContextManager[None]] = nullcontext
-        """Entered to move: a watchdog keeps the motors enabled within."""
+        """Context of a move: a watchdog keeps the motors enabled within."""
         self._envelopes: dict[str, Envelope] = {}
 
     @property
@@ -67,7 +67,7 @@ class GrblStage:
         return self.link.address
 
     def connect(self) -> Identity:
-        """Open, expect the greeting, ask version and settings; the stage is unhomed afterwards. Raises DeviceError."""
+        """Open, await the greeting, read version and settings; the stage is unhomed afterwards. Raises DeviceError."""
         identity = self.link.connect(reset=self._reset_on_open == "expect")
         try:
             self._check_limits()
@@ -84,25 +84,25 @@ class GrblStage:
                 raise BadConfiguration(f"{name} are off at {self.address} (${number}=0)", "set $22=1, then $20=1")
 
     def _envelope(self, axis: GrblAxis) -> Envelope:
-        found = envelope(axis, self.link.letters.index(axis.letter), self.link.controls)
-        if found is None:
+        limits = envelope(axis, self.link.letters.index(axis.letter), self.link.controls)
+        if limits is None:
             raise BadConfiguration(
-                f"{self.address} does not tell the travel of {axis.letter}", "set travel or space for the axis"
+                f"{self.address} does not report the travel of {axis.letter}", "set travel or space for the axis"
             )
-        if found.travel.low >= found.travel.high:
+        if limits.travel.low >= limits.travel.high:
             raise BadConfiguration(
                 f"{axis.name} has no travel between its switches at {self.address}",
                 "set a smaller $27, or the true $130",
             )
-        return found
+        return limits
 
     @property
     def envelopes(self) -> Mapping[str, Envelope]:
-        """What the controller lets each axis do; known after `connect`."""
+        """The controller's limits of each axis; known after `connect`."""
         return dict(self._envelopes)
 
     def close(self) -> None:
-        """Give the line back."""
+        """Release the line."""
         self.link.close()
 
     def travel(self) -> Mapping[str, Travel]:
@@ -110,12 +110,12 @@ class GrblStage:
         return {name: one.travel for name, one in self._envelopes.items()}
 
     def condition(self) -> Condition:
-        """What it is doing, from the last report."""
+        """Its state in the last report."""
         if not self.link.is_open:
             return Condition("not connected", False, "connect it")
         if (why := self.link.trust.why) is not None:
-            return Condition(why.reason, False, why.remedy, self._doubt())
-        return Condition(self._state_in_words(), doubt=self._doubt())
+            return Condition(why.reason, False, why.remedy, self._caveat())
+        return Condition(self._state_in_words(), caveat=self._caveat())
 
     def _state_in_words(self) -> str:
         pause = PAUSES.get((self.link.last_state, self.link.last_sub))
@@ -123,15 +123,15 @@ class GrblStage:
         return word if self.link.feed_override == 100.0 else f"{word}, {self._override_in_words()}"
 
     def _override_in_words(self) -> str:
-        return f"the feed override stands at {self.link.feed_override:.0f} %"
+        return f"the feed override is {self.link.feed_override:.0f} %"
 
-    def _doubt(self) -> Doubt | None:
-        """Motors that let go between moves: nobody counts what an axis sags, or is pushed, meanwhile."""
+    def _caveat(self) -> Caveat | None:
+        """Motors that are released between moves: a sagging or pushed axis is not detected."""
         delay_ms = self.link.setting(1, MOTORS_HELD)
         if delay_ms == MOTORS_HELD:
             return None
         reason = f"the motors let go {delay_ms:.0f} ms after each move, and an axis that hangs or is touched shifts"
-        return Doubt(f"{reason} ($1={delay_ms:.0f})", "set $1=255, which keeps them on")
+        return Caveat(f"{reason} ($1={delay_ms:.0f})", "set $1=255, which keeps them on")
 
     def position(self) -> Mapping[str, float]:
         """Where the axes are now, in their own units. Raises DeviceError."""
@@ -141,8 +141,8 @@ class GrblStage:
         there = {}
         for name, one in self._envelopes.items():
             if one.index >= len(report.machine):
-                told = f"{self.address} reports {len(report.machine)} axes, none for {one.axis.letter}"
-                raise BadConfiguration(told, "correct the axis' letter")
+                reason = f"{self.address} reports {len(report.machine)} axes, none for {one.axis.letter}"
+                raise BadConfiguration(reason, "correct the axis' letter")
             there[name] = one.to_user(report.machine[one.index])
         return there
 
@@ -151,7 +151,7 @@ class GrblStage:
         return not self.link.report().still
 
     def home(self, allowed: Callable[[], None] = anything) -> None:
-        """Find the limit switches. Raises DeviceError."""
+        """Home at the limit switches. Raises DeviceError."""
         with self._one_mover:
             epoch = self.link.recover()
             self._homing = True
@@ -164,7 +164,7 @@ class GrblStage:
             self.link.trust.give(epoch)
 
     def _check_machine_space(self) -> None:
-        """Raises BadConfiguration where the axes stand, after homing, outside what the controller was taken for."""
+        """Raises BadConfiguration if the axes, after homing, are outside the assumed machine space."""
         machine = self.link.settled_report().machine
         for name, one in self._envelopes.items():
             if not one.homed_inside(machine[one.index]):
@@ -175,7 +175,7 @@ class GrblStage:
                 )
 
     def _find_switches(self, allowed: Callable[[], None]) -> None:
-        """Home. Where that ends without the controller's answer, reset it: it would search on."""
+        """Home. Reset the controller if homing ends without its answer, as it would continue searching."""
         try:
             self.link.command("$H", self._homing_limit_s(), allowed)
         except (Rejected, WasReset, EmergencyStopped):
@@ -188,14 +188,14 @@ class GrblStage:
             raise
 
     def _homing_limit_s(self) -> float:
-        """The firmware homes all axes it has, also those that nobody configured here: $130 and up."""
+        """Time limit of homing: the firmware homes all its axes, including those not configured here ($130 and up)."""
         controls = self.link.controls
         lengths = {one.index: one.high - one.low for one in self._envelopes.values()}
-        lengths |= {i: told for i in range(len(self.link.letters)) if (told := controls.positive(130 + i))}
+        lengths |= {i: length for i in range(len(self.link.letters)) if (length := controls.positive(130 + i))}
         return controls.homing_limit_s(lengths)
 
     def move_to(self, **target: float) -> None:
-        """Go there in a straight line and return when still. Raises DeviceError."""
+        """Move in a straight line and return when still. Raises DeviceError."""
         with self._one_mover as stops:
             self.link.require_trust()
             check_target(target, self.travel())
@@ -209,14 +209,14 @@ class GrblStage:
             ways = [(self._envelopes[name], value) for name, value in goal.items()]
             words = " ".join(f"{one.axis.letter}{one.to_machine(value):.3f}" for one, value in ways)
             may_begin = self._one_mover.unless_stopped(stops, self.link.trust.require)
-            self.link.said = ""
+            self.link.last_message = ""
             with self.power(), left_still(self._give_up_moving, self.emergency_stop, self.link.trust):
                 self.link.command(f"$J=G53 G90 G21 {words} F{feed:.1f}", allowed=may_begin)
                 report = self._until_still(duration_s, stops)
                 self._arrived(goal, self._user(report), stops)
 
     def pace(self, way: Mapping[str, float]) -> tuple[float, float]:
-        """Feed along the line so that no axis exceeds its own or the controller's, and the seconds it takes."""
+        """Feed along the line at which no axis exceeds its limit or the controller's, and the duration in seconds."""
         length = math.hypot(*way.values())
         parts = [(self._envelopes[name], abs(part)) for name, part in way.items()]
         moved = [(one, part / length) for one, part in parts if part > one.resolution / 2]
@@ -224,13 +224,13 @@ class GrblStage:
             return 0.0, 0.0
         feed = min(min(one.axis.feed_per_min, one.rate_per_min) / share for one, share in moved)
         acceleration = min(one.acceleration_per_s2 / share for one, share in moved)
-        top = min(feed / 60, math.sqrt(length * acceleration))  # a short way is over before it is at its feed
+        top = min(feed / 60, math.sqrt(length * acceleration))  # a short move ends before it reaches its feed
         return feed, length / top + top / acceleration
 
     def _until_still(self, duration_s: float, stops: int) -> StatusReport:
-        """Two equal reports of Idle in a row, looked for from the move's end or a stop on.
+        """Wait for two equal reports of Idle in a row, from the expected end of the move or a stop on.
 
-        Raises NoAnswer when twice the time and two seconds have passed.
+        Raises NoAnswer after twice the duration plus two seconds.
         """
         limit_s = 2 * duration_s * 100 / min(self.link.feed_override, 100.0) + 2
         deadline_s = self.clock.now_s() + limit_s
@@ -244,21 +244,21 @@ class GrblStage:
             self._check_pause(report)
             if report.state in ("Alarm", "Sleep"):
                 raise MoveFailed(f"{self.address} stopped in state {report.state}", f"clear it, then {HOME}")
-            if stands and self.link.said == DOOR_SAID:
+            if stands and self.link.last_message == DOOR_MESSAGE:
                 raise self._at_the_door()
             if self.clock.now_s() > deadline_s:
                 raise self._too_slow(limit_s)
             self.link.pause(0.0 if report.state == "Idle" else self._poll_s)
 
     def _check_pause(self, report: StatusReport) -> None:
-        """Raises Held where a person holds the machine."""
+        """Raises Held if a person has paused the machine."""
         if report.pause is not None:
             reason, remedy = report.pause
             raise Held(f"{self.address} {reason}", remedy)
 
     def _at_the_door(self) -> Held:
-        """Where the reports tell nothing of the door: such a jog goes on as a program, or is ended by a reset."""
-        return Held(f"{self.address} stood at the door in mid-move and was reset", f"close it, then {HOME}")
+        """The error for a door that the reports omit: such a jog resumes as a program, or is ended by a reset."""
+        return Held(f"{self.address} was paused at the door in mid-move and reset", f"close it, then {HOME}")
 
     def _too_slow(self, limit_s: float) -> NoAnswer:
         late = f"{self.address} still moves after {limit_s:.1f} s"
@@ -272,7 +272,7 @@ class GrblStage:
             check_arrival(name, target, there[name], tolerance, self._one_mover.stopped(stops))
 
     def _give_up_moving(self) -> None:
-        """Leave nothing moving behind an error; what cannot be reached by now is beyond software."""
+        """Stop the motion after an error; if the controller cannot be reached, nothing more can be done here."""
         try:
             if self.link.trust.why is None:
                 self._cancel_jog()
@@ -285,12 +285,12 @@ class GrblStage:
             if self.link.report().still:
                 return
             self.link.pause(self._poll_s)
-        if self.link.said == DOOR_SAID:
+        if self.link.last_message == DOOR_MESSAGE:
             raise self._at_the_door()
         raise NoAnswer(f"{self.address} does not stop", "press the emergency stop at the bench")
 
     def stop(self) -> None:
-        """Slow down and stay; while homing, and where the position is lost anyway, reset. Raises DeviceError."""
+        """Decelerate and stay; reset while homing, and if the position is lost anyway. Raises DeviceError."""
         self._one_mover.stop()
         if self._homing or self.link.trust.why is not None:
             self.link.halt(NotHomed("homing was stopped", HOME))
@@ -302,7 +302,7 @@ class GrblStage:
             raise
 
     def resume(self) -> None:
-        """Go on after a feed hold, or after the door once it is closed. Raises Held, DeviceError."""
+        """Continue after a feed hold, or after the door was closed. Raises Held, DeviceError."""
         report = self.link.report()
         if report.pause is not None and (report.state, report.sub) in RESUMABLE:
             self.link.write(RESUME)
@@ -312,11 +312,13 @@ class GrblStage:
         self._check_pause(report)
 
     def lose_position(self, error: DeviceError) -> None:
-        """Stop, and refuse to move with `error` until it has homed; never raises."""
+        """Stop, and refuse to move with `error` until homed; never raises."""
         self._one_mover.stop()
         self.link.halt(error)
 
     def emergency_stop(self) -> None:
-        """Feed hold and soft reset past every lock; unsafe until homed."""
+        """Feed hold and soft reset without waiting for any lock; unsafe until homed."""
         self._one_mover.stop()
-        self.link.shout(HOLD + RESET, EmergencyStopped(f"emergency stop at {self.address}", "make it safe, then home"))
+        self.link.preempt(
+            HOLD + RESET, EmergencyStopped(f"emergency stop at {self.address}", "make it safe, then home")
+        )

@@ -1,7 +1,7 @@
-"""What a GRBL-like controller lets an axis do, as its own settings say: how far, how fast, how hard.
+"""Limits of an axis according to the settings of a GRBL-like controller: travel, speed, acceleration.
 
 Machine space is `[-L, 0]` on plain GRBL. Where homing sets the origin (`Z` among the options of `$I`, bit 3 of
-grblHAL's `$22`) it begins at the switch: `[0, L]` for an axis that homes downwards. FluidNC tells its ends.
+grblHAL's `$22`) it begins at the switch: `[0, L]` for an axis that homes downwards. FluidNC reports its ends.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from dataclasses import dataclass
 from drivers.interfaces import Travel
 
 FORCE_ORIGIN = 8
-"""grblHAL's bit of `$22`: homing makes its place the origin."""
+"""Bit of grblHAL's `$22`: homing sets the origin."""
 HOME_FIRST = 4
-"""grblHAL's bit of `$22`: after power-up it is locked until it is homed, as GRBL always is."""
+"""Bit of grblHAL's `$22`: locked after power-up until homed, as GRBL always is."""
 SEARCH_AND_BACK, SEARCH_AGAIN = 2.5, 12.0
-"""How far homing goes for a switch and back, in travels; and slowly, in pull-offs (grblHAL goes ten, GRBL five)."""
+"""Search distances of homing: in travels when fast, in pull-offs when slow (grblHAL uses ten, GRBL five)."""
 
 
 @dataclass(frozen=True)
 class GrblAxis:
-    """One axis: its name with the unit, the controller's letter, its feed, and where its zero lies in machine space.
+    """One axis: its name with the unit, the controller's letter, its feed, and the place of its zero in machine space.
 
     `origin` None puts zero at the low end of the machine space; `direction` -1 counts from the high end downwards.
-    `travel`, and `space` (its two ends in machine coordinates), are needed only where the controller tells none.
+    `travel`, and `space` (its two ends in machine coordinates), are needed only if the controller does not report them.
     """
 
     name: str
@@ -38,35 +38,35 @@ class GrblAxis:
 
 @dataclass(frozen=True)
 class Controls:
-    """A controller's settings by number, the letters of its build options, and what FluidNC's configuration adds."""
+    """A controller's settings by number, the letters of its build options, and ends from FluidNC's configuration."""
 
     settings: Mapping[int, float]
     options: str = ""
     spaces: Mapping[int, tuple[float, float]] | None = None
 
     def setting(self, number: int, default: float | None = None) -> float | None:
-        """`$number`, or `default` where the controller tells none."""
+        """`$number`, or `default` if the controller does not report it."""
         return self.settings.get(number, default)
 
     def flag(self, number: int) -> bool | None:
-        """Whether bit 0 of `$number` is set: grblHAL keeps more in the others; None where it is not told."""
-        told = self.settings.get(number)
-        return None if told is None else bool(int(told) & 1)
+        """Whether bit 0 of `$number` is set (grblHAL uses the others, too); None if it is not reported."""
+        value = self.settings.get(number)
+        return None if value is None else bool(int(value) & 1)
 
     @property
     def moves_unhomed(self) -> bool:
-        """Whether it can be moved after power-up before it is homed: grblHAL, which alone has $44, unless $22 has 4."""
+        """Whether it may move after power-up before homing: grblHAL, which alone has $44, unless $22 has 4."""
         return self.setting(44) is not None and not int(self.setting(22) or 0) & HOME_FIRST
 
     def positive(self, number: int, default: float | None = None) -> float | None:
-        """`$number` where it is above 0, else `default`."""
-        told = self.settings.get(number)
-        return told if told else default
+        """`$number` if it is above 0, else `default`."""
+        value = self.settings.get(number)
+        return value if value else default
 
     def margins(self, index: int) -> tuple[float, float]:
-        """How far to keep from both ends of `space`: with hard limits, a switch at an end would be an alarm.
+        """Clearance at both ends of `space`: with hard limits, a switch at an end would raise an alarm.
 
-        Where homing sets the origin, zero lies that far from the switch already, and the other end as much nearer.
+        If homing sets the origin, zero already has that clearance from the switch, and the other end is nearer by it.
         """
         off = (self.setting(27) or 0.0) if self.flag(21) else 0.0
         if not self.sets_origin(index):
@@ -74,7 +74,7 @@ class Controls:
         return (0.0, 2 * off) if self.homes_down(index) else (2 * off, 0.0)
 
     def homes_down(self, index: int) -> bool:
-        """Whether that axis looks for its switch at the low end."""
+        """Whether the axis homes to the switch at its low end."""
         return bool(int(self.setting(23) or 0) >> index & 1)
 
     def space(self, index: int, length: float) -> tuple[float, float]:
@@ -84,14 +84,14 @@ class Controls:
         return (0.0, length) if self.sets_origin(index) and self.homes_down(index) else (-length, 0.0)
 
     def sets_origin(self, index: int) -> bool:
-        """Whether the place where homing ends becomes zero; FluidNC's ends tell it themselves."""
-        told = self.spaces is not None and index in self.spaces
-        return not told and ("Z" in self.options or bool(int(self.setting(22) or 0) & FORCE_ORIGIN))
+        """Whether the position after homing becomes zero; FluidNC reports its ends instead."""
+        known = self.spaces is not None and index in self.spaces
+        return not known and ("Z" in self.options or bool(int(self.setting(22) or 0) & FORCE_ORIGIN))
 
     def homing_limit_s(self, lengths: Mapping[int, float]) -> float:
-        """How long homing axes of these lengths may take: twice the quick way, and the slow one, cycle after cycle.
+        """Time limit for homing axes of these lengths: twice the fast distance, and the slow one, for each cycle.
 
-        Axes of one cycle go as far as the longest of them and, on one line, as fast as the slowest.
+        Axes of one cycle move as far as the longest of them and, on one line, as fast as the slowest.
         Source: gnea/grbl limits.c, grblHAL/core machine_limits.c.
         """
         seek, feed = self.positive(25, 500.0) or 500.0, self.positive(24, 25.0) or 25.0
@@ -104,16 +104,16 @@ class Controls:
         return 10.0 + 60 * minutes
 
     def _homing_cycles(self, axes: Iterable[int]) -> list[list[int]]:
-        """Which axes home together: as grblHAL's $44 to $49 tell; else Z, then X with Y, then each of the others."""
+        """Axes that home together: from grblHAL's $44 to $49, else Z, then X with Y, then each of the others."""
         masks = [int(self.setting(44 + i) or 0) for i in range(6)]
         masks = masks if any(masks) else [0b100, 0b011, 0b1000, 0b10000, 0b100000]
-        found = [[i for i in axes if mask >> i & 1] for mask in masks]
-        return [together for together in found if together]
+        groups = [[i for i in axes if mask >> i & 1] for mask in masks]
+        return [together for together in groups if together]
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """One configured axis within its controller's limits; machine coordinates to the axis' own and back."""
+    """One configured axis within its controller's limits; converts between machine coordinates and the axis' own."""
 
     axis: GrblAxis
     index: int
@@ -126,14 +126,14 @@ class Envelope:
 
     @property
     def zero(self) -> float:
-        """The machine coordinate of the axis' own zero."""
+        """Machine coordinate of the axis' zero."""
         if self.axis.origin is not None:
             return self.axis.origin
         return self.low if self.axis.direction > 0 else self.high
 
     @property
     def travel(self) -> Travel:
-        """Where it may be sent."""
+        """The allowed range."""
         ends = (self.to_user(self.low + self.margins[0]), self.to_user(self.high - self.margins[1]))
         return Travel(*sorted(ends))
 
@@ -146,12 +146,12 @@ class Envelope:
         return self.axis.direction * user + self.zero
 
     def homed_inside(self, machine: float) -> bool:
-        """Whether a position after homing can be true of this space."""
+        """Whether a position after homing is consistent with this space."""
         return self.low - self.resolution <= machine <= self.high + self.resolution
 
 
 def envelope(axis: GrblAxis, index: int, controls: Controls) -> Envelope | None:
-    """The axis within its controller's limits; None where neither tells how long it is."""
+    """The axis within its controller's limits; None if its length is neither configured nor reported."""
     length = controls.positive(130 + index, axis.travel)
     space = axis.space or (None if length is None else controls.space(index, length))
     if space is None:

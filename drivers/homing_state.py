@@ -1,4 +1,4 @@
-"""Whether a stage's position may be believed: homing gives trust; reset, alarm and emergency stop take it."""
+"""Whether a stage's position is trusted: homing establishes trust; reset, alarm and emergency stop revoke it."""
 
 from __future__ import annotations
 
@@ -10,38 +10,38 @@ UNHOMED = NotHomed("the stage is not homed", HOME)
 
 
 class Trust:
-    """The reason not to move, if there is one; safe to be told from any thread.
+    """The reason not to move, if any; thread-safe.
 
-    `epoch` counts what shook the trust, so that a homing that was overtaken by an alarm gives none.
+    `epoch` counts the events that revoked trust, so that a homing interrupted by an alarm establishes none.
     """
 
     def __init__(self) -> None:
         self.why: DeviceError | None = UNHOMED
         self.epoch = 0
-        self.shouts = 0
+        self.preemptions = 0
 
     def lose(self, error: DeviceError) -> None:
-        """Believe no more; the first reason stays."""
+        """Revoke trust; the first reason is kept."""
         self.epoch += 1
         if self.why is None or self.why is UNHOMED:
             self.why = error
 
-    def shout(self, error: DeviceError) -> None:
-        """An emergency stop: it replaces every other reason."""
-        self.shouts += 1
+    def preempt(self, error: DeviceError) -> None:
+        """Record an emergency stop, which replaces every other reason."""
+        self.preemptions += 1
         self.why = error
         self.epoch += 1
 
-    def begin(self, shouts: int) -> int:
-        """The epoch in which homing begins. Raises the emergency stop that came since `shouts` were counted."""
+    def begin(self, preemptions: int) -> int:
+        """The epoch in which homing begins. Raises an emergency stop later than the count `preemptions`."""
         before, self.why = self.why, UNHOMED
-        if self.shouts != shouts:
+        if self.preemptions != preemptions:
             self.why = before
             self.require()
         return self.epoch
 
     def give(self, epoch: int) -> None:
-        """Believe, if nothing has happened since `epoch`. Raises what has."""
+        """Establish trust if nothing has happened since `epoch`. Raises what has."""
         self.undisturbed(epoch)
         self.why = None
 
@@ -51,7 +51,7 @@ class Trust:
             raise self.why or UNHOMED
 
     def refusal(self, is_open: bool) -> Condition | None:
-        """The condition of a stage that may not move, None of one that may; `is_open`: whether it is connected."""
+        """The condition of a stage that may not move, None if it may; `is_open`: whether it is connected."""
         if not is_open:
             return Condition("not connected", False, "connect it")
         return None if self.why is None else Condition(self.why.reason, False, self.why.remedy)

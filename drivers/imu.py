@@ -1,7 +1,7 @@
 """IMUs: WitMotion modules (to 200 Hz: settling and sway) and fast accelerometers (to some kHz: shutter shock).
 
-Samples carry the device's time and the host's: the device's plus the least offset seen in the block, which is the
-delivery that was least late.
+Samples carry the device's time and the host's: the device's plus the smallest offset in the block, that of the delivery
+with the least delay.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, NoAnswer, Rejected
 from drivers.interfaces import Condition, Identity, ImuBlock, Transport
-from drivers.protocols.imu import Samples, Text, WitFrame
+from drivers.protocols.imu import SampleBatch, TextMessage, WitFrame
 from drivers.wire.connection import line_condition, opened
 
 G_M_S2 = 9.80665
@@ -24,30 +24,30 @@ NO_OUTPUT = 0x0D
 UNLOCK, SAVE = b"\xff\xaa\x69\x88\xb5", b"\xff\xaa\x00\x00\x00"
 CONTENT, RATE, BANDWIDTH, READ = 0x02, 0x03, 0x1F, 0x27
 TIME_ACCELERATION_GYRO = 0x0007
-SETTLE_S = 0.02  # the module takes its time between two register writes
+SETTLE_S = 0.02  # the module needs this between two register writes
 REPLY_S = 1.0
 
 
 @dataclass(frozen=True)
 class Sample:
-    """One sample as it was heard."""
+    """One sample with its time of reception."""
 
     device_s: float
-    heard_s: float
+    received_s: float
     row: tuple[float, ...]
 
 
 def block_of(samples: Sequence[Sample], lost: int) -> ImuBlock:
-    """Samples with both clocks; rows are three accelerations in m/s^2, then three rates in rad/s."""
+    """Samples with both clocks; rows are three accelerations in m/s^2, then three angular rates in rad/s."""
     device = np.array([s.device_s for s in samples])
-    heard = np.array([s.heard_s for s in samples])
+    received = np.array([s.received_s for s in samples])
     rows = np.array([s.row for s in samples]).reshape(-1, 6)
-    offset = float(np.min(heard - device)) if samples else 0.0
+    offset = float(np.min(received - device)) if samples else 0.0
     return ImuBlock(device, device + offset, rows[:, :3], rows[:, 3:], lost)
 
 
 class _Stream:
-    """Samples between the reader's thread and whoever asks for a block."""
+    """Samples passed from the reader thread to the caller of `read_block`."""
 
     def __init__(self) -> None:
         self._samples: list[Sample] = []
@@ -87,14 +87,14 @@ class WitImu:
         return self._transport.address
 
     def connect(self) -> Identity:
-        """Open, read a register back, and quiet the stream it has begun by itself. Raises DeviceError."""
+        """Open, read back a register, and stop the stream that starts at power-up. Raises DeviceError."""
         with opened(self._transport, self._hear):
             if self._register(RATE) != NO_OUTPUT:
                 self.stop()
         return Identity("WitMotion", self._version, "", self.address)
 
     def close(self) -> None:
-        """Give the line back."""
+        """Release the line."""
         self._transport.close()
 
     def condition(self) -> Condition:
@@ -104,7 +104,7 @@ class WitImu:
         )
 
     def _register(self, number: int) -> int:
-        """A register read back; asked again, as the answer drowns in a fast stream now and then."""
+        """Read a register; retried, because the answer is sometimes lost in a fast stream."""
         frame = self._transport.request(
             bytes((0xFF, 0xAA, READ, number, 0)), lambda f: f if f.kind == 0x5F else None, REPLY_S, tries=3
         )
@@ -115,7 +115,7 @@ class WitImu:
         self.clock.sleep(SETTLE_S)
 
     def start(self, rate_hz: float) -> None:
-        """Stream time, acceleration and rotation, filter wide open. Raises DeviceError."""
+        """Stream time, acceleration and rotation with the widest filter. Raises DeviceError."""
         if rate_hz not in RATES_HZ:
             raise BadConfiguration(f"{self.address} cannot sample at {rate_hz:g} Hz", f"use one of {sorted(RATES_HZ)}")
         self._write_registers({CONTENT: TIME_ACCELERATION_GYRO, BANDWIDTH: 0, RATE: RATES_HZ[rate_hz]})
@@ -123,7 +123,7 @@ class WitImu:
         self._stream.start(rate_hz)
 
     def stop(self) -> None:
-        """Stream no more. Raises DeviceError."""
+        """Stop streaming. Raises DeviceError."""
         self._stream.rate_hz = 0.0
         self._write_registers({RATE: NO_OUTPUT})
 
@@ -152,27 +152,27 @@ class WitImu:
                 self._version = f"{frame.words[3] & 0xFFFF}"
 
     def _missing(self) -> int:
-        """Samples that never came, by the gap in the device's time."""
+        """Number of lost samples, from the gap in the device's time."""
         if self._before_s is None or self._device_s is None:
             return 0
         return max(round((self._device_s - self._before_s) * self._stream.rate_hz) - 1, 0)
 
     def read_block(self, duration_s: float) -> ImuBlock:
-        """Samples since the last block and in the next `duration_s`. Raises NoAnswer, LineLost."""
+        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
         self._transport.wait(lambda: False, duration_s)
         return self._stream.take(self.address, duration_s)
 
     def emergency_stop(self) -> None:
-        """Harmless as it is; waits end."""
-        self._transport.shout(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))
+        """Harmless: only ends the waits."""
+        self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))
 
 
 class FastImu:
-    """A fast accelerometer and gyroscope; commands `ID?`, `START <hz>`, `STOP` are answered by texts."""
+    """A fast accelerometer and gyroscope; commands `ID?`, `START <hz>`, `STOP` are answered by text messages."""
 
     def __init__(
         self,
-        transport: Transport[Samples | Text],
+        transport: Transport[SampleBatch | TextMessage],
         *,
         clock: Clock | None = None,
         full_scale_g: float = 8.0,
@@ -190,18 +190,18 @@ class FastImu:
         return self._transport.address
 
     def connect(self) -> Identity:
-        """Open and ask who is there. Raises DeviceError."""
+        """Open and identify the device. Raises DeviceError."""
         with opened(self._transport, self._hear):
             model, firmware, serial = (*self._ask("ID?").split(" "), "", "", "")[:3]
         return Identity(model, firmware, serial, self.address)
 
     def _ask(self, line: str) -> str:
         return self._transport.request(
-            f"{line}\n".encode(), lambda e: e.text if isinstance(e, Text) else None, REPLY_S, tries=3
+            f"{line}\n".encode(), lambda e: e.text if isinstance(e, TextMessage) else None, REPLY_S, tries=3
         )
 
     def close(self) -> None:
-        """Give the line back."""
+        """Release the line."""
         self._transport.close()
 
     def condition(self) -> Condition:
@@ -217,7 +217,7 @@ class FastImu:
         self._expect(f"START {rate_hz:g}")
 
     def stop(self) -> None:
-        """Stream no more. Raises DeviceError."""
+        """Stop streaming. Raises DeviceError."""
         self._stream.rate_hz = 0.0
         self._expect("STOP")
 
@@ -226,8 +226,8 @@ class FastImu:
         if answer != "OK":
             raise Rejected(f"{self.address} refused {line!r}: {answer}", "choose another rate, or check the cable")
 
-    def _hear(self, event: Samples | Text, host_s: float) -> None:
-        if isinstance(event, Text) or not self._stream.rate_hz:
+    def _hear(self, event: SampleBatch | TextMessage, host_s: float) -> None:
+        if isinstance(event, TextMessage) or not self._stream.rate_hz:
             return
         gap = 0 if self._seq is None else (event.seq - self._seq - 1) % 65536
         self._seq = event.seq
@@ -237,10 +237,10 @@ class FastImu:
             self._stream.put(Sample(device_s, host_s, values), gap * len(event.rows) if i == 0 else 0)
 
     def read_block(self, duration_s: float) -> ImuBlock:
-        """Samples since the last block and in the next `duration_s`. Raises NoAnswer, LineLost."""
+        """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""
         self._transport.wait(lambda: False, duration_s)
         return self._stream.take(self.address, duration_s)
 
     def emergency_stop(self) -> None:
-        """Harmless as it is; waits end."""
-        self._transport.shout(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))
+        """Harmless: only ends the waits."""
+        self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "start it again"))

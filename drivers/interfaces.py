@@ -1,7 +1,7 @@
-"""What every kind of device promises. A driver has these methods; it inherits from nothing.
+"""Protocols of every kind of device. A driver has these methods; it does not inherit from them.
 
 Positions are given by the axis' name, which carries the unit (`z_mm`, `pan_deg`); times are seconds of the clock
-the driver was given. Every method that waits has a deadline and ends in success or in a `DeviceError`.
+passed to the driver. Every method that waits has a deadline and ends in success or in a `DeviceError`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Identity:
-    """What answered: model, firmware, serial number if it tells one, and the address it answered at."""
+    """Model, firmware, serial number if reported, and address of a connected device."""
 
     model: str
     firmware: str
@@ -30,7 +30,7 @@ class Identity:
 
 @dataclass(frozen=True)
 class Travel:
-    """The range of one axis, in the unit its name carries."""
+    """The range of one axis, in the unit of its name."""
 
     low: float
     high: float
@@ -42,7 +42,7 @@ class Travel:
 
 @dataclass(frozen=True)
 class ShutterTimes:
-    """When the contacts closed and opened, and when the hot shoe fired (None where it is not wired)."""
+    """When the contacts closed and opened, and when the hot shoe fired (None if it is not wired)."""
 
     closed_s: float
     released_s: float
@@ -51,7 +51,7 @@ class ShutterTimes:
 
 @dataclass(frozen=True)
 class CameraSettings:
-    """What the body is set to; None leaves a setting as it is."""
+    """Settings of the body; None leaves a setting unchanged."""
 
     exposure_s: float | None = None
     iso: int | None = None
@@ -60,7 +60,7 @@ class CameraSettings:
 
 @dataclass(frozen=True)
 class ExposedFile:
-    """One RAW file on disk with the record of how it came to be."""
+    """One RAW file on disk with the record of its exposure."""
 
     path: Path
     sha256: str
@@ -74,7 +74,7 @@ class ExposedFile:
 
 @dataclass(frozen=True)
 class ImuBlock:
-    """Samples since the last block: (n,) times by both clocks, (n, 3) m/s^2, (n, 3) rad/s, samples known lost."""
+    """Samples since the last block: (n,) times of both clocks, (n, 3) m/s^2, (n, 3) rad/s, number of lost samples."""
 
     device_s: NDArray[np.float64]
     host_s: NDArray[np.float64]
@@ -85,7 +85,7 @@ class ImuBlock:
 
 @dataclass(frozen=True)
 class ShakePath:
-    """One round of a path about rest, played around and around: offsets by axis, in its unit, `interval_s` apart."""
+    """One round of a closed path about rest, played repeatedly: offsets by axis, in its unit, `interval_s` apart."""
 
     interval_s: float
     offsets: Mapping[str, tuple[float, ...]]
@@ -93,7 +93,7 @@ class ShakePath:
 
 @dataclass(frozen=True)
 class Distance:
-    """One laser reading from the housing's reference plane; lower `quality` is better, None where none is told."""
+    """One laser reading from the housing's reference plane; lower `quality` is better, None if not reported."""
 
     distance_mm: float
     measured_s: float
@@ -101,8 +101,8 @@ class Distance:
 
 
 @dataclass(frozen=True)
-class Doubt:
-    """Why what a device tells deserves less trust although it may be used, and what to do about that."""
+class Caveat:
+    """Why a usable device deserves less trust, and the remedy."""
 
     reason: str
     remedy: str
@@ -110,41 +110,41 @@ class Doubt:
 
 @dataclass(frozen=True)
 class Condition:
-    """One word for the device's row, whether it may be used, what to do where it may not, and a doubt where it may."""
+    """The device's state in one word, whether it may be used, the remedy if it may not, and a caveat if it may."""
 
     word: str
     usable: bool = True
     remedy: str = field(default="")
-    doubt: Doubt | None = None
+    caveat: Caveat | None = None
 
 
 class Device(Protocol):
-    """What all of them promise."""
+    """The promises of every device."""
 
     @property
     def address(self) -> str:
-        """Where it is: a port, a URL or a folder."""
+        """Port, URL or folder."""
         ...
 
     def connect(self) -> Identity:
-        """Open the line and ask who is there. Raises DeviceError."""
+        """Open the line and identify the device. Raises DeviceError."""
         ...
 
     def condition(self) -> Condition:
-        """What it is doing, without asking the wire."""
+        """Its current state, without communication."""
         ...
 
     def emergency_stop(self) -> None:
-        """Make it harmless now; from any thread, waiting for no lock, any number of times; never raises."""
+        """Make it harmless now; from any thread, without waiting for a lock, any number of times; never raises."""
         ...
 
     def close(self) -> None:
-        """Give the line back; any number of times."""
+        """Release the line; any number of times."""
         ...
 
 
 class Stage(Device, Protocol):
-    """Axes that move: rails, gantries, pan-tilt heads. Homes before it moves, and moves inside its travel only."""
+    """Axes that move: rails, gantries, pan-tilt heads. Homes before it moves, and moves only within its travel."""
 
     def travel(self) -> Mapping[str, Travel]:
         """The range of each axis; known after `connect`."""
@@ -153,36 +153,36 @@ class Stage(Device, Protocol):
     def home(self, allowed: Callable[[], None] = ...) -> None:
         """Find the reference; the only motion allowed before it. Raises DeviceError, and what `allowed` does.
 
-        `allowed` raises why homing may not begin: it is asked when no stop can come between any more.
+        `allowed` raises why homing may not begin: it is called when no stop can intervene any more.
         """
         ...
 
     def move_to(self, **target: float) -> None:
-        """Go there and return when still. Raises DeviceError."""
+        """Move and return when still. Raises DeviceError."""
         ...
 
     def position(self) -> Mapping[str, float]:
-        """Where the axes are now, asked from the device."""
+        """Current positions, read from the device."""
         ...
 
     def moving(self) -> bool:
-        """Whether any axis moves, asked from the device."""
+        """Whether any axis moves, read from the device."""
         ...
 
     def stop(self) -> None:
-        """Slow down and stay, keeping the position; a `move_to` that waits elsewhere ends in MoveFailed."""
+        """Decelerate and stay, keeping the position; a waiting `move_to` ends in MoveFailed."""
         ...
 
 
 class Shutter(Device, Protocol):
-    """Something that closes the camera's release contact."""
+    """A device that closes the camera's release contact."""
 
     def focus(self, pressed: bool) -> None:
-        """Half-press or let go. Raises DeviceError."""
+        """Half-press or release. Raises DeviceError."""
         ...
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
-        """Half-press for `focus_s`, close the contact for `pulse_s`, and say when. Raises DeviceError."""
+        """Half-press for `focus_s`, close the contact for `pulse_s`, and report the times. Raises DeviceError."""
         ...
 
     def abort(self) -> None:
@@ -191,10 +191,10 @@ class Shutter(Device, Protocol):
 
 
 class Camera(Device, Protocol):
-    """Something that answers a request with a RAW file."""
+    """A device that delivers one RAW file per request."""
 
     def configure(self, settings: CameraSettings) -> None:
-        """Set, or expect, these settings. Raises DeviceError."""
+        """Apply, or expect, these settings. Raises DeviceError."""
         ...
 
     def expose(self) -> ExposedFile:
@@ -214,56 +214,56 @@ class Imu(Device, Protocol):
         ...
 
     def read_block(self, duration_s: float) -> ImuBlock:
-        """Samples that arrived since the last block and in the next `duration_s`. Raises DeviceError."""
+        """Samples since the last block and during the next `duration_s`. Raises DeviceError."""
         ...
 
 
 class Rangefinder(Device, Protocol):
-    """A laser that measures distance."""
+    """A laser distance meter."""
 
     def measure(self) -> Distance:
         """One reading. Raises DeviceError."""
         ...
 
     def laser(self, on: bool) -> None:
-        """Switch the spot, for aiming. Raises DeviceError."""
+        """Switch the laser spot, for aiming. Raises DeviceError."""
         ...
 
 
 class Light(Device, Protocol):
-    """A panel that lights the chart."""
+    """A panel that illuminates the chart."""
 
     def set_level(self, level: float) -> None:
-        """Set to `level` in [0, 1] of full light. Raises DeviceError."""
+        """Set `level` in [0, 1] of full intensity. Raises DeviceError."""
         ...
 
     def level(self) -> float:
-        """What it was last set to."""
+        """The level last set."""
         ...
 
 
 class Shaker(Device, Protocol):
-    """Something that carries the camera around a path that it is told, while it photographs."""
+    """A device that moves the camera along a given path during an exposure."""
 
     def strokes(self) -> Mapping[str, float]:
-        """How far each axis goes from rest, both ways."""
+        """Amplitude of each axis from rest, in both directions."""
         ...
 
     def start(self, path: ShakePath) -> ShakePath:
-        """Play this path until `stop`; the path as it is really commanded. Raises DeviceError."""
+        """Play this path until `stop`; returns the path actually commanded. Raises DeviceError."""
         ...
 
     def began_s(self) -> float:
-        """When the first point was put out, by the same clock and at the same comparison of clocks as the last shot."""
+        """When the first point was output, by the same clock synchronisation as the last shot."""
         ...
 
     def stop(self) -> None:
-        """Come to rest at the end of the round. Raises DeviceError."""
+        """Return to rest at the end of the round. Raises DeviceError."""
         ...
 
 
 class Parser(Protocol[E_co]):
-    """Pure bytes to events: any split of the stream gives the same events, garbage never raises."""
+    """Bytes to events without side effects: any split of the stream gives the same events, garbage never raises."""
 
     def feed(self, data: bytes) -> Sequence[E_co]:
         """The events completed by these bytes."""
@@ -271,7 +271,7 @@ class Parser(Protocol[E_co]):
 
 
 class Transport(Protocol[E_co]):
-    """A line to a device: requests under a lock and a deadline, and a way past both for emergencies."""
+    """A line to a device: requests under a lock and a deadline, and a path past both for emergencies."""
 
     @property
     def address(self) -> str:
@@ -284,11 +284,11 @@ class Transport(Protocol[E_co]):
         ...
 
     def open(self, listen: Callable[[E_co, float], None]) -> None:
-        """Own the port; `listen(event, host_s)` hears every event. Raises LineLost."""
+        """Own the port; `listen(event, host_s)` is called for every event. Raises LineLost."""
         ...
 
     def close(self) -> None:
-        """Give the port back and end the reader."""
+        """Release the port and end the reader."""
         ...
 
     def request(
@@ -299,25 +299,25 @@ class Transport(Protocol[E_co]):
         tries: int = 1,
         allowed: Callable[[], None] = ...,
     ) -> T:
-        """Write and wait until `answer(event)` is not None, `tries` times over. Raises NoAnswer, LineLost.
+        """Write and wait until `answer(event)` is not None, up to `tries` times. Raises NoAnswer, LineLost.
 
-        `allowed` raises why the order may not be given: it is asked when nothing can come between any more.
+        `allowed` raises why the order may not be given: it is called when nothing can intervene any more.
         """
         ...
 
     def wait(self, ready: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait for something the listener notes down. Raises LineLost, or what interrupted."""
+        """Wait for a state recorded by the listener. Raises LineLost, or the interruption."""
         ...
 
     def write(self, data: bytes, *, noted: bool = True, within_s: float = ...) -> None:
-        """Write without waiting for a reply, a request or a lock; the transcript has it if `noted`.
+        """Write without waiting for a reply, a request or a lock; recorded in the transcript if `noted`.
 
-        Raises LineLost, NoAnswer where `within_s` was not enough.
+        Raises LineLost, NoAnswer if `within_s` was not enough.
         """
         ...
 
-    def shout(self, data: bytes, error: Exception) -> None:
-        """Drop what was not sent yet, write past every lock, and end all waits with `error`; never raises."""
+    def preempt(self, data: bytes, error: Exception) -> None:
+        """Drop unsent bytes, write without waiting for any lock, and end all waits with `error`; never raises."""
         ...
 
     def set_lines(self, **lines: bool) -> None:

@@ -1,7 +1,7 @@
 """Light panels: DMX through an Enttec USB Pro, or the spindle output of a GRBL controller as PWM.
 
-Enttec: `7E label lenLSB lenMSB data E7`; label 6 sends DMX and must begin with start code 0, label 3 asks for
-parameters, 10 for the serial number.
+Enttec: `7E label lenLSB lenMSB data E7`; label 6 sends DMX and must begin with start code 0, label 3 requests
+parameters, 10 the serial number.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ REPLY_S = 1.0
 
 @dataclass(frozen=True)
 class DmxFrame:
-    """One good message: label and data."""
+    """One valid message: label and data."""
 
     label: int
     data: bytes
 
 
 def frame(label: int, data: bytes = b"") -> bytes:
-    """A message as it goes over the wire."""
+    """Encode a message."""
     return b"\x7e" + struct.pack("<BH", label, len(data)) + data + b"\xe7"
 
 
@@ -59,33 +59,33 @@ class DmxParser:
 
 
 def check_level(level: float) -> float:
-    """`level` if it lies in [0, 1]. Raises BadConfiguration."""
+    """Return `level` if it is in [0, 1]. Raises BadConfiguration."""
     if not 0.0 <= level <= 1.0:
-        raise BadConfiguration(f"a light level of {level:g} lies outside 0 .. 1", "give a fraction of full light")
+        raise BadConfiguration(f"a light level must be in 0 .. 1; got {level:g}", "give a fraction of full light")
     return level
 
 
 @dataclass(frozen=True)
 class Panel:
-    """What the lamp is like: how long it warms up, and the frequency it is chopped at (0: not at all)."""
+    """Properties of a lamp: warm-up time, and modulation frequency (0: none)."""
 
     warm_up_s: float = 0.0
     pwm_hz: float = 0.0
 
     def flickers(self, exposure_s: float, allowed: float = 0.01) -> bool:
-        """Whether exposures of this length can differ by more than `allowed` of their light: one cycle in all."""
+        """Whether exposures of this length can differ by more than `allowed` of their light, i.e. by one cycle."""
         return self.pwm_hz > 0 and exposure_s * self.pwm_hz * allowed < 1
 
 
 class LastLevel:
-    """What a lamp was last set to, and whether it has warmed up since."""
+    """The level last set, and whether the lamp has warmed up since."""
 
     def __init__(self, panel: Panel, clock: Clock) -> None:
         self.level = 0.0
         self._panel, self._clock, self._since_s = panel, clock, -float("inf")
 
     def set(self, level: float) -> None:
-        """Note that it is set; the same level again is no change."""
+        """Record the level; setting the same level again is no change."""
         if level != self.level:
             self.level, self._since_s = level, self._clock.now_s()
 
@@ -122,7 +122,7 @@ class DmxLight:
         return self._transport.address
 
     def connect(self) -> Identity:
-        """Open and ask for firmware and serial number. Raises DeviceError."""
+        """Open, and read firmware and serial number. Raises DeviceError."""
         with opened(self._transport):
             parameters = self._ask(PARAMETERS, b"\0\0")
             number = self._ask(SERIAL)
@@ -135,7 +135,7 @@ class DmxLight:
         )
 
     def close(self) -> None:
-        """Give the line back; the panel keeps its level."""
+        """Release the line; the panel keeps its level."""
         self._transport.close()
 
     def condition(self) -> Condition:
@@ -143,17 +143,17 @@ class DmxLight:
         return line_condition(self._transport.is_open, self._last.word)
 
     def set_level(self, level: float) -> None:
-        """Set all its channels, and check that the widget still answers. Raises DeviceError."""
+        """Set all channels, and check that the widget still answers. Raises DeviceError."""
         value = round(255 * check_level(level))
         slots = bytearray(CHANNELS)
         for channel in self._channels:
             slots[channel - 1] = value
         self._transport.write(frame(SEND, b"\0" + bytes(slots)))
-        self._ask(PARAMETERS, b"\0\0")  # DMX itself is one-way: at least know that the widget lives
+        self._ask(PARAMETERS, b"\0\0")  # DMX is one-way: check at least that the widget answers
         self._last.set(level)
 
     def level(self) -> float:
-        """What it was last set to."""
+        """The level last set."""
         return self._last.level
 
     def steady(self) -> bool:
@@ -161,8 +161,8 @@ class DmxLight:
         return self._last.steady()
 
     def emergency_stop(self) -> None:
-        """Light is harmless, and people need it: it stays; waits end."""
-        self._transport.shout(b"", EmergencyStopped(f"emergency stop at {self.address}", "set the level again"))
+        """Light is harmless, and people need it: it stays on; waits end."""
+        self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "set the level again"))
 
 
 class GrblLight:
@@ -184,16 +184,16 @@ class GrblLight:
         return self.link.address
 
     def connect(self) -> Identity:
-        """Open the line, unless a stage owns it. Raises DeviceError."""
+        """Open the line, unless it belongs to a stage. Raises DeviceError."""
         return self.link.connect_output("GRBL spindle output", self._owns_link)
 
     def close(self) -> None:
-        """Give the line back, unless a stage owns it."""
+        """Release the line, unless it belongs to a stage."""
         if self._owns_link:
             self.link.close()
 
     def condition(self) -> Condition:
-        """The level; off after a reset of the controller, whoever asked for it."""
+        """The level; off after a reset of the controller, whatever caused it."""
         if self.link.is_open and self._level and self._resets != self.link.resets:
             reason = f"off: a reset of the controller ended its {100 * self._level:.0f} %"
             return Condition(reason, False, "set the level again")
@@ -207,10 +207,10 @@ class GrblLight:
         self._level, self._resets = level, resets
 
     def level(self) -> float:
-        """What it was last set to; 0 after a reset of the controller, which switches its outputs off."""
+        """The level last set; 0 after a reset of the controller, which switches its outputs off."""
         return self._level if self._resets == self.link.resets else 0.0
 
     def emergency_stop(self) -> None:
         """Reset the controller, which switches the output off."""
         self._level = 0.0
-        self.link.shout(b"\x18", EmergencyStopped(f"emergency stop at {self.address}", "connect again"))
+        self.link.preempt(b"\x18", EmergencyStopped(f"emergency stop at {self.address}", "connect again"))

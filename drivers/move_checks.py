@@ -1,4 +1,4 @@
-"""What all stages hold to: one mover at a time, targets inside the travel, arrival there, and rest after an error."""
+"""Rules of all stages: one mover at a time, targets inside the travel, arrival at the target, rest after an error."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from drivers.interfaces import Travel
 
 
 class OneMover:
-    """Whoever enters moves the stage, and is told how often it had been stopped; a second one is refused at once."""
+    """Context of a move, which yields the number of stops so far; a second mover is refused at once."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -27,28 +27,28 @@ class OneMover:
         self._lock.release()
 
     def stop(self) -> None:
-        """Note that the stage is stopped: what is on its way gives no further order."""
+        """Record a stop: a move in progress gives no further order."""
         self._stops += 1
 
     def stopped(self, since: int) -> bool:
-        """Whether it was stopped since it had been so often."""
+        """Whether the stage was stopped after that count."""
         return self._stops != since
 
     def unless_stopped(self, since: int, *checks: Callable[[], None]) -> Callable[[], None]:
-        """These checks, and then MoveFailed where it was stopped: an axis that was still to be sent stays."""
+        """These checks, then MoveFailed if the stage was stopped: an axis not moving yet stays."""
 
         def check() -> None:
             if self.stopped(since):
-                raise MoveFailed("the stage was stopped before all axes were on their way", "begin again")
+                raise MoveFailed("the stage was stopped before all axes had started", "begin again")
 
         return in_turn(*checks, check)
 
 
 @contextmanager
 def left_still(halt: Callable[[], None], emergency_stop: Callable[[], None], trust: Trust) -> Iterator[None]:
-    """Whatever ends what is in here before its end, nothing moves on.
+    """Context in which nothing continues to move if its body ends early.
 
-    An error calls `halt`; a stage that cannot be halted is not trusted any more. The end of the program stops
+    An error calls `halt`; if that fails, the stage is no longer trusted. The end of the program stops
     everything.
     """
     try:
@@ -65,17 +65,17 @@ def left_still(halt: Callable[[], None], emergency_stop: Callable[[], None], tru
 
 
 def in_turn(*checks: Callable[[], None]) -> Callable[[], None]:
-    """Several checks as one, in their order."""
+    """Combine checks, in their order."""
 
     def check() -> None:
-        for one in checks:
-            one()
+        for each in checks:
+            each()
 
     return check
 
 
 def check_target(target: Mapping[str, float], travel: Mapping[str, Travel]) -> None:
-    """Raises BadConfiguration for an axis that is not there, OutsideTravel for a value beyond its range."""
+    """Raises BadConfiguration for an unknown axis, OutsideTravel for a value beyond its range."""
     for name, value in target.items():
         if name not in travel:
             raise BadConfiguration(f"there is no axis {name}", f"axes are {', '.join(travel)}")
@@ -85,7 +85,7 @@ def check_target(target: Mapping[str, float], travel: Mapping[str, Travel]) -> N
 
 
 def check_arrival(name: str, goal: float, there: float, tolerance: float, stopped: bool) -> None:
-    """Raises MoveFailed if the axis rests elsewhere."""
+    """Raises MoveFailed if the axis rests away from its target."""
     if abs(goal - there) > tolerance:
-        how = "was stopped" if stopped else "came to rest"
+        how = "was stopped" if stopped else "stopped"
         raise MoveFailed(f"{name} {how} at {there:.4f} on its way to {goal:.4f}", "move again")

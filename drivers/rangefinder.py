@@ -33,7 +33,7 @@ STATUSES = {
 }
 BOSCH_STATUSES = {
     1: ("it timed out", AIM),
-    3: ("it heard a wrong checksum", "check the connection"),
+    3: ("it received a wrong checksum", "check the connection"),
     4: ("it does not know the command", "use a GLM of the first generation"),
     8: ("its hardware failed", "switch it off and on"),
     10: ("it is not ready", "wait a second and measure again"),
@@ -42,7 +42,7 @@ BOSCH_STATUSES = {
 
 @dataclass(frozen=True)
 class JrtFrame:
-    """One good frame: whether it is an error frame, its register and payload."""
+    """One valid frame: whether it is an error frame, its register and payload."""
 
     error: bool
     register: int
@@ -85,7 +85,7 @@ class JrtRangefinder:
         return self._transport.address
 
     def connect(self) -> Identity:
-        """Open, let the module find the baud rate, read its version. Raises DeviceError."""
+        """Open, let the module detect the baud rate, read its version. Raises DeviceError."""
         with opened(self._transport):
             self._transport.write(WAKE)
             self.clock.sleep(0.1)
@@ -93,17 +93,17 @@ class JrtRangefinder:
         return Identity("JRT/Meskernel module", version.hex(), "", self.address)
 
     def close(self) -> None:
-        """Give the line back."""
+        """Release the line."""
         self._transport.close()
 
     def condition(self) -> Condition:
-        """Whether the line is there."""
+        """Whether it is connected."""
         return line_condition(self._transport.is_open)
 
     def _read(self, register: int) -> bytes:
         command = bytes((0x80, register >> 8, register & 0xFF))
-        asked = b"\xaa" + command + bytes((sum(command) & 0xFF,))
-        return self._ask(asked, register, REPLY_S, tries=3).payload
+        request = b"\xaa" + command + bytes((sum(command) & 0xFF,))
+        return self._ask(request, register, REPLY_S, tries=3).payload
 
     def _ask(self, command: bytes, register: int, timeout_s: float, tries: int = 1) -> JrtFrame:
         frame = self._transport.request(
@@ -116,7 +116,7 @@ class JrtRangefinder:
         return frame
 
     def measure(self) -> Distance:
-        """One reading; where the echo is weak or nothing comes, once more slowly. Raises DeviceError."""
+        """One reading; repeated more slowly if the echo is weak or absent. Raises DeviceError."""
         try:
             frame = self._ask(MEASURE_AUTO, RESULT, AUTO_S)
         except NoAnswer:
@@ -132,13 +132,13 @@ class JrtRangefinder:
         return Distance(float(distance), self.clock.now_s(), quality)
 
     def laser(self, on: bool) -> None:
-        """Switch the spot. Raises DeviceError."""
+        """Switch the laser spot. Raises DeviceError."""
         payload = bytes((0x00, 0x01, 0xBE, 0x00, 0x01, 0x00, int(on)))
         self._ask(b"\xaa" + payload + bytes((sum(payload) & 0xFF,)), LASER, REPLY_S)
 
     def emergency_stop(self) -> None:
         """Stop measuring, which switches the laser off."""
-        self._transport.shout(STOP, EmergencyStopped(f"emergency stop at {self.address}", "measure again"))
+        self._transport.preempt(STOP, EmergencyStopped(f"emergency stop at {self.address}", "measure again"))
 
 
 def crc8(data: bytes) -> int:
@@ -154,7 +154,7 @@ def crc8(data: bytes) -> int:
 
 @dataclass(frozen=True)
 class BoschFrame:
-    """One good answer: status and payload."""
+    """One valid answer: status and payload."""
 
     status: int
     payload: bytes
@@ -183,7 +183,7 @@ class BoschParser:
 
 
 class BoschRangefinder:
-    """A Rangefinder that is a Bosch GLM or PLR."""
+    """A Rangefinder for Bosch GLM and PLR instruments."""
 
     def __init__(self, transport: Transport[BoschFrame], *, clock: Clock | None = None) -> None:
         self.clock = clock or SystemClock()
@@ -195,23 +195,23 @@ class BoschRangefinder:
         return self._transport.address
 
     def connect(self) -> Identity:
-        """Open and switch the spot on, which any GLM answers. Raises DeviceError."""
+        """Open and switch the laser spot on, which any GLM answers. Raises DeviceError."""
         with opened(self._transport):
             self.laser(True)
         return Identity("Bosch GLM", "", "", self.address)
 
     def close(self) -> None:
-        """Give the line back."""
+        """Release the line."""
         self._transport.close()
 
     def condition(self) -> Condition:
-        """Whether the line is there."""
+        """Whether it is connected."""
         return line_condition(self._transport.is_open)
 
     def _ask(self, command: int, payload_bytes: int, timeout_s: float) -> bytes:
-        asked = bytes((0xC0, command, 0x00))
+        request = bytes((0xC0, command, 0x00))
         frame = self._transport.request(
-            asked + bytes((crc8(asked),)),
+            request + bytes((crc8(request),)),
             lambda f: f if f.status or len(f.payload) == payload_bytes else None,
             timeout_s,
         )
@@ -221,16 +221,16 @@ class BoschRangefinder:
         return frame.payload
 
     def measure(self) -> Distance:
-        """One reading, to 0.05 mm of its own scale. Raises DeviceError."""
+        """One reading, with a resolution of 0.05 mm. Raises DeviceError."""
         payload = self._ask(0x40, 4, AUTO_S)
         return Distance(int.from_bytes(payload, "little") * 0.05, self.clock.now_s())
 
     def laser(self, on: bool) -> None:
-        """Switch the spot. Raises DeviceError."""
+        """Switch the laser spot. Raises DeviceError."""
         self._ask(0x41 if on else 0x42, 0, REPLY_S)
 
     def emergency_stop(self) -> None:
         """Switch the laser off."""
-        self._transport.shout(
+        self._transport.preempt(
             b"\xc0\x42\x00\x1e", EmergencyStopped(f"emergency stop at {self.address}", "measure again")
         )

@@ -1,6 +1,6 @@
-"""A shaker on the channels of a STRIG/2 box: it carries the camera around a path while the box's shutter is open.
+"""A shaker on the channels of a STRIG/2 box: it moves the camera along a path while the box's shutter is open.
 
-Path and shot share the box's clock, so where in the round the shutter opened is known to microseconds. The protocol is
+Path and shot share the box's clock: the phase at which the shutter opened is known to microseconds. The protocol is
 in `firmware/STRIG.md`.
 """
 
@@ -17,7 +17,7 @@ from drivers.shutter import KEEP_ALIVE_S, StrigShutter
 from drivers.wire.connection import line_condition
 
 REST, DEEPEST = 2048, 2047
-"""Of a channel's 4096 steps: where it rests, and how far it goes from there."""
+"""In steps of a channel (0 to 4095): its rest position, and its amplitude."""
 FEWEST, MOST = 2, 128
 SHORTEST_S, LONGEST_S = 0.001, 1.0
 ANSWER_S = 0.5
@@ -25,9 +25,9 @@ ANSWER_S = 0.5
 
 @dataclass(frozen=True)
 class ShakerAxis:
-    """One channel: its axis' name with the unit, how far it goes from rest at full deflection, and which way.
+    """One channel: its axis' name with the unit, and the amplitude from rest at full deflection.
 
-    `direction` -1: the axis goes down where the channel goes up.
+    `direction` -1: the axis moves down when the channel's value rises.
     """
 
     name: str
@@ -36,11 +36,11 @@ class ShakerAxis:
     direction: int = 1
 
     def to_steps(self, offset: float) -> int:
-        """What the channel is set to."""
+        """The channel's value of an offset."""
         return REST + round(DEEPEST * self.direction * offset / self.stroke)
 
     def to_unit(self, steps: int) -> float:
-        """Where that is."""
+        """The offset of a channel's value."""
         return self.direction * (steps - REST) * self.stroke / DEEPEST
 
 
@@ -58,7 +58,7 @@ class StrigShaker:
         return self._box.address
 
     def connect(self) -> Identity:
-        """Look whether the box has channels. Raises BadConfiguration, LineLost, Rejected."""
+        """Check that the box has channels. Raises BadConfiguration, LineLost, Rejected."""
         self._require()
         if self._box.version < 2:
             raise BadConfiguration(
@@ -69,7 +69,7 @@ class StrigShaker:
         return Identity("STRIG/2 shaker", "", "", self.address)
 
     def close(self) -> None:
-        """Nothing of its own: the shutter has the line."""
+        """No-op: the line belongs to the shutter."""
 
     def condition(self) -> Condition:
         """Whether the line is there."""
@@ -80,11 +80,11 @@ class StrigShaker:
             raise LineLost(f"the shutter box at {self.address} is not connected", "connect the shutter first")
 
     def strokes(self) -> Mapping[str, float]:
-        """How far each axis goes from rest, both ways."""
+        """Amplitude of each axis from rest, in both directions."""
         return {axis.name: axis.stroke for axis in self._axes}
 
     def start(self, path: ShakePath) -> ShakePath:
-        """Play this path; as commanded: in whole steps and microseconds. Raises DeviceError."""
+        """Play this path; returns it as commanded, in whole steps and microseconds. Raises DeviceError."""
         self._require()
         number, interval_us = self._check(path), round(1e6 * path.interval_s)
         self.stop()
@@ -98,24 +98,24 @@ class StrigShaker:
         self._round_s = number * interval_us * 1e-6
         self._box.command("SHAKE 1")
         if not self._box.wait(lambda: "SHAKE" in self._box.motion, ANSWER_S):
-            raise NoAnswer(f"{self.address} did not say when it began to shake", "check the cable")
-        told = {axis.name: tuple(axis.to_unit(v) for v in steps[axis.channel]) for axis in self._axes}
-        return ShakePath(interval_us * 1e-6, told)
+            raise NoAnswer(f"{self.address} did not report the start of the shaking", "check the cable")
+        offsets = {axis.name: tuple(axis.to_unit(v) for v in steps[axis.channel]) for axis in self._axes}
+        return ShakePath(interval_us * 1e-6, offsets)
 
     def _check(self, path: ShakePath) -> int:
-        """How many points the path has. Raises BadConfiguration, OutsideTravel."""
+        """The number of points of the path. Raises BadConfiguration, OutsideTravel."""
         strokes, lengths = self.strokes(), {len(values) for values in path.offsets.values()}
         number = max(lengths, default=0)
         if not set(path.offsets) <= set(strokes):
             raise BadConfiguration(
-                f"a path of {', '.join(path.offsets)} is asked for", f"axes are {', '.join(strokes)}"
+                f"a path of {', '.join(path.offsets)} was requested", f"axes are {', '.join(strokes)}"
             )
         if len(lengths) != 1 or not FEWEST <= number <= MOST:
-            told = f"a path of {' and '.join(map(str, sorted(lengths)))} points is asked for"
-            raise BadConfiguration(told, f"give {FEWEST} to {MOST}, as many of every axis")
+            reason = f"a path of {' and '.join(map(str, sorted(lengths)))} points was requested"
+            raise BadConfiguration(reason, f"give {FEWEST} to {MOST}, the same number for every axis")
         if not SHORTEST_S <= path.interval_s <= LONGEST_S:
-            told = f"points {path.interval_s:g} s apart are asked for"
-            raise BadConfiguration(told, f"give an interval from {SHORTEST_S:g} to {LONGEST_S:g} s")
+            reason = f"points {path.interval_s:g} s apart were requested"
+            raise BadConfiguration(reason, f"give an interval from {SHORTEST_S:g} to {LONGEST_S:g} s")
         for name, values in path.offsets.items():
             far = max(map(abs, values)) if all(map(math.isfinite, values)) else math.inf
             if far > strokes[name] * (1 + 1e-9):
@@ -123,13 +123,13 @@ class StrigShaker:
         return number
 
     def began_s(self) -> float:
-        """When point 0 was put out first, by the clocks as they were compared for the last shot. Raises MoveFailed."""
+        """When point 0 was first output, by the clock synchronisation of the last shot. Raises MoveFailed."""
         if "REST" in self._box.motion or "SHAKE" not in self._box.motion:
-            raise MoveFailed(f"the shaker at {self.address} came to rest before its time", "photograph again")
+            raise MoveFailed(f"the shaker at {self.address} stopped too early", "photograph again")
         return self._box.to_host_s(self._box.motion["SHAKE"].t_us)
 
     def stop(self) -> None:
-        """Rest when the round is over. Raises DeviceError."""
+        """Rest at the end of the round. Raises DeviceError."""
         self._require()
         self._box.command("SHAKE 0")
         if "SHAKE" not in self._box.motion or "REST" in self._box.motion:
@@ -138,9 +138,9 @@ class StrigShaker:
         while not self._box.wait(lambda: "REST" in self._box.motion, min(KEEP_ALIVE_S, self._round_s + ANSWER_S)):
             if self.clock.now_s() >= deadline_s:
                 self._box.command("ABORT")
-                raise NoAnswer(f"{self.address} did not say that its shaker rests", "check the cable")
+                raise NoAnswer(f"{self.address} did not report that its shaker rests", "check the cable")
             self._box.command("SHAKE 0")
 
     def emergency_stop(self) -> None:
-        """Rest at once, and open the shutter: it is one box."""
+        """Rest at once, and open the shutter, which is on the same box."""
         self._box.emergency_stop()

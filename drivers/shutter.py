@@ -1,7 +1,7 @@
 """Three ways to close a camera's release contact: a STRIG box, a bare RTS line, the relay of a GRBL controller.
 
-The protocol is in `firmware/STRIG.md`, with the sketch that speaks it. Only the box says when the contact really
-closed; the others tell when they were asked to.
+The protocol and its firmware are described in `firmware/STRIG.md`. Only the box reports the actual closing time of the
+contact; the others report the time of the command.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from dataclasses import dataclass
 from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
 from drivers.interfaces import Condition, Identity, ShutterTimes, Transport
-from drivers.protocols.framing import LineSplitter
+from drivers.protocols.framing import LineSplitter, UnrecognisedLine
 from drivers.protocols.grbl_link import GrblLink
 from drivers.wire.connection import anything, line_condition, opened
 
 REPLY_S = 0.5
-BOOT_S = 3.0  # boot loader and start of an Arduino that was reset by the opening of its port
+BOOT_S = 3.0  # boot loader and start of an Arduino, which resets when its port is opened
 KEEP_ALIVE_S = 2.0  # the box opens its contacts after five silent seconds
 TOLERANCE_S = 0.005
-REFUSALS = {3: "wait for the shot, or abort it", 4: "wire a shaker to the box, or take it out of station.toml"}
-"""What to do, by the box's number."""
+REFUSALS = {3: "wait for the shot, or abort it", 4: "wire a shaker to the box, or remove it from station.toml"}
+"""Remedies, by the box's error number."""
 
 
 @dataclass(frozen=True)
@@ -66,21 +66,14 @@ class BoxTime:
     t_us: int
 
 
-@dataclass(frozen=True)
-class Unread:
-    """A line that is none of the others."""
-
-    raw: bytes
-
-
-Event = Hello | Accepted | Refusal | Contact | BoxTime | Unread
+Event = Hello | Accepted | Refusal | Contact | BoxTime | UnrecognisedLine
 ENDS = ("DONE", "ABORT", "WATCHDOG")
 MOTIONS = ("SHAKE", "REST", "RELEASE")
 EVENTS = ("SHUTTER", *ENDS, *MOTIONS)
 
 
 def read_line(raw: bytes) -> Event:
-    """The event one line means."""
+    """Decode one line."""
     match raw.decode("ascii", "replace").split(" "):
         case ["STRIG/1" | "STRIG/2" | "STRIG/3" as greeting, board, firmware, serial]:
             return Hello(board, firmware, serial, int(greeting[-1]))
@@ -94,7 +87,7 @@ def read_line(raw: bytes) -> Event:
             return Contact(kind, int(seq), int(t_us))
         case ["ERR", code, *text] if _whole(code):
             return Refusal(int(code), " ".join(text))
-    return Unread(raw)
+    return UnrecognisedLine(raw)
 
 
 def _whole(text: str) -> bool:
@@ -117,7 +110,7 @@ def _verdict(event: Event) -> list[Accepted | Refusal] | None:
 
 
 class StrigShutter:
-    """A Shutter that is a STRIG box; `version` is that of its protocol, 0 before it was asked."""
+    """A Shutter on a STRIG box; `version` is that of its protocol, 0 before `connect`."""
 
     def __init__(self, transport: Transport[Event], *, clock: Clock | None = None) -> None:
         self.clock = clock or SystemClock()
@@ -127,7 +120,7 @@ class StrigShutter:
         self._offset_s = 0.0
         self.version = 0
         self.motion: dict[str, Contact] = {}
-        """The last event of each kind about a shaker, or the motors, on this box."""
+        """The last event of each kind concerning a shaker or the motors on this box."""
         self._stopped: EmergencyStopped | None = None
 
     @property
@@ -136,7 +129,7 @@ class StrigShutter:
         return self._transport.address
 
     def connect(self) -> Identity:
-        """Open, ask who is there until the board has booted, and set the clocks. Raises DeviceError."""
+        """Open, identify the box once it has booted, and synchronise the clocks. Raises DeviceError."""
         with opened(self._transport, self._hear):
             hello = self._ask_until(self.clock.now_s() + BOOT_S)
             self._synchronise()
@@ -152,13 +145,13 @@ class StrigShutter:
                     raise
 
     def _synchronise(self, times: int = 3) -> None:
-        """Offset of the clocks from the quickest of a few round trips: error under half of that trip."""
+        """Clock offset from the fastest of a few round trips: error below half of that trip."""
         trips = []
         for _ in range(times):
             asked_s = self.clock.now_s()
             box = self._transport.request(b"SYNC?\n", lambda e: e if isinstance(e, BoxTime) else None, REPLY_S)
-            heard_s = self.clock.now_s()
-            trips.append((heard_s - asked_s, (asked_s + heard_s) / 2 - box.t_us * 1e-6))
+            received_s = self.clock.now_s()
+            trips.append((received_s - asked_s, (asked_s + received_s) / 2 - box.t_us * 1e-6))
         self._offset_s = min(trips)[1]
 
     def _hear(self, event: Event, host_s: float) -> None:
@@ -170,15 +163,15 @@ class StrigShutter:
                 self._flash_us = event.t_us
 
     def close(self) -> None:
-        """Give the line back."""
+        """Release the line."""
         self._transport.close()
 
     def condition(self) -> Condition:
-        """Whether the line is there."""
+        """Whether it is connected."""
         return line_condition(self._transport.is_open)
 
     def focus(self, pressed: bool) -> None:
-        """Half-press or let go. Raises DeviceError."""
+        """Half-press or release. Raises DeviceError."""
         self.command(f"FOCUS {int(pressed)}")
 
     @property
@@ -187,15 +180,15 @@ class StrigShutter:
         return self._transport.is_open
 
     def to_host_s(self, t_us: int) -> float:
-        """A time of the box by the host's clock, as they were last compared."""
+        """Convert a time of the box to the host's clock, by the last synchronisation."""
         return t_us * 1e-6 + self._offset_s
 
     def wait(self, ready: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait for something that an event tells. Raises LineLost, or what interrupted."""
+        """Wait for a state that an event sets. Raises LineLost, or the interruption."""
         return self._transport.wait(ready, timeout_s)
 
     def command(self, line: str, allowed: Callable[[], None] = anything) -> int:
-        """Give this order; its number. Raises DeviceError."""
+        """Give an order; returns its number. Raises DeviceError."""
         reply = self._transport.request(line.encode() + b"\n", _verdict, REPLY_S, allowed=allowed)[0]
         if isinstance(reply, Refusal):
             remedy = REFUSALS.get(reply.code, "check the cable")
@@ -203,13 +196,13 @@ class StrigShutter:
         return reply.seq
 
     def beat(self, next_ms: int) -> None:
-        """Send a heartbeat that lets the next one take so long; the transcript omits it. Raises LineLost, NoAnswer."""
+        """Send a heartbeat that sets the next deadline; not in the transcript. Raises LineLost, NoAnswer."""
         self._transport.write(b"BEAT %d\n" % next_ms, noted=False)
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
-        """Take one shot and say when the contact closed and opened. Raises DeviceError.
+        """Take one shot and report when the contact closed and opened. Raises DeviceError.
 
-        After NoAnswer the shot may have been taken: a shot is never repeated by itself.
+        After NoAnswer the shot may have been taken: it is never repeated automatically.
         """
         self._stopped = None
         self._synchronise()
@@ -234,10 +227,10 @@ class StrigShutter:
             self._synchronise(1)
 
     def _times(self, seq: int, pulse_s: float) -> ShutterTimes:
-        told = {kind: self.to_host_s(t_us) for (s, kind), t_us in self._contacts.items() if s == seq}
-        if "DONE" not in told:
+        times = {kind: self.to_host_s(t_us) for (s, kind), t_us in self._contacts.items() if s == seq}
+        if "DONE" not in times:
             raise MoveFailed(f"shot {seq} at {self.address} was cut short", "fire again")
-        closed_s, released_s = told.get("SHUTTER"), told["DONE"]
+        closed_s, released_s = times.get("SHUTTER"), times["DONE"]
         if closed_s is None or abs(released_s - closed_s - pulse_s) > TOLERANCE_S:
             held = "an unknown time" if closed_s is None else f"{1000 * (released_s - closed_s):.0f} ms"
             raise MoveFailed(f"the contact was closed for {held} instead of {1000 * pulse_s:.0f} ms", "check the cable")
@@ -249,26 +242,26 @@ class StrigShutter:
         self.command("ABORT")
 
     def emergency_stop(self) -> None:
-        """Open the contacts past every lock."""
+        """Open the contacts without waiting for any lock."""
         self._stopped = error = EmergencyStopped(f"emergency stop at {self.address}", "fire again")
-        self._transport.shout(b"\nABORT\n", error)
+        self._transport.preempt(b"\nABORT\n", error)
 
 
-class DeafParser:
-    """For lines on which nothing is said."""
+class NullParser:
+    """A parser for lines without incoming data."""
 
-    def feed(self, data: bytes) -> list[Unread]:
+    def feed(self, data: bytes) -> list[UnrecognisedLine]:
         """Nothing."""
         return []
 
 
 class RtsShutter:
-    """A Shutter wired to the RTS line of a bare adapter: no firmware, no focus contact, no word back.
+    """A Shutter wired to the RTS line of a bare adapter: no firmware, no focus contact, no confirmation.
 
-    Its transport must be opened with `rts=False`, or opening the port takes a photograph.
+    Its transport must be opened with `rts=False`; otherwise opening the port takes a photograph.
     """
 
-    def __init__(self, transport: Transport[Unread], *, clock: Clock | None = None) -> None:
+    def __init__(self, transport: Transport[UnrecognisedLine], *, clock: Clock | None = None) -> None:
         self.clock = clock or SystemClock()
         self._transport = transport
         self._aborted = False
@@ -285,15 +278,15 @@ class RtsShutter:
         return Identity("RTS line", "", "", self.address)
 
     def close(self) -> None:
-        """Give the line back."""
+        """Release the line."""
         self._transport.close()
 
     def condition(self) -> Condition:
-        """Whether the line is there."""
+        """Whether it is connected."""
         return line_condition(self._transport.is_open)
 
     def focus(self, pressed: bool) -> None:
-        """Refused: there is one wire. Raises Rejected."""
+        """Not supported: there is one wire. Raises Rejected."""
         raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
@@ -316,15 +309,15 @@ class RtsShutter:
         self._transport.set_lines(rts=False)
 
     def emergency_stop(self) -> None:
-        """Open the contact past every lock."""
+        """Open the contact without waiting for any lock."""
         self._aborted = True
         with suppress(LineLost):
             self._transport.set_lines(rts=False)
-        self._transport.shout(b"", EmergencyStopped(f"emergency stop at {self.address}", "fire again"))
+        self._transport.preempt(b"", EmergencyStopped(f"emergency stop at {self.address}", "fire again"))
 
 
 class RelayShutter:
-    """A Shutter on the coolant relay of a GRBL controller (M8, M9), which waits for the motion before it."""
+    """A Shutter on the coolant relay of a GRBL controller (M8, M9), which switches after preceding motion."""
 
     def __init__(self, link: GrblLink, *, clock: Clock | None = None, owns_link: bool = True) -> None:
         self.clock = clock or SystemClock()
@@ -337,24 +330,24 @@ class RelayShutter:
         return self.link.address
 
     def connect(self) -> Identity:
-        """Open the line, unless a stage owns it. Raises DeviceError."""
+        """Open the line, unless it belongs to a stage. Raises DeviceError."""
         return self.link.connect_output("GRBL relay", self._owns_link)
 
     def close(self) -> None:
-        """Give the line back, unless a stage owns it."""
+        """Release the line, unless it belongs to a stage."""
         if self._owns_link:
             self.link.close()
 
     def condition(self) -> Condition:
-        """Whether the line is there."""
+        """Whether it is connected."""
         return line_condition(self.link.is_open)
 
     def focus(self, pressed: bool) -> None:
-        """Refused: there is one relay. Raises Rejected."""
+        """Not supported: there is one relay. Raises Rejected."""
         raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
-        """Close for `pulse_s`; the times are when the controller said ok. Raises DeviceError."""
+        """Close for `pulse_s`; the times are those of the controller's responses. Raises DeviceError."""
         self.clock.sleep(focus_s)
         try:
             self.link.command("M8", 2.0)
@@ -370,4 +363,4 @@ class RelayShutter:
 
     def emergency_stop(self) -> None:
         """Reset the controller, which opens its relay."""
-        self.link.shout(b"\x18", EmergencyStopped(f"emergency stop at {self.address}", "connect again"))
+        self.link.preempt(b"\x18", EmergencyStopped(f"emergency stop at {self.address}", "connect again"))

@@ -1,9 +1,9 @@
 """A serial line by pyserial URL, owned by one reader thread. The only import of `serial`.
 
-A request holds the line from its first byte to its reply; every wait has a deadline; `shout` passes all of them,
-for emergencies: what still waits to be sent is dropped, then its bytes go out, and an order that is not `allowed` any
-more when its turn comes is not written. A line that was lost is opened again only by its driver's `connect`, never
-behind a motion's back.
+A request holds the line from its first byte to its reply; every wait has a deadline. `preempt` bypasses both for
+emergencies: unsent bytes are dropped, its own are written, and an order that is not `allowed` any
+more when its turn comes is not written. A lost line is reopened only by its driver's `connect`, never
+during a motion.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ T = TypeVar("T")
 PortBase = serial.SerialBase
 PortError = serial.SerialException
 
-POLL_S = 0.25  # a blocking read does not reliably end on close(), so it is never longer than this
-PORT_ERRORS = (serial.SerialException, OSError, ValueError, TypeError, AttributeError)  # all seen on unplugged adapters
+POLL_S = 0.25  # close() does not reliably end a blocking read, so reads are no longer than this
+PORT_ERRORS = (serial.SerialException, OSError, ValueError, TypeError, AttributeError)  # observed on unplugged adapters
 
 
 def register_scheme(package: str) -> None:
-    """Let pyserial find `protocol_<scheme>` modules of `package`, once."""
+    """Let pyserial find the `protocol_<scheme>` modules of `package`, once."""
     if package not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(package)
 
@@ -43,19 +43,19 @@ def resolve(address: str, ports: Callable[[], Iterable[Any]] = list_ports.compor
     if not address.lower().startswith("usb:"):
         return address
     wanted = address.split(":")[1:]
-    found = list(ports())
-    for port in found:
+    listed = list(ports())
+    for port in listed:
         ids = [f"{port.vid or 0:04x}", f"{port.pid or 0:04x}", port.serial_number or ""]
         if [part.lower() for part in wanted] == [part.lower() for part in ids[-len(wanted) :]]:
             return str(port.device)
-    there = ", ".join(f"{port.device} has {port.serial_number or 'no serial number'}" for port in found) or "none"
+    there = ", ".join(f"{port.device} has {port.serial_number or 'no serial number'}" for port in listed) or "none"
     raise LineLost(
         f"no USB port has the serial number of {address} (ports: {there})", "plug it in, or correct the port"
     )
 
 
 class SerialTransport(Generic[E]):
-    """A line whose bytes `parser()` turns into events."""
+    """A line whose bytes are decoded by `parser()`."""
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class SerialTransport(Generic[E]):
         self.baud = baud
         self.clock = clock or SystemClock()
         self.transcript = transcript or Transcript()
-        self.bytes_heard = 0
+        self.bytes_received = 0
         self._new_parser = parser
         self._preset = {"dtr": dtr, "rts": rts}
         self._port: Any = None
@@ -86,7 +86,7 @@ class SerialTransport(Generic[E]):
         self._interruption: Exception | None = None
 
     def open(self, listen: Callable[[E, float], None]) -> None:
-        """Own the port; `listen(event, host_s)` is called by the reader for every event. Raises LineLost."""
+        """Open the port; `listen(event, host_s)` is called by the reader for every event. Raises LineLost."""
         self.close()
         self._lost = None
         try:
@@ -121,7 +121,7 @@ class SerialTransport(Generic[E]):
         return self._port is not None and self._lost is None
 
     def close(self) -> None:
-        """Give the port back and end the reader thread."""
+        """Release the port and end the reader thread."""
         port, self._port = self._port, None
         self._lose(port, LineLost(f"{self.address} is closed", "connect first"))
         if self._reader is not None and self._reader is not threading.current_thread():
@@ -136,10 +136,10 @@ class SerialTransport(Generic[E]):
         tries: int = 1,
         allowed: Callable[[], None] = anything,
     ) -> T:
-        """Write `data` and wait for the event of which `answer` makes a value; ask `tries` times in all.
+        """Write `data` and wait for the first event for which `answer` returns a value; up to `tries` times.
 
-        Only questions may be asked again: a repeated order is a second order. `allowed` is asked at the last moment,
-        when no `shout` can come between, and raises why the order may not be given any more.
+        Only queries may be repeated: a repeated order is a second order. `allowed` is called at the last moment,
+        when no `preempt` can intervene, and raises why the order may not be given any more.
         Raises NoAnswer, LineLost.
         """
         for _ in range(tries - 1):
@@ -150,35 +150,35 @@ class SerialTransport(Generic[E]):
     def _request(
         self, data: bytes, answer: Callable[[E], T | None], timeout_s: float, allowed: Callable[[], None]
     ) -> T:
-        found: list[T] = []
+        answers: list[T] = []
 
         def claim(event: E) -> None:
-            value = None if found else answer(event)
+            value = None if answers else answer(event)
             if value is not None:
-                found.append(value)
+                answers.append(value)
 
         deadline_s = self.clock.now_s() + timeout_s
         with self._news:
             if not self._wait(lambda: not self._busy, deadline_s):
                 raise NoAnswer(f"{self.address} is still busy after {timeout_s:g} s", "wait, or stop the device")
-            self._busy, self._claim, before, interrupts = True, claim, self.bytes_heard, self._interrupts
+            self._busy, self._claim, before, interrupts = True, claim, self.bytes_received, self._interrupts
         try:
             self.write(data, allowed)
             with self._news:
-                self._wait(lambda: bool(found), deadline_s, interrupts)
+                self._wait(lambda: bool(answers), deadline_s, interrupts)
         finally:
             with self._news:
                 self._busy, self._claim = False, None
                 self._news.notify_all()
-        if not found:
-            raise self._silence(data, timeout_s, self.bytes_heard - before)
-        return found[0]
+        if not answers:
+            raise self._silence(data, timeout_s, self.bytes_received - before)
+        return answers[0]
 
-    def _silence(self, data: bytes, timeout_s: float, heard: int) -> NoAnswer:
-        if heard:
+    def _silence(self, data: bytes, timeout_s: float, received_bytes: int) -> NoAnswer:
+        if received_bytes:
             remedy = "check baud rate and device type, then connect again"
             return NoAnswer(
-                f"{self.address}: {heard} bytes came within {timeout_s:g} s, but no answer to {data!r}", remedy
+                f"{self.address}: {received_bytes} bytes came within {timeout_s:g} s, but no answer to {data!r}", remedy
             )
         return NoAnswer(
             f"{self.address} did not answer {data!r} within {timeout_s:g} s",
@@ -186,15 +186,15 @@ class SerialTransport(Generic[E]):
         )
 
     def wait(self, ready: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait until `ready()`, asked after every event, or the timeout; its last answer.
+        """Wait until `ready()`, which is called after every event, or the timeout; returns its last value.
 
-        Raises LineLost if the line goes away, and the error of a `shout` that happens meanwhile.
+        Raises LineLost if the line is lost, and the error of a `preempt` that happens meanwhile.
         """
         with self._news:
             return self._wait(ready, self.clock.now_s() + timeout_s)
 
     def _wait(self, ready: Callable[[], bool], deadline_s: float, interrupts: int | None = None) -> bool:
-        """As `wait`; with `interrupts` counted before, so that none that came since is missed."""
+        """Wait; with `interrupts` counted before, no interrupt since then is missed."""
         interrupts = self._interrupts if interrupts is None else interrupts
         self.clock.wait(
             self._news, lambda: self._lost is not None or self._interrupts != interrupts or ready(), deadline_s
@@ -208,9 +208,9 @@ class SerialTransport(Generic[E]):
     def write(
         self, data: bytes, allowed: Callable[[], None] = anything, *, noted: bool = True, within_s: float = WRITE_S
     ) -> None:
-        """Write, waiting for no reply; the transcript has it if `noted`.
+        """Write without waiting for a reply; recorded in the transcript if `noted`.
 
-        Raises LineLost, NoAnswer where the port takes no bytes `within_s`, what `allowed` does.
+        Raises LineLost, NoAnswer if the port takes no bytes `within_s`, and what `allowed` raises.
         """
         port, outgoing = self._port, self._outgoing
         if port is None or outgoing is None or self._lost is not None:
@@ -223,7 +223,7 @@ class SerialTransport(Generic[E]):
 
         try:
             outgoing.send(data, allowed_and_noted, within_s)
-        except (TimeoutError, serial.SerialTimeoutException) as error:  # it stays open: a stop must still get through
+        except (TimeoutError, serial.SerialTimeoutException) as error:  # keep it open: a stop must still get through
             raise NoAnswer(
                 f"{self.address} took no bytes for {within_s:g} s", "check power, cable, handshake"
             ) from error
@@ -231,10 +231,10 @@ class SerialTransport(Generic[E]):
             self._lose(port, self._gone(error))
             raise self._lost or self._gone(error) from error
 
-    def shout(self, data: bytes, error: Exception) -> None:
-        """Write past every lock and queue, then end every wait with `error`; never raises.
+    def preempt(self, data: bytes, error: Exception) -> None:
+        """Write without waiting for any lock or queue, then end every wait with `error`; never raises.
 
-        The transcript has the moment at which the port had taken the bytes (`!`), or that it did not (`x`).
+        The transcript records when the port accepted the bytes (`!`), or that it did not (`x`).
         """
         outgoing = self._outgoing
         if outgoing is not None and data:
@@ -243,7 +243,7 @@ class SerialTransport(Generic[E]):
         self.interrupt(error)
 
     def interrupt(self, error: Exception) -> None:
-        """End every wait of other threads with `error`."""
+        """End the waits of all other threads with `error`."""
         with self._news:
             self._interruption = error
             self._interrupts += 1
@@ -263,7 +263,7 @@ class SerialTransport(Generic[E]):
     def _read(self, port: Any, parser: Parser[E], listen: Callable[[E, float], None]) -> None:
         try:
             self._read_on(port, parser, listen)
-        finally:  # whatever ended it, nobody may wait for it
+        finally:  # end all waits, whatever the cause
             if self._port is port:
                 self._lose(port, self._gone(RuntimeError("its reader has ended")))
 
@@ -282,12 +282,12 @@ class SerialTransport(Generic[E]):
                 self._deliver(data, parser, listen)
 
     def _deliver(self, data: bytes, parser: Parser[E], listen: Callable[[E, float], None]) -> None:
-        heard_s = self.clock.now_s()
-        self.transcript.record(heard_s, "<", data)
+        received_s = self.clock.now_s()
+        self.transcript.record(received_s, "<", data)
         with self._news:
-            self.bytes_heard += len(data)
+            self.bytes_received += len(data)
             for event in parser.feed(data):
-                listen(event, heard_s)
+                listen(event, received_s)
                 if self._claim is not None:
                     self._claim(event)
             self._news.notify_all()
@@ -305,7 +305,7 @@ class SerialTransport(Generic[E]):
         if port is not None:
             with suppress(*PORT_ERRORS):
                 port.cancel_read()
-            socket = getattr(port, "_socket", None)  # pyserial forgets to close one whose other end has gone
+            socket = getattr(port, "_socket", None)  # pyserial does not close one whose peer has gone
             with suppress(*PORT_ERRORS):
                 port.close()
             if socket is not None:

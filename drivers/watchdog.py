@@ -1,8 +1,8 @@
 """A watchdog for motors on a STRIG/3 box: it keeps their drivers enabled only while this program sends heartbeats.
 
-A program that is suspended, that has crashed, or that gets no processor time cannot stop an axis. The box then releases
-the motors: after 100 ms while an axis moves, after a second while all stand, as computing may hold Python's lock for
-longer than 100 ms. The protocol is in `firmware/STRIG.md`.
+A program that is suspended, has crashed, or gets no processor time cannot stop an axis. The box then releases
+the motors: after 100 ms while an axis moves, after a second while all rest, as computations may hold Python's lock for
+longer than 100 ms. The protocol is described in `firmware/STRIG.md`.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from drivers.shutter import StrigShutter
 from drivers.wire.connection import line_condition
 
 HEARTBEAT_S = 0.025
-"""Between two heartbeats."""
+"""Interval between heartbeats."""
 MOVING_MS, STANDING_MS = 100, 1000
-"""How long the box waits for the next one."""
+"""Deadlines of the next heartbeat."""
 RELEASE = "RELEASE"
 LATE = "no heartbeat of this program came in time"
 END_S = 1.0
@@ -30,27 +30,27 @@ Work = Callable[[], None]
 
 
 class Released(Protocol):
-    """A stage whose motor drivers the watchdog enables."""
+    """A stage whose motor drivers are enabled by the watchdog."""
 
     power: Callable[[], AbstractContextManager[None]]
-    """Entered to move: the motors are kept enabled within. Raises DeviceError."""
+    """Context of a move: the motors are kept enabled within. Raises DeviceError."""
 
     def lose_position(self, error: DeviceError) -> None:
-        """Stop, and refuse to move with `error` until it has homed; never raises."""
+        """Stop, and refuse to move with `error` until homed; never raises."""
         ...
 
 
 def in_background(work: Work) -> Thread:
-    """Begin it in a thread of its own."""
+    """Run in a new thread."""
     thread = Thread(target=work, name="heartbeat", daemon=True)
     thread.start()
     return thread
 
 
 class StrigWatchdog:
-    """The motor enable output of a box that a StrigShutter has connected.
+    """The motor enable output of a box connected by a StrigShutter.
 
-    The motors are enabled when one of the stages homes, and stay so until `close`. Once the box has released them,
+    The motors are enabled when one of the stages homes, and stay so until `close`. After a release by the box,
     every stage has lost its position, and homing enables them again.
     """
 
@@ -85,12 +85,12 @@ class StrigWatchdog:
             raise LineLost(f"the shutter box at {self.address} is not connected", "connect the shutter first")
 
     def condition(self) -> Condition:
-        """Whether the line is there, and the motors are enabled."""
+        """Whether it is connected, and the motors are enabled."""
         return line_condition(self._box.is_open, "motors enabled" if self._holding else "motors released")
 
     @contextmanager
     def power(self) -> Iterator[None]:
-        """Within, a stage may move: the motors are enabled, and the next heartbeat is always due soon.
+        """Context in which a stage may move: the motors are enabled, with the short heartbeat deadline.
 
         Raises DeviceError.
         """
@@ -108,12 +108,12 @@ class StrigWatchdog:
     def _enable(self) -> None:
         self._require()
         self._box.command("ENABLE 1")
-        self._box.motion.pop(RELEASE, None)  # that of an earlier time
+        self._box.motion.pop(RELEASE, None)  # of an earlier release
         self._holding = True
         self._keeper = self._begin(self._keep)
 
     def _beat(self) -> None:
-        with self._lock:  # no heartbeat that allows more time may follow the first one of a move
+        with self._lock:  # a heartbeat with the long deadline must not follow the first one of a move
             self._box.beat(MOVING_MS if self._moving else STANDING_MS)
 
     def _keep(self) -> None:
@@ -123,9 +123,9 @@ class StrigWatchdog:
                 self._beat()
                 if self._box.wait(lambda: RELEASE in self._box.motion, HEARTBEAT_S):
                     self._lost(LATE)
-            except EmergencyStopped:  # it ended the wait; axes brake with their motors' current
+            except EmergencyStopped:  # it ended the wait; axes need their motors' current to brake
                 continue
-            except DeviceError as error:  # the box hears no heartbeat either
+            except DeviceError as error:  # the box receives no heartbeat either
                 self._lost(error.reason)
 
     def _lost(self, why: str) -> None:
@@ -139,10 +139,10 @@ class StrigWatchdog:
             stage.lose_position(error)
 
     def emergency_stop(self) -> None:
-        """Leave the motors enabled: an axis brakes and stays by their current."""
+        """Leave the motors enabled: an axis needs their current to brake and stay."""
 
     def close(self) -> None:
-        """Release the motors; the shutter has the line."""
+        """Release the motors; the line belongs to the shutter."""
         with self._lock:
             held, self._holding = self._holding, False
         if not held:

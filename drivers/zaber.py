@@ -1,7 +1,7 @@
 """Zaber stages in ASCII: several devices on one chain, microsteps in, millimetres or degrees out.
 
-Every command carries a checksum and a message id, so a late or damaged answer is never taken for another's. A move is
-over when the axis says IDLE, asked by polling and hastened by alerts, and right when its position is the target.
+Every command carries a checksum and a message id, so a late or damaged answer is never taken for another's. A move has
+ended when the axis reports IDLE, found by polling and alerts, and succeeded if its position is the target.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ REPLY_S = 0.5
 SPEED_UNIT = 1.6384  # of the setting per microstep per second, firmware 6 and 7
 PRECISION_STEPS = 4
 STOP_ALL = b"/0 0 stop\n"
-"""For all devices of the chain; their replies carry no message id, so nobody takes them for his."""
+"""Stops all devices of the chain; their replies carry no message id, so no request takes them."""
 
 
 @dataclass(frozen=True)
 class ZaberAxis:
-    """One axis: its name with the unit, where it is on the chain, units per microstep, its value at microstep 0.
+    """One axis: its name with the unit, its place on the chain, units per microstep, its value at microstep 0.
 
-    `speed_per_s` None keeps the device's own speed.
+    `speed_per_s` None keeps the device's speed.
     """
 
     name: str
@@ -52,7 +52,7 @@ class ZaberAxis:
         return round((value - self.zero) / self.unit_per_step)
 
     def to_unit(self, steps: float) -> float:
-        """Where that microstep is."""
+        """The position of a microstep."""
         return self.zero + steps * self.unit_per_step
 
 
@@ -85,21 +85,21 @@ class ZaberStage:
         return self._transport.address
 
     def connect(self) -> Identity:
-        """Open, ask every device, read limits, set speeds. Raises DeviceError naming all devices that are missing."""
+        """Open, identify every device, read limits, set speeds. Raises DeviceError naming all missing devices."""
         self._transport.close()
         self.trust.lose(UNHOMED)
         self._checking.clear()
         with opened(self._transport, self._hear):
-            told = self._roll_call()
+            identities = self._roll_call()
             for axis in self._axes:
                 self._prepare(axis)
         self.trust.why = UNHOMED
-        models, versions, serials = ("; ".join(dict.fromkeys(column)) for column in zip(*told, strict=True))
+        models, versions, serials = ("; ".join(dict.fromkeys(column)) for column in zip(*identities, strict=True))
         return Identity(f"Zaber {models}", versions, serials, self.address)
 
     def _roll_call(self) -> list[tuple[str, str, str]]:
-        told, remedy = f"{self.address}: no answer from devices", "check power, cables, addresses"
-        return roll_call((axis.device for axis in self._axes), self._introduce, told, remedy)
+        where, remedy = f"{self.address}: no answer from devices", "check power, cables, addresses"
+        return roll_call((axis.device for axis in self._axes), self._introduce, where, remedy)
 
     def _introduce(self, device: int) -> tuple[str, str, str]:
         """Model, version and serial number; checksums from here on."""
@@ -119,7 +119,7 @@ class ZaberStage:
         self._speed[axis.name] = steps_per_s * abs(axis.unit_per_step)
 
     def close(self) -> None:
-        """Give the line back; the position cannot be trusted afterwards."""
+        """Release the line; the position is not trusted afterwards."""
         self.trust.lose(UNHOMED)
         self._transport.close()
 
@@ -136,26 +136,26 @@ class ZaberStage:
         def answer(event: Event) -> Reply | None:
             if not isinstance(event, Reply) or (event.device, event.number) != (device, number):
                 return None
-            # with checksums on, an answer without one was damaged at its colon
+            # with checksums enabled, an answer without one was damaged at its colon
             return event if event.checked or device not in self._checking else None
 
         reply = self._transport.request(b"/" + body + b":" + checksum(body) + b"\n", answer, REPLY_S, tries, allowed)
         if not reply.accepted:
-            reason, remedy = REJECTIONS.get(reply.data, (f"it said {reply.data}", "see the device's manual"))
+            reason, remedy = REJECTIONS.get(reply.data, (f"it answered {reply.data}", "see the device's manual"))
             raise Rejected(f"{self.address} device {device} refused {command!r}: {reason}", remedy, reply.data)
         return reply
 
     def _query(self, device: int, axis: int, command: str) -> str:
-        """What may be asked again if it goes unanswered."""
+        """A query, which may be repeated if unanswered."""
         return self._send(device, axis, command, tries=3).data
 
     def _number(self, axis: ZaberAxis, setting: str) -> float:
-        told = self._query(axis.device, axis.axis, f"get {setting}")
+        value = self._query(axis.device, axis.axis, f"get {setting}")
         try:
-            return float(told)
+            return float(value)
         except ValueError as error:
             raise Rejected(
-                f"{self.address} device {axis.device} tells {setting} as {told!r}", "check the axis' number", told
+                f"{self.address} device {axis.device} reports {setting} as {value!r}", "check the axis' number", value
             ) from error
 
     def _hear(self, event: Event, host_s: float) -> None:
@@ -194,7 +194,7 @@ class ZaberStage:
         """Send every axis to its home sensor. Raises DeviceError."""
         with self._one_mover as stops:
             self._require_line()
-            epoch = self.trust.begin(self.trust.shouts)
+            epoch = self.trust.begin(self.trust.preemptions)
             undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
             with self._left_still(self._axes):
                 for axis in self._axes:
@@ -211,7 +211,7 @@ class ZaberStage:
             raise not_connected(self.address)
 
     def move_to(self, **target: float) -> None:
-        """Send the axes there, each on its own way, and return when all are still. Raises DeviceError."""
+        """Move the axes independently, and return when all are still. Raises DeviceError."""
         with self._one_mover as stops:
             self._require_line()
             self.trust.require()
@@ -229,7 +229,7 @@ class ZaberStage:
                     check_arrival(axis.name, value, axis.to_unit(self._steps(axis)), tolerance, stopped)
 
     def _finish(self, axes: list[ZaberAxis], limit_s: float) -> None:
-        """Wait until the axes are idle, and look at their flags. Raises NoAnswer past the limit."""
+        """Wait until the axes are idle, and check their flags. Raises NoAnswer after the limit."""
         deadline_s, epoch = self.clock.now_s() + limit_s, self.trust.epoch
         while axes:
             status = self._status(axes[0])
@@ -242,7 +242,7 @@ class ZaberStage:
             self._pause(epoch)
 
     def _pause(self, epoch: int) -> None:
-        """Until the next poll; an alert hastens it, an emergency stop ends it."""
+        """Wait until the next poll; an alert shortens it, an emergency stop ends it."""
         alerts = self._alerts
         self._transport.wait(lambda: self._alerts != alerts or self.trust.epoch != epoch, self._poll_s)
         if self.trust.epoch != epoch:
@@ -256,7 +256,7 @@ class ZaberStage:
             self._send(axis.device, axis.axis, "stop", tries=3)
 
     def stop(self) -> None:
-        """Slow down and stay: told at once, past the queue of requests, then confirmed. Raises DeviceError."""
+        """Decelerate and stay: sent at once without queueing, then confirmed. Raises DeviceError."""
         self._one_mover.stop()
         try:
             self._transport.write(STOP_ALL, within_s=URGENT_S)
@@ -266,8 +266,8 @@ class ZaberStage:
         self._halt(self._axes)
 
     def emergency_stop(self) -> None:
-        """Stop all devices of the chain without slowing down, past every lock; unsafe until homed."""
+        """Stop all devices of the chain without deceleration, ahead of every lock; unsafe until homed."""
         self._one_mover.stop()
         error = EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}")
-        self.trust.shout(error)
-        self._transport.shout(b"\n/0 0 estop\n", error)
+        self.trust.preempt(error)
+        self._transport.preempt(b"\n/0 0 estop\n", error)

@@ -1,7 +1,7 @@
-"""The way to an Alpaca server: the ASCOM Initiative's client (alpyca) for what is asked; for the stop a way past it.
+"""The connection to an Alpaca server: the ASCOM Initiative's client (alpyca) for requests, a second path for stops.
 
-The client sends one request at a time, whatever device it is for: behind one that is not answered, a stop would wait
-for its deadline, five seconds. So the stop goes over a connection of its own.
+The client sends one request at a time, whatever device it is for. A stop behind an unanswered request would wait for
+that request's deadline, five seconds; stops therefore use a connection of their own.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from drivers.errors import BadConfiguration, LineLost, NoAnswer, Rejected
 from drivers.interfaces import Identity
 from drivers.wire.connection import not_connected
 
-SHOUT_S, SHOUTS = 10.0, 3
-"""How long a stop waits for its server's answer, and how often it is sent; whoever stops does not wait for it. A server
-that is slow may drop the request of a client that has hung up.
+PREEMPT_S, PREEMPT_TRIES = 10.0, 3
+"""How long a stop waits for its server's answer, and how often it is sent; the caller does not wait for it. A slow
+server may drop the request of a client that has disconnected.
 """
 BYTES = "application/imagebytes"
 HEADER = struct.Struct("<11i")
 ELEMENTS = {1: "<i2", 2: "<i4", 6: "u1", 8: "<u2", 9: "<u4"}
-"""Types of whole numbers that an image is sent as, by the standard's numbers."""
+"""Integer types in which an image is transmitted, by the standard's numbers."""
 NOT_NOW = "0x40b"
-"""The code of what a device may do at other times."""
+"""Error code of an operation that is not possible at this moment."""
 Levels = npt.NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True)
 class AlpacaServer:
-    """A server: "192.168.1.20:11111", and the variable of the environment that holds its password, "" for none.
+    """A server: "192.168.1.20:11111", and the environment variable that holds its password, "" for none.
 
-    What is configured is kept with every session: a password stands in the environment only.
+    The configuration is stored with every session, so a password is read from the environment only.
     """
 
     address: str
@@ -51,8 +51,8 @@ class AlpacaServer:
         """The password, "" for none. Raises BadConfiguration."""
         name = self.password_variable
         if name and not os.environ.get(name):
-            told = f"{name} in the environment is to hold the password of {self.address}, and it is not set"
-            raise BadConfiguration(told, f"set it before the program is started: export {name}=...")
+            reason = f"{name} in the environment must hold the password of {self.address}, and it is not set"
+            raise BadConfiguration(reason, f"set it before the program is started: export {name}=...")
         return os.environ[name] if name else ""
 
 
@@ -73,7 +73,7 @@ class AlpacaLink:
 
     @property
     def is_open(self) -> bool:
-        """Whether it was connected."""
+        """Whether it is connected."""
         return self._device is not None
 
     @property
@@ -90,19 +90,19 @@ class AlpacaLink:
         self._headers = {"Authorization": f"Basic {key}"} if password else {}
         login = f"any:{quote(password, safe='')}@" if password else ""
         device = _client(login + self._server.address, self.kind, self.number)
-        with self.asked():
+        with self.translated_errors():
             device.Connected = True
             name, version = str(device.Name), str(device.DriverVersion)
         self._device = device
         return Identity(f"Alpaca {name}", version, "", self.address)
 
     def close(self) -> None:
-        """Leave it; it stays connected, as other programs may use it."""
+        """Disconnect here; the device stays connected, as other programs may use it."""
         self._device = None
 
     @contextmanager
-    def asked(self) -> Iterator[None]:
-        """Within, what the client raises becomes an error of ours."""
+    def translated_errors(self) -> Iterator[None]:
+        """Context that converts the client's exceptions into device errors."""
         from alpaca import exceptions
         from requests import exceptions as lost
 
@@ -128,30 +128,30 @@ class AlpacaLink:
             raise Rejected(f"{self.address}: {error.message}", "look at its server", hex(error.number)) from error
         except (ValueError, KeyError) as error:
             raise Rejected(
-                f"{self.address} does not answer as Alpaca does: {error}", "check address and port"
+                f"{self.address} does not answer as an Alpaca server does: {error}", "check address and port"
             ) from error
 
     def _unanswered(self, status: int, message: str) -> Rejected | BadConfiguration:
         if status in (401, 403):
             remedy = 'write server = "any:TOKEN@host:port" with its password or token'
-            return BadConfiguration(f"{self.address} wants a password, and another or none came", remedy)
+            return BadConfiguration(f"{self.address} requires a password, and none or a wrong one was sent", remedy)
         return Rejected(
             f"{self.address} refused the request: {message[:200]}", "check the device's number", str(status)
         )
 
-    # --- past the client
+    # --- requests outside the client
 
-    def shout(self, member: str, form: Mapping[str, str] | None = None) -> None:
-        """Call a member now, waiting for no request that is under way, until it is answered; never raises."""
-        for _ in range(SHOUTS):
+    def preempt(self, member: str, form: Mapping[str, str] | None = None) -> None:
+        """Call a member at once, not behind pending requests, and retry until it is answered; never raises."""
+        for _ in range(PREEMPT_TRIES):
             with suppress(OSError, HTTPException, ValueError):
-                self._ask("PUT", member, urlencode(form or {}), SHOUT_S)
+                self._ask("PUT", member, urlencode(form or {}), PREEMPT_S)
                 return
 
     def image(self, timeout_s: float) -> Levels:
         """The image (rows, columns) of a camera. Raises DeviceError.
 
-        The client's own way to it has no deadline.
+        The client's own download has no deadline.
         """
         try:
             kind, data = self._ask("GET", "imagearray", None, timeout_s)
@@ -165,7 +165,7 @@ class AlpacaLink:
             raise Rejected(f"{self.address} sent no image: {error}", "look at its server") from error
 
     def _ask(self, method: str, member: str, form: str | None, timeout_s: float) -> tuple[str, bytes]:
-        """Content type and body of an answer."""
+        """Content type and body of the reply."""
         connection = HTTPConnection(self._host, self._port, timeout=timeout_s)
         headers = {**self._headers, "Accept": f"{BYTES}, application/json"}
         if form is not None:
@@ -179,20 +179,20 @@ class AlpacaLink:
 
 
 def read_image(kind: str, data: bytes) -> Levels:
-    """An image (rows, columns) of the bytes of an answer: ImageBytes, version 1, or JSON. Raises ValueError."""
+    """Decode an image (rows, columns) from ImageBytes, version 1, or JSON. Raises ValueError."""
     if BYTES not in kind:
-        told = json.loads(data)
-        if told.get("ErrorNumber"):
-            raise ValueError(told.get("ErrorMessage") or f"error {told['ErrorNumber']:#x}")
-        columns = np.array(told["Value"])
+        reply = json.loads(data)
+        if reply.get("ErrorNumber"):
+            raise ValueError(reply.get("ErrorMessage") or f"error {reply['ErrorNumber']:#x}")
+        columns = np.array(reply["Value"])
         if columns.ndim != 2 or not np.issubdtype(columns.dtype, np.integer):
-            raise ValueError(f"one plane of whole numbers is needed, and {columns.ndim} dimensions came")
+            raise ValueError(f"the image must be one plane of integers; received {columns.ndim} dimensions")
         return columns.T
     _, error, _, _, start, _, sent, rank, width, height, _ = HEADER.unpack_from(data)
     if error:
         raise ValueError(data[start:].decode("utf-8", "replace") or f"error {error:#x}")
     if rank != 2 or sent not in ELEMENTS:
-        raise ValueError(f"one plane of whole numbers is needed; {rank} dimensions of type {sent} came")
+        raise ValueError(f"the image must be one plane of integers; received {rank} dimensions of type {sent}")
     return np.frombuffer(data, ELEMENTS[sent], width * height, start).reshape(width, height).T
 
 

@@ -1,6 +1,6 @@
 """Alpaca focusers as the axes of one Stage: whole steps in, millimetres out.
 
-A focuser has no homing in the standard: what it tells is believed, unless station.toml names an action that homes it.
+The standard has no homing: the reported position is trusted, unless station.toml names an action that homes.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ POLL_S = 0.05
 MM_PER_UM = 1e-3
 PRECISION_STEPS = 2
 HALT, HALTED_S = "halt", 0.25
-"""How long a stop waits for servers that are slow to answer; its threads go on trying."""
+"""How long a stop waits for slow servers; its threads continue trying."""
 
 
 @dataclass(frozen=True)
 class AlpacaAxis:
-    """One axis: its name with the unit, and the number of the focuser it is.
+    """One axis: its name with the unit, and the number of its focuser.
 
     Attributes
     ----------
-    unit_per_step : None takes the step that the focuser tells, in micrometres
+    unit_per_step : None uses the step size in micrometres that the focuser reports
     zero : the value at step 0
-    direction : -1 where steps count the other way
-    home : the action that homes it; "" believes the position that it tells
+    direction : -1 if steps count in the opposite direction
+    home : the action that homes it; "" trusts the reported position
     """
 
     name: str
@@ -48,7 +48,7 @@ class AlpacaAxis:
 
 @dataclass(frozen=True)
 class Scale:
-    """What an axis' steps mean, and how many there are."""
+    """Conversion between steps and the axis' unit, and the number of steps."""
 
     axis: AlpacaAxis
     unit_per_step: float
@@ -59,7 +59,7 @@ class Scale:
         return round((value - self.axis.zero) / (self.axis.direction * self.unit_per_step))
 
     def to_unit(self, step: float) -> float:
-        """Where that step is."""
+        """The position of a step."""
         return self.axis.zero + step * self.axis.direction * self.unit_per_step
 
     @property
@@ -71,7 +71,7 @@ class Scale:
 
 @dataclass
 class Part:
-    """An axis, the way to its focuser, and, once connected, its scale."""
+    """An axis, the connection to its focuser, and, once connected, its scale."""
 
     axis: AlpacaAxis
     link: AlpacaLink
@@ -97,32 +97,32 @@ class AlpacaStage:
         return ", ".join(part.link.address for part in self._parts.values())
 
     def connect(self) -> Identity:
-        """Connect every focuser, and ask for steps and travel. Raises DeviceError."""
+        """Connect every focuser and read step sizes and travel. Raises DeviceError."""
         self.close()
-        told = [self._prepare(part) for part in self._parts.values()]
+        identities = [self._prepare(part) for part in self._parts.values()]
         self._open = True
-        models = "; ".join(dict.fromkeys(one.model for one in told))
-        return Identity(models, told[0].firmware, "", self.address)
+        models = "; ".join(dict.fromkeys(identity.model for identity in identities))
+        return Identity(models, identities[0].firmware, "", self.address)
 
     def _prepare(self, part: Part) -> Identity:
         identity, axis = part.link.open(), part.axis
         device = part.link.device
-        with part.link.asked():
+        with part.link.translated_errors():
             absolute, last = bool(device.Absolute), int(device.MaxStep)
         if not absolute:
-            raise BadConfiguration(f"{part.link.address} moves by steps only, not to places", "use an absolute focuser")
+            raise BadConfiguration(f"{part.link.address} supports relative moves only", "use an absolute focuser")
         unit = axis.unit_per_step
         if unit is None:
-            with part.link.asked():
+            with part.link.translated_errors():
                 unit = MM_PER_UM * float(device.StepSize)
         if not unit > 0 or last < 1:
-            told = f"{part.link.address} tells steps of {unit:g} mm up to number {last}"
-            raise BadConfiguration(told, "write unit_per_step for its axis")
+            reason = f"{part.link.address} reports steps of {unit:g} mm and a largest step number of {last}"
+            raise BadConfiguration(reason, "write unit_per_step for its axis")
         part.scale = Scale(axis, unit, last)
         return identity
 
     def close(self) -> None:
-        """Leave the focusers."""
+        """Disconnect the focusers."""
         self._open = False
         self.trust.lose(UNHOMED)
         self.trust.why = UNHOMED
@@ -154,10 +154,10 @@ class AlpacaStage:
     # --- moving
 
     def home(self, allowed: Callable[[], None] = anything) -> None:
-        """Call the action of every axis that has one, one after another. Raises DeviceError."""
+        """Call the homing action of every axis that has one, one after another. Raises DeviceError."""
         with self._one_mover as stops:
             self._require_open()
-            epoch = self.trust.begin(self.trust.shouts)
+            epoch = self.trust.begin(self.trust.preemptions)
             undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
             with self._left_still(epoch):
                 for part in self._parts.values():
@@ -165,11 +165,11 @@ class AlpacaStage:
                         self._order(part, lambda part=part: part.link.device.Action(part.axis.home, ""), undisturbed)  # type: ignore[misc]
                         self._finish([part], epoch)
                 undisturbed()
-                self.position()  # a focuser that knows no place says so here
+                self.position()  # a focuser without a known position raises here
             self.trust.give(epoch)
 
     def move_to(self, **target: float) -> None:
-        """Send the axes there side by side, and return when all are still. Raises DeviceError."""
+        """Move the axes simultaneously and return when all are still. Raises DeviceError."""
         with self._one_mover as stops:
             self._require_open()
             self.trust.require()
@@ -188,7 +188,7 @@ class AlpacaStage:
     def _send(
         self, part: Part, value: float, begun: Sequence[Part], epoch: int, allowed: Callable[[], None]
     ) -> None:  # fmt: skip
-        """Send one axis; a server that moves one at a time refuses while others move, and is asked again."""
+        """Move one axis; retry while a server that moves one axis at a time refuses because another moves."""
         step = min(max(part.scale.to_step(value), 0), part.scale.last)
         try:
             self._order(part, lambda: part.link.device.Move(step), allowed)
@@ -199,23 +199,23 @@ class AlpacaStage:
             self._order(part, lambda: part.link.device.Move(step), allowed)
 
     def _order(self, part: Part, order: Callable[[], object], allowed: Callable[[], None]) -> None:
-        """Give an order if it is allowed; one that an emergency stop overtook is taken back. Raises DeviceError."""
-        shouts = self.trust.shouts
+        """Give an order if it is allowed; cancel it if an emergency stop came meanwhile. Raises DeviceError."""
+        preemptions = self.trust.preemptions
         allowed()
-        with part.link.asked():
+        with part.link.translated_errors():
             order()
-        if self.trust.shouts != shouts:
+        if self.trust.preemptions != preemptions:
             self._halt_all()
             self.trust.require()
 
     def _finish(self, parts: Sequence[Part], epoch: int) -> None:
-        """Wait until these are still. Raises NoAnswer past the patience."""
+        """Wait until these are still. Raises NoAnswer after the time limit."""
         deadline_s = self.clock.now_s() + self._patience_s
         while any(_moving(part) for part in parts):
             self.trust.undisturbed(epoch)
             if self.clock.now_s() > deadline_s:
-                told = f"{self.address} still moves after {self._patience_s:g} s"
-                raise NoAnswer(told, "check its mechanics, or raise patience_s")
+                reason = f"{self.address} still moves after {self._patience_s:g} s"
+                raise NoAnswer(reason, "check its mechanics, or raise patience_s")
             self.clock.sleep(POLL_S)
         self.trust.undisturbed(epoch)
 
@@ -225,28 +225,28 @@ class AlpacaStage:
             try:
                 yield
             except DeviceError:
-                self.trust.undisturbed(epoch)  # what failed because everything was stopped is told as that
+                self.trust.undisturbed(epoch)  # report an error caused by a stop as that stop
                 raise
 
     def stop(self) -> None:
-        """Stay where it is: told at once, past the client's queue, then confirmed. Raises DeviceError."""
+        """Stop and stay: sent at once, outside the client's queue, then confirmed. Raises DeviceError."""
         self._one_mover.stop()
         self._require_open()
         self._halt_all()
         for part in self._parts.values():
-            with part.link.asked():
+            with part.link.translated_errors():
                 part.link.device.Halt()
 
     def emergency_stop(self) -> None:
-        """Halt all focusers side by side, past whatever is being asked; unsafe until homed."""
+        """Halt all focusers simultaneously, without waiting for pending requests; unsafe until homed."""
         self._one_mover.stop()
-        self.trust.shout(EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}"))
+        self.trust.preempt(EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}"))
         if self._open:
             self._halt_all()
 
     def _halt_all(self) -> None:
         links = [part.link for part in self._parts.values()]
-        threads = [threading.Thread(target=link.shout, args=(HALT,), name="halt", daemon=True) for link in links]
+        threads = [threading.Thread(target=link.preempt, args=(HALT,), name="halt", daemon=True) for link in links]
         for thread in threads:
             thread.start()
         for thread in threads:
@@ -254,10 +254,10 @@ class AlpacaStage:
 
 
 def _position(part: Part) -> int:
-    with part.link.asked():
+    with part.link.translated_errors():
         return int(part.link.device.Position)
 
 
 def _moving(part: Part) -> bool:
-    with part.link.asked():
+    with part.link.translated_errors():
         return bool(part.link.device.IsMoving)

@@ -1,4 +1,4 @@
-"""Switches of an Alpaca server: one as a Light, one as a Shutter that is timed from here."""
+"""Switches of an Alpaca server: one as a Light, one as a Shutter timed by the host."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SET = "setswitch"
 
 
 class AlpacaSwitch:
-    """One switch, by its number on the device: connected, and found to be writable."""
+    """One switch, by its number on the device: connected and checked to be writable."""
 
     def __init__(self, server: AlpacaServer, device: int, switch: int) -> None:
         self.link = AlpacaLink(server, "switch", device)
@@ -28,20 +28,20 @@ class AlpacaSwitch:
         return f"number {self.switch} of {self.link.address}"
 
     def connect(self) -> Identity:
-        """Connect, and ask for name and range. Raises DeviceError."""
+        """Connect, and read name and range. Raises DeviceError."""
         identity = self.link.open()
         device = self.link.device
         try:
-            with self.link.asked():
+            with self.link.translated_errors():
                 count = int(device.MaxSwitch)
                 if self.switch >= count:
-                    told = f"{self.link.address} has {count} switches, and number {self.switch} is asked for"
-                    raise BadConfiguration(told, "they are counted from 0")
+                    reason = f"{self.link.address} has {count} switches; number {self.switch} was requested"
+                    raise BadConfiguration(reason, "they are counted from 0")
                 name, writable = str(device.GetSwitchName(self.switch)), bool(device.CanWrite(self.switch))
                 self.low = float(device.MinSwitchValue(self.switch))
                 self.high = float(device.MaxSwitchValue(self.switch))
             if not writable:
-                raise BadConfiguration(f"{name} at {self.address} is read only", "name the number of another switch")
+                raise BadConfiguration(f"{name} at {self.address} is read only", "give the number of another switch")
         except BaseException:
             self.link.close()
             raise
@@ -49,12 +49,12 @@ class AlpacaSwitch:
 
     def set(self, on: bool) -> None:
         """Switch it. Raises DeviceError."""
-        with self.link.asked():
+        with self.link.translated_errors():
             self.link.device.SetSwitch(self.switch, on)
 
-    def shout_off(self) -> None:
-        """Switch it off, past whatever is being asked; never raises."""
-        self.link.shout(SET, {"Id": str(self.switch), "State": "False"})
+    def preempt_off(self) -> None:
+        """Switch it off without waiting for pending requests; never raises."""
+        self.link.preempt(SET, {"Id": str(self.switch), "State": "False"})
 
 
 class AlpacaLight:
@@ -72,11 +72,11 @@ class AlpacaLight:
         return self._switch.address
 
     def connect(self) -> Identity:
-        """Connect, and ask for name and range. Raises DeviceError."""
+        """Connect, and read name and range. Raises DeviceError."""
         return self._switch.connect()
 
     def close(self) -> None:
-        """Leave it; the lamp keeps its level."""
+        """Disconnect; the lamp keeps its level."""
         self._switch.link.close()
 
     def condition(self) -> Condition:
@@ -84,15 +84,15 @@ class AlpacaLight:
         return line_condition(self._switch.link.is_open, self._last.word)
 
     def set_level(self, level: float) -> None:
-        """Set a part of its range. Raises DeviceError."""
+        """Set a fraction of its range. Raises DeviceError."""
         switch = self._switch
         value = switch.low + check_level(level) * (switch.high - switch.low)
-        with switch.link.asked():
+        with switch.link.translated_errors():
             switch.link.device.SetSwitchValue(switch.switch, value)
         self._last.set(level)
 
     def level(self) -> float:
-        """What it was last set to."""
+        """The level last set."""
         return self._last.level
 
     def steady(self) -> bool:
@@ -100,11 +100,11 @@ class AlpacaLight:
         return self._last.steady()
 
     def emergency_stop(self) -> None:
-        """Light is harmless, and people need it: it stays."""
+        """Light is harmless, and people need it: it stays on."""
 
 
 class AlpacaShutter:
-    """A Shutter on a switch of an Alpaca server; its times are the host's, of when the server had answered."""
+    """A Shutter on a switch of an Alpaca server; its times are the host's times of the server's answers."""
 
     def __init__(self, switch: AlpacaSwitch, *, clock: Clock | None = None) -> None:
         self.clock = clock or SystemClock()
@@ -129,15 +129,15 @@ class AlpacaShutter:
         return identity
 
     def close(self) -> None:
-        """Leave it."""
+        """Disconnect."""
         self._switch.link.close()
 
     def condition(self) -> Condition:
-        """Whether it is there."""
+        """Whether it is connected."""
         return line_condition(self._switch.link.is_open)
 
     def focus(self, pressed: bool) -> None:
-        """Refused: it has no such contact. Raises Rejected."""
+        """Not supported: there is no focus contact. Raises Rejected."""
         raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
@@ -169,14 +169,14 @@ class AlpacaShutter:
 
     def _interrupt(self) -> None:
         self._aborts += 1
-        # the shot that waits wakes by itself at the latest when its pulse ends; it must not be waited for here
+        # a waiting shot wakes by itself at the end of its pulse at the latest; waiting for it here is not allowed
         if self._end.acquire(blocking=False):
             self._end.notify_all()
             self._end.release()
 
     def emergency_stop(self) -> None:
-        """Open the contact now, past whatever is being asked."""
+        """Open the contact without waiting for pending requests."""
         self._stopped = EmergencyStopped(f"emergency stop at {self.address}", "make it safe, then fire again")
         self._interrupt()
         if self._switch.link.is_open:
-            self._switch.shout_off()
+            self._switch.preempt_off()

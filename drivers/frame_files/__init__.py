@@ -1,1 +1,1 @@
-"""Files of cameras that give pixels: DNGs, and the folder that they are kept in."""
+"""Files of cameras that deliver pixels: DNGs, and the folder that holds them."""

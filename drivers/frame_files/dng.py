@@ -25,7 +25,7 @@ BYTE, ASCII, SHORT, LONG, RATIONAL, UNDEFINED, SRATIONAL = 1, 2, 3, 4, 5, 7, 10
 
 @dataclass(frozen=True)
 class Shot:
-    """What a camera notes about one exposure; None where it does not know, and then the file says nothing."""
+    """Metadata of one exposure; what is None is not written to the file."""
 
     exposure_s: float = 0.02
     f_number: float | None = 5.6
@@ -79,9 +79,9 @@ def write_dng(
 
 
 def pack(mosaic: Mosaic, bits: int) -> bytes:
-    """The rows' numbers at `bits` bits each, most significant first, each row filled up to a whole byte.
+    """Pack numbers of `bits` bits, most significant first, each row padded to a whole byte.
 
-    Four numbers of 10, 12 or 14 bits are 5, 6 or 7 bytes: they are put together in one word of 64 bits.
+    Four numbers of 10, 12 or 14 bits are 5, 6 or 7 bytes, assembled in one 64-bit word.
     """
     if bits == 16:
         return mosaic.astype("<u2").tobytes()
@@ -107,7 +107,7 @@ def _header(
     bits: int,
     orientation: int,
 ) -> bytes:
-    """All that precedes the pixels, filled up to a multiple of 16 bytes."""
+    """Everything before the pixels, padded to a multiple of 16 bytes."""
     rows, columns = shape
     tags = {
         254: _long(0), 256: _long(columns), 257: _long(rows), 258: _short(bits), 259: _short(1),
@@ -120,7 +120,7 @@ def _header(
     tags |= _colour_tags(cfa)
     exif = _exif_tags(shot)
     directory = 8
-    # the lengths do not depend on the addresses: lay everything out once with zeros, then with the addresses
+    # the lengths do not depend on the addresses: lay out once with zeros, then with the addresses
     tags |= {273: _long(0), 34665: _long(0)}
     exif_at = directory + len(_directory(tags, directory))
     data_at = -(-(exif_at + len(_directory(exif, exif_at))) // 16) * 16
@@ -130,7 +130,7 @@ def _header(
 
 
 def _colour_tags(cfa: str | None) -> dict[int, Tag]:
-    """The mosaic, and a plain colour matrix: nobody here knows the filters better."""
+    """The mosaic, and an identity-like colour matrix, as the filters are unknown."""
     if not cfa:
         return {}
     return {
@@ -162,7 +162,7 @@ def _exif_tags(shot: Shot) -> dict[int, Tag]:
 
 
 def _lens_tags(shot: Shot) -> dict[int, Tag]:
-    """What is known of the lens: its marking (42034) needs both its focal length and its aperture."""
+    """Tags of the lens; its specification (42034) needs both focal length and aperture."""
     tags: dict[int, Tag] = {}
     if shot.lens:
         tags |= {42035: _text(shot.make), 42036: _text(shot.lens), 42037: _text(shot.lens_serial)}
@@ -176,7 +176,7 @@ def _lens_tags(shot: Shot) -> dict[int, Tag]:
 
 
 def _directory(tags: dict[int, Tag], at: int) -> bytes:
-    """One image file directory that begins at a byte of the file: its entries, then the values that do not fit."""
+    """One image file directory at this byte offset: its entries, then the values that do not fit in them."""
     beyond = at + 2 + 12 * len(tags) + 4
     entries, values = b"", b""
     for number in sorted(tags):
@@ -207,7 +207,7 @@ def _text(value: str) -> Tag:
 
 
 def _rational(*values: float, kind: int = RATIONAL) -> Tag:
-    """Numbers as fractions that round to them: numerators of some 31 bits at most, denominators up to a million."""
+    """Fractions that round to these numbers: numerators of about 31 bits at most, denominators up to a million."""
     fractions = [Fraction(value).limit_denominator(1_000_000) for value in values]
     code = "<2i" if kind == SRATIONAL else "<2I"
     return kind, len(values), b"".join(struct.pack(code, f.numerator, f.denominator) for f in fractions)

@@ -1,6 +1,6 @@
-"""Frames of a camera that gives pixels and no file: written as DNGs, numbered, whole or not at all, read again, hashed.
+"""Frames of a camera that delivers pixels and no file: written atomically as numbered DNGs, read back, hashed.
 
-So everything downstream is one way, whichever camera it was.
+Later stages thus see RAW files, whichever camera took them.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from drivers.interfaces import CameraSettings, ExposedFile, ShutterTimes
 
 @dataclass(frozen=True)
 class Optics:
-    """What such a camera cannot know of itself; it is noted in its files as it was told.
+    """What such a camera cannot know; written to its files as configured.
 
     Attributes
     ----------
-    f_number, focal_length_mm, lens : of the lens on it; "" where it is not named
-    pixel_pitch_um : between pixels of the sensor
-    black : level of every position of the mosaic, in digital numbers
+    f_number, focal_length_mm, lens : of the lens; "" if it has no name
+    pixel_pitch_um : pixel pitch of the sensor
+    black : black level of each position of the mosaic, in digital numbers
     """
 
     f_number: float | None = None
@@ -38,9 +38,9 @@ class Optics:
 
 @dataclass(frozen=True)
 class Frame:
-    """What a camera read out: (rows, columns) of digital numbers, the colours of its 2 x 2 tile, its highest number.
+    """A frame read from a camera: (rows, columns) of digital numbers, colours of the 2 x 2 tile, largest number.
 
-    `cfa` is None of a monochrome sensor; `comment` says what has no tag of its own.
+    `cfa` is None for a monochrome sensor; `comment` holds metadata without a tag.
     """
 
     mosaic: Mosaic
@@ -52,7 +52,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Body:
-    """Which camera it is, as its files tell."""
+    """Identity of the camera, as written to its files."""
 
     make: str
     model: str
@@ -60,7 +60,7 @@ class Body:
 
 
 class DngFolder:
-    """The folder that a camera's frames go to."""
+    """The folder of a camera's frames."""
 
     def __init__(
         self, folder: Path, inspect: Inspect, optics: Optics | None = None, *, clock: Clock | None = None
@@ -69,12 +69,12 @@ class DngFolder:
         self._inspect, self._optics, self._clock = inspect, optics or Optics(), clock or SystemClock()
 
     def check(self) -> None:
-        """Raises LineLost where the folder is not there."""
+        """Raises LineLost if the folder does not exist."""
         if not self.path.is_dir():
             raise LineLost(f"there is no folder {self.path}", "create it")
 
     def _next(self) -> Path:
-        """The name after the last one that lies there."""
+        """The next file name in the numbering."""
         numbers = (path.stem.removeprefix("IMG_") for path in self.path.glob("IMG_*"))
         last = max((int(number) for number in numbers if number.isdecimal()), default=0)
         return self.path / f"IMG_{last + 1:04d}.DNG"
@@ -82,12 +82,12 @@ class DngFolder:
     def keep(
         self, frame: Frame, body: Body, wanted: CameraSettings, requested_s: float, shutter: ShutterTimes | None = None
     ) -> ExposedFile:
-        """The frame as a file that reads back, as it was wanted. Raises FrameWrong, LineLost."""
+        """Write the frame and read it back. Raises FrameWrong if it differs from the request, LineLost."""
         self.check()
         path = self._write(frame, body)
         try:
             facts = self._inspect(path)
-        except Exception as error:  # readers raise what they like
+        except Exception as error:  # readers may raise anything
             raise FrameWrong(f"{path.name} does not read back: {error}", "check the disk, then repeat") from error
         check_settings(path, facts, wanted)
         settings = CameraSettings(frame.exposure_s, None, self._optics.f_number)

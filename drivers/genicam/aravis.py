@@ -1,4 +1,4 @@
-"""Aravis, loaded when it is first needed, and its errors as ours."""
+"""Aravis, loaded on first use, with its errors converted to device errors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ INSTALL = (
 
 
 def load() -> Any:
-    """The library. Raises BadConfiguration where it or PyGObject is not there."""
+    """The library. Raises BadConfiguration if it or PyGObject is not installed."""
     try:
         import gi
     except ImportError as error:
@@ -29,8 +29,8 @@ def load() -> Any:
 
 
 @contextmanager
-def asked(address: str, remedy: str, kind: type[DeviceError] = Rejected) -> Iterator[None]:
-    """What Aravis and the camera refuse within, as our error of this kind; LineLost where the camera is gone."""
+def translated_errors(address: str, remedy: str, kind: type[DeviceError] = Rejected) -> Iterator[None]:
+    """Context that converts errors of Aravis and the camera to `kind`, and to LineLost if the camera is gone."""
     from gi.repository import GLib
 
     try:
@@ -43,4 +43,4 @@ def asked(address: str, remedy: str, kind: type[DeviceError] = Rejected) -> Iter
 
 
 TIMEOUT = 4
-"""Aravis' number of a request that was not answered (ARV_DEVICE_ERROR_TIMEOUT)."""
+"""Aravis' error number of an unanswered request (ARV_DEVICE_ERROR_TIMEOUT)."""

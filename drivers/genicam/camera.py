@@ -1,4 +1,4 @@
-"""A Camera of GenICam: triggered by software, frame by frame, each written as a DNG with its exposure and gain."""
+"""A GenICam camera: software trigger, one frame at a time, each written as a DNG with its exposure and gain."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from typing import Any
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
-from drivers.genicam.aravis import asked, load
+from drivers.genicam.aravis import load, translated_errors
 from drivers.genicam.pixel_formats import PixelFormat, deepest, pixel_format, unpack
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, ShutterTimes
 from drivers.wire.connection import not_connected
 
 BUFFERS = 4
 SLICE_S = 0.05
-"""How often a wait for a frame looks whether it was stopped."""
+"""Interval at which a wait for a frame checks for a stop."""
 MICROSECONDS = 1e6
 ROUNDING = 0.05
-"""By which an exposure may differ from the one asked for: cameras count in lines or clock ticks."""
+"""Allowed relative deviation from the requested exposure: cameras count in lines or clock ticks."""
 GAIN_STEP_DB = 0.1
-"""By which a gain may differ from the one asked for."""
-REMEDY = "ask for what the camera offers: its maker's viewer or `arv-tool-0.8 features` lists it"
+"""Allowed deviation from the requested gain."""
+REMEDY = "choose a value that the camera offers: its maker's viewer or `arv-tool-0.8 features` lists them"
 
 
 @dataclass(frozen=True)
 class GenicamSettings:
-    """What is set when it is connected.
+    """Settings applied on connection.
 
     Attributes
     ----------
-    pixel_format : as the camera names it; "" takes the deepest grey or raw one that it offers
-    gain_db : None leaves the camera's own
-    patience_s : how long a frame may take after its exposure
+    pixel_format : the camera's name of it; "" takes the deepest grey or raw one offered
+    gain_db : None keeps the camera's gain
+    patience_s : time limit of a frame after its exposure
     """
 
     pixel_format: str = ""
@@ -44,7 +44,7 @@ class GenicamSettings:
 
 
 class GenicamCamera:
-    """A Camera on Aravis; `camera` is its name or address as Aravis lists it, "" the first one found."""
+    """A Camera on Aravis; `camera` is its name or address as listed by Aravis, "" the first one found."""
 
     def __init__(
         self,
@@ -75,11 +75,11 @@ class GenicamCamera:
     # --- connecting
 
     def connect(self) -> Identity:
-        """Find it, take control, set it, and let it wait for triggers. Raises DeviceError."""
+        """Find the camera, take control, configure it, and arm its trigger. Raises DeviceError."""
         self.close()
         self._frames.check()
         self._aravis = load()
-        with asked(self.address, "check power, cable and address; close its other programs", LineLost):
+        with translated_errors(self.address, "check power, cable and address; close its other programs", LineLost):
             self._camera = self._aravis.Camera.new(self._name or None)
         try:
             identity = self._identify()
@@ -92,7 +92,7 @@ class GenicamCamera:
 
     def _identify(self) -> Identity:
         camera = self._camera
-        with asked(self.address, "update the camera's firmware"):
+        with translated_errors(self.address, "update the camera's firmware"):
             self._body = Body(
                 camera.get_vendor_name(), camera.get_model_name(), camera.get_device_serial_number() or ""
             )
@@ -105,14 +105,14 @@ class GenicamCamera:
         self._lost = True
 
     def _text(self, feature: str) -> str:
-        with suppress(DeviceError), asked(self.address, ""):
+        with suppress(DeviceError), translated_errors(self.address, ""):
             if self._camera.is_feature_available(feature):
                 return str(self._camera.get_string(feature))
         return ""
 
     def _set_up(self) -> None:
         camera, aravis = self._camera, self._aravis
-        with asked(self.address, REMEDY):
+        with translated_errors(self.address, REMEDY):
             for feature in ("ExposureAuto", "GainAuto"):
                 if camera.is_feature_available(feature):
                     camera.set_string(feature, "Off")
@@ -130,8 +130,8 @@ class GenicamCamera:
         form = pixel_format(wanted) if wanted else deepest(offered)
         good = ", ".join(name for name in offered if pixel_format(name)) or "none that is grey or raw"
         if form is None or form.name not in offered:
-            told = f"no pixel format {wanted} that can be used" if wanted else "no grey or raw pixel format"
-            raise BadConfiguration(f"{self.address} has {told}", f"name one of its own: {good}")
+            reason = f"no pixel format {wanted} that can be used" if wanted else "no grey or raw pixel format"
+            raise BadConfiguration(f"{self.address} has {reason}", f"name one of its own: {good}")
         return form
 
     def _set_gain(self, gain_db: float) -> None:
@@ -141,11 +141,11 @@ class GenicamCamera:
         self._camera.set_gain(gain_db)
         there_db = self._camera.get_gain()
         if abs(there_db - gain_db) > GAIN_STEP_DB:
-            raise Rejected(f"{self.address} stands at {there_db:g} dB where {gain_db:g} dB were asked for", REMEDY)
+            raise Rejected(f"{self.address} is set to {there_db:g} dB instead of {gain_db:g} dB", REMEDY)
 
     def _start(self) -> None:
-        """Buffers for the frames, and a camera that waits for its trigger."""
-        with asked(self.address, "check the network: jumbo frames, firewall, a free port", LineLost):
+        """Queue buffers and arm the trigger."""
+        with translated_errors(self.address, "check the network: jumbo frames, firewall, a free port", LineLost):
             self._stream = self._camera.create_stream(None, None)
             size = self._camera.get_payload()
             for _ in range(BUFFERS):
@@ -153,9 +153,9 @@ class GenicamCamera:
             self._camera.start_acquisition()
 
     def _stop(self) -> None:
-        """No frames any more: what still comes of an earlier trigger is lost with its stream."""
+        """Stop the stream: a frame still due from an earlier trigger is discarded with it."""
         if self._camera is not None and self._stream is not None:
-            with suppress(DeviceError), asked(self.address, ""):
+            with suppress(DeviceError), translated_errors(self.address, ""):
                 self._camera.stop_acquisition()
         self._stream = None
 
@@ -164,11 +164,11 @@ class GenicamCamera:
         self._stop()
         if self._listening is not None:
             device, number = self._listening
-            device.disconnect(number)  # it would keep the camera, and the control over it
+            device.disconnect(number)  # the handler would keep the camera, and the control over it
         self._listening, self._camera, self._lost = None, None, False
 
     def condition(self) -> Condition:
-        """Whether it is there."""
+        """Whether it is connected."""
         if self._camera is None:
             return Condition("not connected", False, "connect it")
         if self._lost:
@@ -178,7 +178,7 @@ class GenicamCamera:
     # --- photographing
 
     def configure(self, settings: CameraSettings) -> None:
-        """Set the exposure time. Raises Rejected where the camera has another then, or an ISO is asked for."""
+        """Set the exposure time. Raises Rejected if the camera uses another one, or an ISO is requested."""
         self._require()
         if settings.iso is not None:
             raise Rejected(f"{self.address} has a gain and no ISO", "write its gain_db in station.toml")
@@ -187,24 +187,22 @@ class GenicamCamera:
         self.settings = settings
 
     def _set_exposure(self, exposure_s: float) -> None:
-        with asked(self.address, REMEDY):
+        with translated_errors(self.address, REMEDY):
             low, high = (bound / MICROSECONDS for bound in self._camera.get_exposure_time_bounds())
             if not low <= exposure_s <= high:
                 offer = f"it offers {low:g} .. {high:g}"
-                raise Rejected(
-                    f"{self.address} cannot expose {exposure_s:g} s: {offer}", "ask for a time in that range"
-                )
+                raise Rejected(f"{self.address} cannot expose {exposure_s:g} s: {offer}", "choose a time in that range")
             self._camera.set_exposure_time(exposure_s * MICROSECONDS)
             there_s = self._camera.get_exposure_time() / MICROSECONDS
         if abs(there_s / exposure_s - 1) > ROUNDING:
-            raise Rejected(f"{self.address} exposes {there_s:g} s where {exposure_s:g} s were asked for", REMEDY)
+            raise Rejected(f"{self.address} exposes {there_s:g} s instead of {exposure_s:g} s", REMEDY)
 
     def _require(self) -> None:
         if self._camera is None or self._lost:
             raise not_connected(self.address)
 
     def expose(self) -> ExposedFile:
-        """One photograph of one trigger. Raises DeviceError."""
+        """Trigger and return one photograph. Raises DeviceError."""
         with self._one_frame:
             self._require()
             if self._stream is None:
@@ -212,12 +210,12 @@ class GenicamCamera:
             try:
                 return self._triggered()
             except DeviceError:
-                self._stop()  # its frame may still come: it must not be taken for the next one's
+                self._stop()  # its frame may still come, and could be taken for the next one's
                 raise
 
     def _triggered(self) -> ExposedFile:
         stops, requested_s = self._stops, self.clock.now_s()
-        with asked(self.address, REMEDY):
+        with translated_errors(self.address, REMEDY):
             exposure_s = self._camera.get_exposure_time() / MICROSECONDS
             gain_db = self._camera.get_gain() if self._camera.is_gain_available() else None
             while (stale := self._stream.try_pop_buffer()) is not None:
@@ -244,19 +242,19 @@ class GenicamCamera:
         return buffer
 
     def _read(self, buffer: Any, exposure_s: float, gain_db: float | None) -> Frame:
-        """What a buffer holds. Raises FrameMissing where packets of it were lost."""
+        """The frame in a buffer. Raises FrameMissing if packets of it were lost."""
         if buffer.get_status() != self._aravis.BufferStatus.SUCCESS:
-            told = buffer.get_status().value_nick
-            raise FrameMissing(f"a frame of {self.address} came incomplete ({told})", "lower its packet size or load")
+            status = buffer.get_status().value_nick
+            raise FrameMissing(f"a frame of {self.address} is incomplete ({status})", "lower its packet size or load")
         rows, columns = buffer.get_image_height(), buffer.get_image_width()
         try:
             mosaic = unpack(buffer.get_image_data(), self._form, rows, columns, buffer.get_image_padding()[0])
         except ValueError as error:
             raise FrameWrong(f"{self.address}: {error}", "connect it again") from error
-        told = {"pixel_format": self._form.name, "frame": buffer.get_frame_id(), "camera_ns": buffer.get_timestamp()}
-        comment = json.dumps(told if gain_db is None else {**told, "gain_db": gain_db})
+        notes = {"pixel_format": self._form.name, "frame": buffer.get_frame_id(), "camera_ns": buffer.get_timestamp()}
+        comment = json.dumps(notes if gain_db is None else {**notes, "gain_db": gain_db})
         return Frame(mosaic, self._form.cfa, self._form.white, exposure_s, comment)
 
     def emergency_stop(self) -> None:
-        """Nothing of it moves: a frame that is awaited is awaited no more."""
+        """Nothing moves: stop waiting for a frame."""
         self._stops += 1

@@ -1,4 +1,4 @@
-"""Pixel formats of machine vision as arrays: grey and Bayer, of 8 to 16 bits, one after another or packed.
+"""Machine-vision pixel formats as arrays: grey and Bayer, of 8 to 16 bits, unpacked or packed.
 
 Reference: EMVA, GenICam Pixel Format Naming Convention 2.4 (names, `p`: the least significant bits first, no gaps);
 GigE Vision 2.0, pixel formats (`Packed`: two pixels in three bytes, their high bits in the outer ones).
@@ -20,7 +20,7 @@ NAME = re.compile(r"(?:Mono|Bayer(RG|BG|GR|GB))(8|10|12|14|16)(p|Packed)?")
 
 @dataclass(frozen=True)
 class PixelFormat:
-    """Bits of a pixel, how they lie, and the colours of the 2 x 2 tile; None of a monochrome sensor.
+    """Bits per pixel, packing, and the colours of the 2 x 2 tile; None for a monochrome sensor.
 
     packing : "" for whole bytes, low bits used, little-endian; "p" or "Packed" as in the names.
     """
@@ -32,11 +32,11 @@ class PixelFormat:
 
     @property
     def white(self) -> int:
-        """The highest number."""
+        """The largest number."""
         return int(2**self.bits - 1)
 
     def octets(self, pixels: int) -> int:
-        """How many bytes so many pixels in a row take."""
+        """Bytes of this many consecutive pixels."""
         if self.packing == "p":
             return -(-pixels * self.bits // 8)
         if self.packing == "Packed":
@@ -45,26 +45,26 @@ class PixelFormat:
 
 
 def pixel_format(name: str) -> PixelFormat | None:
-    """The format of this name; None where it is no grey or raw one that can be unpacked."""
-    told = NAME.fullmatch(name)
-    if told is None:
+    """The format of this name; None if it is not a grey or raw one that can be unpacked."""
+    match = NAME.fullmatch(name)
+    if match is None:
         return None
-    tile, bits, packing = told[1], int(told[2]), told[3] or ""
+    tile, bits, packing = match[1], int(match[2]), match[3] or ""
     if packing and bits not in ((10, 12) if packing == "Packed" else (10, 12, 14)):
         return None
     return PixelFormat(name, bits, packing, TILES[tile] if tile else None)
 
 
 def deepest(names: Iterable[str]) -> PixelFormat | None:
-    """The one with the most bits of those that can be unpacked, of several the mosaic as it is, then the tightest."""
-    known = [one for one in map(pixel_format, names) if one is not None]
-    return max(known, key=lambda one: (one.bits, one.cfa is not None, bool(one.packing)), default=None)
+    """The format with the most bits that can be unpacked; of several, a mosaic first, then the most compact."""
+    known = [form for form in map(pixel_format, names) if form is not None]
+    return max(known, key=lambda form: (form.bits, form.cfa is not None, bool(form.packing)), default=None)
 
 
 def unpack(data: bytes, form: PixelFormat, rows: int, columns: int, padding: int = 0) -> Mosaic:
-    """The picture as (rows, columns) numbers.
+    """Decode an image to (rows, columns) numbers.
 
-    padding : bytes between rows; without any, packed rows follow each other without a gap, in mid-byte too.
+    padding : bytes between rows; if 0, packed rows follow each other without a gap, also in mid-byte.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def unpack(data: bytes, form: PixelFormat, rows: int, columns: int, padding: int
     stride = each + padding
     if len(data) < lines * stride - padding:
         raise ValueError(
-            f"{rows} x {columns} pixels of {form.name} take {lines * stride - padding} bytes; {len(data)} came"
+            f"{rows} x {columns} pixels of {form.name} take {lines * stride - padding} bytes; received {len(data)}"
         )
     flat = np.frombuffer(data[: lines * stride].ljust(lines * stride, b"\0"), np.uint8).reshape(lines, stride)[:, :each]
     read = {"": _whole, "p": _low_bits_first, "Packed": _in_three_bytes}[form.packing]
@@ -93,7 +93,7 @@ def _whole(octets: Octets, bits: int) -> Mosaic:
 
 
 def _low_bits_first(octets: Octets, bits: int) -> Mosaic:
-    """Groups of pixels that end with a byte: 4 of 10 or 14 bits, 2 of 12, each a little-endian number in the group."""
+    """Groups of pixels that end at a byte: 4 of 10 or 14 bits, 2 of 12, each group a little-endian number."""
     group = 2 if bits == 12 else 4
     size = group * bits // 8
     lines = octets.shape[0]
@@ -107,7 +107,7 @@ def _low_bits_first(octets: Octets, bits: int) -> Mosaic:
 
 
 def _in_three_bytes(octets: Octets, bits: int) -> Mosaic:
-    """The high eight bits in the first and third byte, the low ones of the first pixel in the second's low half."""
+    """High eight bits in the first and third byte, low bits of the first pixel in the low half of the second."""
     lines, low = octets.shape[0], bits - 8
     padded = np.zeros((lines, -(-octets.shape[1] // 3) * 3), np.uint8)
     padded[:, : octets.shape[1]] = octets

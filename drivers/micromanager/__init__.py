@@ -1,5 +1,5 @@
-"""Devices of microscopes and labs through Micro-Manager's core, which has some two hundred adapters for them.
+"""Devices of microscopes and laboratories through Micro-Manager's core and its roughly two hundred adapters.
 
-Optional (extra `micromanager`). `core` alone imports pymmcore. Which devices there are is said by a configuration file
-that Micro-Manager's own hardware wizard writes; station.toml says what they mean here.
+Optional (extra `micromanager`). Only `core` imports pymmcore. The devices are listed in a configuration file
+written by Micro-Manager's hardware wizard; station.toml assigns their functions.
 """

@@ -1,4 +1,4 @@
-"""A camera of Micro-Manager: its snapped image, written as a DNG with its exposure."""
+"""A Micro-Manager camera: its snapped image, written as a DNG with its exposure."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, ShutterTimes
-from drivers.micromanager.core import CAMERA, Core, asked, check_device, identity_words
+from drivers.micromanager.core import CAMERA, Core, check_device, identity_text, translated_errors
 from drivers.wire.connection import line_condition, not_connected
 
 REMEDY = "check its power and cable, then connect it again"
 
 
 class MicroManagerCamera:
-    """A Camera of a configuration of Micro-Manager; `cfa` are the colours of its tile, None of a monochrome one."""
+    """A Camera of a Micro-Manager configuration; `cfa` holds the colours of its tile, None for a monochrome sensor."""
 
     def __init__(
         self, core: Core, device: str, frames: DngFolder, *, cfa: str | None = None, clock: Clock | None = None
@@ -30,11 +30,11 @@ class MicroManagerCamera:
 
     @property
     def address(self) -> str:
-        """The device's label, and the configuration it is in."""
+        """The device's label and its configuration."""
         return f"{self._label} in {self._shared.config.name}"
 
     def connect(self) -> Identity:
-        """Load the configuration and look whether the camera is there. Raises DeviceError."""
+        """Load the configuration and check that the camera exists. Raises DeviceError."""
         self.close()
         self._frames.check()
         core = self._shared.join(self)
@@ -44,8 +44,8 @@ class MicroManagerCamera:
             self._shared.leave(self)
             raise
         self._core = core
-        told = f"Micro-Manager {identity_words(core, self._label)}"
-        return Identity(told, core.getVersionInfo(), "", self.address)
+        model = f"Micro-Manager {identity_text(core, self._label)}"
+        return Identity(model, core.getVersionInfo(), "", self.address)
 
     def close(self) -> None:
         """Leave the configuration."""
@@ -53,7 +53,7 @@ class MicroManagerCamera:
         self._shared.leave(self)
 
     def condition(self) -> Condition:
-        """Whether it is there."""
+        """Whether it is connected."""
         return line_condition(self._core is not None)
 
     def _open(self) -> Any:
@@ -62,47 +62,47 @@ class MicroManagerCamera:
         return core
 
     def configure(self, settings: CameraSettings) -> None:
-        """Set the exposure time. Raises Rejected where the camera has another then, or an ISO is asked for."""
+        """Set the exposure time. Raises Rejected if the camera uses another one, or an ISO is requested."""
         core = self._open()
         if settings.iso is not None:
             raise Rejected(f"{self.address} has a gain and no ISO", "set its gain in Micro-Manager's configuration")
         if settings.exposure_s is not None:
-            with asked(self.address, "ask for a time that it has"):
+            with translated_errors(self.address, "choose a time that the camera offers"):
                 core.setExposure(self._label, 1000 * settings.exposure_s)
                 there_s = core.getExposure(self._label) / 1000
             if abs(there_s / settings.exposure_s - 1) > 0.01:
                 raise Rejected(
-                    f"{self.address} exposes {there_s:g} s where {settings.exposure_s:g} s were asked for",
-                    "ask for a time that it has",
+                    f"{self.address} exposes {there_s:g} s instead of {settings.exposure_s:g} s",
+                    "choose a time that the camera offers",
                 )
         self.settings = settings
 
     def expose(self) -> ExposedFile:
-        """One photograph; one that an emergency stop overtook is kept in the folder. Raises DeviceError."""
+        """Take one photograph; one interrupted by an emergency stop is kept in the folder. Raises DeviceError."""
         core, stops, requested_s = self._open(), self._stops, self.clock.now_s()
-        with self._shared.in_a_row, asked(self.address, REMEDY):
+        with self._shared.in_a_row, translated_errors(self.address, REMEDY):
             core.setCameraDevice(self._label)
             begun_s = self.clock.now_s()
             core.snapImage()
             times = ShutterTimes(begun_s, self.clock.now_s())
             exposure_s = core.getExposure(self._label) / 1000
             frame = Frame(self._plane(core), self._cfa, 2 ** int(core.getImageBitDepth()) - 1, exposure_s)
-        body = Body("Micro-Manager", identity_words(core, self._label))
-        kept = self._frames.keep(frame, body, self.settings, requested_s, times)
+        body = Body("Micro-Manager", identity_text(core, self._label))
+        saved = self._frames.keep(frame, body, self.settings, requested_s, times)
         if self._stops != stops:
             raise EmergencyStopped(f"emergency stop at {self.address}", "expose again")
-        return kept
+        return saved
 
     def _plane(self, core: Any) -> np.ndarray[Any, np.dtype[np.uint16]]:
         """The snapped image. Raises FrameWrong unless it is one plane of at most 16 bits."""
         parts, octets = int(core.getNumberOfComponents()), int(core.getBytesPerPixel())
         if parts != 1 or octets > 2:
             raise FrameWrong(
-                f"{self.address} gives {parts} colours in {octets} bytes a pixel; one of at most 2 is meant",
+                f"{self.address} gives {parts} colours in {octets} bytes a pixel; one of at most 2 is required",
                 "set its pixel type to a grey or raw one of 8 to 16 bits",
             )
         return np.asarray(core.getImage()).astype(np.uint16)
 
     def emergency_stop(self) -> None:
-        """Nothing of it moves: an exposure that runs ends by itself, and is told to have been stopped."""
+        """Nothing moves: a running exposure ends by itself and is then reported as stopped."""
         self._stops += 1

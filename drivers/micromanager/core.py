@@ -1,4 +1,4 @@
-"""One configuration of Micro-Manager, loaded while any of its devices is connected, and shared by them."""
+"""One Micro-Manager configuration, loaded while any of its devices is connected, and shared by them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from drivers.errors import BadConfiguration, LineLost, Rejected
 class Core:
     """The core with the devices of a configuration file; `adapters` is the folder of the device adapters.
 
-    Calls may come from any thread: the core serialises them adapter by adapter. What needs several calls in a row,
-    as choosing a camera and reading it, holds `in_a_row`.
+    Calls may come from any thread: the core serialises them per adapter. A sequence of calls, such as selecting a
+    camera and reading it, holds `in_a_row`.
     """
 
     def __init__(self, config: Path, adapters: Path | None = None) -> None:
@@ -25,7 +25,7 @@ class Core:
         self._core: Any = None
 
     def join(self, user: object) -> Any:
-        """The core, with all devices of the configuration. Raises BadConfiguration, LineLost."""
+        """The core with all devices loaded. Raises BadConfiguration, LineLost."""
         with self.in_a_row:
             if self._core is None:
                 self._core = self._load()
@@ -33,13 +33,13 @@ class Core:
             return self._core
 
     def leave(self, user: object) -> None:
-        """The last who leaves gives all devices back."""
+        """Unload all devices when the last user leaves."""
         with self.in_a_row:
             self._users.discard(id(user))
             if self._users or self._core is None:
                 return
             core, self._core = self._core, None
-            with suppress(RuntimeError):  # a device that is gone cannot be left politely
+            with suppress(RuntimeError):  # a device that is gone raises on unloading
                 core.unloadAllDevices()
 
     def _load(self) -> Any:
@@ -50,7 +50,7 @@ class Core:
                 "pymmcore is not installed", "install it: pip install 'calibration-station[micromanager]'"
             ) from error
         if not self.config.is_file():
-            raise BadConfiguration(f"there is no {self.config}", "write it with Micro-Manager's hardware wizard")
+            raise BadConfiguration(f"{self.config} does not exist", "write it with Micro-Manager's hardware wizard")
         core = pymmcore.CMMCore()
         core.setDeviceAdapterSearchPaths([str(self.adapters)])
         try:
@@ -59,40 +59,40 @@ class Core:
             with suppress(RuntimeError):
                 core.unloadAllDevices()
             raise LineLost(
-                f"{self.config.name}: {said(error)}",
-                f"switch the devices on; adapters are looked for in {self.adapters} ({core.getAPIVersionInfo()})",
+                f"{self.config.name}: {adapter_message(error)}",
+                f"switch the devices on; adapters are searched for in {self.adapters} ({core.getAPIVersionInfo()})",
             ) from error
         return core
 
 
 @contextmanager
-def asked(address: str, remedy: str) -> Iterator[None]:
-    """What the core refuses within, as Rejected."""
+def translated_errors(address: str, remedy: str) -> Iterator[None]:
+    """Context that converts the core's exceptions to Rejected."""
     try:
         yield
     except RuntimeError as error:
-        raise Rejected(f"{address}: {said(error)}", remedy) from error
+        raise Rejected(f"{address}: {adapter_message(error)}", remedy) from error
 
 
-def said(error: Exception) -> str:
-    """An adapter's words on one line."""
+def adapter_message(error: Exception) -> str:
+    """An adapter's error message on one line."""
     return " ".join(str(error).split())
 
 
 def check_device(core: Any, label: str, kinds: tuple[int, ...], what: str, config: str) -> None:
-    """Raises BadConfiguration unless the configuration has such a device; `kinds` are Micro-Manager's numbers."""
+    """Raises BadConfiguration unless the configuration has such a device; `kinds` are Micro-Manager's type numbers."""
     labels = core.getLoadedDevices()
     good = [one for one in labels if int(core.getDeviceType(one)) in kinds]
     if label not in good:
-        told = "is none" if label in labels else "is not in it"
-        there = ", ".join(good) or "there is none"
-        raise BadConfiguration(f"{config}: {label} {told}, and a {what} is meant", f"name one of its {what}s: {there}")
+        state = "has another type" if label in labels else "is not in it"
+        there = ", ".join(good) or "it has none"
+        raise BadConfiguration(f"{config}: {label} {state}; a {what} is required", f"name one of its {what}s: {there}")
 
 
 CAMERA, SHUTTER, STAGE, XY_STAGE = 2, 3, 5, 6
-"""Micro-Manager's numbers of its kinds of devices (MMDeviceConstants.h)."""
+"""Micro-Manager's device type numbers (MMDeviceConstants.h)."""
 
 
-def identity_words(core: Any, label: str) -> str:
-    """Which adapter plays a device."""
+def identity_text(core: Any, label: str) -> str:
+    """Adapter library and name of a device."""
     return f"{core.getDeviceLibrary(label)} {core.getDeviceName(label)}"

@@ -1,4 +1,4 @@
-"""A shutter of Micro-Manager: in the light's way, or on the wire of a camera's trigger."""
+"""A Micro-Manager shutter: in the light path, or on the trigger line of a camera."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import Any
 from drivers.clock import Clock, SystemClock
 from drivers.errors import MoveFailed, Rejected
 from drivers.interfaces import Condition, Identity, ShutterTimes
-from drivers.micromanager.core import SHUTTER, Core, asked, check_device, identity_words
+from drivers.micromanager.core import SHUTTER, Core, check_device, identity_text, translated_errors
 from drivers.wire.connection import line_condition, not_connected
 
 
 class MicroManagerShutter:
-    """A Shutter of a configuration of Micro-Manager; its times are the host's."""
+    """A Shutter of a Micro-Manager configuration; its times are the host's."""
 
     def __init__(self, core: Core, device: str, *, clock: Clock | None = None) -> None:
         self.clock = clock or SystemClock()
@@ -25,7 +25,7 @@ class MicroManagerShutter:
 
     @property
     def address(self) -> str:
-        """The device's label, and the configuration it is in."""
+        """The device's label and its configuration."""
         return f"{self._label} in {self._shared.config.name}"
 
     def connect(self) -> Identity:
@@ -39,7 +39,7 @@ class MicroManagerShutter:
             self._shared.leave(self)
             raise
         self._core = core
-        return Identity(f"Micro-Manager {identity_words(core, self._label)}", core.getVersionInfo(), "", self.address)
+        return Identity(f"Micro-Manager {identity_text(core, self._label)}", core.getVersionInfo(), "", self.address)
 
     def close(self) -> None:
         """Leave the configuration."""
@@ -47,11 +47,11 @@ class MicroManagerShutter:
         self._shared.leave(self)
 
     def condition(self) -> Condition:
-        """Whether it is there."""
+        """Whether it is connected."""
         return line_condition(self._core is not None)
 
     def focus(self, pressed: bool) -> None:
-        """Refused: it has no such contact. Raises Rejected."""
+        """Not supported: there is no focus contact. Raises Rejected."""
         raise Rejected(f"{self.address} has no focus contact", "focus by hand, or use a STRIG/1 box")
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
@@ -73,7 +73,7 @@ class MicroManagerShutter:
         return ShutterTimes(begun_s, self.clock.now_s())
 
     def _set(self, core: Any, opened: bool) -> None:
-        with asked(self.address, "check its power and cable, then connect it again"):
+        with translated_errors(self.address, "check its power and cable, then connect it again"):
             core.setShutterOpen(self._label, opened)
 
     def abort(self) -> None:
@@ -85,12 +85,12 @@ class MicroManagerShutter:
             self._set(self._core, False)
 
     def emergency_stop(self) -> None:
-        """Close now, whatever happens."""
+        """Close now, under any condition."""
         self._aborts += 1
         if (core := self._core) is not None:
             with suppress(Exception):
                 core.setShutterOpen(self._label, False)
-        # the shot that waits wakes by itself at the latest when its pulse ends; it must not be waited for here
+        # a waiting shot wakes by itself at the end of its pulse at the latest; waiting for it here is not allowed
         if self._end.acquire(blocking=False):
             self._end.notify_all()
             self._end.release()

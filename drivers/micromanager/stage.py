@@ -1,6 +1,6 @@
 """Stages of Micro-Manager as one Stage: single axes and XY tables, micrometres in, millimetres or degrees out.
 
-The core tells no travel, so station.toml does. Where an adapter cannot home, the position it tells is taken for true
+The core reports no travel, so station.toml gives it. If an adapter cannot home, its reported position is trusted
 only if station.toml says so (`homes = false`: absolute encoders, piezos).
 """
 
@@ -17,16 +17,16 @@ from typing import Any
 from drivers.clock import Clock, SystemClock
 from drivers.errors import EmergencyStopped, MoveFailed, NoAnswer
 from drivers.homing_state import HOME, UNHOMED, Trust
-from drivers.interfaces import Condition, Doubt, Identity, Travel
-from drivers.micromanager.core import STAGE, XY_STAGE, Core, asked, check_device, identity_words
+from drivers.interfaces import Caveat, Condition, Identity, Travel
+from drivers.micromanager.core import STAGE, XY_STAGE, Core, check_device, identity_text, translated_errors
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
 from drivers.wire.connection import anything, not_connected
 
 POLL_S = 0.02
 REMEDY = "check its power and cable, then connect it again"
-UNHOMABLE = "write homes = false for its axes where the position that it tells can be believed"
+UNHOMABLE = "write homes = false for its axes if the reported position can be trusted"
 STOP_S = 0.1
-"""How long an emergency stop waits for adapters that are busy with something else; their threads go on trying."""
+"""How long an emergency stop waits for busy adapters; their threads continue trying."""
 
 
 @dataclass(frozen=True)
@@ -36,11 +36,11 @@ class MicroManagerAxis:
     Attributes
     ----------
     part : "x" or "y" of an XY table, "" of a single axis
-    zero : the value where the device says 0
-    unit_per_um : of the name's unit
-    direction : -1 where the device counts the other way
-    homes : whether `home` sends the device to its reference; otherwise what it tells is believed
-    tolerance : by which a move may end beside its target
+    zero : the value at the device's position 0
+    unit_per_um : in the name's unit
+    direction : -1 if the device counts in the opposite direction
+    homes : whether `home` sends the device to its reference; otherwise the reported position is trusted
+    tolerance : largest deviation from the target after a move
     """
 
     name: str
@@ -54,16 +54,16 @@ class MicroManagerAxis:
     tolerance: float = 0.005
 
     def to_um(self, value: float) -> float:
-        """Where the device is sent."""
+        """The device's position of a value."""
         return (value - self.zero) / (self.direction * self.unit_per_um)
 
     def to_unit(self, um: float) -> float:
-        """What the device's number means."""
+        """The value of a device's position."""
         return self.zero + um * self.direction * self.unit_per_um
 
 
 class MicroManagerStage:
-    """A Stage of devices in one configuration of Micro-Manager."""
+    """A Stage of devices in one Micro-Manager configuration."""
 
     def __init__(
         self, core: Core, axes: Sequence[MicroManagerAxis], *, patience_s: float = 60.0, clock: Clock | None = None
@@ -78,25 +78,25 @@ class MicroManagerStage:
 
     @property
     def address(self) -> str:
-        """The devices' labels, and the configuration they are in."""
+        """The devices' labels and their configuration."""
         return f"{', '.join(self._labels)} in {self._shared.config.name}"
 
     def connect(self) -> Identity:
-        """Load the configuration and look whether the axes are there. Raises DeviceError."""
+        """Load the configuration and check that the axes exist. Raises DeviceError."""
         self.close()
         core = self._shared.join(self)
         try:
             for axis in self._axes:
                 kind, what = (XY_STAGE, "XY stage") if axis.part else (STAGE, "single axis")
                 check_device(core, axis.device, (kind,), what, self._shared.config.name)
-            # a stop that is harmless tells whether one that is not would work
+            # a harmless stop now shows whether the adapter supports it
             self._unstoppable = tuple(label for label in self._labels if not _halted(core, label))
         except BaseException:
             self._shared.leave(self)
             raise
         self._core = core
-        told = "; ".join(identity_words(core, label) for label in self._labels)
-        return Identity(f"Micro-Manager {told}", core.getVersionInfo(), "", self.address)
+        models = "; ".join(identity_text(core, label) for label in self._labels)
+        return Identity(f"Micro-Manager {models}", core.getVersionInfo(), "", self.address)
 
     def close(self) -> None:
         """Leave the configuration."""
@@ -112,7 +112,7 @@ class MicroManagerStage:
         if self._unstoppable:
             names = ", ".join(self._unstoppable)
             return Condition(
-                "idle", doubt=Doubt(f"its adapter cannot stop {names}", "have a switch at hand that cuts its power")
+                "idle", caveat=Caveat(f"its adapter cannot stop {names}", "have a switch at hand that cuts its power")
             )
         return Condition("idle")
 
@@ -122,7 +122,7 @@ class MicroManagerStage:
         return core
 
     def travel(self) -> Mapping[str, Travel]:
-        """The range of each axis, as it was told."""
+        """The configured range of each axis."""
         return {axis.name: Travel(*axis.travel) for axis in self._axes}
 
     def position(self) -> Mapping[str, float]:
@@ -132,21 +132,21 @@ class MicroManagerStage:
             return {axis.name: axis.to_unit(_read(core, axis)) for axis in self._axes}
 
     def moving(self) -> bool:
-        """Whether any device says that it is busy. Raises DeviceError."""
+        """Whether any device reports that it is busy. Raises DeviceError."""
         core = self._open()
         with self._asked():
             return any(core.deviceBusy(label) for label in self._labels)
 
     def _asked(self) -> AbstractContextManager[None]:
-        return asked(self.address, REMEDY)
+        return translated_errors(self.address, REMEDY)
 
     # --- moving
 
     def home(self, allowed: Callable[[], None] = anything) -> None:
-        """Send to its reference what has one. Raises DeviceError."""
+        """Home the devices that have a reference. Raises DeviceError."""
         with self._one_mover as stops:
             self._open()
-            epoch = self.trust.begin(self.trust.shouts)
+            epoch = self.trust.begin(self.trust.preemptions)
             undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
             with self._left_still():
                 for label in dict.fromkeys(axis.device for axis in self._axes if axis.homes):
@@ -161,12 +161,12 @@ class MicroManagerStage:
             here, (low, high) = self.position()[axis.name], axis.travel
             if not low - axis.tolerance <= here <= high + axis.tolerance:
                 raise MoveFailed(
-                    f"{axis.name} stands at {here:.4f}, and its travel is {low:g} .. {high:g}",
-                    "correct zero, direction or travel in station.toml, or bring it inside by hand",
+                    f"{axis.name} is at {here:.4f}, outside its travel {low:g} .. {high:g}",
+                    "correct zero, direction or travel in station.toml, or move it inside by hand",
                 )
 
     def move_to(self, **target: float) -> None:
-        """Go there and return when still. Raises DeviceError."""
+        """Move and return when still. Raises DeviceError."""
         with self._one_mover as stops:
             self._open()
             self.trust.require()
@@ -186,7 +186,7 @@ class MicroManagerStage:
         return [axis for axis in self._axes if axis.device == label]
 
     def _send(self, label: str, target: Mapping[str, float], allowed: Callable[[], None]) -> None:
-        """Give one device its order; of an XY table the part that is not meant stays where it is."""
+        """Move one device; an axis of an XY table without a target stays where it is."""
         axes = {axis.part: axis for axis in self._of(label) if axis.name in target}
         goal = {part: axis.to_um(target[axis.name]) for part, axis in axes.items()}
 
@@ -201,24 +201,24 @@ class MicroManagerStage:
         self._order(order, allowed)
 
     def _order(self, order: Callable[[Any], None], allowed: Callable[[], None], remedy: str = REMEDY) -> None:
-        """Give an order if it is allowed; one that an emergency stop overtook is taken back. Raises DeviceError."""
-        core, shouts = self._open(), self.trust.shouts
+        """Give an order if it is allowed; cancel it if an emergency stop came meanwhile. Raises DeviceError."""
+        core, preemptions = self._open(), self.trust.preemptions
         allowed()
-        with asked(self.address, remedy):
+        with translated_errors(self.address, remedy):
             order(core)
-        if self.trust.shouts != shouts:
+        if self.trust.preemptions != preemptions:
             self._halt_all(core)
             self.trust.require()
 
     def _finish(self, labels: Sequence[str], epoch: int) -> None:
-        """Wait until these devices are still. Raises NoAnswer past the patience."""
+        """Wait until these devices are still. Raises NoAnswer after the time limit."""
         core, deadline_s = self._open(), self.clock.now_s() + self._patience_s
         with self._asked():
             while any(core.deviceBusy(label) for label in labels):
                 self.trust.undisturbed(epoch)
                 if self.clock.now_s() > deadline_s:
-                    told = f"{self.address} still moves after {self._patience_s:g} s"
-                    raise NoAnswer(told, "check its mechanics, or raise patience_s")
+                    reason = f"{self.address} still moves after {self._patience_s:g} s"
+                    raise NoAnswer(reason, "check its mechanics, or raise patience_s")
                 self.clock.sleep(POLL_S)
         self.trust.undisturbed(epoch)
 
@@ -226,17 +226,17 @@ class MicroManagerStage:
         return left_still(partial(self._halt_all, self._open()), self.emergency_stop, self.trust)
 
     def stop(self) -> None:
-        """Stay where it is. Raises Rejected where an adapter cannot."""
+        """Stop and stay. Raises Rejected if an adapter cannot stop."""
         self._one_mover.stop()
         core = self._open()
-        with asked(self.address, "cut its power"):
+        with translated_errors(self.address, "cut its power"):
             for label in self._labels:
                 core.stop(label)
 
     def emergency_stop(self) -> None:
-        """Stop all devices side by side; unsafe until homed."""
+        """Stop all devices simultaneously; unsafe until homed."""
         self._one_mover.stop()
-        self.trust.shout(EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}"))
+        self.trust.preempt(EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}"))
         if (core := self._core) is not None:
             self._halt_all(core)
 
@@ -249,7 +249,7 @@ class MicroManagerStage:
 
 
 def _halted(core: Any, label: str) -> bool:
-    """Whether the device took a stop."""
+    """Whether the device accepted a stop."""
     try:
         core.stop(label)
     except RuntimeError:

@@ -1,1 +1,1 @@
-"""What devices say and are told, as bytes and as values: no port is opened here."""
+"""Device protocols, encoded and decoded without opening a port."""

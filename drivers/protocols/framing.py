@@ -1,15 +1,23 @@
-"""Where one message ends and the next begins: lines, and frames that are known by their first bytes and checksum."""
+"""Message boundaries: lines, and frames recognised by their first bytes and checksum."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 BAD = -1
 MORE = 0
 
 
+@dataclass(frozen=True)
+class UnrecognisedLine:
+    """A line that is no known message, or whose checksum is wrong."""
+
+    raw: bytes
+
+
 class LineSplitter:
-    """Lines ended by CR, LF or both, without them; empty lines are dropped, overlong ones cut."""
+    """Splits at CR, LF or both; empty lines are dropped, overlong ones cut."""
 
     def __init__(self, longest: int = 512) -> None:
         self._longest = longest
@@ -18,15 +26,15 @@ class LineSplitter:
     def feed(self, data: bytes) -> list[bytes]:
         """The lines completed by these bytes."""
         *lines, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
-        self._rest = rest[-self._longest :]  # noise without an end must not fill the memory
+        self._rest = rest[-self._longest :]  # noise without a line end must not fill the memory
         return [line[-self._longest :] for line in lines if line]
 
 
 class FrameSplitter:
     """Frames that `measure` recognises at their first byte.
 
-    `measure(bytes)` answers the length of the good frame at the start, MORE if it may become one, BAD if it is none;
-    on BAD one byte is skipped, so that a frame hidden behind a false start is never lost.
+    `measure(bytes)` returns the length of the valid frame at the start, MORE if it may become one, BAD if not;
+    on BAD one byte is skipped, so that a frame after a false start is not lost.
     """
 
     def __init__(self, starts: bytes, measure: Callable[[bytes], int], longest: int = 64) -> None:
@@ -37,7 +45,7 @@ class FrameSplitter:
         self.skipped = 0
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The frames completed by these bytes; what is skipped is counted."""
+        """The frames completed by these bytes; skipped bytes are counted."""
         buffer, at, frames = self._rest + data, 0, []
         while at < len(buffer):
             if buffer[at] not in self._starts:

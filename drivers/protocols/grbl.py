@@ -1,6 +1,6 @@
-"""What GRBL 1.1, grblHAL and FluidNC say: bytes to events, and their codes by name with the remedy.
+"""Messages of GRBL 1.1, grblHAL and FluidNC: bytes to events, and their codes with reason and remedy.
 
-Every command line is answered by exactly one `Ok` or `Failed`; everything else is pushed and must not be counted.
+Every command line is answered by exactly one `Ok` or `Failed`; all other messages are unsolicited.
 Sources: gnea/grbl doc/markdown/interface.md, jogging.md, doc/csv; grblHAL/core errors.h, alarms.h.
 """
 
@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass, field
 
 from drivers.homing_state import HOME
-from drivers.protocols.framing import LineSplitter
+from drivers.protocols.framing import LineSplitter, UnrecognisedLine
 
 STATUS, HOLD, RESUME, RESET, JOG_CANCEL = b"?", b"!", b"~", b"\x18", b"\x85"
 
@@ -71,7 +71,7 @@ ALARMS: dict[int, tuple[str, str]] = {
     5: ("probe found no contact", HOME),
     6: ("reset while homing", HOME),
     7: ("the door was opened while homing", "close the door, then home"),
-    8: ("the switch stayed closed after pull-off", "increase $27 or mend the switch, then home"),
+    8: ("the switch stayed closed after pull-off", "increase $27 or repair the switch, then home"),
     9: ("no limit switch was found", "check the switch's cable and $130-$132, then home"),
     10: ("emergency stop pressed, or a dual axis failed", "release the emergency stop, then home"),
     11: ("homing is required", HOME),
@@ -81,34 +81,34 @@ ALARMS: dict[int, tuple[str, str]] = {
     17: ("a motor driver reports a fault", "switch the drivers off and on, check the motors, then home"),
 }
 PAUSES: dict[tuple[str, int], tuple[str, str]] = {
-    ("Door", 0): ("stands at the door, which is closed again", "resume at the controller, or try again"),
-    ("Door", 1): ("stands at the door", "close it and resume"),
-    ("Door", 2): ("slows down: the door was opened", "close it and resume"),
-    ("Door", 3): ("starts again after the door", "wait"),
-    ("Hold", 0): ("stands: feed hold was pressed", "resume at the controller, or try again"),
-    ("Hold", 1): ("slows down: feed hold was pressed", "resume at the controller, or try again"),
+    ("Door", 0): ("is paused at the door, which is closed again", "resume at the controller, or try again"),
+    ("Door", 1): ("is paused at the door", "close it and resume"),
+    ("Door", 2): ("decelerates: the door was opened", "close it and resume"),
+    ("Door", 3): ("restarts after the door was closed", "wait"),
+    ("Hold", 0): ("is paused: feed hold was pressed", "resume at the controller, or try again"),
+    ("Hold", 1): ("decelerates: feed hold was pressed", "resume at the controller, or try again"),
 }
-"""What a person at the machine has brought about, by state and sub-state."""
+"""Pauses by a person at the machine, by state and sub-state."""
 RESUMABLE = (("Door", 0), ("Hold", 0))
-DOOR_SAID = "Check Door"
-"""The message of an opened door; grblHAL's reports tell of a jog that stands at it as of one that goes on."""
+DOOR_MESSAGE = "Check Door"
+"""The message of an opened door; grblHAL's reports show a jog paused by it as still running."""
 MOTORS_HELD = 255.0
-"""`$1`: milliseconds after which motors at rest are let go; this value keeps them on."""
+"""`$1`: milliseconds after which motors at rest are released; this value keeps them on."""
 
 
 def error_text(code: int) -> tuple[str, str]:
     """Reason and remedy of `error:code`."""
-    return ERRORS.get(code, (f"error {code}, which is in no list known here", "read the controller's manual"))
+    return ERRORS.get(code, (f"error {code}, which is not documented", "read the controller's manual"))
 
 
 def alarm_text(code: int) -> tuple[str, str]:
     """Reason and remedy of `ALARM:code`."""
-    return ALARMS.get(code, (f"alarm {code}, which is in no list known here", "reset the controller, then home"))
+    return ALARMS.get(code, (f"alarm {code}, which is not documented", "reset the controller, then home"))
 
 
 @dataclass(frozen=True)
 class Ok:
-    """The line was accepted: planned, not done."""
+    """The line was accepted: planned, not executed."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class AlarmRaised:
 
 @dataclass(frozen=True)
 class Status:
-    """`<...>`: state, sub-state, and whichever fields this report carried, by name."""
+    """`<...>`: state, sub-state, and the fields of this report, by name."""
 
     state: str
     sub: int = 0
@@ -135,12 +135,12 @@ class Status:
 
     @property
     def override(self) -> float | None:
-        """The feed override in percent, where this report carries it."""
-        told = self.numbers("Ov")
-        return told[0] if told else None
+        """The feed override in percent, if this report carries it."""
+        values = self.numbers("Ov")
+        return values[0] if values else None
 
     def numbers(self, name: str) -> tuple[float, ...] | None:
-        """A field's numbers; None if the report carries none or they cannot be read."""
+        """A field's numbers; None if the report has no such field or it cannot be read."""
         try:
             return tuple(float(part) for part in self.fields[name].split(","))
         except (KeyError, ValueError):
@@ -173,20 +173,13 @@ class Feedback:
 
 @dataclass(frozen=True)
 class Banner:
-    """The greeting after power-up or reset: position and modes are at their start."""
+    """The greeting after power-up or reset: position and modes have their initial values."""
 
     firmware: str
     version: str
 
 
-@dataclass(frozen=True)
-class Unread:
-    """A line that is none of the others."""
-
-    raw: bytes
-
-
-Event = Ok | Failed | AlarmRaised | Status | GrblSetting | ConfigItem | Feedback | Banner | Unread
+Event = Ok | Failed | AlarmRaised | Status | GrblSetting | ConfigItem | Feedback | Banner | UnrecognisedLine
 
 STATES = {"Idle", "Run", "Hold", "Jog", "Alarm", "Door", "Check", "Home", "Sleep", "Tool"}
 _NUMBERED = re.compile(r"(error|ALARM):(\d{1,4})")
@@ -198,11 +191,11 @@ _BANNER = re.compile(r"(Grbl|GrblHAL) (\d+\.\S+) \[.*")
 _NUMBER = r"-?\d{1,10}(?:\.\d{0,10})?"
 _NUMERIC = re.compile(rf"(?:[MW]Pos|WCO|FS?|Ov|Bf|Ln):{_NUMBER}(?:,{_NUMBER})*")
 _OTHER = re.compile(r"(?!(?:[MW]Pos|WCO|FS?|Ov|Bf|Ln):)[A-Za-z]{1,8}:[^|<>]*")
-"""A field that is read holds numbers; others may hold anything, as the path of FluidNC's `SD:12.00,/job.nc`."""
+"""A field that is read holds numbers; others may hold anything, such as the path in FluidNC's `SD:12.00,/job.nc`."""
 
 
 def read_status(text: str) -> Status | None:
-    """The report between `<` and `>`, whatever the order of its fields; None if it is damaged."""
+    """The report between `<` and `>`, with its fields in any order; None if it is damaged."""
     head, *fields = text.split("|")
     state, _, sub = head.partition(":")
     if (
@@ -216,28 +209,28 @@ def read_status(text: str) -> Status | None:
 
 
 def read_line(raw: bytes) -> Event:
-    """The event one line means."""
+    """Decode one line."""
     try:
         line = raw.decode("ascii").strip()
     except UnicodeDecodeError:
-        return Unread(raw)
+        return UnrecognisedLine(raw)
     if line == "ok":
         return Ok()
     if line.startswith("<") and line.endswith(">"):
-        return read_status(line[1:-1]) or Unread(raw)
-    if found := _NUMBERED.fullmatch(line):
-        return Failed(int(found[2])) if found[1] == "error" else AlarmRaised(int(found[2]))
-    if found := _SETTING.fullmatch(line):
-        return GrblSetting(int(found[1]), float(found[2]))
-    if found := _CONFIG.fullmatch(line):
-        return ConfigItem(found[1], found[2])
-    if found := _FEEDBACK.fullmatch(line):
-        return Feedback(found[1], found[2])
-    if found := _FLUIDNC.fullmatch(line):
-        return Banner("FluidNC", found[1])
-    if found := _BANNER.fullmatch(line):
-        return Banner("grblHAL" if found[1] == "GrblHAL" else "GRBL", found[2])
-    return Unread(raw)
+        return read_status(line[1:-1]) or UnrecognisedLine(raw)
+    if match := _NUMBERED.fullmatch(line):
+        return Failed(int(match[2])) if match[1] == "error" else AlarmRaised(int(match[2]))
+    if match := _SETTING.fullmatch(line):
+        return GrblSetting(int(match[1]), float(match[2]))
+    if match := _CONFIG.fullmatch(line):
+        return ConfigItem(match[1], match[2])
+    if match := _FEEDBACK.fullmatch(line):
+        return Feedback(match[1], match[2])
+    if match := _FLUIDNC.fullmatch(line):
+        return Banner("FluidNC", match[1])
+    if match := _BANNER.fullmatch(line):
+        return Banner("grblHAL" if match[1] == "GrblHAL" else "GRBL", match[2])
+    return UnrecognisedLine(raw)
 
 
 class GrblParser:

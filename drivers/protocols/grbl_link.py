@@ -1,6 +1,6 @@
-"""The conversation with a GRBL controller: one line, one response; reports, settings, greetings, and trust.
+"""Communication with a GRBL controller: one response per line; reports, settings, greetings, and trust.
 
-Trust is whether the position may be believed: homing gives it; reset, alarm, emergency stop take it.
+Trust is whether the position is reliable: homing establishes it; reset, alarm and emergency stop revoke it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ STATUS_S = 0.5
 STILL = ("Idle", "Alarm", "Sleep", "Check")
 GREETING_S = 2.5  # an Arduino's boot loader waits up to two seconds
 RESETS = 4
-"""Resets asked for in that time: GRBL hears none for half a second after `ALARM:1` and `ALARM:2`."""
+"""Resets sent in that time: GRBL ignores input for half a second after `ALARM:1` and `ALARM:2`."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +53,12 @@ class StatusReport:
 
     @property
     def pause(self) -> tuple[str, str] | None:
-        """Why a person holds it, and what to do; None where nobody does."""
+        """Why a person paused it, and the remedy; None if nobody did."""
         return PAUSES.get((self.state, self.sub))
 
     @property
     def still(self) -> bool:
-        """Whether nothing moves, and nothing will before it is told to."""
+        """Whether nothing moves, and nothing will without a new command."""
         return self.state in STILL or (self.state, self.sub) in (*RESUMABLE, ("Door", 1))
 
 
@@ -71,7 +71,7 @@ class GrblLink:
         self.rx_bytes = 128
         self.last_state, self.last_sub = "unknown", 0
         self.feed_override = 100.0
-        self.said = ""
+        self.last_message = ""
         """The last message, since a move began."""
         self.trust = Trust()
         self._ready = False
@@ -92,20 +92,20 @@ class GrblLink:
 
     @property
     def is_open(self) -> bool:
-        """Whether it was greeted and the line is still there."""
+        """Whether it has greeted and the line is still open."""
         return self._ready and self._transport.is_open
 
     @property
     def controls(self) -> Controls:
-        """What the controller is set to."""
+        """The controller's settings."""
         return Controls(self._settings, self._options, self._spaces)
 
     def setting(self, number: int, default: float | None) -> float | None:
-        """The controller's `$number`, or `default` where it tells none."""
+        """The controller's `$number`, or `default` if it is not reported."""
         return self._settings.get(number, default)
 
     def connect(self, *, reset: bool) -> Identity:
-        """Open, greet, and read who and how it is. Raises DeviceError."""
+        """Open, await the greeting, and read identity and settings. Raises DeviceError."""
         self.close()
         self._banner, self._locked, self._offset, self._in_step = None, None, None, True
         self.feed_override = 100.0
@@ -113,7 +113,7 @@ class GrblLink:
             self._greet(reset)
             try:
                 identity = self._identify()
-            except WasReset:  # a boot loader and our own reset may both greet
+            except WasReset:  # a boot loader and our own reset may each cause a greeting
                 identity = self._identify()
             self._settings, self._spaces = self._twice_alike(self._read_settings), {}
             if identity.model == "FluidNC":
@@ -122,7 +122,7 @@ class GrblLink:
         return identity
 
     def connect_output(self, name: str, alone: bool) -> Identity:
-        """For a lamp or a relay: open the line, unless a stage does that. Raises DeviceError."""
+        """Open the line for a lamp or a relay, unless a stage does. Raises DeviceError."""
         if alone:
             identity = self.connect(reset=True)
             self.command("$X")  # there is nothing to home
@@ -132,20 +132,20 @@ class GrblLink:
         return Identity(name, "", "", self.address)
 
     def close(self) -> None:
-        """Give the line back; the position cannot be trusted afterwards."""
+        """Release the line; the position is not trusted afterwards."""
         self._ready = False
         self.trust.lose(UNHOMED)
         self._transport.close()
 
     def _greet(self, reset: bool) -> None:
-        """Opening the port resets most boards, so a greeting comes; where none does, ask for one."""
+        """Await the greeting: opening the port resets most boards; otherwise request a reset."""
         if not reset:
             self._resynchronise()
             return
         if self._transport.wait(lambda: self._banner is not None, GREETING_S):
             return
         if not self._reset():
-            raise NoAnswer(f"no GRBL controller greets at {self.address}", "check power, port and baud rate (115200)")
+            raise NoAnswer(f"no GRBL controller answers at {self.address}", "check power, port and baud rate (115200)")
 
     def _reset(self) -> bool:
         self._banner = None
@@ -157,16 +157,16 @@ class GrblLink:
 
     def _identify(self) -> Identity:
         try:
-            said = self.command("$I+")
-        except Rejected:  # plain GRBL knows no `$I+`
-            said = self.command("$I")
-        told = {event.tag: event.text for event in said if isinstance(event, Feedback)}
-        version, _, name = told.get("VER", "").partition(":")
-        options = told.get("OPT", "").split(",")
+            events = self.command("$I+")
+        except Rejected:  # plain GRBL does not know `$I+`
+            events = self.command("$I")
+        parts = {event.tag: event.text for event in events if isinstance(event, Feedback)}
+        version, _, name = parts.get("VER", "").partition(":")
+        options = parts.get("OPT", "").split(",")
         self._options = options[0]
         if len(options) > 2 and options[2].isdigit():
             self.rx_bytes = int(options[2])
-        firmware = told.get("FIRMWARE") or (self._banner.firmware if self._banner else "GRBL")
+        firmware = parts.get("FIRMWARE") or (self._banner.firmware if self._banner else "GRBL")
         self._repeats_errors = firmware == "grblHAL"
         return Identity(model=firmware, firmware=version, serial=name, address=self.address)
 
@@ -174,40 +174,40 @@ class GrblLink:
         return {event.number: event.value for event in self.command("$$") if isinstance(event, GrblSetting)}
 
     def _twice_alike(self, read: Callable[[], T]) -> T:
-        """What the controller tells twice alike: without checksums, a damaged digit looks like another travel."""
+        """A value read twice with the same result: without checksums, a damaged digit reads as another travel."""
         before = read()
         for _ in range(3):
             now = read()
             if now == before:
                 return now
             before = now
-        raise NoAnswer(f"{self.address} tells other settings each time", "check the cable")
+        raise NoAnswer(f"{self.address} reports different settings each time", "check the cable")
 
     def _read_configuration(self) -> None:
-        """FluidNC's own settings; its numbered ones are some of them, for programs that ask for nothing else."""
+        """FluidNC's own settings; its numbered ones are a subset for compatibility."""
         letters = self.letters[: len(self.report().machine)]
-        told = self._twice_alike(lambda: {item: self._item(item) for item in items(letters)})
-        self._settings |= read_settings(letters, told.get)
-        self._spaces = read_spaces(letters, told.get)
+        values = self._twice_alike(lambda: {item: self._item(item) for item in items(letters)})
+        self._settings |= read_settings(letters, values.get)
+        self._spaces = read_spaces(letters, values.get)
 
     def _item(self, path: str) -> str | None:
         try:
-            said = self.command(f"$/{path}")
+            events = self.command(f"$/{path}")
         except Rejected:  # not in this version, or not configured
             return None
-        return next((event.value for event in said if isinstance(event, ConfigItem) and event.path == path), None)
+        return next((event.value for event in events if isinstance(event, ConfigItem) and event.path == path), None)
 
     def command(self, line: str, timeout_s: float = REPLY_S, allowed: Callable[[], None] = anything) -> list[Event]:
-        """Send one line; the events up to its response. Raises Rejected, Alarm, WasReset, NoAnswer.
+        """Send one line; returns the events up to its response. Raises Rejected, Alarm, WasReset, NoAnswer.
 
-        `allowed` is asked when nothing can come between any more, and raises why the line may not be sent.
+        `allowed` is called when nothing can intervene any more, and raises why the line may not be sent.
         """
         if not self._in_step:
             self._resynchronise()
-        said: list[Event] = []
+        events: list[Event] = []
 
         def answer(event: Event) -> Event | None:
-            said.append(event)
+            events.append(event)
             return event if isinstance(event, Ok | Failed | AlarmRaised | Banner) else None
 
         try:
@@ -223,29 +223,29 @@ class GrblLink:
             raise self._alarm(reply.code)
         if isinstance(reply, Banner):
             raise self._restarted()
-        return said
+        return events
 
     def _resynchronise(self) -> None:
-        """After a reply that never came: `$G` alone answers `[GC:`, and the response after that is its own.
+        """Resynchronise after a missing reply: only `$G` answers `[GC:`, and the next response belongs to it.
 
-        It also ends grblHAL's way of refusing every line after one that was wrong.
+        It also ends grblHAL's refusal of every line after a wrong one.
         """
-        seen: list[Event] = []
+        marker: list[Event] = []
 
         def answer(event: Event) -> bool | None:
             if isinstance(event, Feedback) and event.tag == "GC":
-                seen.append(event)
-            return True if seen and isinstance(event, Ok) else None
+                marker.append(event)
+            return True if marker and isinstance(event, Ok) else None
 
         self._transport.request(b"\n$G\n", answer, REPLY_S)
         self._in_step = True
 
     def report(self) -> StatusReport:
-        """Ask `?`, again if it goes unanswered; position in machine space. Raises DeviceError."""
+        """Request `?`, repeatedly if unanswered; position in machine space. Raises DeviceError."""
         return self._transport.request(STATUS, self._placed, STATUS_S, tries=3)
 
     def settled_report(self) -> StatusReport:
-        """Two reports in a row that agree: GRBL sends no checksums, and a damaged digit looks like another place.
+        """Two reports in a row that agree: GRBL sends no checksums, and a damaged digit reads as another position.
 
         While it moves, the later one. Raises DeviceError.
         """
@@ -256,11 +256,11 @@ class GrblLink:
                 return now
             before = now
         raise NoAnswer(
-            f"{self.address} reports another position each time", "check the cable, and that nothing moves it"
+            f"{self.address} reports a different position each time", "check the cable, and that nothing moves it"
         )
 
     def _placed(self, event: Event) -> StatusReport | None:
-        """A report's machine position: MPos, or WPos + WCO once an offset was told; inches where $13 says so."""
+        """A report's machine position: MPos, or WPos + WCO once an offset is known; inches if $13 says so."""
         if not isinstance(event, Status):
             return None
         machine, work = event.numbers("MPos"), event.numbers("WPos")
@@ -272,9 +272,9 @@ class GrblLink:
         return StatusReport(event.state, event.sub, tuple(value * scale for value in machine))
 
     def pause(self, duration_s: float, over: Callable[[], bool] = lambda: False) -> None:
-        """Wait, ended early by alarm, reset or emergency stop, and where it is over. Raises what ended it.
+        """Wait; ended early by `over`, alarm, reset or emergency stop. Raises the latter three.
 
-        `over` is asked after every event on the wire.
+        `over` is called after every event.
         """
         epoch = self.trust.epoch
         self._transport.wait(lambda: self.trust.epoch != epoch or over(), duration_s)
@@ -282,28 +282,28 @@ class GrblLink:
             self.trust.require()
 
     def write(self, realtime: bytes) -> None:
-        """Send realtime bytes, past the queue of requests. Raises LineLost, NoAnswer where the port takes none."""
+        """Send realtime bytes without queueing. Raises LineLost, NoAnswer if the port accepts none."""
         self._transport.write(realtime, within_s=URGENT_S)
 
-    def shout(self, realtime: bytes, error: DeviceError) -> None:
-        """Send realtime bytes past every lock and end every wait; the position is lost."""
-        self.trust.shout(error)
-        self._transport.shout(realtime, error)
+    def preempt(self, realtime: bytes, error: DeviceError) -> None:
+        """Send realtime bytes without waiting for any lock and end every wait; the position is lost."""
+        self.trust.preempt(error)
+        self._transport.preempt(realtime, error)
 
     def halt(self, error: DeviceError) -> None:
-        """Reset the controller past every lock, and end every wait with `error`; the position is lost."""
+        """Reset the controller without waiting for any lock, and end every wait with `error`; the position is lost."""
         self.trust.lose(error)
-        self._transport.shout(RESET, error)
+        self._transport.preempt(RESET, error)
 
     def recover(self) -> int:
-        """Bring a locked or silent controller to where it can home; the epoch for `trust`. Raises DeviceError."""
+        """Bring a locked or silent controller to a state in which it can home; the epoch. Raises DeviceError."""
         if not self.is_open:
             raise not_connected(self.address)
-        shouts = self.trust.shouts
+        preemptions = self.trust.preemptions
         locked, self._locked = self._locked, None
         if (locked in (1, 2, 10) or self._unanswering()) and not self._reset():
             raise NoAnswer(f"{self.address} does not come back from a reset", "switch the controller off and on")
-        return self.trust.begin(shouts)
+        return self.trust.begin(preemptions)
 
     def _unanswering(self) -> bool:
         try:
@@ -312,7 +312,7 @@ class GrblLink:
             return True
 
     def require_trust(self) -> None:
-        """Raises why the stage may not move now."""
+        """Raises why the stage may not move."""
         if not self.is_open:
             raise not_connected(self.address)
         self.trust.require()
@@ -329,10 +329,10 @@ class GrblLink:
             self.last_state, self.last_sub = event.state, event.sub
             self.feed_override = event.override or self.feed_override
             self._offset = event.numbers("WCO") or self._offset
-            if event.state == "Alarm" and self.trust.why is None:  # nobody heard it greet, or say why
+            if event.state == "Alarm" and self.trust.why is None:  # neither a greeting nor an alarm was received
                 self.trust.lose(NotHomed(f"{self.address} is locked", HOME))
         elif isinstance(event, Feedback):
-            self.said = event.text if event.tag == "MSG" else self.said
+            self.last_message = event.text if event.tag == "MSG" else self.last_message
         elif isinstance(event, AlarmRaised):
             self._locked = event.code
             self.trust.lose(self._alarm(event.code))

@@ -1,10 +1,10 @@
-"""Frames of two kinds of IMU: WitMotion's 0x55 frames, and the COBS frame of fast accelerometers.
+"""Frames of two kinds of IMU: WitMotion's 0x55 frames, and the COBS frames of fast accelerometers.
 
-WitMotion: `55 TT d0..d7 SUM`, SUM the low byte of the sum of the ten before it. 0x55 occurs in data too, so a frame
-is header, known type and checksum together.
+WitMotion: `55 TT d0..d7 SUM`, SUM the low byte of the sum of the ten bytes before it. 0x55 occurs in data, too: a frame
+is recognised by header, known type and checksum together.
 
 Fast: `COBS(ver u8 | seq u16 | n u8 | t0_us u64 | dt_ns u32 | n x (ax ay az gx gy gz) i16 | crc16) 00`, little endian,
-CRC-16/CCITT-FALSE over all before it; ver 1 carries samples, ver 0 a text in place of what follows it.
+CRC-16/CCITT-FALSE over all bytes before it; ver 1 carries samples, ver 0 a text instead.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class WitFrame:
         return a, b, c, d
 
     def seconds(self) -> float:
-        """The time a 0x50 frame tells, in seconds since the beginning of its month."""
+        """The time of a 0x50 frame, in seconds since the beginning of its month."""
         day, hour, minute, second = self.data[2:6]
         return ((day * 24 + hour) * 60 + minute) * 60 + second + int.from_bytes(self.data[6:8], "little") / 1000
 
@@ -60,7 +60,7 @@ class WitParser:
 
 
 def cobs_decode(stuffed: bytes) -> bytes | None:
-    """What was stuffed between two zeros; None if it is damaged."""
+    """Decode the bytes between two zeros; None if they are damaged."""
     out, at = bytearray(), 0
     while at < len(stuffed):
         code = stuffed[at]
@@ -79,7 +79,7 @@ def crc16(data: bytes) -> int:
 
 
 @dataclass(frozen=True)
-class Samples:
+class SampleBatch:
     """A batch: sequence number, device time of the first sample, spacing, raw numbers per sample."""
 
     seq: int
@@ -89,35 +89,35 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class Text:
-    """What the device says in words."""
+class TextMessage:
+    """A text message of the device."""
 
     text: str
 
 
-def read_fast(stuffed: bytes) -> Samples | Text | None:
-    """The event in one COBS frame; None if it is none."""
+def read_fast(stuffed: bytes) -> SampleBatch | TextMessage | None:
+    """Decode one COBS frame; None if it is invalid."""
     frame = cobs_decode(stuffed)
     if frame is None or len(frame) < 3 or crc16(frame[:-2]) != int.from_bytes(frame[-2:], "little"):
         return None
     body = frame[:-2]
     if body[0] == TEXT:
-        return Text(body[1:].decode("ascii", "replace"))
+        return TextMessage(body[1:].decode("ascii", "replace"))
     if body[0] != SAMPLES or len(body) < 16:
         return None
     _, seq, n, t0_us, dt_ns = struct.unpack_from("<BHBQI", body)
     if len(body) != 16 + 12 * n:
         return None
-    return Samples(seq, t0_us, dt_ns, tuple(struct.iter_unpack("<6h", body[16:])))
+    return SampleBatch(seq, t0_us, dt_ns, tuple(struct.iter_unpack("<6h", body[16:])))
 
 
 class FastParser:
-    """Bytes to batches and texts; a damaged frame is dropped whole, its number shows that it is missing."""
+    """Bytes to batches and texts; a damaged frame is dropped, and shows as a gap in the sequence numbers."""
 
     def __init__(self) -> None:
         self._rest = b""
 
-    def feed(self, data: bytes) -> list[Samples | Text]:
+    def feed(self, data: bytes) -> list[SampleBatch | TextMessage]:
         """The events completed by these bytes."""
         *frames, rest = (self._rest + data).split(b"\0")
         self._rest = rest[-LONGEST_COBS:]

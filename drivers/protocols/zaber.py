@@ -1,4 +1,4 @@
-"""What Zaber ASCII devices say: bytes to events, checksums, rejections and warning flags by name.
+"""Messages of Zaber ASCII devices: bytes to events, checksums, rejections and warning flags with reason and remedy.
 
 `@01 0 [id] OK IDLE -- data[:CC]` replies, `#01 0 text` information, `!01 1 IDLE --` alerts. CC is two hex digits of
 minus the sum of the bytes between the first one and the colon.
@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 
 from drivers.homing_state import HOME
-from drivers.protocols.framing import LineSplitter
+from drivers.protocols.framing import LineSplitter, UnrecognisedLine
 
 REJECTIONS: dict[str, tuple[str, str]] = {
     "BADDATA": ("the value is out of range, or the axis has no reference", HOME),
@@ -67,13 +67,13 @@ UNREFERENCED = ("WR", "WH", "WP")
 
 
 def checksum(body: bytes) -> bytes:
-    """The two digits for what stands between the first byte and the colon."""
+    """The two digits of the bytes between the first byte and the colon."""
     return f"{-sum(body) & 0xFF:02X}".encode()
 
 
 @dataclass(frozen=True)
 class Reply:
-    """An answer to a command; `number` is the message id, None if it carried none; `checked`: by a good checksum."""
+    """An answer to a command; `number` is the message id, None if absent; `checked`: by a valid checksum."""
 
     device: int
     axis: int
@@ -87,7 +87,7 @@ class Reply:
 
 @dataclass(frozen=True)
 class Alert:
-    """Something happened by itself: mostly, a movement ended."""
+    """An unsolicited event, usually the end of a movement."""
 
     device: int
     axis: int
@@ -104,35 +104,28 @@ class Info:
     text: str
 
 
-@dataclass(frozen=True)
-class Unread:
-    """A line that is none of the others, or whose checksum is wrong."""
-
-    raw: bytes
-
-
-Event = Reply | Alert | Info | Unread
+Event = Reply | Alert | Info | UnrecognisedLine
 _REPLY = re.compile(r"@(\d\d) (\d)(?: (\d\d|--))? (OK|RJ) (IDLE|BUSY) (\S\S) (.*)")
 _ALERT = re.compile(r"!(\d\d) (\d)(?: (?:\d\d|--))? (IDLE|BUSY) (\S\S).*")
 _INFO = re.compile(r"#(\d\d) (\d)(?: (?:\d\d|--))? (.*)")
 
 
 def read_line(raw: bytes) -> Event:
-    """The event one line means."""
+    """Decode one line."""
     checked = len(raw) > 3 and raw[-3:-2] == b":"
     if checked and checksum(raw[1:-3]) != raw[-2:]:
-        return Unread(raw)
+        return UnrecognisedLine(raw)
     body = raw[:-3] if checked else raw
     line = body.decode("ascii", "replace")
-    if found := _REPLY.fullmatch(line):
-        number = int(found[3]) if found[3] and found[3] != "--" else None
-        accepted, busy = found[4] == "OK", found[5] == "BUSY"
-        return Reply(int(found[1]), int(found[2]), number, accepted, busy, found[6], found[7], checked)
-    if found := _ALERT.fullmatch(line):
-        return Alert(int(found[1]), int(found[2]), found[3] == "BUSY", found[4])
-    if found := _INFO.fullmatch(line):
-        return Info(int(found[1]), int(found[2]), found[3])
-    return Unread(raw)
+    if match := _REPLY.fullmatch(line):
+        number = int(match[3]) if match[3] and match[3] != "--" else None
+        accepted, busy = match[4] == "OK", match[5] == "BUSY"
+        return Reply(int(match[1]), int(match[2]), number, accepted, busy, match[6], match[7], checked)
+    if match := _ALERT.fullmatch(line):
+        return Alert(int(match[1]), int(match[2]), match[3] == "BUSY", match[4])
+    if match := _INFO.fullmatch(line):
+        return Info(int(match[1]), int(match[2]), match[3])
+    return UnrecognisedLine(raw)
 
 
 class ZaberParser:

@@ -1,1 +1,1 @@
-"""Stages of TMCL modules: the maker's library (pytrinamic) makes and reads the datagrams, our own line carries them."""
+"""Stages of TMCL modules: the manufacturer's library (pytrinamic) encodes datagrams, a Transport carries them."""

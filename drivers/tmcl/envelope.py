@@ -1,4 +1,4 @@
-"""What a module is set to: how fast an axis goes, and why its position deserves less trust."""
+"""Settings of a module: the speed of an axis, and caveats about its position."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from drivers.errors import BadConfiguration, Rejected
-from drivers.interfaces import Doubt
+from drivers.interfaces import Caveat
 
 POSITION, SPEED = 1, 3
 MAX_SPEED, MAX_ACCELERATION, STANDBY, RIGHT_OFF, LEFT_OFF, RAMP_DIVISOR, PULSE_DIVISOR = 4, 5, 7, 12, 13, 153, 154
-"""Parameters of an axis by their numbers."""
+"""Parameters of an axis, by number."""
 CLOCK_HZ = 16e6
 
 
 @dataclass(frozen=True)
 class Envelope:
-    """One axis: microsteps per second and per second squared, the switches that are off, the current at rest."""
+    """One axis: microsteps per second and per second squared, disabled switches, the current at rest."""
 
     speed: float
     acceleration: float
@@ -26,47 +26,47 @@ class Envelope:
     switches_off: bool
 
     def travel_s(self, steps: float) -> float:
-        """How long that way takes, from rest to rest."""
+        """Duration of a move of this length, from rest to rest."""
         if steps * self.acceleration < self.speed**2:
             return 2 * math.sqrt(steps / self.acceleration)
         return steps / self.speed + self.speed / self.acceleration
 
     def words(self, unit_per_step: float) -> str:
-        """Speed, acceleration and switches in the axis' unit."""
+        """Speed, acceleration and switches in the axis' unit, as text."""
         speed, rise = self.speed * unit_per_step, self.acceleration * unit_per_step
         switches = "an end switch off" if self.switches_off else "end switches on"
         return f"{speed:g} per s, {rise:g} per s^2, {switches}"
 
-    def doubt(self, name: str) -> Doubt | None:
-        """Why its position deserves less trust."""
+    def caveat(self, name: str) -> Caveat | None:
+        """Why its position deserves less trust, if it does."""
         if self.standby == 0:
-            return Doubt(f"{name} lets go of its motor between moves (parameter 7 is 0)", "give it a standby current")
+            return Caveat(f"{name} releases its motor between moves (parameter 7 is 0)", "set a standby current")
         if self.switches_off:
             remedy = "set parameters 12 and 13 to 0 where there are switches"
-            return Doubt(f"an end switch does not stop {name} (parameters 12 and 13)", remedy)
+            return Caveat(f"an end switch does not stop {name} (parameters 12 and 13)", remedy)
         return None
 
 
-def read_envelope(name: str, told: Mapping[int, int | None]) -> Envelope:
-    """What the parameters of an axis mean, None where it has none of that number. Raises BadConfiguration.
+def read_envelope(name: str, parameters: Mapping[int, int | None]) -> Envelope:
+    """The limits given by the parameters of an axis, None for a number it does not have. Raises BadConfiguration.
 
-    Modules with a TMC428 or TMC429 tell speed and acceleration in units of their dividers (its data sheet, "velocity
+    Modules with a TMC428 or TMC429 report speed and acceleration in units of their dividers (data sheet, "velocity
     and acceleration"); the others in microsteps per second.
     """
-    speed, rise = float(told[MAX_SPEED] or 0), float(told[MAX_ACCELERATION] or 0)
-    pulses, ramps = told[PULSE_DIVISOR], told[RAMP_DIVISOR]
+    speed, rise = float(parameters[MAX_SPEED] or 0), float(parameters[MAX_ACCELERATION] or 0)
+    pulses, ramps = parameters[PULSE_DIVISOR], parameters[RAMP_DIVISOR]
     if pulses is not None and ramps is not None:
         speed *= CLOCK_HZ / 2 ** (pulses + 16)
         rise *= CLOCK_HZ**2 / 2 ** (pulses + ramps + 29)
     if not speed > 0 or not rise > 0:
         raise BadConfiguration(f"{name} is set to no speed or no acceleration", "set parameters 4 and 5 of its motor")
-    return Envelope(speed, rise, told[STANDBY], bool(told[RIGHT_OFF] or told[LEFT_OFF]))
+    return Envelope(speed, rise, parameters[STANDBY], bool(parameters[RIGHT_OFF] or parameters[LEFT_OFF]))
 
 
 def ask_parameters(host: Any, module: int, motor: int) -> dict[int, int | None]:
-    """The parameters that an envelope is made of; `host` raises Rejected for those that the module has not."""
-    asked = (MAX_SPEED, MAX_ACCELERATION, STANDBY, RIGHT_OFF, LEFT_OFF, RAMP_DIVISOR, PULSE_DIVISOR)
-    return {number: _one(host, number, module, motor) for number in asked}
+    """The parameters of an envelope; `host` raises Rejected for those that the module does not have."""
+    numbers = (MAX_SPEED, MAX_ACCELERATION, STANDBY, RIGHT_OFF, LEFT_OFF, RAMP_DIVISOR, PULSE_DIVISOR)
+    return {number: _one(host, number, module, motor) for number in numbers}
 
 
 def _one(host: Any, number: int, module: int, motor: int) -> int | None:

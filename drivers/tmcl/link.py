@@ -1,10 +1,10 @@
-"""A line to TMCL modules: pytrinamic makes and reads the datagrams, a Transport carries them.
+"""A line to TMCL modules: pytrinamic encodes and decodes the datagrams, a Transport carries them.
 
-Datagrams have no numbers, so an answer that comes late would be taken for that to the next question; and nothing marks
-where one begins, so a module that lost a byte, or that a stop found in the middle of an order, reads everything after
-it wrongly, for as long as it is on. Therefore the line must be in step before anything is asked: after a question
-without answer, and after a stop, the version is asked until it comes, each time one byte further on. Modules answer in
-order: with that answer all older ones are past.
+Datagrams have no numbers, so a late answer would be taken for that to the next request; and nothing marks
+their beginning, so a module that lost a byte, or whose order was cut off by a stop, misreads everything after it until
+it is switched off. The line must therefore be synchronised before any request: after an unanswered request and after a
+stop, the version is requested until it comes, shifted by one byte each time. Modules answer in order: that answer
+follows all older ones.
 """
 
 from __future__ import annotations
@@ -24,37 +24,37 @@ from drivers.wire.outgoing import URGENT_S
 REPLY_S, STEP_S = 0.3, 0.15
 VERSION, VERSION_BINARY = 136, 1
 PAD = b"\0"
-"""Stands between datagrams to shift what a module reads: no command is 0, and no module has that address."""
+"""Sent between datagrams to shift the module's framing: no command is 0, and no module has that address."""
 REMEDIES = {
     2: "check the module's firmware",
     3: "check the number of the motor, and the module's firmware",
-    4: "check what station.toml says of the axis",
+    4: "check the axis in station.toml",
     5: "unlock its memory",
     6: "check the module's firmware",
 }
 
 
 class OutOfStep(Exception):
-    """An answer is still owed: nothing else may be asked before the line is in step."""
+    """An answer is still pending: no request is allowed before the line is synchronised."""
 
 
 @dataclass(frozen=True, eq=False)
-class Debt:
-    """An answer that a module owes, or a state of its reading that nobody knows."""
+class PendingReply:
+    """An answer that a module still owes, or an unknown framing state of the module."""
 
     module: int
 
 
 class TmclLink:
-    """The modules of one line; from any thread.
+    """The modules of one line; thread-safe.
 
-    What each module owes stands in a set, as adding to it and taking from it wait for nobody. All modules read the same
-    bytes: those that a cut order left out of step together are brought into step together.
+    Pending replies of each module are kept in a set, whose updates need no lock. All modules read the same
+    bytes: those desynchronised together by a truncated order are synchronised together.
     """
 
     def __init__(self, transport: Transport[bytes], modules: Iterable[int]) -> None:
         self._transport, self._modules = transport, tuple(modules)
-        self._debts: set[Debt] = set()
+        self._pending: set[PendingReply] = set()
 
     @property
     def address(self) -> str:
@@ -67,30 +67,30 @@ class TmclLink:
         return self._transport.is_open
 
     def open(self) -> None:
-        """Own the port. Raises BadConfiguration without the library, LineLost."""
+        """Open the port. Raises BadConfiguration without the library, LineLost."""
         library()
-        self._owe_all()
+        self._mark_all_pending()
         self._transport.open(lambda event, host_s: None)
 
     def close(self) -> None:
-        """Give the port back."""
+        """Release the port."""
         self._transport.close()
 
     def host(self, allowed: Callable[[], None] = anything, tries: int = 1) -> Any:
-        """The library's interface to these modules; `allowed` and `tries` are a Transport's, and so are the errors.
+        """The library's interface to these modules; `allowed`, `tries` and the errors are those of a Transport.
 
-        What a module refuses raises Rejected.
+        A refusal by a module raises Rejected.
         """
         return library().host(lambda data: self._carry(data, tries, allowed), self.address)
 
     def wait(self, ready: Callable[[], bool], timeout_s: float) -> None:
-        """Wait for something that changes by itself. Raises what interrupts it."""
+        """Wait for a change without a request. Raises what interrupts it."""
         self._transport.wait(ready, timeout_s)
 
-    # --- one question
+    # --- one request
 
     def _carry(self, data: bytes, tries: int, allowed: Callable[[], None]) -> bytes:
-        """The answer to one datagram, sent when the line is in step."""
+        """The answer to one datagram, sent when the line is synchronised."""
         while True:
             try:
                 return self._ask(data, allowed)
@@ -101,31 +101,31 @@ class TmclLink:
                     raise
 
     def _ask(self, data: bytes, allowed: Callable[[], None]) -> bytes:
-        debt = Debt(data[0])
+        pending = PendingReply(data[0])
 
         def may_go() -> None:
-            if self._owed_by(data[0]):
+            if self._pending_for(data[0]):
                 raise OutOfStep
             allowed()
-            self._debts.add(debt)
+            self._pending.add(pending)
 
         def answer(frame: bytes) -> bytes | None:
-            # an order that was damaged on its way was not obeyed, and counts as unanswered
+            # an order with a transmission error was not executed, and counts as unanswered
             if (frame[MODULE], frame[COMMAND]) != (data[0], data[1]) or frame[STATUS] == DAMAGED:
                 return None
-            self._debts.discard(debt)
+            self._pending.discard(pending)
             return frame
 
         return self._transport.request(data, answer, REPLY_S, 1, may_go)
 
-    def _owed_by(self, module: int) -> list[Debt]:
-        return [debt for debt in tuple(self._debts) if debt.module == module]
+    def _pending_for(self, module: int) -> list[PendingReply]:
+        return [pending for pending in tuple(self._pending) if pending.module == module]
 
-    def _owe_all(self) -> None:
-        self._debts.update(map(Debt, self._modules))
+    def _mark_all_pending(self) -> None:
+        self._pending.update(map(PendingReply, self._modules))
 
     def _step(self, module: int) -> None:
-        """Bring module and line into step. Raises NoAnswer."""
+        """Synchronise module and line. Raises NoAnswer."""
         for attempt in range(LENGTH):
             with suppress(NoAnswer):
                 self._ask_version(module, PAD * bool(attempt))
@@ -135,39 +135,39 @@ class TmclLink:
         )
 
     def _ask_version(self, module: int, before: bytes) -> None:
-        """With its answer, all that was owed when it was asked is past."""
-        paid: set[Debt] = set()
+        """Request the version: its answer follows every reply pending at the time of the request."""
+        paid: set[PendingReply] = set()
 
         def answer(frame: bytes) -> bytes | None:
             if (frame[MODULE], frame[STATUS], frame[COMMAND]) != (module, OK, VERSION):
                 return None
-            self._debts.difference_update(paid)
+            self._pending.difference_update(paid)
             return frame
 
         question = before + library().datagram(module, VERSION, VERSION_BINARY, 0, 0)
-        self._transport.request(question, answer, STEP_S, 1, lambda: paid.update(self._owed_by(module)))
+        self._transport.request(question, answer, STEP_S, 1, lambda: paid.update(self._pending_for(module)))
 
     # --- the stop
 
     def urge(self, stops: bytes) -> None:
-        """Send these datagrams past the queue of requests. Raises LineLost, NoAnswer where the port takes none."""
-        self._owe_all()
+        """Send these datagrams without queueing. Raises LineLost, NoAnswer if the port accepts none."""
+        self._mark_all_pending()
         self._transport.write(stops, within_s=URGENT_S)
 
-    def shout(self, stops: bytes, error: Exception) -> None:
-        """Send these datagrams past everything; what it cut off is put right before the next question. Never raises."""
-        self._owe_all()
-        self._transport.shout(stops, error)
+    def preempt(self, stops: bytes, error: Exception) -> None:
+        """Send these datagrams ahead of every lock; the next request resynchronises the line. Never raises."""
+        self._mark_all_pending()
+        self._transport.preempt(stops, error)
 
 
 def stop_bytes(motors: Iterable[tuple[int, int]]) -> bytes:
-    """What stops these (module, motor), wherever in a datagram each module is.
+    """Bytes that stop these (module, motor), whatever the framing state of each module.
 
-    The stop may have cut an order off: a module that has some bytes of it would take the first of ours for its rest,
-    and read all after it wrongly. So the stops come nine times, one byte further on each time; the first are right for
-    a module that is in step, and one of the others is for any that is not. Nothing that is read wrongly is an order:
-    what stands at the place of the command is then 0, or the checksum is wrong.
-    A reference search is ended first: a motor that is only stopped is driven on by it.
+    The stop may have truncated an order: a module holding some of its bytes would complete it with the first of these,
+    and misread everything after. The stops are therefore sent nine times, each time shifted by one byte: the first are
+    right for a synchronised module, and one of the others for any other module. No misread datagram is an order:
+    its command is then 0, or its checksum wrong.
+    A reference search is ended first, since it would drive a stopped motor on.
     """
     make = library().datagram
     once = b"".join(make(module, 13, 1, motor, 0) + make(module, 3, 0, motor, 0) for module, motor in motors)
@@ -175,7 +175,7 @@ def stop_bytes(motors: Iterable[tuple[int, int]]) -> bytes:
 
 
 class _Library:
-    """What is used of pytrinamic."""
+    """The parts of pytrinamic in use."""
 
     def __init__(self) -> None:
         try:
@@ -186,7 +186,7 @@ class _Library:
             raise BadConfiguration("pytrinamic is not installed", remedy) from error
 
         class Host(TmclInterface):  # type: ignore[misc]
-            """The library's interface over a line of ours."""
+            """The library's interface over our line."""
 
             def __init__(self, carry: Callable[[bytes], bytes], address: str) -> None:
                 super().__init__()
@@ -204,8 +204,8 @@ class _Library:
                 except TMCLReplyStatusError as error:
                     code = int(error.reply.status)
                     reason = f"status {code} ({TMCLStatus.get_name(code).lower()})"
-                    told = f"module {request.moduleAddress} at {self._address} refused {words(request)}: {reason}"
-                    raise Rejected(told, REMEDIES.get(code, "see the module's manual"), str(code)) from error
+                    message = f"module {request.moduleAddress} at {self._address} refused {words(request)}: {reason}"
+                    raise Rejected(message, REMEDIES.get(code, "see the module's manual"), str(code)) from error
 
         def words(request: Any) -> str:
             command = TMCLCommand.get_name(request.command)
@@ -215,11 +215,11 @@ class _Library:
         self._request: Callable[..., Any] = TMCLRequest
 
     def datagram(self, module: int, command: int, kind: int, motor: int, value: int) -> bytes:
-        """One order."""
+        """Encode one order."""
         return bytes(self._request(module, command, kind, motor, value).to_buffer())
 
 
 @cache
 def library() -> _Library:
-    """The library. Raises BadConfiguration where it is not installed."""
+    """The library. Raises BadConfiguration if it is not installed."""
     return _Library()

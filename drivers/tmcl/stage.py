@@ -1,8 +1,8 @@
 """Axes of TMCL modules as one Stage: microsteps in, millimetres or degrees out.
 
-A module homes by its own reference search, and is told nothing that it would keep. It does not say that it was switched
-off and on, and then takes any place for 0: so homing writes a number into one of its variables, which it forgets when
-it is switched off, and no position is believed without that number.
+A module homes by its own reference search, and none of its stored settings is changed. It does not report a power
+cycle, after which its position is 0 wherever it is. Homing therefore writes a number into a volatile variable of the
+module, and no position is trusted without that number.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from drivers.errors import (
     WasReset,
 )
 from drivers.homing_state import HOME, UNHOMED, Trust
-from drivers.interfaces import Condition, Doubt, Identity, Transport, Travel
+from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
 from drivers.tmcl.envelope import POSITION, SPEED, Envelope, ask_parameters, read_envelope
 from drivers.tmcl.link import VERSION, VERSION_BINARY, TmclLink, stop_bytes
 from drivers.wire.connection import anything, not_connected, roll_call
 
 START, STOP, STATUS = 0, 1, 2
-"""Of a reference search."""
+"""Phases of a reference search."""
 VARIABLES = 2
-"""The bank of a module's own variables."""
+"""The bank of a module's user variables."""
 PRECISION_STEPS = 2
 TRIES = 3
 
@@ -43,8 +43,8 @@ class TmclAxis:
 
     Attributes
     ----------
-    zero : the value where the reference search sets 0
-    direction : -1 where microsteps count the other way
+    zero : the value at the reference, where the search sets 0
+    direction : -1 if microsteps count in the opposite direction
     """
 
     name: str
@@ -60,12 +60,12 @@ class TmclAxis:
         return round((value - self.zero) / (self.direction * self.unit_per_step))
 
     def to_unit(self, steps: float) -> float:
-        """Where that microstep is."""
+        """The position of a microstep."""
         return self.zero + steps * self.direction * self.unit_per_step
 
 
 class TmclStage:
-    """A Stage of TMCL modules on one line. `variable` is the number of the modules' variable that is written."""
+    """A Stage of TMCL modules on one line. `variable` is the number of the user variable that is written."""
 
     def __init__(
         self,
@@ -87,7 +87,7 @@ class TmclStage:
         self._link = TmclLink(transport, self._modules)
         self._one_mover = OneMover()
         self.power: Callable[[], AbstractContextManager[None]] = nullcontext
-        """Entered to move: a watchdog keeps the motors enabled within."""
+        """Context of a move: a watchdog keeps the motors enabled within."""
         self._seals: dict[int, int] = {}
         self._stops = b""
 
@@ -97,26 +97,26 @@ class TmclStage:
         return self._link.address
 
     def connect(self) -> Identity:
-        """Open, ask every module, read what it is set to. Raises DeviceError naming all modules that are missing."""
+        """Open, identify every module, read its settings. Raises DeviceError naming all missing modules."""
         self._link.close()
         self.trust.lose(UNHOMED)
         self._seals.clear()
         self._stops = stop_bytes((axis.module, axis.motor) for axis in self._axes)
         self._link.open()
         try:
-            told = self._roll_call()
+            identities = self._roll_call()
             self.envelopes = {axis.name: self._envelope(axis) for axis in self._axes}
         except DeviceError:
             self._link.close()
             raise
         self.trust.why = UNHOMED
-        models, versions = ("; ".join(dict.fromkeys(column)) for column in zip(*told, strict=True))
+        models, versions = ("; ".join(dict.fromkeys(column)) for column in zip(*identities, strict=True))
         return Identity(f"TMCL {models}", versions, "", self.address)
 
     def _roll_call(self) -> list[tuple[str, str]]:
-        told = f"{self.address}: no answer from modules"
+        where = f"{self.address}: no answer from modules"
         remedy = "check power, cables, baud rate (9600 as delivered, 115200 over USB) and addresses"
-        return roll_call(self._modules, self._introduce, told, remedy)
+        return roll_call(self._modules, self._introduce, where, remedy)
 
     def _introduce(self, module: int) -> tuple[str, str]:
         """Model and version."""
@@ -127,41 +127,41 @@ class TmclStage:
         return read_envelope(axis.name, ask_parameters(self._link.host(tries=TRIES), axis.module, axis.motor))
 
     def close(self) -> None:
-        """Give the line back; the position cannot be trusted afterwards."""
+        """Release the line; the position is not trusted afterwards."""
         self.trust.lose(UNHOMED)
         self._link.close()
 
     def condition(self) -> Condition:
         """Whether it may move."""
-        return self.trust.refusal(self._link.is_open) or Condition("idle", doubt=self._doubt())
+        return self.trust.refusal(self._link.is_open) or Condition("idle", caveat=self._caveat())
 
-    def _doubt(self) -> Doubt | None:
+    def _caveat(self) -> Caveat | None:
         unsealed = [str(module) for module in self._modules if module not in self._seals]
         if unsealed:
-            told = f"module {', '.join(unsealed)} does not tell when it was switched off"
-            return Doubt(told, "home after its power was cut")
-        return next((d for name, one in self.envelopes.items() if (d := one.doubt(name))), None)
+            reason = f"module {', '.join(unsealed)} does not report that it was switched off"
+            return Caveat(reason, "home after its power was cut")
+        return next((c for name, one in self.envelopes.items() if (c := one.caveat(name))), None)
 
     def _require_line(self) -> None:
         if not self._link.is_open:
             raise not_connected(self.address)
 
-    # --- where it is
+    # --- position
 
     def travel(self) -> Mapping[str, Travel]:
-        """The range of each axis, as it was told; known after `connect`."""
+        """The configured range of each axis; known after `connect`."""
         return {axis.name: Travel(*axis.travel) for axis in self._axes if axis.name in self.envelopes}
 
     def travel_s(self, name: str, way: float) -> float:
-        """How long an axis takes for that way, in its unit; known after `connect`."""
+        """Duration of a move of this length, in the axis' unit; known after `connect`."""
         return self.envelopes[name].travel_s(way / self._named[name].unit_per_step)
 
     def settings(self) -> Mapping[str, str]:
-        """What the modules are set to, in words, by axis; known after `connect`."""
+        """The modules' settings as text, by axis; known after `connect`."""
         return {name: one.words(self._named[name].unit_per_step) for name, one in self.envelopes.items()}
 
     def position(self) -> Mapping[str, float]:
-        """Where the axes are now. Raises DeviceError, WasReset where a homed module was switched off since."""
+        """Where the axes are now. Raises DeviceError, WasReset if a homed module was switched off since."""
         there = {axis.name: axis.to_unit(self._parameter(axis, POSITION)) for axis in self._axes}
         if self.trust.why is None:
             self._check_seals()
@@ -182,21 +182,21 @@ class TmclStage:
     ) -> int:  # fmt: skip
         return int(self._link.host(allowed, tries).reference_search(what, axis.motor, axis.module))
 
-    # --- the seal
+    # --- power-cycle detection
 
     def _seal(self, allowed: Callable[[], None]) -> None:
-        """Write a number into every module that it forgets with its position."""
+        """Write a number into every module, which a power cycle clears together with its position."""
         self._seals.clear()
         for module in self._modules:
             number = 1 + secrets.randbelow(2**31 - 1)
             try:
                 self._link.host(allowed, TRIES).set_global_parameter(self._variable, VARIABLES, number, module)
-            except Rejected:  # it has no such variable
+            except Rejected:  # it does not have this variable
                 continue
             self._seals[module] = number
 
     def _check_seals(self) -> None:
-        """Raises WasReset where a module has forgotten its number: its position means nothing."""
+        """Raises WasReset if a module has lost its number: its position is meaningless."""
         for module, number in self._seals.items():
             if self._link.host(tries=TRIES).get_global_parameter(self._variable, VARIABLES, module) != number:
                 error = WasReset(f"module {module} at {self.address} was switched off and on, or reset", HOME)
@@ -206,10 +206,10 @@ class TmclStage:
     # --- moving
 
     def home(self, allowed: Callable[[], None] = anything) -> None:
-        """Let every module search its reference, as it is set to. Raises DeviceError."""
+        """Run the reference search configured in every module. Raises DeviceError."""
         with self._one_mover as stops:
             self._require_line()
-            epoch = self.trust.begin(self.trust.shouts)
+            epoch = self.trust.begin(self.trust.preemptions)
             undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
             with self.power(), self._left_still(self._axes):
                 self._seal(undisturbed)
@@ -224,26 +224,26 @@ class TmclStage:
     def _wait_for_searches(self) -> None:
         deadline_s, epoch = self.clock.now_s() + self._patience_s, self.trust.epoch
         while any(self._searching(axis) for axis in self._axes):
-            self._require_in_time(deadline_s, f"{self.address} still searches after {self._patience_s:g} s")
+            self._require_in_time(deadline_s, f"{self.address} still homes after {self._patience_s:g} s")
             self._pause(epoch)
             self._check_seals()
         self._check_seals()
 
-    def _require_in_time(self, deadline_s: float, told: str) -> None:
+    def _require_in_time(self, deadline_s: float, reason: str) -> None:
         if self.clock.now_s() > deadline_s:
-            raise NoAnswer(told, "check its mechanics, switches and speeds, or raise patience_s")
+            raise NoAnswer(reason, "check its mechanics, switches and speeds, or raise patience_s")
 
     def _check_inside(self) -> None:
         for axis in self._axes:
             here, (low, high), tolerance = self.position()[axis.name], axis.travel, _tolerance(axis)
             if not low - tolerance <= here <= high + tolerance:
                 raise MoveFailed(
-                    f"{axis.name} stands at {here:.4f} after homing, and its travel is {low:g} .. {high:g}",
+                    f"{axis.name} is at {here:.4f} after homing, outside its travel {low:g} .. {high:g}",
                     "correct zero, direction or travel in station.toml",
                 )
 
     def move_to(self, **target: float) -> None:
-        """Send the axes there, each on its own way, and return when all are still. Raises DeviceError."""
+        """Move the axes independently, and return when all are still. Raises DeviceError."""
         with self._one_mover as stops:
             self._require_line()
             self.trust.require()
@@ -264,7 +264,7 @@ class TmclStage:
         return self.envelopes[axis.name].travel_s(abs(goal - self._parameter(axis, POSITION)))
 
     def _wait_for_rest(self, goals: Mapping[TmclAxis, int], limit_s: float) -> None:
-        """Until every axis stands: at its goal, or at the same place twice. Raises NoAnswer past the limit."""
+        """Wait until every axis is at its goal, or twice at the same position. Raises NoAnswer after the limit."""
         deadline_s, epoch = self.clock.now_s() + limit_s, self.trust.epoch
         before: dict[TmclAxis, int] = {}
         while True:
@@ -282,7 +282,7 @@ class TmclStage:
             self._pause(epoch)
 
     def _pause(self, epoch: int) -> None:
-        """Until the next poll; an emergency stop ends it."""
+        """Wait until the next poll; an emergency stop ends it."""
         self._link.wait(lambda: self.trust.epoch != epoch, self._poll_s)
         self.trust.undisturbed(epoch)
 
@@ -290,13 +290,13 @@ class TmclStage:
         return left_still(partial(self._halt, tuple(axes)), self.emergency_stop, self.trust)
 
     def _halt(self, axes: Iterable[TmclAxis]) -> None:
-        """End a search first: a motor that is only stopped is driven on by it."""
+        """End a search first: it would drive a stopped motor on."""
         for axis in axes:
             self._search(axis, STOP, tries=TRIES)
             self._link.host(tries=TRIES).stop(axis.motor, axis.module)
 
     def stop(self) -> None:
-        """Slow down and stay: told at once, past the queue of requests, then confirmed. Raises DeviceError."""
+        """Decelerate and stay: sent at once without queueing, then confirmed. Raises DeviceError."""
         self._one_mover.stop()
         self._require_line()
         try:
@@ -307,17 +307,17 @@ class TmclStage:
         self._halt(self._axes)
 
     def lose_position(self, error: DeviceError) -> None:
-        """Stop, and refuse to move with `error` until it has homed; never raises."""
+        """Stop, and refuse to move with `error` until homed; never raises."""
         self._one_mover.stop()
         self.trust.lose(error)
-        self._link.shout(self._stops, error)
+        self._link.preempt(self._stops, error)
 
     def emergency_stop(self) -> None:
-        """Stop all motors, past whatever is being asked; unsafe until homed."""
+        """Stop all motors without waiting for pending requests; unsafe until homed."""
         self._one_mover.stop()
         error = EmergencyStopped(f"emergency stop at {self.address}", f"make it safe, then {HOME}")
-        self.trust.shout(error)
-        self._link.shout(self._stops, error)
+        self.trust.preempt(error)
+        self._link.preempt(self._stops, error)
 
 
 def _tolerance(axis: TmclAxis) -> float:

@@ -1,1 +1,1 @@
-"""A line in use: bytes on their way out, what passed, and whether the other end is there."""
+"""A line in use: outgoing bytes, the transcript, and the connection state."""

@@ -1,4 +1,4 @@
-"""What every driver does with its line: open it or leave it closed, ask who is there, and say whether it is open."""
+"""Common operations of drivers on their line: open it or leave it closed, identify devices, report its state."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ T = TypeVar("T")
 
 
 def anything() -> None:
-    """Allows every order: the usual `allowed`."""
+    """Allow every order: the default of `allowed`."""
 
 
 @contextmanager
 def opened(transport: Transport[E], listen: Callable[[E, float], None] = lambda event, host_s: None) -> Iterator[None]:
-    """The line open for the first questions; closed again if one of them fails."""
+    """Open the line for the first requests; close it again if one of them fails."""
     transport.open(listen)
     try:
         yield
@@ -29,26 +29,26 @@ def opened(transport: Transport[E], listen: Callable[[E, float], None] = lambda 
 
 
 def not_connected(address: str) -> LineLost:
-    """What is raised where nothing can be asked yet."""
+    """The error for a request before `connect`."""
     return LineLost(f"{address} is not connected", "connect first")
 
 
 def roll_call(numbers: Iterable[int], ask: Callable[[int], T], where: str, remedy: str) -> list[T]:
-    """What each of those that share a line tells of itself. Raises NoAnswer naming all that are missing.
+    """Identify every device of a shared line. Raises NoAnswer naming all that are missing.
 
-    `where` is the port and what they are: "/dev/ttyUSB0: no answer from devices".
+    `where` is the port and the kind of devices: "/dev/ttyUSB0: no answer from devices".
     """
-    told, missing = [], []
+    answers, missing = [], []
     for number in dict.fromkeys(numbers):
         try:
-            told.append(ask(number))
+            answers.append(ask(number))
         except NoAnswer:
             missing.append(str(number))
     if missing:
         raise NoAnswer(f"{where} {', '.join(missing)}", remedy)
-    return told
+    return answers
 
 
 def line_condition(is_open: bool, word: str = "ready") -> Condition:
-    """`word` while the line is there."""
+    """The condition of a device with or without its line."""
     return Condition(word) if is_open else Condition("not connected", False, "connect it")

@@ -1,7 +1,7 @@
-"""The bytes on their way out of one port: orders in their turn, and a stop past all of them.
+"""The outgoing bytes of one port: orders in turn, and stops before all of them.
 
-pyserial's own `write` cannot be called off where a port takes nothing: it tries on for as long as its timeout is, and
-what it then gets rid of would follow the stop. Here no lock is held while a port that has a descriptor is waited for.
+pyserial's own `write` cannot be cancelled when a port accepts nothing: it retries until its timeout, and
+what it then writes would follow the stop. Here no lock is held while waiting for a port with a descriptor.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from typing import Any
 from drivers.wire.connection import anything
 
 WRITE_S = 1.0
-"""How long a port may take no bytes."""
+"""Time limit for a port to accept bytes."""
 URGENT_S = 0.03
-"""How long bytes that end a motion wait for a port before its driver takes a harder way to stop."""
+"""How long bytes that end a motion wait for a port before the driver stops by stronger means."""
 HELD_UP_S = 0.005
-"""How long a stop waits for an order that is just being given to a port without a descriptor."""
+"""How long a stop waits for an order that is being written to a port without a descriptor."""
 GONE = (OSError, ValueError, TypeError, AttributeError)
-"""What ports raise that were unplugged or closed meanwhile."""
+"""Exceptions of ports that were unplugged or closed meanwhile."""
 
 
 class Outgoing:
-    """One port's outgoing bytes; from any thread."""
+    """One port's outgoing bytes; thread-safe."""
 
     def __init__(self, port: Any) -> None:
         self._port = port
         self._turn = threading.Lock()
-        self._wire = threading.Lock()  # from the question whether an order is allowed until the port has it
+        self._wire = threading.Lock()  # from the check that an order is allowed until the port has it
         self._stops = 0
 
     def send(self, data: bytes, allowed: Callable[[], None] = anything, within_s: float = WRITE_S) -> None:
-        """Give the port these bytes, in turn. A stop that comes meanwhile drops what is left of them.
+        """Write these bytes in turn. A stop that comes meanwhile drops the remainder.
 
-        Raises what `allowed` does, TimeoutError where the port takes no bytes `within_s`, OSError where it is gone.
+        Raises what `allowed` raises, TimeoutError if the port takes no bytes `within_s`, OSError if it is gone.
         """
         deadline_s = time.monotonic() + within_s
         if not self._turn.acquire(timeout=within_s):
@@ -55,13 +55,13 @@ class Outgoing:
             self._turn.release()
 
     def _give(self, data: bytes, stops: int, allowed: Callable[[], None] = anything) -> bytes:
-        """What the port did not take."""
+        """The bytes that the port did not accept."""
         with self._wire:
             allowed()
             return _put(self._port, data) if self._stops == stops else b""
 
     def stop(self, data: bytes) -> bool:
-        """Drop what was not sent yet, then give the port these bytes; whether it took them. Never raises."""
+        """Drop unsent bytes, then write these; returns whether the port accepted them. Never raises."""
         self._stops += 1
         held = self._wire.acquire(timeout=HELD_UP_S)
         try:
@@ -77,13 +77,13 @@ class Outgoing:
                 self._wire.release()
 
     def _drop_unsent(self) -> None:
-        """Take back what the port was given and has not sent."""
-        with suppress(Exception):  # a port that is gone, or of a kind that keeps nothing back
+        """Discard what the port has buffered and not sent."""
+        with suppress(Exception):  # a port that is gone, or one without a buffer
             self._port.reset_output_buffer()
 
 
 def _put(port: Any, data: bytes) -> bytes:
-    """Give a port bytes without waiting where it has a descriptor; what it did not take."""
+    """Write without waiting if the port has a descriptor; returns the bytes not accepted."""
     descriptor = getattr(port, "fd", None)
     if descriptor is None:
         port.write(data)
@@ -95,5 +95,5 @@ def _put(port: Any, data: bytes) -> bytes:
 
 
 def _room(port: Any, deadline_s: float) -> bool:
-    """Wait until the port takes bytes again; False where it did not by the deadline."""
+    """Wait until the port accepts bytes again; False if it did not by the deadline."""
     return bool(select.select([], [port.fd], [], max(deadline_s - time.monotonic(), 0.0))[1])

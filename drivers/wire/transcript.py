@@ -1,4 +1,4 @@
-"""Every byte on a wire with its time: a ring in memory, and a file where one is wanted."""
+"""Every byte on a line with its time: a ring buffer, and optionally a file."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import TextIO
 
 
 @dataclass(frozen=True, slots=True)
-class Passage:
-    """Bytes that passed: when, which way, what.
+class TranscriptEntry:
+    """Bytes on the line with time and direction.
 
-    `>` to the device, `<` from it, `!` a stop past all that waited, `x` a stop that the port did not take.
+    `>` to the device, `<` from it, `!` a stop ahead of the queue, `x` a stop that the port did not accept.
     """
 
     time_s: float
@@ -22,14 +22,14 @@ class Passage:
     data: bytes
 
     def line(self) -> str:
-        """One line for people: seconds, direction, bytes with escapes."""
+        """One readable line: seconds, direction, bytes with escapes."""
         return f"{self.time_s:14.6f} {self.way} {self.data!r}"
 
 
 class Transcript:
-    """The last `length` passages, and all of them in `file` if given.
+    """The last `length` entries, and all of them in `file` if given.
 
-    A file that cannot be written, on a full disk, gets no more: no wire waits for it or fails by it.
+    If the file cannot be written, as on a full disk, it is abandoned: no line waits for it or fails because of it.
     """
 
     def __init__(self, length: int = 1000, file: Path | None = None) -> None:
@@ -45,7 +45,7 @@ class Transcript:
         self._path = path
 
     def record(self, time_s: float, way: str, data: bytes) -> None:
-        """Note bytes that passed; from any thread, and waiting for none: whoever writes already takes it along."""
+        """Record bytes; from any thread, without waiting: a thread that is already writing takes them along."""
         entry = (time_s, way, data)
         self._ring.append(entry)
         if self._path is not None:
@@ -62,17 +62,17 @@ class Transcript:
             while self._waiting and self._path is not None:
                 if self._file is None:
                     self._file = self._path.open("a", encoding="utf-8", buffering=1)  # lines outlive the program
-                self._file.write(Passage(*self._waiting.popleft()).line() + "\n")
+                self._file.write(TranscriptEntry(*self._waiting.popleft()).line() + "\n")
         except OSError:
             self._path = None
             self._waiting.clear()
 
-    def last(self, n: int = 1000) -> list[Passage]:
-        """The newest `n` passages, oldest first."""
-        return [Passage(*entry) for entry in list(self._ring)[-n:]]
+    def last(self, n: int = 1000) -> list[TranscriptEntry]:
+        """The newest `n` entries, oldest first."""
+        return [TranscriptEntry(*entry) for entry in list(self._ring)[-n:]]
 
     def close(self) -> None:
-        """Bring the file up to date and close it until more passes; the ring stays readable."""
+        """Update the file and close it until the next record; the ring stays readable."""
         with self._lock, suppress(OSError):
             self._write()
             if self._file is not None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from drivers.transport import register_scheme
 from simulators.bench.body import BodySettings, CameraBody, Opening
-from simulators.bench.device_faults import Fate, Mishap, random_faults, random_mishaps
+from simulators.bench.device_faults import FaultEvent, FaultPlan, random_fault_events, random_faults
 from simulators.bench.simulated_operator import Hands, Person
 from simulators.bench.view import View
 from simulators.bench.voice_coils import VoiceCoils
@@ -32,7 +32,7 @@ from simulators.devices.serial_device import Cable, SerialDevice, SimClock, plug
 from simulators.devices.shutter import RtsLine, StrigBox
 from simulators.devices.zaber import ZaberChain
 from simulators.world.clock import FastClock, VirtualClock
-from simulators.world.world import Drive, Room, World
+from simulators.world.world import SinusoidalDrive, World, WorldParameters
 
 _numbers = itertools.count(1)
 CABLES = ("stage", "head", "shutter", "rts", "imu", "fast_imu", "rangefinder", "bosch", "light")
@@ -44,17 +44,17 @@ UNIT_PER_STEP = {"pan_deg": 0.000234375, "tilt_deg": 0.000234375, "y_mm": 0.0004
 class Setup:
     """Which bench to simulate.
 
-    `faults` by cable, `mishaps` to devices; `develop` makes the RAW file of an opening, by default a rendering of the
-    chart. `virtual_time` lets time jump while it is waited for; otherwise it runs `speed` times as fast as real time.
+    `faults` by cable, `fault_events` of devices; `develop` makes the RAW file of an opening, by default a rendering of
+    the chart. With `virtual_time` time jumps during waits; otherwise it runs `speed` times as fast as real time.
     `motors_on_box`: the motors of rail and height have current only while the box's enable output is set.
     """
 
     seed: int = 0
-    room: Room = field(default_factory=Room)
+    room: WorldParameters = field(default_factory=WorldParameters)
     body: BodySettings = field(default_factory=BodySettings)
     faults: Mapping[str, Faults] = field(default_factory=dict)
     develop: Develop | None = None
-    mishaps: tuple[Mishap, ...] = ()
+    fault_events: tuple[FaultEvent, ...] = ()
     virtual_time: bool = False
     speed: float = 1.0
     motors_on_box: bool = False
@@ -75,7 +75,7 @@ class SimulatedBench:
         self.subject = "chart"
         self._usual_camera: SimulatedCamera | None = None
         self._lit_by_stage = False
-        self.motions: tuple[tuple[Drive, ...], ...] = ()
+        self.motions: tuple[tuple[SinusoidalDrive, ...], ...] = ()
         self._room = setup.room
         self._motors_on_box = setup.motors_on_box
         develop = setup.develop or self.view.develop
@@ -84,7 +84,7 @@ class SimulatedBench:
         self.devices = self._devices(sensing)
         self.name = f"bench{next(_numbers)}"
         self.cables = {name: Cable(device, self.clock, setup.faults.get(name)) for name, device in self.devices.items()}
-        self._fate = Fate(self.body, self.cables, self.clock, setup.mishaps)
+        self._fault_plan = FaultPlan(self.body, self.cables, self.clock, setup.fault_events)
         self._ports: list[PtyPort | TcpPort] = []
         register_scheme("simulators.devices")
         for name, cable in self.cables.items():
@@ -173,10 +173,10 @@ class SimulatedBench:
             unplug(f"{self.name}/{name}")
             self.clock.detach(cable)
         self.clock.detach(self.body)
-        self.clock.detach(self._fate)
+        self.clock.detach(self._fault_plan)
 
 
-def random_trouble(seed: int) -> tuple[dict[str, Faults], tuple[Mishap, ...]]:
-    """Faults of cables and mishaps of devices for the first minutes of a bench."""
+def random_trouble(seed: int) -> tuple[dict[str, Faults], tuple[FaultEvent, ...]]:
+    """Faults of cables and devices for the first minutes of a bench."""
     cables, devices = np.random.default_rng(seed).spawn(2)
-    return random_faults(cables, CABLES), tuple(random_mishaps(devices))
+    return random_faults(cables, CABLES), tuple(random_fault_events(devices))

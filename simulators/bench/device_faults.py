@@ -17,12 +17,12 @@ from simulators.devices.shutter import StrigBox
 from simulators.devices.zaber import ZaberChain
 
 CABLE_FAULTS = ("lost", "garbage", "duplicate", "delay", "silent", "unplugged", "replugged", "wrong_baud")
-MISHAPS = ("reset", "alarm", "box_reset", "stall", "range_error", "lose_frame", "half_frame")
+FAULT_KINDS = ("reset", "alarm", "box_reset", "stall", "range_error", "lose_frame", "half_frame")
 
 
 @dataclass(frozen=True)
-class Mishap:
-    """Something that happens at a moment."""
+class FaultEvent:
+    """One fault of a device at a time."""
 
     moment_s: float
     kind: str
@@ -62,54 +62,54 @@ def random_faults(rng: np.random.Generator, cables: Sequence[str], chance: float
     }
 
 
-def random_mishaps(rng: np.random.Generator, mean: float = 3.0, within_s: float = 150.0) -> list[Mishap]:
-    """A few things that happen within a span."""
+def random_fault_events(rng: np.random.Generator, mean: float = 3.0, within_s: float = 150.0) -> list[FaultEvent]:
+    """A few random fault events within a span."""
     return [
-        Mishap(float(rng.uniform(0, within_s)), str(rng.choice(MISHAPS)), int(rng.integers(1, 5)))
+        FaultEvent(float(rng.uniform(0, within_s)), str(rng.choice(FAULT_KINDS)), int(rng.integers(1, 5)))
         for _ in range(rng.poisson(mean))
     ]
 
 
-class Fate:
-    """Lets mishaps happen to a bench when their time has come."""
+class FaultPlan:
+    """Applies fault events to a bench at their times."""
 
     def __init__(
-        self, body: CameraBody, cables: Mapping[str, Cable], clock: SimClock, mishaps: Sequence[Mishap]
+        self, body: CameraBody, cables: Mapping[str, Cable], clock: SimClock, fault_events: Sequence[FaultEvent]
     ) -> None:
         self._body, self._cables, self._clock = body, cables, clock
-        self._due = sorted(mishaps, key=lambda one: one.moment_s)
-        for mishap in mishaps:
-            real_s = clock.real_s(mishap.moment_s)
+        self._due = sorted(fault_events, key=lambda one: one.moment_s)
+        for fault_event in fault_events:
+            real_s = clock.real_s(fault_event.moment_s)
             if real_s is not None:
-                timer = threading.Timer(real_s, self._strike, (mishap,))
+                timer = threading.Timer(real_s, self._apply, (fault_event,))
                 timer.daemon = True
                 timer.start()
         clock.attach(self)
 
     def next_event_s(self) -> float | None:
-        """The next mishap."""
+        """Time of the next event."""
         return self._due[0].moment_s if self._due else None
 
     def wake(self) -> None:
-        """Let happen what is due."""
+        """Apply the events that are due."""
         while self._due and self._due[0].moment_s <= self._clock.now_s():
-            self._strike(self._due.pop(0))
+            self._apply(self._due.pop(0))
 
     def settled(self) -> bool:
-        """It does all at once."""
+        """Always."""
         return True
 
     def settle(self, real_s: float) -> None:
-        """Nothing to wait for."""
+        """No-op."""
 
-    def _strike(self, mishap: Mishap) -> None:
+    def _apply(self, fault_event: FaultEvent) -> None:
         body = self._body
         stage, head, box, laser = (self._cables[name].device for name in ("stage", "head", "shutter", "rangefinder"))
         assert isinstance(stage, GrblController)
         assert isinstance(head, ZaberChain)
         assert isinstance(box, StrigBox)
         assert isinstance(laser, JrtModule)
-        number = mishap.number
+        number = fault_event.number
         acts: dict[str, tuple[str, Callable[[float], None]]] = {
             "reset": ("stage", stage.restart),
             "alarm": ("stage", lambda now_s: stage.alarm((1, 3, 10, 17)[number - 1], now_s)),
@@ -118,10 +118,10 @@ class Fate:
             "range_error": ("rangefinder", lambda now_s: setattr(laser, "status", (1, 4, 7, 8)[number - 1])),
         }
         coming = frozenset({len(body.openings) + number})
-        if mishap.kind == "lose_frame":
+        if fault_event.kind == "lose_frame":
             body.settings.lose_frames |= coming
-        elif mishap.kind == "half_frame":
+        elif fault_event.kind == "half_frame":
             body.settings.half_frames |= coming
         else:
-            name, act = acts[mishap.kind]
+            name, act = acts[fault_event.kind]
             self._cables[name].happen(act)

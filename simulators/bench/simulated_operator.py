@@ -17,7 +17,7 @@ from simulators.bench.body import CameraBody
 from simulators.bench.view import Mount, View
 from simulators.camera.subjects import panel
 from simulators.devices.serial_device import SimClock
-from simulators.world.world import Drive, World
+from simulators.world.world import SinusoidalDrive, World
 
 Known = str | float | bool
 HAND = "hand_"
@@ -84,7 +84,7 @@ class Standing(Protocol):
     view: View
     body: CameraBody
     clock: SimClock
-    motions: tuple[tuple[Drive, ...], ...]
+    motions: tuple[tuple[SinusoidalDrive, ...], ...]
 
 
 class Hands:
@@ -198,7 +198,7 @@ class Hands:
         self._stops = 2 * float(np.log2(f_number / F_NUMBERS["first"]))
         self._apply()
 
-    def _shake(self, drives: tuple[Drive, ...]) -> None:
+    def _shake(self, drives: tuple[SinusoidalDrive, ...]) -> None:
         self._at.world.drive(drives, self._at.clock.now_s())
 
     def _before_wall(self) -> Mount:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from simulators.world.world import Round, World
+from simulators.world.world import PathDrive, World
 
 STROKE_MM = 2.0
 """From rest at full deflection, along x and along y."""
@@ -21,7 +21,7 @@ class VoiceCoils:
         """Around these points from now on."""
         ways = zip(*points, strict=True)
         rounds = (
-            Round(axis, now_s, interval_s, tuple(STROKE_MM * (step - REST) / DEEPEST for step in way))
+            PathDrive(axis, now_s, interval_s, tuple(STROKE_MM * (step - REST) / DEEPEST for step in way))
             for axis, way in zip(("x_mm", "y_mm"), ways, strict=True)
         )
         self._world.drive(tuple(rounds), now_s)

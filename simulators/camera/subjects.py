@@ -11,7 +11,7 @@ import numpy.typing as npt
 from simulators.camera.camera import NOMINAL_F_NUMBER, Lens, SimulatedCamera
 from simulators.camera.sensor import Sensor
 from simulators.camera.sheets import Frame, Sheet, leaves, smooth
-from simulators.world.world import Drive
+from simulators.world.world import SinusoidalDrive
 
 WALL_MM = (252.0, 190.0)
 WALL_TEXEL_MM = 0.05
@@ -28,20 +28,23 @@ DIAGONAL_MM = SHAKE_MM / 1.5
 ROLL_DEG, PAN_DEG = 0.5, 0.06
 MOTIONS = (
     (
-        *(Drive("x_mm", SHAKE_MM, SHAKE_HZ), Drive("y_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 0.6)),
-        *(Drive("roll_deg", ROLL_DEG, SHAKE_HZ, 0.4), Drive("pan_deg", PAN_DEG, SHAKE_HZ, 2.0)),
-        Drive("tilt_deg", PAN_DEG, 2 * SHAKE_HZ, 1.0),
+        *(SinusoidalDrive("x_mm", SHAKE_MM, SHAKE_HZ), SinusoidalDrive("y_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 0.6)),
+        *(SinusoidalDrive("roll_deg", ROLL_DEG, SHAKE_HZ, 0.4), SinusoidalDrive("pan_deg", PAN_DEG, SHAKE_HZ, 2.0)),
+        SinusoidalDrive("tilt_deg", PAN_DEG, 2 * SHAKE_HZ, 1.0),
     ),
     (
-        *(Drive("y_mm", SHAKE_MM, SHAKE_HZ), Drive("x_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 1.1)),
-        *(Drive("roll_deg", ROLL_DEG, SHAKE_HZ, 2.4), Drive("pan_deg", PAN_DEG, 2 * SHAKE_HZ, 0.3)),
-        Drive("tilt_deg", PAN_DEG, SHAKE_HZ, 1.7),
+        *(SinusoidalDrive("y_mm", SHAKE_MM, SHAKE_HZ), SinusoidalDrive("x_mm", 0.5 * SHAKE_MM, 2 * SHAKE_HZ, 1.1)),
+        *(SinusoidalDrive("roll_deg", ROLL_DEG, SHAKE_HZ, 2.4), SinusoidalDrive("pan_deg", PAN_DEG, 2 * SHAKE_HZ, 0.3)),
+        SinusoidalDrive("tilt_deg", PAN_DEG, SHAKE_HZ, 1.7),
     ),
     (
-        *(Drive(axis, DIAGONAL_MM, SHAKE_HZ) for axis in ("x_mm", "y_mm")),
-        *(Drive("x_mm", 0.5 * DIAGONAL_MM, 2 * SHAKE_HZ), Drive("y_mm", 0.5 * DIAGONAL_MM, 2 * SHAKE_HZ, np.pi)),
-        *(Drive("roll_deg", ROLL_DEG, SHAKE_HZ, 3.4), Drive("pan_deg", PAN_DEG, SHAKE_HZ, 0.9)),
-        Drive("tilt_deg", PAN_DEG, 2 * SHAKE_HZ, 2.4),
+        *(SinusoidalDrive(axis, DIAGONAL_MM, SHAKE_HZ) for axis in ("x_mm", "y_mm")),
+        *(
+            SinusoidalDrive("x_mm", 0.5 * DIAGONAL_MM, 2 * SHAKE_HZ),
+            SinusoidalDrive("y_mm", 0.5 * DIAGONAL_MM, 2 * SHAKE_HZ, np.pi),
+        ),
+        *(SinusoidalDrive("roll_deg", ROLL_DEG, SHAKE_HZ, 3.4), SinusoidalDrive("pan_deg", PAN_DEG, SHAKE_HZ, 0.9)),
+        SinusoidalDrive("tilt_deg", PAN_DEG, 2 * SHAKE_HZ, 2.4),
     ),
 )
 """Loops along x, along y and across both, while the rig nods and rolls: twice around in the lamp's exposure."""
@@ -59,7 +62,7 @@ class Subject:
     sheets: tuple[Sheet, ...] = ()
     camera: SimulatedCamera | None = None
     f_number: float = NOMINAL_F_NUMBER
-    motions: tuple[tuple[Drive, ...], ...] = ()
+    motions: tuple[tuple[SinusoidalDrive, ...], ...] = ()
     slopes: tuple[float, float] = (0.0, 0.0)
     near_mm: float | None = None
 

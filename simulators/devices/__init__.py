@@ -1,1 +1,1 @@
-"""What is at the ends of the cables: protocol, timing and state of each device, byte by byte."""
+"""Simulated devices: protocol, timing and state of each, byte by byte."""

@@ -1,4 +1,4 @@
-"""What a cable and a bench can do wrong, on request or at random from a seed."""
+"""Faults of a cable, on request or at random from a seed."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 class Faults:
     """Faults of one cable. Probabilities are per byte, except `duplicate`, which is per chunk.
 
-    `silent`: spans of seconds in which nothing passes; `delay_s`: every reply comes so much later;
-    `unplugged_at_s`: the cable comes out, and with `replugged_at_s` goes in again; `wrong_baud`: all is noise.
+    `silent`: spans of seconds in which nothing passes; `delay_s`: delay of every reply;
+    `unplugged_at_s`, `replugged_at_s`: when the cable is disconnected and reconnected; `wrong_baud`: all is noise.
     """
 
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
@@ -29,16 +29,16 @@ class Faults:
     _late: deque[tuple[float, bytes]] = field(default_factory=deque)
 
     def unplugged(self, now_s: float) -> bool:
-        """Whether the cable is out."""
+        """Whether the cable is disconnected."""
         return self.unplugged_at_s <= now_s < self.replugged_at_s
 
     def scramble(self, data: bytes) -> bytes:
-        """What arrives at a wrong baud rate: as many bytes, or a few less, of noise."""
+        """The bytes received at a wrong baud rate: noise of the same length or slightly shorter."""
         keep = self.rng.random(len(data)) < 0.8
         return self.rng.integers(0, 256, int(keep.sum()), dtype=np.uint8).tobytes()
 
     def spoil(self, data: bytes, now_s: float) -> bytes:
-        """What of `data` arrives now, and as what."""
+        """The part of `data` that arrives now, with its errors."""
         if self.wrong_baud:
             return self.scramble(data)
         if any(begin <= now_s < end for begin, end in self.silent):
@@ -58,7 +58,7 @@ class Faults:
         return bytes(kept) * (2 if self.rng.random() < self.duplicate else 1)
 
     def spoil_reply(self, data: bytes, now_s: float) -> bytes:
-        """What of a reply arrives now; with a delay, nothing yet."""
+        """The part of a reply that arrives now; nothing if replies are delayed."""
         spoilt = self.spoil(data, now_s)
         if self.delay_s and spoilt and now_s >= self.begin_s:
             self._late.append((now_s + self.delay_s, spoilt))
@@ -66,14 +66,14 @@ class Faults:
         return spoilt
 
     def late(self, now_s: float) -> bytes:
-        """Delayed bytes whose time has come."""
+        """Delayed bytes that are due."""
         due = b""
         while self._late and self._late[0][0] <= now_s:
             due += self._late.popleft()[1]
         return due
 
     def next_event_s(self, now_s: float) -> float | None:
-        """When a delayed byte arrives or the plug moves."""
+        """When a delayed byte arrives or the plug state changes."""
         moments = [self._late[0][0]] if self._late else []
         moments += [moment for moment in (self.unplugged_at_s, self.replugged_at_s) if now_s < moment < float("inf")]
         return min(moments, default=None)

@@ -1,8 +1,7 @@
 """A GRBL controller at byte level: lines and realtime bytes in, responses and pushed messages out.
 
-Its motors move axes of the world, its relay and spindle output close contacts there. Modelled on GRBL 1.1h, whose
-answers are recorded in tests/conformance/grbl_1.1h.txt; `variant` makes it answer as grblHAL or FluidNC where they
-differ.
+Its motors move axes of the world, its relay and spindle outputs close contacts there. Modelled on GRBL 1.1h, whose
+answers are recorded in tests/conformance/grbl_1.1h.txt; `variant` selects the behaviour of grblHAL or FluidNC.
 """
 
 from __future__ import annotations
@@ -15,12 +14,12 @@ from simulators.devices.grbl_program import BLOCKS, Answer, Program
 from simulators.devices.grbl_reports import Counters, State, status
 from simulators.devices.grbl_settings import BANNERS, locked_at_first
 from simulators.devices.grbl_state import Outputs, Run
-from simulators.devices.serial_device import taken
+from simulators.devices.serial_device import drained
 from simulators.world.motion import Axis
 
 BOOT_S = 0.4
 DEAF_S = 0.5
-"""GRBL's pause after it has said an alarm: what comes meanwhile is lost, resets too."""
+"""GRBL's pause after an alarm message: input is ignored, including resets."""
 
 
 class GrblController:
@@ -59,7 +58,7 @@ class GrblController:
 
     @property
     def variant(self) -> str:
-        """Which firmware it is."""
+        """Name of the firmware."""
         return self.program.variant
 
     @variant.setter
@@ -68,7 +67,7 @@ class GrblController:
 
     @property
     def rx_bytes(self) -> int:
-        """How many bytes wait at most."""
+        """Size of the receive buffer."""
         return self.program.rx_bytes
 
     @rx_bytes.setter
@@ -77,7 +76,7 @@ class GrblController:
 
     @property
     def feed_override(self) -> int:
-        """Percent; for the lines that begin from now on."""
+        """Percent; applies to lines that begin from now on."""
         return self.motion.overrides[0]
 
     @feed_override.setter
@@ -85,7 +84,7 @@ class GrblController:
         self.motion.overrides[0] = percent
 
     def offset(self, *place: float) -> None:
-        """Somebody sets work zero there, in machine space."""
+        """Set the work zero, in machine space."""
         self.program.offsets.systems[54] = place
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
@@ -95,7 +94,7 @@ class GrblController:
         self._dtr = dtr
 
     def restart(self, now_s: float, off_s: float = 0.0) -> None:
-        """Power-up after so long without: silence, then the greeting; position forgotten, locked where homing is on."""
+        """Power-up after `off_s`: silence, then the greeting; position lost, locked if homing is enabled."""
         self.motion.halt(now_s)
         self.motion.forget_place(now_s)
         self.program.homed = False
@@ -114,7 +113,7 @@ class GrblController:
         self._forget_lines()
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Realtime bytes act at once, the rest fills the RX buffer; what does not fit is lost."""
+        """Realtime bytes act at once, the others go to the RX buffer; what does not fit is lost."""
         for byte in data:
             if self._boot_s != NEVER:
                 return
@@ -126,29 +125,29 @@ class GrblController:
         self._main_loop(now_s)
 
     def advance(self, now_s: float) -> bytes:
-        """Everything that has happened by now, in order; what was said."""
+        """Process everything until now, in order; returns the output."""
         while (moment_s := self.next_event_s()) is not None and moment_s <= now_s:
             self._event(moment_s)
-        return taken(self._out)
+        return drained(self._out)
 
     def next_event_s(self) -> float | None:
-        """End of boot, of deafness, of a motion, of a dwell or of homing; a switch that is hit."""
+        """End of boot, of the pause after an alarm, of a motion, dwell or homing; a switch that is hit."""
         motion = self.motion
         moment_s = min(self._boot_s, self._deaf_until_s, motion.end_s, motion.trip_s, self.program.run.busy_until_s)
         return None if moment_s == NEVER else moment_s
 
     @property
     def state(self) -> str:
-        """The state's name as in its reports."""
+        """The state's name in its reports."""
         return self.program.run.state
 
     @property
     def locked(self) -> bool:
-        """Whether it refuses motion: not homed yet, homing, or in alarm."""
+        """Whether it refuses motion: not homed, homing, or in alarm."""
         return self.state in ("Alarm", "Home")
 
     def alarm(self, code: int, now_s: float) -> None:
-        """A limit switch, the emergency button, a driver fault."""
+        """Raise an alarm: a limit switch, the emergency button, a driver fault."""
         self.motion.halt(now_s)
         self.motion.planned = self.motion.machine(now_s)
         self.program.run = Run()
@@ -156,13 +155,13 @@ class GrblController:
         self._raise(code, now_s)
 
     def door(self, is_open: bool, now_s: float) -> None:
-        """Somebody opens or closes the safety door: opening stops, closing alone starts nothing."""
+        """Open or close the safety door: opening stops, closing alone starts nothing."""
         self.door_open = is_open
         if is_open and self.program.run.state != "Door":
             self._realtime(DOOR, now_s)
 
     def press(self, letter: str, closed: bool, now_s: float) -> None:
-        """Somebody closes or opens an axis' limit switch."""
+        """Close or open an axis' limit switch."""
         (self.motion.pressed.add if closed else self.motion.pressed.discard)(letter)
         if int(self.settings[21]) & 1 and self.program.run.state not in ("Alarm", "Home"):
             self.alarm(1, now_s)
@@ -172,13 +171,13 @@ class GrblController:
         self._reader.clear()
         self._line = None
 
-    def _say(self, *lines: str) -> None:
+    def _send(self, *lines: str) -> None:
         for line in lines:
             self._out += line.encode() + b"\r\n"
 
     def _answer(self, answer: Answer) -> None:
         if answer is not None:
-            self._say(*answer)
+            self._send(*answer)
 
     def _event(self, now_s: float) -> None:
         run, motion = self.program.run, self.motion
@@ -186,7 +185,7 @@ class GrblController:
             self._boot_s = NEVER
             self._greet(now_s)
         elif self._deaf_until_s <= now_s:
-            self._hear_again(now_s)
+            self._end_alarm_pause(now_s)
         elif motion.trip_s <= now_s:
             self.alarm(1, now_s)
         elif motion.end_s <= now_s:
@@ -197,27 +196,27 @@ class GrblController:
 
     def _greet(self, now_s: float) -> None:
         self._out += b"\r\n"
-        self._say(BANNERS[self.variant])
+        self._send(BANNERS[self.variant])
         if self.program.run.state == "Alarm":
-            self._say("[MSG:'$H'|'$X' to unlock]")
+            self._send("[MSG:'$H'|'$X' to unlock]")
         else:
-            self._say(*self.program.run_startup(now_s))
+            self._send(*self.program.run_startup(now_s))
 
     def _raise(self, code: int, now_s: float) -> None:
         self.program.run.state = "Alarm"
-        self._say(f"ALARM:{code}")
+        self._send(f"ALARM:{code}")
         self._alarmed = code
         if self.variant == "GRBL":
             self._deaf_until_s = now_s + DEAF_S
         else:
-            self._hear_again(now_s)
+            self._end_alarm_pause(now_s)
 
-    def _hear_again(self, now_s: float) -> None:
-        """The pause after an alarm is over: wait for a reset, or start again after the one that made it."""
+    def _end_alarm_pause(self, now_s: float) -> None:
+        """End of the pause after an alarm: await a reset, or restart after one that caused it."""
         self._deaf_until_s = NEVER
         if self._alarmed in (1, 2):
             self._critical = True
-            self._say("[MSG:Reset to continue]")
+            self._send("[MSG:Reset to continue]")
         elif self._alarmed in (3, 6):
             self._begin_anew("Alarm", now_s)
             self._greet(now_s)
@@ -231,7 +230,7 @@ class GrblController:
         elif self._critical or run.homing:
             return
         elif byte == ord("?"):
-            self._say(self._report(now_s))
+            self._send(self._report(now_s))
         elif byte == ord("~"):
             self._resume(now_s)
         elif byte in OVERRIDES:
@@ -251,11 +250,11 @@ class GrblController:
     def _resume(self, now_s: float) -> None:
         run = self.program.run
         if run.state in ("Hold", "Door") and self._sub == 0:
-            run.state, run.told = "Idle", ""
+            run.state, run.reported_state = "Idle", ""
             if self.variant == "grblHAL":
-                self._say("[MSG:]")
+                self._send("[MSG:]")
             if run.owed:
-                self._say(run.owed)
+                self._send(run.owed)
                 run.owed = ""
             self._drive(now_s)
 
@@ -267,7 +266,7 @@ class GrblController:
         self.motion.planned = self.motion.machine(now_s)
         self.program.switch_off(now_s)
         if run.owed:
-            self._say(run.owed)
+            self._send(run.owed)
         self._begin_anew("Alarm" if locked else "Idle", now_s)
         if homing or moving:
             self._raise(6 if homing else 3, now_s)
@@ -277,18 +276,18 @@ class GrblController:
             self._greet(now_s)
 
     def _pause(self, byte: int, now_s: float) -> None:
-        """Feed hold, door or jog cancel: brake; a jog is forgotten by any of them."""
+        """Feed hold, door or jog cancel: decelerate; each of them discards a jog."""
         run, motion = self.program.run, self.motion
         jogging = run.state == "Jog"
         if byte == DOOR and run.state not in ("Alarm", "Check"):
-            self._say("[MSG:Check Door]")
+            self._send("[MSG:Check Door]")
         if jogging:
             motion.plan.clear()
         elif byte == CANCEL or run.state not in ("Run", "Idle"):
             return
         if not jogging or byte == DOOR:
             run.state, run.braking = ("Door" if byte == DOOR else "Hold"), motion.end_s != NEVER
-            run.told = "Jog" if jogging and self.variant == "grblHAL" else ""  # as its simulator has it
+            run.reported_state = "Jog" if jogging and self.variant == "grblHAL" else ""  # as in its simulator
         motion.brake(now_s, keep=not jogging)
 
     def _motion_ended(self, now_s: float) -> None:
@@ -304,7 +303,7 @@ class GrblController:
             self._drive(now_s)
 
     def _soft_limit(self, now_s: float) -> None:
-        """A target outside was seen: slow down first, then the alarm; the response comes with the reset."""
+        """Decelerate before a target outside, then raise the alarm; the response comes with the reset."""
         if self.motion.end_s != NEVER:
             self.motion.brake(now_s, keep=False)
             self.motion.plan.clear()
@@ -317,14 +316,14 @@ class GrblController:
         self._raise(2, now_s)
 
     def _drive(self, now_s: float) -> None:
-        """Begin the next planned line, where nothing holds it."""
+        """Begin the next planned line, unless something holds it."""
         run = self.program.run
         if run.state in ("Idle", "Run", "Jog") and self.motion.begin_next(now_s):
             assert self.motion.current is not None
             run.state = "Jog" if self.motion.current.jog else "Run"
 
     def _main_loop(self, now_s: float) -> None:
-        """Execute complete lines while nothing blocks."""
+        """Execute complete lines until something blocks."""
         while self._free(now_s):
             if self._line is None and not self._take_line():
                 return
@@ -345,13 +344,13 @@ class GrblController:
             self._drive(now_s)
 
     def _take_line(self) -> bool:
-        """Whether a whole line has come."""
+        """Whether a complete line has been received."""
         while self._rx and self._line is None:
             self._line = self._reader.take(self._rx.pop(0))
         return self._line is not None
 
     def _free(self, now_s: float) -> bool:
-        """Whether nothing holds the main loop: alarm, homing, dwell, a pause, a line that waits for motion."""
+        """Whether nothing blocks the main loop: alarm, homing, dwell, pause, or a line that waits for motion."""
         run = self.program.run
         held = run.state in ("Hold", "Door", "Sleep") or run.homing or run.limit
         if held or self._critical or self._deaf_until_s != NEVER or run.busy_until_s != NEVER:
@@ -366,14 +365,14 @@ class GrblController:
 
     @property
     def _sub(self) -> int:
-        """Hold: 1 while it brakes. Door: 2 while it brakes, 1 while the door is open, 0 when it may go on."""
+        """Hold: 1 while decelerating. Door: 2 while decelerating, 1 while the door is open, 0 when it may resume."""
         run = self.program.run
         if run.state == "Hold":
             return int(run.braking)
         return 2 if run.braking else int(self.door_open)
 
     def _homed(self) -> str | None:
-        """What grblHAL tells once homing, or what is known of it, has changed."""
+        """grblHAL's report of a change in homing, or in the known reference."""
         if not self.program.tells_homed or self.variant != "grblHAL":
             return None
         return "1" if self.program.homed else "0"
@@ -382,7 +381,7 @@ class GrblController:
         run, program, motion = self.program.run, self.program, self.motion
         modes = program.modes
         state = State(
-            run.told or (f"{run.state}:{self._sub}" if run.state in ("Hold", "Door") else run.state),
+            run.reported_state or (f"{run.state}:{self._sub}" if run.state in ("Hold", "Door") else run.state),
             motion.machine(now_s),
             program.work_zero(),
             motion.feed(now_s),

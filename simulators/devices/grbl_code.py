@@ -1,7 +1,7 @@
-"""One line of G-code as GRBL 1.1 reads it: the words, the modes after it, or the number of the error.
+"""One line of G-code as GRBL 1.1 parses it: the words, the resulting modes, or the error number.
 
-Errors come in the firmware's order, which its answers tell: words one by one, then what they mean together. Arcs are
-checked and then driven as their chords; probing is not known here.
+Errors come in the firmware's order: first each word, then their combination. Arcs are
+checked and then driven as their chords; probing is not supported.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ LINEAR = "XYZ"
 
 @dataclass(frozen=True)
 class Modes:
-    """What stays in force from line to line; lengths in mm, as after a reset."""
+    """Modal state; lengths in mm, initialised as after a reset."""
 
     motion: int = 0
     system: int = 54
@@ -58,13 +58,13 @@ class Modes:
 
     @property
     def scale(self) -> float:
-        """Millimetres in a unit."""
+        """Millimetres per unit."""
         return 25.4 if self.units == 20 else 1.0
 
 
 @dataclass(frozen=True)
 class Code:
-    """A line that was understood: modes after it, what it does once, its values in mm, and whether it moves."""
+    """A parsed line: modes after it, its non-modal commands, its values in mm, and whether it moves."""
 
     modes: Modes
     once: float | None = None
@@ -81,14 +81,14 @@ class Code:
 
 @dataclass
 class _Words:
-    """The words of a line while it is read."""
+    """The words of a line during parsing."""
 
     groups: dict[str, float] = field(default_factory=dict)
     values: dict[str, float] = field(default_factory=dict)
     takes_axes: float | None = None
 
     def take(self, letter: str, value: float) -> int:
-        """Note a word; the error it makes, or 0."""
+        """Record a word; returns its error number, or 0."""
         if letter == "G":
             return self._take_g(int(value), round(100 * (value - int(value))))
         if letter == "M":
@@ -145,14 +145,14 @@ def _split(text: str) -> _Words | int:
 
 
 def read(text: str, modes: Modes, *, jog: bool = False) -> Code | int:
-    """The line in these modes, or the error's number. `jog` reads what follows `$J=`: it leaves the modes alone."""
+    """Parse the line in these modes, or return the error number. `jog` parses what follows `$J=`; the modes stay."""
     words = _split(text)
     if isinstance(words, int):
         return words
     groups, values = words.groups, words.values
     names = ("motion", "system", "plane", "units", "distance", "feed_mode", "spindle", "flood")
-    told = {name: int(groups[name]) for name in names if name in groups}
-    after = replace(modes, **told)
+    selected = {name: int(groups[name]) for name in names if name in groups}
+    after = replace(modes, **selected)
     if jog and "motion" not in groups:
         after = replace(after, motion=1, feed_mode=94)
     axes = {letter: values[letter] * after.scale for letter in LINEAR if letter in values}
@@ -247,7 +247,7 @@ def _arc(values: Mapping[str, float], axes: Mapping[str, float], after: Modes) -
 
 
 def _unused(groups: Mapping[str, float], values: Mapping[str, float], driven: Modes | None, *, jog: bool) -> bool:
-    """Whether a value belongs to nothing on the line."""
+    """Whether a value on the line is used by no command."""
     used = set("NF" if jog else "NFST") | set(LINEAR)
     once = groups.get("non_modal")
     used |= set("P") if once == 4 else set("LP") if once == 10 else set()

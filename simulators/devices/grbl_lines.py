@@ -1,4 +1,4 @@
-"""Realtime bytes, and bytes to lines as GRBL's main loop takes them: in capitals, without spaces and comments."""
+"""Realtime bytes, and line assembly as in GRBL's main loop: capitals, without spaces and comments."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ OVERRIDES = {
     0x90: (0, 0), 0x91: (0, 10), 0x92: (0, -10), 0x93: (0, 1), 0x94: (0, -1), 0x95: (1, 100), 0x96: (1, 50),
     0x97: (1, 25), 0x99: (2, 0), 0x9A: (2, 10), 0x9B: (2, -10), 0x9C: (2, 1), 0x9D: (2, -1),
 }  # fmt: skip
-"""Realtime bytes: of feed, rapids and spindle by which it changes, 0 back to 100 %; rapids are set."""
+"""Realtime bytes of the overrides: the change in percent, 0 for back to 100 %; rapids are absolute."""
 
 
 class Overflow:
-    """A line that was longer than the line buffer."""
+    """A line longer than the line buffer."""
 
 
 class LineReader:
-    """One line at a time; `limit` is what fits the firmware's line buffer, `drops` what it leaves out."""
+    """Assembles one line at a time; `limit` is the size of the line buffer, `drops` the characters it skips."""
 
     def __init__(self, limit: int = 79, drops: str = "/") -> None:
         self.limit = limit
@@ -26,11 +26,11 @@ class LineReader:
         self._text, self._until, self._long = "", "", False
 
     def clear(self) -> None:
-        """Forget what was begun."""
+        """Discard the partial line."""
         self._begin()
 
     def take(self, byte: int) -> str | type[Overflow] | None:
-        """The line this byte ends, if it ends one."""
+        """The line completed by this byte, if any."""
         char = chr(byte)
         if char in "\r\n":
             line = Overflow if self._long else self._text

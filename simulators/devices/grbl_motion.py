@@ -1,6 +1,6 @@
-"""The moving half of a GRBL controller: machine space, planned lines, switches, homing.
+"""The motion part of a GRBL controller: machine space, planned lines, switches, homing.
 
-Lines begin and end at rest: there is no look-ahead at corners. An axis' switch sits where its travel ends in the world.
+Lines begin and end at rest: there is no look-ahead at corners. The switch of an axis is at the end of its travel.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Place = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Block:
-    """One planned straight line, in machine space, mm/min; `scaled` by the feed override or by the rapid one."""
+    """One planned straight line, in machine space, mm/min; `scaled` by the feed or the rapid override."""
 
     target: Place
     feed: float
@@ -27,7 +27,7 @@ class Block:
 
 
 class Motion:
-    """Axes by letter, in the firmware's order, moved one planned line after another."""
+    """Axes by letter, in the firmware's order, executing one planned line after another."""
 
     def __init__(self, axes: Mapping[str, Axis], settings: dict[int, float], forced_origin: bool = False) -> None:
         self.axes = dict(axes)
@@ -44,24 +44,24 @@ class Motion:
         self.forget_place(0.0)
 
     def forget_place(self, now_s: float) -> None:
-        """Power-up: here is zero."""
+        """Power-up: the present position becomes zero."""
         self.zero = [axis.position(now_s) for axis in self.axes.values()]
         self.clear()
         self.planned = (0.0,) * len(self.axes)
 
     def clear(self) -> None:
-        """Forget what was planned; what moves is the caller's."""
+        """Discard the plan; the current motion is the caller's responsibility."""
         self.plan.clear()
         self.current, self.end_s, self.trip_s = None, NEVER, NEVER
 
     def machine(self, now_s: float) -> Place:
-        """Where it believes to be."""
+        """The assumed machine position."""
         return tuple(
             axis.position(now_s) - zero + 0.0 for axis, zero in zip(self.axes.values(), self.zero, strict=True)
         )
 
     def feed(self, now_s: float) -> float:
-        """How fast it moves, mm/min."""
+        """The current feed, mm/min."""
         return 60 * math.hypot(*(axis.velocity(now_s) for axis in self.axes.values()))
 
     @property
@@ -70,14 +70,14 @@ class Motion:
         return self.end_s != NEVER or bool(self.plan)
 
     def halt(self, now_s: float) -> None:
-        """Motors without steps: everything stands, dead."""
+        """Stop at once, as without steps."""
         for axis in self.axes.values():
             if axis.moves(now_s):
                 axis.halt(now_s)
         self.clear()
 
     def brake(self, now_s: float, *, keep: bool) -> None:
-        """Slow down; the line being driven goes back to the plan where it is to be kept."""
+        """Decelerate; the interrupted line returns to the plan if it is to be kept."""
         if keep and self.current is not None:
             self.plan.appendleft(self.current)
         self.current, self.trip_s = None, NEVER
@@ -96,18 +96,18 @@ class Motion:
         return (0.0, length) if forced and self._homes_down(at) else (-length, 0.0)
 
     def inside(self, target: Place) -> bool:
-        """Whether a target lies in the machine space."""
+        """Whether a target is in the machine space."""
         spaces = [self._space(at) for at in range(len(target))]
         return all(low - 1e-9 <= value <= high + 1e-9 for value, (low, high) in zip(target, spaces, strict=True))
 
     def add(self, target: Place, feed: float, *, jog: bool = False, rapid: bool = False) -> None:
-        """Plan a line; one that goes nowhere is none."""
+        """Plan a line; one of zero length is ignored."""
         if target != self.planned:
             self.plan.append(Block(target, feed, jog, rapid))
             self.planned = target
 
     def begin_next(self, now_s: float) -> bool:
-        """Drive the next planned line, if there is one and nothing moves."""
+        """Execute the next planned line, if there is one and nothing moves."""
         if self.end_s != NEVER or not self.plan:
             return False
         self.current = block = self.plan.popleft()
@@ -124,15 +124,15 @@ class Motion:
         return True
 
     def _trip_s(self, now_s: float) -> float:
-        """When the first axis closes its switch on this line."""
+        """When the first axis reaches its switch on this line."""
         return min((_crossing_s(axis, now_s, self.end_s) for axis in self.axes.values()), default=NEVER)
 
     def ended(self) -> None:
-        """The line is driven, or braked from."""
+        """The line has ended, at its target or by deceleration."""
         self.end_s, self.trip_s, self.current = NEVER, NEVER, None
 
     def closed(self, now_s: float) -> str:
-        """The letters of the switches that are closed."""
+        """The letters of the closed switches."""
         return "".join(
             letter
             for letter, axis in self.axes.items()
@@ -140,7 +140,7 @@ class Motion:
         )
 
     def home(self, now_s: float) -> float:
-        """Search all switches and come off them; when that is over."""
+        """Search all switches and pull off; returns the end time."""
         end_s = now_s
         for at, axis in enumerate(self.axes.values()):
             down = self._homes_down(at)
@@ -151,7 +151,7 @@ class Motion:
         return end_s
 
     def homed(self, now_s: float) -> None:
-        """Where it stands now is a pull-off from the switches, or the origin where that is forced."""
+        """Set the present position to a pull-off from the switches, or to the origin where that is forced."""
         for at, axis in enumerate(self.axes.values()):
             low, high = self._space(at)
             off = self.settings[27]
@@ -162,7 +162,7 @@ class Motion:
 
 
 def _crossing_s(axis: Axis, begin_s: float, end_s: float) -> float:
-    """When an axis that moves one way reaches an end of its travel; NEVER where it does not, or was there before."""
+    """When an axis moving in one direction reaches an end of its travel; NEVER if it does not, or was already there."""
     inside = [axis.low < axis.position(t) < axis.high for t in (begin_s, end_s)]
     if not inside[0] or inside[1]:
         return NEVER

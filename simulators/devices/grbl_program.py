@@ -1,4 +1,4 @@
-"""What a GRBL controller does with a line: `$` commands and G-code, on its settings, modes, offsets and motion."""
+"""Execution of lines by a GRBL controller: `$` commands and G-code, on its settings, modes, offsets and motion."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from simulators.world.motion import Axis
 BLOCKS = {"GRBL": 15, "FluidNC": 15, "grblHAL": 100}
 HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H{} ~ ! ? ctrl-x]"
 Answer = list[str] | None
-"""Lines to say, the response last; None where the response comes later."""
+"""Lines to send, the response last; None if the response comes later."""
 
 
 class Program:
-    """The state that lines work on; the controller around it has the bytes, the realtime orders and the alarms."""
+    """The state that lines act on; the controller around it handles bytes, realtime commands and alarms."""
 
     def __init__(
         self,
@@ -49,7 +49,7 @@ class Program:
 
     @property
     def letters(self) -> str:
-        """Its axes."""
+        """Letters of its axes."""
         return "".join(self.motion.axes)
 
     @property
@@ -62,7 +62,7 @@ class Program:
         return self.offsets.total(self.modes.system)
 
     def obey(self, line: str, now_s: float) -> Answer:
-        """One line, cleaned."""
+        """Execute one line, already cleaned."""
         if not line:
             return ["ok"]
         if self.variant == "grblHAL":
@@ -77,7 +77,7 @@ class Program:
         return self._gcode(line, now_s)
 
     def _remembering(self, line: str, now_s: float) -> Answer:
-        """grblHAL refuses what follows a line that was wrong, until a `$` command comes."""
+        """grblHAL refuses the lines after a wrong one until a `$` command comes."""
         runs = not line.startswith("$") or line.startswith("$J=")
         if runs and self.last_error:
             return [f"error:{self.last_error}"]
@@ -104,7 +104,7 @@ class Program:
         if line.startswith("$N"):
             return self._startup(line, now_s)
         if line.startswith("$H") and self.variant == "GRBL":
-            self.run.state = "Home"  # it does so before it reads on
+            self.run.state = "Home"  # set before it reads on
         if line[1] in "#HRS":
             return ["error:3"]
         error = grbl_settings.assign(self.settings, line, self.variant)
@@ -167,10 +167,10 @@ class Program:
             self.note = line[3:]
             return ["ok"]
         known = line in ("$I", "$I+")
-        told = known and grbl_settings.identity(
+        lines = known and grbl_settings.identity(
             self.variant, line, self.letters, self.rx_bytes, self.note, self.options
         )
-        return [*told, "ok"] if told else ["error:3"]
+        return [*lines, "ok"] if lines else ["error:3"]
 
     def _restore(self, line: str) -> Answer:
         if line not in ("$RST=$", "$RST=#", "$RST=*"):
@@ -219,7 +219,7 @@ class Program:
         return ["ok"]
 
     def _target(self, code: Code) -> tuple[float, ...]:
-        """Where the axis words lead, in machine space."""
+        """The target of the axis words, in machine space."""
         target, zero = list(self.motion.planned), self.offsets.total(code.modes.system)
         for i, letter in enumerate(self.letters):
             if letter in code.axes:
@@ -239,13 +239,13 @@ class Program:
         return self.finish(code, now_s)
 
     def _must_wait(self, code: Code) -> bool:
-        """Whether the line acts only when nothing moves any more."""
+        """Whether the line executes only when nothing moves."""
         now, after = self.modes, code.modes
         outputs = (now.spindle, now.flood) != (after.spindle, after.flood)
         return outputs or code.once == 4 or code.flow is not None or (after.spindle != 5 and now.speed != after.speed)
 
     def begin_waited(self, now_s: float) -> Answer:
-        """Nothing moves any more: switch, dwell, and go on with the line that waited for it."""
+        """Motion has ended: switch, dwell, and continue with the line that waited for it."""
         code, self.run.waiting = self.run.waiting, None
         assert code is not None
         self._switch(code.modes, now_s)
@@ -264,7 +264,7 @@ class Program:
             self._outputs_changed()
 
     def _outputs_changed(self) -> None:
-        """GRBL tells outputs beside the overrides, in the next report; grblHAL by themselves."""
+        """GRBL reports outputs with the overrides, in the next report; grblHAL separately."""
         if self.variant != "grblHAL":
             self.counters.overrides = 0
 
@@ -273,13 +273,13 @@ class Program:
         self.outputs.spindle(0.0 if modes.spindle == 5 else level, now_s)
 
     def switch_off(self, now_s: float) -> None:
-        """Spindle and relay, as any reset does; the next report tells."""
+        """Switch spindle and relay off, as any reset does; shown in the next report."""
         self._outputs_changed()
         self.outputs.relay(False, now_s)
         self.outputs.spindle(0.0, now_s)
 
     def finish(self, code: Code, now_s: float) -> Answer:
-        """The modes, what a line does once, its motion, and the end of the program."""
+        """Apply the modes, non-modal commands, motion, and the end of the program."""
         target = self._target(code)
         if self.modes.system != code.modes.system or code.length or code.once in (10, 92, 92.1):
             self.counters.offsets = 0
@@ -312,10 +312,10 @@ class Program:
             offsets.systems[system] = self._changed(offsets.systems[system], code, at)
 
     def _changed(self, before: tuple[float, ...], code: Code, at: list[float] | None) -> tuple[float, ...]:
-        """New offsets for the axes that are named: as told, or such that `at` has the told coordinates."""
-        told = {LINEAR.index(letter): value for letter, value in code.axes.items()}
+        """New offsets for the named axes: the given values, or such that `at` has the given coordinates."""
+        given = {LINEAR.index(letter): value for letter, value in code.axes.items()}
         return tuple(
-            told.get(i, old) if at is None or i not in told else at[i] - told[i] for i, old in enumerate(before)
+            given.get(i, old) if at is None or i not in given else at[i] - given[i] for i, old in enumerate(before)
         )
 
     def _ways(self, code: Code, target: tuple[float, ...]) -> list[tuple[tuple[float, ...], bool]]:
@@ -340,7 +340,7 @@ class Program:
         return ["[MSG:Pgm End]", "ok"]
 
     def busy_ended(self, now_s: float) -> Answer:
-        """The homing or the dwell is over."""
+        """End of homing or of a dwell."""
         run = self.run
         run.busy_until_s = NEVER
         if run.dwelling is not None:
@@ -353,11 +353,11 @@ class Program:
         return [*pushed, *self.run_startup(now_s), "ok"]
 
     def run_startup(self, now_s: float) -> list[str]:
-        """The kept lines, run as after a start; each with its response."""
-        said = []
+        """Run the stored startup lines; returns each with its response."""
+        output = []
         for text in filter(None, self.startup):
             answer = self._gcode(text, now_s)
             if self.run.waiting is not None:  # nothing moves at a start
                 answer = self.begin_waited(now_s)
-            said.append(f">{text}:{(answer or ['ok'])[-1]}")
-        return said
+            output.append(f">{text}:{(answer or ['ok'])[-1]}")
+        return output

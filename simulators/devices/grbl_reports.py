@@ -1,4 +1,4 @@
-"""What GRBL tells about itself: the status report with the fields that only some carry, offsets, modes."""
+"""GRBL's reports: the status report with its occasional fields, offsets, modes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from simulators.devices.grbl_code import Modes
 BUSY = ("Run", "Jog", "Hold", "Door", "Home")
 OFFSETS_EVERY = {True: 30, False: 10}
 OVERRIDES_EVERY = {True: 20, False: 10}
-"""Reports until the field comes again, while it moves and while it rests."""
+"""Number of reports between two occurrences of a field, while moving and at rest."""
 
 
 @dataclass
 class Counters:
-    """Which report carries the offsets and the overrides next."""
+    """Counts reports to decide which one carries the offsets and the overrides next."""
 
     offsets: int = 0
     overrides: int = 0
@@ -42,7 +42,7 @@ class Counters:
 
 @dataclass(frozen=True)
 class State:
-    """All that a status report may tell; lengths in mm."""
+    """All values of a status report; lengths in mm."""
 
     name: str
     machine: Sequence[float]
@@ -95,7 +95,7 @@ def _now_and_then(state: State, counters: Counters, offsets: str, *, busy: bool)
 
 
 def _of_grblhal(state: State, counters: Counters, offsets: str, *, busy: bool) -> list[str]:
-    """The same as grblHAL has them: overrides first, outputs also when they change, TLR after a reset."""
+    """These fields in grblHAL: overrides first, outputs also when they change, TLR after a reset."""
     changed, counters.outputs = counters.outputs != state.outputs, state.outputs
     fields = []
     if counters.overrides_due(busy):
@@ -112,8 +112,8 @@ def modes_line(modes: Modes, inches: bool, variant: str) -> str:
     """The answer to `$G`."""
     more = " G40 G49 G98 G50" if variant == "grblHAL" else ""
     feed = f"{modes.feed / 25.4:.1f}" if inches else f"{modes.feed:.0f}"
-    told = (modes.motion, modes.system, modes.plane, modes.units, modes.distance, modes.feed_mode)
-    words = " ".join(f"G{number}" for number in told)
+    active = (modes.motion, modes.system, modes.plane, modes.units, modes.distance, modes.feed_mode)
+    words = " ".join(f"G{number}" for number in active)
     speed = f"{modes.speed:.0f}" + ("." if more else "")
     return f"[GC:{words}{more} M{modes.spindle} M{modes.flood} T{modes.tool} F{feed} S{speed}]"
 
@@ -121,9 +121,9 @@ def modes_line(modes: Modes, inches: bool, variant: str) -> str:
 def offsets_lines(
     systems: Mapping[float, Sequence[float]], shift: Sequence[float], length: float, inches: bool, variant: str
 ) -> list[str]:
-    """The answer to `$#`: coordinate systems, kept places, what G92 and G43.1 have set, the last probing."""
+    """The answer to `$#`: coordinate systems, stored positions, G92 and G43.1 offsets, the last probing."""
     none = [0.0] * len(shift)
-    told = [f"[G{name:g}:{numbers(place, inches)}]" for name, place in systems.items()]
+    lines = [f"[G{name:g}:{numbers(place, inches)}]" for name, place in systems.items()]
     lengths = [0.0, 0.0, length] if variant == "grblHAL" else [length]
     last = [f"[TLO:{numbers(lengths, inches)}]", f"[PRB:{numbers(none, inches)}:0]"]
-    return [*told, f"[G92:{numbers(shift, inches)}]", *last]
+    return [*lines, f"[G92:{numbers(shift, inches)}]", *last]

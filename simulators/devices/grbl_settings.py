@@ -1,4 +1,4 @@
-"""The `$` settings of GRBL 1.1 and of the firmwares that grew from it: which there are, and what may be set."""
+"""The `$` settings of GRBL 1.1 and its derivatives: which exist, and which values are accepted."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ COMMON: dict[int, float] = {
     0: 10, 1: 255, 2: 0, 3: 0, 4: 0, 5: 0, 6: 0, 10: 1, 11: 0.01, 12: 0.002, 13: 0, 20: 1, 21: 0, 22: 1, 23: 0, 24: 300,
     25: 3000, 26: 250, 27: 1, 30: 1000, 31: 0, 32: 0,
 }  # fmt: skip
-"""Of a bench: homing and soft limits on, motors always held."""
+"""Settings of a bench: homing and soft limits on, motors always held."""
 HAL: dict[int, float] = {
     9: 1, 14: 0, 15: 0, 17: 0, 18: 0, 19: 0, 28: 0.1, 29: 0, 33: 5000, 34: 0, 35: 0, 36: 100, 37: 0, 39: 1, 40: 0,
     41: 0, 42: 2, 43: 1, 44: 4, 45: 3, 46: 0, 56: 5, 57: 100, 58: -5, 59: 500, 60: 0, 61: 0, 62: 0, 63: 3, 64: 0,
     65: 0, 341: 0, 342: 30, 343: 25, 344: 200, 345: 200, 346: 1, 384: 0, 392: 4, 393: 1, 394: 0, 398: 100, 481: 0,
     485: 0, 486: 0, 539: 0, 673: 0, 676: 15, 680: 0,
 }  # fmt: skip
-"""What grblHAL has besides."""
+"""Additional settings of grblHAL."""
 FLUID = (10, 20, 21, 22, 23, 30, 32)
-"""What FluidNC shows of GRBL's numbers, besides those of the axes; it keeps all but the first in its configuration."""
+"""GRBL's numbers that FluidNC shows, besides those of the axes; all but the first are stored in its configuration."""
 HAL_ONE_DECIMAL = {0, 24, 25, 29, 33, 34, 35, 36, 56, 57, 58, 59, 342, 343, 344, 345, 392, 393, 394, 539, 673}
 THREE_DECIMALS = {11, 12, 24, 25, 27, 28}
 BANNERS = {
@@ -39,7 +39,7 @@ def default_settings(travels: Sequence[float], variant: str = "GRBL") -> dict[in
 
 
 def locked_at_first(settings: Mapping[int, float], variant: str) -> bool:
-    """Whether it moves nothing after power-up: homing is on; on grblHAL bit 2 of its `$22` is set, too."""
+    """Whether it refuses motion after power-up: homing is on; on grblHAL bit 2 of `$22` must be set, too."""
     wanted = 5 if variant == "grblHAL" else 1
     return int(settings[22]) & wanted == wanted
 
@@ -61,7 +61,7 @@ def _shown(number: int, value: float, variant: str) -> str:
 
 
 def assign(settings: dict[int, float], line: str, variant: str) -> int:
-    """Obey `$n=v`; the error's number, or 0."""
+    """Execute `$n=v`; returns the error number, or 0."""
     number = _NUMBER.match(line, 1)
     if number is None:
         return 3 if variant == "grblHAL" else 2
@@ -93,7 +93,7 @@ def _store(settings: dict[int, float], number: int, value: float, variant: str) 
 
 
 def config_item(settings: Mapping[int, float], letters: str, path: str, forced_origin: bool) -> str | None:
-    """The value of one item of FluidNC's configuration, for this machine; None if there is none."""
+    """The value of one item of FluidNC's configuration, for this machine; None if it does not exist."""
     machine = {"stepping/idle_ms": f"{settings[1]:.0f}", "report_inches": _word(settings[13])}
     if path in machine:
         return machine[path]
@@ -125,7 +125,7 @@ def _word(on: float | bool) -> str:
 
 
 def identity(variant: str, asked: str, letters: str, rx_bytes: int, note: str, options: str) -> list[str]:
-    """The answer to `$I` or `$I+`; nothing where the firmware does not know the question."""
+    """The answer to `$I` or `$I+`; empty if the firmware does not know the query."""
     if variant == "grblHAL":
         return [
             f"[VER:1.1f.20260817:{note}]", f"[OPT:VNML+{options},100,{rx_bytes},{len(letters)},0]",

@@ -1,4 +1,4 @@
-"""What a simulated GRBL controller remembers besides its settings: what is going on, and where it counts from."""
+"""State of a simulated GRBL controller besides its settings: current activity and coordinate offsets."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from simulators.devices.grbl_motion import NEVER
 
 @dataclass(frozen=True)
 class Outputs:
-    """What hangs on the controller's relay and spindle pins."""
+    """Callbacks of the controller's relay and spindle outputs."""
 
     relay: Callable[[bool, float], None] = lambda on, now_s: None
     spindle: Callable[[float, float], None] = lambda level, now_s: None
@@ -19,11 +19,11 @@ class Outputs:
 
 @dataclass
 class Run:
-    """What is going on, and what the main loop waits for.
+    """Current activity, and what blocks the main loop.
 
-    `waiting` is a line that waits until nothing moves; `owed` a response that comes when a pause is over; `limit` tells
-    that a target outside was seen and the machine slows down for its alarm; `told` is what reports call the state, if
-    it is not that.
+    `waiting` is a line that waits until nothing moves; `owed` a response due at the end of a pause; `limit`: the
+    machine decelerates for the alarm of a target outside; `reported_state` replaces the state in reports, if not
+    empty.
     """
 
     state: str = "Alarm"
@@ -34,12 +34,12 @@ class Run:
     busy_until_s: float = NEVER
     owed: str = ""
     limit: bool = False
-    told: str = ""
+    reported_state: str = ""
 
 
 @dataclass
 class Offsets:
-    """Coordinate systems and kept places by their G number; what G92 and G43.1 have set."""
+    """Coordinate systems and stored positions by their G number; offsets of G92 and G43.1."""
 
     axes: int
     names: tuple[float, ...] = (54, 55, 56, 57, 58, 59, 28, 30)
@@ -51,7 +51,7 @@ class Offsets:
         self.clear()
 
     def clear(self) -> None:
-        """All zero."""
+        """Set all to zero."""
         none = (0.0,) * self.axes
         self.systems = dict.fromkeys(self.names, none)
         self.shift, self.length = none, 0.0

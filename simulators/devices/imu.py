@@ -1,7 +1,7 @@
 """IMUs at byte level: a WitMotion module, and a fast accelerometer that speaks the COBS frame.
 
-They sample what the world says an ideal IMU on the camera feels, add noise, and hand samples over in the batches in
-which USB adapters deliver them.
+They sample what the world reports for an ideal IMU on the camera, add noise, and deliver samples in the batches
+of USB adapters.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.devices.serial_device import taken
+from simulators.devices.serial_device import drained
 from simulators.world.world import World
 
 Array = NDArray[np.float64]
 G = 9.80665
 NEVER = float("inf")
 BATCH_S = 0.016
-LONGEST_BACKLOG = 256  # samples nobody has read are overwritten
+LONGEST_BACKLOG = 256  # unread samples are overwritten
 RATES_HZ = {1: 0.2, 2: 0.5, 3: 1.0, 4: 2.0, 5: 5.0, 6: 10.0, 7: 20.0, 8: 50.0, 9: 100.0, 11: 200.0}
 FACTORY = {0x02: 0x001E, 0x03: 0x0006, 0x1F: 0x0004}  # acceleration, gyro, angle, magnetic field at 10 Hz, 20 Hz wide
 UNLOCKED_S = 10.0
 
 
 class Sampler:
-    """Sample times at a rate, handed over in batches."""
+    """Sample times at a rate, delivered in batches."""
 
     def __init__(self) -> None:
         self.rate_hz = 0.0
@@ -41,11 +41,11 @@ class Sampler:
             self._batch_s = NEVER
 
     def due_s(self) -> float | None:
-        """When the next batch is handed over."""
+        """When the next batch is delivered."""
         return None if self._batch_s == NEVER else self._batch_s
 
     def take(self, now_s: float) -> Array:
-        """Times of the samples of the batches due by now."""
+        """Sample times of the batches due by now."""
         if now_s < self._batch_s:
             return np.empty(0)
         count = int((now_s - self._next_s) * self.rate_hz + 1e-6) + 1
@@ -62,7 +62,7 @@ def digits(values: Array, full_scale: float) -> NDArray[np.int16]:
 
 
 class WitModule:
-    """A WitMotion module: registers, and frames `55 TT ... SUM`; `lose` of its samples are never sent."""
+    """A WitMotion module: registers, and frames `55 TT ... SUM`; a fraction `lose` of its samples is never sent."""
 
     baud = 115200
 
@@ -106,10 +106,10 @@ class WitModule:
         times = self._sampler.take(now_s)
         if times.size:
             self._sample(times)
-        return taken(self._out)
+        return drained(self._out)
 
     def _sample(self, times: Array) -> None:
-        force, rate = self._world.feel(times)
+        force, rate = self._world.ideal_imu(times)
         force = force + self._rng.normal(0, self._noise_g * G, force.shape)
         rate = rate + self._rng.normal(0, 0.001, rate.shape)
         sent = self._rng.random(times.size) >= self._lose
@@ -204,10 +204,10 @@ class FastModule:
         times = self._sampler.take(now_s)
         for i in range(0, times.size, 32):
             self._batch(times[i : i + 32])
-        return taken(self._out)
+        return drained(self._out)
 
     def _batch(self, times: Array) -> None:
-        force, rate = self._world.feel(times)
+        force, rate = self._world.ideal_imu(times)
         force = force + self._rng.normal(0, self._noise_g * G, force.shape)
         rows = np.hstack([digits(force, 8 * G), digits(rate, np.radians(500))]).astype("<i2")
         step_ns = round(1e9 / self._sampler.rate_hz * (1 + self._drift))

@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 
-from simulators.devices.serial_device import taken
+from simulators.devices.serial_device import drained
 from simulators.world.world import World
 
 NEVER = float("inf")
@@ -21,7 +21,7 @@ def jrt(head: int, register: int, payload: bytes) -> bytes:
 
 
 class JrtModule:
-    """A JRT/Meskernel module looking at the chart; `status` other than 0 makes every reading fail with it."""
+    """A JRT/Meskernel module aimed at the chart; a `status` other than 0 makes every reading fail with it."""
 
     baud = 19200
 
@@ -46,7 +46,7 @@ class JrtModule:
             self._inbox = self._inbox[length:]
 
     def _command(self, now_s: float) -> int:
-        """Obey what the inbox begins with; the bytes used, 0 while it is incomplete."""
+        """Execute the first command in the inbox; returns the bytes used, 0 while it is incomplete."""
         head = self._inbox[:1]
         if head == b"U":
             self._out += b"\0"
@@ -82,7 +82,7 @@ class JrtModule:
         if self._ready_s <= now_s:
             at_s, self._ready_s, self.laser = self._ready_s, NEVER, False
             self._out += self._reading(at_s)
-        return taken(self._out)
+        return drained(self._out)
 
     def _reading(self, at_s: float) -> bytes:
         if self.status and not (self.status == 8 and self._mode == 1):  # a weak echo is enough for the slow mode
@@ -113,7 +113,7 @@ def bosch(body: bytes) -> bytes:
 
 
 class BoschModule:
-    """A Bosch GLM looking at the chart."""
+    """A Bosch GLM aimed at the chart."""
 
     baud = 115200
 
@@ -156,7 +156,7 @@ class BoschModule:
             measured = self._world.distance_mm(at_s) + HOUSING_MM + self._rng.normal(0, self._noise_mm)
             good = b"\x00\x04" + struct.pack("<I", round(measured / 0.05))
             self._out += bosch(bytes((self.status, 0)) if self.status else good)
-        return taken(self._out)
+        return drained(self._out)
 
     def next_event_s(self) -> float | None:
         """The end of a measurement."""
@@ -196,17 +196,17 @@ class DmxWidget:
             if self._channel <= len(self.slots):
                 self._world.set_lamp(self.slots[self._channel - 1] / 255, now_s)
         elif label == 3:
-            self._say(3, bytes((4, 1, 9, 1, 40)))
+            self._send(3, bytes((4, 1, 9, 1, 40)))
         elif label == 10:
-            self._say(10, bytes.fromhex("78563412"))
+            self._send(10, bytes.fromhex("78563412"))
 
-    def _say(self, label: int, data: bytes) -> None:
+    def _send(self, label: int, data: bytes) -> None:
         self._out += b"\x7e" + struct.pack("<BH", label, len(data)) + data + b"\xe7"
 
     def advance(self, now_s: float) -> bytes:
-        """What it answered."""
-        return taken(self._out)
+        """Its answers."""
+        return drained(self._out)
 
     def next_event_s(self) -> float | None:
-        """It never speaks by itself."""
+        """It sends nothing by itself."""
         return None

@@ -1,4 +1,4 @@
-"""Simulated cables on pseudo-terminals and TCP, for other programs. In real time only."""
+"""Simulated cables on pseudo-terminals and TCP, for other programs, in real time only."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ HANGUP_S = 0.1
 
 
 class PtyPort:
-    """A cable on a pseudo-terminal: `address` is what other programs open. There are no modem lines on one.
+    """A cable on a pseudo-terminal without modem lines; `address` is what other programs open.
 
-    The cable is opened when a program opens the terminal, and let go when it closes it: the master tells by a hangup.
+    The cable is opened when a program opens the terminal, and closed with it, which the master sees as a hangup.
     """
 
     def __init__(self, cable: Cable) -> None:
-        import tty  # there is none on Windows
+        import tty  # not available on Windows
 
         self._cable = cable
         self._master, slave = os.openpty()
@@ -40,7 +40,7 @@ class PtyPort:
         poll.register(self._master, select.POLLIN)
         while not self._closing:
             happened = sum(event for _, event in poll.poll(1000 * POLL_S))
-            if happened & select.POLLIN and self._in_use.is_set():  # also what was written before it was closed
+            if happened & select.POLLIN and self._in_use.is_set():  # including what was written before closing
                 self._read()
             elif happened & select.POLLHUP:
                 self._let_go()
@@ -50,14 +50,14 @@ class PtyPort:
         self._let_go()
 
     def _read(self) -> None:
-        """Take what the host has written to the device."""
+        """Pass what the host has written to the device."""
         with contextlib.suppress(OSError):
             self._cable.write(os.read(self._master, 4096))
 
     def _take(self) -> None:
         try:
             self._cable.open(self, self._cable.device.baud)
-        except OSError:  # somebody else has it
+        except OSError:  # another program holds it
             time.sleep(HANGUP_S)
             return
         self._cable.set_lines(False, True)
@@ -72,12 +72,12 @@ class PtyPort:
     def _to_host(self) -> None:
         while not self._closing:
             if self._in_use.wait(POLL_S):
-                # where nobody reads, what does not fit is lost, as on a wire
+                # without a reader, what does not fit is lost, as on a line
                 with contextlib.suppress(OSError):
                     os.write(self._master, self._cable.read(self, 4096, POLL_S))
 
     def end(self) -> None:
-        """Let the threads end."""
+        """End the threads."""
         self._closing = True
         self._cable.cancel_read()
 
@@ -136,7 +136,7 @@ class TcpPort:
             sender.join(timeout=2.0)
 
     def end(self) -> None:
-        """Let the threads end."""
+        """End the threads."""
         self._closing = True
         self._cable.cancel_read()
 

@@ -1,4 +1,4 @@
-"""pyserial's handler of `sim://BENCH/DEVICE`: the port's side of a simulated cable."""
+"""pyserial's handler of `sim://BENCH/DEVICE`: the host side of a simulated cable."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from simulators.devices.serial_device import Cable, cable_at
 
 
 class Serial(PortBase):  # type: ignore[misc] # pyserial has no types
-    """A port whose other end is a device of this process."""
+    """A port connected to a simulated device of this process."""
 
     _cable: Cable | None = None
 
@@ -24,7 +24,7 @@ class Serial(PortBase):  # type: ignore[misc] # pyserial has no types
         self._cable.set_lines(self._rts_state, self._dtr_state)
 
     def close(self) -> None:
-        """Let go of the cable."""
+        """Release the cable."""
         if self._cable is not None and self.is_open:
             self._cable.close(self)
             self._cable.set_lines(False, False)
@@ -41,7 +41,7 @@ class Serial(PortBase):  # type: ignore[misc] # pyserial has no types
         return self._there().waiting()
 
     def read(self, size: int = 1) -> bytes:
-        """Up to `size` bytes, waiting for the first for `timeout` seconds."""
+        """Up to `size` bytes; waits up to `timeout` seconds for the first."""
         try:
             return self._there().read(self, size, self.timeout)
         except OSError as error:
@@ -60,14 +60,14 @@ class Serial(PortBase):  # type: ignore[misc] # pyserial has no types
         self._there().cancel_read()
 
     def flush(self) -> None:
-        """Nothing is kept back."""
+        """Nothing is buffered."""
 
     def reset_input_buffer(self) -> None:
-        """Drop what can be read."""
+        """Discard received bytes."""
         self._there().read(self, self._there().waiting(), 0.0)
 
     def reset_output_buffer(self) -> None:
-        """Nothing is kept back."""
+        """Nothing is buffered."""
 
     def _reconfigure_port(self, *_: Any) -> None:
         """Settings are read when the port is opened."""

@@ -1,7 +1,7 @@
-"""A cable with a byte-level device at its end, behind `sim://BENCH/DEVICE` and whatever else wants to read it.
+"""A cable with a byte-level device at its end, reachable as `sim://BENCH/DEVICE` or through other adapters.
 
-A device is told bytes and the time, and asked what it has said by now; it has no thread. The cable delivers, and
-spoils on request what it delivers.
+A device receives bytes with their time, and returns its output up to a time; it has no thread. The cable delivers
+the bytes, with faults on request.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ SimClock = FastClock | VirtualClock
 
 
 class SerialDevice(Protocol):
-    """What is at the end of the cable."""
+    """A device at the end of a cable."""
 
     baud: int
 
@@ -26,23 +26,23 @@ class SerialDevice(Protocol):
         ...
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """Modem lines, set by the host; opening the port raises both."""
+        """Modem lines set by the host; opening the port raises both."""
         ...
 
     def advance(self, now_s: float) -> bytes:
-        """Live until now; what was said meanwhile."""
+        """Advance to now; returns the output since the last call."""
         ...
 
     def next_event_s(self) -> float | None:
-        """When it next says or does something by itself."""
+        """When it next sends or does something by itself."""
         ...
 
 
-def taken(out: bytearray) -> bytes:
-    """What has been said, which is said once."""
-    said = bytes(out)
+def drained(out: bytearray) -> bytes:
+    """Return and clear the output buffer."""
+    output = bytes(out)
     out.clear()
-    return said
+    return output
 
 
 class PortInUse(OSError):
@@ -50,7 +50,7 @@ class PortInUse(OSError):
 
 
 class Unplugged(OSError):
-    """The cable is out."""
+    """The cable is disconnected."""
 
 
 class Cable:
@@ -80,14 +80,14 @@ class Cable:
             self._inbox.clear()
 
     def close(self, owner: object) -> None:
-        """Let go; unread bytes are lost."""
+        """Release the line; unread bytes are lost."""
         with self._news:
             if self._owner is owner:
                 self._owner, self._reading = None, False
             self._news.notify_all()
 
     def set_lines(self, rts: bool, dtr: bool) -> None:
-        """Modem lines, from the host."""
+        """Modem lines set by the host."""
         with self._news:
             self._pump()
             self.device.set_lines(rts, dtr, self.clock.now_s())
@@ -99,13 +99,13 @@ class Cable:
             self._pump()
             now_s = self.clock.now_s()
             self._check_plug(now_s)
-            heard = self.faults.spoil(data, now_s) if self._baud_ok else self.faults.scramble(data)
-            if heard:
-                self.device.receive(heard, now_s)
+            received = self.faults.spoil(data, now_s) if self._baud_ok else self.faults.scramble(data)
+            if received:
+                self.device.receive(received, now_s)
                 self._pump()
 
     def happen(self, act: Callable[[float], None]) -> None:
-        """Let something happen to the device now."""
+        """Apply an external event to the device now."""
         with self._news:
             self._pump()
             act(self.clock.now_s())
@@ -117,7 +117,7 @@ class Cable:
             return len(self._inbox)
 
     def read(self, owner: object, size: int, real_s: float | None) -> bytes:
-        """Up to `size` bytes; waits for the first of them, at most `real_s` of real time. Raises Unplugged."""
+        """Up to `size` bytes; waits at most `real_s` of real time for the first. Raises Unplugged."""
         with self._news:
             self._pump()
             if not self._inbox and self._owner is owner:
@@ -127,9 +127,9 @@ class Cable:
                 self._reading = False
                 self._pump()
             self._check_plug(self.clock.now_s())
-            taken = bytes(self._inbox[:size])
+            drained = bytes(self._inbox[:size])
             del self._inbox[:size]
-            return taken
+            return drained
 
     def _patience(self, real_s: float | None) -> float | None:
         moment_s = self.next_event_s()
@@ -146,38 +146,38 @@ class Cable:
             raise Unplugged("device reports readiness to read but returned no data (device disconnected?)")
 
     def _pump(self) -> None:
-        """Take from the device what it has said by now."""
+        """Collect the device's output up to now."""
         now_s = self.clock.now_s()
-        said = self.device.advance(now_s)
-        if said:
-            said = self.faults.spoil_reply(said, now_s) if self._baud_ok else self.faults.scramble(said)
-        said += self.faults.late(now_s)
-        if said and self._owner is not None and not self.faults.unplugged(now_s):
-            self._inbox += said
+        output = self.device.advance(now_s)
+        if output:
+            output = self.faults.spoil_reply(output, now_s) if self._baud_ok else self.faults.scramble(output)
+        output += self.faults.late(now_s)
+        if output and self._owner is not None and not self.faults.unplugged(now_s):
+            self._inbox += output
             self._reading = False
             self._news.notify_all()
 
     def next_event_s(self) -> float | None:
-        """When the device, or a delayed byte, comes next; a device nobody listens to lives on when it is asked."""
+        """When the device or a delayed byte acts next; None while the port is closed."""
         if self._owner is None:
             return None
         moments = (self.device.next_event_s(), self.faults.next_event_s(self.clock.now_s()))
         return min((moment for moment in moments if moment is not None), default=None)
 
     def wake(self) -> None:
-        """Be up to date with the clock."""
+        """Advance to the clock's time."""
         with self._news:
             self._pump()
             if self.faults.unplugged(self.clock.now_s()):
                 self._news.notify_all()
 
     def settled(self) -> bool:
-        """Whether nobody has bytes left to read."""
+        """Whether no reader has unread bytes."""
         with self._news:
             return self._settled()
 
     def _settled(self) -> bool:
-        there = not self.faults.unplugged(self.clock.now_s())  # a reader that lost its line closes the port
+        there = not self.faults.unplugged(self.clock.now_s())  # a reader whose line is lost closes the port
         return self._owner is None or (self._reading and not self._inbox and there)
 
     def settle(self, real_s: float) -> None:
@@ -190,17 +190,17 @@ _cables: dict[str, Cable] = {}
 
 
 def plug(address: str, cable: Cable) -> None:
-    """Make the cable reachable as `sim://address` in this process."""
+    """Register the cable as `sim://address` in this process."""
     _cables[address] = cable
 
 
 def unplug(address: str) -> None:
-    """Take the address away."""
+    """Remove the address."""
     _cables.pop(address, None)
 
 
 def cable_at(address: str) -> Cable:
-    """The cable of that address. Raises OSError if there is none."""
+    """The cable of this address. Raises OSError if there is none."""
     if address not in _cables:
         raise OSError(f"no simulated device at sim://{address}; open its bench first")
     return _cables[address]

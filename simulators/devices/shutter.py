@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from simulators.devices.serial_device import taken
+from simulators.devices.serial_device import drained
 
 NEVER = float("inf")
 LONGEST_MS = 3_600_000
@@ -22,40 +22,40 @@ MOST, FULL = 128, 4095
 
 
 class Contacts(Protocol):
-    """What is wired to a shutter box."""
+    """The camera's contacts wired to a shutter box."""
 
     def close(self, now_s: float) -> None:
-        """The release contact closes."""
+        """Close the release contact."""
         ...
 
     def release(self, now_s: float) -> None:
-        """It opens."""
+        """Open it."""
         ...
 
     def flash_s(self) -> float | None:
-        """When the hot shoe next fires; taken once."""
+        """When the hot shoe next fires; returned once."""
         ...
 
 
 class Actuators(Protocol):
-    """What is wired to a box's two channels, which rest at 2048."""
+    """The actuators wired to a box's two channels, which rest at 2048."""
 
     def play(self, points: Sequence[tuple[int, int]], interval_s: float, now_s: float) -> None:
-        """Go around these points from now on."""
+        """Play these points repeatedly from now on."""
         ...
 
     def rest(self, now_s: float) -> None:
-        """Go back to rest."""
+        """Return to rest."""
         ...
 
 
 Enable = Callable[[bool, float], None]
-"""What is wired to a box's motor enable output: on or off, and when."""
+"""Callback of a box's motor enable output: on or off, and when."""
 
 
 @dataclass
-class Hold:
-    """The motor enable output: the command that set it last, when the next heartbeat is due, when it was released."""
+class MotorEnable:
+    """The motor enable output: its last command, when the next heartbeat is due, when it was released."""
 
     seq: int = 0
     due_s: float = NEVER
@@ -64,7 +64,7 @@ class Hold:
 
 @dataclass
 class PendingShot:
-    """One accepted shot: its number and when its contacts move."""
+    """One accepted shot: its number and the times of its contacts."""
 
     seq: int
     close_at_s: float
@@ -73,8 +73,8 @@ class PendingShot:
 
 
 @dataclass
-class Shaking:
-    """A path as it is told, and while it is played: number of the command, when it began, when it ends."""
+class PathPlayback:
+    """A path as received, and while it is played: number of the command, begin, end."""
 
     points: list[tuple[int, int]]
     number: int
@@ -85,14 +85,14 @@ class Shaking:
 
     @property
     def runs(self) -> bool:
-        """Whether it is played."""
+        """Whether it is being played."""
         return self.began_s != NEVER
 
 
 class StrigBox:
-    """A box that speaks STRIG/3, see drivers/firmware/STRIG.md; its clock runs `drift` fast.
+    """A box with STRIG/3, see drivers/firmware/STRIG.md; its clock is fast by `drift`.
 
-    Nothing is on its motor enable output without `enable`.
+    Without `enable` nothing is connected to its motor enable output.
     """
 
     baud = 115200
@@ -109,8 +109,8 @@ class StrigBox:
     ) -> None:
         self.contacts, self.actuators, self.enable = contacts, actuators, enable
         self._hello = f"STRIG/3 simulated 3.0 {serial}"
-        self._hold = Hold()
-        self._path = Shaking([], 0, 0)
+        self._hold = MotorEnable()
+        self._path = PathPlayback([], 0, 0)
         self._drift, self._boot = drift, boot_s
         self._booted_s = 0.0
         self._boot_end_s = NEVER
@@ -118,7 +118,7 @@ class StrigBox:
         self._out = bytearray()
         self._shot: PendingShot | None = None
         self._seq = 0
-        self._heard_s = 0.0
+        self._received_s = 0.0
         self._flash_at_s = NEVER
         self._dtr = False
 
@@ -132,20 +132,20 @@ class StrigBox:
         """Power-up: contacts open, motors off, clock and count at zero."""
         self._open(now_s)
         self.enable(False, now_s)
-        self._hold = Hold()
+        self._hold = MotorEnable()
         self._shot, self._seq = None, 0
         if self._path.runs and self.actuators is not None:
             self.actuators.rest(now_s)
-        self._path = Shaking([], 0, 0)
+        self._path = PathPlayback([], 0, 0)
         self._line.clear()
         self._out.clear()
         self._booted_s, self._boot_end_s = now_s, now_s + self._boot
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Lines; any byte feeds the watchdog."""
+        """Receive lines; any byte feeds the watchdog."""
         if self._boot_end_s != NEVER:
             return
-        self._heard_s = now_s
+        self._received_s = now_s
         for byte in data:
             if byte == 10:
                 line, self._line = bytes(self._line), bytearray()
@@ -155,19 +155,19 @@ class StrigBox:
                 self._line.append(byte)
 
     def advance(self, now_s: float) -> bytes:
-        """Contacts and events, in order."""
+        """Process contacts and events, in order."""
         while (moment_s := self.next_event_s()) is not None and moment_s <= now_s:
             self._event(moment_s)
-        return taken(self._out)
+        return drained(self._out)
 
     def next_event_s(self) -> float | None:
         """The earliest of boot, contacts, watchdogs and flash."""
         moments = [self._boot_end_s, self._flash_at_s, self._hold.due_s]
         if self._path.runs:
-            moments.append(min(self._path.rest_at_s, self._heard_s + WATCHDOG_S))
+            moments.append(min(self._path.rest_at_s, self._received_s + WATCHDOG_S))
         if self._shot is not None:
             shot = self._shot
-            moments.append(min(shot.release_at_s, self._heard_s + WATCHDOG_S) if shot.closed else shot.close_at_s)
+            moments.append(min(shot.release_at_s, self._received_s + WATCHDOG_S) if shot.closed else shot.close_at_s)
         return None if min(moments) == NEVER else min(moments)
 
     def _event(self, now_s: float) -> None:
@@ -176,23 +176,23 @@ class StrigBox:
             self._report_release()
         if self._boot_end_s <= now_s:
             self._boot_end_s = NEVER
-            self._say(self._hello)
+            self._send(self._hello)
         if self._flash_at_s <= now_s:
-            self._say(f"EVT FLASH {self._t_us(self._flash_at_s)}")
+            self._send(f"EVT FLASH {self._t_us(self._flash_at_s)}")
             self._flash_at_s = NEVER
         if self._shot is not None:
             self._live(self._shot, now_s)
-        if self._path.runs and min(self._path.rest_at_s, self._heard_s + WATCHDOG_S) <= now_s:
+        if self._path.runs and min(self._path.rest_at_s, self._received_s + WATCHDOG_S) <= now_s:
             self._rest(now_s)
 
     def _release(self, now_s: float) -> None:
-        """Without heartbeat, or where it is told to, the motors have no current."""
+        """Remove the motors' current: no heartbeat came, or the host ordered it."""
         self.enable(False, now_s)
         self._hold.due_s, self._hold.released_s = NEVER, now_s
 
     def _report_release(self) -> None:
         released_s = self._hold.released_s
-        self._say(f"EVT RELEASE {self._hold.seq} {0 if released_s is None else self._t_us(released_s)}")
+        self._send(f"EVT RELEASE {self._hold.seq} {0 if released_s is None else self._t_us(released_s)}")
 
     def _feel_beat(self, next_ms: int, now_s: float) -> None:
         if self._hold.due_s == NEVER:
@@ -209,34 +209,34 @@ class StrigBox:
             self._release(now_s)
 
     def _rest(self, now_s: float) -> None:
-        """The shaker rests."""
+        """Bring the shaker to rest."""
         if self._path.runs and self.actuators is not None:
             self.actuators.rest(now_s)
-            self._say(f"EVT REST {self._path.seq} {self._t_us(now_s)}")
+            self._send(f"EVT REST {self._path.seq} {self._t_us(now_s)}")
             self._path.began_s = self._path.rest_at_s = NEVER
 
     def _live(self, shot: PendingShot, now_s: float) -> None:
         if not shot.closed and shot.close_at_s <= now_s:
             shot.closed = True
             self.contacts.close(now_s)
-            self._say(f"EVT SHUTTER {shot.seq} {self._t_us(now_s)}")
+            self._send(f"EVT SHUTTER {shot.seq} {self._t_us(now_s)}")
             self._flash_at_s = self.contacts.flash_s() or NEVER
         elif shot.closed and shot.release_at_s <= now_s:
             self._end("DONE", now_s)
-        elif shot.closed and self._heard_s + WATCHDOG_S <= now_s:
+        elif shot.closed and self._received_s + WATCHDOG_S <= now_s:
             self._end("WATCHDOG", now_s)
 
     def _end(self, kind: str, now_s: float) -> None:
         if self._shot is not None:
             self._open(now_s)
-            self._say(f"EVT {kind} {self._shot.seq} {self._t_us(now_s)}")
+            self._send(f"EVT {kind} {self._shot.seq} {self._t_us(now_s)}")
             self._shot = None
 
     def _open(self, now_s: float) -> None:
         if self._shot is not None and self._shot.closed:
             self.contacts.release(now_s)
 
-    def _say(self, line: str) -> None:
+    def _send(self, line: str) -> None:
         self._out += line.encode() + b"\n"
 
     def _t_us(self, now_s: float) -> int:
@@ -244,31 +244,31 @@ class StrigBox:
 
     def _obey(self, line: bytes, now_s: float) -> None:
         if len(line) > LONGEST_LINE:
-            self._say("ERR 2 bad argument")
+            self._send("ERR 2 bad argument")
             return
         command, *words = line.decode("ascii", "replace").split(" ")
         if line == b"ID?":
-            self._say(self._hello)
+            self._send(self._hello)
         elif line == b"SYNC?":
-            self._say(f"SYNC {self._t_us(now_s)}")
+            self._send(f"SYNC {self._t_us(now_s)}")
         elif line == b"ABORT":
             self._accept()
             self._end("ABORT", now_s)
             self._rest(now_s)
         elif command not in ("FOCUS", "SHOT", "BULB", *MOTORS, *SHAKES):
-            self._say("ERR 1 unknown command")
+            self._send("ERR 1 unknown command")
         elif command in SHAKES and self.actuators is None:
-            self._say("ERR 4 no shaker")
+            self._send("ERR 4 no shaker")
         elif command not in MOTORS and (
             self._shot is not None or (self._path.runs and command in SHAKES and line != b"SHAKE 0")
         ):
-            self._say("ERR 3 busy")
+            self._send("ERR 3 busy")
         else:
             self._act(command, [int(w) if w.isascii() and w.isdigit() and len(w) < 8 else -1 for w in words], now_s)
 
     def _accept(self) -> int:
         self._seq += 1
-        self._say(f"OK {self._seq}")
+        self._send(f"OK {self._seq}")
         return self._seq
 
     def _act(self, command: str, numbers: list[int], now_s: float) -> None:
@@ -290,17 +290,17 @@ class StrigBox:
                 self._shot = PendingShot(self._accept(), now_s, now_s + pulse / 1000)
             case "PATH", [number, interval_us] if good and 2 <= number <= MOST and 1000 <= interval_us <= 1_000_000:
                 self._accept()
-                self._path = Shaking([], number, interval_us)
+                self._path = PathPlayback([], number, interval_us)
             case "POINT", [i, x, y] if good and i <= len(self._path.points) and i < self._path.number and x <= FULL:
                 self._take_point(i, x, y)
             case "SHAKE", [0 | 1 as on] if good:
                 self._shake(bool(on), now_s)
             case _:
-                self._say("ERR 2 bad argument")
+                self._send("ERR 2 bad argument")
 
     def _take_point(self, i: int, x: int, y: int) -> None:
         if y > FULL:
-            self._say("ERR 2 bad argument")
+            self._send("ERR 2 bad argument")
             return
         self._accept()
         self._path.points[i : i + 1] = [(x, y)]
@@ -308,22 +308,22 @@ class StrigBox:
     def _shake(self, on: bool, now_s: float) -> None:
         path = self._path
         if on and (self.actuators is None or not path.points or len(path.points) < path.number):
-            self._say("ERR 2 bad argument")
+            self._send("ERR 2 bad argument")
             return
         seq = self._accept()
         if not on:
-            if path.runs:  # at the end of the round that it is in, by the box's clock
+            if path.runs:  # at the end of the current round, by the box's clock
                 round_s = path.number * path.interval_us * 1e-6 / (1 + self._drift)
                 path.rest_at_s = path.began_s + round_s * max(math.ceil((now_s - path.began_s) / round_s), 1)
             return
         assert self.actuators is not None
         path.seq, path.began_s, path.rest_at_s = seq, now_s, NEVER
         self.actuators.play(path.points, path.interval_us * 1e-6 / (1 + self._drift), now_s)
-        self._say(f"EVT SHAKE {seq} {self._t_us(now_s)}")
+        self._send(f"EVT SHAKE {seq} {self._t_us(now_s)}")
 
 
 class RtsLine:
-    """An adapter whose RTS line closes the contact; it says nothing."""
+    """An adapter whose RTS line closes the contact; it sends nothing."""
 
     baud = 0
 
@@ -332,7 +332,7 @@ class RtsLine:
         self._closed = False
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """RTS is the contact."""
+        """RTS controls the contact."""
         if rts and not self._closed:
             self.contacts.close(now_s)
         elif self._closed and not rts:
@@ -340,12 +340,12 @@ class RtsLine:
         self._closed = rts
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Nobody listens."""
+        """Ignored."""
 
     def advance(self, now_s: float) -> bytes:
-        """Nothing is said."""
+        """Nothing."""
         return b""
 
     def next_event_s(self) -> float | None:
-        """Nothing happens by itself."""
+        """Never."""
         return None

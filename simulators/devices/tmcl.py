@@ -1,8 +1,8 @@
 """A TMCL module at byte level; each of its motors moves one axis of the world.
 
-As modules with a TMC429 are (TMCM-3110): speeds in units of dividers, a reference search that runs by itself and that
-a stop of the motor does not end. It reads nine bytes at a time whatever they are, for ever: nothing but a byte more or
-less brings it into step again. Switched on, it takes where it stands for 0.
+Like modules with a TMC429 (TMCM-3110): speeds in units of dividers, a reference search that runs by itself and that
+a stop of the motor does not end. It always reads nine bytes at a time: only an additional or missing byte
+changes its framing. After power-up its position is 0.
 Source: TMCM-3110 TMCL firmware manual.
 """
 
@@ -12,7 +12,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from simulators.devices.serial_device import taken
+from simulators.devices.serial_device import drained
 from simulators.world.motion import Axis, brake_line, travel_line
 
 NEVER = float("inf")
@@ -24,13 +24,13 @@ CLOCK_HZ = 16e6
 SETTINGS = {
     4: 1500, 5: 900, 6: 128, 7: 16, 12: 0, 13: 0, 140: 8, 153: 5, 154: 3, 193: 1, 194: 0, 195: 0,
 }  # fmt: skip
-"""Top speed and acceleration, currents, switches, microsteps, dividers, the reference search, by number."""
+"""Parameters by number: top speed and acceleration, currents, switches, microsteps, dividers, reference search."""
 VARIABLES = 56
 
 
 @dataclass
 class Motor:
-    """One motor: the axis of the world, units per microstep, its settings, and where its 0 is in the world."""
+    """One motor: the axis of the world, units per microstep, its settings, and the position of its 0 in the world."""
 
     axis: Axis
     unit_per_step: float
@@ -41,7 +41,7 @@ class Motor:
     busy_until_s: float = NEVER
 
     def steps(self, now_s: float) -> int:
-        """Where it believes itself to be."""
+        """Its assumed position."""
         return round((self.axis.position(now_s) - self.zero) / self.unit_per_step)
 
     def speed(self) -> float:
@@ -49,30 +49,30 @@ class Motor:
         return self.settings[4] * self._speed_unit()
 
     def acceleration(self) -> float:
-        """In the axis' unit per second squared."""
+        """Its acceleration, in the axis' unit per second squared."""
         if 153 not in self.settings:
             return self.settings[5] * self.unit_per_step
         dividers = self.settings[153] + self.settings[154]
         return self.settings[5] * CLOCK_HZ**2 / 2.0 ** (dividers + 29) * self.unit_per_step
 
     def _speed_unit(self) -> float:
-        if 154 not in self.settings:  # newer modules count microsteps
+        if 154 not in self.settings:  # newer modules use microsteps
             return self.unit_per_step
         return CLOCK_HZ / 2.0 ** (self.settings[154] + 16) * self.unit_per_step
 
     def go(self, place: float, now_s: float) -> None:
-        """Drive to a place in the world; a switch at the end of the axis stops it dead."""
+        """Drive to a position in the world; a switch at the end of the axis stops it at once."""
         self.axis.halt(now_s)
         end = min(max(place, self.axis.low), self.axis.high)
         self.busy_until_s = travel_line([self.axis], [end], now_s, self.speed(), self.acceleration())
 
     def brake(self, now_s: float) -> None:
-        """Slow down and stay."""
+        """Decelerate and stay."""
         if self.busy_until_s != NEVER:
             self.busy_until_s = brake_line([self.axis], now_s, self.acceleration())
 
     def search(self, what: int, now_s: float) -> int:
-        """Begin, end, or tell of the search for its left switch."""
+        """Begin, end, or query the search for its left switch."""
         if what == 0:
             self.searching = True
             self.go(self.axis.low, now_s)
@@ -82,13 +82,13 @@ class Motor:
         return int(self.searching)
 
     def ended(self) -> None:
-        """The drive is over; after a search, 0 is here."""
+        """End the drive; after a search, the position becomes 0."""
         self.busy_until_s = NEVER
         if self.searching:
             self.searching, self.zero, self.goal = False, self.axis.low, 0
 
-    def told(self, number: int, now_s: float) -> int | None:
-        """A parameter of the axis."""
+    def parameter(self, number: int, now_s: float) -> int | None:
+        """Value of a parameter of the axis, None if it does not exist."""
         here = self.steps(now_s)
         known = {
             0: self.goal,
@@ -112,15 +112,15 @@ class TmclModule:
         self.address, self.model = address, model
         self.variables = [0] * VARIABLES
         self.obeyed: list[tuple[int, int, int, int]] = []
-        self._heard, self._out = bytearray(), bytearray()
+        self._received, self._out = bytearray(), bytearray()
         self.restart(0.0)
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
         """It has no modem lines."""
 
     def restart(self, now_s: float) -> None:
-        """Power off and on: all stand, and where they stand is 0."""
-        self._heard.clear()
+        """Power cycle: all motors stand, at position 0."""
+        self._received.clear()
         self.variables = [0] * VARIABLES
         for motor in self.motors:
             motor.axis.halt(now_s)
@@ -128,41 +128,41 @@ class TmclModule:
             motor.searching, motor.busy_until_s = False, NEVER
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Nine bytes are an order, whatever they are."""
+        """Every nine bytes are an order."""
         for byte in data:
-            self._heard.append(byte)
-            if len(self._heard) == DATAGRAM.size:
-                order = bytes(self._heard)
-                self._heard.clear()
-                self._hear(order, now_s)
+            self._received.append(byte)
+            if len(self._received) == DATAGRAM.size:
+                order = bytes(self._received)
+                self._received.clear()
+                self._receive_order(order, now_s)
 
     def advance(self, now_s: float) -> bytes:
-        """Drives that have ended; what was said."""
+        """Process the drives that have ended; returns the output."""
         for motor in self.motors:
             if motor.busy_until_s <= now_s:
                 motor.ended()
-        return taken(self._out)
+        return drained(self._out)
 
     def next_event_s(self) -> float | None:
         """The end of the next drive."""
         moment_s = min((motor.busy_until_s for motor in self.motors), default=NEVER)
         return None if moment_s == NEVER else moment_s
 
-    def _hear(self, order: bytes, now_s: float) -> None:
-        address, command, kind, number, value, told = DATAGRAM.unpack(order)
+    def _receive_order(self, order: bytes, now_s: float) -> None:
+        address, command, kind, number, value, checksum = DATAGRAM.unpack(order)
         if address != self.address:
             return
-        if sum(order[:-1]) & 0xFF != told:
-            self._say(DAMAGED, command, value)
+        if sum(order[:-1]) & 0xFF != checksum:
+            self._send(DAMAGED, command, value)
             return
         self.obeyed.append((command, kind, number, value))
-        if command == VERSION and kind == 0:  # an answer of its own form, without checksum
+        if command == VERSION and kind == 0:  # an answer of special form, without checksum
             self._out += bytes([HOST]) + b"%04dV115" % self.model
             return
         status, answer = self._obey(command, kind, number, value, now_s)
-        self._say(status, command, answer)
+        self._send(status, command, answer)
 
-    def _say(self, status: int, command: int, value: int) -> None:
+    def _send(self, status: int, command: int, value: int) -> None:
         body = DATAGRAM.pack(HOST, self.address, status, command, value, 0)[:-1]
         self._out += body + bytes([sum(body) & 0xFF])
 
@@ -183,7 +183,7 @@ class TmclModule:
             return (OK, motor.search(kind, now_s)) if kind in (0, 1, 2) else (NO_TYPE, value)
         if command == MVP:
             return _move(motor, kind, value, now_s)
-        if motor.searching:  # the search drives on by itself
+        if motor.searching:  # the search continues by itself
             return OK, value
         if command == MST:
             motor.brake(now_s)
@@ -204,8 +204,8 @@ def _parameter(motor: Motor, command: int, kind: int, value: int, now_s: float) 
         motor.zero = motor.axis.position(now_s) - value * motor.unit_per_step
     elif command == SAP and kind in motor.settings:
         motor.settings[kind] = value
-    told = motor.told(kind, now_s)
-    return (NO_TYPE, value) if told is None else (OK, told)
+    result = motor.parameter(kind, now_s)
+    return (NO_TYPE, value) if result is None else (OK, result)
 
 
 def _move(motor: Motor, kind: int, value: int, now_s: float) -> tuple[int, int]:

@@ -1,7 +1,7 @@
 """A chain of Zaber devices at byte level; each axis moves one axis of the world.
 
-Checksums, message ids, warning flags and alerts as in firmware 6 and 7. An axis wakes up without reference, homes to
-its low end, and refuses absolute moves before.
+Checksums, message ids, warning flags and alerts as in firmware 6 and 7. After power-up an axis has no reference, homes
+to its low end, and refuses absolute moves until then.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from simulators.devices.serial_device import taken
+from simulators.devices.serial_device import drained
 from simulators.world.motion import Axis, brake_line, travel_line
 
 NEVER = float("inf")
@@ -39,7 +39,7 @@ PRIORITY = [*FAULT_FLAGS, "WL", "WV", "WT", "WS", "WM", "WP", "WR", "WH", "NC", 
 
 @dataclass
 class Motor:
-    """One axis of a device: where it hangs in the world, units per microstep, its settings and flags."""
+    """One axis of a device: its axis of the world, units per microstep, its settings and flags."""
 
     axis: Axis
     unit_per_step: float
@@ -59,7 +59,7 @@ class Motor:
         self.zero = self.axis.position(0.0)
 
     def steps(self, now_s: float) -> int:
-        """What the device believes its position to be."""
+        """The device's assumed position."""
         return round((self.axis.position(now_s) - self.zero) / self.unit_per_step)
 
     def flag(self) -> str:
@@ -67,11 +67,11 @@ class Motor:
         return min(self.flags, key=PRIORITY.index, default="--")
 
     def refuses(self) -> str:
-        """Why it does not move: parked, or its driver is off."""
+        """Why it does not move: parked, or its driver is disabled."""
         return "PARKED" if self.parked else "" if self.driven else "DRIVERDISABLED"
 
     def go(self, place: float, now_s: float, speed: float | None = None, acceleration: float | None = None) -> None:
-        """Move to a place in the world; an old movement is broken off and flagged. In the device's own units."""
+        """Move to a position in the world, in the device's units; interrupts and flags an earlier movement."""
         start_s = now_s
         if self.busy_until_s != NEVER:
             start_s = self.halt(now_s, self._acceleration())
@@ -85,7 +85,7 @@ class Motor:
             self.busy_until_s = (start_s + self.busy_until_s) / 2
 
     def halt(self, now_s: float, acceleration: float | None) -> float:
-        """Stop, dead without acceleration; the time of rest."""
+        """Stop, at once if there is no acceleration; returns the time of rest."""
         if acceleration is None:
             self.axis.halt(now_s)
             return now_s
@@ -95,7 +95,7 @@ class Motor:
         return (self.axis.high - self.axis.low) / 5
 
     def wake(self, now_s: float) -> None:
-        """Power-up: the reference is lost, and here is zero, unless it was parked."""
+        """Power-up: the reference is lost and the position becomes zero, unless it was parked."""
         self.axis.halt(now_s)
         self.busy_until_s, self.homing, self.driven = NEVER, False, True
         if self.parked:
@@ -105,14 +105,14 @@ class Motor:
             self.flags, self.zero = ["WR"], self.axis.position(now_s)
 
     def switch(self, on: bool, now_s: float) -> None:
-        """The motor's current, on or off; without it, it stands and says so."""
+        """Switch the motor's current; without it, it stands and raises a flag."""
         self.driven = on
         self.flags = [flag for flag in self.flags if flag != "FO"] + ([] if on else ["FO"])
         if not on and self.busy_until_s != NEVER:
             self.busy_until_s, self.homing = self.halt(now_s, None), False
 
     def ended(self, now_s: float) -> None:
-        """The movement is over."""
+        """End the movement."""
         self.busy_until_s = NEVER
         if self.stalls:
             self.stalls, self.homing = False, False
@@ -170,22 +170,22 @@ class ZaberChain:
                 self._line.append(byte)
 
     def advance(self, now_s: float) -> bytes:
-        """Movements that have ended, with their alerts; what was said."""
+        """Process the movements that have ended, with their alerts; returns the output."""
         while (moment_s := self.next_event_s()) is not None and moment_s <= now_s:
             for device in self.devices.values():
                 for number, motor in enumerate(device.motors, 1):
                     if motor.busy_until_s <= moment_s:
                         motor.ended(moment_s)
                         if device.alert:
-                            self._say(device, f"!{device.address:02d} {number} IDLE {motor.flag()}")
-        return taken(self._out)
+                            self._send(device, f"!{device.address:02d} {number} IDLE {motor.flag()}")
+        return drained(self._out)
 
     def next_event_s(self) -> float | None:
         """The end of the next movement."""
         moments = [motor.busy_until_s for device in self.devices.values() for motor in device.motors]
         return None if min(moments, default=NEVER) == NEVER else min(moments)
 
-    def _say(self, device: Device, line: str) -> None:
+    def _send(self, device: Device, line: str) -> None:
         text = line.encode()
         if device.checksum:
             text += b":" + lrc(text[1:])
@@ -213,7 +213,7 @@ class ZaberChain:
         shown = motors or device.motors
         busy = "BUSY" if any(motor.busy_until_s != NEVER for motor in shown) else "IDLE"
         flag = next((motor.flag() for motor in shown if motor.flags), "--")
-        self._say(device, f"@{device.address:02d} {axis}{reply_id} {verdict} {busy} {flag} {data}")
+        self._send(device, f"@{device.address:02d} {axis}{reply_id} {verdict} {busy} {flag} {data}")
 
     def _do(self, device: Device, motors: list[Motor], axis: int, words: list[str], now_s: float) -> tuple[str, str]:
         match words:
@@ -271,7 +271,7 @@ class ZaberChain:
         if park and any(motor.busy_until_s != NEVER for motor in motors):
             return "RJ", "STATUSBUSY"
         if park and any("WR" in motor.flags for motor in motors):
-            return "RJ", "BADDATA"  # what has no reference has no place to keep
+            return "RJ", "BADDATA"  # without a reference there is no position to keep
         for motor in motors:
             motor.parked = park
         return "OK", "0"
@@ -284,7 +284,7 @@ class ZaberChain:
         return "OK", " ".join([f"{len(flags):02d}", *flags])
 
     def _get(self, device: Device, motors: list[Motor], name: str, now_s: float) -> tuple[str, str]:
-        own: dict[str, object] = {
+        values: dict[str, object] = {
             "deviceid": device.deviceid,
             "device.id": device.deviceid,
             "system.serial": device.serial,
@@ -297,8 +297,8 @@ class ZaberChain:
             "system.access": 1,
             "system.voltage": 24.1,
         }
-        if name in own:
-            return "OK", str(own[name])
+        if name in values:
+            return "OK", str(values[name])
         if name in ("parking.state", "driver.enabled"):
             return "OK", " ".join(str(int(m.parked if name == "parking.state" else m.driven)) for m in motors)
         if name in ("pos", "encoder.pos"):
@@ -351,10 +351,10 @@ class ZaberChain:
 
 
 def _pace(how: list[str]) -> tuple[float | None, float | None]:
-    """Speed and acceleration after `abs N`, `rel N`, `min` or `max`; 0 for the device's own, None for nonsense."""
-    told = how[1:] if how[:1] in (["min"], ["max"]) else how[2:]
-    values = [float(text) if _number(text) and float(text) > 0 else None for text in told[:2]]
-    if len(told) > 2 or (told and how[0] in ("vel", "stored")):
+    """Speed and acceleration after `abs N`, `rel N`, `min` or `max`; 0 for the device's default, None if invalid."""
+    given = how[1:] if how[:1] in (["min"], ["max"]) else how[2:]
+    values = [float(text) if _number(text) and float(text) > 0 else None for text in given[:2]]
+    if len(given) > 2 or (given and how[0] in ("vel", "stored")):
         return None, None
     speed, acceleration = (*values, 0.0, 0.0)[:2]
     return speed, acceleration

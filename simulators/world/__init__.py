@@ -1,1 +1,1 @@
-"""What there is: bodies in space and time, sheets and light. Knows no camera and no cable."""
+"""The simulated scene in space and time: bodies, sheets and light, without camera or cables."""

@@ -1,8 +1,8 @@
-"""A clock that can run faster than time, and one that jumps.
+"""Clocks that run faster than real time, or jump.
 
-`FastClock` is the system's clock times a factor. `VirtualClock` stands still until somebody waits; then, when every
-reader has read all that is due, it jumps to the next thing that happens: a device's event or a waiter's deadline.
-Waiting costs no time and slow machines miss no deadline.
+`FastClock` is the system's clock times a factor. `VirtualClock` stands still until a thread waits; once every
+reader has read everything due, it jumps to the next event of a device or deadline of a waiting thread.
+Waiting costs no real time, and slow machines miss no deadline.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from typing import Protocol
 
 
 class EventSource(Protocol):
-    """Something that changes by itself at times it can tell."""
+    """A source of spontaneous changes at known times."""
 
     def next_event_s(self) -> float | None:
-        """When it changes next; None if it will not."""
+        """When it changes next; None if never."""
         ...
 
     def wake(self) -> None:
-        """Be up to date with the clock."""
+        """Advance to the clock's time."""
         ...
 
     def settled(self) -> bool:
-        """Whether all it has given out was taken."""
+        """Whether all of its output was read."""
         ...
 
     def settle(self, real_s: float) -> None:
@@ -43,13 +43,13 @@ class FastClock:
         self._start = time.monotonic()
 
     def attach(self, source: EventSource) -> None:
-        """Sources wake themselves by `real_s`."""
+        """No-op: sources wake themselves by `real_s`."""
 
     def detach(self, source: EventSource) -> None:
-        """Nothing to forget."""
+        """No-op."""
 
     def now_s(self) -> float:
-        """Seconds since it was made, times the speed."""
+        """Seconds since its creation, times the speed."""
         return (time.monotonic() - self._start) * self.speed
 
     def sleep(self, duration_s: float) -> None:
@@ -66,8 +66,8 @@ class FastClock:
 
 
 @dataclass(frozen=True)
-class Waiter:
-    """A thread that waits: for what, and how long."""
+class WaitingThread:
+    """A waiting thread: its condition and deadline."""
 
     condition: threading.Condition
     ready: Callable[[], bool]
@@ -75,12 +75,12 @@ class Waiter:
 
 
 class VirtualClock:
-    """Time that passes only while everybody waits: readers for bytes, waiters for their turn.
+    """Time that passes only while all threads wait: readers for bytes, others for a condition.
 
-    Threads started by `together` are waited for, too; others are as if they were slow.
+    Threads started by `together` are waited for as well; any other thread is treated as slow.
     """
 
-    PATIENCE_S = 2.0  # real seconds a reader may take for what it was given
+    PATIENCE_S = 2.0  # real time for a reader to read what is due
     BREATH_S = 0.0002
 
     def __init__(self) -> None:
@@ -88,26 +88,26 @@ class VirtualClock:
         self._one = threading.Lock()
         self._book = threading.Lock()
         self._sources: list[EventSource] = []
-        self._waiters: dict[object, Waiter] = {}
+        self._waiters: dict[object, WaitingThread] = {}
         self._running = 0
         self._own = threading.local()
 
     def attach(self, source: EventSource) -> None:
-        """Let time pass in steps of this source's events too."""
+        """Let time also advance to this source's events."""
         with self._book:
             self._sources.append(source)
 
     def detach(self, source: EventSource) -> None:
-        """Forget a source."""
+        """Remove a source."""
         with self._book:
             self._sources.remove(source)
 
     def now_s(self) -> float:
-        """Seconds since it was made."""
+        """Seconds since its creation."""
         return self._now_s
 
     def real_s(self, moment_s: float) -> float | None:
-        """None: it never becomes that moment by itself."""
+        """None: time never passes by itself."""
         return None
 
     def sleep(self, duration_s: float) -> None:
@@ -117,14 +117,14 @@ class VirtualClock:
             self.wait(condition, lambda: False, self._now_s + max(duration_s, 0.0))
 
     def together(self, *works: Callable[[], object]) -> list[object]:
-        """Do these things in threads of one time; what each gave or raised."""
+        """Run these in threads that share the time; returns what each returned or raised."""
         outcomes: list[object] = [None] * len(works)
 
         def run(i: int) -> None:
             self._own.enrolled = True
             try:
                 outcomes[i] = works[i]()
-            except Exception as error:  # an outcome like any other
+            except Exception as error:  # returned like a result
                 outcomes[i] = error
             finally:
                 self._count(-1)
@@ -142,10 +142,10 @@ class VirtualClock:
             self._running += change
 
     def wait(self, condition: threading.Condition, ready: Callable[[], bool], deadline_s: float) -> bool:
-        """Wait, holding `condition`, until `ready()` or the deadline, letting time pass."""
+        """Wait, holding `condition`, until `ready()` or the deadline; time passes meanwhile."""
         if ready() or self._now_s >= deadline_s:
             return ready()
-        waiter = Waiter(condition, ready, deadline_s)
+        waiter = WaitingThread(condition, ready, deadline_s)
         with self._registered(waiter):
             while not ready() and self._now_s < deadline_s:
                 condition.release()
@@ -156,7 +156,7 @@ class VirtualClock:
             return ready()
 
     @contextmanager
-    def _registered(self, waiter: Waiter) -> Iterator[None]:
+    def _registered(self, waiter: WaitingThread) -> Iterator[None]:
         token, enrolled = object(), int(getattr(self._own, "enrolled", False))
         with self._book:
             self._waiters[token] = waiter
@@ -168,8 +168,8 @@ class VirtualClock:
                 del self._waiters[token]
                 self._running += enrolled
 
-    def _step(self, me: Waiter) -> None:
-        """Let everybody finish who can; then jump to the next event or deadline."""
+    def _step(self, me: WaitingThread) -> None:
+        """Let all runnable threads finish; then jump to the next event or deadline."""
         with self._one:
             with self._book:
                 sources, waiters, busy = list(self._sources), list(self._waiters.values()), self._running > 0
@@ -183,7 +183,7 @@ class VirtualClock:
                 return
         time.sleep(self.BREATH_S)
 
-    def _may_go_on(self, waiter: Waiter) -> bool:
+    def _may_go_on(self, waiter: WaitingThread) -> bool:
         with waiter.condition:
             return self._now_s >= waiter.deadline_s or waiter.ready()
 

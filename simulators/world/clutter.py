@@ -1,4 +1,4 @@
-"""What stands around a chart in a real room: posters, edges, cables, text; and hands in front of it."""
+"""Surroundings of a chart in a real room: posters, edges, cables, text; and objects covering it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from simulators.world.scene import Shape
 
 Array = npt.NDArray[np.float64]
 
-# corners of a letter's grid, two wide and three high, that the strokes of letters join
+# corners of a letter's grid, two wide and three high, connected by the strokes of letters
 _STROKES = (
     ((0, 0), (1, 0)), ((0, 1), (1, 1)), ((0, 2), (1, 2)), ((0, 0), (0, 1)), ((0, 1), (0, 2)),
     ((1, 0), (1, 1)), ((1, 1), (1, 2)), ((0, 0), (1, 1)), ((0, 2), (1, 1)),
@@ -26,7 +26,7 @@ def random_clutter(
     lines: int = 15,
     words: int = 8,
 ) -> tuple[Shape, ...]:
-    """Polygons, then lines, then words at random on a wall of this size about the optical axis."""
+    """Random polygons, lines and words on a wall of this size about the optical axis."""
     size = min(width_mm, height_mm)
     shapes: list[Shape] = []
     for _ in range(polygons):
@@ -57,7 +57,7 @@ def stroke(start: Array, end: Array, width: float, reflectance: float) -> Shape:
 
 
 def word(rng: np.random.Generator, corner: Array, height: float) -> list[Shape]:
-    """A line of letters, none of a known alphabet, in a random direction."""
+    """A line of letters of no known alphabet, in a random direction."""
     reflectance = rng.uniform(0.03, 0.2)
     turn = rng.uniform(0, 2 * np.pi)
     across = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) * height
@@ -72,9 +72,9 @@ def word(rng: np.random.Generator, corner: Array, height: float) -> list[Shape]:
 
 
 def cover(marks: int, first: int = 0, reflectance: float = 0.3) -> tuple[Shape, ...]:
-    """Things that hide so many neighbouring x-corners of a chart, clockwise from one on, in pattern coordinates.
+    """Objects covering this number of adjacent x-corners of a chart, clockwise from `first`, in pattern coordinates.
 
-    One square over each, larger than its block, off the noise by a cell.
+    One square on each, larger than its block, a cell away from the noise.
     """
     shapes = []
     for centre in X_CORNERS[(first + np.arange(marks)) % len(X_CORNERS)]:

@@ -1,4 +1,4 @@
-"""Loops as machine code. The procedures have their own: simulator and estimator share nothing but the chart."""
+"""Compiled loops. Kept separate from those of the procedures: simulator and estimator share only the chart."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ R = TypeVar("R")
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """The function as machine code that runs outside Python's lock, kept on disk between runs where possible."""
+    """Compile the function to run without Python's lock, cached on disk if possible."""
     options: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
     try:
         kernel = numba.njit(cache=True, **options)(function)
-    except RuntimeError:  # neither the checkout nor the user's cache folder can be written
+    except RuntimeError:  # neither the checkout nor the user's cache folder is writable
         kernel = numba.njit(**options)(function)
     return cast(Callable[P, R], kernel)

@@ -1,7 +1,7 @@
-"""Where an axis is, was and will be: pieces of constant acceleration, known for all times.
+"""Positions of an axis over time: segments of constant acceleration, past and future.
 
-Motion is a function of time, so an exposure can be asked afterwards which path the camera took, and the changes of
-acceleration tell what they shook.
+Motion is a function of time: an exposure can later query the camera's path, and the changes of
+acceleration determine the excited vibrations.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Shock = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class MotionSegment:
     """From `t_s` on: position, velocity, constant acceleration."""
 
     t_s: float
@@ -36,70 +36,70 @@ class Piece:
 
 
 class Axis:
-    """One axis of the bench in its own unit; rests where it is until told."""
+    """One axis of the bench in its own unit; at rest until moved."""
 
     def __init__(self, low: float, high: float, position: float) -> None:
         self.low, self.high = low, high
-        self._pieces = [Piece(LONG_AGO_S, position, 0.0, 0.0)]
+        self._pieces = [MotionSegment(LONG_AGO_S, position, 0.0, 0.0)]
         self._times = [LONG_AGO_S]
         self._powered = True
-        self._lock = threading.Lock()  # a controller moves it, and something else may take its motor's current
+        self._lock = threading.Lock()  # moved by a controller, and its motor may be switched off elsewhere
 
-    def _piece(self, t_s: float) -> Piece:
+    def _piece(self, t_s: float) -> MotionSegment:
         return self._pieces[max(bisect_right(self._times, t_s) - 1, 0)]
 
     def positions(self, t_s: Array) -> Array:
-        """Where it is at (n,) times."""
+        """Positions at (n,) times."""
         return np.array([self.position(t) for t in t_s.tolist()])
 
     def position(self, t_s: float) -> float:
-        """Where it is at that time."""
+        """Position at a time."""
         return self._piece(t_s).at(t_s)[0]
 
     def velocity(self, t_s: float) -> float:
-        """Units per second at that time."""
+        """Velocity in units per second."""
         return self._piece(t_s).at(t_s)[1]
 
     def acceleration(self, t_s: float) -> float:
-        """Units per second squared at that time."""
+        """Acceleration in units per second squared."""
         return self._piece(t_s).acceleration
 
     def moves(self, t_s: float) -> bool:
-        """Whether it has not come to rest by then."""
+        """Whether it is still moving at that time."""
         piece = self._piece(t_s)
         return bool(piece.velocity or piece.acceleration)
 
     def append(self, t_s: float, position: float, velocity: float, acceleration: float) -> None:
-        """From `t_s` on, move so, if its motor has current; what was planned for later is forgotten."""
+        """Begin this motion at `t_s`, if its motor has current; later segments are discarded."""
         with self._lock:
             if self._powered:
-                self._append(Piece(t_s, position, velocity, acceleration))
+                self._append(MotionSegment(t_s, position, velocity, acceleration))
 
-    def _append(self, piece: Piece) -> None:
+    def _append(self, piece: MotionSegment) -> None:
         keep = bisect_right(self._times, piece.t_s - 1e-12)
         del self._pieces[keep:], self._times[keep:]
         self._pieces.append(piece)
         self._times.append(piece.t_s)
 
     def power(self, on: bool, t_s: float) -> None:
-        """Give its motor current, or take it: without, it stops dead and moves no more."""
+        """Switch its motor's current; without, it stops at once and cannot move."""
         with self._lock:
             self._powered = on
             if not on:
-                self._append(Piece(t_s, self.position(t_s), 0.0, 0.0))
+                self._append(MotionSegment(t_s, self.position(t_s), 0.0, 0.0))
 
     def halt(self, t_s: float) -> None:
-        """Stop dead, as a motor without current does."""
+        """Stop at once, like a motor without current."""
         self.append(t_s, self.position(t_s), 0.0, 0.0)
 
     def shocks(self, since_s: float = LONG_AGO_S, until_s: float = math.inf) -> list[Shock]:
-        """(time, change of velocity, change of acceleration) at each seam between pieces in that span."""
-        found = []
+        """(time, change of velocity, change of acceleration) at each segment boundary in that span."""
+        shocks = []
         for i in range(max(bisect_left(self._times, since_s), 1), bisect_right(self._times, until_s)):
             before, after = self._pieces[i - 1], self._pieces[i]
             velocity = before.at(after.t_s)[1]
-            found.append((after.t_s, after.velocity - velocity, after.acceleration - before.acceleration))
-        return found
+            shocks.append((after.t_s, after.velocity - velocity, after.acceleration - before.acceleration))
+        return shocks
 
     def extremes(self) -> tuple[float, float]:
         """The lowest and highest position ever planned."""
@@ -109,7 +109,7 @@ class Axis:
 
 
 def ramps(length: float, speed: float, acceleration: float, start_speed: float = 0.0) -> list[tuple[float, float]]:
-    """(duration, acceleration) of the pieces that cover `length` from `start_speed` to rest: up, steady, down."""
+    """(duration, acceleration) of the segments that cover `length` from `start_speed` to rest: up, steady, down."""
     top = min(speed, math.sqrt(acceleration * length + start_speed**2 / 2))
     up, down = (top - start_speed) / acceleration, top / acceleration
     steady = (length - (top**2 - start_speed**2) / (2 * acceleration) - top**2 / (2 * acceleration)) / top
@@ -117,7 +117,7 @@ def ramps(length: float, speed: float, acceleration: float, start_speed: float =
 
 
 def travel_line(axes: Sequence[Axis], target: Sequence[float], t_s: float, speed: float, acceleration: float) -> float:
-    """Move the axes together from rest along a straight line; the time of arrival."""
+    """Move the axes together from rest along a straight line; returns the time of arrival."""
     start = [axis.position(t_s) for axis in axes]
     way = [b - a for a, b in zip(start, target, strict=True)]
     length = math.hypot(*way)
@@ -137,7 +137,7 @@ def travel_line(axes: Sequence[Axis], target: Sequence[float], t_s: float, speed
 
 
 def brake_line(axes: Sequence[Axis], t_s: float, acceleration: float) -> float:
-    """Slow the axes down together along their line; the time of rest."""
+    """Decelerate the axes together along their line; returns the time of rest."""
     velocity = [axis.velocity(t_s) for axis in axes]
     start = [axis.position(t_s) for axis in axes]
     speed = math.hypot(*velocity)
@@ -154,7 +154,7 @@ def brake_line(axes: Sequence[Axis], t_s: float, acceleration: float) -> float:
 
 @dataclass(frozen=True)
 class Mode:
-    """One damped mode of the bench, shaken by an axis: x'' + 2 zeta w x' + w^2 x = -gain * a(t)."""
+    """One damped vibration mode of the bench, excited by an axis: x'' + 2 zeta w x' + w^2 x = -gain * a(t)."""
 
     axis: str
     frequency_hz: float
@@ -164,9 +164,9 @@ class Mode:
     def response(self, shocks: Sequence[Shock], t_s: Array, steady: float = 0.0) -> tuple[Array, Array]:
         """Displacement and acceleration at times `t_s`, in the axis' unit, after (time, dv, da) shocks.
 
-        Steps da of acceleration leave -gain da/w^2 (1 - e^(-zeta w t)(cos wd t + zeta w/wd sin wd t)); steps dv of
-        velocity leave -gain dv e^(-zeta w t) sin(wd t)/wd. The acceleration is that of the equation above. `steady`
-        is the acceleration before the first shock, to which the mode had long yielded.
+        Steps da of acceleration contribute -gain da/w^2 (1 - e^(-zeta w t)(cos wd t + zeta w/wd sin wd t)); steps dv of
+        velocity contribute -gain dv e^(-zeta w t) sin(wd t)/wd. Acceleration as in the equation above; `steady`
+        is the acceleration before the first shock, with the mode in equilibrium.
         """
         w = 2 * math.pi * self.frequency_hz
         wd = w * math.sqrt(1 - self.damping**2)

@@ -1,9 +1,9 @@
-"""Polygons on a grid of samples, each the exact mean under a hat two samples wide: nothing is missed between them.
+"""Polygons on a grid of samples, each the exact average under a hat function two samples wide.
 
-A shape is a set of directed segments, each with a weight: it adds its weight to everything on its right where it runs
-down, and takes it away where it runs up (Green's theorem). Outlines that coincide cancel, and a sum of shapes is one
-set of segments. Sampling repeats the spectrum at multiples of the sampling frequency; the hat, whose spectrum is
-sinc^2 along each axis, has nearly gone there, and is divided away afterwards where it matters.
+A shape is a set of directed, weighted segments: a segment adds its weight to everything on its right where it runs
+down, and subtracts it where it runs up (Green's theorem). Coinciding outlines cancel, and a sum of shapes is one
+set of segments. Sampling replicates the spectrum at multiples of the sampling frequency; the hat, with the spectrum
+sinc^2 along each axis, has nearly vanished there, and is divided out afterwards where it matters.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ class Segments:
     weights: Array
 
     def where(self, keep: npt.NDArray[np.bool_]) -> Segments:
-        """Only some of them."""
+        """The selected segments."""
         return Segments(self.starts[keep], self.ends[keep], self.weights[keep])
 
     def moved(self, x: float, y: float) -> Segments:
-        """The same seen from (x, y)."""
+        """The segments relative to (x, y)."""
         return Segments(self.starts - (x, y), self.ends - (x, y), self.weights)
 
     def inside(self, low: float, high: float) -> Segments:
-        """Those that run through y from `low` to `high`; the others enclose nothing there."""
+        """Segments that pass y from `low` to `high`; the others enclose nothing there."""
         y0, y1 = self.starts[:, 1], self.ends[:, 1]
         return self.where((np.maximum(y0, y1) > low) & (np.minimum(y0, y1) < high) & (y0 != y1))
 
     def cut(self, axis: int) -> Segments:
-        """The same segments, cut wherever their coordinate `axis` (0 = x, 1 = y) is an integer."""
+        """The segments cut where their coordinate `axis` (0 = x, 1 = y) is an integer."""
         source, first, last = _pieces(self.starts[:, axis], self.ends[:, axis])
         start, step = self.starts[source], (self.ends - self.starts)[source]
         return Segments(start + first[:, None] * step, start + last[:, None] * step, self.weights[source])
@@ -57,13 +57,13 @@ def outline(vertices: Array, weight: float = 1.0) -> Segments:
 
 
 def coverage(segments: Segments, shape: tuple[int, int]) -> Array:
-    """What the segments enclose, seen from samples at whole x and y through a hat, exact to rounding.
+    """Area enclosed by the segments, averaged under a hat at integer x and y, exact to rounding.
 
     Sample (row i, column j) is the integral of the enclosed weight times (1 - |x - j|) (1 - |y - i|), (rows, columns).
     """
     rows, columns = shape
     pieces = segments.inside(-1, rows).cut(axis=1)
-    # a piece belongs where its middle is: its ends are rounded, and may stick out of the grid by a hair
+    # assign pieces by their midpoint: their rounded ends may lie slightly outside the grid
     middle = (pieces.starts + pieces.ends) / 2
     pieces = pieces.where((middle[:, 1] > -1) & (middle[:, 1] < rows))
     low = np.minimum(pieces.starts[:, 0], pieces.ends[:, 0])
@@ -72,17 +72,18 @@ def coverage(segments: Segments, shape: tuple[int, int]) -> Array:
     spreads = [_spread(some, shape) for some in (near, pieces.where(left))]
     where, what = (np.concatenate([one[i].ravel() for one in spreads]) for i in (0, 1))
     width = columns + 1
-    # of float64 also where there is no piece; summed in place, as such a picture is large
+    # float64 also without any piece; summed in place, as such an image is large
     steps = np.bincount(where, what, (rows + 2) * width).astype(np.float64, copy=False)
     inside = steps.reshape(rows + 2, width)[1:-1]
     return np.cumsum(inside, axis=1, out=inside)[:, :columns]
 
 
 def _spread(pieces: Segments, shape: tuple[int, int]) -> tuple[Indices, Array]:
-    """Where each piece changes the samples' steps along x, as flat indices, and by how much, (2, 3, n) each.
+    """Contributions of each piece to the steps along x between samples, as flat indices and values, (2, 3, n) each.
 
-    Along y it meets the hats of two samples; along x the step between two samples is the hats' difference, whose
-    integral is the quadratic B-spline: it meets three. One row on either side and one column on the right are spare.
+    Along y a piece overlaps the hats of two samples; along x a step between two samples is the difference of hats,
+    whose integral is the quadratic B-spline, which overlaps three. One row on either side and one column on the right
+    are spare.
     """
     rows, columns = shape
     (x0, y0), (x1, y1) = pieces.starts.T, pieces.ends.T
@@ -91,10 +92,10 @@ def _spread(pieces: Segments, shape: tuple[int, int]) -> tuple[Indices, Array]:
     what = np.zeros((2, 3, len(half)))
     for node in _NODES:
         t, u = x0 + node * (x1 - x0) - column, y0 + node * (y1 - y0) - row
-        for one, across in zip(what, (half * (1 - u), half * u), strict=True):
-            one[0] += across * ((1 - t) ** 2 / 2)
-            one[1] += across * (0.75 - (t - 0.5) ** 2)
-            one[2] += across * (t**2 / 2)
+        for changes, across in zip(what, (half * (1 - u), half * u), strict=True):
+            changes[0] += across * ((1 - t) ** 2 / 2)
+            changes[1] += across * (0.75 - (t - 0.5) ** 2)
+            changes[2] += across * (t**2 / 2)
     i, j = row.astype(np.int64), column.astype(np.int64)
     place_x = np.clip(j + np.arange(3)[:, None], 0, columns)
     place_y = np.clip(i + 1 + np.arange(2)[:, None], 0, rows + 1)
@@ -110,5 +111,5 @@ def _pieces(a0: Array, a1: Array) -> tuple[Indices, Array, Array]:
     run = (a1 - a0)[source]
     level = run == 0
     scale = np.where(level, 1.0, run)
-    one, other = ((np.clip((line + step - a0[source]) / scale, 0, 1)) for step in (0, 1))
-    return source, np.where(level, 0.0, np.minimum(one, other)), np.where(level, 1.0, np.maximum(one, other))
+    first, second = ((np.clip((line + step - a0[source]) / scale, 0, 1)) for step in (0, 1))
+    return source, np.where(level, 0.0, np.minimum(first, second)), np.where(level, 1.0, np.maximum(first, second))

@@ -1,6 +1,6 @@
-"""What stands before the camera: sheets with charts on them, things in front of and behind them, and the light.
+"""The scene in front of the camera: sheets with charts, objects in front of and behind them, and illumination.
 
-Everything is flat polygons in planes, painted from the back to the front, each with its exact outline.
+Everything is flat polygons in planes, painted from back to front, each with its exact outline.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ Array = npt.NDArray[np.float64]
 PAPER = 0.9
 """Reflectance of matt white paper."""
 INK = 0.04
-"""Reflectance of black toner on it."""
+"""Reflectance of black toner."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A flat polygon of one reflectance, its sides not crossing: vertices (x, y) in the units of its plane."""
+    """A flat polygon of uniform reflectance with sides that do not cross: vertices (x, y) in the units of its plane."""
 
     vertices: tuple[tuple[float, float], ...]
     reflectance: float
@@ -69,11 +69,11 @@ class PlacedChart:
     cell_mm : float
         Side of one printed cell.
     mirrored : bool
-        Printed or seen through the back: x runs to the left.
+        Printed or viewed through the back: x runs to the left.
     margin_cells : float
-        White paper around the frame of blocks.
+        Width of the white paper around the frame of blocks.
     covers : tuple of Shape
-        Things in front of the chart, in pattern coordinates (cells).
+        Objects in front of the chart, in pattern coordinates (cells).
     """
 
     chart: Chart
@@ -86,7 +86,7 @@ class PlacedChart:
     covers: tuple[Shape, ...] = ()
 
     def to_space(self) -> Array:
-        """Pattern coordinates (x, y, 1) to space in mm, homogeneous, (3, 3)."""
+        """Matrix from pattern coordinates (x, y, 1) to space in mm, homogeneous, (3, 3)."""
         c, middle = self.cell_mm, CELLS / 2
         across = -c if self.mirrored else c
         centred = np.array([[across, 0.0, -across * middle], [0.0, c, -c * middle], [0.0, 0.0, 1.0]])
@@ -101,35 +101,35 @@ class PlacedChart:
 
 @dataclass(frozen=True)
 class Wall:
-    """A frontal plane behind everything, with things drawn on it in mm from the optical axis."""
+    """A frontal plane behind everything, with shapes drawn on it in mm from the optical axis."""
 
     distance_mm: float = 4000.0
     reflectance: float = 0.35
     shapes: tuple[Shape, ...] = ()
 
     def to_space(self) -> Array:
-        """Points (x_mm, y_mm, 1) of the wall to space, (3, 3)."""
+        """Matrix from points (x_mm, y_mm, 1) of the wall to space, (3, 3)."""
         return np.diag([1.0, 1.0, self.distance_mm])
 
 
 @dataclass(frozen=True)
 class Scene:
-    """All that the camera sees."""
+    """Everything in view of the camera."""
 
     charts: tuple[PlacedChart, ...] = ()
     wall: Wall = field(default_factory=Wall)
     light: Light = field(default_factory=Light)
 
     def by_distance(self) -> list[PlacedChart]:
-        """The charts, the farthest first."""
+        """The charts, farthest first."""
         return sorted(self.charts, key=lambda one: -one.pose.centre_mm[2])
 
 
 @dataclass(frozen=True, eq=False)
 class Stroke:
-    """One outline on the sensor, painted over what is there (opaque) or added to it (print on paper).
+    """One outline on the sensor, painted over the background (opaque) or added to it (print on paper).
 
-    `chart` is the one that it belongs to, None for what is on the wall.
+    `chart` is the chart it belongs to, None for shapes on the wall.
     """
 
     segments: Segments
@@ -146,7 +146,7 @@ class Stroke:
 
 
 def strokes(scene: Scene, projection: Projection) -> Iterator[Stroke]:
-    """The scene as outlines on the sensor, from the back to the front."""
+    """The scene as outlines on the sensor, from back to front."""
     for shape in scene.wall.shapes:
         yield _painted(shape, projection, scene.wall.to_space(), None)
     for placed in scene.by_distance():
@@ -159,7 +159,7 @@ def strokes(scene: Scene, projection: Projection) -> Iterator[Stroke]:
 
 
 def chart_outlines(chart: Chart) -> Segments:
-    """The outlines of all that is black on the chart, in cells, cut into sides of one cell; the inside adds 1."""
+    """The outlines of all black areas of the chart, in cells, cut into sides of one cell; the inside adds 1."""
     parts = [_noise_outlines(chart)]
     for column, row in BLACK_BLOCKS:
         x, y = block_corner(column, row)
@@ -173,7 +173,7 @@ def chart_outlines(chart: Chart) -> Segments:
 
 
 def _noise_outlines(chart: Chart) -> Segments:
-    """Sides between a black and a white cell: downwards they add what is on their right less what is on their left."""
+    """Sides between a black and a white cell: downwards they add the value on their right minus that on their left."""
     black = np.pad(1.0 - chart.cells, 1)
     i, j = np.nonzero(np.diff(black[1:-1, :], axis=1))
     upright = np.diff(black[1:-1, :], axis=1)[i, j]
@@ -186,7 +186,7 @@ def _noise_outlines(chart: Chart) -> Segments:
 
 
 def _subdivided(segments: Segments, n: int) -> Segments:
-    """Each segment as n equal ones: straight lines bend when a lens distorts them."""
+    """Split each segment into n equal ones: straight lines bend under lens distortion."""
     t = np.linspace(0.0, 1.0, n + 1)[None, :, None]
     points = segments.starts[:, None] * (1 - t) + segments.ends[:, None] * t
     return Segments(points[:, :-1].reshape(-1, 2), points[:, 1:].reshape(-1, 2), np.repeat(segments.weights, n))
@@ -198,7 +198,7 @@ def _painted(shape: Shape, projection: Projection, H: Array, chart: PlacedChart 
 
 
 def _on_sensor(segments: Segments, projection: Projection, to_space: Array) -> Segments:
-    """Outlines of a plane as the lens draws them; turned round where the map mirrors, so that inside stays inside."""
+    """Project the outlines of a plane; reversed if the map mirrors, so that the inside stays inside."""
     H = projection.pinhole() @ to_space
     starts, ends = (projection.distort(apply_homography(H, p)) for p in (segments.starts, segments.ends))
     return Segments(starts, ends, segments.weights * np.sign(np.linalg.det(H)))

@@ -1,7 +1,7 @@
-"""One world for all simulated devices: where the camera is, how it shakes, how warm and how bright it is.
+"""One world for all simulated devices: camera position, vibration, temperature, and light.
 
-Everything is a function of time, so devices may be asked in any order: the stage moves the axes, moves shake the
-modes, the rangefinder and the camera see the pose, the IMU feels its derivatives.
+Everything is a function of time, so devices may be queried in any order: the stage moves the axes, moves excite the
+modes, rangefinder and camera observe the pose, the IMU its derivatives.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from simulators.world.motion import Axis, Mode, Shock
 Array = NDArray[np.float64]
 GRAVITY_M_S2 = 9.80665
 UNIT = np.array([1.0, -1.0, -1.0])
-"""From a picture's axes, y down and z ahead, to an inertial unit's, y up and z back, or the other way."""
+"""Rotation between a picture's axes, y down and z ahead, and an inertial unit's, y up and z back."""
 
 
 @dataclass(frozen=True)
 class CameraPoses:
-    """The camera's place in front of the chart at each of (n,) times, thermal drift and vibration included.
+    """The camera's pose relative to the chart at (n,) times, thermal drift and vibration included.
 
     x right, y up, z away from the chart from its plane; pan and tilt as yaw and pitch of the optical axis, to the right
-    and up; roll about it, clockwise as the camera sees.
+    and up; roll about it, clockwise as seen by the camera.
     """
 
     x_mm: Array
@@ -43,13 +43,13 @@ class CameraPoses:
 
     @property
     def turn(self) -> Rotation:
-        """The camera's x right, y down and z ahead in those of one that looks straight at the chart."""
+        """Rotation of the camera's x right, y down and z ahead relative to a camera facing the chart squarely."""
         return Rotation.from_euler("YXZ", np.column_stack([self.pan_deg, self.tilt_deg, self.roll_deg]), degrees=True)
 
 
 @dataclass(frozen=True)
-class Drive:
-    """What a shaker does to an axis, or to roll_deg: amplitude cos(2 pi frequency t + phase), in the axis' unit."""
+class SinusoidalDrive:
+    """Sinusoidal motion of an axis by a shaker: amplitude cos(2 pi frequency t + phase), in the axis' unit."""
 
     axis: str
     amplitude: float
@@ -64,10 +64,10 @@ class Drive:
 
 
 @dataclass(frozen=True)
-class Round:
-    """What a shaker does to an axis that goes around a path: points in its unit, `interval_s` apart, from then on.
+class PathDrive:
+    """Periodic motion of an axis along a path by a shaker: points in its unit, `interval_s` apart.
 
-    Between the points it goes as smoothly as it can: a periodic cubic spline.
+    Between the points it follows a periodic cubic spline.
     """
 
     axis: str
@@ -87,8 +87,8 @@ class Round:
 
 
 @dataclass(frozen=True)
-class Room:
-    """What the world is like: geometry, temperature, shaking."""
+class WorldParameters:
+    """Properties of the world: geometry, temperature, vibration."""
 
     near_mm: float = 800.0  # from the chart to the camera at z_mm = 0
     travel: Mapping[str, tuple[float, float]] = field(
@@ -121,21 +121,21 @@ class Room:
 
 
 class World:
-    """Truth, by time in seconds of the bench's clock."""
+    """Ground truth as a function of the bench's clock, in seconds."""
 
-    def __init__(self, room: Room | None = None) -> None:
-        self.room = room or Room()
+    def __init__(self, room: WorldParameters | None = None) -> None:
+        self.room = room or WorldParameters()
         middle = {name: (low + high) / 2 for name, (low, high) in self.room.travel.items()}
         self.axes = {name: Axis(low, high, middle[name]) for name, (low, high) in self.room.travel.items()}
         self._kicks: list[Shock] = []
         self._lamp_s, self._lamp = [-math.inf], [1.0]
-        self._driven: list[tuple[float, tuple[Drive | Round, ...]]] = [(-math.inf, ())]
+        self._driven: list[tuple[float, tuple[SinusoidalDrive | PathDrive, ...]]] = [(-math.inf, ())]
         self._lock = threading.Lock()
 
     # --- temperature and light
 
     def temperature_c(self, t_s: float) -> float:
-        """The room warms up and swings with the air conditioning."""
+        """Room temperature: warms up and oscillates with the air conditioning."""
         room = self.room
         warming = room.warming_c * (1 - math.exp(-t_s / room.warming_s))
         return room.ambient_c + warming + room.swing_c * math.sin(2 * math.pi * t_s / room.swing_period_s)
@@ -147,7 +147,7 @@ class World:
             self._lamp.append(level)
 
     def lamp(self, t_s: float) -> float:
-        """Light on the chart relative to full; a lamp that was just switched is a little brighter."""
+        """Illumination of the chart relative to full; a lamp that was just switched is slightly brighter."""
         at = max(bisect_right(self._lamp_s, t_s) - 1, 0)
         since_s = t_s - self._lamp_s[at]
         return self._lamp[at] * (1 + self.room.lamp_warm_up * math.exp(-since_s / self.room.lamp_warm_up_s))
@@ -155,41 +155,41 @@ class World:
     # --- shaking
 
     def shake(self, now_s: float) -> None:
-        """The shutter's mechanism kicks the body."""
+        """Excite the body by the shutter's mechanism."""
         with self._lock:
             self._kicks.append((now_s, self.room.shock_mm_s, 0.0))
 
-    def drive(self, drives: tuple[Drive | Round, ...], now_s: float) -> None:
-        """Let a shaker move the camera so from now on; none stops it."""
+    def drive(self, drives: tuple[SinusoidalDrive | PathDrive, ...], now_s: float) -> None:
+        """Move the camera by a shaker from now on; no drives stop it."""
         with self._lock:
             self._driven.append((now_s, drives))
 
     def _shocks(self, name: str, since_s: float, until_s: float) -> tuple[list[Shock], float]:
-        """What shook an axis in that span, and the acceleration that had lasted before it."""
+        """Shocks of an axis in that span, and the steady acceleration before it."""
         if name == "shock_mm":
             return [shock for shock in self._kicks if since_s <= shock[0] <= until_s], 0.0
         axis = self.axes[name]
         return axis.shocks(since_s, until_s), axis.acceleration(since_s)
 
     def sway(self, t_s: Array) -> dict[str, tuple[Array, Array]]:
-        """Displacement and acceleration of each shaken axis, per (n,) times, in its unit."""
-        found = {name: (np.zeros_like(t_s), np.zeros_like(t_s)) for name in (*self.axes, "shock_mm", "roll_deg")}
+        """Displacement and acceleration of each vibrating axis, per (n,) times, in its unit."""
+        moved = {name: (np.zeros_like(t_s), np.zeros_like(t_s)) for name in (*self.axes, "shock_mm", "roll_deg")}
         first_s, last_s = float(t_s.min()), float(t_s.max())
         for mode in self.room.modes:
             shocks, steady = self._shocks(mode.axis, first_s - mode.lasts_s(), last_s)
             if shocks or steady:
                 x, a = mode.response(shocks, t_s, steady)
-                found[mode.axis] = (found[mode.axis][0] + x, found[mode.axis][1] + a)
-        self._add_driven(found, t_s)
-        return found
+                moved[mode.axis] = (moved[mode.axis][0] + x, moved[mode.axis][1] + a)
+        self._add_driven(moved, t_s)
+        return moved
 
-    def _add_driven(self, found: dict[str, tuple[Array, Array]], t_s: Array) -> None:
+    def _add_driven(self, moved: dict[str, tuple[Array, Array]], t_s: Array) -> None:
         ends = [since for since, _ in self._driven[1:]] + [math.inf]
         for (since, drives), until in zip(self._driven, ends, strict=True):
             live = (t_s >= since) & (t_s < until)
-            for one in drives if live.any() else ():
-                x, a = one.response(t_s)
-                found[one.axis] = (found[one.axis][0] + live * x, found[one.axis][1] + live * a)
+            for drive in drives if live.any() else ():
+                x, a = drive.response(t_s)
+                moved[drive.axis] = (moved[drive.axis][0] + live * x, moved[drive.axis][1] + live * a)
 
     # --- where the camera is
 
@@ -211,11 +211,11 @@ class World:
         )
 
     def distance_mm(self, t_s: float) -> float:
-        """From the camera's principal plane to the chart."""
+        """Distance from the camera's principal plane to the chart."""
         return float(self.pose(np.array([t_s])).z_mm[0])
 
-    def feel(self, t_s: Array) -> tuple[Array, Array]:
-        """What an ideal IMU on the camera feels: (n, 3) specific force in m/s^2, (n, 3) rotation rate in rad/s.
+    def ideal_imu(self, t_s: Array) -> tuple[Array, Array]:
+        """Readings of an ideal IMU on the camera: (n, 3) specific force in m/s^2, (n, 3) rotation rate in rad/s.
 
         Its x is the camera's to the right, its y up, its z back.
         """

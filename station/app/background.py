@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from station.common.errors import Explained
+from station.common.errors import ExplainedError
 
 if TYPE_CHECKING:
     from station.bench.stage_watch import DeviceState
@@ -91,9 +91,9 @@ def at_once(do: Callable[[], None]) -> threading.Thread:
 
 def problem_of(error: Exception) -> Problem:
     """An error as its sentence and its remedy."""
-    if isinstance(error, Explained):
+    if isinstance(error, ExplainedError):
         return Problem(error.reason, error.remedy)
-    what = f"the program failed on something it did not foresee: {type(error).__name__}: {error}"
+    what = f"the program failed unexpectedly: {type(error).__name__}: {error}"
     return Problem(what, "nothing that was taken is lost; go on, and report this if it comes again")
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 from textual.content import Content
 
 from station.app.widgets import Part, lines_of, literal
-from station.bench.axis_words import in_words, label
+from station.bench.axis_text import label, position_text
 
 if TYPE_CHECKING:
     from textual.geometry import Size
@@ -76,7 +76,7 @@ def brief(condition: Condition) -> str:
 
 def _why(one: DeviceState) -> str:
     """Why a device cannot be used; of a stage that may not move, where it was told to be last."""
-    told = ", ".join(f"{label(axis)} {in_words(axis, place)}" for axis, place in one.places.items())
+    told = ", ".join(f"{label(axis)} {position_text(axis, place)}" for axis, place in one.places.items())
     return brief(one.condition) + (f" (last told: {told})" if told else "")
 
 

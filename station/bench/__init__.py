@@ -1,1 +1,1 @@
-"""station.toml becomes open devices; the one door to simulated benches."""
+"""Opens the devices configured in station.toml, real or simulated."""

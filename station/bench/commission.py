@@ -1,6 +1,6 @@
-"""A stage is taken into service: what its controller is set to, what it does, what to change, and its table.
+"""Commissioning of a stage: its controller's settings, a drive of each axis, recommended changes, and its table.
 
-Nothing moves without the operator's consent, asked before homing and before each axis.
+Nothing moves without the operator's consent, requested before homing and before each axis.
 """
 
 from __future__ import annotations
@@ -17,40 +17,40 @@ from drivers.tmcl.stage import TmclStage
 from station.common.toml_text import toml_value
 
 LATE = 0.1
-"""Part of the expected time by which a move may last longer."""
+"""Allowed excess of a move's duration, relative to the expected one."""
 POLL_S = 1.0
-"""What asking the controller adds to a move's time at most."""
+"""Longest delay that polling adds to a move's duration."""
 RULER = 0.002
-"""Part of a length within which a ruler and a stage agree: 0.5 mm on 250 mm."""
+"""Relative tolerance between ruler and stage: 0.5 mm on 250 mm."""
 
 
-class Person(Protocol):
-    """Who stands beside the stage."""
+class Operator(Protocol):
+    """The operator at the stage."""
 
-    def tell(self, words: str) -> None:
-        """Read this."""
+    def show(self, words: str) -> None:
+        """Display a line."""
         ...
 
     def agrees(self, question: str) -> bool:
-        """Whether that may be done; no unless said."""
+        """Whether the operator consents; no by default."""
         ...
 
     def measures(self, question: str) -> float | None:
-        """A length, or None."""
+        """A measured length, or None."""
         ...
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something to change: why, and what to set where."""
+    """A recommended change: reason and remedy."""
 
     reason: str
     change: str
 
 
 @dataclass(frozen=True)
-class Drive:
-    """One axis driven from end to end: how far, in which time, in which it should have been, what a ruler said."""
+class AxisDrive:
+    """A drive of one axis from end to end: distance, duration, expected duration, distance by a ruler."""
 
     axis: str
     way: float
@@ -59,8 +59,8 @@ class Drive:
     ruler: float | None = None
 
 
-def settings_told(stage: Stage) -> list[str]:
-    """What the controller is set to, a line for each axis and one for the whole; nothing where it does not tell."""
+def settings_text(stage: Stage) -> list[str]:
+    """The controller's settings as text, a line for each axis and one in common; empty if they are not reported."""
     if isinstance(stage, TmclStage):
         return [f"{name}: {words}" for name, words in stage.settings().items()]
     if not isinstance(stage, GrblStage):
@@ -68,96 +68,97 @@ def settings_told(stage: Stage) -> list[str]:
     controls = stage.link.controls
     switches = "hard limits on" if controls.flag(21) else "hard limits off"
     lines = [f"homing on, soft limits on, {switches}, pull-off {controls.setting(27) or 0.0:g} mm"]
-    for name, one in stage.envelopes.items():
+    for name, axis in stage.envelopes.items():
         lines.append(
-            f"{name}: machine space {one.low:g} .. {one.high:g}, {one.rate_per_min:g} per min, "
-            f"{one.acceleration_per_s2:g} per s^2, {controls.setting(100 + one.index) or 0.0:g} steps per unit"
+            f"{name}: machine space {axis.low:g} .. {axis.high:g}, {axis.rate_per_min:g} per min, "
+            f"{axis.acceleration_per_s2:g} per s^2, {controls.setting(100 + axis.index) or 0.0:g} steps per unit"
         )
     return lines
 
 
 def settings_findings(stage: Stage) -> list[Finding]:
-    """What to change before anything moves."""
+    """Changes recommended before anything moves."""
     if isinstance(stage, TmclStage):
-        doubts = [one.doubt(name) for name, one in stage.envelopes.items()]
-        return [Finding(doubt.reason, doubt.remedy) for doubt in doubts if doubt is not None]
+        caveats = [axis.caveat(name) for name, axis in stage.envelopes.items()]
+        return [Finding(caveat.reason, caveat.remedy) for caveat in caveats if caveat is not None]
     if not isinstance(stage, GrblStage):
         return []
-    found = [_too_fast(name, one) for name, one in stage.envelopes.items()]
-    doubt = stage.condition().doubt
-    found.append(None if doubt is None else Finding(doubt.reason, doubt.remedy))
+    findings = [_too_fast(name, axis) for name, axis in stage.envelopes.items()]
+    caveat = stage.condition().caveat
+    findings.append(None if caveat is None else Finding(caveat.reason, caveat.remedy))
     if stage.link.controls.flag(21) is False:
-        found.append(Finding("a switch that is hit does not stop it ($21=0)", "set $21=1 where every end has a switch"))
-    found.append(_moves_unhomed(stage.link.controls))
-    return [one for one in found if one is not None]
+        findings.append(Finding("a limit switch does not stop it ($21=0)", "set $21=1 if every end has a switch"))
+    findings.append(_moves_unhomed(stage.link.controls))
+    return [finding for finding in findings if finding is not None]
 
 
 def _moves_unhomed(controls: Controls) -> Finding | None:
     if not controls.moves_unhomed:
         return None
-    told = int(controls.setting(22) or 0)
-    reason = f"after a power failure that nobody noticed it moves by a position that is lost ($22={told})"
-    return Finding(reason, f"set $22={told | HOME_FIRST}, which locks it until it is homed")
+    flags = int(controls.setting(22) or 0)
+    reason = f"after an unnoticed power failure it moves although its position is lost ($22={flags})"
+    return Finding(reason, f"set $22={flags | HOME_FIRST}, which locks it until it is homed")
 
 
-def _too_fast(name: str, one: Envelope) -> Finding | None:
-    asked, rate = one.axis.feed_per_min, one.rate_per_min
-    if asked <= rate:
+def _too_fast(name: str, axis: Envelope) -> Finding | None:
+    feed, rate = axis.axis.feed_per_min, axis.rate_per_min
+    if feed <= rate:
         return None
-    reason = f"{name} is asked for {asked:g} per min, and its controller does {rate:g} (${110 + one.index})"
-    return Finding(reason, f"write feed_per_min = {rate:g}, or raise ${110 + one.index}")
+    reason = f"{name} is configured for {feed:g} per min, but its controller reaches {rate:g} (${110 + axis.index})"
+    return Finding(reason, f"write feed_per_min = {rate:g}, or raise ${110 + axis.index}")
 
 
-def drive_through(stage: Stage, person: Person, clock: Clock) -> list[Drive] | None:
-    """Home, then each axis from its low end to its high end; None where homing was not agreed to."""
-    if not person.agrees("Homing drives all axes to their switches. Is the way free, and the emergency stop at hand?"):
+def drive_through(stage: Stage, operator: Operator, clock: Clock) -> list[AxisDrive] | None:
+    """Home, then drive each axis from its low end to its high end; None without consent to homing."""
+    if not operator.agrees("Homing drives all axes to their switches. Is the way free and the emergency stop at hand?"):
         return None
     stage.home()
-    person.tell("homed at " + ", ".join(f"{name} = {value:g}" for name, value in stage.position().items()))
+    operator.show("homed at " + ", ".join(f"{name} = {value:g}" for name, value in stage.position().items()))
     drives = []
     for name, travel in stage.travel().items():
-        if person.agrees(f"Drive {name} from {travel.low:g} to {travel.high:g}?"):
-            drives.append(_drive(stage, name, travel, person, clock))
+        if operator.agrees(f"Drive {name} from {travel.low:g} to {travel.high:g}?"):
+            drives.append(_drive(stage, name, travel, operator, clock))
     return drives
 
 
-def _drive(stage: Stage, name: str, travel: Travel, person: Person, clock: Clock) -> Drive:
+def _drive(stage: Stage, name: str, travel: Travel, operator: Operator, clock: Clock) -> AxisDrive:
     stage.move_to(**{name: travel.low})
     way = travel.high - travel.low
     expected_s = _expected_s(stage, name, way)
     begin_s = clock.now_s()
     stage.move_to(**{name: travel.high})
     seconds = clock.now_s() - begin_s
-    person.tell(f"{name} went {way:g} in {seconds:.1f} s, {60 * way / seconds:.0f} per min on average")
-    ruler = person.measures(f"How far did {name} move by a ruler? (nothing: not measured)")
-    return Drive(name, way, seconds, expected_s, ruler)
+    operator.show(f"{name} moved {way:g} in {seconds:.1f} s, {60 * way / seconds:.0f} per min on average")
+    ruler = operator.measures(f"How far did {name} move by a ruler? (nothing: not measured)")
+    return AxisDrive(name, way, seconds, expected_s, ruler)
 
 
 def _expected_s(stage: Stage, name: str, way: float) -> float | None:
-    """How long its controller's settings make that way last; None where it does not tell."""
+    """Duration of this move according to the controller's settings; None if it does not report them."""
     if isinstance(stage, TmclStage):
         return stage.travel_s(name, way)
     return stage.pace({name: way})[1] if isinstance(stage, GrblStage) else None
 
 
-def drive_findings(stage: Stage, drives: Sequence[Drive]) -> list[Finding]:
-    """What to change after it has moved."""
+def drive_findings(stage: Stage, drives: Sequence[AxisDrive]) -> list[Finding]:
+    """Changes recommended after the drives."""
     envelopes = stage.envelopes if isinstance(stage, GrblStage) else {}
-    found = []
-    for one in drives:
-        if one.expected_s is not None and one.seconds > (1 + LATE) * one.expected_s + POLL_S:
-            reason = f"{one.axis} took {one.seconds:.1f} s where its settings say {one.expected_s:.1f} s"
-            found.append(Finding(reason, "set the feed override to 100 %, and look for what holds it back"))
-        if one.ruler is not None and abs(one.ruler - one.way) > RULER * one.way:
-            found.append(_scale(one, one.ruler, envelopes.get(one.axis)))
-    return found
+    findings = []
+    for drive in drives:
+        if drive.expected_s is not None and drive.seconds > (1 + LATE) * drive.expected_s + POLL_S:
+            reason = f"{drive.axis} took {drive.seconds:.1f} s; its settings give {drive.expected_s:.1f} s"
+            findings.append(Finding(reason, "set the feed override to 100 %, and check for mechanical resistance"))
+        if drive.ruler is not None and abs(drive.ruler - drive.way) > RULER * drive.way:
+            findings.append(_scale(drive, drive.ruler, envelopes.get(drive.axis)))
+    return findings
 
 
-def _scale(drive: Drive, ruler: float, one: Envelope | None) -> Finding:
-    reason = f"{drive.axis} went {ruler:g} by the ruler where it was sent {drive.way:g}"
-    if one is None:
+def _scale(drive: AxisDrive, ruler: float, envelope: Envelope | None) -> Finding:
+    reason = f"{drive.axis} moved {ruler:g} by the ruler instead of {drive.way:g}"
+    if envelope is None:
         return Finding(reason, f"multiply unit_per_step by {ruler / drive.way:.5f}")
-    return Finding(reason, f"multiply ${100 + one.index} by {drive.way / ruler:.5f}, then set ${130 + one.index} anew")
+    scale, travel = f"${100 + envelope.index}", f"${130 + envelope.index}"
+    return Finding(reason, f"multiply {scale} by {drive.way / ruler:.5f}, then set {travel} again")
 
 
 def device_table(name: str, table: Mapping[str, Any], stage: Stage) -> str:
@@ -167,32 +168,32 @@ def device_table(name: str, table: Mapping[str, Any], stage: Stage) -> str:
     rows.append("axes = [")
     envelopes = stage.envelopes if isinstance(stage, GrblStage) else {}
     for axis in table["axes"]:
-        one = envelopes.get(axis["name"])
-        told = {} if one is None else _told(axis, one)
-        rows.append(f"    {toml_value({**axis, **told})},")
+        envelope = envelopes.get(axis["name"])
+        limits = {} if envelope is None else _limits(axis, envelope)
+        rows.append(f"    {toml_value({**axis, **limits})},")
     return "\n".join([*rows, "]"]) + "\n"
 
 
-def _told(axis: Mapping[str, Any], one: Envelope) -> dict[str, Any]:
-    told: dict[str, Any] = {"feed_per_min": min(axis["feed_per_min"], one.rate_per_min)}
-    usual = (-(one.high - one.low), 0.0)
-    return told if (one.low, one.high) == usual else told | {"space": [one.low, one.high]}
+def _limits(axis: Mapping[str, Any], envelope: Envelope) -> dict[str, Any]:
+    limits: dict[str, Any] = {"feed_per_min": min(axis["feed_per_min"], envelope.rate_per_min)}
+    usual = (-(envelope.high - envelope.low), 0.0)
+    return limits if (envelope.low, envelope.high) == usual else limits | {"space": [envelope.low, envelope.high]}
 
 
-def commission(name: str, stage: Stage, table: Mapping[str, Any], person: Person, clock: Clock) -> str:
-    """Read, drive and judge a connected stage, telling all of it; its table for station.toml. Raises DeviceError."""
-    person.tell(f"{name} at {stage.address}")
-    for line in settings_told(stage):
-        person.tell(f"  {line}")
+def commission(name: str, stage: Stage, table: Mapping[str, Any], operator: Operator, clock: Clock) -> str:
+    """Read, drive and judge a connected stage, reporting everything; returns its table. Raises DeviceError."""
+    operator.show(f"{name} at {stage.address}")
+    for line in settings_text(stage):
+        operator.show(f"  {line}")
     findings = settings_findings(stage)
-    drives = drive_through(stage, person, clock)
+    drives = drive_through(stage, operator, clock)
     if drives is None:
-        person.tell(f"{name} was not moved: travel and speed are as its controller tells them")
+        operator.show(f"{name} was not moved: travel and speed are as reported by its controller")
     findings += drive_findings(stage, drives or [])
     for finding in findings:
-        person.tell(f"to change: {finding.reason}: {finding.change}")
+        operator.show(f"to change: {finding.reason}: {finding.change}")
     if not findings:
-        person.tell(f"nothing to change at {name}")
+        operator.show(f"nothing to change at {name}")
     text = device_table(name, table, stage)
-    person.tell(text)
+    operator.show(text)
     return text

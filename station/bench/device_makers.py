@@ -1,4 +1,4 @@
-"""Which driver a name in station.toml means; what its options may be was checked before (device_check)."""
+"""Drivers by their name in station.toml; their options have been checked before (device_check)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from drivers.protocols.tmcl import TmclParser
 from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
 from drivers.shaker import ShakerAxis, StrigShaker
-from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
+from drivers.shutter import NullParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
 from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport
 from drivers.watchdog import Released, StrigWatchdog
@@ -44,9 +44,9 @@ from station.bench.device_options import added_drivers
 
 @dataclass(frozen=True)
 class Parts:
-    """What a maker may use: the devices made so far, folders, the clock, how RAW files are checked.
+    """What the makers use: devices made so far, folders, clock, RAW file reader.
 
-    Every line leaves its transcript in `transcripts`; devices of one configuration of Micro-Manager share its core.
+    Every line has a transcript in `transcripts`; devices of one Micro-Manager configuration share its core.
     """
 
     made: Mapping[str, Device]
@@ -64,18 +64,18 @@ class Parts:
         return SerialTransport(port, parser, clock=self.clock, transcript=transcript, **options)
 
     def link(self, on: str | None, name: str, port: str | None) -> tuple[GrblLink, bool]:
-        """The stage's GRBL controller, or one of its own; and whether it is."""
+        """The stage's GRBL controller, or a separate one; and whether it is separate."""
         if on is None:
             return GrblLink(self.wire(name, str(port), GrblParser)), True
         return cast(GrblStage, self.made[on]).link, False
 
     def core(self, config: str, adapters: str | None) -> Core:
-        """The core of this configuration file of Micro-Manager."""
+        """The core of this Micro-Manager configuration file."""
         path = (self.folder / config).resolve()
         return self.cores.setdefault(path, Core(path, None if adapters is None else self.folder / adapters))
 
     def frames(self, folder: str, **optics: Any) -> DngFolder:
-        """Where a camera that gives pixels leaves its files."""
+        """The folder for frames of a camera without files."""
         return DngFolder(self.folder / folder, self.inspect, Optics(**optics), clock=self.clock)
 
 
@@ -113,11 +113,11 @@ def _strig_shaker(name: str, parts: Parts, *, box: str, axes: Sequence[Mapping[s
 
 
 def _strig_watchdog(name: str, parts: Parts, *, box: str, stages: Sequence[str]) -> StrigWatchdog:
-    return StrigWatchdog(cast(StrigShutter, parts.made[box]), [cast(Released, parts.made[one]) for one in stages])
+    return StrigWatchdog(cast(StrigShutter, parts.made[box]), [cast(Released, parts.made[stage]) for stage in stages])
 
 
 def _rts(name: str, parts: Parts, *, port: str) -> RtsShutter:
-    return RtsShutter(parts.wire(name, port, DeafParser, rts=False), clock=parts.clock)
+    return RtsShutter(parts.wire(name, port, NullParser, rts=False), clock=parts.clock)
 
 
 def _relay(name: str, parts: Parts, *, on: str | None = None, port: str | None = None) -> RelayShutter:

@@ -1,4 +1,4 @@
-"""The options of each driver in station.toml: which there are, what they may be, what is an example."""
+"""Options of each driver in station.toml: names, allowed values, examples."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from station.common.toml_text import toml_value
 
 
 class Rule(Protocol):
-    """What a value must be."""
+    """A condition on a value."""
 
     @property
     def words(self) -> str:
-        """What it must be, to go on after "must be"."""
+        """The condition, to follow "must be"."""
         ...
 
     @property
     def example(self) -> str:
-        """A good value, as one would write it."""
+        """An example value, as written in the file."""
         ...
 
     def holds(self, value: Any) -> bool:
-        """Whether this value will do."""
+        """Whether a value satisfies the condition."""
         ...
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number between two ends; `above` its low end where that is given."""
+    """A number between two limits; the low one is excluded if `above`."""
 
     example: str
     low: float = -math.inf
@@ -42,7 +42,7 @@ class Number:
 
     @property
     def words(self) -> str:
-        """What it must be."""
+        """The condition as text."""
         if self.low == -math.inf:
             return "a number"
         if self.high < math.inf:
@@ -50,15 +50,15 @@ class Number:
         return f"a number above {self.low:g}" if self.above else f"a number not below {self.low:g}"
 
     def holds(self, value: Any) -> bool:
-        """Whether it is one."""
+        """Whether the value is such a number."""
         if type(value) not in (int, float) or not math.isfinite(value):
             return False
         return self.low <= value <= self.high and not (self.above and value == self.low)
 
 
 @dataclass(frozen=True)
-class Whole:
-    """A whole number between two ends, both included."""
+class WholeNumber:
+    """An integer between two limits, both included."""
 
     example: str
     low: int
@@ -66,11 +66,11 @@ class Whole:
 
     @property
     def words(self) -> str:
-        """What it must be."""
+        """The condition as text."""
         return f"a whole number from {self.low} to {self.high}"
 
     def holds(self, value: Any) -> bool:
-        """Whether it is one."""
+        """Whether the value is such an integer."""
         return type(value) is int and self.low <= value <= self.high
 
 
@@ -82,70 +82,70 @@ class OneOf:
 
     @property
     def words(self) -> str:
-        """What it must be."""
+        """The condition as text."""
         return "one of " + ", ".join(map(toml_value, self.values))
 
     @property
     def example(self) -> str:
-        """The first."""
+        """The first value."""
         return toml_value(self.values[0])
 
     def holds(self, value: Any) -> bool:
-        """Whether it is one."""
-        return any(type(value) is type(one) and value == one for one in self.values)
+        """Whether the value is one of them."""
+        return any(type(value) is type(allowed) and value == allowed for allowed in self.values)
 
 
 @dataclass(frozen=True)
-class Text:
-    """Text that is not empty, and matches a pattern where there is one."""
+class Quoted:
+    """Text that is not empty, and matches the pattern if there is one."""
 
     example: str
     words: str = "text in quotes"
     pattern: str = r"(?s).*\S.*"
 
     def holds(self, value: Any) -> bool:
-        """Whether it is one."""
+        """Whether the value is such text."""
         return isinstance(value, str) and re.fullmatch(self.pattern, value) is not None
 
 
 @dataclass(frozen=True)
-class Ends:
-    """The low and the high end of something."""
+class Interval:
+    """The low and the high end of a range."""
 
     example: str = "[-300.0, 0.0]"
     words: str = "two numbers, the smaller one first"
 
     def holds(self, value: Any) -> bool:
-        """Whether it is that."""
+        """Whether the value is such a pair."""
         number = Number("0")
         return isinstance(value, list) and len(value) == 2 and all(map(number.holds, value)) and value[0] < value[1]
 
 
 @dataclass(frozen=True)
-class Several:
-    """A list with at least one value under a rule, none of them twice."""
+class ListOf:
+    """A list of distinct values, at least one, each under the same rule."""
 
     each: Rule
 
     @property
     def words(self) -> str:
-        """What it must be."""
+        """The condition as text."""
         return f"a list in [ ] with at least one value, each {self.each.words}, none twice"
 
     @property
     def example(self) -> str:
-        """A list of one."""
+        """A list of one value."""
         return f"[{self.each.example}]"
 
     def holds(self, value: Any) -> bool:
-        """Whether it is that."""
+        """Whether the value is such a list."""
         good = isinstance(value, list) and value and all(map(self.each.holds, value))
         return bool(good) and len(set(value)) == len(value)
 
 
 @dataclass(frozen=True)
 class Option:
-    """One key: its rule, and whether it must be there."""
+    """One key: its rule, and whether it is required."""
 
     rule: Rule
     required: bool = False
@@ -160,36 +160,38 @@ class Options:
     unlike: tuple[tuple[str, ...], ...] = ()
 
 
-PORT = Option(Text('"/dev/ttyUSB0"', "the name of a port in quotes"), required=True)
+PORT = Option(Quoted('"/dev/ttyUSB0"', "the name of a port in quotes"), required=True)
 MAYBE_PORT = Option(PORT.rule)
-BAUD = Option(Whole("115200", 300, 4_000_000))
-NAME = Option(Text('"z_mm"', "a name that ends in its unit, _mm or _deg", r"[a-z][a-z0-9_]*_(mm|deg)"), required=True)
-FOLDER = Option(Text('"incoming"', "the name of a folder in quotes"), required=True)
-DEVICE = Text('"stage"', "the name of a device in quotes")
+BAUD = Option(WholeNumber("115200", 300, 4_000_000))
+NAME = Option(Quoted('"z_mm"', "a name that ends in its unit, _mm or _deg", r"[a-z][a-z0-9_]*_(mm|deg)"), required=True)
+FOLDER = Option(Quoted('"incoming"', "the name of a folder in quotes"), required=True)
+DEVICE = Quoted('"stage"', "the name of a device in quotes")
 SECONDS = Option(Number("0.5", 0.0))
 POLL = Option(Number("0.2", 0.0, 5.0, above=True))
 LAMP = {"warm_up_s": SECONDS, "pwm_hz": Option(Number("1000", 0.0))}
 LINE = {"port": PORT, "baud": BAUD}
 ON_A_STAGE = {"on": Option(DEVICE), "port": MAYBE_PORT}
 CORE = {
-    "config": Option(Text('"microscope.cfg"', "the name of a configuration file in quotes"), required=True),
-    "adapters": Option(Text('"/opt/micro-manager"', "the folder of Micro-Manager's adapters in quotes")),
+    "config": Option(Quoted('"microscope.cfg"', "the name of a configuration file in quotes"), required=True),
+    "adapters": Option(Quoted('"/opt/micro-manager"', "the folder of Micro-Manager's adapters in quotes")),
 }
-LABEL = Option(Text('"Camera"', "a device's label in that configuration in quotes"), required=True)
+LABEL = Option(Quoted('"Camera"', "a device's label in that configuration in quotes"), required=True)
 FRAMES = {
     "folder": FOLDER,
     "f_number": Option(Number("4.0", 0.0, above=True)),
     "focal_length_mm": Option(Number("25", 0.0, above=True)),
-    "lens": Option(Text('"Lens 25 mm"')),
+    "lens": Option(Quoted('"Lens 25 mm"')),
     "pixel_pitch_um": Option(Number("3.45", 0.0, above=True)),
     "black": Option(Number("64", 0.0)),
 }
 HOST_AND_PORT = r"(\[[^\]\s]+\]|[^:@\s/]+):\d{1,5}"
 SERVER = {
-    "server": Option(Text('"192.168.1.20:11111"', "address and port of a server in quotes", HOST_AND_PORT), True),
-    "password_variable": Option(Text('"STATION_TOKEN"', "the name of a variable of the environment", r"[A-Za-z_]\w*")),
+    "server": Option(Quoted('"192.168.1.20:11111"', "address and port of a server in quotes", HOST_AND_PORT), True),
+    "password_variable": Option(
+        Quoted('"STATION_TOKEN"', "the name of a variable of the environment", r"[A-Za-z_]\w*")
+    ),
 }
-COUNTED = Whole("0", 0, 2**16)
+COUNTED = WholeNumber("0", 0, 2**16)
 ALPACA = {**SERVER, "device": Option(COUNTED)}
 PATIENCE = Option(Number("60", 0.0, above=True))
 
@@ -203,7 +205,7 @@ OPTIONS: dict[str, Options] = {
             "origin": Option(Number("0.0")),
             "direction": Option(OneOf((1, -1))),
             "travel": Option(Number("300", 0.0, above=True)),
-            "space": Option(Ends()),
+            "space": Option(Interval()),
         },
         (("name",), ("letter",)),
     ),
@@ -211,8 +213,8 @@ OPTIONS: dict[str, Options] = {
         {**LINE, "poll_s": POLL},
         {
             "name": NAME,
-            "device": Option(Whole("1", 1, 99), required=True),
-            "axis": Option(Whole("1", 1, 9)),
+            "device": Option(WholeNumber("1", 1, 99), required=True),
+            "axis": Option(WholeNumber("1", 1, 9)),
             "unit_per_step": Option(Number("0.000234375", 0.0, above=True), required=True),
             "zero": Option(Number("0.0")),
             "speed_per_s": Option(Number("10", 0.0, above=True)),
@@ -224,14 +226,14 @@ OPTIONS: dict[str, Options] = {
             **LINE,
             "poll_s": POLL,
             "patience_s": Option(Number("60", 0.0, above=True)),
-            "variable": Option(Whole("55", 0, 255)),
+            "variable": Option(WholeNumber("55", 0, 255)),
         },
         {
             "name": NAME,
-            "motor": Option(Whole("0", 0, 15), required=True),
-            "travel": Option(Ends("[0.0, 300.0]"), required=True),
+            "motor": Option(WholeNumber("0", 0, 15), required=True),
+            "travel": Option(Interval("[0.0, 300.0]"), required=True),
             "unit_per_step": Option(Number("0.003125", 0.0, above=True), required=True),
-            "module": Option(Whole("1", 1, 255)),
+            "module": Option(WholeNumber("1", 1, 255)),
             "zero": Option(Number("0.0")),
             "direction": Option(OneOf((1, -1))),
         },
@@ -248,7 +250,7 @@ OPTIONS: dict[str, Options] = {
         },
         (("name",), ("channel",)),
     ),
-    "strig_watchdog": Options({"box": Option(DEVICE, required=True), "stages": Option(Several(DEVICE), required=True)}),
+    "strig_watchdog": Options({"box": Option(DEVICE, required=True), "stages": Option(ListOf(DEVICE), required=True)}),
     "rts": Options({"port": PORT}),
     "relay": Options(ON_A_STAGE),
     "folder": Options(
@@ -266,8 +268,8 @@ OPTIONS: dict[str, Options] = {
     "gphoto": Options(
         {
             "folder": FOLDER,
-            "model": Option(Text('"Canon EOS R5"')),
-            "port": Option(Text('"usb:001,004"', "libgphoto2's name of a port in quotes")),
+            "model": Option(Quoted('"Canon EOS R5"')),
+            "port": Option(Quoted('"usb:001,004"', "libgphoto2's name of a port in quotes")),
             "shutter": Option(DEVICE),
         }
     ),
@@ -275,8 +277,8 @@ OPTIONS: dict[str, Options] = {
         {**CORE, "patience_s": Option(Number("60", 0.0, above=True))},
         {
             "name": NAME,
-            "device": Option(Text('"Z"', "a device's label in that configuration in quotes"), required=True),
-            "travel": Option(Ends("[0.0, 25.0]"), required=True),
+            "device": Option(Quoted('"Z"', "a device's label in that configuration in quotes"), required=True),
+            "travel": Option(Interval("[0.0, 25.0]"), required=True),
             "part": Option(OneOf(("x", "y"))),
             "zero": Option(Number("0.0")),
             "unit_per_um": Option(Number("0.001", 0.0, above=True)),
@@ -289,12 +291,14 @@ OPTIONS: dict[str, Options] = {
     "micromanager_camera": Options(
         {**CORE, "device": LABEL, **FRAMES, "mosaic": Option(OneOf(("none", "RGGB", "BGGR", "GRBG", "GBRG")))}
     ),
-    "micromanager_shutter": Options({**CORE, "device": Option(Text('"Shutter"'), required=True)}),
+    "micromanager_shutter": Options({**CORE, "device": Option(Quoted('"Shutter"'), required=True)}),
     "genicam": Options(
         {
-            "camera": Option(Text('"192.168.1.20"', "a camera's name or address in quotes")),
+            "camera": Option(Quoted('"192.168.1.20"', "a camera's name or address in quotes")),
             "pixel_format": Option(
-                Text('"BayerRG12p"', "a grey or Bayer pixel format of 8 to 16 bits", r"(Mono|Bayer(RG|BG|GR|GB))\d+\w*")
+                Quoted(
+                    '"BayerRG12p"', "a grey or Bayer pixel format of 8 to 16 bits", r"(Mono|Bayer(RG|BG|GR|GB))\d+\w*"
+                )
             ),
             "gain_db": Option(Number("0.0")),
             "patience_s": Option(Number("5", 0.0, above=True)),
@@ -309,7 +313,7 @@ OPTIONS: dict[str, Options] = {
             "unit_per_step": Option(Number("0.001", 0.0, above=True)),
             "zero": Option(Number("0.0")),
             "direction": Option(OneOf((1, -1))),
-            "home": Option(Text('"Home"', "the name of the focuser's action that homes it in quotes")),
+            "home": Option(Quoted('"Home"', "the name of the focuser's action that homes it in quotes")),
         },
         (("name",), ("focuser",)),
     ),
@@ -328,7 +332,7 @@ OPTIONS: dict[str, Options] = {
     ),
     "jrt": Options(LINE),
     "bosch": Options(LINE),
-    "dmx": Options({"port": PORT, "channels": Option(Several(Whole("1", 1, 512))), **LAMP}),
+    "dmx": Options({"port": PORT, "channels": Option(ListOf(WholeNumber("1", 1, 512))), **LAMP}),
     "grbl_light": Options({**ON_A_STAGE, **LAMP}),
 }
 STAGES, SHUTTERS = ("grbl",), ("strig", "rts", "relay", "micromanager_shutter", "alpaca_shutter")
@@ -338,17 +342,17 @@ REFERS = {
     "box": (("strig",), "STRIG box"),
     "stages": (("grbl", "tmcl_stage"), "stage with a motor enable input"),
 }
-"""Keys that name other devices, the drivers they may have, and what they are called."""
+"""Keys that name other devices, the drivers allowed for these, and their description."""
 
 
 def named(table: Mapping[str, Any], key: str) -> list[str]:
-    """The devices that a key of `REFERS` names."""
+    """The devices named by a key of `REFERS`."""
     names = table.get(key, [])
     return names if isinstance(names, list) else [names]
 
 
 EITHER = {"relay": ("on", "port"), "grbl_light": ("on", "port")}
-"""Drivers that need one of two keys."""
+"""Drivers that require one of two keys."""
 
 
 # --- drivers of other packages ---------------------------------------------------------------------------------------

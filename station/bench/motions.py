@@ -1,4 +1,4 @@
-"""What moves on a bench now: every move and every homing passes here, so that whoever watches can tell of it."""
+"""Current motions of a bench: every move and homing passes here, so that observers can display it."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from drivers.interfaces import Device
 
 @dataclass(frozen=True)
 class Motion:
-    """A move that is under way: since when by the bench's clock, and to where by axis; nowhere is homing."""
+    """A move in progress: its start by the bench's clock, and its targets by axis; no targets for homing."""
 
     began_s: float
     target: Mapping[str, float] = field(default_factory=dict)
 
 
 class Motions:
-    """The moves of a bench's stages. Any thread may ask."""
+    """The moves of a bench's stages; thread-safe."""
 
     def __init__(self, devices: Mapping[str, Device], clock: Clock) -> None:
         self._devices, self._clock = devices, clock
@@ -29,8 +29,8 @@ class Motions:
         self._now: dict[str, Motion] = {}
         self._ended: dict[str, Motion] = {}
 
-    def of(self, name: str) -> Motion | None:
-        """What this stage is at; None where it stands."""
+    def motion_of(self, name: str) -> Motion | None:
+        """The present motion of this stage; None if it stands still."""
         with self._lock:
             return self._now.get(name)
 
@@ -41,17 +41,17 @@ class Motions:
             return bool(self._now)
 
     def take_ended(self, name: str) -> Motion | None:
-        """The move of this stage that has ended, well or not, since this was last asked."""
+        """The move of this stage that has ended, successfully or not, since the last call."""
         with self._lock:
             return self._ended.pop(name, None)
 
     def move(self, name: str, target: Mapping[str, float]) -> None:
-        """Send a stage to places and wait until it is there. Raises DeviceError."""
+        """Move a stage and wait until it arrives. Raises DeviceError."""
         with self._moving(name, target) as stage:
             stage.move_to(**target)
 
     def home(self, name: str, allowed: Callable[[], None]) -> None:
-        """Let a stage find its reference. Raises DeviceError, and what `allowed` raises."""
+        """Home a stage. Raises DeviceError, and what `allowed` raises."""
         with self._moving(name, {}) as stage:
             stage.home(allowed)
 

@@ -1,4 +1,4 @@
-"""station.toml becomes open devices. The one door to the simulators: a simulated bench is configured like a real one.
+"""Opens the devices of station.toml; alone imports the simulators, whose bench is configured like a real one.
 
 ```toml
 [devices.stage]
@@ -47,14 +47,14 @@ from station.bench.device_check import TableCheck
 from station.bench.device_makers import MAKERS, Parts, maker_of
 from station.bench.device_options import REFERS, named
 from station.bench.motions import Motions
-from station.bench.stopping import Asked, StopRequest, stop_all, stops_on_wires
+from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
 from station.common.toml_lines import key_lines
 
 
 @dataclass(frozen=True)
 class DeviceRow:
-    """One device as `station devices` shows it: what answered and how it is, or what is wrong."""
+    """One device as shown by `station devices`: its identity and condition, or its error."""
 
     name: str
     driver: str
@@ -66,7 +66,7 @@ class DeviceRow:
 
 @dataclass
 class Bench:
-    """The devices by name, in the order in which they are connected, and the clock they live by."""
+    """The devices by name, in the order of their connection, and their clock."""
 
     devices: dict[str, Device]
     drivers: Mapping[str, str]
@@ -76,14 +76,14 @@ class Bench:
     _on_close: Sequence[Callable[[], None]] = ()
     surroundings: Surroundings = field(default_factory=Surroundings)
     simulated: Any = None
-    _stops: list[Asked] = field(default_factory=list)
+    _stops: list[StopRecord] = field(default_factory=list)
     motions: Motions = field(init=False)
 
     def __post_init__(self) -> None:
         self.motions = Motions(self.devices, self.clock)
 
     def connect(self) -> None:
-        """Connect all devices; those that answer stay connected. Raises NotConnected naming all the others."""
+        """Connect all devices; those that answer stay connected. Raises NotConnected naming all others."""
         failures = {row.name: row.error for row in self.rows() if row.error is not None}
         if failures:
             raise NotConnected(failures)
@@ -102,12 +102,12 @@ class Bench:
 
     def _find(self, name: str) -> Device:
         if name not in self.devices:
-            raise BadConfiguration(f"no device is called {name}", f"add [devices.{name}] to station.toml")
+            raise BadConfiguration(f"no device has the name {name}", f"add [devices.{name}] to station.toml")
         return self.devices[name]
 
     @property
     def stage(self) -> Stage:
-        """The rail or gantry. Raises BadConfiguration if there is none; so do the others."""
+        """The rail or gantry. Raises BadConfiguration if there is none, like the following properties."""
         return cast(Stage, self._find("stage"))
 
     @property
@@ -127,7 +127,7 @@ class Bench:
 
     @property
     def shaker(self) -> Shaker:
-        """What shakes the camera."""
+        """The camera's shaker."""
         return cast(Shaker, self._find("shaker"))
 
     @property
@@ -146,33 +146,33 @@ class Bench:
         return cast(Light, self._find("light"))
 
     def log_wires(self, folder: Path | None) -> None:
-        """From now on, write what passes on each wire into a file of its own in this folder; into none where None."""
+        """From now on, write each line's transcript to a file in this folder; to none if None."""
         for name, transcript in self.transcripts.items():
             transcript.write_to(folder / f"wire-{name}.txt" if folder else None)
 
     def emergency_stop(self) -> None:
-        """Stop everything, side by side, stages first; from any thread, any number of times."""
-        asked = Asked(self.clock.now_s())
-        self._stops.append(asked)
+        """Stop everything simultaneously, stages first; thread-safe, any number of times."""
+        request = StopRecord(self.clock.now_s())
+        self._stops.append(request)
         stop_all(sorted(self.devices.values(), key=lambda device: not hasattr(device, "move_to")))
-        asked.done.set()
+        request.done.set()
 
     @property
     def stops(self) -> int:
-        """How many emergency stops there were."""
+        """Number of emergency stops so far."""
         return len(self._stops)
 
     def stops_since(self, number: int) -> list[StopRequest]:
-        """The emergency stops after the first `number`, and when each was on which wire."""
+        """The emergency stops after the first `number`, with the times of their bytes on each line."""
         return stops_on_wires(self._stops[number:], self.transcripts)
 
     def check_stops(self, number: int) -> None:
-        """Raises EmergencyStopped where there were more emergency stops than `number`."""
+        """Raises EmergencyStopped if there were more than `number` emergency stops."""
         if self.stops != number:
             raise EmergencyStopped("everything was stopped", "make it safe, then home")
 
     def close(self) -> None:
-        """Give all lines back, in the reverse order."""
+        """Release all lines, in the reverse order."""
         for device in reversed(self.devices.values()):
             device.close()
         for end in self._on_close:
@@ -180,12 +180,12 @@ class Bench:
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """The devices' tables of a station.toml, every value checked; none where it tells a unit alone.
+    """The devices' tables of a station.toml, every value checked; empty if it sets only a unit.
 
     Raises
     ------
     BadConfiguration
-        With the line.
+        Names the line of the error.
     """
     if not path.exists():
         raise BadConfiguration(f"there is no {path}", "write one, or use --simulate")
@@ -206,13 +206,13 @@ def read_config(path: Path) -> dict[str, Any]:
 def make_bench(
     tables: Mapping[str, Mapping[str, Any]], *, folder: Path, clock: Clock | None = None, wire_log: Path | None = None
 ) -> Bench:
-    """The configured devices, not yet connected; relative folders begin at `folder`. Raises BadConfiguration."""
+    """The configured devices, not yet connected; relative folders refer to `folder`. Raises BadConfiguration."""
     TableCheck(tables).check()
     clock = clock or SystemClock()
     made: dict[str, Device] = {}
     transcripts: dict[str, Transcript] = {}
     cores: dict[Path, Core] = {}
-    for name in sorted(tables, key=lambda one: _depth(tables, one)):
+    for name in sorted(tables, key=lambda name: _depth(tables, name)):
         options = {key: value for key, value in tables[name].items() if key != "driver"}
         parts = Parts(made, folder, clock, inspect_raw, wire_log, transcripts, cores)
         made[name] = maker_of(tables[name]["driver"])(name, parts, **options)
@@ -220,30 +220,31 @@ def make_bench(
 
 
 def _depth(tables: Mapping[str, Mapping[str, Any]], name: str) -> int:
-    """How many devices must be there before this one, one after another."""
+    """Number of devices that must be created before this one, in sequence."""
     others = [other for key in REFERS for other in named(tables[name], key)]
     return max((1 + _depth(tables, other) for other in others), default=0)
 
 
 def inspect_raw(path: Path) -> Facts:
-    """What a RAW file says about its exposure, once it has been read as a whole. Raises BadInput if it cannot be."""
+    """The exposure metadata of a RAW file that can be read completely. Raises BadInput otherwise."""
     from procedures.raw import read_frame
 
-    told = read_frame(path).exposure
-    return Facts(told.exposure_s, None if told.iso is None else round(told.iso), told.f_number)
+    exposure = read_frame(path).exposure
+    return Facts(exposure.exposure_s, None if exposure.iso is None else round(exposure.iso), exposure.f_number)
 
 
 def simulated_bench(
     folder: Path, *, seed: int = 0, faults: bool = False, virtual_time: bool = False, shaker: bool = False
 ) -> Bench:
-    """A bench whose devices are simulated in this process; `bench.simulated` is the truth behind it.
+    """A bench of simulated devices in this process; `bench.simulated` is the ground truth.
 
-    Without `shaker` the rig is set in motion by hand.
+    Without `shaker` the rig is moved by hand.
     """
     from simulators.bench.bench import Setup, SimulatedBench, random_trouble
 
-    spoilt, mishaps = random_trouble(seed) if faults else ({}, ())
-    truth = SimulatedBench(folder, Setup(seed=seed, faults=spoilt, mishaps=mishaps, virtual_time=virtual_time))
+    cable_faults, events = random_trouble(seed) if faults else ({}, ())
+    setup = Setup(seed=seed, faults=cable_faults, fault_events=events, virtual_time=virtual_time)
+    truth = SimulatedBench(folder, setup)
     bench = make_bench(simulated_tables(truth.address, folder, shaker=shaker), folder=folder, clock=truth.clock)
     bench.surroundings = SimulatedSurroundings(truth)
     bench.simulated, bench._on_close = truth, (truth.close,)
@@ -255,11 +256,11 @@ SHAKER: dict[str, Any] = {
     "box": "shutter",
     "axes": [{"name": "x_mm", "channel": 0, "stroke": 2.0}, {"name": "y_mm", "channel": 1, "stroke": 2.0}],
 }
-"""The table of the simulated bench's shaker."""
+"""Configuration of the simulated bench's shaker."""
 
 
 def fit_shaker(bench: Bench, *, wanted: bool) -> None:
-    """Give a simulated bench its shaker, or take it off. Threads may be going through the devices: they are new."""
+    """Add a simulated bench's shaker, or remove it. The mapping is replaced, as other threads may iterate over it."""
     devices, drivers = dict(bench.devices), dict(bench.drivers)
     if wanted and "shaker" not in devices:
         options = {key: value for key, value in SHAKER.items() if key != "driver"}
@@ -276,7 +277,7 @@ def fit_shaker(bench: Bench, *, wanted: bool) -> None:
 
 
 def simulated_tables(address: Callable[[str], str], folder: Path, *, shaker: bool = False) -> dict[str, dict[str, Any]]:
-    """The configuration of the simulated bench, as it would stand in station.toml."""
+    """The configuration of the simulated bench, as in a station.toml."""
     letters = (("z_mm", "X", 3000.0), ("x_mm", "Y", 1500.0), ("y_mm", "Z", 1500.0))
     pan_tilt = (("pan_deg", 1, -30.0), ("tilt_deg", 2, -20.0))
     step = 0.000234375

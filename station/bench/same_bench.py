@@ -1,4 +1,4 @@
-"""Whether two configurations open the same bench: the same devices, reached in the same way."""
+"""Comparison of two configurations: whether they open the same devices, reached in the same way."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ WHICH = (
     "driver", "port", "server", "device", "switch", "camera", "model", "config", "folder", "on", "box", "shutter",
     "name", "letter", "axis", "motor", "module", "channel", "focuser", "part",
 )  # fmt: skip
-"""Keys of a device and of its axes that say which hardware it is; others set how it is used."""
+"""Keys of a device and its axes that identify the hardware; other keys set its use."""
 
 
 def bench_differences(before: Tables, now: Tables) -> list[str]:
-    """What is of another device, each difference in words; empty where both open the same bench."""
+    """The differences in hardware, as text; empty if both configurations open the same bench."""
     old, new = dict(_which(before)), dict(_which(now))
     keys = dict.fromkeys([*old, *new])
     return [

@@ -1,4 +1,4 @@
-"""How the devices are, and how far those are that move: asked of the wires only while something does."""
+"""Conditions of all devices, and positions of moving stages: read from the line only during a motion."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.errors import DeviceError
 from drivers.interfaces import Condition
-from station.bench.axis_words import way_in_words
+from station.bench.axis_text import move_text
 
 if TYPE_CHECKING:
     from station.bench.motions import Motion
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DeviceState:
-    """One device as a front end shows it; `places`: where its axes are, as the wire told it last."""
+    """One device as a front end shows it; `places`: last reported positions of its axes."""
 
     name: str
     condition: Condition
@@ -28,55 +28,55 @@ class DeviceState:
 
 HOMING = "homing: keep clear"
 NEAR = 0.02
-"""Share of a way below which its speed is not told yet."""
+"""Fraction of a move below which its speed is not estimated yet."""
 
 
 @dataclass
 class StageWatch:
-    """The devices of a bench as they are at each look."""
+    """The devices of a bench at each poll."""
 
     bench: Bench
-    _heard: dict[str, Mapping[str, float]] = field(default_factory=dict)
+    _last_places: dict[str, Mapping[str, float]] = field(default_factory=dict)
     _began: dict[str, tuple[Motion, Mapping[str, float]]] = field(default_factory=dict)
 
     def look(self) -> Sequence[DeviceState]:
-        """Every device's condition; of a stage that moves where it is, else where it was told to be last."""
+        """Every device's condition; positions are read if the stage moves, else those last reported."""
         return [self._state(name, device.condition()) for name, device in self.bench.devices.items()]
 
     def _state(self, name: str, condition: Condition) -> DeviceState:
-        motion = self.bench.motions.of(name)
+        motion = self.bench.motions.motion_of(name)
         if motion is None:
             self._after(name, self.bench.motions.take_ended(name), condition)
-            return DeviceState(name, condition, places=self._heard.get(name, {}))
-        if not motion.target:  # a controller that homes answers no question
+            return DeviceState(name, condition, places=self._last_places.get(name, {}))
+        if not motion.target:  # a controller does not answer while homing
             return DeviceState(name, Condition(HOMING, condition.usable, condition.remedy), moving=True)
         self._ask(name)
-        here = self._heard.get(name, {})
+        here = self._last_places.get(name, {})
         return DeviceState(name, Condition(self._under_way(name, motion, here)), moving=True, places=here)
 
     def _after(self, name: str, ended: Motion | None, condition: Condition) -> None:
-        """Where it came to stand; before it has homed, what a controller tells means nothing."""
+        """Position after a motion; before homing, a controller's position is meaningless."""
         if ended is not None and (ended.target or condition.usable):
             self._ask(name)
         elif ended is not None:
-            self._heard.pop(name, None)
+            self._last_places.pop(name, None)
 
     def _ask(self, name: str) -> None:
-        """Where it is by the wire; what does not answer leaves what was told last."""
+        """Read the position from the line; if it does not answer, the last one is kept."""
         stage: Any = self.bench.devices[name]
         with suppress(DeviceError):
-            self._heard[name] = dict(stage.position())
+            self._last_places[name] = dict(stage.position())
 
     def _under_way(self, name: str, motion: Motion, here: Mapping[str, float]) -> str:
         if self._began.get(name, (None,))[0] is not motion:
             self._began[name] = motion, here
         begin = self._began[name][1]
-        ways = [way_in_words(axis, here[axis], goal) for axis, goal in motion.target.items() if axis in here]
+        moves = [move_text(axis, here[axis], goal) for axis, goal in motion.target.items() if axis in here]
         left_s = self._left_s(motion, begin, here)
-        return "moving " + ", ".join([*ways, *([f"{left_s:.0f} s left"] if left_s is not None else [])])
+        return "moving " + ", ".join([*moves, *([f"{left_s:.0f} s left"] if left_s is not None else [])])
 
     def _left_s(self, motion: Motion, begin: Mapping[str, float], here: Mapping[str, float]) -> float | None:
-        """The time that the longest way takes if it goes on as fast; None where that cannot be told yet."""
+        """Remaining time of the longest move at its present speed; None if not known yet."""
         elapsed_s = self.bench.clock.now_s() - motion.began_s
         left = []
         for axis, goal in motion.target.items():

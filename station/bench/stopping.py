@@ -1,4 +1,4 @@
-"""Everything stops: each device in a thread of its own, so that none waits for another's port; when each was told."""
+"""Emergency stop: each device in a thread of its own, so that none waits for another's port; with times on the line."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from drivers.interfaces import Device
 from drivers.wire.transcript import Transcript
 
 PATIENCE_S = 0.25
-"""How long a stop waits for ports that take nothing; their threads go on trying."""
+"""How long a stop waits for blocked ports; their threads continue trying."""
 
 
 @dataclass(frozen=True)
-class Asked:
-    """A stop was asked for at this time; `done` when every device was told, or is still being told."""
+class StopRecord:
+    """A stop requested at this time; `done` is set once every device was stopped or its stop is in progress."""
 
     at_s: float
     done: threading.Event = field(default_factory=threading.Event)
@@ -24,7 +24,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class StopRequest:
-    """One stop of the bench: when it was asked for, and when the stop bytes were on each wire; None: not yet."""
+    """One stop of the bench: time of the request, and time of the stop bytes on each line; None: not sent yet."""
 
     asked_s: float
     wires: Mapping[str, float | None]
@@ -36,15 +36,15 @@ class StopRequest:
 
 
 def stop_all(devices: Iterable[Device]) -> None:
-    """Stop these devices side by side, in this order where threads are slow to begin; from any thread."""
-    threads = [threading.Thread(target=one.emergency_stop, name="stop", daemon=True) for one in devices]
-    begun = [thread for thread in threads if _begin(thread)]  # each has mostly done its work when the next one begins
+    """Stop these devices simultaneously, in this order if threads start slowly; thread-safe."""
+    threads = [threading.Thread(target=device.emergency_stop, name="stop", daemon=True) for device in devices]
+    begun = [thread for thread in threads if _begin(thread)]  # each has mostly finished when the next one begins
     for thread in begun:
         thread.join(PATIENCE_S / len(begun))
 
 
 def _begin(thread: threading.Thread) -> bool:
-    """Whether it runs: where there are no more threads, its work is done here."""
+    """Start the thread; if there are no more threads, run its work here and return False."""
     try:
         thread.start()
     except RuntimeError:
@@ -53,20 +53,20 @@ def _begin(thread: threading.Thread) -> bool:
     return True
 
 
-def stops_on_wires(asked: Sequence[Asked], transcripts: Mapping[str, Transcript]) -> list[StopRequest]:
-    """These stops, once they are done, with when each wire took its bytes; wires that were told nothing are left out.
+def stops_on_wires(stops: Sequence[StopRecord], transcripts: Mapping[str, Transcript]) -> list[StopRequest]:
+    """These stops, once done, with the time at which each line sent their bytes; lines without stop bytes are omitted.
 
-    The port of a wire that refused the bytes has None.
+    A port that refused the bytes has None.
     """
-    for stop in asked:
+    for stop in stops:
         stop.done.wait(2 * PATIENCE_S)
-    return [StopRequest(stop.at_s, _sent(stop.at_s, transcripts)) for stop in asked]
+    return [StopRequest(stop.at_s, _sent(stop.at_s, transcripts)) for stop in stops]
 
 
 def _sent(since_s: float, transcripts: Mapping[str, Transcript]) -> dict[str, float | None]:
     sent: dict[str, float | None] = {}
     for name, transcript in transcripts.items():
-        tries = [one for one in transcript.last() if one.way in "!x" and one.time_s >= since_s]
+        tries = [entry for entry in transcript.last() if entry.way in "!x" and entry.time_s >= since_s]
         if tries:
-            sent[name] = next((one.time_s for one in tries if one.way == "!"), None)
+            sent[name] = next((entry.time_s for entry in tries if entry.way == "!"), None)
     return sent

@@ -1,4 +1,4 @@
-"""What stands around a bench: nothing of it is a device. A simulated bench has a room and a person of its own."""
+"""Everything around a bench that is not a device. A simulated bench has its own room and operator."""
 
 from __future__ import annotations
 
@@ -11,55 +11,55 @@ if TYPE_CHECKING:
 
 
 class Hands(Protocol):
-    """What stands for a person's hands and eyes."""
+    """Interface to an operator's actions and observations."""
 
     def knows(self, key: str) -> Fact | None:
-        """What a person there would answer; None where the question's own default will do."""
+        """The operator's answer; None if the question's default applies."""
         ...
 
     def do(self, key: str, facts: Facts) -> None:
-        """What the person did who confirms this question."""
+        """The action of the operator who confirms this question."""
         ...
 
     def take_up(self, facts: Facts) -> None:
-        """Everything is as an earlier run, which knew these facts, left it."""
+        """Restore the state left by an earlier run with these facts."""
         ...
 
     def follow(self, by_hand: Mapping[str, float]) -> None:
-        """What was asked for in numbers: turn the chart, the focus ring, the exposure dial."""
+        """Adjust what was requested in numbers: chart angle, focus ring, exposure dial."""
         ...
 
 
 class Surroundings:
-    """A real room: whatever is asked of hands, the operator does."""
+    """A real room, in which the operator acts."""
 
     @property
     def hands(self) -> Hands | None:
-        """Nobody's but the operator's."""
+        """None: the operator acts."""
         return None
 
     def stand_before(self, subject: str) -> None:
-        """The rig stands before "chart", "wall", "depth" or "panel"."""
+        """Place "chart", "wall", "depth" or "panel" before the camera."""
 
     def number_next_frame(self, number: int) -> None:
-        """The next frame is the session's shot of this number."""
+        """Announce the session's shot number of the next frame."""
 
 
 class SimulatedSurroundings(Surroundings):
-    """The room of a simulated bench: its subjects, its person, and frames whose noise follows from their number."""
+    """The room of a simulated bench: its subjects, its operator, and frames with noise seeded by their number."""
 
     def __init__(self, truth: SimulatedBench) -> None:
         self._truth = truth
 
     @property
     def hands(self) -> Hands:
-        """The simulated person."""
+        """The simulated operator."""
         return self._truth.hands
 
     def stand_before(self, subject: str) -> None:
-        """Put that before the camera."""
+        """Place that subject before the camera."""
         self._truth.show(subject)
 
     def number_next_frame(self, number: int) -> None:
-        """Its noise follows from this number."""
+        """Seed the noise of the next frame by this number."""
         self._truth.body.next_number = number

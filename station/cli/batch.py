@@ -208,14 +208,14 @@ def _heard(total: int) -> Iterator[Callable[[ItemRow], None]]:
     """Tells every row as it comes, with rate and time left: a bar where a person watches, lines otherwise."""
     import time
 
-    from station.common.progress import Pace, bar
+    from station.common.progress import StepRate, bar
 
-    pace = Pace(total, time.monotonic)
+    rate = StepRate(total, time.monotonic)
 
     def tell(row: ItemRow) -> None:
-        left = pace.step()
+        left = rate.step()
         level = "info" if row.sure else "warning"
-        words = f"{pace.done} of {total}, {left}: {_sentence(row)}"
+        words = f"{rate.done} of {total}, {left}: {_sentence(row)}"
         milliseconds = round(1000 * row.duration_s)
         facts: dict[str, Any] = {"file": row.files[0], "verdict": row.verdict, "folder": row.folder}
         facts |= {"specification": row.specification} if row.specification else {}
@@ -223,7 +223,7 @@ def _heard(total: int) -> Iterator[Callable[[ItemRow], None]]:
 
     if sys.stderr.isatty() and not logs_json():
         with bar(total) as progress:
-            yield lambda row: progress(f"{pace.step()}  {_sentence(row)}")
+            yield lambda row: progress(f"{rate.step()}  {_sentence(row)}")
     else:
         yield tell
 

@@ -1,1 +1,1 @@
-"""What every room needs: safe names, uncertainty as text, whole files, TOML, progress, stop signals, errors."""
+"""Shared utilities: safe names, uncertainty as text, atomic files, TOML, progress, stop signals, errors."""

@@ -1,4 +1,4 @@
-"""Files that are either whole or not there: written beside their place, on the disk, then renamed into it."""
+"""Atomic writing: a file is written next to its target, synchronised, then renamed."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from station.common.durable_files import Disk
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Put the data into the file; an older file of that name stays as it is until all is written.
+    """Write the data atomically; an older file of that name stays unchanged until all is written.
 
     Raises
     ------
     BadParameter
-        If the file cannot be written there; nothing is left behind.
+        If the file cannot be written there; no remnant stays.
     """
-    # in the same folder, because a rename across file systems is a copy
+    # in the same folder: a rename across file systems would be a copy
     disk, beside = Disk(), path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         beside.write_bytes(data)
@@ -33,7 +33,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def _remove(path: Path) -> None:
-    # a folder that is no folder, or cannot be entered, fails here as well: it was reported already
+    # a path that is no folder, or cannot be entered, fails here as well, but was reported already
     try:
         path.unlink(missing_ok=True)
     except OSError:

@@ -1,6 +1,6 @@
-"""Writing that survives a power cut: every byte is on the disk before anyone is told that it is kept.
+"""Writing that survives a power failure: every byte is on the disk before a write is confirmed.
 
-One small class of primitives, so that tests can let any of them fail or be the last thing that happens.
+A small class of primitives, so that tests can make any of them fail or be the last operation.
 """
 
 from __future__ import annotations
@@ -24,60 +24,60 @@ if sys.platform == "darwin":
 
 BLOCK = 1 << 20
 READ_ONLY = 0o444
-_NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)  # Windows has neither; its links need rights that users do not have
+_NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)  # absent on Windows, where links need rights that users do not have
 _BINARY = getattr(os, "O_BINARY", 0)
 
 
-class NotKept(ProcedureError):
-    """The disk did not take it: it is full, gone, or must not be written. Nothing half-written counts."""
+class WriteFailed(ProcedureError):
+    """The disk refused: it is full, gone, or write-protected. Nothing half-written counts."""
 
     exit_code = 75
 
 
-class Changed(ProcedureError):
-    """A file's content is not what its hash says."""
+class ContentChanged(ProcedureError):
+    """A file's content does not match its hash."""
 
     exit_code = 4
 
 
 class Disk:
-    """Files written, synchronised and renamed. Its five primitives raise OSError, everything else NotKept."""
+    """Writes, synchronises and renames files. Its five primitives raise OSError, all other methods WriteFailed."""
 
     def open(self, path: Path, flags: int, mode: int = 0o666) -> int:
-        """A descriptor; never through a link that lies where the file should be."""
+        """Open a descriptor; a link at the path is not followed."""
         return os.open(path, flags | _NO_FOLLOW | _BINARY, mode)
 
     def write(self, descriptor: int, data: bytes) -> int:
-        """How many bytes it took."""
+        """Write; returns the number of bytes written."""
         return os.write(descriptor, data)
 
     def sync(self, descriptor: int) -> None:
         """Wait until the file is on the disk."""
-        if sys.platform == "darwin":  # whose fsync leaves it in the drive's own memory
+        if sys.platform == "darwin":  # whose fsync leaves data in the drive's cache
             fcntl.fcntl(descriptor, fcntl.F_FULLFSYNC)
         else:
             os.fsync(descriptor)
 
     def replace(self, source: Path, target: Path) -> None:
-        """Rename, over a file that may be there."""
+        """Rename, replacing an existing file."""
         os.replace(source, target)
 
     def place(self, source: Path, target: Path) -> None:
-        """Rename to a name that nothing has. Raises FileExistsError where something has it."""
+        """Rename without replacing. Raises FileExistsError if the name is taken."""
         if os.name == "nt":
-            os.rename(source, target)  # which there replaces nothing
+            os.rename(source, target)  # on Windows this does not replace
             return
         try:
             os.link(source, target, follow_symlinks=False)
         except FileExistsError:
             raise
-        except OSError:  # a file system without links: an empty file takes the name first
+        except OSError:  # a file system without links: an empty file reserves the name
             os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
             os.replace(source, target)
         else:
             source.unlink()
 
-    # --- built of them -------------------------------------------------------------------------------------------
+    # --- compositions --------------------------------------------------------------------------------------------
 
     def write_all(self, descriptor: int, data: bytes) -> None:
         """Write every byte, then synchronise. Raises OSError."""
@@ -90,7 +90,7 @@ class Disk:
             rest = rest[self.write(descriptor, bytes(rest)) :]
 
     def settle(self, path: Path) -> None:
-        """Make a file and its name last that somebody else wrote. Raises OSError."""
+        """Make a file written elsewhere, and its name, durable. Raises OSError."""
         descriptor = self.open(path, os.O_RDONLY)
         try:
             self.sync(descriptor)
@@ -99,9 +99,9 @@ class Disk:
         self.sync_folder(path.parent)
 
     def sync_folder(self, folder: Path) -> None:
-        """Make the names in it last; where folders cannot be opened, the system does it by itself. Raises OSError.
+        """Make the names in it durable; a no-op where folders cannot be opened. Raises OSError.
 
-        A link to a folder is followed: the names are where it leads.
+        A link to a folder is followed.
         """
         if os.name == "nt":
             return
@@ -112,9 +112,9 @@ class Disk:
             os.close(descriptor)
 
     def write_whole(self, path: Path, data: bytes) -> None:
-        """The file with this content, or the older one. Raises NotKept."""
+        """Write the file atomically. Raises WriteFailed."""
         beside = path.with_name(f".{path.name}.part")
-        with kept(path, beside):
+        with write_errors(path, beside):
             self._fill(beside, data)
             self.replace(beside, path)
             self.sync_folder(path.parent)
@@ -128,19 +128,19 @@ class Disk:
             os.close(descriptor)
 
     def copy(self, source: Path, target: Path, sha256: str) -> None:
-        """A read-only copy whose bytes, read back, have this hash; it replaces nothing. Raises NotKept, Changed."""
+        """A read-only copy, verified by its hash; nothing is replaced. Raises WriteFailed, ContentChanged."""
         try:
             file = source.open("rb")
         except OSError as error:
-            raise Changed(f"{source} cannot be read any more: {error.strerror}", "take the shot again") from error
+            raise ContentChanged(f"{source} is no longer readable: {error.strerror}", "take the shot again") from error
         beside = target.with_name(f".{target.name}.part")
-        with file, kept(target, beside):
+        with file, write_errors(target, beside):
             beside.unlink(missing_ok=True)
             self._pour(file, beside)
-            found = sha256_of(beside)
-            if found != sha256:
-                raise Changed(
-                    f"{source} is not any more what was exposed: SHA-256 {sha256} was noted, {found} came",
+            digest = sha256_of(beside)
+            if digest != sha256:
+                raise ContentChanged(
+                    f"{source} has changed since its exposure: SHA-256 was {sha256}, is {digest}",
                     "let nothing but the camera's software write there, and take the shot again",
                 )
             beside.chmod(beside.stat().st_mode & READ_ONLY)
@@ -158,37 +158,37 @@ class Disk:
 
 
 def sha256_of(path: Path) -> str:
-    """The hash of a regular file, in hex; a link in its place is not followed. Raises OSError."""
+    """SHA-256 of a regular file, in hex; links are not followed. Raises OSError."""
     with _open_own(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def read_own(path: Path) -> bytes:
-    """The content of a regular file; a link in its place is not followed. Raises OSError."""
+    """Content of a regular file; links are not followed. Raises OSError."""
     with _open_own(path) as file:
         return file.read()
 
 
 def _open_own(path: Path) -> BufferedReader:
     descriptor = os.open(path, os.O_RDONLY | _NO_FOLLOW | _BINARY | getattr(os, "O_NONBLOCK", 0))
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):  # a pipe would be waited for without end
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):  # reading a pipe might never end
         os.close(descriptor)
-        raise OSError(errno.EINVAL, "it is no regular file", str(path))
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
     return os.fdopen(descriptor, "rb")
 
 
 def files_in(folder: Path) -> list[Path]:
-    """All that lies in a folder and below, except folders; links are among it."""
+    """All files in and below a folder, links included."""
     return [path for path in sorted(folder.rglob("*")) if path.is_symlink() or not path.is_dir()]
 
 
 def hashes_in(folder: Path) -> dict[str, str]:
-    """The hash of every file in a folder, by its path from there. Raises OSError, where one is a link too."""
+    """SHA-256 of every file in a folder, by relative path. Raises OSError, also for a link."""
     return {path.relative_to(folder).as_posix(): sha256_of(path) for path in files_in(folder)}
 
 
 def holds(path: Path, sha256: str) -> bool:
-    """Whether it is a file with this hash."""
+    """Whether this is a file with this hash."""
     try:
         return sha256_of(path) == sha256
     except OSError:
@@ -196,19 +196,19 @@ def holds(path: Path, sha256: str) -> bool:
 
 
 def holds_all(folder: Path, files: Mapping[str, str]) -> bool:
-    """Whether a folder has these files with these hashes, and no others."""
+    """Whether a folder has exactly these files with these hashes."""
     names = {path.relative_to(folder).as_posix() for path in files_in(folder)}
     return names == files.keys() and all(holds(folder / name, digest) for name, digest in files.items())
 
 
 @contextmanager
-def kept(path: Path, *halves: Path) -> Iterator[None]:
-    """Within, an OSError becomes NotKept about `path`, and the halves are removed. Raises NotKept."""
+def write_errors(path: Path, *halves: Path) -> Iterator[None]:
+    """Context that converts OSError to WriteFailed about `path` and removes the partial files. Raises WriteFailed."""
     try:
         yield
     except OSError as error:
         _remove(*halves)
-        raise not_kept(path, error) from error
+        raise write_failed(path, error) from error
     except BaseException:
         _remove(*halves)
         raise
@@ -216,13 +216,13 @@ def kept(path: Path, *halves: Path) -> Iterator[None]:
 
 def _remove(*paths: Path) -> None:
     for path in paths:
-        with contextlib.suppress(OSError):  # the reason why it was not written is told already
+        with contextlib.suppress(OSError):  # the cause is reported already
             path.unlink(missing_ok=True)
 
 
-def not_kept(path: Path, error: OSError) -> NotKept:
-    """The error for people."""
-    return NotKept(
-        f"{path} could not be kept: {error.strerror or error}",
-        "make room or mend the disk, then resume the session; what was kept before is whole",
+def write_failed(path: Path, error: OSError) -> WriteFailed:
+    """The error for the operator."""
+    return WriteFailed(
+        f"{path} could not be written: {error.strerror or error}",
+        "make room or repair the disk, then resume the session; everything written before is intact",
     )

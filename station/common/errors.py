@@ -1,4 +1,4 @@
-"""What a failed command says and returns: one sentence, one remedy, one exit code."""
+"""Output of a failed command: one sentence, one remedy, one exit code."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import click
 
 from station.common.log import log
 
-FAILED_ITEMS = 1  # some photographs gave nothing, and the result goes without them
-SYSTEM = 2  # what was asked for, the system does not allow
+FAILED_ITEMS = 1  # some photographs failed and are omitted from the result
+SYSTEM = 2  # the system does not allow the operation
 REFUSED = 5
 INTERRUPTED = 130
 SOFTWARE_FAULT = 70  # EX_SOFTWARE of sysexits.h, the family of the contract's 75 "try again later"
 TRACEBACK = "STATION_TRACEBACK"
-"""Environment variable: where it is set, an unexpected fault shows its traceback."""
+"""Environment variable that shows the traceback of an unexpected fault."""
 
 
 @runtime_checkable
-class Explained(Protocol):
-    """An error of ours, from procedures or drivers: what happened, what to do, and the exit code."""
+class ExplainedError(Protocol):
+    """An error of procedures or drivers: what happened, the remedy, and the exit code."""
 
     reason: str
     remedy: str
@@ -30,10 +30,10 @@ class Explained(Protocol):
 
 
 @contextmanager
-def explained() -> Iterator[None]:
-    """Turn what a command raises into its sentence on stderr and its exit code.
+def reporting_errors() -> Iterator[None]:
+    """Convert exceptions of a command to a sentence on stderr and an exit code.
 
-    Our own errors bring theirs; an interruption is 130; a fault of the program itself is named, with the way to its
+    Errors of this program bring their own; an interruption is 130; an unexpected fault is named, with the way to its
     traceback.
     """
     try:
@@ -50,20 +50,20 @@ def explained() -> Iterator[None]:
 
 
 def _tell(error: Exception) -> int:
-    """Log the error and give its exit code."""
-    if isinstance(error, Explained):
+    """Log the error and return its exit code."""
+    if isinstance(error, ExplainedError):
         log("failed", error.reason, level="error", remedy=error.remedy, exit_code=error.exit_code)
         return error.exit_code
-    if isinstance(error, OSError) and error.strerror:  # the system's answer, not the program's fault
+    if isinstance(error, OSError) and error.strerror:  # refused by the system, not a fault of the program
         reason = f"{error.filename or 'a file'}: {error.strerror}"
         remedy = "check the path, its permissions, and the room on the disk"
         log("failed", reason, level="error", remedy=remedy, exit_code=SYSTEM)
         return SYSTEM
     if isinstance(error, MemoryError):
-        reason, remedy = "it takes more memory than there is", "give smaller files, or end other programs"
+        reason, remedy = "the computation needs more memory than there is", "give smaller files, or end other programs"
         log("failed", reason, level="error", remedy=remedy, exit_code=REFUSED)
         return REFUSED
-    reason = f"the program failed on something it did not foresee: {type(error).__name__}: {error}"
-    remedy = f"run it again with {TRACEBACK}=1 in the environment to see where, and report that"
+    reason = f"the program failed unexpectedly: {type(error).__name__}: {error}"
+    remedy = f"run it again with {TRACEBACK}=1 in the environment for a traceback, and report that"
     log("failed", reason, level="error", remedy=remedy, exit_code=SOFTWARE_FAULT)
     return SOFTWARE_FAULT

@@ -1,6 +1,6 @@
-"""Folders that a program fills and removes; what one that was killed left behind, the next run removes.
+"""Folders that a program fills and removes; those of a killed program are removed by the next run.
 
-A folder is somebody's while its descriptor is locked, and the system takes the lock away from who dies.
+A folder is in use while its descriptor is locked; the system releases the lock of a program that ends.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from contextlib import contextmanager
 from pathlib import Path
 
 PREFIX = "station-"
-"""Of folders among the system's temporary files."""
+"""Prefix of temporary folders."""
 RANDOM_BYTES = 8
-"""Told in hexadecimal after the prefix: a folder that a person called `station-demo` is none of these."""
+"""Hexadecimal part after the prefix: a user's folder called `station-demo` does not match."""
 
 
 def hold(folder: Path) -> int | None:
-    """A descriptor that keeps `sweep` from this folder until it is closed; None where there are no such locks.
+    """Lock a folder against `sweep`; returns the descriptor, None on systems without such locks.
 
     Raises
     ------
     BlockingIOError
-        If somebody holds it.
+        If it is locked already.
     """
     try:
         import fcntl
@@ -38,33 +38,33 @@ def hold(folder: Path) -> int | None:
     except BlockingIOError:
         os.close(descriptor)
         raise
-    except OSError:  # some file systems of networks lock no folders
+    except OSError:  # some network file systems cannot lock folders
         os.close(descriptor)
         return None
     return descriptor
 
 
 def release(descriptor: int | None) -> None:
-    """Give what `hold` gave back."""
+    """Release the lock of `hold`."""
     if descriptor is not None:
         os.close(descriptor)
 
 
 def make(prefix: str, within: Path, mode: int = 0o700) -> tuple[Path, int | None]:
-    """A new folder and its `hold`. Raises OSError."""
+    """Create a folder and `hold` it. Raises OSError."""
     for _ in range(100):
         folder = within / f"{prefix}{secrets.token_hex(RANDOM_BYTES)}"
         folder.mkdir(mode)
-        with contextlib.suppress(BlockingIOError, FileNotFoundError):  # a sweep came between the two
+        with contextlib.suppress(BlockingIOError, FileNotFoundError):  # a sweep intervened
             descriptor = hold(folder)
             if folder.exists():
                 return folder, descriptor
             release(descriptor)
-    raise OSError(f"{within} takes no folder that stays")
+    raise OSError(f"{within} keeps no new folder")
 
 
 def sweep(within: Path, prefix: str) -> None:
-    """Remove folders that `make` made for this user and nobody holds; what cannot be removed is left."""
+    """Remove this user's folders made by `make` that are not locked; failures are ignored."""
     for folder in within.glob(prefix + 2 * RANDOM_BYTES * "[0-9a-f]"):
         with contextlib.suppress(OSError):
             status = folder.lstat()
@@ -78,7 +78,7 @@ def sweep(within: Path, prefix: str) -> None:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """A folder among the system's temporary files, removed at the end; those of runs that were killed are, too."""
+    """A temporary folder, removed at the end; those of killed runs are removed, too."""
     among = Path(tempfile.gettempdir())
     sweep(among, PREFIX)
     folder, descriptor = make(PREFIX, among)

@@ -22,7 +22,7 @@ _QUIET = "station.quiet"
 
 
 def log_json_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command the option `--log-json`."""
+    """Add the option `--log-json` to a command."""
     option = click.option(
         "--log-json",
         is_flag=True,
@@ -35,20 +35,20 @@ def log_json_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def logs_json() -> bool:
-    """Whether the running command writes its lines as JSON objects."""
+    """Whether the running command writes its log lines as JSON objects."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(_LOG_JSON))
 
 
 def quiet_option(program: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a program the option `--quiet`, which holds for all its commands."""
+    """Add the option `--quiet` to a program, for all its commands."""
     option = click.option(
         "-q",
         "--quiet",
         is_flag=True,
         expose_value=False,
         callback=lambda context, _, chosen: context.meta.__setitem__(_QUIET, chosen),
-        help="Say on stderr only what is doubtful or wrong.",
+        help="Write only warnings and errors to stderr.",
     )
     return option(program)
 
@@ -67,17 +67,17 @@ def log(
     other_causes: Sequence[Cause] = (),
     **facts: Fact,
 ) -> None:
-    """Write one line to stderr: the sentence, and what to do about it, or the event with its facts.
+    """Write one line to stderr: the sentence and its remedy, or the event with its facts.
 
-    A quiet program leaves out what is of level "info".
+    A quiet program omits level "info".
 
     Parameters
     ----------
     event : str
-        A stable name for programs.
+        A stable name, for programs.
     level : "info", "warning" or "error"
     other_causes
-        What else may be the cause, each with its own remedy.
+        Alternative causes, each with its own remedy.
     facts
         Values of the event; numbers that are not finite become null.
     """
@@ -85,19 +85,19 @@ def log(
         return
     if logs_json():
         entry = {"ts": datetime.now(UTC).isoformat(timespec="milliseconds"), "level": level, "event": event}
-        told: dict[str, Any] = {"message": sentence, **({"remedy": remedy} if remedy else {})}
+        text: dict[str, Any] = {"message": sentence, **({"remedy": remedy} if remedy else {})}
         if other_causes:
-            told["other_causes"] = [{"reason": one.reason, "remedy": one.remedy} for one in other_causes]
-        click.echo(json.dumps({**entry, **told, **_finite(facts)}, allow_nan=False), err=True)
+            text["other_causes"] = [{"reason": cause.reason, "remedy": cause.remedy} for cause in other_causes]
+        click.echo(json.dumps({**entry, **text, **_finite(facts)}, allow_nan=False), err=True)
         return
-    shown = printable(sentence)  # a file's name in it may hold what a terminal obeys
+    shown = printable(sentence)  # a file name in it may hold control characters
     click.echo(shown if level == "info" else f"{level}: {shown}", err=True)
     if remedy:
         click.echo(f"  what to do: {printable(remedy)}", err=True)
     if other_causes:
         click.echo("  other possible causes:", err=True)
-    for one in other_causes:
-        click.echo(f"  - {printable(one.reason)}; {printable(one.remedy)}", err=True)
+    for cause in other_causes:
+        click.echo(f"  - {printable(cause.reason)}; {printable(cause.remedy)}", err=True)
 
 
 def _finite(facts: dict[str, Fact]) -> dict[str, Fact]:

@@ -1,4 +1,4 @@
-"""How far a long command is: a bar where a person watches, a line for each step where a file or a program does."""
+"""Progress of a long command: a bar on a terminal, a line for each step in a file or for a program."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from typing import Protocol
 
 
 class Progress(Protocol):
-    """Hears of every step when it is done."""
+    """Callback for every finished step."""
 
     def __call__(self, done: str, steps: int = 1) -> None:
-        """A sentence about what was done, and how many of the steps it was."""
+        """`done` describes what was finished, `steps` how many steps it was."""
         ...
 
 
 def silent(done: str, steps: int = 1) -> None:
-    """No progress is shown."""
+    """No-op progress callback."""
 
 
 @contextmanager
 def bar(total: int) -> Iterator[Progress]:
-    """A bar of `total` steps on stderr that leaves nothing behind."""
+    """A bar of `total` steps on stderr that is erased at the end."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar
@@ -39,11 +39,11 @@ def bar(total: int) -> Iterator[Progress]:
         yield advance
 
 
-class Pace:
-    """How fast steps follow each other, and how long the rest will take, by the last steps."""
+class StepRate:
+    """Rate of the last steps, and the remaining time."""
 
     LAST = 30
-    """Steps that the rate is measured over."""
+    """Number of steps over which the rate is measured."""
 
     def __init__(self, total: int, clock: Callable[[], float]) -> None:
         self.total, self.done = total, 0
@@ -51,7 +51,7 @@ class Pace:
         self._times = deque([clock()], maxlen=self.LAST + 1)
 
     def step(self) -> str:
-        """One more is done; says the rate and the time left: 5.1/s, 1:12 left."""
+        """Count a step; returns the rate and the remaining time: 5.1/s, 1:12 left."""
         self.done += 1
         self._times.append(self._clock())
         elapsed = self._times[-1] - self._times[0]

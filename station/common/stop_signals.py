@@ -1,7 +1,7 @@
-"""How a program that holds devices is ended from outside, or by its own fault: the bench stops first.
+"""Ends a program that holds devices, by signals or exceptions: the bench stops first.
 
-Python runs signal handlers in the main thread, between two of its steps, and a computation there would delay the stop.
-So a thread makes it that the system's own handler wakes through a socket, whatever the main thread is at.
+Python runs signal handlers in the main thread between two bytecodes, where a computation would delay the stop.
+The stop is therefore made by a thread, which the system's own handler wakes through a socket.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from types import FrameType
 EXIT_DEVICE = 3
 """The exit code after an emergency stop."""
 ENDING = tuple(getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, n))
-"""Ctrl-C, the system's end, a terminal or an ssh line that is gone, Ctrl-\\."""
+"""Ctrl-C, termination by the system, a lost terminal or ssh connection, Ctrl-\\."""
 SUSPENDING = tuple(getattr(signal, n) for n in ("SIGTSTP",) if hasattr(signal, n))
 """Ctrl-Z."""
 TURN_S = 0.0005
-"""How long a thread may keep Python's lock while the stop waits for it; by default it is 5 ms."""
+"""Switch interval of Python's lock, which delays the stop; the default is 5 ms."""
 STOPPED_S = 1.0
-"""How long the end of the program waits for a stop that is under way."""
+"""How long the end of the program waits for a stop in progress."""
 Handler = Callable[[int, FrameType | None], object]
 
 
@@ -32,11 +32,11 @@ Handler = Callable[[int, FrameType | None], object]
 def guarded(
     emergency_stop: Callable[[], None], ask_to_stop: Callable[[], None], *, terminated: int = EXIT_DEVICE
 ) -> Iterator[None]:
-    """Within, INT, TERM, HUP, QUIT and any exception stop the bench, at once; and TSTP, before it suspends the program.
+    """Context in which INT, TERM, HUP, QUIT and any exception stop the bench at once; TSTP also, before suspension.
 
-    `ask_to_stop` is called in the main thread after the first Ctrl-C, to end what runs there; a second one raises
-    KeyboardInterrupt. The others end the program with `terminated`. What is loaded is no longer looked through for
-    garbage: no thread can interrupt that. Must be entered in the main thread;
+    `ask_to_stop` is called in the main thread after the first Ctrl-C, to end the current work; a second one raises
+    KeyboardInterrupt. The other signals end the program with `terminated`. Loaded objects are frozen for the garbage
+    collector, whose runs cannot be interrupted. Must be entered in the main thread;
     `emergency_stop` is called from another one, waits for no lock and never raises.
     """
     asked = False
@@ -60,7 +60,7 @@ def guarded(
 
 @contextmanager
 def handled(hear: Handler) -> Iterator[None]:
-    """Within, these signals are heard; one that the program was started deaf to, as by nohup, is not."""
+    """Context in which these signals are handled, except one ignored at start-up, as HUP under nohup."""
     before = {number: signal.getsignal(number) for number in ENDING}
     hup = getattr(signal, "SIGHUP", None)
     heard = [number for number in ENDING if not (number == hup and before[number] == signal.SIG_IGN)]
@@ -75,12 +75,12 @@ def handled(hear: Handler) -> Iterator[None]:
 
 @contextmanager
 def _stopped_before_suspended(emergency_stop: Callable[[], None]) -> Iterator[None]:
-    """Within, Ctrl-Z stops the bench before the program is suspended: nobody would hear of an axis that goes on."""
+    """Context in which Ctrl-Z stops the bench before the program is suspended, as nobody would supervise an axis."""
 
     def hear(number: int, frame: FrameType | None) -> None:
         emergency_stop()
         signal.signal(number, signal.SIG_DFL)
-        signal.raise_signal(number)  # it goes on here when somebody says `fg`
+        signal.raise_signal(number)  # continues here after `fg`
         signal.signal(number, hear)
 
     heard = {number: signal.getsignal(number) for number in SUSPENDING}
@@ -96,7 +96,7 @@ def _stopped_before_suspended(emergency_stop: Callable[[], None]) -> Iterator[No
 
 @contextmanager
 def woken(emergency_stop: Callable[[], None]) -> Iterator[None]:
-    """Within, a thread makes the stop that INT, TERM, HUP, QUIT and TSTP ask for; leaving waits for one under way."""
+    """Context in which a thread stops the bench on INT, TERM, HUP, QUIT and TSTP; leaving waits for a running stop."""
     ear, mouth = socket.socketpair()
     mouth.setblocking(False)
 
@@ -119,7 +119,7 @@ def woken(emergency_stop: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def _short_turns() -> Iterator[None]:
-    gc.freeze()  # looking for garbage among all that is loaded would hold the lock for a tenth of a second
+    gc.freeze()  # a collection of everything loaded would hold the lock for a tenth of a second
     before = sys.getswitchinterval()
     sys.setswitchinterval(TURN_S)
     try:

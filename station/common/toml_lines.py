@@ -1,26 +1,26 @@
-"""On which line of a TOML file each key stands; Python's own reader does not tell."""
+"""Line numbers of the keys of a TOML file, which Python's own parser does not give."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 Path = tuple[str | int, ...]
-"""Keys, and numbers within lists, from the file's top down."""
+"""Keys, and indices within lists, from the root."""
 QUOTES = ('"""', "'''", '"', "'")
 
 
 def key_lines(text: str) -> dict[Path, int]:
-    """The line, counted from 1, of every key, table and element of a list in a text that is good TOML."""
+    """The line, counted from 1, of every key, table and list element of valid TOML."""
     return _Scanner(text.replace("\r\n", "\n")).scan()
 
 
 def line_of(lines: Mapping[Path, int], path: Path) -> int | None:
-    """The line of a key, or of the nearest thing around it that has one."""
+    """The line of a key, or of its nearest ancestor that has one."""
     return next((lines[path[:n]] for n in range(len(path), 0, -1) if path[:n] in lines), None)
 
 
 class _Scanner:
-    """Walks over the text once."""
+    """Scans the text once."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -38,7 +38,7 @@ class _Scanner:
         return self._lines
 
     def _skip(self) -> bool:
-        """Past spaces, line ends and remarks; whether anything follows."""
+        """Skip spaces, line ends and comments; returns whether anything follows."""
         while self._at < len(self._text) and self._text[self._at] in " \t\n#,":
             if self._text[self._at] == "#":
                 self._at = (self._text + "\n").index("\n", self._at)
@@ -65,7 +65,7 @@ class _Scanner:
         return path
 
     def _key(self) -> Path:
-        """A key with dots, up to what follows it."""
+        """A dotted key, up to what follows it."""
         parts: list[str | int] = []
         while True:
             self._spaces()

@@ -1,4 +1,4 @@
-"""TOML that a person wrote, read key by key: a wrong type and an unknown key are named, with the nearest known one."""
+"""TOML files read key by key: wrong types and unknown keys are errors, which name the nearest known key."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _WORDS = {
 
 
 MOST_NAMED = 12
-"""Known keys that an error lists."""
+"""Number of known keys that an error lists."""
 
 
 class Table:
-    """One table of a file: what is asked for is known, the rest is refused by `end`."""
+    """One table of a file: keys that are read become known, others are refused by `end`."""
 
     def __init__(self, content: Mapping[str, Any], where: str = "") -> None:
         self._content = content
@@ -47,7 +47,7 @@ class Table:
 
     @classmethod
     def parse(cls, text: str, name: str) -> Self:
-        """The whole of a file's text; `name` is the file's. Raises BadParameter if it is no TOML."""
+        """The whole of a file's text; `name` is the file's. Raises BadParameter if it is not TOML."""
         try:
             return cls(parse_toml(text, name, "correct it"))
         except BadInput as error:
@@ -55,7 +55,7 @@ class Table:
             raise BadParameter(reason, "correct it, or name another file") from error
 
     def get(self, key: str, kind: type[T], default: T) -> T:
-        """The value of a key, of this type; a whole number passes for a number. Raises BadParameter."""
+        """The value of a key, of this type; an integer is accepted as a number. Raises BadParameter."""
         self._known.append(key)
         value = self._content.get(key, default)
         if kind is float and type(value) is int:
@@ -65,7 +65,7 @@ class Table:
         return value
 
     def number_or(self, key: str, word: str, default: int | None) -> int | None:
-        """A whole number, or None for a word that stands for none. Raises BadParameter."""
+        """An integer, or None for a word that stands for none. Raises BadParameter."""
         self._known.append(key)
         value = self._content.get(key, default)
         if value is None or value == word:
@@ -75,47 +75,47 @@ class Table:
         return value
 
     def has(self, key: str) -> bool:
-        """Whether the key is there."""
+        """Whether the key exists."""
         self._known.append(key)
         return key in self._content
 
     def table(self, key: str) -> Table:
-        """The table under a key; an empty one where it is not there."""
+        """The table under a key; empty if absent."""
         return Table(self.get(key, dict, {}), f"{self._where}{key}.")
 
     def tables(self, known: Iterable[str]) -> dict[str, Table]:
-        """All tables in here, whose names must be known ones."""
+        """All tables in this one, whose names must be known."""
         self._known += known
         self.end()
         return {key: self.table(key) for key in self._content}
 
     def peek(self, key: str) -> object:
-        """What stands under a key, whatever it is; None where nothing does."""
+        """The value of a key, of any type; None if absent."""
         return self._content.get(key)
 
     def list_of_tables(self, key: str) -> list[Table]:
-        """The tables of an array; none where it is not there."""
-        found = self.get(key, list, [])
-        if not all(isinstance(one, dict) for one in found):
+        """The tables of an array; empty if absent."""
+        rows = self.get(key, list, [])
+        if not all(isinstance(row, dict) for row in rows):
             raise self.wrong(key, f"must be tables: write [[{key}]]")
-        return [Table(one, f"{self._where}{key}[{number}].") for number, one in enumerate(found, 1)]
+        return [Table(row, f"{self._where}{key}[{number}].") for number, row in enumerate(rows, 1)]
 
     def words(self, key: str) -> tuple[str, ...]:
-        """A list of texts; empty where it is not there."""
-        found = self.get(key, list, [])
-        if not all(isinstance(one, str) for one in found):
+        """A list of texts; empty if absent."""
+        texts = self.get(key, list, [])
+        if not all(isinstance(text, str) for text in texts):
             raise self.wrong(key, "must be a list of texts in quotes")
-        return tuple(found)
+        return tuple(texts)
 
     def numbers(self, key: str) -> tuple[float, ...]:
-        """A list of finite numbers, none of them negative; empty where it is not there."""
-        found = self.get(key, list, [])
-        if not all(type(one) in (int, float) and 0 <= one < math.inf for one in found):
+        """A list of finite non-negative numbers; empty if absent."""
+        numbers = self.get(key, list, [])
+        if not all(type(number) in (int, float) and 0 <= number < math.inf for number in numbers):
             raise self.wrong(key, "must be a list of numbers that are not negative")
-        return tuple(float(one) for one in found)
+        return tuple(float(number) for number in numbers)
 
     def end(self) -> None:
-        """Raise BadParameter if the table has a key that nobody asked for."""
+        """Raise BadParameter if the table has a key that was not read."""
         for key in self._content:
             if key not in self._known:
                 near = get_close_matches(key, self._known, 1)

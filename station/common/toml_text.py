@@ -1,4 +1,4 @@
-"""Tables as TOML text; the standard library only reads it."""
+"""Tables as TOML text; the standard library can only read it."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def toml_text(table: Mapping[str, Any]) -> str:
-    """The table as TOML: plain values first, then a section for each table in it; None is left out.
+    """The table as TOML: plain values first, then a section for each subtable; None is omitted.
 
-    Whatever a string holds stays inside its quotes. Half a surrogate pair, which UTF-8 cannot hold, becomes "?".
+    Strings are quoted safely. Surrogates, which UTF-8 cannot represent, become "?".
 
     Raises
     ------
     TypeError
-        For values that TOML has no form for.
+        For values that have no form in TOML.
     """
     return "".join(_section(table, ()))
 
@@ -40,7 +40,7 @@ def _skipped(value: Any) -> bool:
 
 
 def toml_value(value: Any) -> str:
-    """One value as it would stand in a file. Raises TypeError for what TOML has no form for."""
+    """One value as written in a file. Raises TypeError if it has no form in TOML."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int):

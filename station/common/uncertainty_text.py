@@ -1,4 +1,4 @@
-"""Numbers as people write them."""
+"""Numbers with uncertainties, as text."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 
 def stated(value: float, uncertainty: float) -> str:
-    """A value with its standard uncertainty, which keeps two digits: 0.5782 ± 0.0014."""
+    """A value with its standard uncertainty, rounded to two digits of it: 0.5782 ± 0.0014."""
     if not math.isfinite(value):
         return "—"
     if not math.isfinite(uncertainty) or uncertainty <= 0:

@@ -1,4 +1,4 @@
-"""Versions of this program and of what it computes with."""
+"""Versions of this program and of its numerical packages."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 METADATA = re.compile(r"(?P<name>[^-]+)-(?P<version>[^-]+)(-py[\d.]+)?\.(dist|egg)-info")
-"""Folders that tell what is installed."""
+"""Folders that describe installed packages."""
 PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "rawpy")
 
 
 def software() -> dict[str, Any]:
-    """Versions of this program and of the packages its numbers come from."""
+    """Versions of this program and of the packages its numbers depend on."""
     return {"version": _version("calibration-station"), "packages": {name: _version(name) for name in PACKAGES}}
 
 
@@ -25,10 +25,10 @@ def _version(distribution: str) -> str | None:
 
 @cache
 def _versions() -> dict[str, str]:
-    """Versions of what is installed, as the folders of metadata are named: reading those takes thirty times as long.
+    """Versions from the names of metadata folders, thirty times as fast as reading the metadata.
 
-    Source: PyPA, "Recording installed projects". The first on Python's path counts.
+    Source: PyPA, "Recording installed projects". The first one on Python's path counts.
     """
     folders = [Path(place) for place in reversed(sys.path) if os.path.isdir(place or ".")]
     named = [METADATA.fullmatch(name) for folder in folders for name in os.listdir(folder)]
-    return {found["name"].lower(): found["version"] for found in named if found}
+    return {match["name"].lower(): match["version"] for match in named if match}

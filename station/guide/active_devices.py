@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
 from drivers.errors import Alarm, DeviceError, EmergencyStopped, Held, LineLost, NoAnswer, NotHomed, WasReset
-from drivers.interfaces import CameraSettings, Doubt, ExposedFile, Imu, ShakePath, Travel
+from drivers.interfaces import CameraSettings, Caveat, ExposedFile, Imu, ShakePath, Travel
 from procedures.plan import HAS_IMU, HAS_SHAKER, Fact, Shake
 
 if TYPE_CHECKING:
@@ -180,9 +180,9 @@ class Rig:
                 if own:
                     self._motions.move(name, own)
 
-    def doubts(self) -> dict[str, Doubt]:
+    def doubts(self) -> dict[str, Caveat]:
         """Why stages deserve less trust than they claim, by device."""
-        told = {name: self._device(name).condition().doubt for name in self.movers()}
+        told = {name: self._device(name).condition().caveat for name in self.movers()}
         return {name: doubt for name, doubt in told.items() if doubt is not None}
 
     # --- moving

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from procedures.plan import Ask
-from station.bench.axis_words import in_words, label
+from station.bench.axis_text import label, position_text
 from station.guide.active_devices import Rig
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.frontend import MOVE
@@ -48,7 +48,7 @@ class Consent:
 
     def to_scan(self, axis: str, places: Sequence[float]) -> None:
         """One axis goes to each of these places, then to the best. Raises Skipped, Stopped."""
-        low, high = in_words(axis, min(places)), in_words(axis, max(places))
+        low, high = position_text(axis, min(places)), position_text(axis, max(places))
         self._begin(f"Moving {self._ways({axis: places[0]})}, then to {len(places)} places between {low} and {high}.")
 
     def _begin(self, words: str) -> None:
@@ -60,10 +60,14 @@ class Consent:
 
     def _homing(self, names: Sequence[str]) -> str:
         travels = self._rig.travels(names)
-        ends = [f"{label(axis)} within {one.low:.0f} to {in_words(axis, one.high, 0)}" for axis, one in travels.items()]
+        ends = [
+            f"{label(axis)} within {one.low:.0f} to {position_text(axis, one.high, 0)}" for axis, one in travels.items()
+        ]
         return f"Homing, each axis to its switch: {', '.join(ends) or ', '.join(names)}"
 
     def _ways(self, places: Mapping[str, float], *, known: bool = True) -> str:
         here = self._rig.places if known else {}
-        begin = {axis: f" from {in_words(axis, here[axis]).partition(' ')[0]}" for axis in places if axis in here}
-        return ", ".join(f"{label(axis)}{begin.get(axis, '')} to {in_words(axis, at)}" for axis, at in places.items())
+        begin = {axis: f" from {position_text(axis, here[axis]).partition(' ')[0]}" for axis in places if axis in here}
+        return ", ".join(
+            f"{label(axis)}{begin.get(axis, '')} to {position_text(axis, at)}" for axis, at in places.items()
+        )

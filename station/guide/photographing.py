@@ -9,7 +9,7 @@ from procedures.advice import time_words
 from procedures.outcome import Verdict
 from procedures.plan import Advice, Ask, Go, Known, Look, Outcomes, Scan, Shoot, Tour, TourStop
 from procedures.raw import RawFrame, read_frame
-from station.bench.axis_words import in_words, label
+from station.bench.axis_text import label, position_text
 from station.guide.active_devices import AT, Rig
 from station.guide.consent import Consent
 from station.guide.contradictions import LookProgress, resolve
@@ -110,7 +110,7 @@ class Watching:
         obstacle = self._rig.obstacle(target)
         if obstacle is not None:
             return Way(advice, obstacle=obstacle)
-        ends = ", ".join(f"{label(axis)} to {in_words(axis, place)}" for axis, place in target.items())
+        ends = ", ".join(f"{label(axis)} to {position_text(axis, place)}" for axis, place in target.items())
         return Way(replace(advice, say=f"The bench corrects this by itself: {ends}."), target=target)
 
     def _follow(self, way: Way) -> None:
@@ -132,7 +132,7 @@ class Watching:
         self._exposer.settling.moved()
 
     def _go_to(self, places: Mapping[str, float]) -> None:
-        ends = ", ".join(f"{label(axis)} to {in_words(axis, place)}" for axis, place in places.items())
+        ends = ", ".join(f"{label(axis)} to {position_text(axis, place)}" for axis, place in places.items())
         self._talk.doing(f"moving {ends}: keep clear")
         self._talk.attempt(lambda: self._rig.go_to(places), self._rig.mend)
         self.moved()

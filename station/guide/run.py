@@ -140,7 +140,7 @@ class Run:
         """What the session has mended, and what will have to be repeated."""
         for notice in self._session.state.notices:
             self._talk.hear(Doing(notice, lasts=True))
-        self._session.told()
+        self._session.acknowledge_notices()
 
     def _report(self) -> Path | None:
         """The session's report, drawn when all is done; None where there is no result to draw."""

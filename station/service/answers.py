@@ -62,12 +62,12 @@ def status_of(error: ProcedureError | DeviceError) -> int:
     return by_code.get(error.exit_code, 500)
 
 
-def explained(request: Request, error: Exception) -> Response:
+def error_response(request: Request, error: Exception) -> Response:
     """The answer to a request that failed."""
     if isinstance(error, ProcedureError | DeviceError):
         return refused(status_of(error), error.reason, error.remedy)
     if isinstance(error, HTTPException):
         reason = f"{request.method} {request.url.path}: {error.detail.lower()}"
         return refused(error.status_code, reason, "`station manual serve` tells what there is")
-    reason = f"the program failed on something it did not foresee: {type(error).__name__}: {error}"
+    reason = f"the program failed unexpectedly: {type(error).__name__}: {error}"
     return refused(500, reason, "nothing that was taken is lost; go on, and report this if it comes again")

@@ -86,7 +86,7 @@ def _device(one: DeviceState) -> dict[str, Any]:
         "state": told.word,
         "usable": told.usable,
         "remedy": told.remedy,
-        "doubt": asdict(told.doubt) if told.doubt is not None else None,
+        "doubt": asdict(told.caveat) if told.caveat is not None else None,
         "moving": one.moving,
         "places": dict(one.places),
     }

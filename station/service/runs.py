@@ -10,7 +10,7 @@ from typing import Any
 
 from procedures.outcome import BadParameter
 from procedures.plan import Fact
-from station.common.errors import Explained
+from station.common.errors import ExplainedError
 from station.guide.frontend import Trouble
 from station.guide.workspace import Running, StationLab
 from station.service.pictures import LatestPicture
@@ -87,7 +87,7 @@ class Runs:
         try:
             running.go()
         except Exception as error:  # whatever it is, the client reads a sentence
-            self._failed = error.reason if isinstance(error, Explained) else f"{type(error).__name__}: {error}"
+            self._failed = error.reason if isinstance(error, ExplainedError) else f"{type(error).__name__}: {error}"
         finally:
             self._tenancy.leave()
 

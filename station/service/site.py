@@ -16,7 +16,7 @@ from drivers.errors import DeviceError
 from procedures.outcome import ProcedureError
 from station.service.access import API, COOKIE, Gate
 from station.service.alpaca.server import AlpacaServer
-from station.service.answers import explained
+from station.service.answers import error_response
 from station.service.bench_state import ServedBench
 from station.service.control import Control
 from station.service.sessions import Sessions
@@ -30,7 +30,7 @@ def site(served: ServedBench, *, host: str, token: str | None, closing: threadin
     return Starlette(
         routes=[Route("/", page), Mount(API, routes=programs), *AlpacaServer(served).routes()],
         middleware=[Middleware(Gate, token=token, host=host)],
-        exception_handlers=dict.fromkeys((ProcedureError, DeviceError, HTTPException, Exception), explained),
+        exception_handlers=dict.fromkeys((ProcedureError, DeviceError, HTTPException, Exception), error_response),
     )
 
 

@@ -1,1 +1,1 @@
-"""Sessions: folders that a person can read, with journals that lose nothing."""
+"""Sessions: human-readable folders with append-only journals."""

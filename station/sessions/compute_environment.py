@@ -1,7 +1,7 @@
-"""What computes a result: versions, processor, and the libraries of linear algebra, whose last bits depend on both.
+"""The computing environment of a result: versions, processor, and BLAS libraries, all of which affect the last bits.
 
-A product of matrices is summed in another order by every number of threads and every family of processors. With one
-thread the order is that of the processor's kernels alone; those are told, so that two results can be compared.
+The order of summation in a matrix product depends on the number of threads and the processor family. With one
+thread it depends on the processor's kernels only; these are recorded, so that two results can be compared.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from typing import Any
 from station.common.versions import software
 
 KERNELS = "OPENBLAS_CORETYPE"
-"""Environment variable by which OpenBLAS computes as another family of processors would."""
+"""Environment variable that makes OpenBLAS compute like another processor family."""
 
 
 @cache
 def machine() -> Mapping[str, Any]:
-    """Everything that may change the last bits of a result; the same as long as the program runs."""
+    """Everything that may change the last bits of a result; constant during a run of the program."""
     import numpy as np
 
     return {
@@ -36,21 +36,21 @@ def machine() -> Mapping[str, Any]:
 
 
 def _libraries() -> str:
-    """The BLAS of numpy and scipy: "openblas 0.3.30 SkylakeX". OpenCV brings its own, which draws pictures only."""
-    import scipy.linalg  # noqa: F401  (what is not loaded is not listed)
+    """The BLAS of numpy and scipy: "openblas 0.3.30 SkylakeX". OpenCV's own is ignored, as it only draws pictures."""
+    import scipy.linalg  # noqa: F401  (only loaded libraries are listed)
     from threadpoolctl import threadpool_info
 
-    found = {
-        f"{one['internal_api']} {one['version']} {one.get('architecture', '')}".strip()
-        for one in threadpool_info()
-        if one["user_api"] == "blas" and "opencv" not in one["filepath"]
+    libraries = {
+        f"{info['internal_api']} {info['version']} {info.get('architecture', '')}".strip()
+        for info in threadpool_info()
+        if info["user_api"] == "blas" and "opencv" not in info["filepath"]
     }
-    return ", ".join(sorted(found))
+    return ", ".join(sorted(libraries))
 
 
 @contextmanager
 def same_bits() -> Iterator[None]:
-    """Within, linear algebra has one thread, however many the environment asks for."""
+    """Context in which linear algebra has one thread, whatever the environment sets."""
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1, user_api="blas"):

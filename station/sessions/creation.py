@@ -1,18 +1,18 @@
-"""A new session's folder: furnished under a hidden name, then given its own, so that it is whole or not there."""
+"""Creation of a session's folder: filled under a hidden name, then renamed, so that it appears atomically."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from station.common.durable_files import Disk, NotKept, kept
+from station.common.durable_files import Disk, WriteFailed, write_errors
 from station.sessions.journal import Contents, Journal, JournalLine
 from station.sessions.layout import CONFIG, FOLDERS, JOURNAL, read_config
 
 
 def furnish(folder: Path, config: bytes, first: JournalLine, disk: Disk) -> None:
-    """Everything that a session needs, on the disk."""
+    """Write everything that a session needs, durably."""
     for name in FOLDERS:
-        with kept(folder / name):
+        with write_errors(folder / name):
             (folder / name).mkdir()
     for name, data in ((CONFIG, config), (JOURNAL, b"")):
         disk.write_whole(folder / name, data)
@@ -25,12 +25,12 @@ def furnish(folder: Path, config: bytes, first: JournalLine, disk: Disk) -> None
 
 
 def settle(raw: Path, name: str, disk: Disk) -> Path:
-    """Give the folder its name, with a number where that is taken."""
+    """Rename the folder to its name, with a number if that is taken."""
     for number in range(1, 10_000):
         folder = raw.with_name(name if number == 1 else f"{name}-{number}")
         if not folder.exists() and not folder.is_symlink():
-            with kept(folder):
+            with write_errors(folder):
                 disk.replace(raw, folder)
                 disk.sync_folder(folder.parent)
             return folder
-    raise NotKept(f"{raw.parent} has 9999 sessions of the name {name}", "name another folder with --sessions")
+    raise WriteFailed(f"{raw.parent} has 9999 sessions of the name {name}", "name another folder with --sessions")

@@ -1,4 +1,4 @@
-"""A session's folder goes, as a whole: renamed first, so that what is half deleted is no session any more."""
+"""Deletion of a session's folder: renamed first, so that a half-deleted folder is no longer a session."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import secrets
 import shutil
 from pathlib import Path
 
-from station.common.durable_files import kept
+from station.common.durable_files import write_errors
 from station.sessions.layout import Lock, check_layout
 
 
@@ -16,15 +16,15 @@ def delete_session(folder: Path) -> None:
     Raises
     ------
     BadInput
-        If the folder is no session.
+        If the folder is not a session.
     Busy
         If a program has it open.
     NotKept
         If the disk refuses.
     """
     check_layout(folder)
-    Lock(folder).release()  # raises where another program has it
+    Lock(folder).release()  # raises if another program has it open
     doomed = folder.with_name(f".deleting-{secrets.token_hex(8)}")
-    with kept(folder):
+    with write_errors(folder):
         folder.rename(doomed)
         shutil.rmtree(doomed)

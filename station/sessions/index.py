@@ -1,8 +1,8 @@
-"""A table of contents over a folder of sessions, in SQLite. The sessions are the truth: the index may be thrown away.
+"""An index of a folder of sessions, in SQLite. The sessions are authoritative: the index may be deleted.
 
-Whoever asks it gets an answer about the folders as they are now: sessions whose journal has changed since are read
-again, those that are gone are forgotten. An index that is damaged, of another version, or cannot be written is
-replaced, by one in memory if need be.
+A query reflects the present state of the folders: sessions whose journal has changed are read
+again, missing ones are removed. An index that is damaged, of another version, or not writable is
+replaced, in memory if necessary.
 """
 
 from __future__ import annotations
@@ -45,20 +45,20 @@ CREATE TABLE results (
 );
 PRAGMA user_version = {VERSION};
 """
-"""The results are those of a session's last result; of a refused plane there is one row without a quantity."""
+"""The results are those of a session's last result; a refused plane has one row without a quantity."""
 
 
 @dataclass(frozen=True)
 class IndexEntry:
-    """A session as lists show it.
+    """A session in a list.
 
     Attributes
     ----------
     began : UTC, ISO 8601
-    ended : "finished", "stopped", "emergency"; "" while it has not ended
-    shots, counting : how many photographs it has, and from how many the result is drawn
-    verdict : of its last result; "" where there is none
-    damage : what is wrong with the folder; "" where nothing is
+    ended : "finished", "stopped", "emergency"; "" if it has not ended
+    shots, counting : number of photographs, and of those used by the result
+    verdict : of its last result; "" if there is none
+    damage : defects of the folder; "" if there are none
     """
 
     folder: Path
@@ -96,7 +96,7 @@ class IndexedNumber:
 
 @dataclass(frozen=True)
 class Filter:
-    """Which sessions: camera, lens, plan by exact name, begun on a date or after, with a verdict; None is any."""
+    """Criteria: camera, lens, plan by exact name, begun on a date or later, verdict; None matches all."""
 
     camera: str | None = None
     lens: str | None = None
@@ -106,10 +106,10 @@ class Filter:
 
 
 class Index:
-    """The index of one folder of sessions, brought up to date when it is entered."""
+    """The index of one folder of sessions, updated on entry."""
 
     TIMEOUT_S = 5.0
-    """How long another program is waited for that writes it."""
+    """How long to wait for another program that is writing it."""
 
     def __init__(self, root: Path, *, rebuild: bool = False) -> None:
         self.root = root
@@ -135,7 +135,7 @@ class Index:
     ) -> None:
         self._close()
 
-    # --- asking
+    # --- queries
 
     def sessions(self, wanted: Filter | None = None) -> list[IndexEntry]:
         """The sessions, newest first."""
@@ -166,16 +166,16 @@ class Index:
         query = {"cameras": "SELECT name FROM cameras", "lenses": "SELECT name FROM lenses"}[table]
         return sorted(row[0] for row in self._database.execute(query))
 
-    # --- keeping it up to date
+    # --- updates
 
     def update(self) -> None:
-        """Read every session that is new or has changed; forget those that are gone."""
+        """Read every new or changed session; remove missing ones."""
         known = dict(self._database.execute("SELECT folder, stamp FROM sessions"))
-        found = {folder.name: _stamp(folder) for folder in sessions_in(self.root) if _is_text(folder.name)}
+        stamps = {folder.name: _stamp(folder) for folder in sessions_in(self.root) if _is_text(folder.name)}
         with self._database:
-            gone = [(name,) for name in known if name not in found]
+            gone = [(name,) for name in known if name not in stamps]
             self._database.executemany("DELETE FROM sessions WHERE folder = ?", gone)
-            for name, stamp in found.items():
+            for name, stamp in stamps.items():
                 if known.get(name) != stamp:
                     self._read(name, stamp)
             self._database.execute("DELETE FROM cameras WHERE id NOT IN (SELECT camera FROM sessions WHERE camera)")
@@ -188,12 +188,12 @@ class Index:
         except ProcedureError as error:
             self._insert(name, stamp, None, damage=error.reason)
             return
-        except Exception as error:  # one damaged session must not hide the others, whatever is in it
+        except Exception as error:  # a damaged session, whatever is in it, must not hide the others
             self._insert(name, stamp, None, damage=f"it cannot be read: {error!r}")
             return
         wrong = damaged_results(self.root / name, record.state)
-        told = [*record.oddities, *([f"{', '.join(wrong)}: missing, or not what was written"] if wrong else [])]
-        self._insert(name, stamp, record.state, damage="; ".join(told))
+        damage = [*record.oddities, *([f"{', '.join(wrong)}: missing or changed"] if wrong else [])]
+        self._insert(name, stamp, record.state, damage="; ".join(damage))
 
     def _insert(self, name: str, stamp: str, state: SessionState | None, damage: str = "") -> None:
         if state is None:
@@ -206,7 +206,7 @@ class Index:
             row = (name, stamp, camera, lens, *about, encodable(damage))
         session = self._database.execute(f"INSERT INTO sessions VALUES (NULL, {', '.join('?' * 11)})", row).lastrowid
         if state is not None:
-            rows = [(session, *one) for one in _numbers(self.root / name, state)]
+            rows = [(session, *row) for row in _numbers(self.root / name, state)]
             self._database.executemany(f"INSERT OR REPLACE INTO results VALUES ({', '.join('?' * 9)})", rows)
 
     def _name(self, table: str, name: str) -> int:
@@ -234,7 +234,7 @@ class Index:
         return database
 
     def _fresh(self) -> sqlite3.Connection:
-        """A new one in the place of the old, in memory where it cannot be written."""
+        """A new index in place of the old one, in memory if it cannot be written."""
         try:
             return self._opened(str(self.path))
         except sqlite3.DatabaseError:
@@ -247,27 +247,27 @@ class Index:
 
 
 def _is_damage(error: sqlite3.DatabaseError) -> bool:
-    """Whether the file is no good, rather than busy, or in a folder that cannot be written."""
+    """Whether the file is corrupt, rather than busy or in a folder that is not writable."""
     code = getattr(error, "sqlite_errorcode", None)
     return code is None or code & 0xFF in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
 
 
 def _discard(path: Path) -> None:
     for name in (path.name, f"{path.name}-wal", f"{path.name}-shm"):
-        with contextlib.suppress(OSError):  # what cannot be removed is worked around in memory
+        with contextlib.suppress(OSError):  # if it cannot be removed, an index in memory is used
             path.with_name(name).unlink(missing_ok=True)
 
 
 def _is_text(name: str) -> bool:
-    """Whether SQLite can hold it: every name that this program makes."""
+    """Whether SQLite can store it; true for every name made by this program."""
     return name == encodable(name)
 
 
 def _stamp(folder: Path) -> str:
-    """Changes whenever configuration, journal, its head or a file of a result does, or a folder is gone."""
+    """Changes with configuration, journal, its head and files of results, and if a folder is missing."""
     files = [folder / name for name in (CONFIG, JOURNAL, HEAD, *FOLDERS)] + files_in(folder / DERIVED)
-    found = [(path.name, stat.st_size, stat.st_mtime_ns) for path in files if (stat := _stat(path))]
-    return hashlib.sha256(repr(found).encode()).hexdigest()
+    facts = [(path.name, stat.st_size, stat.st_mtime_ns) for path in files if (stat := _stat(path))]
+    return hashlib.sha256(repr(facts).encode()).hexdigest()
 
 
 def _stat(path: Path) -> os.stat_result | None:
@@ -278,24 +278,24 @@ def _stat(path: Path) -> os.stat_result | None:
 
 
 def _utc(moment: str) -> str:
-    """ISO 8601 as it sorts; journals are written in UTC."""
+    """ISO 8601 in sortable form; journals are written in UTC."""
     return encodable(moment).replace("Z", "+00:00")
 
 
 def _where(wanted: Filter) -> tuple[str, list[str]]:
-    asked = {
+    conditions = {
         "cameras.name =": wanted.camera,
         "lenses.name =": wanted.lens,
         "plan =": wanted.plan,
         "began >=": wanted.since,
         "sessions.verdict =": wanted.verdict,
     }
-    given = {column: value for column, value in asked.items() if value is not None}
+    given = {column: value for column, value in conditions.items() if value is not None}
     return ("WHERE " + " AND ".join(f"{column} ?" for column in given) if given else ""), list(given.values())
 
 
 def _numbers(folder: Path, state: SessionState) -> Iterator[tuple[Any, ...]]:
-    """Plane, verdict, and each quantity of the last result, if its record is what the journal says."""
+    """Plane, verdict, and each quantity of the last result, if its record matches the journal."""
     last = state.results[-1] if state.results else None
     path = folder / last.folder / RECORD if last else folder
     if last is None or not holds(path, last.files.get(RECORD, "")):

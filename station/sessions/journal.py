@@ -1,13 +1,13 @@
-"""An append-only journal of JSON lines: each with its number and a hash over all before it.
+"""An append-only journal of JSON lines, each with its number and a hash over all before it.
 
 ```
 {"seq":3,"at":"2026-03-14T09:26:53.589+00:00","clock_s":12.5,"event":"judged","shot":1,"counts":true,"sum":"9f2c..."}
 ```
 
-`sum` is the SHA-256 of the sum before and of the line up to it; the first line's "sum before" is the hash of the
-session's frozen configuration. So a line that was altered, taken out, or put in is found, and so is another
-configuration. A last line that is not whole was being written when the power went: nobody was told that it is kept.
-That the last lines are gone, no chain can tell; `journal.head` does (see `station.sessions.journal_head`).
+`sum` is the SHA-256 of the previous sum and of the line up to it; for the first line, the previous sum is the hash of
+the session's frozen configuration. A line that was altered, removed or inserted is thus detected, and so is another
+configuration. An incomplete last line was being written during a power failure: it had not been confirmed.
+A chain cannot detect that the last lines are missing; `journal.head` does (see `station.sessions.journal_head`).
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import ProcedureError
-from station.common.durable_files import Disk, not_kept, read_own
+from station.common.durable_files import Disk, read_own, write_failed
 from station.sessions.journal_head import HEAD, Head, HeadFile
 
 BEGIN, SUM, END = b'{"seq":', b',"sum":"', b'"}\n'
-"""How each line begins and ends; inside a text of JSON, its quotes would be escaped."""
+"""How each line begins and ends; within a JSON string the quotes would be escaped."""
 
 
 class Damaged(ProcedureError):
-    """A session is not what was written: what is wrong, and what to do."""
+    """A session differs from what was written: the difference, and the remedy."""
 
     exit_code = 4
 
 
 @dataclass(frozen=True)
 class JournalLine:
-    """One entry: its number from 1, when (UTC, and by the bench's clock), what happened, about what; its sum."""
+    """One entry: number from 1, time (UTC, and by the bench's clock), event, data; its sum."""
 
     seq: int
     at: str
@@ -50,7 +50,7 @@ class JournalLine:
 
 @dataclass(frozen=True)
 class Contents:
-    """What a journal holds: its lines, the last sum, the length of the whole lines, and what was torn after them."""
+    """Contents of a journal: lines, last sum, length of the complete lines, and the incomplete rest after them."""
 
     lines: tuple[JournalLine, ...]
     last_sum: str
@@ -59,7 +59,7 @@ class Contents:
 
 
 def read_journal(path: Path, first_sum: str) -> Contents:
-    """Every whole line, checked. Raises Damaged where a line before the last is not what was written."""
+    """Every complete line, verified. Raises Damaged if a line before the last is wrong."""
     try:
         data = read_own(path)
     except OSError as error:
@@ -70,7 +70,7 @@ def read_journal(path: Path, first_sum: str) -> Contents:
 
 
 def parse(data: bytes, first_sum: str, name: str) -> Contents:
-    """The lines of a journal's bytes. Raises Damaged."""
+    """The lines in a journal's bytes. Raises Damaged."""
     lines: list[JournalLine] = []
     last, start = first_sum, 0
     while start < len(data):
@@ -79,26 +79,26 @@ def parse(data: bytes, first_sum: str, name: str) -> Contents:
         line = _read(text) if end else None
         if line is None:
             if start + len(text) < len(data) or text.count(BEGIN) > 1:
-                raise _altered(name, len(lines) + 1, "is no line of a journal")
+                raise _altered(name, len(lines) + 1, "is not a line of a journal")
             return Contents(tuple(lines), last, start, text)
-        body, _, told = text.rpartition(SUM)
-        found = _sum(last, body)
-        if told != found.encode() + END or line.seq != len(lines) + 1:
+        body, _, recorded = text.rpartition(SUM)
+        computed = _sum(last, body)
+        if recorded != computed.encode() + END or line.seq != len(lines) + 1:
             raise _altered(name, len(lines) + 1, "is not what was written after the line before it")
         lines.append(line)
-        last, start = found, end
+        last, start = computed, end
     return Contents(tuple(lines), last, start)
 
 
 def _altered(name: str, number: int, what: str) -> Damaged:
     return Damaged(
         f"{name}: line {number} {what}",
-        "bring the journal back from a copy; `station psf` still takes the photographs in originals/",
+        "bring the journal back from a copy; `station psf` still accepts the photographs in originals/",
     )
 
 
 def _read(text: bytes) -> JournalLine | None:
-    """The line, None where it is no whole one."""
+    """The line, None if it is not complete."""
     try:
         entry = json.loads(text)
         seq, at, clock_s, event = (entry.pop(name) for name in ("seq", "at", "clock_s", "event"))
@@ -116,7 +116,7 @@ def _sum(before: str, body: bytes) -> str:
 
 
 class Journal:
-    """The journal of a session that is open: what is appended is on the disk when `append` returns."""
+    """The journal of an open session: an appended line is on the disk when `append` returns."""
 
     def __init__(self, path: Path, contents: Contents, disk: Disk) -> None:
         self.path = path
@@ -125,7 +125,7 @@ class Journal:
         try:
             self._descriptor = disk.open(path, os.O_RDWR | os.O_APPEND)
         except OSError as error:
-            raise not_kept(path, error) from error
+            raise write_failed(path, error) from error
         try:
             self._head = HeadFile(path.with_name(HEAD), disk)
         except BaseException:
@@ -138,7 +138,7 @@ class Journal:
         return self._lines
 
     def append(self, event: str, at: str, clock_s: float, data: Mapping[str, Any]) -> JournalLine:
-        """Add a line; what a failed attempt left is cut away first. Raises NotKept: then the line is not there."""
+        """Append a line, first removing the rest of a failed attempt. On WriteFailed the line is absent."""
         begin = {"seq": len(self._lines) + 1, "at": at, "clock_s": clock_s, "event": event}
         body = json.dumps({**begin, **_jsonable(data)}, separators=(",", ":"), allow_nan=False).encode()[:-1]
         total = _sum(self._last_sum, body)
@@ -148,10 +148,10 @@ class Journal:
             self._head.announce(head)
             self._disk.write_all(self._descriptor, text)
         except OSError as error:
-            with contextlib.suppress(OSError):  # the next append cuts again, and so does whoever opens the journal
+            with contextlib.suppress(OSError):  # the next append, or opening the journal, cuts again
                 self._cut()
                 self._head.retract(head)
-            raise not_kept(self.path, error) from error
+            raise write_failed(self.path, error) from error
         line = _read(text)
         assert line is not None
         self._lines.append(line)
@@ -159,19 +159,19 @@ class Journal:
         return line
 
     def _cut(self) -> None:
-        """Take away what stands after the last whole line."""
+        """Remove what follows the last complete line."""
         if os.fstat(self._descriptor).st_size != self._length:
             os.ftruncate(self._descriptor, self._length)
             self._disk.sync(self._descriptor)
 
     def close(self) -> None:
-        """Give the files back."""
+        """Close the files."""
         os.close(self._descriptor)
         self._head.close()
 
 
 def _jsonable(value: Any) -> Any:
-    """The same in what JSON has: numbers that are not finite as `{"not_finite": "nan"}`, paths as text."""
+    """A JSON form: non-finite numbers as `{"not_finite": "nan"}`, paths as text."""
     if isinstance(value, Mapping):
         return {str(name): _jsonable(part) for name, part in value.items()}
     if isinstance(value, list | tuple):

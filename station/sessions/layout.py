@@ -1,4 +1,4 @@
-"""The folder of a session: its names, its frozen configuration, and the lock that keeps a second program out."""
+"""The layout of a session's folder: names, frozen configuration, and the lock against other programs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput, ProcedureError
-from station.common.durable_files import holds, kept, read_own
+from station.common.durable_files import holds, read_own, write_errors
 from station.common.sanitise import printable
 from station.sessions.journal import Damaged
 
@@ -39,14 +39,14 @@ class Busy(ProcedureError):
 
 
 def safe_name(text: str, otherwise: str) -> str:
-    """A part of a file's name that any system takes, from whatever was typed: a-z, 0-9 and single hyphens."""
+    """A part of a file name that is valid on any system, from arbitrary text: a-z, 0-9 and single hyphens."""
     ascii_only = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode().lower()
     name = re.sub(r"[^a-z0-9]+", "-", ascii_only).strip("-")[:LONGEST].strip("-")
     return name or otherwise
 
 
 def original_name(number: int, source: str) -> str:
-    """The name of a photograph in originals/: its number, then the camera's own name as far as it is harmless."""
+    """The name of a photograph in originals/: its number, then the harmless part of the camera's own name."""
     stem, dot, suffix = source.rpartition(".")
     if not dot or not re.fullmatch(r"[A-Za-z0-9]{1,8}", suffix):
         stem, suffix = source, "raw"
@@ -55,35 +55,36 @@ def original_name(number: int, source: str) -> str:
 
 
 def free_original(folder: Path, number: int, source: str, sha256: str) -> str:
-    """The path of a new photograph, from the session's folder: nothing is there, or this very photograph is."""
+    """The path of a new photograph, relative to the session's folder: unused, or holding this very photograph."""
     usual = Path(ORIGINALS, original_name(number, source))
     others = (usual.with_stem(f"{usual.stem}-{again}") for again in count(2))
-    free = (one for one in chain([usual], others) if not os.path.lexists(folder / one) or holds(folder / one, sha256))
+    names = chain([usual], others)
+    free = (name for name in names if not os.path.lexists(folder / name) or holds(folder / name, sha256))
     return next(free).as_posix()
 
 
 def is_session(folder: Path) -> bool:
-    """Whether this is the folder of a session."""
+    """Whether this is a session's folder."""
     return (folder / CONFIG).is_file() and (folder / JOURNAL).is_file()
 
 
 def has_parts(folder: Path) -> bool:
-    """Whether this is the folder of a session, or what is left of one."""
+    """Whether this is a session's folder, or the remains of one."""
     return any((folder / name).is_file() for name in (CONFIG, JOURNAL)) and (folder / ORIGINALS).is_dir()
 
 
 def check_layout(folder: Path) -> None:
-    """Every part of a session is a file or folder of its own, no link that leads elsewhere.
+    """Check that every part of a session is a file or folder of its own, not a link.
 
     Raises
     ------
     BadInput
-        If it is no session.
+        If it is not a session.
     Damaged
-        If a part is missing, or a link.
+        If a part is missing or is a link.
     """
     if not is_session(folder):
-        raise BadInput(f"{folder} is no session: it needs {CONFIG} and {JOURNAL}", "name a session's folder")
+        raise BadInput(f"{folder} is not a session: it needs {CONFIG} and {JOURNAL}", "name a session's folder")
     for name in (CONFIG, JOURNAL, *FOLDERS):
         try:
             mode = (folder / name).lstat().st_mode
@@ -95,7 +96,7 @@ def check_layout(folder: Path) -> None:
 
 
 def read_config(folder: Path) -> tuple[Mapping[str, Any], str]:
-    """The frozen configuration, and its hash, which the journal begins with. Raises Damaged."""
+    """The frozen configuration, and its hash, with which the journal begins. Raises Damaged."""
     try:
         data = read_own(folder / CONFIG)
         config = tomllib.loads(data.decode())
@@ -107,37 +108,37 @@ def read_config(folder: Path) -> tuple[Mapping[str, Any], str]:
 
 
 def inside(folder: Path, relative: str) -> Path:
-    """A file of the session, which must be there as a file of its own, no link. Raises Damaged."""
+    """A file of the session, which must exist and not be a link. Raises Damaged."""
     path = folder / relative
     try:
         regular = stat.S_ISREG(path.lstat().st_mode)
     except OSError:
         regular = False
     if not regular:
-        raise Damaged(f"{path} is missing, or is no file of the session's own", "bring it back from a copy")
+        raise Damaged(f"{path} is missing, or is not a file of the session's own", "bring it back from a copy")
     return path
 
 
 def own(path: Path) -> Path:
-    """The same path, which must not be a link that leads elsewhere. Raises Damaged."""
+    """The same path, which must not be a link. Raises Damaged."""
     if path.is_symlink():
         raise Damaged(f"{path} is a link; a session writes into folders of its own only", "remove the link")
     return path
 
 
 class Lock:
-    """Keeps other programs out of a session; the system takes it away from a program that died.
+    """Excludes other programs from a session; released by the system if the program ends.
 
     Raises
     ------
     Busy
-        If another program has it; named by what it wrote into the lock.
+        If another program has it, named by the content of the lock.
     """
 
     def __init__(self, folder: Path) -> None:
         path = folder / LOCK
         flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
-        with kept(path):
+        with write_errors(path):
             self._descriptor = os.open(path, flags, 0o666)
         try:
             _lock(self._descriptor)
@@ -148,7 +149,7 @@ class Lock:
                 f"{folder.name} is open in another program ({printable(owner) or 'which gave no name'})",
                 "end that program, or work with another session",
             ) from error
-        with contextlib.suppress(OSError):  # the name is for people; a full disk must not keep the session shut
+        with contextlib.suppress(OSError):  # the name is informative: a full disk must not prevent opening
             os.ftruncate(self._descriptor, 0)
             os.write(self._descriptor, f"{Path(sys.argv[0]).name or 'python'}, process {os.getpid()}\n".encode())
 
@@ -161,7 +162,7 @@ if sys.platform == "win32":
     import msvcrt
 
     def _lock(descriptor: int) -> None:
-        os.lseek(descriptor, 1 << 20, os.SEEK_SET)  # beyond the name, which others must be able to read
+        os.lseek(descriptor, 1 << 20, os.SEEK_SET)  # beyond the name, which must stay readable to others
         msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
         os.lseek(descriptor, 0, os.SEEK_SET)
 

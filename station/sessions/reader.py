@@ -1,4 +1,4 @@
-"""A session as it lies on the disk: read and checked, without a lock, and nothing is written."""
+"""Reading of a session on the disk: verified, without lock and without writing."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from station.sessions.state import SessionState, replay
 
 @dataclass(frozen=True)
 class SessionRecord:
-    """What a session's folder tells: its frozen configuration, its journal, and the state that this comes to.
+    """The content of a session's folder: frozen configuration, journal, and the resulting state.
 
-    `gap` is what the journal lacks by its head.
+    `gap` lists the lines that the journal lacks according to its head.
     """
 
     folder: Path
@@ -44,45 +44,45 @@ class SessionRecord:
 
     @property
     def oddities(self) -> tuple[str, ...]:
-        """What is odd about the journal, in words."""
+        """Irregularities of the journal, as text."""
         torn = "the last line of the journal was not whole and did not count" if self.contents.torn else ""
         return tuple(words for words in (torn, self.lost) if words)
 
     @property
     def lost(self) -> str:
-        """Which lines are gone, in words, or why nobody can tell; "" where they are all there or the last is torn."""
+        """Which lines are missing, or why this is unknown, as text; "" if none, or only an incomplete last one."""
         return "" if self.contents.torn and self.gap.lines == 1 else self.gap.words
 
     def record(self) -> dict[str, Any]:
         """For programs."""
-        from station.results.result_files import plain  # here: what it stands on is slow to import
+        from station.results.result_files import plain  # here, because its imports are slow
 
         return {"schema": "station/session/1", "folder": str(self.folder), "state": plain(asdict(self.state))}
 
 
 def read_session(folder: Path) -> SessionRecord:
-    """A session's configuration and journal, checked; photographs are checked by `verify`.
+    """A session's configuration and journal, verified; photographs are verified by `verify`.
 
     Raises
     ------
     BadInput
-        If the folder is no session.
+        If the folder is not a session.
     Damaged
-        If the configuration or the journal is not what was written.
+        If the configuration or the journal is damaged.
     """
     check_layout(folder)
     config, first_sum = read_config(folder)
     for pause_s in (*BETWEEN_WRITES_S, 0.0):
         contents = read_journal(folder / JOURNAL, first_sum)
-        found = gap(folder / HEAD, [line.sum for line in contents.lines], expected=_has_head(contents))
-        if not found.words:
+        missing = gap(folder / HEAD, [line.sum for line in contents.lines], expected=_has_head(contents))
+        if not missing.words:
             break
         time.sleep(pause_s)
-    return SessionRecord(folder, config, contents, replay(contents.lines), found)
+    return SessionRecord(folder, config, contents, replay(contents.lines), missing)
 
 
 BETWEEN_WRITES_S = (0.01, 0.05)
-"""How long another program is waited for that is just writing head and line."""
+"""How long to wait for another program that is writing head and line."""
 
 
 def _has_head(contents: Contents) -> bool:
@@ -90,17 +90,17 @@ def _has_head(contents: Contents) -> bool:
 
 
 def unknown_files(folder: Path, state: SessionState) -> list[str]:
-    """Photographs in originals/ and results in derived/ that the journal does not speak of."""
-    known = {shot.path for shot in (*state.shots, state.adopting) if shot} | {one.folder for one in state.results}
+    """Photographs in originals/ and results in derived/ that are not in the journal."""
+    known = {shot.path for shot in (*state.shots, state.adopting) if shot} | {result.folder for result in state.results}
     originals = [path for path in (folder / ORIGINALS).iterdir() if not path.name.startswith(".")]
     results = [path for path in (folder / DERIVED).iterdir() if path.name.isdecimal()]
     return [name for path in sorted(originals + results) if (name := path.relative_to(folder).as_posix()) not in known]
 
 
 def verify(folder: Path, state: SessionState, without: Collection[int] = ()) -> None:
-    """Photographs, and files that answers name, have the hashes that the journal tells.
+    """Verify that photographs and files of answers have the hashes in the journal.
 
-    Raises Damaged, naming all that have not.
+    Raises Damaged, naming all that differ.
     """
     if lost := [name for name, digest in state.given.items() if not holds(folder / name, digest)]:
         raise Damaged(f"{folder.name}: missing or changed: {', '.join(lost)}", "bring these files back from a copy")
@@ -116,33 +116,34 @@ def verify(folder: Path, state: SessionState, without: Collection[int] = ()) -> 
 
 
 def damaged_results(folder: Path, state: SessionState) -> list[str]:
-    """Files of results that are missing, or not what the journal tells."""
-    files = [(f"{one.folder}/{name}", digest) for one in state.results for name, digest in one.files.items()]
+    """Files of results that are missing or differ from the journal."""
+    files = [(f"{result.folder}/{name}", digest) for result in state.results for name, digest in result.files.items()]
     return [name for name, digest in files if not holds(folder / name, digest)]
 
 
 def verify_results(record: SessionRecord) -> None:
-    """Every file of every result and every transcript of the wires is what the journal tells. Raises Damaged."""
+    """Verify every file of every result and every transcript against the journal. Raises Damaged."""
     folder, wires = record.folder, [line.data for line in record.contents.lines if line.event == "wired"]
-    files = [(f"{one['folder']}/{name}", digest) for one in wires for name, digest in one["files"].items()]
-    if wrong := damaged_results(folder, record.state) + [name for name, one in files if not holds(folder / name, one)]:
+    files = [(f"{wire['folder']}/{name}", digest) for wire in wires for name, digest in wire["files"].items()]
+    changed = [name for name, digest in files if not holds(folder / name, digest)]
+    if wrong := damaged_results(folder, record.state) + changed:
         raise Damaged(
-            f"{folder.name}: {', '.join(wrong)}: missing, or not what was written",
+            f"{folder.name}: {', '.join(wrong)}: missing or changed",
             "bring these files back from a copy; `station session resume --back-to STEP` computes a new result",
         )
 
 
 def check_whole(record: SessionRecord) -> None:
-    """The journal has all lines that were written, as far as its head tells. Raises Damaged."""
+    """Check that the journal has all lines that its head counts. Raises Damaged."""
     if record.lost:
         raise Damaged(
             f"{record.folder.name}: {record.lost}",
-            f"bring {JOURNAL} and {HEAD} back from a copy; or resume: what lies in the folder is kept, and named",
+            f"bring {JOURNAL} and {HEAD} back from a copy; or resume: files in the folder are kept, and listed",
         )
 
 
 def sums(folder: Path, state: SessionState) -> bytes:
-    """The hashes of configuration, photographs, files that answers name and results, as `sha256sum` writes them."""
+    """The hashes of configuration, photographs, files of answers and results, in the format of `sha256sum`."""
     entries = {CONFIG: sha256_of(folder / CONFIG)}
     entries |= {shot.path: shot.sha256 for shot in state.shots if not shot.lost}
     entries |= state.given
@@ -152,7 +153,7 @@ def sums(folder: Path, state: SessionState) -> bytes:
 
 
 def sessions_in(root: Path) -> Iterator[Path]:
-    """The folders of all sessions in a folder, damaged ones too, oldest name first; hidden ones are none yet."""
+    """The folders of all sessions in a folder, also damaged ones, sorted by name; hidden folders are no sessions."""
     if root.is_dir():
         named = [path for path in root.iterdir() if not path.name.startswith(".")]
         yield from sorted(path for path in named if is_session(path) or has_parts(path))

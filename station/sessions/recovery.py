@@ -1,4 +1,4 @@
-"""When a session is opened: what a crash left half done is finished, and whatever is odd is said."""
+"""Recovery when a session is opened: completes what a crash interrupted, and reports irregularities."""
 
 from __future__ import annotations
 
@@ -21,40 +21,40 @@ from station.sessions.state import SessionShot, SessionState
 
 
 class OpenSession(Protocol):
-    """What recovery does with a session that is open for writing."""
+    """The operations of recovery on a session that is open for writing."""
 
     folder: Path
     leftovers: tuple[Path, ...]
 
     @property
     def state(self) -> SessionState:
-        """What the journal says now."""
+        """The state according to the journal."""
 
     def note(self, event: str, **data: Any) -> None:
         """Append a line to the journal."""
 
     def notice(self, say: str) -> None:
-        """Something the operator must hear."""
+        """Record a message for the operator."""
 
     def take_in(self, shot: SessionShot, source: Path) -> SessionShot:
-        """Copy a photograph that was announced, and confirm it."""
+        """Copy an announced photograph, and confirm it."""
 
     def write_sums(self) -> None:
-        """The hashes of all originals, as a file."""
+        """Write the hashes of all originals to a file."""
 
 
 def recover(session: OpenSession, record: SessionRecord, without: Collection[int] = ()) -> None:
-    """Sweep up, say what was torn or lost, take in what was announced, and name what is missing or strange.
+    """Clean up, report incomplete or lost lines, complete announced photographs, and list missing or unknown files.
 
     Parameters
     ----------
-    record : the session as it was found
+    record : the session as read
     without : shots to give up
 
     Raises
     ------
     NotKept
-        If the disk takes nothing more.
+        If the disk refuses.
     """
     _sweep(session.folder)
     if record.gap.lines:
@@ -73,7 +73,7 @@ def recover(session: OpenSession, record: SessionRecord, without: Collection[int
     if session.state.adopting is not None:
         finish_adopting(session, session.state.adopting)
     if wrong := damaged_results(session.folder, session.state):
-        session.notice(f"{', '.join(wrong)}: missing, or not what was written; bring them back from a copy")
+        session.notice(f"{', '.join(wrong)}: missing or changed; bring them back from a copy")
     _give_up_awaited(session)
     _name_unfinished(session)
     _name_strangers(session)
@@ -81,22 +81,22 @@ def recover(session: OpenSession, record: SessionRecord, without: Collection[int
 
 
 def finish_adopting(session: OpenSession, shot: SessionShot) -> None:
-    """Take in a photograph that was announced, if it is still there as it was; else say that it is lost."""
+    """Adopt an announced photograph if it still exists unchanged; otherwise report it as lost."""
     source = Path(shot.exposure["path"])
     if holds(session.folder / shot.path, shot.sha256) or holds(source, shot.sha256):
         session.take_in(shot, source)
-        session.notice(f"shot {shot.number} had been announced and not taken in; now it is in the session")
+        session.notice(f"shot {shot.number} had been announced but not adopted; it is now in the session")
         return
     _say_and_give_up(
         session,
-        f"shot {shot.number} had been announced and not taken in, and {source} is not there as it was: "
+        f"shot {shot.number} had been announced but not adopted, and {source} is missing or changed: "
         "it will be taken again",
         shot=shot.number,
     )
 
 
 def _say_and_give_up(session: OpenSession, say: str, **what: Any) -> None:
-    """In this order: between the two the power may go, and nothing is repeated in silence."""
+    """Report, then give up, in this order: after a power failure between the two nothing is repeated unreported."""
     if say not in session.state.notices:
         session.notice(say)
     session.note("gave_up", **what)
@@ -108,7 +108,7 @@ def _give_up_awaited(session: OpenSession) -> None:
         return
     _say_and_give_up(
         session,
-        f"an exposure for {awaited.purpose} ({awaited.step}) was asked for, and its photograph is not in the session: "
+        f"an exposure for {awaited.purpose} ({awaited.step}) was requested, but its photograph is not in the session: "
         "it will be taken again",
         step=awaited.step,
         purpose=awaited.purpose,
@@ -116,7 +116,7 @@ def _give_up_awaited(session: OpenSession) -> None:
 
 
 def _name_unfinished(session: OpenSession) -> None:
-    """A step that was begun and not finished begins anew: shots that count are used, trials are taken anew."""
+    """A step that was not finished begins again: shots that count are used, trials are repeated."""
     step = session.state.step
     others = [shot for shot in session.state.shots if shot.step == step and not shot.counts and not shot.lost]
     say = (
@@ -128,7 +128,7 @@ def _name_unfinished(session: OpenSession) -> None:
 
 
 def _name_strangers(session: OpenSession) -> None:
-    """Photographs and results that the journal does not speak of are named, once, and left alone."""
+    """List photographs and results that are not in the journal, once; they stay untouched."""
     unknown = unknown_files(session.folder, session.state)
     for relative in unknown:
         path = session.folder / relative
@@ -136,25 +136,25 @@ def _name_strangers(session: OpenSession) -> None:
         digest = sha256_of(file) if file.is_file() and not file.is_symlink() else ""
         if session.state.strangers.get(relative) != digest:
             session.note("found", path=relative, sha256=digest)
-            where = f"{path.name!r} lies in {path.parent.name}/, but the journal does not speak of it"
-            session.notice(f"{where}; it is kept as it is, and not used")
-    session.leftovers = tuple(session.folder / one for one in unknown if one.startswith(DERIVED))
+            where = f"{path.name!r} is in {path.parent.name}/ but not in the journal"
+            session.notice(f"{where}; it is kept unchanged, and not used")
+    session.leftovers = tuple(session.folder / path for path in unknown if path.startswith(DERIVED))
 
 
 def _discard_unconfirmed(session: OpenSession) -> None:
-    """Results that nobody was told of, which is sure only where the journal is known to be whole."""
+    """Remove results that were never confirmed, which is certain only if the journal is known to be complete."""
     for relative in unknown_files(session.folder, session.state):
         if relative.startswith(DERIVED) and not (session.folder / relative).is_symlink():
             shutil.rmtree(session.folder / relative, ignore_errors=True)
 
 
 def _sweep(folder: Path) -> None:
-    """Remove what a crash left half-written."""
+    """Remove files that a crash left half-written."""
     halves = (folder.glob(".*.part"), (folder / ORIGINALS).glob(".*.part"), (folder / GIVEN).glob("*/.*.part"))
     for part in chain.from_iterable(halves):
         part.unlink()
     for unfinished in (folder / DERIVED).glob("*/.unfinished-*"):
         if not unfinished.parent.is_symlink():
             shutil.rmtree(unfinished, ignore_errors=True)
-            with contextlib.suppress(OSError):  # there is more in it
+            with contextlib.suppress(OSError):  # it is not empty
                 unfinished.parent.rmdir()

@@ -1,4 +1,4 @@
-"""In what terms a session's results are told: unit and specification that it was begun with, in what it has frozen."""
+"""The terms of a session's results: unit and specification, from its frozen configuration."""
 
 from __future__ import annotations
 
@@ -22,34 +22,34 @@ UNIT = "unit"
 
 
 def frozen(path: Path) -> dict[str, str]:
-    """A specification as a session freezes it. Raises BadParameter where it cannot be meant."""
+    """A specification as frozen in a session. Raises BadParameter if it is invalid."""
     text = specification_text(path)
     parse_specification(text, str(path))
     return {"path": str(path), "text": text}
 
 
 def terms_of_session(folder: Path) -> Terms:
-    """What the results of a session are told in and held to; the usual where it was begun without either.
+    """The terms of a session's results; the default ones if it was begun without any.
 
     Raises
     ------
     BadParameter
-        If what it has frozen names no unit, or no specification.
+        If it names an invalid unit or specification.
     """
     config, _ = read_config(folder)
-    kept = config.get("config", {})
-    unit = unit_named(str(kept.get(UNIT, Unit.CYCLES)), f"{printable(folder)}, unit")
-    told: Mapping[str, Any] = kept.get(KEY, {})
-    if not isinstance(told, Mapping) or not isinstance(told.get("text"), str):
+    frozen_config = config.get("config", {})
+    unit = unit_named(str(frozen_config.get(UNIT, Unit.CYCLES)), f"{printable(folder)}, unit")
+    specification: Mapping[str, Any] = frozen_config.get(KEY, {})
+    if not isinstance(specification, Mapping) or not isinstance(specification.get("text"), str):
         return USUAL if unit is Unit.CYCLES else Terms(unit)
-    return Terms(unit, specification=parse_specification(told["text"], str(told.get("path", ""))))
+    return Terms(unit, specification=parse_specification(specification["text"], str(specification.get("path", ""))))
 
 
 def in_terms(result: PlaneResult, terms: Terms, pixels: Pixels) -> PlaneResult:
-    """A plane's result held to the terms, its MTF told at their frequencies as well; as it is where they say nothing.
+    """Express a plane's result in these terms, its MTF also at their frequencies; unchanged without terms.
 
-    Where the limits' unit needs what is not known, they stay undecided and the reason is told with the verdict; where
-    that of the session does, cycles per pixel are told.
+    If the limits' unit requires an unknown quantity, they stay undecided and the verdict gives the reason; if
+    the session's unit does, cycles per pixel are used.
     """
     terms = terms.tellable(pixels)
     if not terms.specification.limits:

@@ -1,4 +1,4 @@
-"""What a session's journal says: its shots, facts and finished steps, replayed line by line. Pure."""
+"""The state of a session, replayed from its journal line by line, without side effects."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class SessionShot:
     Attributes
     ----------
     number : counted from 1 in the order of the exposures
-    path : from the session's folder, inside originals/
-    purpose, step : what it was taken for
-    counts : whether the result is drawn from it; None until it was judged
+    path : relative to the session's folder, inside originals/
+    purpose, step : why it was taken
+    counts : whether the result uses it; None until it was judged
     reason : why it does not count
-    exposure : when it was asked for and received by the bench's clock, settings, shutter times, where it came from
-    snapshot : what the devices said of themselves then
+    exposure : times of request and reception by the bench's clock, settings, shutter times, source
+    snapshot : state of the devices at that time
     lost : whether its photograph was given up
     """
 
@@ -48,9 +48,9 @@ class SessionShot:
 
 @dataclass(frozen=True)
 class DerivedResult:
-    """One result: its folder from the session's, the SHA-256 of its files, from which shots and step it comes.
+    """One result: its folder relative to the session's, the SHA-256 of its files, its shots and step.
 
-    `about` is what the journal says besides: verdicts, how long it took, the machine.
+    `about` holds further data of the journal: verdicts, duration, machine.
     """
 
     folder: str
@@ -64,7 +64,7 @@ class DerivedResult:
 
 @dataclass(frozen=True)
 class Awaited:
-    """An exposure that was asked for and whose photograph is not in the session (yet)."""
+    """A requested exposure whose photograph is not in the session (yet)."""
 
     step: str
     purpose: str
@@ -72,21 +72,21 @@ class Awaited:
 
 @dataclass(frozen=True)
 class SessionState:
-    """A session as its journal tells it.
+    """A session according to its journal.
 
     Attributes
     ----------
-    plan, camera, lens : of what, by which plan
+    plan, camera, lens : the plan and its subject
     began : when it was created, UTC, ISO 8601
-    seed : of everything random in it
-    done : names of the finished steps in their order
-    step : name of the step that was begun and not finished, "" where there is none
-    facts : what was learnt, by name
+    seed : of all random numbers in it
+    done : names of the finished steps, in order
+    step : name of the unfinished step, "" if none
+    facts : known facts, by name
     standing : the last result, as long as neither facts nor shots have changed since
-    adopting : a shot whose photograph was being taken in, None mostly
-    awaited : an exposure that was asked for and has not come, None mostly
-    notices : what the operator must hear and was not told yet: repeated exposures, files found, a torn line
-    given : the hashes of files that answers name, by their paths
+    adopting : a shot that is being adopted, usually None
+    awaited : a requested exposure that has not arrived, usually None
+    notices : messages that the operator has not acknowledged: repeated exposures, unknown files, an incomplete line
+    given : hashes of files referred to by answers, by path
     ended : how the plan ended, None while it has not
     """
 
@@ -110,9 +110,9 @@ class SessionState:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing was answered, photographed or done, and no emergency ended it: nothing to look at again."""
-        kept = (self.done, self.facts, self.shots, self.results, self.adopting, self.awaited)
-        return not any(kept) and self.ended != "emergency"
+        """Whether nothing was answered, photographed or done, and no emergency ended it."""
+        contents = (self.done, self.facts, self.shots, self.results, self.adopting, self.awaited)
+        return not any(contents) and self.ended != "emergency"
 
     def shot(self, number: int) -> SessionShot:
         """The shot of that number. Raises KeyError."""
@@ -122,17 +122,17 @@ class SessionState:
         raise KeyError(number)
 
     def counting(self) -> tuple[SessionShot, ...]:
-        """The shots that results are drawn from."""
+        """The shots used by results."""
         return tuple(shot for shot in self.shots if shot.counts)
 
     @property
     def next_number(self) -> int:
-        """Of the next shot."""
+        """The number of the next shot."""
         return max((shot.number for shot in self.shots), default=0) + 1
 
 
 def replay(lines: Iterable[JournalLine]) -> SessionState:
-    """The state after all lines. Raises Damaged where one says what cannot be."""
+    """The state after all lines. Raises Damaged if one is inconsistent."""
     state: SessionState | None = None
     for line in lines:
         try:
@@ -155,7 +155,7 @@ def _created(line: JournalLine) -> SessionState:
 
 
 def after(state: SessionState, line: JournalLine) -> SessionState:
-    """The state after one more line; events that are none of a state's business leave it as it is."""
+    """The state after one more line; unrelated events leave it unchanged."""
     change = CHANGES.get(line.event)
     if change is None:
         return state
@@ -164,7 +164,7 @@ def after(state: SessionState, line: JournalLine) -> SessionState:
     return changed if untouched else replace(changed, standing=None)
 
 
-def _told(state: SessionState, line: JournalLine) -> SessionState:
+def _acknowledged(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, notices=())
 
 
@@ -191,7 +191,7 @@ def _step_ended(state: SessionState, line: JournalLine) -> SessionState:
 
 
 def _reopened(state: SessionState, line: JournalLine) -> SessionState:
-    """The steps from this one on are to be done again: their shots stay, and count no more."""
+    """Schedule the steps from this one on again: their shots stay, but no longer count."""
     name = str(line.data["step"])
     steps = (*state.done, *([state.step] if state.step else []))
     again = steps[steps.index(name) :] if name in steps else ()
@@ -239,10 +239,10 @@ def _derived(state: SessionState, line: JournalLine) -> SessionState:
     data = dict(line.data)
     folder = str(data.pop("folder"))
     if not DERIVED.fullmatch(folder):
-        raise ValueError(f"results lie in derived/, not in {folder}")
-    told = {name: str(data.pop(name)) for name in ("step", "verdict")}
+        raise ValueError(f"results must be in derived/, not in {folder}")
+    names = {name: str(data.pop(name)) for name in ("step", "verdict")}
     files, shots = dict(data.pop("files")), tuple(int(number) for number in data.pop("shots"))
-    result = DerivedResult(folder, files, shots, **told, at=line.at, about=data)
+    result = DerivedResult(folder, files, shots, **names, at=line.at, about=data)
     return replace(state, results=(*state.results, result), standing=result)
 
 
@@ -253,7 +253,7 @@ def _found(state: SessionState, line: JournalLine) -> SessionState:
 def _given(state: SessionState, line: JournalLine) -> SessionState:
     files = {str(path): str(digest) for path, digest in line.data["files"].items()}
     if not all(map(is_given, files)):
-        raise ValueError(f"files that answers name lie in given/, not in {', '.join(files)}")
+        raise ValueError(f"files of answers must be in given/, not in {', '.join(files)}")
     return replace(state, given={**state.given, **files})
 
 
@@ -262,7 +262,7 @@ def _ended(state: SessionState, line: JournalLine) -> SessionState:
 
 
 CHANGES: Mapping[str, Callable[[SessionState, JournalLine], SessionState]] = {
-    "told": _told,
+    "told": _acknowledged,
     "noticed": _noticed,
     "learned": _learned,
     "forgot": _forgot,
@@ -285,7 +285,7 @@ CHANGES: Mapping[str, Callable[[SessionState, JournalLine], SessionState]] = {
 def _shot(data: Mapping[str, Any]) -> SessionShot:
     path = str(data["path"])
     if not ORIGINAL.fullmatch(path):
-        raise ValueError(f"photographs lie in originals/, not in {path}")
+        raise ValueError(f"photographs must be in originals/, not in {path}")
     return SessionShot(
         int(data["shot"]),
         path,

@@ -25,7 +25,7 @@ from simulators.bench.body import Opening
 from simulators.bench.view import Mount
 from simulators.camera.sensor import Sensor
 from simulators.devices.imu import G
-from simulators.world.world import Drive
+from simulators.world.world import SinusoidalDrive
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def take(turn: float, rows: int, columns: int, seed: int = 3) -> Taken:
             begin_s = 2.0 * n + 0.5
             found.photographs.append(view.photograph(Opening(begin_s, OPEN_S, 1 + n)).plane("G1"))
             t = np.arange(-0.25, 0.55, 1 / RATE_HZ)
-            force, rate = world.feel(begin_s + t)
+            force, rate = world.ideal_imu(begin_s + t)
             force, rate = force + rng.normal(0, NOISE_G * G, force.shape), rate + rng.normal(0, NOISE_RAD_S, rate.shape)
             found.recorded.append(poses_of(Felt(t, force, rate), OPEN_S))
             pose = world.pose(begin_s + np.linspace(0, OPEN_S, INSTANTS))
@@ -75,7 +75,7 @@ def take(turn: float, rows: int, columns: int, seed: int = 3) -> Taken:
     return found
 
 
-def turned(drive: Drive, turn: float) -> Drive:
+def turned(drive: SinusoidalDrive, turn: float) -> SinusoidalDrive:
     """A drive, so much larger if it turns the camera."""
     return replace(drive, amplitude=turn * drive.amplitude) if drive.axis.endswith("_deg") else drive
 

@@ -28,7 +28,7 @@ from drivers.protocols.tmcl import TmclParser
 from drivers.protocols.zaber import ZaberParser
 from drivers.rangefinder import BoschParser, BoschRangefinder, JrtParser, JrtRangefinder
 from drivers.shaker import ShakerAxis, StrigShaker
-from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
+from drivers.shutter import NullParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
 from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport, register_scheme
 from drivers.zaber import ZaberAxis, ZaberStage
@@ -178,7 +178,7 @@ SHUTTERS: dict[str, Callable[..., Any]] = {
     "strig": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
     "strig_simavr": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
     "strig_host": lambda wire, clock, *_: StrigShutter(wire("shutter", StrigParser), clock=clock),
-    "rts": lambda wire, clock, *_: RtsShutter(wire("rts", DeafParser, rts=False), clock=clock),
+    "rts": lambda wire, clock, *_: RtsShutter(wire("rts", NullParser, rts=False), clock=clock),
     "relay": lambda wire, clock, *_: RelayShutter(GrblLink(wire("stage", GrblParser)), clock=clock),
 }
 IMUS: dict[str, Callable[..., Any]] = {

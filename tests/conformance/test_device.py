@@ -32,11 +32,11 @@ def test_a_second_owner_of_the_line_is_refused(device_rig, request):
         pytest.skip("only lines of the simulated bench are opened twice here")
     device = device_rig.device
     device.connect()
-    from drivers.shutter import DeafParser
+    from drivers.shutter import NullParser
     from drivers.transport import SerialTransport
 
     with pytest.raises(LineLost, match=r"cannot open .* close other programs"):
-        SerialTransport(device.address, DeafParser, clock=device_rig.clock).open(lambda event, host_s: None)
+        SerialTransport(device.address, NullParser, clock=device_rig.clock).open(lambda event, host_s: None)
 
 
 def test_an_unplugged_cable_is_said_and_mended_by_connecting_again(device_rig, request):

@@ -25,6 +25,6 @@ def test_the_world_is_as_bright_as_it_says(light, light_rig, level):
 @pytest.mark.parametrize("level", [-0.1, 1.1, float("nan")])
 def test_an_impossible_level_is_refused(light, level):
     light.set_level(0.5)
-    with pytest.raises(BadConfiguration, match=r"outside 0 \.\. 1"):
+    with pytest.raises(BadConfiguration, match=r"must be in 0 \.\. 1"):
         light.set_level(level)
     assert light.level() == 0.5

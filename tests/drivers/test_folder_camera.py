@@ -85,7 +85,7 @@ def test_two_raw_files_for_one_exposure_are_refused(camera, bench):
         return real(opening)
 
     bench.body.develop = twice
-    with pytest.raises(FrameWrong, match="brought 2 RAW files"):
+    with pytest.raises(FrameWrong, match="gave 2 RAW files"):
         camera.expose()
 
 

@@ -237,7 +237,7 @@ def test_the_aperture_has_a_name_by_make(camera, settable, name):
 @pytest.mark.parametrize("how", [{"takes": False}, {"fixed": True}])
 def test_a_setting_that_did_not_take_is_an_error(camera, settable, how):
     settable(shutterspeed=Widget(["1/50", "1/100", "Bulb"], "1/100", **how))
-    with pytest.raises(Rejected, match=r"did not take shutterspeed = 1/50: it stands at 1/100; turn its dial to M"):
+    with pytest.raises(Rejected, match=r"did not accept shutterspeed = 1/50: it is set to 1/100; turn its dial to M"):
         camera.configure(CameraSettings(exposure_s=0.02))
 
 

@@ -15,7 +15,7 @@ from drivers.light import DmxFrame, DmxParser, frame
 from drivers.protocols import grbl as grbl
 from drivers.protocols import tmcl as tmcl
 from drivers.protocols import zaber as zaber
-from drivers.protocols.imu import FastParser, Samples, Text, WitFrame, WitParser, cobs_decode, crc16
+from drivers.protocols.imu import FastParser, SampleBatch, TextMessage, WitFrame, WitParser, cobs_decode, crc16
 from drivers.rangefinder import BoschFrame, BoschParser, JrtFrame, JrtParser, JrtRangefinder, crc8
 from drivers.transport import SerialTransport
 from simulators.devices.imu import ccitt, stuff
@@ -70,7 +70,7 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
                     "SD": "12.50,/jobs/a part.nc",
                 },
             ),
-            grbl.Unread(b"<Run|MPos:1.0x0,2.000|FS:500,0>"),
+            grbl.UnrecognisedLine(b"<Run|MPos:1.0x0,2.000|FS:500,0>"),
             grbl.ConfigItem("axes/x/max_travel_mm", "300.000"),
         ],
     ),
@@ -133,8 +133,8 @@ STREAMS: dict[str, tuple[Callable[[], Any], list[bytes], list[Any]]] = {
             fast(bytes.fromhex("01 0700 02 4000000000000000 40420f00") + bytes(range(24))),
         ],
         [
-            Text("OK"),
-            Samples(7, 64, 1000000, ((256, 770, 1284, 1798, 2312, 2826), (3340, 3854, 4368, 4882, 5396, 5910))),
+            TextMessage("OK"),
+            SampleBatch(7, 64, 1000000, ((256, 770, 1284, 1798, 2312, 2826), (3340, 3854, 4368, 4882, 5396, 5910))),
         ],
     ),
     "jrt": (
@@ -229,7 +229,7 @@ def test_a_zaber_line_with_a_wrong_checksum_is_not_read():
     line = b"@01 0 OK IDLE -- 0"
     good = line + b":" + zaber.checksum(line[1:])
     assert isinstance(zaber.read_line(good), zaber.Reply)
-    assert isinstance(zaber.read_line(good[:-1] + b"G"), zaber.Unread)
+    assert isinstance(zaber.read_line(good[:-1] + b"G"), zaber.UnrecognisedLine)
 
 
 @pytest.mark.parametrize("frame_hex", ["c04000ee", "c0410096", "c042001e"])

@@ -68,7 +68,7 @@ def test_an_odd_last_pixel_of_three_bytes_is_there(rng, columns):
 
 
 def test_a_picture_that_is_too_short_is_refused():
-    with pytest.raises(ValueError, match=r"4 x 4 pixels of Mono12p take 24 bytes; 23 came"):
+    with pytest.raises(ValueError, match=r"4 x 4 pixels of Mono12p take 24 bytes; received 23"):
         unpack(bytes(23), pixel_format("Mono12p"), 4, 4)
 
 

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from drivers.errors import LineLost, MoveFailed, NoAnswer, Rejected
-from drivers.shutter import DeafParser, RtsShutter, StrigParser, StrigShutter
+from drivers.shutter import NullParser, RtsShutter, StrigParser, StrigShutter
 from drivers.transport import SerialTransport
 
 
@@ -65,7 +65,7 @@ def test_a_flash_tells_the_true_exposure(box, bench):
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
 def test_a_port_without_modem_lines_cannot_be_an_rts_shutter():
     master, slave = os.openpty()
-    shutter = RtsShutter(SerialTransport(os.ttyname(slave), DeafParser, rts=False))
+    shutter = RtsShutter(SerialTransport(os.ttyname(slave), NullParser, rts=False))
     with pytest.raises(LineLost, match="has no modem lines"):
         shutter.connect()
     assert not shutter.condition().usable
@@ -75,7 +75,7 @@ def test_a_port_without_modem_lines_cannot_be_an_rts_shutter():
 
 def test_opening_the_port_of_an_rts_shutter_takes_no_photograph(bench):
     shutter = RtsShutter(
-        SerialTransport(bench.address("rts"), DeafParser, clock=bench.clock, rts=False), clock=bench.clock
+        SerialTransport(bench.address("rts"), NullParser, clock=bench.clock, rts=False), clock=bench.clock
     )
     shutter.connect()
     assert not bench.body.openings

@@ -127,10 +127,10 @@ def test_a_shout_passes_a_waiting_request_and_ends_it(loop):
 
     thread = threading.Thread(target=wait)
     thread.start()
-    while not loop.bytes_heard:
+    while not loop.bytes_received:
         time.sleep(0.001)
     stop = EmergencyStopped("stop", "home")
-    loop.shout(b"!", stop)
+    loop.preempt(b"!", stop)
     thread.join(30.0)
     assert outcome == [stop]
     assert any(p.way == "!" and p.data == b"!" for p in loop.transcript.last())
@@ -142,7 +142,7 @@ def test_a_shout_between_an_order_and_the_wait_for_its_answer_is_not_missed(loop
 
     def then_stopped(data, allowed):
         write(data, allowed)
-        loop.shout(b"!", stop)
+        loop.preempt(b"!", stop)
 
     loop.write = then_stopped
     with pytest.raises(EmergencyStopped):
@@ -150,7 +150,7 @@ def test_a_shout_between_an_order_and_the_wait_for_its_answer_is_not_missed(loop
 
 
 def test_after_a_shout_requests_work_again(loop):
-    loop.shout(b"\n", EmergencyStopped("stop", "home"))
+    loop.preempt(b"\n", EmergencyStopped("stop", "home"))
     assert loop.request(b"hello\n", echo, 1.0) == b"hello"
 
 
@@ -229,7 +229,7 @@ def test_a_shout_comes_first_where_the_port_is_clogged(terminal):
     orders.start()
     while not transport._outgoing._turn.locked():
         time.sleep(0.001)
-    transport.shout(b"stop", EmergencyStopped("stop", "home"))
+    transport.preempt(b"stop", EmergencyStopped("stop", "home"))
     orders.join(30.0)
     assert not orders.is_alive()
     came = heard(master)
@@ -243,14 +243,14 @@ def test_a_port_that_takes_no_bytes_is_named_and_stays_open_for_a_stop(terminal)
     clog(transport)
     with pytest.raises(NoAnswer, match=r"took no bytes for 0\.05 s"):
         transport.write(b"order " * 1000, within_s=0.05)
-    transport.shout(b"stop", EmergencyStopped("stop", "home"))
+    transport.preempt(b"stop", EmergencyStopped("stop", "home"))
     assert heard(master).endswith(b"stop")
 
 
 def test_a_shout_into_a_line_that_is_gone_says_so_and_raises_nothing(terminal):
     transport, _ = terminal
     transport._port.close()
-    transport.shout(b"stop", EmergencyStopped("stop", "home"))
+    transport.preempt(b"stop", EmergencyStopped("stop", "home"))
     assert transport.transcript.last()[-1].way == "x"
 
 

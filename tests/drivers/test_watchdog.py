@@ -185,7 +185,7 @@ def test_heartbeats_are_left_out_of_the_transcript(lab):
 def test_an_axis_without_current_stays_where_it_is(lab):
     lab.stage.home()
     lab.bench.world.axes["z_mm"].power(False, lab.clock.now_s())
-    with pytest.raises(MoveFailed, match="z_mm came to rest at"):
+    with pytest.raises(MoveFailed, match="z_mm stopped at"):
         lab.stage.move_to(z_mm=0.0)
 
 

@@ -66,7 +66,7 @@ def test_after_a_stop_the_other_axis_is_not_sent(homed, monkeypatch):
 
 def test_an_axis_that_is_not_where_it_was_sent_is_stopped_before_that_is_told(homed, bench, monkeypatch):
     monkeypatch.setattr(homed, "_finish", lambda axes, limit_s: None)  # as if it had said IDLE too early
-    with pytest.raises(MoveFailed, match="pan_deg came to rest"):
+    with pytest.raises(MoveFailed, match="pan_deg stopped"):
         homed.move_to(pan_deg=20.0)
     bench.clock.sleep(0.1)  # it slows down
     assert not homed.moving()

@@ -52,8 +52,8 @@ class Scenario:
     def __init__(self, seed, folder):
         self.threads = set(threading.enumerate())
         self.rng = np.random.default_rng([seed, 7])
-        faults, mishaps = random_trouble(seed)
-        setup = Setup(seed=seed, faults=faults, mishaps=mishaps, develop=frame, virtual_time=True)
+        faults, fault_events = random_trouble(seed)
+        setup = Setup(seed=seed, faults=faults, fault_events=fault_events, develop=frame, virtual_time=True)
         self.truth = SimulatedBench(folder, setup)
         self.clock = self.truth.clock
         self.bench = make_bench(simulated_tables(self.truth.address, folder), folder=folder, clock=self.clock)

@@ -17,8 +17,8 @@
 const char board_name[] = "atmega328p";
 const char board_serial[] = "1";
 
-static volatile uint8_t heard[RING], heard_in, heard_out;
-static volatile uint8_t said[RING], said_in, said_out;
+static volatile uint8_t rx[RING], rx_in, rx_out;
+static volatile uint8_t tx[RING], tx_in, tx_out;
 static volatile uint32_t turns; /* of timer 1, 32.768 ms each */
 
 ISR(TIMER1_OVF_vect) { turns++; }
@@ -27,16 +27,16 @@ EMPTY_INTERRUPT(TIMER2_COMPA_vect) /* only to wake the main loop, every 128 us *
 ISR(USART_RX_vect)
 {
     uint8_t byte = UDR0;
-    if ((uint8_t)(heard_in - heard_out) < RING)
-        heard[heard_in++ % RING] = byte;
+    if ((uint8_t)(rx_in - rx_out) < RING)
+        rx[rx_in++ % RING] = byte;
 }
 
 ISR(USART_UDRE_vect)
 {
-    if (said_in == said_out)
+    if (tx_in == tx_out)
         UCSR0B &= (uint8_t)~_BV(UDRIE0);
     else
-        UDR0 = said[said_out++ % RING];
+        UDR0 = tx[tx_out++ % RING];
 }
 
 uint64_t board_now_us(void)
@@ -54,10 +54,10 @@ uint64_t board_now_us(void)
 void board_send(const char *text)
 {
     for (; *text; text++) {
-        while ((uint8_t)(said_in - said_out) >= RING)
+        while ((uint8_t)(tx_in - tx_out) >= RING)
             strig_watch();
-        said[said_in % RING] = (uint8_t)*text;
-        said_in++;
+        tx[tx_in % RING] = (uint8_t)*text;
+        tx_in++;
         UCSR0B |= _BV(UDRIE0);
     }
 }
@@ -127,8 +127,8 @@ int main(void)
     sei();
     strig_begin();
     for (;;) {
-        while (heard_in != heard_out)
-            strig_byte((char)heard[heard_out++ % RING]);
+        while (rx_in != rx_out)
+            strig_byte((char)rx[rx_out++ % RING]);
         strig_poll();
         sleep_mode();
     }

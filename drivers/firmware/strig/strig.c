@@ -24,18 +24,18 @@ static uint32_t shot;           /* number of the shot that runs */
 static uint64_t focus_at_us;    /* when its contacts move */
 static uint64_t close_at_us;
 static uint64_t release_at_us;
-static uint64_t heard_us;       /* last byte from the host */
+static uint64_t received_us;       /* last byte from the host */
 static bool flash_before;
 
 static bool enabled;            /* the motors are */
 static uint32_t hold;           /* number of the command that enabled them last */
 static uint64_t due_us;         /* when the next heartbeat is */
 static uint64_t released_us;
-static bool unreported;         /* the watchdog released them, and the host has not been told */
+static bool unreported;         /* the watchdog released them, and the host was not notified */
 
 static uint16_t path[MOST_POINTS][2];
 static uint8_t points;          /* of the path */
-static uint8_t told;            /* how many of them were */
+static uint8_t points_set;      /* how many of them the host has set */
 static uint32_t interval_us;
 static bool shaking, resting;   /* resting: from the end of this round on */
 static uint32_t shake;          /* number of the command that began it */
@@ -180,26 +180,26 @@ static bool take_path(uint8_t count, const uint32_t *n)
         return false;
     points = (uint8_t)n[0];
     interval_us = n[1];
-    told = 0;
+    points_set = 0;
     accept();
     return true;
 }
 
 static bool take_point(uint8_t count, const uint32_t *n)
 {
-    if (count != 3 || n[0] > told || n[0] >= points || n[1] > FULL || n[2] > FULL)
+    if (count != 3 || n[0] > points_set || n[0] >= points || n[1] > FULL || n[2] > FULL)
         return false;
     path[n[0]][0] = (uint16_t)n[1];
     path[n[0]][1] = (uint16_t)n[2];
-    if (n[0] == told)
-        told++;
+    if (n[0] == points_set)
+        points_set++;
     accept();
     return true;
 }
 
 static bool take_shake(uint8_t count, const uint32_t *n)
 {
-    if (count != 1 || n[0] > 1 || (n[0] == 1 && (points == 0 || told < points)))
+    if (count != 1 || n[0] > 1 || (n[0] == 1 && (points == 0 || points_set < points)))
         return false;
     accept();
     if (n[0] == 0) {
@@ -326,12 +326,12 @@ void strig_begin(void)
     seq = 0;
     phase = IDLE;
     flash_before = false;
-    points = told = 0;
+    points = points_set = 0;
     shaking = resting = false;
     enabled = unreported = false;
     hold = 0;
     released_us = 0;
-    heard_us = board_now_us();
+    received_us = board_now_us();
     board_shutter(false);
     board_focus(false);
     board_motors(false);
@@ -341,7 +341,7 @@ void strig_begin(void)
 
 void strig_byte(char byte)
 {
-    heard_us = board_now_us();
+    received_us = board_now_us();
     if (byte == '\r')
         return;
     if (byte != '\n') {
@@ -353,7 +353,7 @@ void strig_byte(char byte)
     if (length > LONGEST)
         board_send("ERR 2 bad argument\n");
     else if (length > 0)
-        obey(heard_us);
+        obey(received_us);
     length = 0;
 }
 
@@ -377,10 +377,10 @@ void strig_poll(void)
         send_event("SHUTTER", shot, now_us);
     } else if (phase == CLOSED && now_us >= release_at_us) {
         end_shot("DONE");
-    } else if (phase == CLOSED && now_us - heard_us >= WATCHDOG_US) {
+    } else if (phase == CLOSED && now_us - received_us >= WATCHDOG_US) {
         end_shot("WATCHDOG");
     }
-    if (shaking && now_us - heard_us >= WATCHDOG_US) {
+    if (shaking && now_us - received_us >= WATCHDOG_US) {
         rest();
     } else if (shaking && now_us >= next_us) {
         next_us += interval_us;

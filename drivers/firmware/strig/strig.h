@@ -1,6 +1,6 @@
 /* STRIG/3, see ../STRIG.md: the protocol, the timing of contacts, shaker and motor enable, without hardware.
  *
- * A board gives the eight functions below and calls strig_begin once, strig_byte for each byte heard, and strig_poll as
+ * A board gives the eight functions below and calls strig_begin once, strig_byte for each byte received, and strig_poll as
  * often as it can; while board_send waits for room it calls strig_watch. */
 #ifndef STRIG_H
 #define STRIG_H

@@ -23,7 +23,7 @@ extern "C" uint64_t board_now_us(void)
     static uint32_t before = 0, turns = 0;
     uint32_t now = micros();
     if (now < before)
-        turns++; // micros() wraps every 71 minutes; it is asked far more often
+        turns++; // micros() wraps every 71 minutes; it is read far more often
     before = now;
     return ((uint64_t)turns << 32) | now;
 }

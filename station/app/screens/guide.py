@@ -28,7 +28,7 @@ from station.app.widgets import (
     literal,
     verdict_words,
 )
-from station.bench.axis_words import label
+from station.bench.axis_text import label
 from station.drawing.diagrams import drawn, trend
 from station.guide.frontend import (
     MOVE,

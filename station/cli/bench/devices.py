@@ -72,10 +72,8 @@ def devices(
     click.echo(json.dumps([entry(row) for row in rows], indent=1) if as_json else table(rows))
     wrong = [row for row in rows if row.error is not None]
     for row in rows:
-        if row.condition.doubt is not None:
-            log(
-                "doubt", f"{row.name}: {row.condition.doubt.reason}", level="warning", remedy=row.condition.doubt.remedy
-            )
+        if (caveat := row.condition.caveat) is not None:
+            log("doubt", f"{row.name}: {caveat.reason}", level="warning", remedy=caveat.remedy)
     for row in wrong:
         assert row.error is not None
         log("device", f"{row.name}: {row.error.reason}", level="error", remedy=row.error.remedy)
@@ -86,7 +84,7 @@ def devices(
 class AtTheTerminal:
     """The operator beside the stage, asked on the terminal; remarks go to stderr."""
 
-    def tell(self, words: str) -> None:
+    def show(self, words: str) -> None:
         """A line."""
         click.echo(words, err=True)
 
@@ -103,7 +101,7 @@ class AtTheTerminal:
                 value = 0.0
             if 0 < value < float("inf"):
                 return value
-            self.tell(f"a length above 0 is needed, as 299.5; {text!r} is none")
+            self.show(f"a length must be a number above 0, such as 299.5; got {text!r}")
         return None
 
 
@@ -139,7 +137,7 @@ def entry(row: DeviceRow) -> dict[str, Any]:
         "usable": row.condition.usable and error is None,
         "wrong": error.reason if error else None,
         "remedy": error.remedy if error else row.condition.remedy or None,
-        "doubt": f"{doubt.reason}: {doubt.remedy}" if (doubt := row.condition.doubt) else None,
+        "doubt": f"{caveat.reason}: {caveat.remedy}" if (caveat := row.condition.caveat) else None,
     }
 
 

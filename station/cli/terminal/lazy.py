@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from station.cli.terminal.inherited import check_inherited
-from station.common.errors import explained
+from station.common.errors import reporting_errors
 
 Table = Mapping[str, tuple[str, str, str]]
 """name -> (module under station.cli, function, help line)"""
@@ -64,7 +64,7 @@ class LazyGroup(click.Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; what it raises becomes a sentence and an exit code."""
-        with explained():
+        with reporting_errors():
             return super().invoke(ctx)
 
 

@@ -70,10 +70,10 @@ class AxisFocuser(AlpacaDevice):
         self._task.check()
         if self._task.was_halted:  # the axis stands before its driver has told that the move is over
             return self._stage.moving()
-        return self._task.running or self._bench.motions.of(self._stage_name) is not None
+        return self._task.running or self._bench.motions.motion_of(self._stage_name) is not None
 
     def _position(self) -> int:
-        motion = self._bench.motions.of(self._stage_name)
+        motion = self._bench.motions.motion_of(self._stage_name)
         condition = self._stage.condition()
         if motion is not None and not motion.target:
             raise refuse_operation(f"{self._stage_name} is homing, and tells no position meanwhile; wait for IsMoving")

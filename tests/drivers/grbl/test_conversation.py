@@ -42,7 +42,7 @@ def test_a_controller_without_limits_is_refused(make, twin, flag, word):
 def test_a_controller_that_keeps_its_travel_to_itself_needs_it_configured(make, twin):
     for number in (130, 131, 132):
         del twin.settings[number]
-    with pytest.raises(BadConfiguration, match="does not tell the travel of X; set travel or space"):
+    with pytest.raises(BadConfiguration, match="does not report the travel of X; set travel or space"):
         make().connect()
 
 
@@ -136,6 +136,6 @@ def test_a_port_with_something_else_is_not_taken_for_grbl(bench):
     stage = GrblStage(
         SerialTransport(bench.address("rangefinder"), GrblParser, clock=bench.clock), AXES, clock=bench.clock
     )
-    with pytest.raises(DeviceError, match="no GRBL controller greets"):
+    with pytest.raises(DeviceError, match="no GRBL controller answers"):
         stage.connect()
     stage.close()

@@ -123,7 +123,7 @@ def test_fluidnc_tells_its_ends_in_its_configuration(make, bench):
     stage = make()
     goes_everywhere(stage, bench)
     assert stage.envelopes["z_mm"].low == 0.0
-    assert "let go 25 ms" in stage.condition().doubt.reason
+    assert "let go 25 ms" in stage.condition().caveat.reason
 
 
 def test_a_lamp_that_a_reset_has_switched_off_says_so(make, bench):

@@ -78,8 +78,8 @@ def test_homing_has_the_time_of_every_axis_the_firmware_has(make, twin):
 
 def deaf(twin):
     """A controller that homes and says no word any more."""
-    say, twin._say = twin._say, lambda *lines: None
-    return lambda: setattr(twin, "_say", say)
+    say, twin._send = twin._send, lambda *lines: None
+    return lambda: setattr(twin, "_send", say)
 
 
 def test_homing_that_ends_without_an_answer_is_reset(make, bench, twin):
@@ -138,12 +138,12 @@ def test_no_order_follows_an_emergency_stop_that_came_between(homed, twin):
 def test_motors_that_let_go_between_moves_are_doubted(make, twin):
     stage = make()
     stage.connect()
-    assert stage.condition().doubt is None
+    assert stage.condition().caveat is None
     twin.settings[1] = 25
     stage.connect()
-    doubt = stage.condition().doubt
-    assert "let go 25 ms after each move" in doubt.reason
-    assert "set $1=255" in doubt.remedy
+    caveat = stage.condition().caveat
+    assert "let go 25 ms after each move" in caveat.reason
+    assert "set $1=255" in caveat.remedy
 
 
 def test_a_door_is_named_and_the_move_goes_on_from_where_it_stood(homed, bench, twin):
@@ -154,10 +154,10 @@ def test_a_door_is_named_and_the_move_goes_on_from_where_it_stood(homed, bench, 
     moved, _ = bench.clock.together(lambda: homed.move_to(z_mm=100.0), open_the_door)
     assert isinstance(moved, Held)
     bench.clock.sleep(1.0)
-    with pytest.raises(Held, match="stands at the door; close it and resume"):
+    with pytest.raises(Held, match="is paused at the door; close it and resume"):
         homed.move_to(z_mm=100.0)
     assert not homed.moving()
-    with pytest.raises(Held, match="stands at the door"):
+    with pytest.raises(Held, match="is paused at the door"):
         homed.resume()
     bench.cables["stage"].happen(lambda now_s: twin.door(False, now_s))
     with pytest.raises(Held, match="which is closed again; resume"):  # closing alone starts nothing
@@ -200,11 +200,11 @@ def test_a_feed_override_is_named_and_waited_for(homed, twin, bench):
     for _ in range(20):  # told in some reports only
         homed.link._transport.write(b"?")
     bench.clock.sleep(0.1)
-    assert "the feed override stands at 40 %" in homed.condition().word
+    assert "the feed override is 40 %" in homed.condition().word
     twin.settings[110] = 0.45 * 3000.0  # slower than half its feed: too slow without the override
     homed.move_to(z_mm=1000.0)
     twin.settings[110] = 60.0
-    with pytest.raises(NoAnswer, match="the feed override stands at 40 %; set the override to 100 %"):
+    with pytest.raises(NoAnswer, match="the feed override is 40 %; set the override to 100 %"):
         homed.move_to(z_mm=100.0)
 
 

@@ -25,9 +25,9 @@ def module(bench):
 def make(bench, module):
     made = []
 
-    def make(axes=AXES, **told):
+    def make(axes=AXES, **parameter):
         wire = SerialTransport(bench.address("stage"), TmclParser, baud=9600, clock=bench.clock)
-        made.append(TmclStage(wire, axes, clock=bench.clock, **told))
+        made.append(TmclStage(wire, axes, clock=bench.clock, **parameter))
         return made[-1]
 
     yield make

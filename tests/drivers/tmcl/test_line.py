@@ -8,7 +8,7 @@ import pytest
 
 from drivers.errors import NoAnswer, NotHomed, Rejected, WasReset
 from drivers.protocols.tmcl import checksum
-from drivers.tmcl.link import Debt, library, stop_bytes
+from drivers.tmcl.link import PendingReply, library, stop_bytes
 from drivers.tmcl.stage import TmclAxis
 from simulators.devices.serial_device import Cable, plug
 from simulators.devices.tmcl import TmclModule
@@ -85,20 +85,20 @@ class Both:
 
 
 def test_what_a_stop_cut_off_while_the_line_came_into_step_is_owed_after_it(homed, bench, module, monkeypatch):
-    obey, stops = module._obey, Debt(1)
+    obey, stops = module._obey, PendingReply(1)
 
     def stopped_meanwhile(command, *order):
         if command == 136:
             monkeypatch.setattr(module, "_obey", obey)
-            homed._link._debts.add(stops)
+            homed._link._pending.add(stops)
         return obey(command, *order)
 
-    homed._link._debts.add(Debt(1))
+    homed._link._pending.add(PendingReply(1))
     monkeypatch.setattr(module, "_obey", stopped_meanwhile)
     homed._link._step(1)
-    assert homed._link._debts == {stops}
+    assert homed._link._pending == {stops}
     homed.position()
-    assert not homed._link._debts
+    assert not homed._link._pending
 
 
 def rest(cut, module_number=1):

@@ -60,14 +60,14 @@ def test_a_module_without_dividers_tells_microsteps_a_second(make, module):
 
 @pytest.mark.parametrize(
     ("number", "value", "words"),
-    [(7, 0, "z_mm lets go of its motor"), (12, 1, "does not stop z_mm"), (13, 1, "does not stop z_mm")],
+    [(7, 0, "z_mm releases its motor"), (12, 1, "does not stop z_mm"), (13, 1, "does not stop z_mm")],
 )
 def test_what_makes_a_position_doubtful_is_said(homed, module, number, value, words):
-    assert homed.condition().doubt is None
+    assert homed.condition().caveat is None
     module.motors[0].settings[number] = value
     homed.connect()
     homed.home()
-    assert words in homed.condition().doubt.reason
+    assert words in homed.condition().caveat.reason
 
 
 # --- stops between orders
@@ -84,7 +84,7 @@ def test_after_a_stop_the_other_axis_is_not_sent(homed, module, after_an_order):
 
 def test_after_an_emergency_stop_the_other_axis_is_not_sent(homed, module, after_an_order, bench):
     module.obeyed.clear()
-    after_an_order(MVP, 0, lambda: homed.trust.shout(EmergencyStopped("emergency stop", "home the stage")))
+    after_an_order(MVP, 0, lambda: homed.trust.preempt(EmergencyStopped("emergency stop", "home the stage")))
     with pytest.raises(EmergencyStopped):
         homed.move_to(z_mm=10.0, x_mm=10.0)
     assert orders(module, MVP) == [0]
@@ -122,7 +122,7 @@ def test_a_move_that_was_not_answered_is_stopped(homed, bench, module, monkeypat
         done = obey(command, *order)
         if command == MVP:
             module._out.clear()
-            monkeypatch.setattr(module, "_say", lambda *told: monkeypatch.undo())
+            monkeypatch.setattr(module, "_send", lambda *answer: monkeypatch.undo())
         return done
 
     monkeypatch.setattr(module, "_obey", deaf)
@@ -137,17 +137,19 @@ def test_an_axis_that_homed_to_a_place_outside_its_travel_is_stopped_before_that
     stage = make([TmclAxis("z_mm", 0, (-200.0, -100.0), STEP)])
     stage.connect()
     monkeypatch.setattr(stage, "_wait_for_searches", lambda: None)  # as if it had said too early that it is done
-    with pytest.raises(MoveFailed, match=r"after homing, and its travel is -200 \.\. -100"):
+    with pytest.raises(MoveFailed, match=r"after homing, outside its travel -200 \.\. -100"):
         stage.home()
     bench.clock.sleep(0.1)
     assert not stage.moving()
 
 
 def test_an_axis_that_stands_still_on_its_way_is_stopped_before_that_is_told(homed, module, monkeypatch):
-    told = module.motors[0].told
+    parameter = module.motors[0].parameter
     frozen = {1: 32_000, 3: 0}  # where it was, and no speed
-    monkeypatch.setattr(module.motors[0], "told", lambda number, now_s: frozen.get(number, told(number, now_s)))
-    with pytest.raises(MoveFailed, match="came to rest at 100"):
+    monkeypatch.setattr(
+        module.motors[0], "parameter", lambda number, now_s: frozen.get(number, parameter(number, now_s))
+    )
+    with pytest.raises(MoveFailed, match="stopped at 100"):
         homed.move_to(z_mm=0.0)
     assert orders(module, MST) == [0]
     assert orders(module, RFS, 1) == [0]
@@ -215,7 +217,7 @@ def test_a_module_that_keeps_no_variables_is_doubted(make, module):
     stage = make(variable=200)
     stage.connect()
     stage.home()
-    assert "does not tell when it was switched off" in stage.condition().doubt.reason
+    assert "does not report that it was switched off" in stage.condition().caveat.reason
     stage.move_to(z_mm=10.0)
 
 

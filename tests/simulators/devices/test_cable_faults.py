@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulators.bench.device_faults import CABLE_FAULTS, cable_fault, random_mishaps
+from simulators.bench.device_faults import CABLE_FAULTS, cable_fault, random_fault_events
 from simulators.devices.cable_faults import Faults
 
 DATA = bytes(range(256)) * 40
@@ -64,5 +64,5 @@ def test_every_kind_can_be_drawn(kind, rng):
 
 
 def test_a_seed_is_a_fate():
-    one, same, other = (random_mishaps(np.random.default_rng(seed), mean=20.0) for seed in (1, 1, 2))
+    one, same, other = (random_fault_events(np.random.default_rng(seed), mean=20.0) for seed in (1, 1, 2))
     assert one == same != other

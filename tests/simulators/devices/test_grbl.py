@@ -137,8 +137,8 @@ def test_a_feed_hold_is_resumed_where_it_stopped(homed):
 
 def test_a_reset_in_motion_loses_the_position(homed):
     homed.ask(b"G1 X-101 F3000\n", 1.0)
-    said = homed.ask(RESET)
-    assert said == ["ALARM:3"]
+    output = homed.ask(RESET)
+    assert output == ["ALARM:3"]
     assert homed.ask(b"?$X\n", 0.6)[:2] == ["", "Grbl 1.1h ['$' for help]"]
     assert homed.state() == "Alarm"
     assert not homed.axes["X"].moves(homed.now_s)
@@ -146,17 +146,17 @@ def test_a_reset_in_motion_loses_the_position(homed):
 
 def test_fifteen_blocks_fit_the_planner_and_one_line_more_waits(homed):
     lines = b"".join(b"G1 X-%d F60\n" % (10 + i % 2) for i in range(20))
-    said = []
+    output = []
     for at in range(0, len(lines), 11):
-        said += homed.ask(lines[at : at + 11])
+        output += homed.ask(lines[at : at + 11])
     # one is driven, fifteen are planned; the rest waits in the buffer
-    assert said == ["ok"] * 16
+    assert output == ["ok"] * 16
 
 
 def test_what_does_not_fit_the_receive_buffer_is_lost(homed):
     homed.ask(b"G4 P1\n")
-    said = homed.ask(b"\n" * 200, 2.0)
-    assert len(said) == 1 + 128
+    output = homed.ask(b"\n" * 200, 2.0)
+    assert len(output) == 1 + 128
 
 
 def test_reports_carry_their_fields_now_and_then(homed):
@@ -225,9 +225,9 @@ def test_whatever_line_comes_gets_one_response(texts):
     bare = Bare(settings={22: 0, 20: 0})
     bare.ask(wait_s=1.0)
     for text in texts:
-        said = bare.ask(text.encode() + b"\n", 120.0)
-        responses = [line for line in said if line == "ok" or line.startswith("error:")]
-        assert len(responses) == 1, (text, said)
+        output = bare.ask(text.encode() + b"\n", 120.0)
+        responses = [line for line in output if line == "ok" or line.startswith("error:")]
+        assert len(responses) == 1, (text, output)
 
 
 def test_a_line_longer_than_every_buffer_is_refused_and_the_next_is_heard(homed):

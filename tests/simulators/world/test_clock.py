@@ -46,17 +46,17 @@ def test_time_waits_for_who_is_at_work(clock):
 
 
 def test_a_wait_ends_when_another_makes_it_ready(clock):
-    condition, told = threading.Condition(), []
+    condition, flag = threading.Condition(), []
 
     def waiter():
         with condition:
-            ready = clock.wait(condition, lambda: bool(told), 100.0)
+            ready = clock.wait(condition, lambda: bool(flag), 100.0)
         return ready, clock.now_s()
 
     def teller():
         clock.sleep(5.0)
         with condition:
-            told.append(True)
+            flag.append(True)
             condition.notify_all()
 
     assert clock.together(waiter, teller)[0] == (True, 5.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from simulators.world.motion import travel_line
-from simulators.world.world import GRAVITY_M_S2, Drive, World
+from simulators.world.world import GRAVITY_M_S2, SinusoidalDrive, World
 
 
 @pytest.fixture
@@ -13,7 +13,7 @@ def world() -> World:
 
 
 def test_at_rest_an_imu_feels_gravity_alone(world):
-    force, rate = world.feel(np.array([0.0, 10.0]))
+    force, rate = world.ideal_imu(np.array([0.0, 10.0]))
     np.testing.assert_allclose(force, [[0, GRAVITY_M_S2, 0]] * 2)
     assert np.all(rate == 0)
 
@@ -30,7 +30,7 @@ def test_acceleration_integrates_to_the_change_of_velocity(world):
     # from rest to steady speed the integral of the felt force along x is the speed, once the ringing has gone
     travel_line([world.axes["x_mm"]], [300.0], 0.0, 20.0, 400.0)
     t = np.linspace(-0.1, 6.0, 61001)
-    force, _ = world.feel(t)
+    force, _ = world.ideal_imu(t)
     gained = np.trapezoid(force[:, 0], t) * 1000
     # trapezoid rule across two jumps of 0.4 m/s^2: 2 * 400 * 1e-4 mm/s; ringing after 6 s: 1e-6
     assert gained == pytest.approx(20.0, abs=0.08)
@@ -52,20 +52,20 @@ def test_a_warm_rail_is_longer(world):
 def test_a_shaker_moves_the_camera_from_when_to_when_it_runs():
     world = World()
     rest_mm = world.pose(np.zeros(1)).x_mm[0]
-    world.drive((Drive("x_mm", 2.0, 10.0),), 1.0)
+    world.drive((SinusoidalDrive("x_mm", 2.0, 10.0),), 1.0)
     world.drive((), 3.0)
     t_s = np.array([0.9, 1.0, 1.05, 1.5, 3.1])
     # cos(20 pi t): crests at whole tenths of a second, troughs half a period later
     np.testing.assert_allclose(world.pose(t_s).x_mm - rest_mm, [0, 2, -2, 2, 0], atol=1e-9)
-    force, _ = world.feel(t_s)
+    force, _ = world.ideal_imu(t_s)
     # the sway turns the head by 2 / 400, which takes the square of that, halved, from the force along its x
     np.testing.assert_allclose(force[:, 0], np.array([0, -2, 2, -2, 0]) * 1e-3 * (20 * np.pi) ** 2, rtol=1.3e-5)
 
 
 def test_gravity_is_felt_along_the_unit_as_it_is_turned():
     world = World()
-    world.drive((Drive("roll_deg", 2.0, 5.0),), 0.0)
-    force, rate = world.feel(np.array([0.0, 0.05]))
+    world.drive((SinusoidalDrive("roll_deg", 2.0, 5.0),), 0.0)
+    force, rate = world.ideal_imu(np.array([0.0, 0.05]))
     # rolled clockwise, the unit's x points down: it feels less of what holds it up
     np.testing.assert_allclose(force[0], GRAVITY_M_S2 * np.array([-np.sin(np.radians(2)), np.cos(np.radians(2)), 0]))
     # a quarter of a period later it turns fastest, back: anticlockwise, which is positive about the axis to the back
@@ -74,7 +74,9 @@ def test_gravity_is_felt_along_the_unit_as_it_is_turned():
 
 def test_a_camera_that_looks_to_the_right_turns_negative_about_its_upward_axis():
     world = World()
-    world.drive((Drive("pan_deg", 1.0, 5.0, -np.pi / 2), Drive("tilt_deg", 1.0, 5.0, -np.pi / 2)), 0.0)
-    _, rate = world.feel(np.array([1.0]))
+    world.drive(
+        (SinusoidalDrive("pan_deg", 1.0, 5.0, -np.pi / 2), SinusoidalDrive("tilt_deg", 1.0, 5.0, -np.pi / 2)), 0.0
+    )
+    _, rate = world.ideal_imu(np.array([1.0]))
     fastest = np.radians(1.0) * 2 * np.pi * 5
     np.testing.assert_allclose(rate[0], [fastest, -fastest, 0], rtol=1e-4, atol=1e-4)

@@ -163,7 +163,7 @@ def test_a_lamp_that_is_not_there_is_a_sentence(tmp_path):
     async def use(driver: Driver) -> None:
         await driver.until("press Enter to begin")
         await driver.press("f3", "b")
-        await driver.until("no device is called light")
+        await driver.until("no device has the name light")
 
     drive(app, use)
 

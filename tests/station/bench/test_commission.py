@@ -20,7 +20,7 @@ class Scripted:
         self.agreed, self.lengths = agreed, dict(lengths)
         self.told = []
 
-    def tell(self, words):
+    def show(self, words):
         self.told.append(words)
 
     def agrees(self, question):
@@ -45,14 +45,14 @@ def bench(tmp_path):
 def take(bench, tmp_path):
     """Commission the stage with this person, after its controller and its table were changed."""
 
-    def take(person, settings=None, **axis):
+    def take(operator, settings=None, **axis):
         bench.simulated.devices["stage"].settings.update(settings or {})
         table = simulated_tables(bench.simulated.address, tmp_path)["stage"]
         table["axes"][0] |= axis
         own = make_bench({"stage": table}, folder=tmp_path, clock=bench.clock)
         own.connect()
         try:
-            return tomllib.loads(commission("stage", own.stage, table, person, bench.clock))["devices"]["stage"]
+            return tomllib.loads(commission("stage", own.stage, table, operator, bench.clock))["devices"]["stage"]
         finally:
             own.close()
 
@@ -60,19 +60,19 @@ def take(bench, tmp_path):
 
 
 def test_nothing_moves_without_consent(take, bench):
-    person = Scripted()
-    take(person)
-    assert "stage was not moved" in person.text
+    operator = Scripted()
+    take(operator)
+    assert "stage was not moved" in operator.text
     assert bench.simulated.world.axes["z_mm"].extremes() == (750.0, 750.0)  # where it stood
 
 
 def test_it_is_driven_from_end_to_end_timed_and_measured(take, bench):
-    person = Scripted(("Homing", "z_mm"), {"z_mm": 1500.0})
-    table = take(person)
+    operator = Scripted(("Homing", "z_mm"), {"z_mm": 1500.0})
+    table = take(operator)
     # 1500 mm at 50 mm/s and 200 mm/s^2: 30.25 s, and two polls of 0.2 s until it is known to stand
-    assert "z_mm went 1500 in 30." in person.text
-    assert "took" not in person.text
-    assert "ruler" not in person.text
+    assert "z_mm moved 1500 in 30." in operator.text
+    assert "took" not in operator.text
+    assert "ruler" not in operator.text
     low, high = bench.simulated.world.axes["z_mm"].extremes()
     assert (low, high) == pytest.approx((0.0, 1500.0))
     assert bench.simulated.world.axes["x_mm"].position(bench.clock.now_s()) == pytest.approx(299.0)  # not agreed to
@@ -80,43 +80,43 @@ def test_it_is_driven_from_end_to_end_timed_and_measured(take, bench):
 
 
 def test_what_the_controller_cannot_do_is_written_as_it_can(take):
-    person = Scripted()
-    table = take(person, {110: 500.0, 1: 25.0, 21: 0.0})
-    assert "z_mm is asked for 3000 per min, and its controller does 500 ($110)" in person.text
-    assert "write feed_per_min = 500, or raise $110" in person.text
-    assert "set $1=255" in person.text
-    assert "set $21=1" in person.text
+    operator = Scripted()
+    table = take(operator, {110: 500.0, 1: 25.0, 21: 0.0})
+    assert "z_mm is configured for 3000 per min, but its controller reaches 500 ($110)" in operator.text
+    assert "write feed_per_min = 500, or raise $110" in operator.text
+    assert "set $1=255" in operator.text
+    assert "set $21=1" in operator.text
     assert table["axes"][0]["feed_per_min"] == 500.0
 
 
 @pytest.mark.parametrize(("homing", "told"), [(17.0, True), (21.0, False)])
 def test_a_grblhal_that_moves_unhomed_is_to_be_locked(take, homing, told):
-    person = Scripted()
-    take(person, {22: homing, 44: 4.0})
-    assert ("set $22=21, which locks it until it is homed" in person.text) == told
+    operator = Scripted()
+    take(operator, {22: homing, 44: 4.0})
+    assert ("set $22=21, which locks it until it is homed" in operator.text) == told
 
 
 def test_a_ruler_corrects_the_steps_per_millimetre(take):
-    person = Scripted(("Homing", "z_mm"), {"z_mm": 1485.0})
-    take(person)
+    operator = Scripted(("Homing", "z_mm"), {"z_mm": 1485.0})
+    take(operator)
     # it went 1485 where 1500 was meant: 250 steps per mm are too few by 1500 / 1485
-    assert "z_mm went 1485 by the ruler where it was sent 1500: multiply $100 by 1.01010" in person.text
+    assert "z_mm moved 1485 by the ruler instead of 1500: multiply $100 by 1.01010" in operator.text
 
 
 def test_a_move_that_takes_too_long_is_named(take, bench):
     bench.simulated.devices["stage"].feed_override = 60
-    person = Scripted(("Homing", "z_mm"))
-    take(person)
-    assert "z_mm took" not in person.text  # connecting resets the controller, and its overrides
+    operator = Scripted(("Homing", "z_mm"))
+    take(operator)
+    assert "z_mm took" not in operator.text  # connecting resets the controller, and its overrides
 
     class Meddler(Scripted):
         def agrees(self, question):
             bench.simulated.devices["stage"].feed_override = 60
             return super().agrees(question)
 
-    person = Meddler(("Homing", "z_mm"))
-    take(person)
-    assert "where its settings say 30.2 s: set the feed override to 100 %" in person.text
+    operator = Meddler(("Homing", "z_mm"))
+    take(operator)
+    assert "its settings give 30.2 s: set the feed override to 100 %" in operator.text
 
 
 def test_a_machine_space_of_its_own_is_written(take):
@@ -133,15 +133,15 @@ def test_a_tmcl_stage_is_taken_too(bench, tmp_path):
     table = {"driver": "tmcl_stage", "port": "sim://commission/stage", "axes": [axis]}
     own = make_bench({"stage": table}, folder=tmp_path, clock=bench.clock)
     own.connect()
-    person = Scripted(("Homing", "z_mm"), {"z_mm": 99.0})
+    operator = Scripted(("Homing", "z_mm"), {"z_mm": 99.0})
     try:
-        told = tomllib.loads(commission("stage", own.stage, table, person, bench.clock))["devices"]["stage"]
+        told = tomllib.loads(commission("stage", own.stage, table, operator, bench.clock))["devices"]["stage"]
     finally:
         own.close()
         unplug("commission/stage")
     assert told == table
     # 16 MHz * 1500 / 2^19 and (16 MHz)^2 * 900 / 2^37 microsteps, 320 of them a millimetre
-    assert "z_mm: 143.051 per s, 5238.69 per s^2, end switches on" in person.text
-    assert "z_mm lets go of its motor between moves (parameter 7 is 0): give it a standby current" in person.text
-    assert "z_mm went 99 by the ruler where it was sent 100: multiply unit_per_step by 0.99000" in person.text
-    assert "z_mm took" not in person.text
+    assert "z_mm: 143.051 per s, 5238.69 per s^2, end switches on" in operator.text
+    assert "z_mm releases its motor between moves (parameter 7 is 0): set a standby current" in operator.text
+    assert "z_mm moved 99 by the ruler instead of 100: multiply unit_per_step by 0.99000" in operator.text
+    assert "z_mm took" not in operator.text

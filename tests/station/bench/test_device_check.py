@@ -279,7 +279,7 @@ def test_a_wrong_value_is_refused_with_key_value_line_and_remedy(tmp_path, name,
     [
         ("", "configures no devices; add tables like"),
         ("devices = 3", "configures no devices"),
-        ("[devices]\nstage = 3", r"line 2: devices.stage: 3 is no table; begin one with \[devices.stage\]"),
+        ("[devices]\nstage = 3", r"line 2: devices.stage: 3 is not a table; begin one with \[devices.stage\]"),
         ("[devices.stage", "is no TOML: .*; correct that line"),
         ("[devices.stage]\ndriver = grbl", "is no TOML: .*line 2"),
         ('[devices.stage]\ndriver = "grbl"\ndriver = "grbl"\n', "is no TOML: .*line 3"),
@@ -298,9 +298,9 @@ def test_a_wrong_value_is_refused_with_key_value_line_and_remedy(tmp_path, name,
         ('[devices.light]\ndriver = "grbl_light"', "it has neither port nor on"),
         (
             '[devices.a]\ndriver = "wit"\nport = "x"\n[devices.b]\ndriver = "jrt"\nport = "x"',
-            'line 6: devices.b.port: "x" is given to a',
+            'line 6: devices.b.port: "x" is already given to a',
         ),
-        ('[devices.a]\ndriver = "relay"\non = "b"\n[devices.b]\ndriver = "relay"\non = "a"', "b is no GRBL stage"),
+        ('[devices.a]\ndriver = "relay"\non = "b"\n[devices.b]\ndriver = "relay"\non = "a"', "b is not a GRBL stage"),
     ],
 )
 def test_a_file_that_lacks_or_muddles_something(tmp_path, text, complaint):
@@ -329,7 +329,7 @@ def test_the_command_tells_it_without_a_traceback(tmp_path):
     path.write_text(spoilt("stage", ("axes", "feed_per_min"), "0"))
     done = CliRunner().invoke(main, ["devices", "--config", str(path)])
     assert done.exit_code == 2
-    assert "devices.stage.axes[1].feed_per_min: 0 is given, and it must be a number above 0" in done.stderr
+    assert "devices.stage.axes[1].feed_per_min: 0 is given, but it must be a number above 0" in done.stderr
     assert "write feed_per_min = 1500" in done.stderr
     assert "Traceback" not in done.stderr
 

@@ -125,7 +125,7 @@ def test_a_file_that_is_not_there_is_refused(tmp_path):
 
 def test_a_device_that_is_not_configured_is_named(tmp_path):
     tables = read_config(written(tmp_path, '[devices.imu]\ndriver = "wit"\nport = "/dev/x"'))
-    with pytest.raises(BadConfiguration, match=r"no device is called stage; add \[devices.stage\]"):
+    with pytest.raises(BadConfiguration, match=r"no device has the name stage; add \[devices.stage\]"):
         _ = make_bench(tables, folder=tmp_path).stage
 
 

@@ -43,7 +43,7 @@ def shaken(tmp_path_factory):
         opening = Opening(2.0 * n + 0.5, OPEN_S, 1 + n)
         view.photograph(opening, folder / f"{n}.dng")
         t = np.arange(-0.25, 0.55, 0.005)
-        force, rate = world.feel(opening.begin_s + t)
+        force, rate = world.ideal_imu(opening.begin_s + t)
         force, rate = force + rng.normal(0, 0.02, force.shape), rate + rng.normal(0, 0.001, rate.shape)
         (folder / f"{n}.csv").write_bytes(imu_table(Felt(t, force + 0.05, rate + 0.002)))
     focal_px = view.camera.projection(view.focus_mm or world.distance_mm(0.5)).principal_px / 2

@@ -201,7 +201,7 @@ def test_a_session_is_deleted_when_that_is_confirmed(session, root, run):
 def test_a_folder_that_is_no_session_and_a_session_that_is_open_are_not_deleted(session, root, tmp_path):
     (root / "mine").mkdir()
     (root / "mine" / "diary.txt").write_text("dear diary")
-    assert "is no session" in session("delete", "mine", "--yes").stderr
+    assert "is not a session" in session("delete", "mine", "--yes").stderr
     assert (root / "mine" / "diary.txt").exists()
     with Session.open(root / "2026-03-14-box-50-mm-pattern", FixedClock()):
         assert "open in another program" in session("delete", "2026-03-14-box-50-mm-pattern", "--yes").stderr

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from procedures.outcome import BadInput, BadParameter, Refused
-from station.common.errors import explained
+from station.common.errors import reporting_errors
 from station.common.log import log, log_json_option
 
 
@@ -26,7 +26,7 @@ def failing(error, *words):
     @click.command()
     @log_json_option
     def command():
-        with explained():
+        with reporting_errors():
             raise error
 
     return CliRunner().invoke(command, words)
@@ -75,7 +75,7 @@ def test_facts_that_are_not_finite_are_null():
         (PermissionError(13, "Permission denied", "/locked/out"), 2, "/locked/out: Permission denied"),
         (OSError(28, "No space left on device"), 2, "a file: No space left on device"),
         (MemoryError(), 5, "more memory than there is"),
-        (OSError("a sentence of some library"), 70, "did not foresee"),
+        (OSError("a sentence of some library"), 70, "failed unexpectedly"),
     ],
 )
 def test_what_the_system_does_not_allow_is_no_fault_of_the_program(error, code, says):

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from station.common.progress import Pace
+from station.common.progress import StepRate
 
 
 @pytest.mark.parametrize(
@@ -11,13 +11,13 @@ from station.common.progress import Pace
 )
 def test_rate_and_time_left_are_told(total, seconds, words):
     times = iter([0.0, seconds])
-    assert Pace(total, lambda: next(times)).step() == words
+    assert StepRate(total, lambda: next(times)).step() == words
 
 
 def test_rate_is_that_of_the_last_steps():
     now = [0.0]
-    pace = Pace(1000, lambda: now[0])
+    rate = StepRate(1000, lambda: now[0])
     for i in range(200):
         now[0] += 5.0 if i < 100 else 0.1  # the first ones were slow
-        told = pace.step()
+        told = rate.step()
     assert told == "10.0/s, 1:20 left"

@@ -28,12 +28,12 @@ def frame_bytes(number: int) -> bytes:
 
 
 @contextmanager
-def quick_bench(folder: Path, *, faults=None, mishaps=(), seed: int = 1, shaker: bool = False):
+def quick_bench(folder: Path, *, faults=None, fault_events=(), seed: int = 1, shaker: bool = False):
     """A bench on which any exposure gives a small frame at once."""
     incoming = folder / "incoming"
     incoming.mkdir(exist_ok=True)
     setup = Setup(
-        seed=seed, faults=faults or {}, mishaps=tuple(mishaps), virtual_time=True,
+        seed=seed, faults=faults or {}, fault_events=tuple(fault_events), virtual_time=True,
         develop=lambda opening: frame_bytes(opening.number),
     )  # fmt: skip
     truth = SimulatedBench(incoming, setup)

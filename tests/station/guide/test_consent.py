@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from procedures.plan import Advice, Go, Look
-from simulators.bench.device_faults import Mishap
+from simulators.bench.device_faults import FaultEvent
 from station.guide.frontend import MOVE, Seen
 from station.guide.run import Run
 from station.guide.scripted import Scripted
@@ -132,7 +132,7 @@ def test_a_resumed_session_asks_before_going_back(bench, session):
 @pytest.mark.slow
 def test_a_stage_that_lost_its_position_does_not_home_again_unasked(tmp_path):
     with (
-        benches.quick_bench(tmp_path, mishaps=[Mishap(19.0, "alarm", 1)]) as bench,
+        benches.quick_bench(tmp_path, fault_events=[FaultEvent(19.0, "alarm", 1)]) as bench,
         benches.new_session(tmp_path, bench) as session,
     ):
         operator = Watchful(bench)

@@ -11,7 +11,7 @@ import pytest
 from drivers.errors import FrameMissing
 from procedures.outcome import BadParameter
 from procedures.plan import Advice, Ask, Go, Look
-from simulators.bench.device_faults import Mishap
+from simulators.bench.device_faults import FaultEvent
 from station.guide.frontend import CurveSeen, Doing, RunBegan, RunEnded, Seen, StepBegan, StepEnded, Stopped, Trouble
 from station.guide.run import Run
 from station.guide.scripted import Scripted
@@ -254,7 +254,7 @@ def test_an_operator_who_stops_at_a_question_stops_the_run(bench, session):
 
 def test_a_lost_frame_is_told_and_taken_again(tmp_path):
     with (
-        benches.quick_bench(tmp_path, mishaps=[Mishap(1.0, "lose_frame", 1)]) as bench,
+        benches.quick_bench(tmp_path, fault_events=[FaultEvent(1.0, "lose_frame", 1)]) as bench,
         benches.new_session(tmp_path, bench) as session,
     ):
         operator = Scripted()
@@ -269,7 +269,7 @@ def test_a_lost_frame_is_told_and_taken_again(tmp_path):
 @pytest.mark.parametrize(("kind", "moment_s"), [("alarm", 19.0), ("reset", 19.0), ("reset", 40.0), ("stall", 19.0)])
 def test_a_rail_that_lost_its_position_is_told_and_homed_again(tmp_path, kind, moment_s):
     with (
-        benches.quick_bench(tmp_path, mishaps=[Mishap(moment_s, kind, 1)]) as bench,
+        benches.quick_bench(tmp_path, fault_events=[FaultEvent(moment_s, kind, 1)]) as bench,
         benches.new_session(tmp_path, bench) as session,
     ):
         operator = Scripted()

@@ -106,7 +106,7 @@ def test_the_emergency_stop_is_an_action_of_every_device(camera, rail, box, serv
         assert served.bench.stops == number
 
 
-def asked(client, method, member, number, form=""):
+def translated_errors(client, method, member, number, form=""):
     """Error number and value of a member of focuser 0, asked as the client of that number."""
     path, form = f"/api/v1/focuser/0/{member}", f"ClientID={number}&{form}"
     if method == "GET":
@@ -120,15 +120,15 @@ def asked(client, method, member, number, form=""):
 
 def test_a_client_that_disconnects_takes_the_device_from_nobody_else(client):
     for number in (1, 2):
-        assert asked(client, "PUT", "connected", number, "Connected=True") == (0, None)
-    asked(client, "PUT", "connected", 2, "Connected=False")
-    assert asked(client, "GET", "connected", 2) == (0, False)
-    assert asked(client, "GET", "connected", 1) == (0, True)
-    assert asked(client, "GET", "ismoving", 1) == (0, False)
-    asked(client, "PUT", "disconnect", 2)
-    assert asked(client, "GET", "ismoving", 1) == (0, False)
-    asked(client, "PUT", "disconnect", 1)
-    assert asked(client, "GET", "ismoving", 1)[0] == 0x407
+        assert translated_errors(client, "PUT", "connected", number, "Connected=True") == (0, None)
+    translated_errors(client, "PUT", "connected", 2, "Connected=False")
+    assert translated_errors(client, "GET", "connected", 2) == (0, False)
+    assert translated_errors(client, "GET", "connected", 1) == (0, True)
+    assert translated_errors(client, "GET", "ismoving", 1) == (0, False)
+    translated_errors(client, "PUT", "disconnect", 2)
+    assert translated_errors(client, "GET", "ismoving", 1) == (0, False)
+    translated_errors(client, "PUT", "disconnect", 1)
+    assert translated_errors(client, "GET", "ismoving", 1)[0] == 0x407
 
 
 def test_each_client_that_connects_beside_hears_how_its_own_attempt_went(client, served, monkeypatch):
@@ -141,14 +141,14 @@ def test_each_client_that_connects_beside_hears_how_its_own_attempt_went(client,
 
     monkeypatch.setattr(served.bench.stage, "condition", lambda: Condition("not connected", False))
     monkeypatch.setattr(served.bench.stage, "connect", connect)
-    assert asked(client, "PUT", "connect", 1) == (0, None)
+    assert translated_errors(client, "PUT", "connect", 1) == (0, None)
     begun.wait()
-    assert asked(client, "GET", "connecting", 1) == (0, True)
-    assert asked(client, "GET", "connecting", 2) == (0, False)
+    assert translated_errors(client, "GET", "connecting", 1) == (0, True)
+    assert translated_errors(client, "GET", "connecting", 2) == (0, False)
     go_on.set()
-    once(lambda: asked(client, "GET", "connecting", 1)[0])
-    assert asked(client, "GET", "connecting", 1) == (0, False)
-    assert asked(client, "GET", "connected", 1) == (0, False)
+    once(lambda: translated_errors(client, "GET", "connecting", 1)[0])
+    assert translated_errors(client, "GET", "connecting", 1) == (0, False)
+    assert translated_errors(client, "GET", "connected", 1) == (0, False)
 
 
 @pytest.mark.parametrize(

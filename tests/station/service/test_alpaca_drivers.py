@@ -47,12 +47,12 @@ def homed(stage):
 @pytest.fixture
 def held_up(served, monkeypatch):
     """The bench's stage moves and does not arrive until it is let go or stopped."""
-    moving, go_on, asked = threading.Event(), threading.Event(), []
+    moving, go_on, translated_errors = threading.Event(), threading.Event(), []
     stage = served.bench.stage
     stop = stage.stop
 
     def move(**target):
-        asked.append(target)
+        translated_errors.append(target)
         moving.set()
         go_on.wait()
         raise MoveFailed("z_mm was stopped on its way", "move again")
@@ -63,7 +63,7 @@ def held_up(served, monkeypatch):
 
     monkeypatch.setattr(stage, "move_to", move)
     monkeypatch.setattr(stage, "stop", halt)
-    yield SimpleNamespace(moving=moving, halted=go_on, asked=asked)
+    yield SimpleNamespace(moving=moving, halted=go_on, translated_errors=translated_errors)
     go_on.set()
 
 
@@ -112,7 +112,7 @@ def test_after_a_stop_the_other_axis_is_not_sent(homed, held_up):
     homed.stop()
     thread.join()
     assert isinstance(outcome[0], DeviceError)
-    assert len(held_up.asked) == 1
+    assert len(held_up.translated_errors) == 1
 
 
 def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, held_up):
@@ -168,7 +168,7 @@ def test_a_stop_is_sent_again_where_it_was_not_answered(monkeypatch):
         return "", b""
 
     monkeypatch.setattr(AlpacaLink, "_ask", ask)
-    AlpacaLink(AlpacaServer("127.0.0.1:1"), "focuser", 0).shout("halt")
+    AlpacaLink(AlpacaServer("127.0.0.1:1"), "focuser", 0).preempt("halt")
     assert sent == [("PUT", "halt")] * 3
 
 

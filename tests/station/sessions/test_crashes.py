@@ -28,7 +28,7 @@ def check(session: Session, work: Work, uninterrupted) -> None:
     assert session.state.facts == state.facts
     assert [shot.sha256 for shot in session.state.counting()] == [shot.sha256 for shot in state.counting()]
     shots = {shot.number: shot.sha256 for shot in session.state.shots}
-    assert {number: shots.get(number) for number in work.kept} == work.kept
+    assert {number: shots.get(number) for number in work.stored} == work.stored
     lost = len(work.camera.exposures) - len(shots)
     again = [notice for notice in work.notices if "it will be taken again" in notice]
     assert lost <= len(again) <= lost + 1  # one that was announced in the journal may not have been fired yet

@@ -76,7 +76,7 @@ def test_damaged_result_is_named_by_list_and_by_whoever_resumes(finished, tmp_pa
     path = folder / "derived" / "1" / "sum.txt"
     SPOILS[spoil](path, path.read_bytes())
     with Index(folder.parent) as index:
-        assert "derived/1/sum.txt: missing, or not what was written" in index.sessions()[0].damage
+        assert "derived/1/sum.txt: missing or changed" in index.sessions()[0].damage
     with Session.open(folder, FixedClock(), today=today, disk=FaultyDisk()) as session:
         assert any("derived/1/sum.txt" in one for one in session.state.notices)
 
@@ -101,7 +101,7 @@ def test_pipe_in_the_place_of_a_file_is_named_and_not_waited_for(finished, tmp_p
         (folder / name).unlink()
         os.mkfifo(folder / name)
     record = reader.read_session(folder)
-    assert "journal.head cannot be read (it is no regular file)" in record.lost
+    assert "journal.head cannot be read (it is not a regular file)" in record.lost
     with pytest.raises(ProcedureError, match=r"0001-IMG_0001\.DNG"):
         reader.verify(folder, record.state)
     with pytest.raises(ProcedureError, match=r"derived/1/sum\.txt"):

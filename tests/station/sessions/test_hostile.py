@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from station.common.durable_files import Disk, NotKept
+from station.common.durable_files import Disk, WriteFailed
 from station.results.result_files import ResultFolder
 from station.sessions.journal import Damaged, Journal
 from station.sessions.layout import original_name, safe_name
@@ -117,7 +117,7 @@ def test_file_that_the_session_writes_is_never_written_through_a_link(session, o
     (session.folder / part).symlink_to(outside / "file")
     try:
         Session.open(session.folder, FixedClock(), today=today).close()
-    except NotKept:
+    except WriteFailed:
         assert part == ".lock"
     assert tree(outside) == {"file": b"untouched"}
 
@@ -157,7 +157,7 @@ def test_result_with_a_link_among_its_files_is_not_kept(session, outside):
         files.write("result.json", b"{}")
         files.publish()
     (session.result_folder() / "secret").symlink_to(outside / "file")
-    with pytest.raises(NotKept):
+    with pytest.raises(WriteFailed):
         session.keep_result(step="estimate", shots=[], verdict="pass")
 
 
@@ -225,7 +225,7 @@ def test_sessions_may_lie_behind_a_link_to_their_folder(tmp_path, about):
     "path", ["/etc/passwd", "given/1/../../session.toml", "given/1/.hidden", "originals/0001-a.dng"]
 )
 def test_a_journal_cannot_name_given_files_elsewhere(about, tmp_path, path):
-    with Session.create(tmp_path, **about) as session, pytest.raises(ValueError, match="lie in given/"):
+    with Session.create(tmp_path, **about) as session, pytest.raises(ValueError, match="must be in given/"):
         session.note("given", source="a", files={path: "00"})
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from station.common.durable_files import Disk, NotKept
+from station.common.durable_files import Disk, WriteFailed
 from station.sessions.journal import Contents, Damaged, Journal, parse, read_journal
 
 FIRST = "0" * 64
@@ -143,7 +143,7 @@ def test_full_disk_is_named_and_leaves_whole_lines(tmp_path):
     journal.append("event", "", 0.0, {})
     before = journal.path.read_bytes()
     disk.room = 30
-    with pytest.raises(NotKept, match="No space left") as refusal:
+    with pytest.raises(WriteFailed, match="No space left") as refusal:
         journal.append("event", "", 0.0, {"lost": True})
     assert "make room" in refusal.value.remedy
     assert journal.path.read_bytes() == before
@@ -159,5 +159,5 @@ def test_journal_behind_a_link_is_not_read(tmp_path):
     (tmp_path / "journal.jsonl").symlink_to(elsewhere)
     with pytest.raises(Damaged, match="cannot be read"):
         read_journal(tmp_path / "journal.jsonl", FIRST)
-    with pytest.raises(NotKept):
+    with pytest.raises(WriteFailed):
         Journal(tmp_path / "journal.jsonl", Contents((), FIRST, 0), Disk())

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from procedures.outcome import BadInput
-from station.common.durable_files import Changed, Disk, NotKept
+from station.common.durable_files import ContentChanged, Disk, WriteFailed
 from station.sessions.journal import Damaged
 from station.sessions.layout import Busy
 from station.sessions.reader import read_session
@@ -142,7 +142,7 @@ def test_same_photograph_does_not_count_twice(session, camera):
 def test_file_that_changed_since_it_was_exposed_is_not_taken(session, camera):
     exposure = camera.expose("frame")
     exposure.path.write_bytes(b"something else")
-    with pytest.raises(Changed, match="not any more what was exposed"):
+    with pytest.raises(ContentChanged, match="has changed since its exposure"):
         session.adopt(exposure, step="shots", purpose="frame", snapshot={})
     assert list((session.folder / "originals").iterdir()) == []
     assert session.adopt(camera.expose("next"), step="shots", purpose="frame", snapshot={}).number == 1
@@ -156,7 +156,7 @@ def test_exposure_without_a_photograph_is_told_to_whoever_resumes(session):
         assert "an exposure for frame (shots)" in notice
     with again(reopened) as reopened:
         assert reopened.state.notices == (notice,)
-        reopened.told()
+        reopened.acknowledge_notices()
     with again(reopened) as reopened:
         assert reopened.state.notices == ()
 
@@ -169,7 +169,7 @@ def test_trials_of_a_step_that_was_not_finished_are_said_to_be_repeated(session,
         assert "the step focus was not finished and begins again; of its 1 photographs" in notice
         reopened.begin_step("focus")
         reopened.finish_step("focus")
-        reopened.told()
+        reopened.acknowledge_notices()
     with again(reopened) as reopened:
         assert reopened.state.notices == ()
 
@@ -208,9 +208,9 @@ def test_altered_journal_and_configuration_are_refused(session):
 def test_strange_file_among_the_photographs_is_named_once_and_not_used(session):
     (session.folder / "originals" / "holiday.jpg").write_bytes(b"x")
     with again(session) as reopened:
-        assert "'holiday.jpg' lies in originals/" in reopened.state.notices[0]
+        assert "'holiday.jpg' is in originals/" in reopened.state.notices[0]
         assert reopened.state.shots == ()
-        reopened.told()
+        reopened.acknowledge_notices()
     with again(reopened) as reopened:
         assert reopened.state.notices == ()
 
@@ -235,7 +235,7 @@ def test_it_is_read_while_another_program_works_in_it(session):
 
 
 def test_folder_that_is_no_session_is_named(tmp_path):
-    with pytest.raises(BadInput, match="no session"):
+    with pytest.raises(BadInput, match="not a session"):
         Session.open(tmp_path, FixedClock())
 
 
@@ -269,6 +269,6 @@ def test_files_that_answers_name_are_kept_with_their_hashes_and_told_when_they_a
 
 
 def test_a_file_that_is_gone_is_not_given(session, tmp_path):
-    with pytest.raises(NotKept, match=r"gone\.npy"):
+    with pytest.raises(WriteFailed, match=r"gone\.npy"):
         session.give([tmp_path / "gone.npy"])
     assert not session.state.given

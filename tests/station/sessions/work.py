@@ -59,7 +59,7 @@ class Work:
 
     root: Path
     camera: Camera
-    kept: dict[int, str] = field(default_factory=dict)
+    stored: dict[int, str] = field(default_factory=dict)
     notices: list[str] = field(default_factory=list)
 
     def go(self, disk) -> Session:
@@ -67,7 +67,7 @@ class Work:
         session = self._session(disk)
         try:
             self.notices += session.state.notices
-            session.told()
+            session.acknowledge_notices()
             self.steps(session)
         finally:
             session.close()
@@ -91,7 +91,7 @@ class Work:
         session.expect(step, what)
         exposure = self.camera.expose(what)
         shot = session.adopt(exposure, step=step, purpose=what, snapshot={"axes": {"z_mm": 3.5}})
-        self.kept[shot.number] = shot.sha256
+        self.stored[shot.number] = shot.sha256
         return shot
 
     def _focus(self, session: Session) -> None:
