@@ -19,7 +19,7 @@ STANDS_MM = 5e-4
 """An axis that goes less far than this does not move: millimetres, or degrees."""
 
 
-class Consent:
+class MoveApproval:
     """Whether what a request wants to move may move."""
 
     def __init__(self, rig: Rig, talk: Conversation) -> None:

@@ -10,7 +10,7 @@ from procedures.facts import INSISTED
 from procedures.plan import Advice, Ask
 from station.guide.answers import words
 from station.guide.dialogue import STOP, Conversation
-from station.guide.frontend import Stopped, Trouble
+from station.guide.frontend import ProblemEvent, Stopped
 
 CORRECT, INSIST, GO_ON = "correct it", "it is right", "go on"
 PATIENCE = 3
@@ -61,7 +61,7 @@ def resolve(talk: Conversation, asks: Mapping[str, Ask], reason: str, keys: tupl
     known = tuple(key for key in keys if key in asks)
     answers = {key: words(talk.facts[key], asks[key].unit) for key in known if key in talk.facts}
     given = " ".join(f"{asks[key].question} {answer}." for key, answer in answers.items())
-    talk.hear(Trouble(f"{reason} Given: {given}" if given else reason, REMEDY if known else "look at the rig"))
+    talk.notify(ProblemEvent(f"{reason} Given: {given}" if given else reason, REMEDY if known else "look at the rig"))
     if last:
         raise Stopped
     answer = talk.choose("contradiction", "What now?", (*((CORRECT, INSIST) if known else (GO_ON,)), STOP))

@@ -14,7 +14,7 @@ from procedures.outcome import ProcedureError
 from procedures.plan import Advice, Ask, Fact, Facts
 from procedures.reading.exposure import TYPED
 from station.bench.surroundings import Hands
-from station.guide.frontend import Doing, Event, Operator, Stopped, Trouble
+from station.guide.frontend import Event, Operator, ProblemEvent, ProgressEvent, Stopped
 from station.sessions.given_files import is_given
 from station.sessions.session import Session
 
@@ -49,14 +49,14 @@ class Conversation:
 
     # --- telling and asking
 
-    def hear(self, event: Event) -> None:
+    def notify(self, event: Event) -> None:
         """Tell the operator."""
-        self._operator.hear(event)
+        self._operator.notify(event)
 
     def doing(self, say: str, done: int = 0, total: int = 0, *, lasts: bool = False) -> None:
         """Tell what happens now; the moment to stop if that was asked for."""
         self.check()
-        self.hear(Doing(say, done, total, lasts=lasts))
+        self.notify(ProgressEvent(say, done, total, lasts=lasts))
 
     def check(self) -> None:
         """Raises Stopped if the operator has asked to stop."""
@@ -91,7 +91,7 @@ class Conversation:
             try:
                 ask.check(answer, self.facts)
             except ProcedureError as error:
-                self.hear(Trouble(error.reason, error.remedy))
+                self.notify(ProblemEvent(error.reason, error.remedy))
             else:
                 return self._with_copies(ask, answer)
         raise Stopped
@@ -141,7 +141,7 @@ class Conversation:
         self.learn({INSISTED + ask.key: insisted})
         return answer if insisted else noted
 
-    def learn_noted(self, facts: Facts) -> None:
+    def learn_from_photograph(self, facts: Facts) -> None:
         """Keep what a photograph tells, but for what the operator insisted on."""
         self.learn({name: value for name, value in facts.items() if not self.facts.get(INSISTED + name)})
 
@@ -207,7 +207,7 @@ class Conversation:
                 self._trouble(error)
 
     def _trouble(self, error: DeviceError | ProcedureError) -> None:
-        self.hear(Trouble(error.reason, error.remedy))
+        self.notify(ProblemEvent(error.reason, error.remedy))
         answer = self.choose("trouble", "What now?", (AGAIN, SKIP, STOP))
         if answer == SKIP:
             raise Skipped

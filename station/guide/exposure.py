@@ -12,8 +12,8 @@ from procedures.plan import Facts, Shake
 from procedures.raw import RawFrame, read_frame
 from station.guide.active_devices import Rig, Snapshot
 from station.guide.dialogue import Conversation, Skipped
-from station.guide.frontend import Stopped, Trouble
-from station.guide.vibration import Patience, Settling, Tremor, Unrest
+from station.guide.frontend import ProblemEvent, Stopped
+from station.guide.vibration import NotSettled, Settling, SettlingTimeouts, VibrationLevel
 
 if TYPE_CHECKING:
     from drivers.clock import Clock
@@ -38,7 +38,7 @@ class Photographer(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
+class RecordedPhotograph:
     """A photograph that is in the session: its entry there, its planes, and the facts of its moment."""
 
     shot: SessionShot
@@ -46,7 +46,7 @@ class Taken:
     facts: Facts
 
 
-class Exposer:
+class PhotographRecorder:
     """Takes photographs into a session."""
 
     def __init__(
@@ -56,7 +56,7 @@ class Exposer:
         session: Session,
         talk: Conversation,
         clock: Clock,
-        patience: Patience | None = None,
+        patience: SettlingTimeouts | None = None,
     ) -> None:
         self._rig = rig
         self._camera = camera
@@ -65,7 +65,7 @@ class Exposer:
         self._clock = clock
         self.settling = Settling(rig.imu, clock, patience)
 
-    def take(self, purpose: str, step: str, *, moving: bool = False, shake: Shake | None = None) -> Taken:
+    def take(self, purpose: str, step: str, *, moving: bool = False, shake: Shake | None = None) -> RecordedPhotograph:
         """One photograph: when the rig is still, or with the IMU recorded while it moves, shaken or by itself.
 
         Raises Skipped, Stopped.
@@ -73,22 +73,22 @@ class Exposer:
         tremor = None if moving else self._talk.attempt(self._still, self._rig.mend)
         shot = self._kept(purpose, step, tremor, moving=moving, shake=shake)
         frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
-        return Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)})
+        return RecordedPhotograph(shot, frame, {**self._talk.facts, **shot_facts(shot)})
 
-    def _still(self) -> Tremor | None:
+    def _still(self) -> VibrationLevel | None:
         """Wait until the rig is still; an IMU that fails is waited without."""
         self._talk.doing("waiting until the rig is still")
         try:
             return self.settling.wait()
-        except (Unrest, EmergencyStopped):
+        except (NotSettled, EmergencyStopped):
             raise
         except DeviceError as error:
             self.settling.imu = None
-            self._talk.hear(Trouble(error.reason, f"going on without the IMU; {error.remedy}"))
+            self._talk.notify(ProblemEvent(error.reason, f"going on without the IMU; {error.remedy}"))
             return self.settling.wait()
 
     def _kept(
-        self, purpose: str, step: str, tremor: Tremor | None, *, moving: bool, shake: Shake | None
+        self, purpose: str, step: str, tremor: VibrationLevel | None, *, moving: bool, shake: Shake | None
     ) -> SessionShot:
         """Expose, and take the file in; a full disk lets the file wait where the camera put it."""
         number = self._talk.attempt(lambda: self._session.expect(step, purpose))
@@ -98,8 +98,8 @@ class Exposer:
             known = set(self._rig.silent)
             snapshot = self._rig.snapshot()
             for name in set(snapshot.silent) - known:
-                self._talk.hear(
-                    Trouble(f"the {name} does not tell: {snapshot.silent[name]}", "look after it; the run goes on")
+                self._talk.notify(
+                    ProblemEvent(f"the {name} does not tell: {snapshot.silent[name]}", "look after it; the run goes on")
                 )
             kept.update(record(snapshot, tremor))
             self._talk.doing("exposing")
@@ -122,11 +122,11 @@ class Exposer:
         """One photograph while the rig moves, and what is known of that."""
         path = None if shake is None else self._rig.start_shaking(shake)
         if path is None:
-            exposure, block = self._felt()
+            exposure, block = self._imu()
             return exposure, motion_record(exposure, block)
         try:
             self._clock.sleep(SPRINGS_S)
-            exposure, block = self._felt()
+            exposure, block = self._imu()
             return exposure, {**motion_record(exposure, block), **self._path_record(path)}
         finally:
             self._rest()
@@ -136,7 +136,7 @@ class Exposer:
         try:
             return {"shake": {"began_s": self._rig.shaking_since_s(), **asdict(path)}}
         except DeviceError as error:  # the photograph is there: it must be kept
-            self._talk.hear(Trouble(error.reason, f"the motion is not known; {error.remedy}"))
+            self._talk.notify(ProblemEvent(error.reason, f"the motion is not known; {error.remedy}"))
             return {}
 
     def _rest(self) -> None:
@@ -144,9 +144,9 @@ class Exposer:
         try:
             self._rig.stop_shaking()
         except DeviceError as error:
-            self._talk.hear(Trouble(error.reason, error.remedy))
+            self._talk.notify(ProblemEvent(error.reason, error.remedy))
 
-    def _felt(self) -> tuple[ExposedFile, ImuBlock | None]:
+    def _imu(self) -> tuple[ExposedFile, ImuBlock | None]:
         """One photograph, and what the IMU felt meanwhile; None where there is none, or it fails."""
         imu = self._rig.imu
         try:
@@ -155,7 +155,7 @@ class Exposer:
         except EmergencyStopped:
             raise
         except DeviceError as error:
-            self._talk.hear(Trouble(error.reason, f"going on without the IMU; {error.remedy}"))
+            self._talk.notify(ProblemEvent(error.reason, f"going on without the IMU; {error.remedy}"))
             imu = None
         exposure = self._camera.expose()
         if imu is None:
@@ -164,7 +164,7 @@ class Exposer:
             block = imu.read_block(0.0)
             imu.stop()
         except DeviceError as error:  # the photograph is there: it must be kept
-            self._talk.hear(Trouble(error.reason, f"the motion is not known; {error.remedy}"))
+            self._talk.notify(ProblemEvent(error.reason, f"the motion is not known; {error.remedy}"))
             return exposure, None
         return exposure, block
 
@@ -187,7 +187,7 @@ def motion_record(exposure: ExposedFile, block: ImuBlock | None) -> dict[str, An
     }
 
 
-def record(snapshot: Snapshot, tremor: Tremor | None) -> dict[str, Any]:
+def record(snapshot: Snapshot, tremor: VibrationLevel | None) -> dict[str, Any]:
     """What the session keeps of a moment."""
     kept = snapshot.record()
     if tremor is not None:

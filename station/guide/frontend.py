@@ -51,7 +51,7 @@ class StepEnded:
 
 
 @dataclass(frozen=True)
-class Doing:
+class ProgressEvent:
     """What happens now, as a sentence ("homing the rail", "waiting until the rig is still", "exposing").
 
     `done` of `total` where the work has countable parts, and the seconds it will still take where that is known.
@@ -66,7 +66,7 @@ class Doing:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class FrameEvent:
     """A frame came and was checked: one plane of it for the preview, and what to do."""
 
     plane: Plane
@@ -74,7 +74,7 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class CurveSeen:
+class ScanEvent:
     """A scan so far: settings of the axis, and their scores (NaN where none could be told)."""
 
     axis: str
@@ -83,14 +83,14 @@ class CurveSeen:
 
 
 @dataclass(frozen=True)
-class Shown:
+class DiagramEvent:
     """A curve that explains what follows."""
 
     diagram: Diagram
 
 
 @dataclass(frozen=True)
-class Trouble:
+class ProblemEvent:
     """Something went wrong and what to do about it; the run goes on as the sentence says."""
 
     reason: str
@@ -123,13 +123,24 @@ class RunEnded:
     empty: bool = False
 
 
-Event = RunBegan | StepBegan | StepEnded | Doing | Seen | CurveSeen | Shown | Trouble | Result | RunEnded
+Event = (
+    RunBegan
+    | StepBegan
+    | StepEnded
+    | ProgressEvent
+    | FrameEvent
+    | ScanEvent
+    | DiagramEvent
+    | ProblemEvent
+    | Result
+    | RunEnded
+)
 
 
 class Operator(Protocol):
     """A front end."""
 
-    def hear(self, event: Event) -> None:
+    def notify(self, event: Event) -> None:
         """Show it. Returns at once; never raises."""
         ...
 

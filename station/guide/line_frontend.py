@@ -15,18 +15,18 @@ from station.drawing.diagrams import diagram_lines
 from station.guide.answers import parse, words
 from station.guide.frontend import (
     MOVE,
-    CurveSeen,
-    Doing,
+    DiagramEvent,
     Event,
+    FrameEvent,
+    ProblemEvent,
+    ProgressEvent,
     Result,
     RunBegan,
     RunEnded,
-    Seen,
-    Shown,
+    ScanEvent,
     StepBegan,
     StepEnded,
     Stopped,
-    Trouble,
 )
 from station.results.verdict_words import measurement_words, specification_words
 
@@ -46,7 +46,7 @@ ENDS = {
 }
 
 
-class Plain:
+class LineOperator:
     """An operator before a plain terminal, or a program on a pipe."""
 
     def __init__(self, read: TextIO, write: TextIO) -> None:
@@ -67,7 +67,7 @@ class Plain:
 
     # --- what is told
 
-    def hear(self, event: Event) -> None:
+    def notify(self, event: Event) -> None:
         """Write it down; whoever does not read any more misses it."""
         try:
             self._tell(event)
@@ -98,7 +98,7 @@ class Plain:
         self._line(f"-- {event.step.title}: {event.gave or 'done'}")
 
     @_tell.register
-    def _(self, event: Doing) -> None:
+    def _(self, event: ProgressEvent) -> None:
         count = f" ({event.done} of {event.total})" if event.total else ""
         left = f", {event.left_s:.0f} s left" if event.left_s is not None else ""
         line = f"   {event.say}{count}{left}"
@@ -107,22 +107,22 @@ class Plain:
             self._line(line)
 
     @_tell.register
-    def _(self, event: Seen) -> None:
+    def _(self, event: FrameEvent) -> None:
         self._advised = event.advice.say
         for line in seen_lines(event.advice) if event.advice.say else ():
             self._line(line)
 
     @_tell.register
-    def _(self, event: CurveSeen) -> None:
+    def _(self, event: ScanEvent) -> None:
         self._line(f"   {curve_line(event)}")
 
     @_tell.register
-    def _(self, event: Shown) -> None:
+    def _(self, event: DiagramEvent) -> None:
         for line in diagram_lines(event.diagram, ascii=True):
             self._line(f"   {line}".rstrip())
 
     @_tell.register
-    def _(self, event: Trouble) -> None:
+    def _(self, event: ProblemEvent) -> None:
         self._line(f"!! {event.reason}")
         self._line(f"   What to do: {event.remedy}.")
 
@@ -243,7 +243,7 @@ def with_unit(value: float, unit: str) -> str:
     return digits + unit if unit == "°" else f"{digits} {unit}".strip()
 
 
-def curve_line(event: CurveSeen) -> str:
+def curve_line(event: ScanEvent) -> str:
     """The last place of a scan and a bar as long as its score."""
     score = event.scores[-1]
     told = f"{score:.3f}" if score == score else "cannot be told"

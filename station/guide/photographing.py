@@ -11,11 +11,11 @@ from procedures.plan import Advice, Ask, Go, Known, Look, Outcomes, Scan, Shoot,
 from procedures.raw import RawFrame, read_frame
 from station.bench.axis_words import in_words, label
 from station.guide.active_devices import AT, Rig
-from station.guide.consent import Consent
+from station.guide.consent import MoveApproval
 from station.guide.contradictions import LookProgress, resolve
 from station.guide.dialogue import AGAIN, STOP, Conversation, Skipped
-from station.guide.exposure import Exposer, Taken, shot_facts
-from station.guide.frontend import CurveSeen, Doing, Seen, Stopped
+from station.guide.exposure import PhotographRecorder, RecordedPhotograph, shot_facts
+from station.guide.frontend import FrameEvent, ProgressEvent, ScanEvent, Stopped
 from station.sessions.compute_environment import same_bits
 from station.sessions.session import Session, SessionShot
 
@@ -27,7 +27,7 @@ PREVIEW = ("G1", "Y")
 
 
 @dataclass(frozen=True)
-class Way:
+class AdviceAction:
     """How an advice is followed.
 
     Attributes
@@ -44,11 +44,17 @@ class Way:
     obstacle: str = ""
 
 
-class Watching:
+class PhotographRequests:
     """Photographs for one purpose after the other, and what follows from them."""
 
     def __init__(
-        self, rig: Rig, exposer: Exposer, session: Session, talk: Conversation, known: Known, consent: Consent
+        self,
+        rig: Rig,
+        exposer: PhotographRecorder,
+        session: Session,
+        talk: Conversation,
+        known: Known,
+        consent: MoveApproval,
     ) -> None:
         self._rig = rig
         self._known = known
@@ -84,7 +90,7 @@ class Watching:
         self._session.judge(taken.shot, False, "a trial" if advice.good else advice.say)
         way = self._way(advice, taken.frame)
         self._show(taken.frame, way.told)
-        self._talk.learn_noted(advice.facts)
+        self._talk.learn_from_photograph(advice.facts)
         stalled = progress.stalled(advice)
         if advice.doubted or stalled:
             keys = advice.doubted or look.rests_on
@@ -95,25 +101,25 @@ class Watching:
 
     def _show(self, frame: RawFrame, advice: Advice) -> None:
         name = next((name for name in PREVIEW if name in frame.planes), next(iter(frame.planes)))
-        self._talk.hear(Seen(frame.planes[name], advice))
+        self._talk.notify(FrameEvent(frame.planes[name], advice))
 
-    def _way(self, advice: Advice, frame: RawFrame) -> Way:
+    def _way(self, advice: Advice, frame: RawFrame) -> AdviceAction:
         """How the advice is followed: by the bench or the camera's cable where they can, else by hand."""
         if advice.good:
-            return Way(advice)
+            return AdviceAction(advice)
         exposure_s = frame.exposure.exposure_s
         if set(advice.by_hand) == {EXPOSURE} and exposure_s is not None and self._rig.sets_exposure:
             wanted_s = exposure_s * 2 ** advice.by_hand[EXPOSURE]
             told = f"The exposure time is set to {time_words(wanted_s)} through the camera's cable."
-            return Way(replace(advice, say=told), exposure_s=wanted_s)
+            return AdviceAction(replace(advice, say=told), exposure_s=wanted_s)
         target = self._talk.attempt(lambda: self._rig.target(advice.moves), self._rig.mend)
         obstacle = self._rig.obstacle(target)
         if obstacle is not None:
-            return Way(advice, obstacle=obstacle)
+            return AdviceAction(advice, obstacle=obstacle)
         ends = ", ".join(f"{label(axis)} to {in_words(axis, place)}" for axis, place in target.items())
-        return Way(replace(advice, say=f"The bench corrects this by itself: {ends}."), target=target)
+        return AdviceAction(replace(advice, say=f"The bench corrects this by itself: {ends}."), target=target)
 
-    def _follow(self, way: Way) -> None:
+    def _follow(self, way: AdviceAction) -> None:
         """Do what the advice says."""
         if way.exposure_s is not None:
             wanted_s = way.exposure_s
@@ -153,10 +159,10 @@ class Watching:
             scores.append(self._talk.attempt(lambda t=taken: scan.score(t.frame, t.facts)))  # type: ignore[misc]
             self._session.judge(taken.shot, False, "a trial")
             self._show(taken.frame, Advice(True, ""))
-            self._talk.hear(CurveSeen(scan.axis, tuple(places[: i + 1]), tuple(scores)))
+            self._talk.notify(ScanEvent(scan.axis, tuple(places[: i + 1]), tuple(scores)))
         if places:
             advice = scan.choose(places, scores)
-            self._talk.learn_noted(advice.facts)
+            self._talk.learn_from_photograph(advice.facts)
             self._talk.doing(advice.say, lasts=True)
             self._set(scan, here + advice.moves.get(scan.axis, 0.0), here)
 
@@ -193,25 +199,25 @@ class Watching:
         shots = self._session.state.shots
         return [s for s in shots if (s.step, s.purpose) == (self.step, purpose) and s.counts is not False]
 
-    def _read_again(self, shot: SessionShot) -> Taken:
+    def _read_again(self, shot: SessionShot) -> RecordedPhotograph:
         """A photograph that an interrupted run took."""
         frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
-        return Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)})
+        return RecordedPhotograph(shot, frame, {**self._talk.facts, **shot_facts(shot)})
 
     def _enough(self, shoot: Shoot, results: list[Outcomes]) -> bool:
         advice = shoot.enough(results, self._talk.facts)
-        self._talk.learn_noted(advice.facts)
+        self._talk.learn_from_photograph(advice.facts)
         if advice.doubted:
             resolve(self._talk, self.asks, advice.say, advice.doubted, last=self._progress.doubted())
             return False
         self._talk.doing(advice.say, len(results), shoot.most, lasts=True)
         return advice.good
 
-    def _judge(self, shoot: Shoot, taken: Taken, results: list[Outcomes]) -> None:
+    def _judge(self, shoot: Shoot, taken: RecordedPhotograph, results: list[Outcomes]) -> None:
         """Whether the shot counts, and why not; what it gives is added to the results."""
         advice = self._talk.attempt(lambda: shoot.check(taken.frame, taken.facts))
         if advice.good:
-            self._talk.hear(Doing(f"estimating from shot {taken.shot.number}"))
+            self._talk.notify(ProgressEvent(f"estimating from shot {taken.shot.number}"))
             with same_bits():  # as the result is computed, which is made of the same estimates
                 found = self._talk.attempt(lambda: shoot.estimate(taken.frame, taken.facts, results, self._known))
             refused = [one for one in found.values() if one.verdict is Verdict.REFUSED]
@@ -225,10 +231,10 @@ class Watching:
         else:
             self._follow(way)
 
-    def _keep(self, taken: Taken, advice: Advice) -> Way:
+    def _keep(self, taken: RecordedPhotograph, advice: Advice) -> AdviceAction:
         """Whether the shot counts, for the session and the operator; how the advice is to be followed."""
         if advice.good:
-            self._talk.learn_noted(advice.facts)
+            self._talk.learn_from_photograph(advice.facts)
         self._session.judge(taken.shot, advice.good, "" if advice.good else advice.say)
         way = self._way(advice, taken.frame)
         self._show(taken.frame, way.told)
@@ -246,7 +252,7 @@ class Watching:
             reason = self._visit(stop, tour.tries, go)
             if reason:
                 self._session.note("left_out", step=self.step, place=stop.name, reason=reason)
-                self._talk.hear(Doing(f"{stop.name} is left out: {reason}", lasts=True))
+                self._talk.notify(ProgressEvent(f"{stop.name} is left out: {reason}", lasts=True))
 
     def _visited(self, stop: TourStop) -> bool:
         """Whether a shot of this place counts; one that was not judged before an interruption is judged now."""
@@ -256,7 +262,7 @@ class Watching:
                 self._keep(taken, self._checked(stop, taken))
         return any(shot.counts for shot in self._earlier(stop.name))
 
-    def _checked(self, stop: TourStop, taken: Taken) -> Advice:
+    def _checked(self, stop: TourStop, taken: RecordedPhotograph) -> Advice:
         return self._talk.attempt(lambda: stop.check(taken.frame, taken.facts))
 
     def _visit(self, stop: TourStop, tries: int, go: Callable[[Go], None]) -> str:

@@ -40,25 +40,25 @@ from procedures.plan import (
 from station.bench.surroundings import Surroundings
 from station.common.atomic_files import write_whole
 from station.guide.active_devices import AT, DISTANCE, LIGHT_LEVEL, Rig
-from station.guide.consent import Consent
+from station.guide.consent import MoveApproval
 from station.guide.dialogue import Conversation, Skipped
-from station.guide.exposure import Exposer, Photographer
+from station.guide.exposure import Photographer, PhotographRecorder
 from station.guide.frontend import (
-    Doing,
+    DiagramEvent,
     Operator,
+    ProblemEvent,
+    ProgressEvent,
     Result,
     RunBegan,
     RunEnded,
-    Shown,
     StepBegan,
     StepEnded,
     Stopped,
-    Trouble,
 )
 from station.guide.manual_camera import HandCamera
-from station.guide.photographing import Watching
+from station.guide.photographing import PhotographRequests
 from station.guide.session_result import SessionResult, derive
-from station.guide.vibration import Patience
+from station.guide.vibration import SettlingTimeouts
 from station.sessions.session import Session
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ PAGE = "report.html"
 ACCEPT, RETAKE = "accept", "retake"
 
 
-class Reopened(Exception):
+class StepReopened(Exception):
     """The operator goes back to an earlier step."""
 
 
@@ -76,7 +76,12 @@ class Run:
     """A plan on a bench (or on none), with a session as memory and an operator before it."""
 
     def __init__(
-        self, plan: Plan, bench: Bench | None, session: Session, operator: Operator, patience: Patience | None = None
+        self,
+        plan: Plan,
+        bench: Bench | None,
+        session: Session,
+        operator: Operator,
+        patience: SettlingTimeouts | None = None,
     ) -> None:
         self.plan = plan
         self._session = session
@@ -87,9 +92,9 @@ class Run:
         around.stand_before(plan.subject)
         self._talk = Conversation(operator, session, around.hands)
         self._talk.kind = plan.facts
-        self._consent = Consent(self._rig, self._talk)
+        self._consent = MoveApproval(self._rig, self._talk)
         self._step = plan.steps[0]
-        self._watch: Watching | None = None
+        self._watch: PhotographRequests | None = None
         self._known: Known = {}
         self._result: SessionResult | None = None
         self.over = threading.Event()
@@ -116,7 +121,7 @@ class Run:
     def _go_through(self) -> RunEnded:
         done = self._session.state.done
         gave = {name: self.plan.step(name).gave(self._talk.facts) for name in done}
-        self._talk.hear(RunBegan(self.plan, self._session.folder, tuple(done), gave))
+        self._talk.notify(RunBegan(self.plan, self._session.folder, tuple(done), gave))
         try:
             self._tell_notices()
             if self._next() is not None:
@@ -125,7 +130,7 @@ class Run:
                 self._carry_out(step)
             ended = RunEnded("finished", self._report(), self._certificate())
         except ProcedureError as error:
-            self._talk.hear(Trouble(error.reason, error.remedy))
+            self._talk.notify(ProblemEvent(error.reason, error.remedy))
             ended = RunEnded("stopped")
         except Stopped:
             ended = RunEnded("emergency" if self._talk.emergency.is_set() else "stopped")
@@ -139,7 +144,7 @@ class Run:
     def _tell_notices(self) -> None:
         """What the session has mended, and what will have to be repeated."""
         for notice in self._session.state.notices:
-            self._talk.hear(Doing(notice, lasts=True))
+            self._talk.notify(ProgressEvent(notice, lasts=True))
         self._session.told()
 
     def _report(self) -> Path | None:
@@ -152,7 +157,7 @@ class Run:
         if drawn.is_file():
             return drawn
         path = self._session.folder / PAGE
-        self._talk.hear(Doing("writing the report"))
+        self._talk.notify(ProgressEvent("writing the report"))
         try:
             page = session_page(self._session.folder, self._result).encode()
             self._talk.attempt(lambda: write_whole(path, page), always=True)
@@ -190,7 +195,7 @@ class Run:
         ended = replace(ended, empty=self._session.state.empty)
         if self._rig.bench is not None:
             self._rig.bench.log_wires(None)
-        self._talk.hear(ended)
+        self._talk.notify(ended)
         return ended
 
     # --- steps
@@ -209,7 +214,7 @@ class Run:
             told = {name: asdict(identity) for name, identity in self._rig.bench.identities.items()}
             self._talk.attempt(lambda: self._session.note("devices", devices=told))
         for name, doubt in self._rig.doubts().items():
-            self._talk.hear(Trouble(f"{name}: {doubt.reason}", doubt.remedy))
+            self._talk.notify(ProblemEvent(f"{name}: {doubt.reason}", doubt.remedy))
             self._talk.attempt(lambda n=name, d=doubt: self._session.note("doubted", device=n, reason=d.reason))  # type: ignore[misc]
         if resumed:
             self._restore()
@@ -246,14 +251,14 @@ class Run:
         self._session.begin_step(step.name)
         wanted = self._wanted(step)
         if wanted:
-            self._talk.hear(StepBegan(step))
+            self._talk.notify(StepBegan(step))
         try:
             for request in step.requests if wanted else ():
                 self._do(request)
-        except Reopened:
+        except StepReopened:
             return
         self._session.finish_step(step.name)
-        self._talk.hear(StepEnded(step, step.gave(self._talk.facts)))
+        self._talk.notify(StepEnded(step, step.gave(self._talk.facts)))
 
     def _do(self, request: Request) -> None:
         self._unless_skipped(lambda: self._carry(request))
@@ -266,7 +271,7 @@ class Run:
             work()
         except Skipped:
             self._rig.leave_out_lost()
-            self._talk.hear(Doing("skipped; the run goes on with what is known", lasts=True))
+            self._talk.notify(ProgressEvent("skipped; the run goes on with what is known", lasts=True))
 
     # --- requests
 
@@ -299,7 +304,7 @@ class Run:
     def _(self, show: Show) -> None:
         diagram = show.diagram(self._talk.facts)
         if diagram is not None:
-            self._talk.hear(Shown(diagram))
+            self._talk.notify(DiagramEvent(diagram))
 
     @_carry.register
     def _(self, home: Home) -> None:
@@ -368,30 +373,30 @@ class Run:
         self._talk.doing(say)
 
         def told(done: int, total: int) -> None:
-            self._talk.hear(Doing(say, done, total))
+            self._talk.notify(ProgressEvent(say, done, total))
 
         folder, found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name, told, self._known))
         self._result = found
         self._talk.learn(estimate.tells({name: one.found for name, one in found.planes.items()}))
-        self._talk.hear(Result(folder, found.planes, found.verdict, found.reason, found.remedy, found.other_causes))
+        self._talk.notify(Result(folder, found.planes, found.verdict, found.reason, found.remedy, found.other_causes))
 
     @_carry.register
     def _(self, decide: Decide) -> None:
         choices = (RETAKE, ACCEPT) if decide.again(self._talk.facts) else (ACCEPT, RETAKE)
         if self._talk.choose("verdict", "Accept it, or take the shots again?", choices) == RETAKE:
             self._session.reopen(decide.retake)
-            raise Reopened
+            raise StepReopened
 
     # --- photographs
 
-    def _watching(self) -> Watching:
+    def _watching(self) -> PhotographRequests:
         """What looks through the camera: the bench's, or the operator's own."""
         if self._watch is None:
             camera: Photographer = self._rig
             if not self._rig.has_camera:
                 camera = self._talk.attempt(lambda: HandCamera(self._talk.ask_and_learn, self._clock))
-            exposer = Exposer(self._rig, camera, self._session, self._talk, self._clock, self._patience)
-            self._watch = Watching(self._rig, exposer, self._session, self._talk, self._known, self._consent)
+            exposer = PhotographRecorder(self._rig, camera, self._session, self._talk, self._clock, self._patience)
+            self._watch = PhotographRequests(self._rig, exposer, self._session, self._talk, self._known, self._consent)
             self._watch.asks = self.plan.asks()
         self._watch.step = self._step.name
         return self._watch

@@ -15,7 +15,7 @@ LOOKS = 3
 
 
 @dataclass
-class Scripted:
+class ScriptedOperator:
     """Confirms everything; other questions are answered by their key, else by their default.
 
     Attributes
@@ -31,7 +31,7 @@ class Scripted:
     heard: list[Event] = field(default_factory=list)
     asked: list[Ask] = field(default_factory=list)
 
-    def hear(self, event: Event) -> None:
+    def notify(self, event: Event) -> None:
         """Note it down."""
         self.heard.append(event)
         self.listen(event)

@@ -139,9 +139,9 @@ def _shots(state: SessionState, noted: Mapping[str, Exposure]) -> Iterator[Repor
 
 def _words(state: SessionState, found: SessionResult) -> Iterator[ReportLine]:
     """The numbers that are nobody's word but the operator's."""
-    from station.guide.whose_word import NAMES, words_of  # here: what it stands on is slow to import
+    from station.guide.provenance import NAMES, provenance_of  # here: what it stands on is slow to import
 
-    for key, word in words_of(plan_named(state.plan), state.facts, found.frames).items():
+    for key, word in provenance_of(plan_named(state.plan), state.facts, found.frames).items():
         if word.told_by == OPERATOR:
             yield ReportLine(NAMES[key], str(word))
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from procedures.outcome import Cause, Outcome, Verdict, worst_of
 from procedures.plan import Estimate, Known, Plan
-from procedures.raw import Carried, Felt, RawFrame, read_frame
+from procedures.raw import ImuRecord, RawFrame, ShakerPath, read_frame
 from procedures.reading.arrays import checked_array, checked_number
 from station.guide.catalogue import entry_named
 from station.results.plane_result import PlaneResult
@@ -61,12 +61,12 @@ class Frames(Sequence[RawFrame]):
     def __init__(
         self,
         paths: Sequence[Path],
-        felt: Sequence[Felt | None] = (),
+        imu: Sequence[ImuRecord | None] = (),
         hashes: Sequence[str] = (),
-        carried: Sequence[Carried | None] = (),
+        shaker_path: Sequence[ShakerPath | None] = (),
     ) -> None:
-        self._paths, self._felt, self._hashes = paths, felt or (None,) * len(paths), hashes
-        self._carried = carried or (None,) * len(paths)
+        self._paths, self._imu, self._hashes = paths, imu or (None,) * len(paths), hashes
+        self._shaker_path = shaker_path or (None,) * len(paths)
         largest = max((path.stat().st_size for path in paths), default=1)
         self._read = lru_cache(max(1, int(MEMORY / (4 * largest))))(read_frame)
 
@@ -75,15 +75,15 @@ class Frames(Sequence[RawFrame]):
 
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
-            return Frames(self._paths[index], self._felt[index], self._hashes[index], self._carried[index])
-        frame, felt = self._read(self._paths[index]), self._felt[index]
+            return Frames(self._paths[index], self._imu[index], self._hashes[index], self._shaker_path[index])
+        frame, imu = self._read(self._paths[index]), self._imu[index]
         if self._hashes and frame.sha256 != self._hashes[index]:
             raise Damaged(f"{frame.path} is not what was taken any more", "bring it back from a copy")
-        carried = self._carried[index]
-        return frame if felt is carried is None else replace(frame, felt=felt, carried=carried)
+        shaker_path = self._shaker_path[index]
+        return frame if imu is shaker_path is None else replace(frame, imu=imu, shaker_path=shaker_path)
 
 
-def felt_during(shot: SessionShot) -> Felt | None:
+def imu_during(shot: SessionShot) -> ImuRecord | None:
     """The motion recorded with a photograph; None where it was not, or not when the shutter opened."""
     motion, shutter = shot.snapshot.get("motion"), shot.exposure.get("shutter")
     if not motion or not shutter or shutter.get("flash_s") is None:
@@ -92,14 +92,14 @@ def felt_during(shot: SessionShot) -> Felt | None:
         checked_array(motion[name], f"`{name}` of a recorded motion")
         for name in ("host_s", "acceleration_m_s2", "rotation_rad_s")
     )
-    return Felt(times - checked_number(shutter["flash_s"], "`flash_s` of a shutter"), acceleration, rotation)
+    return ImuRecord(times - checked_number(shutter["flash_s"], "`flash_s` of a shutter"), acceleration, rotation)
 
 
 COLUMNS = {"x_mm": 0, "y_mm": 1, "z_mm": 2}
 """Of a position, by a shaker's axis: to the right, up, back."""
 
 
-def carried_during(shot: SessionShot) -> Carried | None:
+def shaker_path_during(shot: SessionShot) -> ShakerPath | None:
     """The path that a shaker was told for a photograph; None where there was none, or it turned the camera, too."""
     told, shutter = shot.snapshot.get("shake"), shot.exposure.get("shutter") or {}
     if not told or not set(told["offsets"]) <= set(COLUMNS):
@@ -110,10 +110,10 @@ def carried_during(shot: SessionShot) -> Carried | None:
         position_m[:, COLUMNS[axis]] = checked_array(way, f"`{axis}` of a shaker's path", (count,)) / 1000
     flash_s = shutter.get("flash_s")
     since_s = None if flash_s is None else float(flash_s) - float(told["began_s"])
-    return Carried(position_m, float(told["interval_s"]), since_s)
+    return ShakerPath(position_m, float(told["interval_s"]), since_s)
 
 
-class Told(Sequence[RawFrame]):
+class ProgressFrames(Sequence[RawFrame]):
     """Frames that tell when an estimate turns to the next one: how far it is, without the estimate's doing."""
 
     def __init__(self, frames: Sequence[RawFrame], progress: Counted) -> None:
@@ -165,11 +165,13 @@ def compute(
         If a photograph cannot be read, or the result not be written.
     """
     shots, entry = state.counting(), entry_named(plan.name)
-    paths, felt = [inside(folder, shot.path) for shot in shots], [felt_during(shot) for shot in shots]
-    carried = [carried_during(shot) for shot in shots]
-    frames = Frames(paths, felt, [shot.sha256 for shot in shots], carried)
+    paths, imu = [inside(folder, shot.path) for shot in shots], [imu_during(shot) for shot in shots]
+    shaker_path = [shaker_path_during(shot) for shot in shots]
+    frames = Frames(paths, imu, [shot.sha256 for shot in shots], shaker_path)
     with same_bits():
-        outcomes = estimate_of(plan).estimate(Told(frames, progress), state.facts, {} if known is None else known)
+        outcomes = estimate_of(plan).estimate(
+            ProgressFrames(frames, progress), state.facts, {} if known is None else known
+        )
         terms = terms_of_session(folder)
         results = entry.results(frames, outcomes, terms, state.facts)
         if into is not None:
@@ -184,10 +186,10 @@ def _head(
     plan: Plan, state: SessionState, frames: Sequence[RawFrame], specification: Mapping[str, Any] | None
 ) -> RecordHead:
     """How a record begins; when it was drawn and how long that took is in the journal."""
-    from station.guide.whose_word import words_of  # here: what it stands on is slow to import
+    from station.guide.provenance import provenance_of  # here: what it stands on is slow to import
 
     files = tuple(InputFile(shot.path, shot.sha256) for shot in state.counting())
-    words = {key: asdict(word) for key, word in words_of(plan, state.facts, frames).items()}
+    words = {key: asdict(word) for key, word in provenance_of(plan, state.facts, frames).items()}
     return RecordHead(plan.name, files, {**state.facts, **({"whose_word": words} if words else {})}, specification)
 
 

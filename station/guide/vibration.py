@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Patience:
+class SettlingTimeouts:
     """How long to wait, and what counts as still.
 
     Attributes
@@ -47,27 +47,27 @@ class Patience:
 
 
 @dataclass(frozen=True)
-class Tremor:
+class VibrationLevel:
     """Root mean square of acceleration in m/s^2 and rotation rate in rad/s about their means."""
 
     acceleration_m_s2: float
     rotation_rad_s: float
 
     @classmethod
-    def of(cls, block: ImuBlock) -> Tremor:
+    def of(cls, block: ImuBlock) -> VibrationLevel:
         """Of the samples of one block."""
         return cls(_scatter(block.acceleration_m_s2), _scatter(block.rotation_rad_s))
 
-    def over(self, rest: Tremor) -> float:
+    def over(self, rest: VibrationLevel) -> float:
         """How many times the tremor at rest this is, by whichever sensor tells more."""
         return max(
             self.acceleration_m_s2 / max(rest.acceleration_m_s2, 1e-9),
             self.rotation_rad_s / max(rest.rotation_rad_s, 1e-9),
         )
 
-    def least(self, other: Tremor) -> Tremor:
+    def least(self, other: VibrationLevel) -> VibrationLevel:
         """The quieter of two, sensor by sensor."""
-        return Tremor(
+        return VibrationLevel(
             min(self.acceleration_m_s2, other.acceleration_m_s2), min(self.rotation_rad_s, other.rotation_rad_s)
         )
 
@@ -76,25 +76,25 @@ def _scatter(samples: Array) -> float:
     return float(np.sqrt(np.mean((samples - samples.mean(axis=0)) ** 2))) if len(samples) else math.inf
 
 
-class Unrest(DeviceError):
+class NotSettled(DeviceError):
     """The rig does not come to rest."""
 
 
 class Settling:
     """Waits until the rig is still. What is at rest is learnt on the way: the quietest that was ever seen."""
 
-    def __init__(self, imu: Imu | None, clock: Clock, patience: Patience | None = None) -> None:
+    def __init__(self, imu: Imu | None, clock: Clock, patience: SettlingTimeouts | None = None) -> None:
         self.imu = imu
         self._clock = clock
-        self._patience = patience or Patience()
-        self._rest: Tremor | None = None
+        self._patience = patience or SettlingTimeouts()
+        self._rest: VibrationLevel | None = None
         self._moved_s = clock.now_s()
 
     def moved(self) -> None:
         """Something has just moved, or was touched."""
         self._moved_s = self._clock.now_s()
 
-    def wait(self) -> Tremor | None:
+    def wait(self) -> VibrationLevel | None:
         """Return when still: the tremor, None where no IMU tells it. Raises Unrest, DeviceError."""
         if self.imu is None or self._rest is None:
             self._decay()
@@ -111,17 +111,17 @@ class Settling:
         if left_s > 0:
             self._clock.sleep(left_s)
 
-    def _until_still(self, imu: Imu) -> Tremor:
+    def _until_still(self, imu: Imu) -> VibrationLevel:
         patience = self._patience
         end_s = self._clock.now_s() + patience.longest_s
         while True:
-            tremor = Tremor.of(imu.read_block(patience.window_s))
+            tremor = VibrationLevel.of(imu.read_block(patience.window_s))
             self._rest = tremor if self._rest is None else self._rest.least(tremor)
             times = tremor.over(self._rest)
             if times <= patience.factor:
                 return tremor
             if self._clock.now_s() > end_s:
-                raise Unrest(
+                raise NotSettled(
                     f"the rig does not come to rest: it trembles {times:.1f} times as much as at rest, after "
                     f"{patience.longest_s:g} s",
                     "switch off what shakes it and touch nothing",

@@ -29,7 +29,7 @@ MOST_NAMED = 3
 
 
 @dataclass(frozen=True)
-class Kept:
+class SessionSummary:
     """A session in the folder of sessions, as far as its journal can be read."""
 
     folder: Path
@@ -42,7 +42,7 @@ class Kept:
 
 
 @dataclass(frozen=True)
-class Opened:
+class OpenedBench:
     """The bench as it was opened: None where none is configured; what each device answered."""
 
     bench: Bench | None
@@ -72,7 +72,7 @@ class Lab(Protocol):
     names: tuple[str, str]
     """Camera and lens that a new session is likely about."""
 
-    def open(self) -> Opened:
+    def open(self) -> OpenedBench:
         """The bench, connected as far as it answers. Raises DeviceError."""
         ...
 
@@ -80,7 +80,7 @@ class Lab(Protocol):
         """The titles of the plans, by name; the first is the usual one."""
         ...
 
-    def kept(self) -> Sequence[Kept]:
+    def kept(self) -> Sequence[SessionSummary]:
         """The sessions there are, newest first."""
         ...
 
@@ -123,17 +123,17 @@ class StationLab:
         self._tables: Mapping[str, Any] = {}
         self._opening = threading.Lock()
         self._bench: Bench | None = None
-        self._opened: Opened | None = None
+        self._opened: OpenedBench | None = None
         self._session: Session | None = None
         self._running: Run | None = None
         self._scratch = contextlib.ExitStack()
 
-    def open(self) -> Opened:
+    def open(self) -> OpenedBench:
         """The bench; opened by the first call, which others wait for."""
         with self._opening:
             if self._opened is None:
                 self._bench = self._make_bench()
-                self._opened = Opened(self._bench, self._bench.rows() if self._bench is not None else ())
+                self._opened = OpenedBench(self._bench, self._bench.rows() if self._bench is not None else ())
             return self._opened
 
     def _make_bench(self) -> Bench | None:
@@ -163,7 +163,7 @@ class StationLab:
 
         return {name: entry.title for name, entry in PLANS.items()}
 
-    def kept(self) -> Sequence[Kept]:
+    def kept(self) -> Sequence[SessionSummary]:
         """The sessions whose journals can be read, newest first."""
         return kept_in(self.sessions)
 
@@ -294,7 +294,7 @@ class StationLab:
         self._scratch.close()
 
 
-def kept_in(root: Path) -> Sequence[Kept]:
+def kept_in(root: Path) -> Sequence[SessionSummary]:
     """The sessions in a folder whose journals can be read, newest first."""
     found = []
     for folder in sorted(root.glob("*/")) if root.is_dir() else ():
@@ -305,8 +305,8 @@ def kept_in(root: Path) -> Sequence[Kept]:
     return sorted(found, key=lambda one: one.began, reverse=True)
 
 
-def _kept(folder: Path) -> Kept:
+def _kept(folder: Path) -> SessionSummary:
     from station.sessions.reader import read_session
 
     state = read_session(folder).state
-    return Kept(folder, state.plan, state.camera, state.lens, state.began, state.done, state.ended)
+    return SessionSummary(folder, state.plan, state.camera, state.lens, state.began, state.done, state.ended)

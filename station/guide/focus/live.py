@@ -53,7 +53,7 @@ class LiveFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class FocusSeen:
+class FocusReading:
     """What one photograph told, and all of them so far.
 
     Attributes
@@ -106,13 +106,13 @@ class LiveFocus:
     _scores: list[float] = field(default_factory=list)
     _uncertainties: list[float] = field(default_factory=list)
 
-    def see(self, frame: LiveFrame) -> FocusSeen:
+    def see(self, frame: LiveFrame) -> FocusReading:
         """Measure a photograph; one that cannot be read or measured says why."""
         found = self._measure(frame.plane)
         self._last = found.value or self._last
         self._note(frame, found)
         turn = which_way(self._scores, self._uncertainties, self._places)
-        return FocusSeen(
+        return FocusReading(
             frame,
             found,
             self.clock() - frame.arrived_s,

@@ -47,7 +47,7 @@ def plan() -> Plan:
     return guide.plan(estimate)
 
 
-class Picked(Sequence[RawFrame]):
+class FrameSubset(Sequence[RawFrame]):
     """Some of the frames, each read when it is asked for."""
 
     def __init__(self, frames: Sequence[RawFrame], which: Sequence[int]) -> None:
@@ -58,12 +58,12 @@ class Picked(Sequence[RawFrame]):
 
     def __getitem__(self, index: Any) -> Any:
         which = self._which[index]
-        return Picked(self._frames, which) if isinstance(index, slice) else self._frames[which]
+        return FrameSubset(self._frames, which) if isinstance(index, slice) else self._frames[which]
 
 
-def picked(frames: Sequence[RawFrame], wanted: Callable[[str], bool]) -> Picked:
+def picked(frames: Sequence[RawFrame], wanted: Callable[[str], bool]) -> FrameSubset:
     """The frames whose mark is wanted."""
-    return Picked(frames, [i for i, frame in enumerate(frames) if wanted(mark_of(frame.sha256))])
+    return FrameSubset(frames, [i for i, frame in enumerate(frames) if wanted(mark_of(frame.sha256))])
 
 
 # --- estimate ----------------------------------------------------------------------------------------------------
@@ -242,7 +242,7 @@ def _write_geometry(
 
     geometry: Geometry = one.result()
     sources = {view.view.source for view in geometry.views}
-    seen = Picked(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
+    seen = FrameSubset(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
     told = PlaneResult.of_outcome(plane, one, found=geometry, numbers=geometry.numbers())
     write_plane(folder, told, seen, _of_inputs(head, {frame.sha256 for frame in seen}))
     return "report.html"

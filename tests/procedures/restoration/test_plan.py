@@ -12,7 +12,7 @@ import pytest
 from procedures.facts import facts_as
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.plan import HAS_IMU, Ask, Shoot
-from procedures.raw import Felt, Plane, RawFrame
+from procedures.raw import ImuRecord, Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import APERTURES, COLOUR, MOTIONS, ORDER, RestorationFacts
 from procedures.restoration.flat_part import parts, region_of
@@ -277,15 +277,15 @@ def test_the_rig_s_path_is_the_record_s_less_its_drift():
     w = 2 * np.pi * 10.0
     position = np.column_stack([2e-3 * np.cos(w * t), 1e-3 * np.sin(2 * w * t), 0 * t])
     acceleration = position * [-(w**2), -4 * w**2, 0] + [0.3, 9.8, -0.2]  # gravity, and a unit that is not level
-    felt = Felt(t, acceleration, np.zeros((len(t), 3)))
-    frame = RawFrame(Path("a"), "", {}, Exposure(exposure_s=0.2), felt)
+    imu = ImuRecord(t, acceleration, np.zeros((len(t), 3)))
+    frame = RawFrame(Path("a"), "", {}, Exposure(exposure_s=0.2), imu)
     path = rig_poses(frame).planar_path
     times = np.linspace(0, 0.2, len(path))
     # the scene moves against the rig, and y of a picture is down; splines through ten samples a period of the faster
     # one lose little, and drift fitted to eight periods takes some hundredths of a motion with it
     expected = np.column_stack([-2e-3 * np.cos(w * times), 1e-3 * np.sin(2 * w * times)])
     np.testing.assert_allclose(path, expected, atol=0.03e-3)
-    assert rig_poses(replace(frame, felt=None)) is None
+    assert rig_poses(replace(frame, imu=None)) is None
     assert rig_poses(replace(frame, exposure=Exposure(exposure_s=0.7))) is None  # it goes on after the record
 
 

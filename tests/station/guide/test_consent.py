@@ -6,9 +6,9 @@ import pytest
 
 from procedures.plan import Advice, Go, Look
 from simulators.bench.device_faults import Mishap
-from station.guide.frontend import MOVE, Seen
+from station.guide.frontend import MOVE, FrameEvent
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.sessions.session import Session
 
 from . import benches
@@ -26,7 +26,7 @@ def session(tmp_path, bench):
         yield session
 
 
-class Watchful(Scripted):
+class Watchful(ScriptedOperator):
     """Notes every question before a move, and what had moved when it was asked."""
 
     def __init__(self, bench, answers=None):
@@ -82,7 +82,7 @@ def test_small_corrections_of_one_look_are_begun_once_and_the_bench_s_moves_are_
     Run(benches.short_plan(look=Look("trial", nearer)), bench, session, operator).go()
     (asked,) = [question for question in operator.questions if "moves on as this step needs" in question]
     assert "z from 700.0 to 800.0 mm" in asked
-    told = [event.advice.say for event in operator.heard if isinstance(event, Seen) and not event.advice.good]
+    told = [event.advice.say for event in operator.heard if isinstance(event, FrameEvent) and not event.advice.good]
     assert len(told) >= 3  # 200, 100, 50 mm
     assert all(say.startswith("The bench corrects this by itself: z to ") for say in told)
 
@@ -113,10 +113,10 @@ def test_a_place_where_it_stands_is_not_asked_about(bench, session):
 
 def test_a_resumed_session_asks_before_going_back(bench, session):
     def stop(event):
-        if isinstance(event, Seen) and len(session.state.shots) == 5:
+        if isinstance(event, FrameEvent) and len(session.state.shots) == 5:
             run.ask_to_stop()
 
-    run = Run(benches.short_plan(), bench, session, Scripted(listen=stop))
+    run = Run(benches.short_plan(), bench, session, ScriptedOperator(listen=stop))
     assert run.go().how == "stopped"
     session.close()
     with Session.open(session.folder, bench.clock) as again:

@@ -9,9 +9,9 @@ import pytest
 from procedures.facts import CameraFacts, derived_from
 from procedures.plan import Advice, Ask, Look, Plan, Reading, Shoot, Step
 from station.guide.contradictions import CORRECT, INSIST, LookProgress
-from station.guide.frontend import Trouble
+from station.guide.frontend import ProblemEvent
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.sessions.reader import read_session
 
 from . import benches
@@ -53,14 +53,14 @@ def photographs(session):
 
 
 def troubles(operator):
-    reasons = [event.reason for event in operator.heard if isinstance(event, Trouble)]
+    reasons = [event.reason for event in operator.heard if isinstance(event, ProblemEvent)]
     return [reason for reason in reasons if "Given:" in reason]
 
 
 def test_a_number_that_contradicts_the_photograph_is_asked_again_and_what_it_made_is_dropped(bench, session):
     session.learn({"width": 4.0, "area": 16.0})
     answers = iter([4.0, 5.0])
-    operator = Scripted({"width": lambda ask: next(answers), "contradiction": CORRECT})
+    operator = ScriptedOperator({"width": lambda ask: next(answers), "contradiction": CORRECT})
     assert Run(plan(Look("trial", check)), bench, session, operator).go().how == "finished"
     assert troubles(operator) == ["It is 5 mm wide. Given: How wide? 4 mm."]
     assert session.state.facts["area"] == 25.0
@@ -70,7 +70,7 @@ def test_a_number_that_contradicts_the_photograph_is_asked_again_and_what_it_mad
 def test_what_was_derived_from_a_number_is_not_known_any_more_when_it_changes(bench, session):
     session.learn({"width": 4.0, "area": 16.0})
     never = Look("trial", lambda frame, facts: Advice(True, "good"))
-    Run(plan(never), bench, session, Scripted({"width": 6.0})).go()
+    Run(plan(never), bench, session, ScriptedOperator({"width": 6.0})).go()
     assert session.state.facts["width"] == 6.0
     assert "area" not in session.state.facts
     assert read_session(session.folder).state.facts == session.state.facts
@@ -81,7 +81,7 @@ def test_shots_that_count_may_contradict_a_number_too(bench, session):
         return Advice(True, "enough") if facts["width"] == 5.0 else check(None, facts)
 
     answers = iter([4.0, 5.0])
-    operator = Scripted({"width": lambda ask: next(answers), "contradiction": CORRECT})
+    operator = ScriptedOperator({"width": lambda ask: next(answers), "contradiction": CORRECT})
     shoot = Shoot("shots", benches.good, benches.found, enough)
     assert Run(plan(shoot), bench, session, operator).go().how == "finished"
     assert troubles(operator) == ["It is 5 mm wide. Given: How wide? 4 mm."]
@@ -89,14 +89,14 @@ def test_shots_that_count_may_contradict_a_number_too(bench, session):
 
 
 def test_the_operator_may_insist(bench, session):
-    operator = Scripted({"width": 4.0, "contradiction": INSIST})
+    operator = ScriptedOperator({"width": 4.0, "contradiction": INSIST})
     assert Run(plan(Look("trial", check)), bench, session, operator).go().how == "finished"
     assert session.state.facts["insisted_width"] is True
     assert session.state.facts["area"] == 16.0
 
 
 def test_after_three_answers_that_do_not_help_the_plan_stops(bench, session):
-    operator = Scripted({"width": 4.0, "contradiction": CORRECT})
+    operator = ScriptedOperator({"width": 4.0, "contradiction": CORRECT})
     assert Run(plan(Look("trial", check)), bench, session, operator).go().how == "stopped"
     assert photographs(session) == 3
 
@@ -105,7 +105,7 @@ def test_after_three_moves_that_mend_nothing_the_plan_stops_and_says_what_it_res
     def never(frame, facts):
         return Advice(False, "Move.", (Reading("s/t", 0.6, "", 1.0, 1.5),), moves={"z_mm": 10.0})
 
-    operator = Scripted()
+    operator = ScriptedOperator()
     ended = Run(plan(Look("trial", never, rests_on=("width",))), bench, session, operator).go()
     assert ended.how == "stopped"
     assert troubles(operator) == [

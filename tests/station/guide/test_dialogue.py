@@ -9,8 +9,8 @@ import pytest
 from procedures.outcome import BadParameter
 from procedures.plan import Ask
 from station.guide.dialogue import ANSWERS, Conversation
-from station.guide.frontend import Stopped, Trouble
-from station.guide.scripted import Scripted
+from station.guide.frontend import ProblemEvent, Stopped
+from station.guide.scripted import ScriptedOperator
 
 FOCAL = Ask("focal_length_mm", "What is the lens's focal length?", "number", "mm", low=1.0, high=5000.0)
 
@@ -19,7 +19,7 @@ def conversation(typed, which="", **facts):
     """A conversation that knows facts, with an operator who types this and then chooses."""
     known = dict(facts)
     session = SimpleNamespace(state=SimpleNamespace(facts=known), learn=known.update)
-    operator = Scripted({"focal_length_mm": typed, "which_focal_length_mm": which})
+    operator = ScriptedOperator({"focal_length_mm": typed, "which_focal_length_mm": which})
     return Conversation(operator, session, None), operator, known
 
 
@@ -37,14 +37,14 @@ def test_answer_that_contradicts_the_camera_is_asked_about_with_both():
         "You gave 35 mm for the focal length; before, it was noted as 50 mm. Which is right?"
     )
     assert operator.asked[-1].choices == ("50 mm", "35 mm")
-    talk.learn_noted({"focal_length_mm": 50.0, "iso": 100})
+    talk.learn_from_photograph({"focal_length_mm": 50.0, "iso": 100})
     assert (known["focal_length_mm"], known["iso"]) == (50.0, 100)
 
 
 def test_operator_who_insists_is_not_overruled_by_the_next_photograph():
     talk, _, known = conversation(35.0, "35 mm", focal_length_mm=50.0)
     talk.learn({"focal_length_mm": talk.agreed(FOCAL)})
-    talk.learn_noted({"focal_length_mm": 50.0, "iso": 100})
+    talk.learn_from_photograph({"focal_length_mm": 50.0, "iso": 100})
     assert (known["focal_length_mm"], known["iso"]) == (35.0, 100)
 
 
@@ -57,7 +57,7 @@ def test_an_answer_that_cannot_be_taken_is_said_and_asked_again():
     talk, operator, _ = conversation(50.0)
     operator.answers = {"shape": lambda ask: next(typed)}
     assert talk.ask(Ask("shape", "Which?", "text", check=check)) == "here.npy"
-    assert operator.heard == [Trouble("there is no gone.npy", "name another file")]
+    assert operator.heard == [ProblemEvent("there is no gone.npy", "name another file")]
     operator.answers = {"shape": "gone.npy"}
     with pytest.raises(Stopped):
         talk.ask(Ask("shape", "Which?", "text", check=check))

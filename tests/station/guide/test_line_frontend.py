@@ -11,8 +11,17 @@ from procedures.outcome import Cause, Quantity, Verdict
 from procedures.plan import Advice, Ask, Diagram, Reading
 from procedures.raw import Plane
 from station.guide.answers import parse
-from station.guide.frontend import CurveSeen, Doing, Result, RunEnded, Seen, Shown, Stopped, Trouble
-from station.guide.line_frontend import Plain
+from station.guide.frontend import (
+    DiagramEvent,
+    FrameEvent,
+    ProblemEvent,
+    ProgressEvent,
+    Result,
+    RunEnded,
+    ScanEvent,
+    Stopped,
+)
+from station.guide.line_frontend import LineOperator
 from station.results.plane_result import PlaneResult
 
 REFUSED = Verdict.REFUSED
@@ -23,9 +32,9 @@ PLANE = Plane("G1", np.zeros((4, 4), dtype=np.float32), 1e-4)
 
 def told(*events, typed="", asks=()):
     out = io.StringIO()
-    plain = Plain(io.StringIO(typed), out)
+    plain = LineOperator(io.StringIO(typed), out)
     for event in events:
-        plain.hear(event)
+        plain.notify(event)
     answers = [plain.answer(ask) for ask in asks]
     return out.getvalue(), answers
 
@@ -81,13 +90,13 @@ def test_a_look_is_told_with_its_tolerance_where_it_is_outside():
         Reading("s/t", 1.1, "", 1.0, 1.3),
         Reading("yaw", 2.61, "°", -1.5, 1.5),
     )
-    text, _ = told(Seen(PLANE, Advice(False, "Open up.", readings)))
+    text, _ = told(FrameEvent(PLANE, Advice(False, "Open up.", readings)))
     assert text.splitlines() == ["   white 31 % (55 to 90 %); s/t 1.10; yaw 2.6° (-1.5 to 1.5°)", "   -> Open up."]
 
 
 def test_what_was_just_advised_is_not_asked_in_the_same_words_again():
     text, _ = told(
-        Seen(PLANE, Advice(False, "Open up.")), typed="\n", asks=[Ask("by_hand", "Open up. (the rail ends)")]
+        FrameEvent(PLANE, Advice(False, "Open up.")), typed="\n", asks=[Ask("by_hand", "Open up. (the rail ends)")]
     )
     assert text.count("Open up.") == 1
     assert "(the rail ends)" in text
@@ -97,9 +106,9 @@ def test_troubles_results_and_ends_are_told_in_lines():
     numbers = {"mtf50_horizontal": Quantity(0.412, "cycles/pixel", 0.003, "", 9)}
     planes = {"G1": PlaneResult("G1", Verdict.PASS, numbers=numbers), "B": PlaneResult("B", Verdict.REFUSED)}
     text, _ = told(
-        Doing("exposing", 1, 3, 12.0),
-        CurveSeen("z_mm", (1.0, 2.0), (0.5, float("nan"))),
-        Trouble("no frame came", "check the cable"),
+        ProgressEvent("exposing", 1, 3, 12.0),
+        ScanEvent("z_mm", (1.0, 2.0), (0.5, float("nan"))),
+        ProblemEvent("no frame came", "check the cable"),
         Result("out", planes, Verdict.REFUSED, "too dark", "expose longer", (Cause("blurred", "focus"),)),
         RunEnded("finished", "report.html"),
     )
@@ -124,8 +133,8 @@ def test_who_stops_reading_does_not_stop_the_run():
         def write(self, text):
             raise BrokenPipeError
 
-    plain = Plain(io.StringIO("50\n"), Closed())
-    plain.hear(Doing("exposing"))
+    plain = LineOperator(io.StringIO("50\n"), Closed())
+    plain.notify(ProgressEvent("exposing"))
     assert plain.answer(WIDTH) == 50.0
 
 
@@ -133,7 +142,7 @@ def test_a_curve_that_explains_is_drawn_said_and_told_as_a_table():
     diagram = Diagram(
         "gamma over s/t", (0.7, 1.0, 1.3), (1.9, 0.6, 0.4), "It is least at 1.3.", (("s/t", "gamma"), ("0.7", "1.90"))
     )
-    text, _ = told(Shown(diagram))
+    text, _ = told(DiagramEvent(diagram))
     lines = text.splitlines()
     assert "gamma over s/t" in lines[10]
     assert any("o" in line for line in lines[:10])

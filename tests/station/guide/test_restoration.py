@@ -14,7 +14,7 @@ import pytest
 from drivers.clock import SystemClock
 from procedures.outcome import Refused
 from procedures.plan import HAS_SHAKER, Ask, Shake
-from procedures.raw import Carried, Exposure, Felt, RawFrame
+from procedures.raw import Exposure, ImuRecord, RawFrame, ShakerPath
 from procedures.restoration.known_blur import rig_poses
 from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.camera_motion import poses_on
@@ -22,13 +22,13 @@ from station.calibration.restoration.inputs import poses_table, read_poses
 from station.common.durable_files import sha256_of
 from station.guide.catalogue import plan_named
 from station.guide.dialogue import Conversation
-from station.guide.frontend import Result, Stopped, Trouble
+from station.guide.frontend import ProblemEvent, Result, Stopped
 from station.guide.recompute import recompute
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.guide.session_report import session_page
-from station.guide.session_result import carried_during, estimate_of
-from station.guide.vibration import Patience
+from station.guide.session_result import estimate_of, shaker_path_during
+from station.guide.vibration import SettlingTimeouts
 from station.sessions.journal import Damaged
 from station.sessions.session import Session
 
@@ -61,15 +61,15 @@ def test_photographs_of_a_folder_and_a_shape_s_file_become_picture_and_depth_aga
     named = iter([str(tmp_path / "gone.npy"), str(shape)])
     answers = {"frames_folder": str(card), "photographed": photograph, "max_w": 4.0, "look": "go on"}
     apertures = {"first_f_number": 5.0, "second_f_number": 4.0, "truth_f_number": 16.0}
-    operator = Scripted({**answers, **apertures, "ground_truth": "yes", "shape": lambda ask: next(named)})
+    operator = ScriptedOperator({**answers, **apertures, "ground_truth": "yes", "shape": lambda ask: next(named)})
     lab = Session.create(tmp_path, plan="restoration", camera="C", lens="L", config={}, clock=SystemClock())
     with lab as session:
         plan = plan_named("restoration", session.folder)
         session.learn({"scheme": "1x(3+3)+1x3"})
-        ended = Run(plan, None, session, operator, Patience(quiet=1.0)).go()
+        ended = Run(plan, None, session, operator, SettlingTimeouts(quiet=1.0)).go()
     assert ended.how == "finished"
     # a file that is not there is said when it is named, not when the photographs are taken
-    assert "gone.npy" in next(one.reason for one in operator.heard if isinstance(one, Trouble))
+    assert "gone.npy" in next(one.reason for one in operator.heard if isinstance(one, ProblemEvent))
     (result,) = (event for event in operator.heard if isinstance(event, Result))
     assert {"sharp.tiff", "w.npy", "depth.png", "difference.tiff", "report.html", "result.json"} <= {
         one.name for one in result.folder.iterdir()
@@ -94,7 +94,7 @@ def test_photographs_of_a_folder_and_a_shape_s_file_become_picture_and_depth_aga
 def test_the_imu_s_samples_about_the_exposure_are_kept(tmp_path):
     shoot = replace(benches.short_plan().step("shots").requests[0], record_motion=True)
     with benches.quick_bench(tmp_path) as bench, benches.new_session(tmp_path, bench) as session:
-        Run(benches.short_plan(shoot=shoot), bench, session, Scripted()).go()
+        Run(benches.short_plan(shoot=shoot), bench, session, ScriptedOperator()).go()
         shots = session.state.counting()
     for shot in shots:
         motion = shot.snapshot["motion"]
@@ -116,7 +116,7 @@ def shaken_run(folder, spoil=lambda bench: None, **quick):
     shoot = replace(benches.short_plan().step("shots").requests[0], record_motion=True, shake=lambda facts: ROUND)
     with benches.quick_bench(folder, shaker=True, **quick) as bench, benches.new_session(folder, bench) as session:
         spoil(bench)
-        operator = Scripted()
+        operator = ScriptedOperator()
         plan = benches.short_plan(shoot=shoot)
         ended = Run(replace(plan, steps=(plan.step("shots"),)), bench, session, operator).go()
         return session.state.counting(), operator.heard, bench.simulated, ended
@@ -127,7 +127,7 @@ def test_a_shaker_carries_the_camera_along_the_path_that_is_kept(tmp_path):
     assert ended.how == "finished"
     assert len(shots) == 2
     for shot, opening in zip(shots, truth.body.openings[-len(shots) :], strict=True):
-        poses = poses_on(carried_during(shot), opening.exposure_s)
+        poses = poses_on(shaker_path_during(shot), opening.exposure_s)
         t_s = opening.begin_s + np.linspace(0, opening.exposure_s, len(poses.position_m))
         sway = truth.world.sway(t_s)
         # x right, y down; the world's modes, which the move before and the shutter shook, sway by hundredths of a
@@ -156,21 +156,21 @@ def test_a_shaker_that_comes_to_rest_too_early_is_told_and_the_photograph_is_kep
     assert ended.how == "finished"
     assert len(shots) == 2
     assert not any("shake" in shot.snapshot for shot in shots)
-    assert any(isinstance(one, Trouble) and "came to rest before its time" in one.reason for one in heard)
+    assert any(isinstance(one, ProblemEvent) and "came to rest before its time" in one.reason for one in heard)
 
 
 def test_the_restoration_knows_the_commanded_path_before_what_was_felt():
     circle = np.column_stack([np.cos(np.arange(12) * np.pi / 6), np.sin(np.arange(12) * np.pi / 6), np.zeros(12)])
-    carried = Carried(1e-3 * circle, 0.01, 0.02)
+    shaker_path = ShakerPath(1e-3 * circle, 0.01, 0.02)
     t = np.arange(-0.2, 0.4, 0.005)
-    still = Felt(t, np.tile([0.0, 9.81, 0.0], (len(t), 1)), np.zeros((len(t), 3)))
+    still = ImuRecord(t, np.tile([0.0, 9.81, 0.0], (len(t), 1)), np.zeros((len(t), 3)))
     exposure = Exposure(exposure_s=0.1)
-    frame = RawFrame(Path("a.dng"), "", {}, exposure, still, carried)
-    np.testing.assert_array_equal(rig_poses(frame).position_m, poses_on(carried, 0.1).position_m)
+    frame = RawFrame(Path("a.dng"), "", {}, exposure, still, shaker_path)
+    np.testing.assert_array_equal(rig_poses(frame).position_m, poses_on(shaker_path, 0.1).position_m)
     # a part of a round that began nobody knows where: then it is what was felt
-    lost = replace(frame, carried=replace(carried, since_s=None))
+    lost = replace(frame, shaker_path=replace(shaker_path, since_s=None))
     assert np.abs(rig_poses(lost).position_m).max() < 1e-9
-    assert rig_poses(replace(lost, felt=None)) is None
+    assert rig_poses(replace(lost, imu=None)) is None
 
 
 def asked(facts):
@@ -194,7 +194,7 @@ def test_a_psf_is_kept_with_its_record_and_read_from_the_copy(tmp_path):
     given = tmp_path / "psf"
     given.mkdir()
     np.save(given / "psf_Y.npy", np.pad(np.ones((9, 9)), 4))
-    operator = Scripted({"shape": f"pillbox; {given / 'psf_Y.npy'}"})
+    operator = ScriptedOperator({"shape": f"pillbox; {given / 'psf_Y.npy'}"})
     with Session.create(tmp_path, plan="restoration", camera="C", lens="L", config={}, clock=SystemClock()) as session:
         plan = plan_named("restoration", session.folder)
         talk, ask = Conversation(operator, session, None), plan.asks()["shape"]
@@ -226,7 +226,7 @@ def test_a_restoration_that_was_refused_ends_without_a_page(tmp_path):
         session.result_folder().mkdir(parents=True)
         (session.result_folder() / "result.json").write_text("{}")
         session.keep_result(step="estimate", shots=[], verdict="refused")
-        ended = Run(plan, None, session, Scripted()).go()
+        ended = Run(plan, None, session, ScriptedOperator()).go()
     assert (ended.how, ended.report) == ("finished", None)
     with pytest.raises(Refused, match="a restoration that was refused has no page; its reason"):
         session_page(session.folder)

@@ -7,10 +7,10 @@ import json
 import pytest
 
 from procedures.plan import Advice, Go, Plan, Step, Tour, TourStop
-from station.guide.frontend import Doing
+from station.guide.frontend import ProgressEvent
 from station.guide.photographing import LEAVE_OUT
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.sessions.session import Session
 
 from . import benches
@@ -49,7 +49,7 @@ def at_mm(session):
 
 
 def test_every_place_is_gone_to_and_photographed_once(bench, session):
-    assert Run(tour_plan(), bench, session, Scripted()).go().how == "finished"
+    assert Run(tour_plan(), bench, session, ScriptedOperator()).go().how == "finished"
     assert shots(session) == [(name, True) for name in PLACES_MM]
     assert at_mm(session) == pytest.approx(list(PLACES_MM.values()), abs=0.05)
 
@@ -60,7 +60,7 @@ def test_what_the_check_advises_is_followed_before_the_next_try(bench, session):
         off = PLACES_MM[name] - facts["at_z_mm"]
         return Advice(abs(off) < 0.1, "off its place", moves={"z_mm": off})
 
-    operator = Scripted()
+    operator = ScriptedOperator()
     Run(tour_plan(check, off_mm=7.0), bench, session, operator).go()
     assert shots(session) == [(name, counts) for name in PLACES_MM for counts in (False, True)]
     assert at_mm(session) == pytest.approx(list(PLACES_MM.values()), abs=0.05)
@@ -71,19 +71,19 @@ def test_without_axes_the_operator_is_told_where_to(bench, session):
     go = Go(lambda facts: {}, lambda facts: "Turn the camera to the left.")
     stops = [TourStop("left", go, lambda frame, facts: Advice(True, "good"))]
     plan = Plan("short", "A tour", (Step("tour", "Tour", "Go.", (Tour(lambda facts: stops),)),))
-    operator = Scripted()
+    operator = ScriptedOperator()
     Run(plan, bench, session, operator).go()
     assert [ask.question for ask in operator.asked] == ["Turn the camera to the left."]
     assert shots(session) == [("left", True)]
 
 
 def test_a_place_where_no_shot_counts_is_left_out_with_its_reason(bench, session):
-    operator = Scripted()
+    operator = ScriptedOperator()
     plan = tour_plan(lambda name, facts: Advice(name != "middle", "glare"))
     assert Run(plan, bench, session, operator).go().how == "finished"
     assert [shot.purpose for shot in session.state.counting()] == ["near", "far"]
     assert [shot.reason for shot in session.state.shots if not shot.counts] == ["glare", "glare"]
-    told = [event.say for event in operator.heard if isinstance(event, Doing)]
+    told = [event.say for event in operator.heard if isinstance(event, ProgressEvent)]
     assert "middle is left out: glare" in told
     lines = (session.folder / "journal.jsonl").read_text().splitlines()
     (line,) = (line for line in map(json.loads, lines) if line["event"] == "left_out")
@@ -92,18 +92,18 @@ def test_a_place_where_no_shot_counts_is_left_out_with_its_reason(bench, session
 
 def test_the_operator_may_try_a_place_again(bench, session):
     answers = iter(["try again", LEAVE_OUT])
-    operator = Scripted({"place": lambda ask: next(answers)})
+    operator = ScriptedOperator({"place": lambda ask: next(answers)})
     Run(tour_plan(lambda name, facts: Advice(name != "middle", "glare")), bench, session, operator).go()
     assert shots(session).count(("middle", False)) == 4
 
 
 def test_the_operator_may_stop_at_a_place_and_goes_on_there(bench, session):
-    operator = Scripted({"place": "stop"})
+    operator = ScriptedOperator({"place": "stop"})
     plan = tour_plan(lambda name, facts: Advice(name != "middle", "glare"))
     assert Run(plan, bench, session, operator).go().how == "stopped"
     session.close()
     with Session.open(session.folder, bench.clock) as again:
-        assert Run(tour_plan(), bench, again, Scripted()).go().how == "finished"
+        assert Run(tour_plan(), bench, again, ScriptedOperator()).go().how == "finished"
         assert [shot.purpose for shot in again.state.counting()] == list(PLACES_MM)
         # the first place has its shot from before
         assert sum(shot.purpose == "near" for shot in again.state.shots) == 1
@@ -114,9 +114,9 @@ def test_a_shot_that_an_interruption_left_unjudged_is_judged_and_not_taken_again
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        Run(tour_plan(power_cut), bench, session, Scripted()).go()
+        Run(tour_plan(power_cut), bench, session, ScriptedOperator()).go()
     assert shots(session) == [("near", None)]
     session.close()
     with Session.open(session.folder, bench.clock) as again:
-        assert Run(tour_plan(), bench, again, Scripted()).go().how == "finished"
+        assert Run(tour_plan(), bench, again, ScriptedOperator()).go().how == "finished"
         assert shots(again) == [(name, True) for name in PLACES_MM]

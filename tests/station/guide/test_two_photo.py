@@ -10,10 +10,10 @@ import pytest
 
 from drivers.clock import SystemClock
 from station.guide.catalogue import plan_named
-from station.guide.frontend import Result, Seen
+from station.guide.frontend import FrameEvent, Result
 from station.guide.run import Run
-from station.guide.scripted import Scripted
-from station.guide.vibration import Patience
+from station.guide.scripted import ScriptedOperator
+from station.guide.vibration import SettlingTimeouts
 from station.sessions.session import Session
 
 RATIO = 3.6
@@ -52,12 +52,12 @@ def test_the_photographs_of_a_folder_become_a_result(tmp_path, rng):
         return True
 
     answers = {"frames_folder": str(card), "photographed": photograph, "near_mm": 1000.0, "ratio": RATIO}
-    operator = Scripted({**answers, "focus_by": "skip"})
+    operator = ScriptedOperator({**answers, "focus_by": "skip"})
     plan, clock = plan_named("two-photo"), SystemClock()
     with Session.create(tmp_path, plan=plan.name, camera="C", lens="L", config={}, clock=clock) as session:
-        ended = Run(plan, None, session, operator, Patience(quiet=1.0)).go()
+        ended = Run(plan, None, session, operator, SettlingTimeouts(quiet=1.0)).go()
         assert ended.how == "finished"
-        assert all(event.advice.good for event in operator.heard if isinstance(event, Seen))
+        assert all(event.advice.good for event in operator.heard if isinstance(event, FrameEvent))
         assert [shot.purpose for shot in session.state.counting()] == ["near", "near", "far", "far"]
         assert "3.60 m from the wall" in " ".join(ask.question for ask in operator.asked)
         (result,) = (event for event in operator.heard if isinstance(event, Result))

@@ -9,10 +9,10 @@ import pytest
 
 from drivers.interfaces import ImuBlock
 from simulators.world.clock import VirtualClock
-from station.guide.vibration import Patience, Settling, Unrest
+from station.guide.vibration import NotSettled, Settling, SettlingTimeouts
 
 NOISE = 0.02
-PATIENCE = Patience()
+PATIENCE = SettlingTimeouts()
 
 
 class ShakenImu:
@@ -72,7 +72,7 @@ def test_a_rig_that_never_rests_is_said_to(rng):
     settling = Settling(imu, clock)
     settling.wait()
     imu.sway, imu.damping = 1.0, 0.0
-    with pytest.raises(Unrest, match=r"trembles .* times as much as at rest, after 20 s"):
+    with pytest.raises(NotSettled, match=r"trembles .* times as much as at rest, after 20 s"):
         settling.wait()
 
 

@@ -10,7 +10,7 @@ import pytest
 from procedures.facts import INSISTED
 from procedures.raw import Exposure, Plane, RawFrame
 from station.guide.catalogue import PLANS, plan_named
-from station.guide.whose_word import NAMES, words_of
+from station.guide.provenance import NAMES, provenance_of
 
 
 def noted(**exposure: float) -> RawFrame:
@@ -27,7 +27,7 @@ FACTS = {
 
 def test_what_the_camera_noted_is_its_word_and_the_rest_the_operator_s():
     # an f-number off by 20 % lies within three deviations of what the far tail tells: it is nobody's word but one's own
-    told = words_of(plan_named("pattern"), FACTS, [noted(focal_length_mm=24.0)])
+    told = provenance_of(plan_named("pattern"), FACTS, [noted(focal_length_mm=24.0)])
     assert {key: str(word) for key, word in told.items()} == {
         "focal_length_mm": "24 mm, as the camera noted it",
         "pixel_pitch_um": "5.94 µm, the operator's word; the laser agrees with it and the other sizes together",
@@ -39,7 +39,7 @@ def test_what_the_camera_noted_is_its_word_and_the_rest_the_operator_s():
 
 def test_what_was_insisted_on_or_held_against_nothing_says_so():
     facts = {"focal_length_mm": 30.0, INSISTED + "focal_length_mm": True, "typed_f_number": 8.0}
-    told = words_of(plan_named("field"), facts, [noted(focal_length_mm=24.0)])
+    told = provenance_of(plan_named("field"), facts, [noted(focal_length_mm=24.0)])
     assert told["focal_length_mm"].held_against == "insisted on against what contradicts it"
     assert str(told["typed_f_number"]) == "8, the operator's word; nothing vouches for it"
 
@@ -47,10 +47,10 @@ def test_what_was_insisted_on_or_held_against_nothing_says_so():
 def test_each_of_three_f_numbers_is_held_against_its_own_photograph():
     facts = {"first_f_number": 8.0, "second_f_number": 4.0, "third_f_number": 2.8}
     frames = [noted(f_number=8.0), noted(f_number=5.6), noted(f_number=2.8)]
-    told = words_of(plan_named("restoration"), facts, frames)
+    told = provenance_of(plan_named("restoration"), facts, frames)
     assert [word.told_by for word in told.values()] == ["camera", "operator", "camera"]
     # a photograph that is not there vouches for nothing
-    two = words_of(plan_named("restoration"), facts, frames[:2])
+    two = provenance_of(plan_named("restoration"), facts, frames[:2])
     assert [word.told_by for word in two.values()] == ["camera", "operator", "operator"]
 
 

@@ -39,7 +39,7 @@ NOTED = {
 
 
 @dataclass(frozen=True)
-class Word:
+class Provenance:
     """Of one number: its value, whose word it is (`CAMERA`, `OPERATOR`), what it was held against, "" for nothing."""
 
     value: float
@@ -54,14 +54,14 @@ class Word:
         return f"{given}, the operator's word; {self.held_against or 'nothing vouches for it'}"
 
 
-def words_of(plan: Plan, facts: Facts, frames: Sequence[RawFrame]) -> dict[str, Word]:
+def provenance_of(plan: Plan, facts: Facts, frames: Sequence[RawFrame]) -> dict[str, Provenance]:
     """Every number of the plan that is known, by its question's key; the frames have what the camera noted."""
     asks = plan.asks()
     told = {key: facts[key] for key in NAMES if key in asks and key in facts}
     if not told or not frames:
         return {}
     return {
-        key: Word(float(value), asks[key].unit, *_source(key, float(value), facts, frames))
+        key: Provenance(float(value), asks[key].unit, *_source(key, float(value), facts, frames))
         for key, value in told.items()
         if isinstance(value, float | int) and value
     }
