@@ -71,7 +71,7 @@ class Advice:
     by_hand: Mapping[str, float] = field(default_factory=dict)
     facts: Facts = field(default_factory=dict)
     marks: tuple[tuple[float, float], ...] = ()
-    doubted: tuple[str, ...] = ()
+    contradictory: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -264,7 +264,7 @@ class Estimate:
     """
 
     estimate: Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
-    tells: Callable[[Mapping[str, Any]], Facts] = lambda found: {}
+    facts_from: Callable[[Mapping[str, Any]], Facts] = lambda found: {}
 
 
 @dataclass(frozen=True)

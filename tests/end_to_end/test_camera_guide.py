@@ -34,7 +34,7 @@ from station.bench.opening import make_bench, simulated_bench, simulated_tables
 from station.calibration.field_photographs import photographs
 from station.guide.catalogue import plan_named
 from station.guide.frontend import DiagramEvent, FrameEvent, ProgressEvent, Result, StepBegan
-from station.guide.plans.camera import OF_SHOTS, USED, estimate
+from station.guide.plans.camera import SHOT_FACTS, USED, estimate
 from station.guide.recompute import recompute
 from station.guide.run import Run
 from station.guide.scripted import ScriptedOperator
@@ -298,7 +298,7 @@ def concluded(root: Path, name: str, photographs: list, facts: dict) -> SimpleNa
 @pytest.fixture
 def facts(done) -> dict:
     """What the session knew of camera, chart and tour, without what is of single photographs."""
-    return {key: one for key, one in done.state.facts.items() if not key.startswith(OF_SHOTS)}
+    return {key: one for key, one in done.state.facts.items() if not key.startswith(SHOT_FACTS)}
 
 
 def test_the_plan_field_concludes_from_the_places(done, facts, tmp_path, monkeypatch):

@@ -69,9 +69,9 @@ def test_a_motion_without_record_and_a_lens_without_numbers_are_refused_in_words
 
 def test_the_first_photograph_tells_what_of_the_lens_is_not_known():
     advice = check_first(frame(0), {**FACTS, "focus_m": 0.0})
-    assert advice.doubted == ("lens_f_number", "focus_m", "pixel_pitch_um")
+    assert advice.contradictory == ("lens_f_number", "focus_m", "pixel_pitch_um")
     noted = check_first(frame(0, f_number=5.6), FACTS)
-    assert noted.doubted == ("lens_f_number",)
+    assert noted.contradictory == ("lens_f_number",)
     assert "given as 4, and the camera noted 5.6" in noted.say
 
 

@@ -27,7 +27,7 @@ class WidthFacts(CameraFacts):
 
 def check(frame, facts):
     if facts["width"] != 5.0 and not facts.get("insisted_width"):
-        return Advice(False, "It is 5 mm wide.", doubted=("width",))
+        return Advice(False, "It is 5 mm wide.", contradictory=("width",))
     return Advice(True, "good", facts={"area": facts["width"] ** 2})
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from procedures.outcome import BadParameter
 from procedures.plan import Ask
-from station.guide.dialogue import ANSWERS, Conversation
+from station.guide.dialogue import MAX_INVALID_ANSWERS, Conversation
 from station.guide.frontend import ProblemEvent, Stopped
 from station.guide.scripted import ScriptedOperator
 
@@ -61,7 +61,7 @@ def test_an_answer_that_cannot_be_taken_is_said_and_asked_again():
     operator.answers = {"shape": "gone.npy"}
     with pytest.raises(Stopped):
         talk.ask(Ask("shape", "Which?", "text", check=check))
-    assert operator.count("shape") == 2 + ANSWERS
+    assert operator.count("shape") == 2 + MAX_INVALID_ANSWERS
 
 
 def test_the_default_is_what_is_known_or_else_what_follows_from_it():

@@ -10,7 +10,7 @@ import pytest
 
 from procedures.outcome import BadInput
 from procedures.pattern import Chart
-from station.guide.focus.live import GROWN_S, POLL_S, SETTLE_S, LiveFocus, PhotographSource
+from station.guide.focus.live import POLL_S, SETTLE_S, UNREADABLE_AFTER_S, LiveFocus, PhotographSource
 
 PICTURE = np.full((40, 60), 20000, np.uint16)
 
@@ -52,7 +52,9 @@ def test_what_has_come_is_looked_at_again_sooner(tmp_path):
 def test_a_file_that_stays_half_is_told_with_its_reason(tmp_path):
     half = tmp_path / "half.png"
     whole = cv2.imencode(".png", PICTURE)[1].tobytes()
-    frames = list(source_of(int(20 * GROWN_S)).watched(tmp_path, lambda s: half.write_bytes(whole[: len(whole) // 2])))
+    frames = list(
+        source_of(int(20 * UNREADABLE_AFTER_S)).watched(tmp_path, lambda s: half.write_bytes(whole[: len(whole) // 2]))
+    )
     assert [frame.path for frame in frames] == [half]
     told = LiveFocus(Chart.from_seed()).see(frames[0])
     assert told.found.reason

@@ -100,7 +100,7 @@ def test_photographs_are_read_when_asked_for_and_kept_as_far_as_there_is_room(fo
     read.clear()
     assert list(roomy) + list(roomy) == paths * 2
     assert read == paths
-    monkeypatch.setattr("station.guide.session_result.MEMORY", 0)
+    monkeypatch.setattr("station.guide.session_result.CACHE_BYTES", 0)
     cramped = Frames(paths)
     read.clear()
     assert list(cramped) + list(cramped) == paths * 2

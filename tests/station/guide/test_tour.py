@@ -8,7 +8,7 @@ import pytest
 
 from procedures.plan import Advice, Go, Plan, Step, Tour, TourStop
 from station.guide.frontend import ProgressEvent
-from station.guide.photographing import LEAVE_OUT
+from station.guide.photographing import SKIP_PLACE
 from station.guide.run import Run
 from station.guide.scripted import ScriptedOperator
 from station.sessions.session import Session
@@ -91,7 +91,7 @@ def test_a_place_where_no_shot_counts_is_left_out_with_its_reason(bench, session
 
 
 def test_the_operator_may_try_a_place_again(bench, session):
-    answers = iter(["try again", LEAVE_OUT])
+    answers = iter(["try again", SKIP_PLACE])
     operator = ScriptedOperator({"place": lambda ask: next(answers)})
     Run(tour_plan(lambda name, facts: Advice(name != "middle", "glare")), bench, session, operator).go()
     assert shots(session).count(("middle", False)) == 4
