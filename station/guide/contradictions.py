@@ -45,10 +45,8 @@ class LookProgress:
         if len(last) <= MAX_STALLED or any(now <= IMPROVEMENT_FACTOR * before for before, now in pairwise(last)):
             return ""
         values = ", ".join(f"{value:.3g}" for value in self.values[-MAX_STALLED - 1 :])
-        return (
-            f"{MAX_STALLED} moves have not brought the {bad.name} nearer to its tolerance: it was {values} {bad.unit}".rstrip()
-            + "."
-        )
+        stalled = f"{MAX_STALLED} moves have not brought the {bad.name} nearer to its tolerance"
+        return f"{stalled}: it was {values} {bad.unit}".rstrip() + "."
 
     def exhausted(self) -> bool:
         """Count one more contradiction; whether there have been too many."""

@@ -1,4 +1,4 @@
-"""What the guide does about numbers that contradict a photograph, and about moves that mend nothing."""
+"""Handling of numbers that contradict a photograph, and of moves without improvement."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def troubles(operator):
     return [reason for reason in reasons if "Given:" in reason]
 
 
-def test_a_number_that_contradicts_the_photograph_is_asked_again_and_what_it_made_is_dropped(bench, session):
+def test_a_number_that_contradicts_the_photograph_is_asked_again_and_derived_facts_are_dropped(bench, session):
     session.learn({"width": 4.0, "area": 16.0})
     answers = iter([4.0, 5.0])
     operator = ScriptedOperator({"width": lambda ask: next(answers), "contradiction": CORRECT})
@@ -67,7 +67,7 @@ def test_a_number_that_contradicts_the_photograph_is_asked_again_and_what_it_mad
     assert photographs(session) == 2
 
 
-def test_what_was_derived_from_a_number_is_not_known_any_more_when_it_changes(bench, session):
+def test_facts_derived_from_a_number_are_dropped_when_it_changes(bench, session):
     session.learn({"width": 4.0, "area": 16.0})
     never = Look("trial", lambda frame, facts: Advice(True, "good"))
     Run(plan(never), bench, session, ScriptedOperator({"width": 6.0})).go()
@@ -101,7 +101,7 @@ def test_after_three_answers_that_do_not_help_the_plan_stops(bench, session):
     assert photographs(session) == 3
 
 
-def test_after_three_moves_that_mend_nothing_the_plan_stops_and_says_what_it_rests_on(bench, session):
+def test_after_three_moves_without_improvement_the_plan_stops_and_lists_the_inputs(bench, session):
     def never(frame, facts):
         return Advice(False, "Move.", (Reading("s/t", 0.6, "", 1.0, 1.5),), moves={"z_mm": 10.0})
 
@@ -109,7 +109,7 @@ def test_after_three_moves_that_mend_nothing_the_plan_stops_and_says_what_it_res
     ended = Run(plan(Look("trial", never, rests_on=("width",))), bench, session, operator).go()
     assert ended.how == "stopped"
     assert troubles(operator) == [
-        "3 moves have not brought the s/t nearer: it was 0.6, 0.6, 0.6, 0.6. Given: How wide? 3 mm."
+        "3 moves have not brought the s/t nearer to its tolerance: it was 0.6, 0.6, 0.6, 0.6. Given: How wide? 3 mm."
     ]
     assert photographs(session) == 4
 
@@ -117,6 +117,6 @@ def test_after_three_moves_that_mend_nothing_the_plan_stops_and_says_what_it_res
 def test_moves_that_help_are_not_counted():
     progress = LookProgress()
     for value in (3.0, 2.5, 2.2, 2.0, 1.8):
-        # off by 1.5, 1.0, 0.7, 0.5, 0.3
+        # deviations 1.5, 1.0, 0.7, 0.5, 0.3
         advice = Advice(False, "Move.", (Reading("s/t", value, "", 1.0, 1.5),), moves={"z_mm": 10.0})
         assert progress.stalled(advice) == ""

@@ -1,4 +1,4 @@
-"""A run carries its plan out, keeps everything, and makes a sentence and a question of whatever goes wrong."""
+"""A run carries out its plan, stores everything, and turns every error into a message and a question."""
 
 from __future__ import annotations
 
@@ -65,14 +65,14 @@ def test_a_plan_is_carried_out_step_by_step_and_all_photographs_are_kept(bench, 
     assert len(list(Path(bench.simulated.folder).iterdir())) == 6
 
 
-def test_a_plan_that_moves_nothing_does_not_complain_of_stages_that_have_not_homed(bench, session):
+def test_a_plan_without_movements_accepts_stages_that_have_not_homed(bench, session):
     operator = ScriptedOperator({"width": 5.0})
     still = {name: Ask(name, "Ready?") for name in ("home", "go", "measure", "scan")}
     assert Run(benches.short_plan(**still), bench, session, operator).go().how == "finished"
     assert not events(operator, ProblemEvent)
 
 
-def test_of_a_step_that_is_left_out_nothing_is_asked(bench, session):
+def test_a_skipped_step_asks_nothing(bench, session):
     plan = benches.short_plan()
     first, *others = plan.steps
     operator = ScriptedOperator({"width": 5.0})
@@ -93,7 +93,7 @@ def test_the_bench_goes_where_the_plan_and_the_scan_say(bench, session):
     assert session.state.facts["distance_mm"] == pytest.approx(800.0 + 700.0 + 120.0, abs=3)
 
 
-def test_shots_keep_what_the_devices_said(bench, session):
+def test_shots_store_the_state_of_the_devices(bench, session):
     Run(benches.short_plan(), bench, session, ScriptedOperator()).go()
     shot = session.state.counting()[0]
     assert shot.snapshot["axes"]["z_mm"] == pytest.approx(620.0, abs=0.02)
@@ -102,7 +102,7 @@ def test_shots_keep_what_the_devices_said(bench, session):
     assert shot.exposure["shutter"]["closed_s"] > 0
 
 
-def test_nothing_is_exposed_before_the_rig_is_still(bench, session):
+def test_nothing_is_exposed_before_the_rig_has_settled(bench, session):
     Run(benches.short_plan(), bench, session, ScriptedOperator()).go()
     world = bench.simulated.world
     for opening in bench.simulated.body.openings:
@@ -113,7 +113,7 @@ def test_nothing_is_exposed_before_the_rig_is_still(bench, session):
 
 
 @pytest.mark.slow
-def test_a_look_mends_by_the_bench_what_the_bench_can(bench, session):
+def test_a_look_corrects_with_the_bench_where_possible(bench, session):
     def nearer(frame, facts):
         off = 900.0 - facts["at_z_mm"]
         return Advice(abs(off) < 1, f"move by {off:.0f} mm", moves={"z_mm": off})
@@ -126,7 +126,7 @@ def test_a_look_mends_by_the_bench_what_the_bench_can(bench, session):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("moves", "why"), [({"z_mm": 5000.0}, "goes from 0 to 1500"), ({"lens_mm": 1.0}, "")])
-def test_what_the_bench_cannot_is_asked_of_the_operator(bench, session, moves, why):
+def test_other_corrections_are_requested_from_the_operator(bench, session, moves, why):
     looks = []
 
     def far(frame, facts):
@@ -200,7 +200,7 @@ def test_the_emergency_stop_ends_the_run_at_once(bench, session):
     assert session.state.ended == "emergency"
     assert not bench.simulated.body.openings
     (halted,) = halts(session)
-    # the twins are behind the same clock: what was asked for at a moment is on the wire at it or after it
+    # the simulated devices share the clock: a command is on the wire at its time or later
     assert all(at_s >= halted["asked_s"] for at_s in halted["on_the_wire_s"].values())
     assert {"stage", "head", "shutter"} <= set(halted["on_the_wire_s"])
 
@@ -210,7 +210,7 @@ def halts(session):
 
 
 @pytest.mark.parametrize("fault", [ZeroDivisionError, KeyboardInterrupt, SystemExit])
-def test_what_ends_the_program_stops_the_bench_and_ends_the_session(bench, session, fault):
+def test_an_unexpected_exit_stops_the_bench_and_ends_the_session(bench, session, fault):
     def listen(event):
         if isinstance(event, ProgressEvent) and event.say == "going to 700 mm":
             raise fault
@@ -222,7 +222,7 @@ def test_what_ends_the_program_stops_the_bench_and_ends_the_session(bench, sessi
 
 
 @pytest.mark.slow
-def test_a_door_is_a_sentence_and_trying_again_once_it_is_closed_goes_on(bench, session):
+def test_an_open_door_is_reported_and_a_retry_after_closing_it_continues(bench, session):
     twin, cable = bench.simulated.devices["stage"], bench.simulated.cables["stage"]
 
     def listen(event):
@@ -241,7 +241,7 @@ def test_a_door_is_a_sentence_and_trying_again_once_it_is_closed_goes_on(bench, 
 
 
 @pytest.mark.slow
-def test_motors_that_let_go_are_doubted_before_anything_moves(bench, session):
+def test_motors_that_release_are_reported_before_anything_moves(bench, session):
     bench.simulated.devices["stage"].settings[1] = 25
     operator = ScriptedOperator()
     assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
@@ -259,10 +259,10 @@ def test_an_operator_who_stops_at_a_question_stops_the_run(bench, session):
     assert Run(benches.short_plan(), bench, session, operator).go().how == "stopped"
 
 
-# --- trouble -----------------------------------------------------------------------------------------------------
+# --- problems ----------------------------------------------------------------------------------------------------
 
 
-def test_a_lost_frame_is_told_and_taken_again(tmp_path):
+def test_a_lost_frame_is_reported_and_taken_again(tmp_path):
     with (
         benches.quick_bench(tmp_path, mishaps=[Mishap(1.0, "lose_frame", 1)]) as bench,
         benches.new_session(tmp_path, bench) as session,
@@ -277,7 +277,7 @@ def test_a_lost_frame_is_told_and_taken_again(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "moment_s"), [("alarm", 19.0), ("reset", 19.0), ("reset", 40.0), ("stall", 19.0)])
-def test_a_rail_that_lost_its_position_is_told_and_homed_again(tmp_path, kind, moment_s):
+def test_a_rail_that_lost_its_position_is_reported_and_homed_again(tmp_path, kind, moment_s):
     with (
         benches.quick_bench(tmp_path, mishaps=[Mishap(moment_s, kind, 1)]) as bench,
         benches.new_session(tmp_path, bench) as session,
@@ -287,18 +287,18 @@ def test_a_rail_that_lost_its_position_is_told_and_homed_again(tmp_path, kind, m
         assert events(operator, ProblemEvent) or kind == "stall"  # the head, which this plan does not move
         assert bench.stage.position()["z_mm"] == pytest.approx(620.0, abs=0.02)
         there = bench.simulated.world.axes["z_mm"].position(bench.clock.now_s())
-        assert there == pytest.approx(620.0, abs=0.02)  # not only by what the controller believes
+        assert there == pytest.approx(620.0, abs=0.02)  # the true position, not the controller's
 
 
 @pytest.mark.slow
-def test_what_is_skipped_is_done_without(bench, session):
+def test_the_run_continues_without_a_skipped_device(bench, session):
     operator = ScriptedOperator({"trouble": "skip"})
     beyond = Go(lambda facts: {"z_mm": 9999.0}, lambda facts: "going too far")
     run = Run(benches.short_plan(go=beyond), bench, session, operator)
     assert run.go().how == "finished"
 
 
-def test_an_imu_that_falls_silent_is_done_without(bench, session):
+def test_the_run_continues_without_a_silent_imu(bench, session):
     bench.devices["imu"].start = lambda rate_hz: (_ for _ in ()).throw(FrameMissing("no samples", "check its cable"))
     operator = ScriptedOperator()
     assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
@@ -332,7 +332,7 @@ def test_a_wrong_folder_of_photographs_is_corrected_within_the_run(tmp_path, ben
     right, wrong = tmp_path / "right", tmp_path / "wrong"
     for folder in (right, wrong):
         folder.mkdir()
-    (right / "old.dng").write_bytes(benches.frame_bytes(50))  # it was there before: nobody has photographed it now
+    (right / "old.dng").write_bytes(benches.frame_bytes(50))  # an older file is not the new photograph
     count = iter(range(1, 100))
 
     def photograph(ask: Ask):
@@ -348,10 +348,10 @@ def test_a_wrong_folder_of_photographs_is_corrected_within_the_run(tmp_path, ben
     assert ["there is no folder" in one.reason for one in events(operator, ProblemEvent)] == [True, False]
 
 
-def test_a_second_run_cannot_have_the_bench(tmp_path):
+def test_a_second_run_cannot_use_the_bench(tmp_path):
     lab = StationLab(sessions=tmp_path / "sessions", config=None)
     first = lab.begin("pattern", "C", "L", ScriptedOperator({"paper": stopping}))
-    with pytest.raises(BadParameter, match="has the bench already"):
+    with pytest.raises(BadParameter, match="in use by another run"):
         lab.begin("pattern", "C", "L", ScriptedOperator())
     assert first.go().how == "stopped"
     lab.begin("pattern", "C", "L", ScriptedOperator({"paper": stopping})).go()
@@ -363,7 +363,7 @@ def stopping(ask: Ask):
     raise Stopped
 
 
-def test_a_finished_session_of_a_plan_without_a_step_is_not_begun_again(bench, session):
+def test_a_finished_session_of_a_plan_without_a_step_is_not_restarted(bench, session):
     plan = benches.short_plan()
     Run(plan, bench, session, ScriptedOperator({"width": 5.0})).go()
     first, *others = plan.steps

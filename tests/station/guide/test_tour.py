@@ -1,4 +1,4 @@
-"""A tour of places: one shot that counts at each, corrections, places left out, interruptions."""
+"""A tour of places: one shot that counts at each, corrections, skipped places, interruptions."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def at_mm(session):
     return [shot.snapshot["axes"]["z_mm"] for shot in session.state.counting()]
 
 
-def test_every_place_is_gone_to_and_photographed_once(bench, session):
+def test_every_place_is_visited_and_photographed_once(bench, session):
     assert Run(tour_plan(), bench, session, ScriptedOperator()).go().how == "finished"
     assert shots(session) == [(name, True) for name in PLACES_MM]
     assert at_mm(session) == pytest.approx(list(PLACES_MM.values()), abs=0.05)
 
 
 @pytest.mark.slow
-def test_what_the_check_advises_is_followed_before_the_next_try(bench, session):
+def test_advice_of_the_check_is_carried_out_before_the_next_try(bench, session):
     def check(name, facts):
         off = PLACES_MM[name] - facts["at_z_mm"]
         return Advice(abs(off) < 0.1, "off its place", moves={"z_mm": off})
@@ -64,10 +64,10 @@ def test_what_the_check_advises_is_followed_before_the_next_try(bench, session):
     Run(tour_plan(check, off_mm=7.0), bench, session, operator).go()
     assert shots(session) == [(name, counts) for name in PLACES_MM for counts in (False, True)]
     assert at_mm(session) == pytest.approx(list(PLACES_MM.values()), abs=0.05)
-    assert {ask.key for ask in operator.asked} <= {"move"}  # it is asked before it moves, and for nothing else
+    assert {ask.key for ask in operator.asked} <= {"move"}  # only the approvals of moves
 
 
-def test_without_axes_the_operator_is_told_where_to(bench, session):
+def test_without_axes_the_operator_is_asked_to_move(bench, session):
     go = Go(lambda facts: {}, lambda facts: "Turn the camera to the left.")
     stops = [TourStop("left", go, lambda frame, facts: Advice(True, "good"))]
     plan = Plan("short", "A tour", (Step("tour", "Tour", "Go.", (Tour(lambda facts: stops),)),))
@@ -77,14 +77,14 @@ def test_without_axes_the_operator_is_told_where_to(bench, session):
     assert shots(session) == [("left", True)]
 
 
-def test_a_place_where_no_shot_counts_is_left_out_with_its_reason(bench, session):
+def test_a_place_where_no_shot_counts_is_skipped_with_its_reason(bench, session):
     operator = ScriptedOperator()
     plan = tour_plan(lambda name, facts: Advice(name != "middle", "glare"))
     assert Run(plan, bench, session, operator).go().how == "finished"
     assert [shot.purpose for shot in session.state.counting()] == ["near", "far"]
     assert [shot.reason for shot in session.state.shots if not shot.counts] == ["glare", "glare"]
-    told = [event.say for event in operator.heard if isinstance(event, ProgressEvent)]
-    assert "middle is left out: glare" in told
+    says = [event.say for event in operator.heard if isinstance(event, ProgressEvent)]
+    assert "middle is skipped: glare" in says
     lines = (session.folder / "journal.jsonl").read_text().splitlines()
     (line,) = (line for line in map(json.loads, lines) if line["event"] == "left_out")
     assert (line["place"], line["reason"]) == ("middle", "glare")
@@ -97,7 +97,7 @@ def test_the_operator_may_try_a_place_again(bench, session):
     assert shots(session).count(("middle", False)) == 4
 
 
-def test_the_operator_may_stop_at_a_place_and_goes_on_there(bench, session):
+def test_the_operator_may_stop_at_a_place_and_resumes_there(bench, session):
     operator = ScriptedOperator({"place": "stop"})
     plan = tour_plan(lambda name, facts: Advice(name != "middle", "glare"))
     assert Run(plan, bench, session, operator).go().how == "stopped"
@@ -109,7 +109,7 @@ def test_the_operator_may_stop_at_a_place_and_goes_on_there(bench, session):
         assert sum(shot.purpose == "near" for shot in again.state.shots) == 1
 
 
-def test_a_shot_that_an_interruption_left_unjudged_is_judged_and_not_taken_again(bench, session):
+def test_a_shot_left_unchecked_by_an_interruption_is_checked_and_not_repeated(bench, session):
     def power_cut(name, facts):
         raise KeyboardInterrupt
 

@@ -1,4 +1,4 @@
-"""Whatever goes wrong on a bench, a run ends in order, and the session keeps every photograph that was taken in."""
+"""After any fault of the bench a run ends in order, and the session keeps every photograph."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SEEDS = [int(os.environ["STATION_SCENARIO"])] if "STATION_SCENARIO" in os.enviro
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
-def test_random_trouble_ends_in_order(tmp_path, seed):
+def test_runs_with_random_faults_end_in_order(tmp_path, seed):
     faults, mishaps = random_trouble(seed)
     operator = ScriptedOperator({"trouble": lambda ask: "try again" if operator.count("trouble") % 4 else "skip"})
     with benches.quick_bench(tmp_path, faults=faults, mishaps=mishaps, seed=seed) as bench:

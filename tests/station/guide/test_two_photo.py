@@ -1,4 +1,4 @@
-"""The plan of the two photographs with no bench at all: the operator photographs, files come into a folder."""
+"""The plan of the two photographs without a bench: the operator photographs, and the files arrive in a folder."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def photographed(wall, px, texels_per_px, rng):
     soft = cv2.GaussianBlur(wall, (0, 0), 0.5 * texels_per_px)
     corner = len(wall) / 2 - texels_per_px * (px - 1) / 2
     H = np.array([[texels_per_px, 0, corner], [0, texels_per_px, corner]])
-    seen = cv2.warpAffine(soft, H, (px, px), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
-    return np.clip((0.85 * seen + rng.normal(0, 0.002, seen.shape)) * 65535, 0, 65535).astype(np.uint16)
+    image = cv2.warpAffine(soft, H, (px, px), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
+    return np.clip((0.85 * image + rng.normal(0, 0.002, image.shape)) * 65535, 0, 65535).astype(np.uint16)
 
 
 @pytest.mark.slow
