@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from procedures.psf import Psf, PsfTail
     from procedures.psf_field import CoefficientModel, Node, PsfField
     from procedures.quality import Diffraction, Quality, assess, otf
-    from procedures.raw import Exposure, Felt, Plane, RawFrame, read_frame
+    from procedures.raw import Exposure, ImuRecord, Plane, RawFrame, read_frame
     from procedures.ray_histogram.film import Film
     from procedures.ray_histogram.film_files import read_film
     from procedures.ray_histogram.filter import FilterParameters
@@ -98,9 +98,9 @@ if TYPE_CHECKING:
 __all__ = [
     "BadInput", "BadParameter", "BendSettings", "BlurSpec", "CameraNumbers", "Chart", "ChartSighting", "ChartView",
     "CoefficientModel", "Correction", "CorrectionParameters", "DefocusBeside", "DepthUnit", "Diffraction",
-    "DumpLayout", "EdgeMtf", "EdgeOutcome", "EdgeSettings", "Exposure", "Felt", "Film", "FilterParameters",
+    "DumpLayout", "EdgeMtf", "EdgeOutcome", "EdgeSettings", "Exposure", "Film", "FilterParameters",
     "FilteredFilm", "FrameStack", "FreeKernelSettings", "FreeKernels",
-    "Geometry", "GeometryParameters", "GroundTruth", "GroundTruthLimits",
+    "Geometry", "GeometryParameters", "GroundTruth", "GroundTruthLimits", "ImuRecord",
     "JointRound", "JointSettings", "KernelBeginning", "KnownShapes",
     "LightLevel", "MapLike", "MaskField", "MaskStack", "MatchingSettings", "MeasuredShape", "MotionShapes",
     "MovedSettings", "Node", "OcclusionSettings",
@@ -142,7 +142,7 @@ _PLACES = {
     "EdgeOutcome": "slanted_edge.estimate",
     "EdgeSettings": "restoration.joint.depth_edges",
     "Exposure": "raw",
-    "Felt": "raw",
+    "ImuRecord": "raw",
     "Film": "ray_histogram.film",
     "FilterParameters": "ray_histogram.filter",
     "FilteredFilm": "ray_histogram.multiscale",

@@ -1,4 +1,4 @@
-"""What any procedure advises about light and exposure, whatever it photographs. Pure: levels in, advice out."""
+"""Advice on light and exposure for every procedure, as pure functions of levels."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from procedures.plan import Advice, Fact, Reading
 from procedures.raw import Exposure, Plane
 
 WHITE, DARKEST, BRIGHTEST = 0.8, 0.55, 0.9
-"""Where white should lie on the sensor's scale, and between which it is good."""
+"""Target of white on the sensor's scale, and the accepted range."""
 MOST_CLIPPED = 0.005
-"""Share of the white samples that may be at the end of the scale: glints, dust, hot pixels."""
+"""Accepted fraction of clipped samples: glints, dust, hot pixels."""
 BASE_ISO = 100.0
 LONGEST_S = 2.0
-"""Exposures longer than this are not proposed: more light is."""
+"""Longest proposed exposure time; beyond it, more light is proposed."""
 TILES = 64
-"""The brightest paper is looked for in this many tiles along the frame's longer side."""
+"""Tiles along the frame's longer side in which the brightest paper is searched for."""
 
 
 def nominal_times_s() -> list[float]:
-    """Exposure times that cameras have: thirds of stops from 30 s to 1/8000 s, as they are written on the dial."""
+    """Nominal exposure times of cameras: thirds of stops from 30 s to 1/8000 s."""
     whole = [30, 15, 8, 4, 2, 1, 1 / 2, 1 / 4, 1 / 8, 1 / 15, 1 / 30, 1 / 60, 1 / 125, 1 / 250, 1 / 500, 1 / 1000]
     whole += [1 / 2000, 1 / 4000]
     thirds = [25, 20, 13, 10, 6, 5, 3.2, 2.5, 1.6, 1.3, 0.8, 0.6, 0.4, 0.3, 1 / 5, 1 / 6, 1 / 10, 1 / 13, 1 / 20]
@@ -34,28 +34,28 @@ def nominal_times_s() -> list[float]:
 
 
 def time_words(seconds: float) -> str:
-    """An exposure time as it stands on the camera: 1/50 s, 0.4 s, 2 s."""
+    """An exposure time as displayed by cameras: 1/50 s, 0.4 s, 2 s."""
     return f"{seconds:g} s" if seconds >= 0.29 else f"1/{round(1 / seconds)} s"
 
 
 def paper_level(plane: Plane) -> tuple[float, float]:
-    """Level of the brightest tile of the frame, and the share of it that is clipped: for want of a chart."""
+    """Level of the brightest tile of a frame without a chart, and its clipped fraction."""
     rows, columns = plane.samples.shape
     side = max(1, max(rows, columns) // TILES)
-    kept = plane.samples[: rows // side * side, : columns // side * side]
-    tiles = kept.reshape(rows // side, side, columns // side, side).swapaxes(1, 2).reshape(-1, side * side)
+    cropped = plane.samples[: rows // side * side, : columns // side * side]
+    tiles = cropped.reshape(rows // side, side, columns // side, side).swapaxes(1, 2).reshape(-1, side * side)
     tile = tiles[int(np.argmax(np.median(tiles, axis=1)))]
     return float(np.median(tile)), float(np.mean(tile >= NOMINAL))
 
 
 def exposure_advice(level: float, clipped: float, exposure: Exposure, subject: str = "White") -> Advice:
-    """How to expose so that white lies at 80 % of the scale.
+    """Advice on the exposure for white at 80 % of the scale.
 
     Parameters
     ----------
     level : of white in the brightest plane, 1 at saturation
-    clipped : share of its samples at saturation
-    subject : what is to lie there
+    clipped : fraction of its samples at saturation
+    subject : name of what is exposed for
     """
     readings = (
         Reading(subject.lower(), 100 * level, "%", 100 * DARKEST, 100 * BRIGHTEST),
@@ -74,22 +74,22 @@ def exposure_advice(level: float, clipped: float, exposure: Exposure, subject: s
     )
 
 
-def _change(stops: float, found: str, exposure: Exposure, readings: tuple[Reading, ...]) -> Advice:
-    """Advice to expose by so many stops more."""
+def _change(stops: float, finding: str, exposure: Exposure, readings: tuple[Reading, ...]) -> Advice:
+    """Advice to change the exposure by this number of stops."""
     seconds = exposure.exposure_s
     if seconds is None:
         more = "more" if stops > 0 else "less"
-        say = f"{found}: expose {abs(stops):.1f} stops {more}."
+        say = f"{finding}: expose {abs(stops):.1f} stops {more}."
         return Advice(False, say, readings, by_hand={"exposure_ev": stops})
     proposed = min(nominal_times_s(), key=lambda t: abs(math.log2(t / seconds) - stops))
     if proposed > LONGEST_S and stops > 0:
-        return Advice(False, f"{found}: put more light on it, {2**stops:.1g} times as much.", readings)
-    say = f"{found}: set the exposure time from {time_words(seconds)} to {time_words(proposed)}."
+        return Advice(False, f"{finding}: increase the light to {2**stops:.1g} times as much.", readings)
+    say = f"{finding}: set the exposure time from {time_words(seconds)} to {time_words(proposed)}."
     return Advice(False, say, readings, by_hand={"exposure_ev": math.log2(proposed / seconds)})
 
 
 def _lower_iso(level: float, exposure: Exposure, readings: tuple[Reading, ...], subject: str) -> Advice:
-    """Advice to set the base ISO, where the exposure does not get too long by it."""
+    """Advice to set the base ISO, unless the exposure time becomes too long."""
     assert exposure.iso is not None
     factor = exposure.iso / BASE_ISO
     if exposure.exposure_s is None or exposure.exposure_s * factor > LONGEST_S:
@@ -97,20 +97,20 @@ def _lower_iso(level: float, exposure: Exposure, readings: tuple[Reading, ...], 
         return Advice(True, say, readings, facts=_noted(exposure))
     seconds = exposure.exposure_s * factor * WHITE / level
     proposed = min(nominal_times_s(), key=lambda t: abs(math.log2(t / seconds)))
-    say = f"Set ISO {BASE_ISO:g} and the exposure time to {time_words(proposed)}: that is less noise."
+    say = f"Set ISO {BASE_ISO:g} and the exposure time to {time_words(proposed)} for less noise."
     change = math.log2(proposed / exposure.exposure_s)
     return Advice(False, say, readings, by_hand={"exposure_ev": change, "iso_ev": -math.log2(factor)})
 
 
 def _noted(exposure: Exposure) -> dict[str, Fact]:
-    """What the camera wrote about the shot, as facts."""
+    """The camera's metadata of the shot, as facts."""
     names = ("camera", "lens", "exposure_s", "iso", "f_number", "focal_length_mm", "pixel_pitch_um")
-    told = asdict(exposure)
-    return {name: told[name] for name in names if told[name] is not None}
+    metadata = asdict(exposure)
+    return {name: metadata[name] for name in names if metadata[name] is not None}
 
 
 def changed_settings(exposure: Exposure, known: CameraFacts) -> str:
-    """Which of the camera's settings are not as in the trial that was found good; "" where all are."""
+    """The first camera setting that differs from the accepted trial frame, or ""."""
     settings = (
         ("exposure time", " s", known.exposure_s, exposure.exposure_s),
         ("ISO", "", known.iso, exposure.iso),
@@ -118,5 +118,5 @@ def changed_settings(exposure: Exposure, known: CameraFacts) -> str:
     )
     for words, unit, before, now in settings:
         if before is not None and now is not None and abs(math.log2(now / before)) > 0.1:
-            return f"the {words} is {now:g}{unit} in place of {before:g}{unit}"
+            return f"the {words} is {now:g}{unit} instead of {before:g}{unit}"
     return ""

@@ -1,8 +1,7 @@
-"""What is known while a plan is carried out, typed: the journal's facts by name become one frozen dataclass a plan.
+"""Typed facts of a plan: the facts in the journal, by name, become one frozen dataclass per plan.
 
-A session keeps facts by name, as JSON can hold them. A plan reads them at its door into its own dataclass: a field for
-each name, None where it is not known. What a fact was derived from stands beside its field, so that it is dropped when
-one of these inputs changes.
+A session stores facts by name as JSON. A plan reads them into its dataclass, with one field per name, None where it is
+unknown. Each field declares the inputs from which the fact is derived; the fact is dropped when one of them changes.
 """
 
 from __future__ import annotations
@@ -20,30 +19,30 @@ K = TypeVar("K")
 T = TypeVar("T")
 AT, LOW, HIGH = "at_", "low_", "high_"
 INSISTED = "insisted_"
-"""Before a name: the fact that the operator's answer holds against what contradicts it."""
+"""Prefix of a name: the operator confirmed that answer despite a contradiction."""
 INPUTS, GATHERED = "inputs", "gathered"
 
 
 @dataclass(frozen=True)
 class AxisTravel:
-    """Where an axis is, and the ends of its travel, in the unit that its name carries; None where it is not known."""
+    """Position and travel limits of an axis in the unit of its name; None where unknown."""
 
     at: float | None = None
     low: float | None = None
     high: float | None = None
 
     def nearest(self, place: float) -> float:
-        """The place of its travel that is nearest to this one."""
+        """The nearest position within the travel."""
         low, high = -math.inf if self.low is None else self.low, math.inf if self.high is None else self.high
         return min(max(place, low), high)
 
     def holds(self, place: float) -> bool:
-        """Whether it can go there."""
+        """Whether the position is within the travel."""
         return self.nearest(place) == place
 
     @property
     def middle(self) -> float | None:
-        """Of its travel."""
+        """Middle of the travel."""
         return None if self.low is None or self.high is None else (self.low + self.high) / 2
 
 
@@ -55,30 +54,30 @@ def axes_of(facts: Facts) -> dict[str, AxisTravel]:
 
 
 def insisted_of(facts: Facts) -> frozenset[str]:
-    """The names on whose values the operator insists."""
+    """Names of the answers that the operator confirmed despite a contradiction."""
     return frozenset(name.removeprefix(INSISTED) for name in facts if name.startswith(INSISTED) and facts[name])
 
 
 def gathered(read: Callable[[Facts], Any], *inputs: str, prefix: str = "") -> Any:
-    """A field that is read from several facts, whose names all begin with `prefix`; it is derived from `inputs`."""
+    """A field read from several facts whose names begin with `prefix`, and derived from `inputs`."""
     return field(default_factory=lambda: read({}), metadata={GATHERED: (read, prefix), INPUTS: inputs})
 
 
 def derived_from(*inputs: str) -> Any:
-    """A field that is None where it is not known, and not known any more when one of these facts changes."""
+    """A field that is dropped when one of these facts changes."""
     return field(default=None, metadata={INPUTS: inputs})
 
 
 @dataclass(frozen=True)
 class CameraFacts:
-    """What any plan knows of its camera and rig: as the camera noted it, or as it was typed."""
+    """Facts of every plan about camera and rig, from the camera's metadata or from the operator."""
 
     camera: str | None = None
     lens: str | None = None
     exposure_s: float | None = None
     iso: float | None = None
     f_number: float | None = None
-    """As the camera noted it."""
+    """From the camera's metadata."""
     focal_length_mm: float | None = None
     pixel_pitch_um: float | None = None
     distance_mm: float | None = None
@@ -87,17 +86,17 @@ class CameraFacts:
     insisted: frozenset[str] = gathered(insisted_of)
 
     def where(self) -> dict[str, float]:
-        """Where the axes are, of those that tell."""
+        """Positions of the axes, where known."""
         return {name: axis.at for name, axis in self.axes.items() if axis.at is not None}
 
 
 def facts_as(kind: type[K], facts: Facts) -> K:
-    """The facts of a plan, each of its own type; what is not known keeps its field's default.
+    """The typed facts of a plan; unknown ones keep the default of their field.
 
     Raises
     ------
     BadParameter
-        If a value is none of its field's kind, naming it.
+        If a value has the wrong type.
     """
     read: dict[str, Any] = {}
     for name, (wanted, metadata) in _fields(kind).items():
@@ -109,7 +108,7 @@ def facts_as(kind: type[K], facts: Facts) -> K:
 
 
 def required(value: T | None, words: str, remedy: str) -> T:
-    """The value of something that must be known. Raises BadParameter where it is not."""
+    """The value if it is known. Raises BadParameter otherwise."""
     if value is None:
         raise BadParameter(f"{words} is not known", remedy)
     return value
@@ -117,14 +116,14 @@ def required(value: T | None, words: str, remedy: str) -> T:
 
 def number(facts: Facts, name: str) -> float:
     """A fact that must be a number. Raises BadParameter."""
-    return required(_number_or_none(facts, name), name, "take the step again that tells it")
+    return required(_number_or_none(facts, name), name, "repeat the step that measures it")
 
 
 def dropped(kind: type[Any], changed: Collection[str], known: Collection[str]) -> frozenset[str]:
-    """The names of known facts that were derived from the changed ones, or from what was derived from these."""
-    found: set[str] = set()
+    """Names of the known facts derived, directly or indirectly, from the changed ones."""
+    derived: set[str] = set()
     while True:
-        inputs = {*changed, *found}
+        inputs = {*changed, *derived}
         more = {
             name
             for own, (_, metadata) in _fields(kind).items()
@@ -133,30 +132,30 @@ def dropped(kind: type[Any], changed: Collection[str], known: Collection[str]) -
             if name == own or (GATHERED in metadata and (start := metadata[GATHERED][1]) and name.startswith(start))
         }
         if more <= inputs:
-            return frozenset(found - set(changed))
-        found |= more
+            return frozenset(derived - set(changed))
+        derived |= more
 
 
 def _fields(kind: type[Any]) -> Mapping[str, tuple[Any, Mapping[str, Any]]]:
-    """By name: of what type a fact is, and what is declared of it."""
+    """Type and metadata of each field by name."""
     hints = get_type_hints(kind)
     return {one.name: (_plain(hints[one.name]), one.metadata) for one in fields(kind)}
 
 
 def _plain(hint: Any) -> Any:
-    """The type of a value that may be None."""
+    """The type without None."""
     return next((one for one in get_args(hint) if one is not NoneType), hint) if NoneType in get_args(hint) else hint
 
 
 def _as(wanted: type[Fact], name: str, value: Fact) -> Fact:
-    """A fact as what it is meant to be. Raises BadParameter."""
+    """A fact converted to its type. Raises BadParameter."""
     if wanted in (float, int) and isinstance(value, float | int) and not isinstance(value, bool):
         if math.isfinite(value) and (wanted is float or value == int(value)):
             return float(value) if wanted is float else int(value)
     elif isinstance(value, wanted):
         return value
     words = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}[wanted]
-    raise BadParameter(f"{name} must be {words}; got {value!r}", "correct it where it was given")
+    raise BadParameter(f"{name} must be {words}; got {value!r}", "correct it where it was entered")
 
 
 def _number_or_none(facts: Facts, name: str) -> float | None:

@@ -1,8 +1,8 @@
-"""What a guided procedure asks of operator and bench, as data: one plan for the terminal, for batch runs and tests.
+"""Guided procedures as data: one plan for the terminal, batch runs and tests.
 
-A plan is a list of steps, a step a list of requests. Whoever runs a plan (`station.guide.run`) carries the requests
-out in order and keeps what they teach as facts, by name, for the requests that follow. Requests that depend on facts
-hold functions of them; those functions are pure, so that replaying a session asks the same things again.
+A plan is a list of steps, a step a list of requests to operator and bench. `station.guide.run` carries out the requests
+in order and stores their results as facts, by name, for the following requests. Requests that depend on facts hold
+functions of them; these are pure, so that a replayed session asks the same questions.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from procedures.raw import RawFrame
 
 Fact = str | float | bool
 Facts = Mapping[str, Fact]
-"""What is known so far: answers of the operator, what checks learned, what the bench said. JSON can hold it.
+"""Known facts: answers of the operator, results of checks, state of the bench. They can be stored as JSON.
 
-With a frame come facts of its moment: for every axis where it is and the ends of its travel, `at_z_mm`, `low_z_mm`,
-`high_z_mm` and so on; `distance_mm` where a rangefinder measured.
+With a frame come the facts at its time: position and travel limits of every axis (`at_z_mm`, `low_z_mm`, `high_z_mm`,
+...), and `distance_mm` where a rangefinder measured.
 """
 Outcomes = Mapping[str, Outcome[Any]]
-"""What was found, by plane."""
+"""Outcomes by plane."""
 Known = MutableMapping[Hashable, Outcome[Any]]
-"""What was estimated already, by all that it depends on: the photograph's hash, plane, chart, settings. A run holds one
-from its first shot to its report, so that no plane of a photograph is estimated twice.
+"""Cache of estimates, keyed by all that they depend on: the photograph's hash, plane, chart, settings. A run holds one,
+so that no plane of a photograph is estimated twice.
 """
 
 
 @dataclass(frozen=True)
 class Reading:
-    """A live number with what it should be: `low` and `high` are the tolerance, None where there is no limit."""
+    """A live number with its tolerance from `low` to `high`; None is no limit."""
 
     name: str
     value: float
@@ -49,19 +49,19 @@ class Reading:
 
 @dataclass(frozen=True)
 class Advice:
-    """What a look at a frame says.
+    """Result of the check of a frame.
 
     Attributes
     ----------
-    good : whether the step may go on
-    say : one sentence: what to do next, or what was found where all is good
+    good : whether the step may continue
+    say : one sentence: what to do next, or the finding where all is good
     readings : the live numbers behind it
-    moves : by axis (`z_mm`, `pan_deg`, ...), how far to move from here so that it becomes good; a bench that has
-        these axes moves by itself, otherwise the operator does what `say` says
-    by_hand : what `say` asks of the operator's hands, in numbers (`chart_yaw_deg`, `exposure_ev`, ...)
-    facts : what later requests shall know
+    moves : relative moves by axis (`z_mm`, `pan_deg`, ...) that correct it; a bench with these axes moves by itself,
+        otherwise the operator does what `say` says
+    by_hand : manual changes requested by `say`, in numbers (`chart_yaw_deg`, `exposure_ev`, ...)
+    facts : facts for later requests
     marks : (n, 2) points (x, y) of the plane to show on the preview
-    doubted : keys of what was asked, one of which cannot be right: `say` tells what contradicts what, no move mends it
+    contradictory : keys of answers one of which must be wrong, as `say` explains; no move corrects that
     """
 
     good: bool
@@ -71,7 +71,7 @@ class Advice:
     by_hand: Mapping[str, float] = field(default_factory=dict)
     facts: Facts = field(default_factory=dict)
     marks: tuple[tuple[float, float], ...] = ()
-    doubted: tuple[str, ...] = ()
+    contradictory: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ class Diagram:
 
     Attributes
     ----------
-    label : what is drawn over what
-    x, y : (n,) x rising
-    say : one or two sentences: what it means
-    rows : the same as a table, its headings first
+    label : quantities of the axes
+    x, y : (n,) x increasing
+    say : its meaning in one or two sentences
+    rows : the curve as a table, headings first
     """
 
     label: str
@@ -98,15 +98,13 @@ class Diagram:
 
 @dataclass(frozen=True)
 class Ask:
-    """A question to the operator; the answer becomes the fact `key`. Not asked where `when`, of what is known, says no.
+    """A question to the operator; the answer becomes the fact `key`. Asked only if `when(facts)`.
 
-    `kind` "confirm" is answered by True when it is done, "number" by a float within [low, high] in `unit`, "text" by
-    a line, "choice" by one of `choices`. The default is what is known under `key` already, else what `proposed` derives
-    from what is known, else `default`. Not asked
-    either where `given`, of what is known and what the bench has (`HAS_SHAKER`, `HAS_IMU`), tells the answer. `check`,
-    of an answer and what is known, raises ProcedureError where it cannot be taken: it is said, and asked again.
-    `names_file` tells which parts of an answer, with ; between them, are names of files: whoever runs the plan keeps
-    copies, and these are the answer.
+    `kind` "confirm" is answered by True when done, "number" by a float within [low, high] in `unit`, "text" by a line,
+    "choice" by one of `choices`. The default is the known fact `key`, else `proposed(facts)`, else `default`. Not asked
+    where `given(facts)`, of facts including the equipment (`HAS_SHAKER`, `HAS_IMU`), gives the answer. `check(answer,
+    facts)` raises ProcedureError for an invalid answer; the question is then repeated. `names_file` is true of those
+    parts of an answer, separated by ";", that are names of files: the session stores copies, which replace them.
     """
 
     key: str
@@ -125,14 +123,14 @@ class Ask:
 
 
 HAS_SHAKER = "has_shaker"
-"""The fact that the bench has something that carries the camera around a path."""
+"""The fact that the bench has a shaker, which moves the camera around a path."""
 HAS_IMU = "has_imu"
 """The fact that the bench has an IMU."""
 
 
 @dataclass(frozen=True)
 class Shake:
-    """A closed path, once around in `round_s`: by axis, shares of the shaker's strokes at equal times."""
+    """A closed path with the period `round_s`: by axis, fractions of the shaker's strokes at equal intervals."""
 
     round_s: float
     shares: Mapping[str, tuple[float, ...]]
@@ -140,7 +138,7 @@ class Shake:
 
 @dataclass(frozen=True)
 class Give:
-    """A file for the operator, such as the chart to print; `say` tells what to do with it, given its path."""
+    """A file for the operator, such as the chart to print; `say(path)` is the instruction."""
 
     name: str
     make: Callable[[Facts], bytes]
@@ -149,20 +147,20 @@ class Give:
 
 @dataclass(frozen=True)
 class Show:
-    """Show a curve that the facts tell, before something is chosen by it; None is nothing to show."""
+    """Show a curve before a choice that depends on it; None shows nothing."""
 
     diagram: Callable[[Facts], Diagram | None]
 
 
 @dataclass(frozen=True)
 class Home:
-    """Let every stage of the bench find its reference; nothing where the bench has none."""
+    """Home every stage of the bench, if any."""
 
 
 @dataclass(frozen=True)
 class Go:
-    """Move to the places that the facts tell, by axis. Where the bench cannot, the operator does what `say` says; "" is
-    nothing to do. `by_hand` is what `say` asks of the operator's hands, in numbers.
+    """Move to the positions `to(facts)`, by axis. Where the bench cannot, the operator does what `say` says; "" is
+    nothing to do. `by_hand` gives the manual changes requested by `say`, in numbers.
     """
 
     to: Callable[[Facts], Mapping[str, float]]
@@ -172,22 +170,22 @@ class Go:
 
 @dataclass(frozen=True)
 class SetLight:
-    """Set the lamp to a level in [0, 1]; nothing where the bench has none."""
+    """Set the lamp, if any, to a level in [0, 1]."""
 
     level: Callable[[Facts], float]
 
 
 @dataclass(frozen=True)
 class Measure:
-    """Ask the rangefinder; the facts become `distance_mm`, its reading. Nothing where the bench has none."""
+    """Read the rangefinder, if any; the reading becomes the fact `distance_mm`."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """Expose a trial frame when the rig is still, check it, mend what the check says, and look again until it is good.
+    """Expose a trial frame of the settled rig, check it, correct as advised, and repeat until it is good.
 
-    `check(frame, facts)` is pure. After `tries` looks the operator decides: look again, go on with what is, or stop.
-    `rests_on` are the keys of what was asked and its moves are reckoned from. Left out where `when` says no.
+    `check(frame, facts)` is pure. After `tries` looks the operator decides: look again, go on unchanged, or stop.
+    `rests_on` are the keys of the answers from which its moves are computed. Skipped unless `when(facts)`.
     """
 
     purpose: str
@@ -199,10 +197,10 @@ class Look:
 
 @dataclass(frozen=True)
 class Scan:
-    """Expose a trial frame at each of several settings of one axis, then go to the best of them.
+    """Expose a trial frame at each of several settings of one axis, then go to the best.
 
-    `places(facts)` are the settings; `score(frame, facts)` is one number per frame, larger is better, NaN where it
-    cannot be told; `choose(places, scores)` says where to go. Where the bench has not the axis, the operator sets it.
+    `places(facts)` are the settings; `score(frame, facts)` is one number per frame, larger is better, NaN where it is
+    unknown; `choose(places, scores)` gives the best. Where the bench lacks the axis, the operator sets it.
     """
 
     purpose: str
@@ -215,12 +213,11 @@ class Scan:
 
 @dataclass(frozen=True)
 class Shoot:
-    """Take shots that count until they are enough. A shot that `check` refuses is kept, but does not count.
+    """Take shots until `enough`. A shot that `check` refuses is stored, but does not count.
 
-    `estimate(frame, facts, results, known)` is what a shot gives, beside the results of the shots before it.
-    `enough(results, facts)`: from the outcomes of `estimate` of the shots so far, whether to go on. `record_motion`:
-    the IMU is recorded during each exposure, which is not waited for until the rig is still. `shake` is what a shaker
-    does meanwhile, where the bench has one.
+    `estimate(frame, facts, results, known)` estimates from a shot, given the results of the earlier ones.
+    `enough(results, facts)` decides from the estimates so far whether to continue. `record_motion` records the IMU
+    during each exposure, without waiting for the rig to settle. `shake` is the path of the shaker meanwhile, if any.
     """
 
     purpose: str
@@ -234,9 +231,9 @@ class Shoot:
 
 @dataclass(frozen=True)
 class TourStop:
-    """One place of a tour: its name, which its shots bear as their purpose; how to get there; whether a shot counts.
+    """One place of a tour: its name, which is the purpose of its shots, the move to it, and the check of a shot.
 
-    What `check` advises against a shot is followed before the next try.
+    The advice of a failing `check` is carried out before the next try.
     """
 
     name: str
@@ -246,10 +243,10 @@ class TourStop:
 
 @dataclass(frozen=True)
 class Tour:
-    """One shot that counts at each of several places. A place that has one already is not visited again.
+    """One shot that counts at each of several places. Places that have one are not visited again.
 
-    `stops` is a function of what was known before the tour, so that an interrupted one goes on with the same places.
-    After `tries` shots that do not count the operator decides: leave the place out, try again, or stop.
+    `stops` depends on facts known before the tour, so that a resumed tour has the same places. After `tries` shots that
+    do not count the operator decides: skip the place, try again, or stop.
     """
 
     stops: Callable[[Facts], Sequence[TourStop]]
@@ -258,21 +255,18 @@ class Tour:
 
 @dataclass(frozen=True)
 class Estimate:
-    """Draw the result from all shots that count, by plane, and judge it; `known` is what their judging gave.
+    """Compute the result from all shots that count, by plane; `known` caches the estimates made so far.
 
-    `tells` is what later requests shall know, of what was found by plane.
+    `facts_from` gives facts for later requests from the results by plane.
     """
 
     estimate: Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
-    tells: Callable[[Mapping[str, Any]], Facts] = lambda found: {}
+    facts_from: Callable[[Mapping[str, Any]], Facts] = lambda found: {}
 
 
 @dataclass(frozen=True)
 class Decide:
-    """Show the verdict and ask the operator: accept, or retake, which goes back to the step named.
-
-    `again` tells, of what is known, whether to retake is what is usually meant.
-    """
+    """Ask the operator to accept the result or to retake from the step `retake`, the default if `again(facts)`."""
 
     retake: str
     again: Callable[[Facts], bool] = lambda facts: False
@@ -283,11 +277,10 @@ Request = Ask | Give | Show | Home | Go | SetLight | Measure | Look | Scan | Sho
 
 @dataclass(frozen=True)
 class Step:
-    """One entry of the guide's rail: a word for it, what it is about in a sentence or two, and its requests.
+    """One step of a plan: title, instruction in a sentence or two, and requests.
 
-    `drawing` shows what to do, in lines of ASCII (`procedures.drawings`), until the step has a photograph; `gave` is
-    what the step gave, in at most twelve characters ("s/t 1.28"), of what is known; "" where it gave no number. Nothing
-    of it is asked or done where `when`, of what is known, says no.
+    `drawing` illustrates the step in lines of ASCII (`procedures.drawings`) until it has a photograph; `gave(facts)` is
+    its value in at most twelve characters ("s/t 1.28"), or "". The step is skipped unless `when(facts)`.
     """
 
     name: str
@@ -301,11 +294,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Plan:
-    """A guided procedure. `name` is what sessions and procedure files call it.
+    """A guided procedure. `name` identifies it in sessions and procedure files.
 
-    `subject` is what it photographs: a simulated bench stands before that. "chart", "frame" (the chart, small in the
-    frame), "tilt" (the same, by a tilted sensor), "wall", "depth" or "panel".
-    `facts` is the dataclass of what it knows (`procedures.facts`), where it has one.
+    `subject` is the subject of its photographs, for simulated benches: "chart", "frame" (the chart, small in the
+    frame), "tilt" (the same with a tilted sensor), "wall", "depth" or "panel". `facts` is the dataclass of its facts
+    (`procedures.facts`), if any.
     """
 
     name: str
@@ -315,12 +308,12 @@ class Plan:
     facts: type[Any] | None = None
 
     def asks(self) -> dict[str, Ask]:
-        """All its questions, by their keys."""
+        """All questions by key."""
         requests = (request for step in self.steps for request in step.requests)
         return {request.key: request for request in requests if isinstance(request, Ask)}
 
     def step(self, name: str) -> Step:
-        """The step of that name. Raises KeyError."""
+        """The step by name. Raises KeyError."""
         for step in self.steps:
             if step.name == name:
                 return step

@@ -25,7 +25,7 @@ from procedures.reading.grey_image import (
 )
 from procedures.reading.guard import Room, decoding, open_file, read_file
 from procedures.reading.library_noise import captured_noise
-from procedures.reading.motion_records import Carried, Felt
+from procedures.reading.motion_records import ImuRecord, ShakerPath
 from procedures.reading.sensor_dump import DumpLayout, has_raw_header
 from procedures.reading.stuck_pixels import no_pixels, stuck_pixels
 from procedures.reading.tiff_tags import (
@@ -42,11 +42,11 @@ from procedures.reading.tiff_tags import (
 __all__ = [
     "GREY_PLANE",
     "MOSAIC_PLANES",
-    "Carried",
     "Exposure",
-    "Felt",
+    "ImuRecord",
     "Plane",
     "RawFrame",
+    "ShakerPath",
     "default_plane",
     "read_frame",
     "read_photograph",
@@ -107,15 +107,15 @@ def unprocessed(raw: bool, remedy: str) -> str:
 class RawFrame:
     """A photograph as read: its planes by name, in the order R, G1, G2, B, and where it came from.
 
-    `felt` and `carried` are the motion meanwhile, where a session recorded it.
+    `imu` and `shaker_path` give the motion during the exposure, where a session recorded it.
     """
 
     path: Path
     sha256: str
     planes: Mapping[str, Plane]
     exposure: Exposure
-    felt: Felt | None = None
-    carried: Carried | None = None
+    imu: ImuRecord | None = None
+    shaker_path: ShakerPath | None = None
 
 
 def read_frame(

@@ -1,1 +1,1 @@
-"""What to do at the steps of plans, drawn in characters."""
+"""ASCII drawings of the steps of plans."""

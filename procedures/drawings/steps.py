@@ -1,6 +1,6 @@
-"""What to do at a step, drawn in plain ASCII: shown where no photograph is to be seen yet.
+"""ASCII drawings of the steps, shown until there is a photograph.
 
-Each fits into 52 columns and 11 lines, what a terminal of 80 x 24 has left beside the rail of steps.
+Each fits into 52 columns and 11 lines, the free space of a terminal of 80 x 24 next to the list of steps.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ wall
   |
  ||
  || - - - - - - - - - - - [=O    back or closer,
- ||                       <-->    as told
+ ||                       <-->    as asked
   |<------ distance ----->
 
  the PSF's samples, and the cells of the chart:
@@ -103,7 +103,7 @@ VIEWS = _drawing(r"""
     +------------------------------+
     | /|                        |\ |  turn the chart by
     | ||         ____           || |  35 degrees to all
-    | \|        /____\          |/ |  sides, as told,
+    | \|        /____\          |/ |  sides, as asked
     |                              |  in all places
     | ____                    ____ |  of the frame
     | \__/                    \__/ |
@@ -136,7 +136,7 @@ WALL = _drawing(r"""
       ,|           near                      far
       :|
       .|<--  d  -->
-       |<------------  told below  --------->
+       |<-----------  given below  --------->
        |
 """)
 NEAR = _drawing(r"""
@@ -158,7 +158,7 @@ FAR = _drawing(r"""
       ;| - - - - - - - - - - - - - - - - - - [=O
       ,|                              moved back,
       :|                              focused again
-      .|<--------------  told  ------------->
+      .|<-----------  given below  --------->
        |
 """)
 SCENE = _drawing(r"""
@@ -187,7 +187,7 @@ SECOND = _drawing(r"""
       |___|    '-'
 
       the second: another aperture or motion,
-      the scene as it was
+      the scene unchanged
 """)
 THIRD = _drawing(r"""
        ___                         1:  [=O
@@ -196,7 +196,7 @@ THIRD = _drawing(r"""
       |___|    '-'
 
       the third: yet another aperture or motion,
-      the scene as it was
+      the scene unchanged
 """)
 TRUTH = _drawing(r"""
        ___

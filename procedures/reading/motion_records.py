@@ -1,4 +1,4 @@
-"""What is known of the camera's motion during an exposure: felt by an inertial unit, or commanded."""
+"""Records of the camera's motion during an exposure: measured by an inertial unit, or commanded to a shaker."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
-    """What an inertial unit on the camera felt about an exposure, its x to the right, its y up.
+class ImuRecord:
+    """Samples of an inertial unit on the camera around an exposure, its x to the right, its y up.
 
-    time_s : (n,) from the opening of the shutter on; acceleration_m_s2, rotation_rad_s : (n, 3), gravity included.
+    time_s : (n,) from the opening of the shutter; acceleration_m_s2, rotation_rad_s : (n, 3), gravity included.
     """
 
     time_s: npt.NDArray[np.float64]
@@ -21,12 +21,12 @@ class Felt:
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
-    """The closed path around which a shaker was told to carry the camera during an exposure.
+class ShakerPath:
+    """The closed path around which a shaker was commanded to move the camera during an exposure.
 
-    position_m : (n, 3) of one round, x to the right, y up, z back, from where it rests
-    interval_s : between them
-    since_s : from the first of them to the opening of the shutter; None where nobody told
+    position_m : (n, 3) of one round, x to the right, y up, z back, relative to the rest position
+    interval_s : between two positions
+    since_s : from the first position to the opening of the shutter; None where that was not recorded
     """
 
     position_m: npt.NDArray[np.float64]

@@ -157,11 +157,11 @@ def rig_poses(frame: RawFrame) -> Poses | None:
     if open_s is None:
         return None
     with suppress(BadInput):
-        if frame.carried is not None:
-            return poses_on(frame.carried, open_s)
+        if frame.shaker_path is not None:
+            return poses_on(frame.shaker_path, open_s)
     with suppress(BadInput):
-        if frame.felt is not None:
-            return poses_of(frame.felt, open_s)
+        if frame.imu is not None:
+            return poses_of(frame.imu, open_s)
     return None
 
 

@@ -123,7 +123,7 @@ def no_colour(frame: RawFrame, known: RestorationFacts) -> Advice | None:
     if known.colour != COLOUR or "colour" in known.insisted or is_mosaic(frame.planes):
         return None
     say = f"Colour needs a camera with a mosaic; this photograph has only {', '.join(frame.planes)}: restore one plane."
-    return Advice(False, say, doubted=("colour",))
+    return Advice(False, say, contradictory=("colour",))
 
 
 def shape_unknown(frame: RawFrame, known: RestorationFacts, read: ReadShape) -> Advice | None:
@@ -133,7 +133,7 @@ def shape_unknown(frame: RawFrame, known: RestorationFacts, read: ReadShape) -> 
         if told != SEARCH:
             shapes_over(frame, told, known, read)
     except ProcedureError as error:
-        return Advice(False, f"{error.reason}: {error.remedy}.", doubted=(key,))
+        return Advice(False, f"{error.reason}: {error.remedy}.", contradictory=(key,))
     return None
 
 
@@ -145,7 +145,7 @@ def lens_unknown(frame: RawFrame, known: RestorationFacts) -> Advice | None:
         "The lens's blur goes by its focal length, which the camera has to note, and by its f-number, its distance of "
         "focus beyond that and the pixels' pitch."
     )
-    return Advice(False, say, doubted=("lens_f_number", "focus_m", "pixel_pitch_um"))
+    return Advice(False, say, contradictory=("lens_f_number", "focus_m", "pixel_pitch_um"))
 
 
 def typed_otherwise(which: str, frame: RawFrame, known: RestorationFacts) -> Advice | None:
@@ -157,7 +157,7 @@ def typed_otherwise(which: str, frame: RawFrame, known: RestorationFacts) -> Adv
         key = asked.get(name, name)
         told = disagreements(frame.exposure, {name: value}) if key not in known.insisted else []
         if told:
-            return Advice(False, f"Of the {which} photograph {told[0]}.", doubted=(key,))
+            return Advice(False, f"Of the {which} photograph {told[0]}.", contradictory=(key,))
     return None
 
 
@@ -178,7 +178,7 @@ def apertures_by_light(which: str, known: RestorationFacts) -> Advice | None:
         f"By exposure times and light the first f-number is {by_light:.2f} times the {which}, by what was given "
         f"{N1 / N2:.2f} times: one of them is wrong, or the light has changed."
     )
-    return Advice(False, say, doubted=keys)
+    return Advice(False, say, contradictory=keys)
 
 
 def detail(plane: Plane) -> float:

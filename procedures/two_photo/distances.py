@@ -30,7 +30,7 @@ def near_by_laser(known: TwoPhotoFacts) -> Advice | None:
     if abs(laser_mm - near_mm) <= min(LASER_REACH_MM, NEAR_SHARE * laser_mm):
         return None
     say = f"The laser reads {laser_mm / 1000:.2f} m, and the wall was given as {near_mm / 1000:.2f} m away."
-    return Advice(False, say, doubted=("near_mm",))
+    return Advice(False, say, contradictory=("near_mm",))
 
 
 def way_by_laser(known: TwoPhotoFacts) -> Advice | None:
@@ -99,7 +99,7 @@ def beyond_rail(known: TwoPhotoFacts) -> Advice | None:
         f"{known.ratio:g} times as far as {near_mm / 1000:.2f} m is {told_mm / 1000:.2f} m farther back, and the rail "
         f"goes {room / 1000:.2f} m: a smaller ratio will do, or the near distance is wrong."
     )
-    return Advice(False, say, doubted=("near_mm", "ratio"))
+    return Advice(False, say, contradictory=("near_mm", "ratio"))
 
 
 def way_mm(known: TwoPhotoFacts) -> float | None:
@@ -134,8 +134,8 @@ def near_by_photographs(times: float | None, known: TwoPhotoFacts) -> Advice | N
     against `times`. Either way the lens's perspective may begin up to `PUPIL_MM` behind its front.
     """
     near_mm, gone_mm = known.near_mm, known.far_way_mm
-    doubted = ("near_mm",) if gone_mm is not None else ("near_mm", "ratio")
-    if times is None or times <= 1 or near_mm is None or known.insisted.issuperset(doubted):
+    keys = ("near_mm",) if gone_mm is not None else ("near_mm", "ratio")
+    if times is None or times <= 1 or near_mm is None or known.insisted.issuperset(keys):
         return None
     shown = f"By the photographs the second place is {times:.2f} times as far as the first"
     if gone_mm is not None:
@@ -146,8 +146,10 @@ def near_by_photographs(times: float | None, known: TwoPhotoFacts) -> Advice | N
             f"{shown}, and {gone_mm / 1000:.2f} m behind it: that is {found_mm / 1000:.2f} m from the wall, which was "
             f"given as {near_mm / 1000:.2f} m away."
         )
-        return Advice(False, say, doubted=doubted)
+        return Advice(False, say, contradictory=keys)
     least = (known.ratio * near_mm + PUPIL_MM) / (near_mm + PUPIL_MM)
     if (1 - TAPE_SHARE) * least <= times <= (1 + TAPE_SHARE) * known.ratio:
         return None
-    return Advice(False, f"{shown}; {known.ratio:g} times as far was wanted: give both as they are.", doubted=doubted)
+    return Advice(
+        False, f"{shown}; {known.ratio:g} times as far was wanted: give both as they are.", contradictory=keys
+    )

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 
 from procedures.plan import Advice, Ask, Fact
 from station.app.terminal_images import Thumbnail, thumbnail
-from station.guide.frontend import CurveSeen, Doing, Event, RunEnded, Seen, Stopped
+from station.guide.frontend import Event, FrameEvent, ProgressEvent, RunEnded, ScanEvent, Stopped
 
 if TYPE_CHECKING:
     from station.guide.workspace import Running
 
 
 @dataclass(frozen=True, eq=False)
-class Glimpse:
+class FramePreview:
     """`Seen`, small: what a terminal can show of a frame."""
 
     picture: Thumbnail
@@ -34,29 +34,29 @@ class Question:
     ask: Ask
 
 
-News = Event | Glimpse | Question
-LATEST = (Doing, Glimpse, CurveSeen)
+MailboxEntry = Event | FramePreview | Question
+LATEST = (ProgressEvent, FramePreview, ScanEvent)
 """Of these only the newest counts."""
 
 
-class Desk:
+class Mailbox:
     """An operator's desk. Any thread may call."""
 
     def __init__(self, ring: Callable[[], None]) -> None:
         self._ring = ring
         self._lock = threading.Condition()
-        self._news: list[News] = []
+        self._news: list[MailboxEntry] = []
         self._answer: list[Fact] = []
         self._stopped = False
 
-    def hear(self, event: Event) -> None:
+    def notify(self, event: Event) -> None:
         """Lay an event on the desk."""
-        if isinstance(event, Seen):
-            self._lay(Glimpse(thumbnail(event.plane, event.advice.marks), event.advice))
+        if isinstance(event, FrameEvent):
+            self._lay(FramePreview(thumbnail(event.plane, event.advice.marks), event.advice))
         else:
             self._lay(event)
 
-    def _lay(self, news: News) -> None:
+    def _lay(self, news: MailboxEntry) -> None:
         with self._lock:
             quiet = not self._news
             if isinstance(news, LATEST):
@@ -65,7 +65,7 @@ class Desk:
         if quiet:
             self._ring()
 
-    def take(self) -> list[News]:
+    def take(self) -> list[MailboxEntry]:
         """What has gathered, oldest first."""
         with self._lock:
             news, self._news = self._news, []
@@ -95,14 +95,14 @@ class Desk:
             self._lock.notify_all()
 
 
-Begin = Callable[[Desk], "Running"]
+Begin = Callable[[Mailbox], "Running"]
 
 
-class Sitting:
+class OperatorSession:
     """A run with its operator at the desk: what a job works, asks and halts."""
 
     def __init__(self, begin: Begin, ring: Callable[[], None], stop_bench: Callable[[], None]) -> None:
-        self.desk = Desk(ring)
+        self.desk = Mailbox(ring)
         self._begin, self._stop_bench = begin, stop_bench
         self._running: Running | None = None
         self._asked = False

@@ -13,15 +13,15 @@ if TYPE_CHECKING:
     from station.bench.stage_watch import DeviceState
 
 
-class News(Message):
+class MailboxFilled(Message):
     """Something lies on the desk."""
 
 
-class Terminated(Message):
+class ProgramTerminated(Message):
     """The system ends the program, or its terminal is gone."""
 
 
-class Ended(Message):
+class JobEnded(Message):
     """A job came to its end."""
 
     def __init__(self, finished: Finished) -> None:
@@ -29,7 +29,7 @@ class Ended(Message):
         self.finished = finished
 
 
-class Devices(Message):
+class DevicesChanged(Message):
     """A device is not as it was."""
 
     def __init__(self, states: Sequence[DeviceState]) -> None:

@@ -26,7 +26,7 @@ from station.results.verdict_words import measurement_words
 if TYPE_CHECKING:
     from procedures.plan import Plan, Reading
     from station.app.terminal_images import Cells, Thumbnail
-    from station.guide.frontend import Doing
+    from station.guide.frontend import ProgressEvent
 
 GREYS = 32
 """Levels told apart in half blocks; runs of one level are one segment."""
@@ -255,15 +255,15 @@ class ProgressLine(Part):
     def __init__(self, clock: Callable[[], float] = time.monotonic, **options: str) -> None:
         super().__init__("", **options)
         self._clock = clock
-        self._doing: Doing | None = None
+        self._doing: ProgressEvent | None = None
         self._since_s = 0.0
-        self._first: tuple[Doing, float] | None = None
+        self._first: tuple[ProgressEvent, float] | None = None
 
     def on_mount(self) -> None:
         """Tick: a sentence that stands still looks like a program that does."""
         self.set_interval(1.0, self.tick)
 
-    def show(self, doing: Doing | None) -> None:
+    def show(self, doing: ProgressEvent | None) -> None:
         """Another thing happens; None: nothing does."""
         now_s = self._clock()
         if doing is not None and (self._first is None or self._first[0].say != doing.say):
@@ -288,7 +288,7 @@ class ProgressLine(Part):
             self.update(literal(progress_in_words(self._doing, elapsed_s, left_s, self.glyphs)))
 
 
-def left_of(first: Doing, doing: Doing, took_s: float) -> float | None:
+def left_of(first: ProgressEvent, doing: ProgressEvent, took_s: float) -> float | None:
     """The time that the rest takes if it goes on as from `first` to `doing`; None where that cannot be told."""
     parts = doing.done - first.done
     if doing.left_s is not None or parts <= 0 or doing.total <= 0:
@@ -296,7 +296,7 @@ def left_of(first: Doing, doing: Doing, took_s: float) -> float | None:
     return took_s / parts * (doing.total - doing.done)
 
 
-def progress_in_words(doing: Doing, elapsed_s: float, left_s: float | None, glyphs: Glyphs) -> str:
+def progress_in_words(doing: ProgressEvent, elapsed_s: float, left_s: float | None, glyphs: Glyphs) -> str:
     """A bar where parts are counted, the sentence, and the times."""
     words = [doing.say]
     if doing.total > 0:

@@ -21,7 +21,7 @@ from textual.message import Message
 
 from station.app.background import BackgroundJob, Finished, Problem, Watcher, at_once, problem_of
 from station.app.commands import EndRun, GoOn, StepBack, StopEverything
-from station.app.messages import Devices, Ended, News, Terminated
+from station.app.messages import DevicesChanged, JobEnded, MailboxFilled, ProgramTerminated
 from station.app.screens.dialogs import Choose
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.start import StartScreen
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivers.interfaces import Condition
-    from station.app.mailbox import Desk, Sitting
+    from station.app.mailbox import Mailbox, OperatorSession
     from station.app.screens.guide import GuideScreen
     from station.bench.opening import Bench, DeviceRow
     from station.bench.stage_watch import DeviceState
-    from station.guide.workspace import Kept, Lab, Running
+    from station.guide.workspace import Lab, Running, SessionSummary
 
 SHOW_EVERY_S = 0.08
 """What runs tell is shown at most so often: 12 times a second is as much as an eye or an ssh line wants."""
@@ -61,10 +61,10 @@ class WorkingApp(App[int]):
         self._bench_words, self.why_no_bench = "opening the bench", "The bench is being opened."
         self._watcher: Watcher | None = None
         self._guide: GuideScreen | None = None
-        self._sitting: Sitting | None = None
+        self._sitting: OperatorSession | None = None
         self._session: Path | None = None
         self._subject = self._alarm = ""
-        self._wanted: Callable[[Desk], Running] | None = None
+        self._wanted: Callable[[Mailbox], Running] | None = None
         self._wanted_mode = ""
         self._is_loaded = self._run_is_due = self._focus_on_bench = False
         self._afterwards: Callable[[], object] | None = None
@@ -77,14 +77,14 @@ class WorkingApp(App[int]):
         """Paint first; numpy, bench and sessions come after."""
         self.call_after_refresh(self._start, "load", lambda: _load(self.lab))
 
-    @on(Terminated)
+    @on(ProgramTerminated)
     def _terminated(self) -> None:
         self.exit(EXIT_DEVICE)
 
     def terminate(self) -> None:
         """Stop the bench and leave; from any thread."""
         self._halt()
-        self._post(Terminated())
+        self._post(ProgramTerminated())
 
     def finish(self, timeout_s: float) -> None:
         """Wait for the run to end, once the application has: it writes its last line."""
@@ -112,7 +112,7 @@ class WorkingApp(App[int]):
 
     def tell(self, finished: Finished) -> None:
         """A job's last word; from its thread."""
-        self._post(Ended(finished))
+        self._post(JobEnded(finished))
 
     def _post(self, message: Message) -> None:
         with suppress(RuntimeError):  # the loop is closed: nobody is there to hear
@@ -141,8 +141,8 @@ class WorkingApp(App[int]):
         self._focus_on_bench = on_bench
         self._start("focus", work, ask=end, halt=self.lab.emergency_stop)
 
-    @on(Ended)
-    def _ended(self, message: Ended) -> None:
+    @on(JobEnded)
+    def _ended(self, message: JobEnded) -> None:
         if not self.is_running:  # the screens are being taken down
             return
         finished = message.finished
@@ -190,7 +190,7 @@ class WorkingApp(App[int]):
         if bench is not None:
             from station.bench.stage_watch import StageWatch
 
-            self._watcher = Watcher(StageWatch(bench).look, lambda states: self._post(Devices(states)))
+            self._watcher = Watcher(StageWatch(bench).look, lambda states: self._post(DevicesChanged(states)))
 
     def _moved_by_hand(self, finished: Finished) -> None:
         if finished.problem is None:
@@ -245,7 +245,7 @@ class WorkingApp(App[int]):
         self._afterwards = lambda: self._begin(lambda desk: self.lab.resume(folder, desk, back_to=step))
         self._end_run_then_go_on()
 
-    def _begin(self, begin: Callable[[Desk], Running]) -> None:
+    def _begin(self, begin: Callable[[Mailbox], Running]) -> None:
         """Carry out a run, once all that it needs has been loaded; one at a time, and not beside a move by hand."""
         if not self._is_loaded:  # nor, perhaps, even begun to: that waits until the first screen is painted
             self._wanted = begin
@@ -253,11 +253,11 @@ class WorkingApp(App[int]):
         if taken := self.bench_taken:
             self.notify(taken, markup=False)
             return
-        from station.app.mailbox import Sitting
+        from station.app.mailbox import OperatorSession
         from station.app.screens.guide import GuideScreen
 
         self._wanted, self._alarm, self._run_is_due = None, "", True
-        self._sitting = Sitting(begin, lambda: self._post(News()), self.lab.emergency_stop)
+        self._sitting = OperatorSession(begin, lambda: self._post(MailboxFilled()), self.lab.emergency_stop)
         if self._guide is None:
             self._guide = GuideScreen()
             self.push_screen(self._guide, mode=GUIDE)
@@ -276,7 +276,7 @@ class WorkingApp(App[int]):
             self._start("run", self._sitting.work, ask=self._sitting.ask, halt=self._sitting.halt)
             self.refresh_frame()
 
-    @on(News)
+    @on(MailboxFilled)
     def _news(self) -> None:
         """Show what has gathered, now or when it is time again."""
         wait_s = self._shown_s + SHOW_EVERY_S - time.monotonic()
@@ -392,8 +392,8 @@ class WorkingApp(App[int]):
     def _start_screen(self) -> StartScreen:
         return next(one for one in self.get_screen_stack(GUIDE) if isinstance(one, StartScreen))
 
-    @on(Devices)
-    def _devices_changed(self, message: Devices) -> None:
+    @on(DevicesChanged)
+    def _devices_changed(self, message: DevicesChanged) -> None:
         self._states = message.states
         self.refresh_frame()
 
@@ -403,7 +403,7 @@ class WorkingApp(App[int]):
             self.front.refresh_frame()
 
 
-def _load(lab: Lab) -> tuple[Mapping[str, str], Sequence[Kept]]:
+def _load(lab: Lab) -> tuple[Mapping[str, str], Sequence[SessionSummary]]:
     """Import what screens and runs need, and read what is on the disk; in a thread."""
     import station.app.screens.bench
     import station.app.screens.focus

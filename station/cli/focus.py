@@ -21,7 +21,7 @@ from station.common.errors import REFUSED
 from station.results.record_head import other_causes_entry
 
 if TYPE_CHECKING:
-    from station.guide.focus.live import FocusSeen, LiveFrame, PhotographSource
+    from station.guide.focus.live import FocusReading, LiveFrame, PhotographSource
 
 BAR = 30
 """Characters of the bar of the sharpest."""
@@ -111,7 +111,7 @@ def _frames(
         yield source.tethered(bench) if config is not None else source.simulated(bench)
 
 
-def line(seen: FocusSeen) -> str:
+def line(seen: FocusReading) -> str:
     """A photograph for people: its number, its sharpness with a bar, and what to do."""
     from station.common.sanitise import printable
 
@@ -128,7 +128,7 @@ def line(seen: FocusSeen) -> str:
     )
 
 
-def summary(seen: FocusSeen) -> str:
+def summary(seen: FocusReading) -> str:
     """The best of all."""
     if seen.best is None:
         return f"none of {seen.number} photographs could be told"
@@ -143,7 +143,7 @@ def summary(seen: FocusSeen) -> str:
     )
 
 
-def entry(seen: FocusSeen) -> dict[str, Any]:
+def entry(seen: FocusReading) -> dict[str, Any]:
     """A photograph for programs."""
     found, peak = seen.found.value, seen.peak
     numbers = (

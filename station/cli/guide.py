@@ -18,7 +18,7 @@ from station.cli.terminal.bench_options import usual_config
 from station.common.errors import INTERRUPTED, REFUSED
 from station.common.stop_signals import EXIT_DEVICE, guarded
 from station.guide.frontend import Event, Result, RunEnded, Stopped
-from station.guide.line_frontend import Plain
+from station.guide.line_frontend import LineOperator
 from station.guide.workspace import StationLab
 from station.results.comparison import Judged
 from station.results.terms import specification_verdict
@@ -69,7 +69,7 @@ def conduct(lab: StationLab, operator: Watched, begin: Callable[[], Running]) ->
 class StopBefore:
     """What a signal does before a plain operator: everything stops; a question that was open ends the run in peace."""
 
-    def __init__(self, lab: StationLab, operator: Plain) -> None:
+    def __init__(self, lab: StationLab, operator: LineOperator) -> None:
         self._lab, self._operator = lab, operator
         self._at_question = False
 
@@ -88,7 +88,7 @@ class StopBefore:
             raise Stopped
 
 
-def _begin(lab: StationLab, plan: str, operator: Plain) -> Running:
+def _begin(lab: StationLab, plan: str, operator: LineOperator) -> Running:
     """A new session, named after camera and lens. Raises Stopped."""
     check_plan(plan)
     camera, lens = (
@@ -98,16 +98,16 @@ def _begin(lab: StationLab, plan: str, operator: Plain) -> Running:
     return lab.begin(plan, camera, lens, operator)
 
 
-class Watched(Plain):
+class Watched(LineOperator):
     """A plain operator that remembers the result."""
 
     result: Result | None = None
 
-    def hear(self, event: Event) -> None:
+    def notify(self, event: Event) -> None:
         """Write it down, and keep the result."""
         if isinstance(event, Result):
             self.result = event
-        super().hear(event)
+        super().notify(event)
 
 
 def exit_code(ended: RunEnded, result: Result | None) -> int:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from station.common.stop_signals import guarded
-from station.guide.frontend import Doing, Event, Result, RunEnded, Seen, StepBegan, Trouble
-from station.guide.scripted import Scripted
+from station.guide.frontend import Event, FrameEvent, ProblemEvent, ProgressEvent, Result, RunEnded, StepBegan
+from station.guide.scripted import ScriptedOperator
 from station.guide.workspace import StationLab
 
 PLAN = "pattern"
@@ -24,17 +24,17 @@ class Teller:
     result: Result | None = None
     _said: set[str] = field(default_factory=set)
 
-    def hear(self, event: Event) -> None:
+    def notify(self, event: Event) -> None:
         """Say it."""
         match event:
             case StepBegan(step):
                 self._said.clear()
                 self.tell(f"{step.title}: {step.instruction}", "")
-            case Doing(say):
+            case ProgressEvent(say):
                 self._once(say)
-            case Seen(_, advice) if advice.say:
+            case FrameEvent(_, advice) if advice.say:
                 self._once(advice.say)
-            case Trouble(reason, remedy):
+            case ProblemEvent(reason, remedy):
                 self.tell(reason, remedy)
             case Result():
                 self.result = event
@@ -56,6 +56,6 @@ def run_guided(out: Path, seed: int, tell: Tell) -> tuple[RunEnded, Result | Non
     teller = Teller(tell)
     try:
         with guarded(lab.stop_run, lab.ask_run_to_stop):
-            return lab.begin(PLAN, *lab.names, Scripted(listen=teller.hear)).go(), teller.result
+            return lab.begin(PLAN, *lab.names, ScriptedOperator(listen=teller.notify)).go(), teller.result
     finally:
         lab.close()

@@ -1,4 +1,4 @@
-"""What an operator types, as the answer of the kind asked for."""
+"""Parse what an operator types into an answer, and format facts."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ YES, NO = ("y", "yes", "ok", "done", "true"), ("n", "no", "false")
 
 
 def parse(ask: Ask, text: str) -> Fact:
-    """The answer that a line of text is; an empty line is the default.
+    """The answer in a line of text; an empty line is the default.
 
     Raises
     ------
     ValueError
-        If it is none; its message says what is needed.
+        If it is invalid; the message states the requirement.
     """
     text = text.strip()
     if not text and ask.default is not None:
@@ -30,7 +30,7 @@ def parse(ask: Ask, text: str) -> Fact:
             return _choice(ask, text)
         case "text":
             if not text:
-                raise ValueError("Type a line.")
+                raise ValueError("Type some text.")
             return text
 
 
@@ -39,7 +39,7 @@ def _confirm(text: str) -> bool:
         return True
     if text.lower() in NO:
         return False
-    raise ValueError("Press Enter when it is done; n if it cannot be done; s to stop.")
+    raise ValueError("Press Enter when done; n if it cannot be done; s to stop.")
 
 
 def _number(ask: Ask, text: str) -> float:
@@ -54,17 +54,17 @@ def _number(ask: Ask, text: str) -> float:
 
 
 def _choice(ask: Ask, text: str) -> str:
-    """A choice by its number, its name, or how its name begins."""
+    """A choice given by its number, its name, or the beginning of its name."""
     if text.isdigit() and 1 <= int(text) <= len(ask.choices):
         return ask.choices[int(text) - 1]
-    found = [choice for choice in ask.choices if text and choice.lower().startswith(text.lower())]
-    if len(found) != 1:
+    matches = [choice for choice in ask.choices if text and choice.lower().startswith(text.lower())]
+    if len(matches) != 1:
         raise ValueError(f"Type one of: {', '.join(ask.choices)}.")
-    return found[0]
+    return matches[0]
 
 
 def words(fact: Fact | None, unit: str = "") -> str:
-    """A fact for people."""
+    """A fact as text."""
     if fact is None:
         return ""
     if isinstance(fact, bool):
@@ -73,6 +73,6 @@ def words(fact: Fact | None, unit: str = "") -> str:
 
 
 def plain(value: float) -> str:
-    """A number in six digits, a whole one in all of them, without powers of ten: 0.00001, 5.94, 9007199254740992."""
+    """A number in six digits, an integer in all of its digits, without an exponent: 0.00001, 5.94, 9007199254740992."""
     digits = f"{value:.6g}" if value != round(value) else f"{value:.17g}"
     return f"{Decimal(digits).normalize():f}" if math.isfinite(value) else digits

@@ -1,6 +1,6 @@
-"""The guided procedures by name: their plans, their planes' results and the files of these.
+"""The guided procedures by name, with functions for their plans, results and files.
 
-Each is imported by the function that needs it, so that a table of all of them costs nothing.
+Each function imports what it needs, so that the table itself is cheap.
 """
 
 from __future__ import annotations
@@ -46,18 +46,18 @@ def _write_psf(
 
 @dataclass(frozen=True)
 class GuidedProcedure:
-    """A guided procedure: what it is in a few words, its plan, and how its estimate becomes results and files.
+    """A guided procedure: title, plan, and conversion of its estimate into results and files.
 
     Attributes
     ----------
     results : callable
-        The planes' results, of photographs, what was found in them, the terms that they are told in and the session's
-        facts; by default those of a PSF a plane.
+        Results of the planes from photographs, outcomes, terms (unit, specification) and facts; by default one PSF per
+        plane.
     write : callable
-        Writes and publishes a folder's files, of it, results, photographs and the record's head; returns the
-        record's text.
+        Writes and publishes the files of a result, from its folder, results, photographs and the record's head; gives
+        the record's text.
     in_session : callable, optional
-        The plan of a session in a folder, where it reads files that the session keeps.
+        The plan of a session in a folder, for plans that read files stored in the session.
     """
 
     title: str
@@ -105,11 +105,12 @@ def _restoration(folder: Path | None = None) -> Plan:
     from station.sessions.given_files import is_given
 
     def read_shape(name: str, plane: str | None, size: tuple[int, int] | None) -> Shape:
-        """Of a file that the session keeps, or of one that is just being told of."""
-        known = (
-            folder / one if folder is not None and is_given(one) else Path(one).expanduser() for one in files_in(name)
+        """Shape from a file stored in the session, or from one that the operator has just named."""
+        paths = (
+            folder / file if folder is not None and is_given(file) else Path(file).expanduser()
+            for file in files_in(name)
         )
-        return read_blur_shape(with_files(name, [str(path) for path in known]), plane, size)
+        return read_blur_shape(with_files(name, [str(path) for path in paths]), plane, size)
 
     return plan(read_shape)
 
@@ -137,7 +138,7 @@ def _geometry() -> Plan:
     return plan()
 
 
-def _found_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
+def _value_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     from station.results.plane_result import PlaneResult
 
     return [
@@ -212,15 +213,17 @@ def _write_tilt(
 PLANS = {
     "pattern": GuidedProcedure("the PSF from a printed noise chart", _pattern),
     "two-photo": GuidedProcedure("the PSF from two photographs of a textured wall", _two_photo),
-    "field": GuidedProcedure("the PSF over the whole frame, place by place", _field, _field_results, _write_field),
+    "field": GuidedProcedure("the PSF over the whole frame", _field, _field_results, _write_field),
     "geometry": GuidedProcedure(
-        "intrinsics and distortion, from many chart poses", _geometry, _found_results, _write_geometry
+        "intrinsics and distortion, from many chart poses", _geometry, _value_results, _write_geometry
     ),
-    "camera": GuidedProcedure("all of a camera: PSF, geometry, light, sensor", _camera, _camera_results, _write_camera),
-    "tilt": GuidedProcedure("the sensor squared to the lens by its screws", _tilt, _found_results, _write_tilt),
+    "camera": GuidedProcedure(
+        "the whole camera: PSF, geometry, vignetting, sensor", _camera, _camera_results, _write_camera
+    ),
+    "tilt": GuidedProcedure("the sensor's tilt, corrected by its screws", _tilt, _value_results, _write_tilt),
     "sensor": GuidedProcedure("gain, noise and non-uniformity of a sensor", _sensor, _sensor_results, _write_sensor),
     "restoration": GuidedProcedure(
-        "picture and depth from blurred photographs",
+        "sharp image and depth map from blurred photographs",
         _restoration,
         _restoration_results,
         _write_restoration,
@@ -231,13 +234,13 @@ DEFAULT = "pattern"
 
 
 def entry_named(name: str) -> GuidedProcedure:
-    """The procedure of that name. Raises BadParameter."""
+    """The procedure by name. Raises BadParameter."""
     if name not in PLANS:
         raise BadParameter(f"there is no plan {name!r}", f"choose one of {', '.join(PLANS)}")
     return PLANS[name]
 
 
 def plan_named(name: str, folder: Path | None = None) -> Plan:
-    """The plan of that name, imported now; of the session in a folder. Raises BadParameter."""
+    """The plan by name, for the session in a folder if given. Raises BadParameter."""
     entry = entry_named(name)
     return entry.plan() if folder is None or entry.in_session is None else entry.in_session(folder)

@@ -1,7 +1,7 @@
-"""Nothing moves unasked: a request that moves says what moves, from where and to where, and the operator begins it.
+"""Approval of movements: before a request moves anything, the operator confirms what moves, from where and to where.
 
-One question per request. What moves again and again in one request, a look that is mended or a tour, says so and is
-begun once; it is begun anew after hands were asked to the rig, and before a stage that lost its position homes.
+One question per request. A request that moves repeatedly (a look with corrections, a tour) says so and is confirmed
+once; it is confirmed again after manual work at the rig, and before a stage that lost its position homes.
 """
 
 from __future__ import annotations
@@ -14,58 +14,61 @@ from station.guide.active_devices import Rig
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.frontend import MOVE
 
-AGAIN = "It moves on as this step needs, without asking again."
-STANDS_MM = 5e-4
-"""An axis that goes less far than this does not move: millimetres, or degrees."""
+AGAIN = "Further moves of this step follow without asking again."
+LEAST_MOVE = 5e-4
+"""Shorter distances, in millimetres or degrees, count as no movement."""
 
 
-class Consent:
-    """Whether what a request wants to move may move."""
+class MoveApproval:
+    """Asks the operator before movements of a request."""
 
     def __init__(self, rig: Rig, talk: Conversation) -> None:
         self._rig, self._talk = rig, talk
-        self._given = False
-        rig.agree = self.to_home_again
+        self._approved = False
+        rig.approve_homing = self.to_home_again
 
     def withdraw(self) -> None:
-        """The next move is asked about: another request begins, or hands were at the rig."""
-        self._given = False
+        """Ask again before the next move: a new request begins, or somebody worked at the rig."""
+        self._approved = False
 
     def to_home(self, then: Mapping[str, float] | None = None) -> None:
-        """Every stage goes to its switches, then to these places. Raises Skipped, Stopped."""
-        back = f", then {self._ways(then, known=False)}" if then else ""
-        self._begin(f"{self._homing(self._rig.movers())}{back}.")
+        """Approve homing of every stage, then moves to these places. Raises Skipped, Stopped."""
+        back = f", then {self._moves_text(then, known=False)}" if then else ""
+        self._ask(f"{self._homing_text(self._rig.movers())}{back}.")
 
     def to_home_again(self, names: Sequence[str]) -> None:
-        """These stages lost their position: they go to their switches, and back. Raises Skipped, Stopped."""
+        """Approve homing of stages that lost their position, then the moves back. Raises Skipped, Stopped."""
         self.withdraw()
-        self._begin(f"{self._homing(names)}, then back to where it was.")
+        self._ask(f"{self._homing_text(names)}, then back to the last position.")
 
     def to_go(self, places: Mapping[str, float], *, again: bool = False) -> None:
-        """The axes go to places; `again`: and on from there, in this request. Raises Skipped, Stopped."""
-        if self._rig.moves(places, STANDS_MM):
-            self._begin(f"Moving {self._ways(places)}.{f' {AGAIN}' if again else ''}")
+        """Approve moves to places; `again` : more moves of this request follow. Raises Skipped, Stopped."""
+        if self._rig.moves(places, LEAST_MOVE):
+            self._ask(f"Moving {self._moves_text(places)}.{f' {AGAIN}' if again else ''}")
 
     def to_scan(self, axis: str, places: Sequence[float]) -> None:
-        """One axis goes to each of these places, then to the best. Raises Skipped, Stopped."""
+        """Approve a scan of one axis over these places, then to the best. Raises Skipped, Stopped."""
         low, high = position_text(axis, min(places)), position_text(axis, max(places))
-        self._begin(f"Moving {self._ways({axis: places[0]})}, then to {len(places)} places between {low} and {high}.")
+        self._ask(
+            f"Moving {self._moves_text({axis: places[0]})}, then to {len(places)} places between {low} and {high}."
+        )
 
-    def _begin(self, words: str) -> None:
-        if self._given:
+    def _ask(self, words: str) -> None:
+        if self._approved:
             return
         if not self._talk.ask(Ask(MOVE, words)):
             raise Skipped
-        self._given = True
+        self._approved = True
 
-    def _homing(self, names: Sequence[str]) -> str:
+    def _homing_text(self, names: Sequence[str]) -> str:
         travels = self._rig.travels(names)
         ends = [
-            f"{label(axis)} within {one.low:.0f} to {position_text(axis, one.high, 0)}" for axis, one in travels.items()
+            f"{label(axis)} within {travel.low:.0f} to {position_text(axis, travel.high, 0)}"
+            for axis, travel in travels.items()
         ]
-        return f"Homing, each axis to its switch: {', '.join(ends) or ', '.join(names)}"
+        return f"Homing each axis to its switch: {', '.join(ends) or ', '.join(names)}"
 
-    def _ways(self, places: Mapping[str, float], *, known: bool = True) -> str:
+    def _moves_text(self, places: Mapping[str, float], *, known: bool = True) -> str:
         here = self._rig.places if known else {}
         begin = {axis: f" from {position_text(axis, here[axis]).partition(' ')[0]}" for axis in places if axis in here}
         return ", ".join(

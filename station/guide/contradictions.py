@@ -1,4 +1,4 @@
-"""What the guide does about numbers that cannot all be right, and about moves that mend nothing."""
+"""Handling of contradictory numbers, and of moves that bring no improvement."""
 
 from __future__ import annotations
 
@@ -10,58 +10,59 @@ from procedures.facts import INSISTED
 from procedures.plan import Advice, Ask
 from station.guide.answers import words
 from station.guide.dialogue import STOP, Conversation
-from station.guide.frontend import Stopped, Trouble
+from station.guide.frontend import ProblemEvent, Stopped
 
 CORRECT, INSIST, GO_ON = "correct it", "it is right", "go on"
-PATIENCE = 3
-"""Looks in a row that a move, or another answer, did not make better."""
-BETTER = 0.9
-"""Of what it is off its tolerance, at most, after a move that mends something."""
-REMEDY = "give the numbers anew, or insist that they are right"
+MAX_STALLED = 3
+"""Consecutive moves, or new answers, without improvement."""
+IMPROVEMENT_FACTOR = 0.9
+"""An improvement reduces the deviation from the tolerance to at most this factor times the previous one."""
+REMEDY = "enter the numbers again, or confirm that they are right"
 
 
 @dataclass
 class LookProgress:
-    """Whether looks get better: of one kind of reading, how far it was off its tolerance at each look in a row."""
+    """Convergence of consecutive looks: the deviations of one reading from its tolerance."""
 
     name: str = ""
-    off: list[float] = field(default_factory=list)
+    deviations: list[float] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
     doubts: int = 0
 
     def stalled(self, advice: Advice) -> str:
-        """Why going on is useless, "" where it may help: three moves have not brought a reading nearer."""
-        bad = next((one for one in advice.readings if not one.good), None)
+        """Why further moves do not help; "" unless three moves have brought a reading no nearer."""
+        bad = next((reading for reading in advice.readings if not reading.good), None)
         if advice.good or not advice.moves or bad is None:
-            self.off.clear()
+            self.deviations.clear()
             self.values.clear()
             return ""
         if bad.name != self.name:
-            self.name, self.off, self.values = bad.name, [], []
+            self.name, self.deviations, self.values = bad.name, [], []
         low, high = bad.value if bad.low is None else bad.low, bad.value if bad.high is None else bad.high
-        self.off.append(max(low - bad.value, bad.value - high))
+        self.deviations.append(max(low - bad.value, bad.value - high))
         self.values.append(bad.value)
-        last = self.off[-PATIENCE - 1 :]
-        if len(last) <= PATIENCE or any(now <= BETTER * before for before, now in pairwise(last)):
+        last = self.deviations[-MAX_STALLED - 1 :]
+        if len(last) <= MAX_STALLED or any(now <= IMPROVEMENT_FACTOR * before for before, now in pairwise(last)):
             return ""
-        told = ", ".join(f"{value:.3g}" for value in self.values[-PATIENCE - 1 :])
-        return f"{PATIENCE} moves have not brought the {bad.name} nearer: it was {told} {bad.unit}".rstrip() + "."
+        values = ", ".join(f"{value:.3g}" for value in self.values[-MAX_STALLED - 1 :])
+        stalled = f"{MAX_STALLED} moves have not brought the {bad.name} nearer to its tolerance"
+        return f"{stalled}: it was {values} {bad.unit}".rstrip() + "."
 
-    def doubted(self) -> bool:
-        """One more answer that did not end a contradiction: whether it has been enough."""
+    def exhausted(self) -> bool:
+        """Count one more contradiction; whether there have been too many."""
         self.doubts += 1
-        return self.doubts >= PATIENCE
+        return self.doubts >= MAX_STALLED
 
 
 def resolve(talk: Conversation, asks: Mapping[str, Ask], reason: str, keys: tuple[str, ...], *, last: bool) -> None:
-    """Tell what contradicts what, and let the operator correct the numbers or insist. Raises Stopped.
+    """Report a contradiction, and let the operator correct the numbers or confirm them. Raises Stopped.
 
-    `last`: other answers were given already, and did not help: the plan stops.
+    `last` : earlier corrections did not help; the plan stops.
     """
     known = tuple(key for key in keys if key in asks)
     answers = {key: words(talk.facts[key], asks[key].unit) for key in known if key in talk.facts}
     given = " ".join(f"{asks[key].question} {answer}." for key, answer in answers.items())
-    talk.hear(Trouble(f"{reason} Given: {given}" if given else reason, REMEDY if known else "look at the rig"))
+    talk.notify(ProblemEvent(f"{reason} Given: {given}" if given else reason, REMEDY if known else "check the rig"))
     if last:
         raise Stopped
     answer = talk.choose("contradiction", "What now?", (*((CORRECT, INSIST) if known else (GO_ON,)), STOP))

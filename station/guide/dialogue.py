@@ -1,4 +1,4 @@
-"""What a run says and asks: questions with what is known as their default, troubles as questions, stopping."""
+"""Dialogue of a run with its operator: questions with known answers as defaults, problems as questions, stopping."""
 
 from __future__ import annotations
 
@@ -14,49 +14,48 @@ from procedures.outcome import ProcedureError
 from procedures.plan import Advice, Ask, Fact, Facts
 from procedures.reading.exposure import TYPED
 from station.bench.surroundings import Hands
-from station.guide.frontend import Doing, Event, Operator, Stopped, Trouble
+from station.guide.frontend import Event, Operator, ProblemEvent, ProgressEvent, Stopped
 from station.sessions.given_files import is_given
 from station.sessions.session import Session
 
 T = TypeVar("T")
 AGAIN, SKIP, STOP = "try again", "skip", "stop"
 HAND = "hand_"
-"""Before a name: the fact what the operator's hands were asked for under that name, all in all."""
+"""Prefix of a fact's name: the sum of all manual changes of that name requested so far."""
 
-ANSWERS = 12
-"""So many answers that cannot be taken, one after the other, end the run."""
+MAX_INVALID_ANSWERS = 12
+"""Consecutive invalid answers after which the run ends."""
 
-
-BETWEEN = ";"
-"""Stands between the parts of an answer that names files."""
+FILE_SEPARATOR = ";"
+"""Separates the parts of an answer that names files."""
 
 
 class Skipped(Exception):
-    """The operator goes on without what could not be done."""
+    """The operator continues without the failed action."""
 
 
 class Conversation:
-    """Between a run and its operator, with the session as memory."""
+    """Dialogue between a run and its operator; the session stores the answers."""
 
     def __init__(self, operator: Operator, session: Session, hands: Hands | None) -> None:
         self._operator = operator
         self._session = session
         self._hands = hands
         self.kind: type[Any] | None = None
-        """The dataclass of the plan's facts, which tells what is derived from what."""
+        """Dataclass of the plan's facts, which declares what each is derived from."""
         self.stopping = threading.Event()
         self.emergency = threading.Event()
 
-    # --- telling and asking
+    # --- events and questions
 
-    def hear(self, event: Event) -> None:
-        """Tell the operator."""
-        self._operator.hear(event)
+    def notify(self, event: Event) -> None:
+        """Pass an event to the operator."""
+        self._operator.notify(event)
 
     def doing(self, say: str, done: int = 0, total: int = 0, *, lasts: bool = False) -> None:
-        """Tell what happens now; the moment to stop if that was asked for."""
+        """Report the current activity. Raises Stopped if the operator has asked to stop."""
         self.check()
-        self.hear(Doing(say, done, total, lasts=lasts))
+        self.notify(ProgressEvent(say, done, total, lasts=lasts))
 
     def check(self) -> None:
         """Raises Stopped if the operator has asked to stop."""
@@ -65,43 +64,43 @@ class Conversation:
 
     @property
     def facts(self) -> Facts:
-        """What is known so far."""
+        """The facts known so far."""
         return self._session.state.facts
 
     def learn(self, facts: Facts) -> None:
-        """Keep what is new; what was derived from an input that changes is not known any more."""
+        """Store new facts, and drop those derived from an input that changes."""
         new = {name: value for name, value in facts.items() if self.facts.get(name) != value}
         if new:
             changed = [name for name in new if name in self.facts]
-            gone = dropped(self.kind, changed, self.facts.keys()) - new.keys() if self.kind and changed else ()
-            if gone:
-                self._session.forget(sorted(gone))
+            outdated = dropped(self.kind, changed, self.facts.keys()) - new.keys() if self.kind and changed else ()
+            if outdated:
+                self._session.forget(sorted(outdated))
             self._session.learn(new)
 
     def ask(self, ask: Ask) -> Fact:
-        """The answer, which can be taken; the default is what is known, or else proposed. Raises Stopped."""
+        """A valid answer; the default is the known fact, else the proposed one. Raises Stopped."""
         default = self.facts.get(ask.key)
         if default is None and self._hands is not None:
             default = self._hands.knows(ask.key)
         if default is None:
             default = ask.proposed(self.facts)
         asked = ask if default is None else replace(ask, default=default)
-        for _ in range(ANSWERS):
+        for _ in range(MAX_INVALID_ANSWERS):
             answer = self._operator.answer(asked)
             try:
                 ask.check(answer, self.facts)
             except ProcedureError as error:
-                self.hear(Trouble(error.reason, error.remedy))
+                self.notify(ProblemEvent(error.reason, error.remedy))
             else:
                 return self._with_copies(ask, answer)
         raise Stopped
 
     def _with_copies(self, ask: Ask, answer: Fact) -> Fact:
-        """The answer, with copies that the session keeps in place of the files that it names."""
-        parts = [part.strip() for part in answer.split(BETWEEN)] if isinstance(answer, str) else []
+        """The answer with the files that it names replaced by the session's copies."""
+        parts = [part.strip() for part in answer.split(FILE_SEPARATOR)] if isinstance(answer, str) else []
         if not any(map(ask.names_file, parts)):
             return answer
-        from station.calibration.restoration.inputs import (  # here: what it stands on is slow to import
+        from station.calibration.restoration.inputs import (  # imported here: its dependencies are slow to import
             files_in,
             with_files,
             with_record,
@@ -114,46 +113,45 @@ class Conversation:
             return self.attempt(lambda: self._session.give(files))[0]
 
         copies = (
-            with_files(part, [kept(one) for one in files_in(part)]) if ask.names_file(part) else part for part in parts
+            with_files(part, [kept(file) for file in files_in(part)]) if ask.names_file(part) else part
+            for part in parts
         )
-        return f"{BETWEEN} ".join(copies)
+        return f"{FILE_SEPARATOR} ".join(copies)
 
     def ask_and_learn(self, ask: Ask) -> Fact:
-        """The answer, which is kept under its key where that is worth it. Raises Stopped."""
+        """The answer, stored under its key unless it only confirms. Raises Stopped."""
         answer = self.ask(ask)
         if ask.kind != "confirm":
             self.learn({ask.key: answer})
         return answer
 
     def agreed(self, ask: Ask) -> Fact:
-        """The answer; where the camera noted something else, the operator says which of the two is right."""
+        """The answer; where it differs from the camera's metadata, the operator says which of the two is right."""
         noted, answer = self.facts.get(ask.key), self.ask(ask)
         if ask.key not in TYPED or not isinstance(noted, float | int) or not isinstance(answer, float | int):
             return answer
         words, unit, near = TYPED[ask.key]
         if abs(answer / noted - 1) <= near:
             return answer
-        question = (
-            f"You gave {answer:g}{unit} for the {words}; before, it was noted as {noted:g}{unit}. Which is right?"
-        )
-        told, before = f"{answer:g}{unit}", f"{noted:g}{unit}"
-        insisted = self.choose(f"which_{ask.key}", question, (before, told)) == told
+        question = f"You entered {answer:g}{unit} for the {words}; {noted:g}{unit} was recorded before. Which is right?"
+        entered, before = f"{answer:g}{unit}", f"{noted:g}{unit}"
+        insisted = self.choose(f"which_{ask.key}", question, (before, entered)) == entered
         self.learn({INSISTED + ask.key: insisted})
         return answer if insisted else noted
 
-    def learn_noted(self, facts: Facts) -> None:
-        """Keep what a photograph tells, but for what the operator insisted on."""
+    def learn_from_photograph(self, facts: Facts) -> None:
+        """Store the facts read from a photograph, except those on which the operator insisted."""
         self.learn({name: value for name, value in facts.items() if not self.facts.get(INSISTED + name)})
 
     def confirmed(self, ask: Ask) -> bool:
-        """Whether the operator has done it; simulated hands then have."""
+        """Whether the operator has done it; the operator model then does it, too."""
         done = bool(self.ask(replace(ask, default=True)))
         if done and self._hands is not None:
             self._hands.do(ask.key, self.facts)
         return done
 
     def by_hand(self, advice: Advice, why: str = "") -> None:
-        """Ask for what the advice says, and keep what was asked for all in all."""
+        """Ask for the manual changes of an advice, and add them to the totals."""
         question = f"{advice.say} ({why})" if why else advice.say
         self.ask(Ask("by_hand", question))
         wanted = {**advice.moves, **advice.by_hand}
@@ -163,31 +161,31 @@ class Conversation:
         self.learn({HAND + name: float(before[name]) + change for name, change in wanted.items()})
 
     def choose(self, key: str, question: str, choices: tuple[str, ...]) -> str:
-        """One of the choices; the first is what is usually meant."""
+        """One of the choices; the first is the default."""
         return str(self.ask(Ask(key, question, "choice", default=choices[0], choices=choices)))
 
     def take_up(self) -> None:
-        """Simulated hands bring the room to where an earlier run left it."""
+        """The operator model restores the room to the state in which an earlier run left it."""
         if self._hands is not None:
             self._hands.take_up(self.facts)
 
-    # --- trouble
+    # --- problems
 
     def attempt(
-        self, work: Callable[[], T], mend: Callable[[Exception], None] = lambda error: None, *, always: bool = False
+        self, work: Callable[[], T], recover: Callable[[Exception], None] = lambda error: None, *, always: bool = False
     ) -> T:
-        """What the work gives. Where it fails the operator decides; before it is tried again, it is mended.
+        """The value of `work()`. After a failure the operator decides; `recover` runs before each further attempt.
 
         Parameters
         ----------
-        always : do it even where the operator has asked to stop: what was begun must be kept
+        always : run it even if the operator has asked to stop, to keep a file that was begun
 
         Raises
         ------
         Skipped
-            If the operator goes on without it.
+            If the operator continues without it.
         Stopped
-            If he stops, or the emergency stop was pressed.
+            If the operator stops, or the emergency stop was pressed.
         """
         failure: Exception | None = None
         while True:
@@ -195,19 +193,19 @@ class Conversation:
                 self.check()
             try:
                 if failure is not None:
-                    mend(failure)
+                    recover(failure)
                 return work()
             except EmergencyStopped as error:
                 self.emergency.set()
                 raise Stopped from error
             except (DeviceError, ProcedureError) as error:
                 if not always:
-                    self.check()  # what fails because everything was stopped is no trouble
+                    self.check()  # a failure caused by the stop is not reported
                 failure = error
-                self._trouble(error)
+                self._report_problem(error)
 
-    def _trouble(self, error: DeviceError | ProcedureError) -> None:
-        self.hear(Trouble(error.reason, error.remedy))
+    def _report_problem(self, error: DeviceError | ProcedureError) -> None:
+        self.notify(ProblemEvent(error.reason, error.remedy))
         answer = self.choose("trouble", "What now?", (AGAIN, SKIP, STOP))
         if answer == SKIP:
             raise Skipped

@@ -1,4 +1,4 @@
-"""One exposure: wait until the rig is still, ask the devices how they are, expose, keep the file, then read it."""
+"""One exposure: wait until the rig has settled, read the devices' state, expose, store the file, then read it."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from procedures.plan import Facts, Shake
 from procedures.raw import RawFrame, read_frame
 from station.guide.active_devices import Rig, Snapshot
 from station.guide.dialogue import Conversation, Skipped
-from station.guide.frontend import Stopped, Trouble
-from station.guide.vibration import Patience, Settling, Tremor, Unrest
+from station.guide.frontend import ProblemEvent, Stopped
+from station.guide.vibration import NotSettled, Settling, SettlingTimeouts, VibrationLevel
 
 if TYPE_CHECKING:
     from drivers.clock import Clock
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
 
 MOTION_HZ = 200.0
-MOTION_RIM_S = 0.2
-"""What is kept of the IMU's record before and after the exposure: lag of the shutter, and comparison of clocks."""
-SPRINGS_S = 0.5
-"""From the beginning of a path to the photograph: what began with a jerk has died away."""
-LONGEST_OPEN_S = 2.0
-"""Exposure that is allowed for where none was asked for."""
+MOTION_MARGIN_S = 0.2
+"""Margin of the IMU record before and after the exposure: lag of the shutter and uncertainty of the clocks."""
+TRANSIENT_S = 0.5
+"""Delay from the start of a path to the photograph, in which the transient decays."""
+DEFAULT_OPEN_S = 2.0
+"""Assumed exposure time where none is known."""
 
 
 class Photographer(Protocol):
-    """What answers a request with a file: the bench's camera, or the operator."""
+    """Source of photographs: the bench's camera, or the operator."""
 
     def expose(self) -> ExposedFile:
         """One photograph. Raises DeviceError."""
@@ -38,15 +38,15 @@ class Photographer(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Taken:
-    """A photograph that is in the session: its entry there, its planes, and the facts of its moment."""
+class RecordedPhotograph:
+    """A photograph stored in the session: its entry, its planes, and the facts at its time."""
 
     shot: SessionShot
     frame: RawFrame
     facts: Facts
 
 
-class Exposer:
+class PhotographRecorder:
     """Takes photographs into a session."""
 
     def __init__(
@@ -56,7 +56,7 @@ class Exposer:
         session: Session,
         talk: Conversation,
         clock: Clock,
-        patience: Patience | None = None,
+        patience: SettlingTimeouts | None = None,
     ) -> None:
         self._rig = rig
         self._camera = camera
@@ -65,89 +65,89 @@ class Exposer:
         self._clock = clock
         self.settling = Settling(rig.imu, clock, patience)
 
-    def take(self, purpose: str, step: str, *, moving: bool = False, shake: Shake | None = None) -> Taken:
-        """One photograph: when the rig is still, or with the IMU recorded while it moves, shaken or by itself.
+    def take(self, purpose: str, step: str, *, moving: bool = False, shake: Shake | None = None) -> RecordedPhotograph:
+        """One photograph: of a settled rig, or of a moving one with the IMU recorded, shaken or not.
 
         Raises Skipped, Stopped.
         """
-        tremor = None if moving else self._talk.attempt(self._still, self._rig.mend)
-        shot = self._kept(purpose, step, tremor, moving=moving, shake=shake)
+        vibration = None if moving else self._talk.attempt(self._settled, self._rig.recover)
+        shot = self._store(purpose, step, vibration, moving=moving, shake=shake)
         frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
-        return Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)})
+        return RecordedPhotograph(shot, frame, {**self._talk.facts, **shot_facts(shot)})
 
-    def _still(self) -> Tremor | None:
-        """Wait until the rig is still; an IMU that fails is waited without."""
+    def _settled(self) -> VibrationLevel | None:
+        """Wait until the rig has settled; without the IMU if it fails."""
         self._talk.doing("waiting until the rig is still")
         try:
             return self.settling.wait()
-        except (Unrest, EmergencyStopped):
+        except (NotSettled, EmergencyStopped):
             raise
         except DeviceError as error:
             self.settling.imu = None
-            self._talk.hear(Trouble(error.reason, f"going on without the IMU; {error.remedy}"))
+            self._talk.notify(ProblemEvent(error.reason, f"continuing without the IMU; {error.remedy}"))
             return self.settling.wait()
 
-    def _kept(
-        self, purpose: str, step: str, tremor: Tremor | None, *, moving: bool, shake: Shake | None
+    def _store(
+        self, purpose: str, step: str, vibration: VibrationLevel | None, *, moving: bool, shake: Shake | None
     ) -> SessionShot:
-        """Expose, and take the file in; a full disk lets the file wait where the camera put it."""
+        """Expose and store the file; on a full disk the file stays where the camera put it."""
         number = self._talk.attempt(lambda: self._session.expect(step, purpose))
-        kept: dict[str, Any] = {}
+        moment: dict[str, Any] = {}
 
         def expose() -> ExposedFile:
             known = set(self._rig.silent)
             snapshot = self._rig.snapshot()
             for name in set(snapshot.silent) - known:
-                self._talk.hear(
-                    Trouble(f"the {name} does not tell: {snapshot.silent[name]}", "look after it; the run goes on")
+                self._talk.notify(
+                    ProblemEvent(f"the {name} does not answer: {snapshot.silent[name]}", "check it; the run continues")
                 )
-            kept.update(record(snapshot, tremor))
+            moment.update(record(snapshot, vibration))
             self._talk.doing("exposing")
             self._rig.announce(number)
             if not moving:
                 return self._camera.expose()
-            exposure, told = self._moved(shake)
-            kept.update(told)
+            exposure, motion = self._expose_moving(shake)
+            moment.update(motion)
             return exposure
 
         try:
-            exposure = self._talk.attempt(expose, self._rig.mend)
+            exposure = self._talk.attempt(expose, self._rig.recover)
         except (Skipped, Stopped):
             self._session.note("gave_up", step=step, purpose=purpose)
             raise
-        adopt = partial(self._session.adopt, exposure, step=step, purpose=purpose, snapshot=kept)
+        adopt = partial(self._session.adopt, exposure, step=step, purpose=purpose, snapshot=moment)
         return self._talk.attempt(adopt, always=True)
 
-    def _moved(self, shake: Shake | None) -> tuple[ExposedFile, dict[str, Any]]:
-        """One photograph while the rig moves, and what is known of that."""
+    def _expose_moving(self, shake: Shake | None) -> tuple[ExposedFile, dict[str, Any]]:
+        """One photograph while the rig moves, and the record of the motion."""
         path = None if shake is None else self._rig.start_shaking(shake)
         if path is None:
-            exposure, block = self._felt()
+            exposure, block = self._expose_with_imu()
             return exposure, motion_record(exposure, block)
         try:
-            self._clock.sleep(SPRINGS_S)
-            exposure, block = self._felt()
+            self._clock.sleep(TRANSIENT_S)
+            exposure, block = self._expose_with_imu()
             return exposure, {**motion_record(exposure, block), **self._path_record(path)}
         finally:
-            self._rest()
+            self._stop_shaking()
 
     def _path_record(self, path: ShakePath) -> dict[str, Any]:
-        """What the session keeps of the path; nothing where the shaker came to rest meanwhile."""
+        """The path as stored in the session; empty if the shaker has stopped meanwhile."""
         try:
             return {"shake": {"began_s": self._rig.shaking_since_s(), **asdict(path)}}
-        except DeviceError as error:  # the photograph is there: it must be kept
-            self._talk.hear(Trouble(error.reason, f"the motion is not known; {error.remedy}"))
+        except DeviceError as error:  # the photograph was taken and must be stored
+            self._talk.notify(ProblemEvent(error.reason, f"the motion is not known; {error.remedy}"))
             return {}
 
-    def _rest(self) -> None:
-        """The shaker comes to rest; a photograph that was taken is not lost where it does not."""
+    def _stop_shaking(self) -> None:
+        """Stop the shaker; if that fails, the photograph is still stored."""
         try:
             self._rig.stop_shaking()
         except DeviceError as error:
-            self._talk.hear(Trouble(error.reason, error.remedy))
+            self._talk.notify(ProblemEvent(error.reason, error.remedy))
 
-    def _felt(self) -> tuple[ExposedFile, ImuBlock | None]:
-        """One photograph, and what the IMU felt meanwhile; None where there is none, or it fails."""
+    def _expose_with_imu(self) -> tuple[ExposedFile, ImuBlock | None]:
+        """One photograph and the IMU's samples; None where there is no IMU, or it fails."""
         imu = self._rig.imu
         try:
             if imu is not None:
@@ -155,7 +155,7 @@ class Exposer:
         except EmergencyStopped:
             raise
         except DeviceError as error:
-            self._talk.hear(Trouble(error.reason, f"going on without the IMU; {error.remedy}"))
+            self._talk.notify(ProblemEvent(error.reason, f"continuing without the IMU; {error.remedy}"))
             imu = None
         exposure = self._camera.expose()
         if imu is None:
@@ -163,19 +163,19 @@ class Exposer:
         try:
             block = imu.read_block(0.0)
             imu.stop()
-        except DeviceError as error:  # the photograph is there: it must be kept
-            self._talk.hear(Trouble(error.reason, f"the motion is not known; {error.remedy}"))
+        except DeviceError as error:  # the photograph was taken and must be stored
+            self._talk.notify(ProblemEvent(error.reason, f"the motion is not known; {error.remedy}"))
             return exposure, None
         return exposure, block
 
 
 def motion_record(exposure: ExposedFile, block: ImuBlock | None) -> dict[str, Any]:
-    """What the session keeps of the IMU: its samples about the time the shutter was open, by the host's clock."""
+    """The IMU's samples around the exposure as stored in the session, by the host's clock."""
     if block is None or not len(block.host_s):
         return {}
-    shutter, open_s = exposure.shutter, exposure.settings.exposure_s or LONGEST_OPEN_S
-    begin_s = shutter.closed_s - MOTION_RIM_S if shutter else -float("inf")
-    end_s = shutter.closed_s + open_s + 2 * MOTION_RIM_S if shutter else float("inf")
+    shutter, open_s = exposure.shutter, exposure.settings.exposure_s or DEFAULT_OPEN_S
+    begin_s = shutter.closed_s - MOTION_MARGIN_S if shutter else -float("inf")
+    end_s = shutter.closed_s + open_s + 2 * MOTION_MARGIN_S if shutter else float("inf")
     inside = (block.host_s >= begin_s) & (block.host_s <= end_s)
     return {
         "motion": {
@@ -187,16 +187,16 @@ def motion_record(exposure: ExposedFile, block: ImuBlock | None) -> dict[str, An
     }
 
 
-def record(snapshot: Snapshot, tremor: Tremor | None) -> dict[str, Any]:
-    """What the session keeps of a moment."""
-    kept = snapshot.record()
-    if tremor is not None:
-        kept |= {"acceleration_m_s2": tremor.acceleration_m_s2, "rotation_rad_s": tremor.rotation_rad_s}
-    return kept
+def record(snapshot: Snapshot, vibration: VibrationLevel | None) -> dict[str, Any]:
+    """The state at an exposure as stored in the session."""
+    state = snapshot.record()
+    if vibration is not None:
+        state |= {"acceleration_m_s2": vibration.acceleration_m_s2, "rotation_rad_s": vibration.rotation_rad_s}
+    return state
 
 
 def shot_facts(shot: SessionShot) -> Facts:
-    """The facts of a photograph's moment, from what the session kept of it."""
+    """The facts at the time of a photograph, from its entry in the session."""
     axes = {f"at_{name}": float(value) for name, value in shot.snapshot.get("axes", {}).items()}
     others = {name: value for name, value in shot.snapshot.items() if isinstance(value, int | float)}
     return {**axes, **others}

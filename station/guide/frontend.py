@@ -1,8 +1,8 @@
-"""What a running plan tells whoever sits before it, and what it asks: the one interface of all front ends.
+"""Events and questions of a running plan: the one interface of all front ends.
 
-The terminal application, the plain guide on stdin and stdout, and the scripted operators of tests each are an
-`Operator`. A run calls it from its own thread; a front end hands over to its own loop and returns at once from
-`hear`. Questions block the run, never the front end.
+The terminal application, the line front end on stdin and stdout, and the scripted operators of tests each implement
+`Operator`. A run calls it from its own thread; `notify` passes the event to the front end's loop and returns at once.
+Questions block the run, never the front end.
 """
 
 from __future__ import annotations
@@ -20,14 +20,12 @@ if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult
 
 MOVE = "move"
-"""The key of the question before something moves; what moves is its words, and each front end says how to begin."""
+"""Key of the question before a movement. Its text states what moves; each front end adds how to start it."""
 
 
 @dataclass(frozen=True)
 class RunBegan:
-    """A plan starts, or goes on where a session stopped: the names of the steps that are done already, and what they
-    gave, by name.
-    """
+    """A plan starts or resumes: the names of the completed steps, and the value that each gave."""
 
     plan: Plan
     session: Path
@@ -37,25 +35,25 @@ class RunBegan:
 
 @dataclass(frozen=True)
 class StepBegan:
-    """The guide stands at this step now."""
+    """This step is the current one."""
 
     step: Step
 
 
 @dataclass(frozen=True)
 class StepEnded:
-    """This step is done; `gave` is the number that it gave, in a few characters."""
+    """This step is complete; `gave` is the value that it gave, in a few characters."""
 
     step: Step
     gave: str = ""
 
 
 @dataclass(frozen=True)
-class Doing:
-    """What happens now, as a sentence ("homing the rail", "waiting until the rig is still", "exposing").
+class ProgressEvent:
+    """The current activity, as a phrase ("homing the rail", "waiting until the rig is still", "exposing").
 
-    `done` of `total` where the work has countable parts, and the seconds it will still take where that is known.
-    What `lasts` is no work but a note, that holds beside the question that follows: where the file to print lies.
+    `done` of `total` where the work has countable parts, and the remaining seconds where they are known. An event that
+    `lasts` is a note that stays visible with the next question, such as the path of the file to print.
     """
 
     say: str
@@ -66,16 +64,16 @@ class Doing:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """A frame came and was checked: one plane of it for the preview, and what to do."""
+class FrameEvent:
+    """A frame was checked: one of its planes for the preview, and the advice."""
 
     plane: Plane
     advice: Advice
 
 
 @dataclass(frozen=True)
-class CurveSeen:
-    """A scan so far: settings of the axis, and their scores (NaN where none could be told)."""
+class ScanEvent:
+    """A scan so far: settings of the axis and their scores (NaN where none could be computed)."""
 
     axis: str
     places: tuple[float, ...]
@@ -83,15 +81,15 @@ class CurveSeen:
 
 
 @dataclass(frozen=True)
-class Shown:
-    """A curve that explains what follows."""
+class DiagramEvent:
+    """A curve that explains the next question."""
 
     diagram: Diagram
 
 
 @dataclass(frozen=True)
-class Trouble:
-    """Something went wrong and what to do about it; the run goes on as the sentence says."""
+class ProblemEvent:
+    """A problem and its remedy; the run continues."""
 
     reason: str
     remedy: str
@@ -99,7 +97,7 @@ class Trouble:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """The estimate is there: where it lies, its planes, and the verdict on the whole."""
+    """The result: its folder, its planes and the overall verdict."""
 
     folder: Path
     planes: Mapping[str, PlaneResult]
@@ -111,10 +109,10 @@ class Result:
 
 @dataclass(frozen=True)
 class RunEnded:
-    """The plan is through ("finished"), or ended by the operator ("stopped") or the emergency stop ("emergency").
+    """The plan is complete ("finished"), or was ended by the operator ("stopped") or the emergency stop ("emergency").
 
-    `certificate`: its page, where the session holds its lens to a specification. `empty`: nothing was answered or
-    photographed, and the session is not kept.
+    `certificate` : its page, where the session has a specification
+    `empty` : nothing was answered or photographed; the session is not kept
     """
 
     how: str
@@ -123,20 +121,31 @@ class RunEnded:
     empty: bool = False
 
 
-Event = RunBegan | StepBegan | StepEnded | Doing | Seen | CurveSeen | Shown | Trouble | Result | RunEnded
+Event = (
+    RunBegan
+    | StepBegan
+    | StepEnded
+    | ProgressEvent
+    | FrameEvent
+    | ScanEvent
+    | DiagramEvent
+    | ProblemEvent
+    | Result
+    | RunEnded
+)
 
 
 class Operator(Protocol):
     """A front end."""
 
-    def hear(self, event: Event) -> None:
-        """Show it. Returns at once; never raises."""
+    def notify(self, event: Event) -> None:
+        """Show the event. Returns at once; never raises."""
         ...
 
     def answer(self, ask: Ask) -> Fact:
-        """The operator's answer, of the kind asked for. Blocks; raises `Stopped` when the operator ends the run."""
+        """The operator's answer, of the requested kind. Blocks; raises `Stopped` when the operator ends the run."""
         ...
 
 
 class Stopped(Exception):
-    """The operator asked to stop: after this exposure, or now."""
+    """The operator has asked to stop."""

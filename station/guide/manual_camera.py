@@ -1,4 +1,4 @@
-"""Frames without a camera on the bench: the operator photographs, and the files arrive in a folder."""
+"""Photographs without a camera on the bench: the operator takes them, and the files arrive in a folder."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from drivers.interfaces import CameraSettings, ExposedFile
 from procedures.plan import Ask, Fact
 
 SUFFIXES = RAW_SUFFIXES | {".tif", ".tiff", ".png", ".pgm"}
-FOLDER = Ask("frames_folder", "In which folder do your photographs arrive?", "text", default=".")
+FOLDER = Ask("frames_folder", "Folder in which your photographs arrive?", "text", default=".")
 
 
 class HandCamera:
-    """Asks for a photograph and takes the file that is new in the folder since the last."""
+    """Asks for a photograph and takes the next new file of the folder."""
 
     def __init__(self, ask: Callable[[Ask], Fact], clock: Clock) -> None:
         self._ask = ask
@@ -26,7 +26,7 @@ class HandCamera:
         self._arrive_in(FOLDER)
 
     def _arrive_in(self, ask: Ask) -> None:
-        """Ask for the folder; what is in it already is not what will be photographed. Raises FrameMissing."""
+        """Ask for the folder; files that are in it already are ignored. Raises FrameMissing."""
         self.folder = Path(str(self._ask(ask))).expanduser()
         self._known = self._look()
 
@@ -40,26 +40,26 @@ class HandCamera:
         }
 
     def _correct_folder(self) -> None:
-        """Nothing came: it may have been the wrong folder."""
+        """No file came: ask for the folder again."""
         before, known = self.folder, self._known
         self._arrive_in(replace(FOLDER, default=str(before)))
         if self.folder == before:
-            self._known = known  # what came late is what was photographed
+            self._known = known  # a late file is the photograph
 
     def expose(self) -> ExposedFile:
         """The photograph that the operator takes now. Raises FrameMissing."""
         if self._missed:
             self._correct_folder()
         requested_s = self._clock.now_s()
-        self._ask(Ask("photographed", f"Take one photograph and wait until its file is in {self.folder}."))
+        self._ask(Ask("photographed", f"Take one photograph, and wait until its file is in {self.folder}."))
         new = sorted(self._look() - self._known, key=lambda path: path.stat().st_mtime_ns)
         self._missed = not new
         if not new:
             raise FrameMissing(
                 f"no new photograph in {self.folder}",
-                "check the tethering software or name another folder, then photograph again",
+                "check the tethering software or name another folder, then take the photograph again",
             )
-        path = new[0]  # one at a time: what came besides is the next one
+        path = new[0]  # further new files are the next photographs
         self._known.add(path)
         return ExposedFile(
             path, sha256_of(path), path.stat().st_size, CameraSettings(), requested_s, self._clock.now_s()

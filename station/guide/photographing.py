@@ -1,4 +1,4 @@
-"""What a run does with photographs: look and mend until it is good, scan an axis, take shots that count."""
+"""Requests of a plan that need photographs: look and correct until good, scan an axis, take shots that count."""
 
 from __future__ import annotations
 
@@ -11,67 +11,73 @@ from procedures.plan import Advice, Ask, Go, Known, Look, Outcomes, Scan, Shoot,
 from procedures.raw import RawFrame, read_frame
 from station.bench.axis_text import label, position_text
 from station.guide.active_devices import AT, Rig
-from station.guide.consent import Consent
+from station.guide.consent import MoveApproval
 from station.guide.contradictions import LookProgress, resolve
 from station.guide.dialogue import AGAIN, STOP, Conversation, Skipped
-from station.guide.exposure import Exposer, Taken, shot_facts
-from station.guide.frontend import CurveSeen, Doing, Seen, Stopped
+from station.guide.exposure import PhotographRecorder, RecordedPhotograph, shot_facts
+from station.guide.frontend import FrameEvent, ProgressEvent, ScanEvent, Stopped
 from station.sessions.compute_environment import same_bits
 from station.sessions.session import Session, SessionShot
 
 EXPOSURE = "exposure_ev"
 LOOK_AGAIN, GO_ON = "look again", "go on"
-LEAVE_OUT = "leave it out"
+SKIP_PLACE = "skip it"
 PREVIEW = ("G1", "Y")
-"""Of which plane a preview is shown."""
+"""Planes shown in a preview, in order of preference."""
 
 
 @dataclass(frozen=True)
-class Way:
-    """How an advice is followed.
+class AdviceAction:
+    """How an advice is carried out.
 
     Attributes
     ----------
-    told : the advice as the operator hears it: what the bench does is not asked of hands
-    target : where the bench goes by itself, by axis
-    exposure_s : what the camera is set to through its cable
-    obstacle : why the bench cannot go there
+    shown : the advice as shown to the operator, who is not asked for what the bench does itself
+    target : positions to which the bench moves, by axis
+    exposure_s : exposure time set through the camera's cable
+    obstacle : why the bench cannot move there
     """
 
-    told: Advice
+    shown: Advice
     target: Mapping[str, float] = field(default_factory=dict)
     exposure_s: float | None = None
     obstacle: str = ""
 
 
-class Watching:
-    """Photographs for one purpose after the other, and what follows from them."""
+class PhotographRequests:
+    """Carries out the requests of a plan that need photographs."""
 
     def __init__(
-        self, rig: Rig, exposer: Exposer, session: Session, talk: Conversation, known: Known, consent: Consent
+        self,
+        rig: Rig,
+        recorder: PhotographRecorder,
+        session: Session,
+        talk: Conversation,
+        known: Known,
+        approval: MoveApproval,
     ) -> None:
         self._rig = rig
         self._known = known
-        self._exposer = exposer
+        self._recorder = recorder
         self._session = session
         self._talk = talk
-        self._consent = consent
+        self._approval = approval
         self.step = ""
         self.asks: Mapping[str, Ask] = {}
         self._progress = LookProgress()
 
     def moved(self) -> None:
-        """Something moved: keep where it is and how far it can go, and let it settle."""
-        self._exposer.settling.moved()
-        self._talk.learn(self._talk.attempt(self._rig.axis_facts, self._rig.mend))
+        """After a movement: store positions and travel limits, and wait for the rig to settle."""
+        self._recorder.settling.moved()
+        self._talk.learn(self._talk.attempt(self._rig.axis_facts, self._rig.recover))
 
-    # --- look until it is good
+    # --- look and correct
 
     def look(self, look: Look) -> None:
-        """Look and mend until the check is content, or the operator is. Raises Skipped, Stopped."""
+        """Look and correct until the check passes or the operator accepts. Raises Skipped, Stopped."""
         progress = LookProgress()
         while not any(self._look_once(look, progress) for _ in range(look.tries)):
-            question = f"After {look.tries} looks it is not as it should be. Look again, or go on with it as it is?"
+            question = f"Still outside the tolerance after {look.tries} frames. Look again, or go on with it unchanged?"
             answer = self._talk.choose("look", question, (LOOK_AGAIN, GO_ON, STOP))
             if answer == STOP:
                 raise Stopped
@@ -79,93 +85,92 @@ class Watching:
                 return
 
     def _look_once(self, look: Look, progress: LookProgress) -> bool:
-        taken = self._exposer.take(look.purpose, self.step)
+        taken = self._recorder.take(look.purpose, self.step)
         advice = self._talk.attempt(lambda: look.check(taken.frame, taken.facts))
         self._session.judge(taken.shot, False, "a trial" if advice.good else advice.say)
-        way = self._way(advice, taken.frame)
-        self._show(taken.frame, way.told)
-        self._talk.learn_noted(advice.facts)
+        action = self._action(advice, taken.frame)
+        self._show(taken.frame, action.shown)
+        self._talk.learn_from_photograph(advice.facts)
         stalled = progress.stalled(advice)
-        if advice.doubted or stalled:
-            keys = advice.doubted or look.rests_on
-            resolve(self._talk, self.asks, stalled or advice.say, keys, last=bool(stalled) or progress.doubted())
+        if advice.contradictory or stalled:
+            keys = advice.contradictory or look.rests_on
+            resolve(self._talk, self.asks, stalled or advice.say, keys, last=bool(stalled) or progress.exhausted())
         else:
-            self._follow(way)
+            self._carry_out(action)
         return advice.good
 
     def _show(self, frame: RawFrame, advice: Advice) -> None:
         name = next((name for name in PREVIEW if name in frame.planes), next(iter(frame.planes)))
-        self._talk.hear(Seen(frame.planes[name], advice))
+        self._talk.notify(FrameEvent(frame.planes[name], advice))
 
-    def _way(self, advice: Advice, frame: RawFrame) -> Way:
-        """How the advice is followed: by the bench or the camera's cable where they can, else by hand."""
+    def _action(self, advice: Advice, frame: RawFrame) -> AdviceAction:
+        """How the advice is carried out: by the bench or the camera's cable where possible, else by hand."""
         if advice.good:
-            return Way(advice)
+            return AdviceAction(advice)
         exposure_s = frame.exposure.exposure_s
         if set(advice.by_hand) == {EXPOSURE} and exposure_s is not None and self._rig.sets_exposure:
             wanted_s = exposure_s * 2 ** advice.by_hand[EXPOSURE]
-            told = f"The exposure time is set to {time_words(wanted_s)} through the camera's cable."
-            return Way(replace(advice, say=told), exposure_s=wanted_s)
-        target = self._talk.attempt(lambda: self._rig.target(advice.moves), self._rig.mend)
+            say = f"Setting the exposure time to {time_words(wanted_s)} through the camera's cable."
+            return AdviceAction(replace(advice, say=say), exposure_s=wanted_s)
+        target = self._talk.attempt(lambda: self._rig.target(advice.moves), self._rig.recover)
         obstacle = self._rig.obstacle(target)
         if obstacle is not None:
-            return Way(advice, obstacle=obstacle)
+            return AdviceAction(advice, obstacle=obstacle)
         ends = ", ".join(f"{label(axis)} to {position_text(axis, place)}" for axis, place in target.items())
-        return Way(replace(advice, say=f"The bench corrects this by itself: {ends}."), target=target)
+        return AdviceAction(replace(advice, say=f"The bench corrects this: {ends}."), target=target)
 
-    def _follow(self, way: Way) -> None:
-        """Do what the advice says."""
-        if way.exposure_s is not None:
-            wanted_s = way.exposure_s
+    def _carry_out(self, action: AdviceAction) -> None:
+        if action.exposure_s is not None:
+            wanted_s = action.exposure_s
             self._talk.doing(f"setting the exposure time to {time_words(wanted_s)}")
-            self._talk.attempt(lambda: self._rig.set_exposure(wanted_s), self._rig.mend)
-        elif way.target:
-            self._consent.to_go(way.target, again=True)
-            self._go_to(way.target)
-        elif not way.told.good:
-            self._by_hand(way.told, way.obstacle)
+            self._talk.attempt(lambda: self._rig.set_exposure(wanted_s), self._rig.recover)
+        elif action.target:
+            self._approval.to_go(action.target, again=True)
+            self._go_to(action.target)
+        elif not action.shown.good:
+            self._by_hand(action.shown, action.obstacle)
 
     def _by_hand(self, advice: Advice, why: str = "") -> None:
-        """Hands do it: they were at the rig, so the next move of the bench is begun anew."""
+        """Ask the operator to do it. Somebody is at the rig then: the next move needs a new approval."""
         self._talk.by_hand(advice, why)
-        self._consent.withdraw()
-        self._exposer.settling.moved()
+        self._approval.withdraw()
+        self._recorder.settling.moved()
 
     def _go_to(self, places: Mapping[str, float]) -> None:
         ends = ", ".join(f"{label(axis)} to {position_text(axis, place)}" for axis, place in places.items())
         self._talk.doing(f"moving {ends}: keep clear")
-        self._talk.attempt(lambda: self._rig.go_to(places), self._rig.mend)
+        self._talk.attempt(lambda: self._rig.go_to(places), self._rig.recover)
         self.moved()
 
     # --- scan an axis
 
     def scan(self, scan: Scan) -> None:
-        """A trial at each place, then on to the best. Raises Skipped, Stopped."""
+        """A trial frame at each position, then move to the best. Raises Skipped, Stopped."""
         places = [float(place) for place in scan.places(self._talk.facts)]
         here, scores = self._here(scan.axis), []
         if places and scan.axis in self._rig.axes():
-            self._consent.to_scan(scan.axis, places)
+            self._approval.to_scan(scan.axis, places)
         for i, place in enumerate(places):
             self._set(scan, place, here)
             here = place
             self._talk.doing(scan.purpose, i + 1, len(places))
-            taken = self._exposer.take(scan.purpose, self.step)
+            taken = self._recorder.take(scan.purpose, self.step)
             scores.append(self._talk.attempt(lambda t=taken: scan.score(t.frame, t.facts)))  # type: ignore[misc]
             self._session.judge(taken.shot, False, "a trial")
             self._show(taken.frame, Advice(True, ""))
-            self._talk.hear(CurveSeen(scan.axis, tuple(places[: i + 1]), tuple(scores)))
+            self._talk.notify(ScanEvent(scan.axis, tuple(places[: i + 1]), tuple(scores)))
         if places:
             advice = scan.choose(places, scores)
-            self._talk.learn_noted(advice.facts)
+            self._talk.learn_from_photograph(advice.facts)
             self._talk.doing(advice.say, lasts=True)
             self._set(scan, here + advice.moves.get(scan.axis, 0.0), here)
 
     def _here(self, axis: str) -> float:
-        """Where the axis is; 0 for one that is set by hand."""
+        """Position of the axis; 0 for one that is set by hand."""
         return float(self._talk.facts.get(AT + axis, 0.0)) if axis in self._rig.axes() else 0.0
 
     def _set(self, scan: Scan, place: float, here: float) -> None:
-        """Bring the axis to a place: by the bench, or by hand from where it is."""
+        """Move the axis to a position, by the bench or by hand."""
         if scan.axis in self._rig.axes():
             self._go_to({scan.axis: place})
         elif place != here:
@@ -174,7 +179,7 @@ class Watching:
     # --- shots that count
 
     def shoot(self, shoot: Shoot) -> None:
-        """Shots until they are enough; those that an interrupted run took are looked at first. Raises Stopped."""
+        """Take shots until there are enough, after checking those of an interrupted run. Raises Stopped."""
         results: list[Outcomes] = []
         self._progress = LookProgress()
         for shot in self._earlier(shoot.purpose):
@@ -183,61 +188,61 @@ class Watching:
             if results and self._enough(shoot, results):
                 return
             shake = shoot.shake(self._talk.facts)
-            taken = self._exposer.take(shoot.purpose, self.step, moving=shoot.record_motion, shake=shake)
+            taken = self._recorder.take(shoot.purpose, self.step, moving=shoot.record_motion, shake=shake)
             self._judge(shoot, taken, results)
         if not (results and self._enough(shoot, results)):
-            self._talk.doing(f"{shoot.most} shots were taken: going on with those that count", lasts=True)
+            self._talk.doing(f"{shoot.most} shots taken; continuing with those that count", lasts=True)
 
     def _earlier(self, purpose: str) -> list[SessionShot]:
-        """The shots of this step and purpose that count, or were not judged before the interruption."""
+        """The shots of this step and purpose that count, or were not checked before the interruption."""
         shots = self._session.state.shots
         return [s for s in shots if (s.step, s.purpose) == (self.step, purpose) and s.counts is not False]
 
-    def _read_again(self, shot: SessionShot) -> Taken:
-        """A photograph that an interrupted run took."""
+    def _read_again(self, shot: SessionShot) -> RecordedPhotograph:
+        """A photograph of an interrupted run."""
         frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
-        return Taken(shot, frame, {**self._talk.facts, **shot_facts(shot)})
+        return RecordedPhotograph(shot, frame, {**self._talk.facts, **shot_facts(shot)})
 
     def _enough(self, shoot: Shoot, results: list[Outcomes]) -> bool:
         advice = shoot.enough(results, self._talk.facts)
-        self._talk.learn_noted(advice.facts)
-        if advice.doubted:
-            resolve(self._talk, self.asks, advice.say, advice.doubted, last=self._progress.doubted())
+        self._talk.learn_from_photograph(advice.facts)
+        if advice.contradictory:
+            resolve(self._talk, self.asks, advice.say, advice.contradictory, last=self._progress.exhausted())
             return False
         self._talk.doing(advice.say, len(results), shoot.most, lasts=True)
         return advice.good
 
-    def _judge(self, shoot: Shoot, taken: Taken, results: list[Outcomes]) -> None:
-        """Whether the shot counts, and why not; what it gives is added to the results."""
+    def _judge(self, shoot: Shoot, taken: RecordedPhotograph, results: list[Outcomes]) -> None:
+        """Decide whether a shot counts, and add its estimate to the results."""
         advice = self._talk.attempt(lambda: shoot.check(taken.frame, taken.facts))
         if advice.good:
-            self._talk.hear(Doing(f"estimating from shot {taken.shot.number}"))
-            with same_bits():  # as the result is computed, which is made of the same estimates
-                found = self._talk.attempt(lambda: shoot.estimate(taken.frame, taken.facts, results, self._known))
-            refused = [one for one in found.values() if one.verdict is Verdict.REFUSED]
-            if len(refused) < len(found):
-                results.append(found)
+            self._talk.notify(ProgressEvent(f"estimating from shot {taken.shot.number}"))
+            with same_bits():  # the final result reuses these estimates
+                outcomes = self._talk.attempt(lambda: shoot.estimate(taken.frame, taken.facts, results, self._known))
+            refused = [outcome for outcome in outcomes.values() if outcome.verdict is Verdict.REFUSED]
+            if len(refused) < len(outcomes):
+                results.append(outcomes)
             else:
                 advice = Advice(False, f"{refused[0].reason}: {refused[0].remedy}")
-        way = self._keep(taken, advice)
-        if advice.doubted:
-            resolve(self._talk, self.asks, advice.say, advice.doubted, last=self._progress.doubted())
+        action = self._record(taken, advice)
+        if advice.contradictory:
+            resolve(self._talk, self.asks, advice.say, advice.contradictory, last=self._progress.exhausted())
         else:
-            self._follow(way)
+            self._carry_out(action)
 
-    def _keep(self, taken: Taken, advice: Advice) -> Way:
-        """Whether the shot counts, for the session and the operator; how the advice is to be followed."""
+    def _record(self, taken: RecordedPhotograph, advice: Advice) -> AdviceAction:
+        """Record whether the shot counts, show it, and derive how to carry out the advice."""
         if advice.good:
-            self._talk.learn_noted(advice.facts)
+            self._talk.learn_from_photograph(advice.facts)
         self._session.judge(taken.shot, advice.good, "" if advice.good else advice.say)
-        way = self._way(advice, taken.frame)
-        self._show(taken.frame, way.told)
-        return way
+        action = self._action(advice, taken.frame)
+        self._show(taken.frame, action.shown)
+        return action
 
     # --- one shot at each of several places
 
     def tour(self, tour: Tour, go: Callable[[Go], None]) -> None:
-        """A shot that counts at each place where none was taken yet; `go` moves there. Raises Stopped."""
+        """Take a shot that counts at each place that has none yet; `go` moves there. Raises Stopped."""
         stops = tour.stops(self._talk.facts)
         for number, stop in enumerate(stops, 1):
             if self._visited(stop):
@@ -246,41 +251,41 @@ class Watching:
             reason = self._visit(stop, tour.tries, go)
             if reason:
                 self._session.note("left_out", step=self.step, place=stop.name, reason=reason)
-                self._talk.hear(Doing(f"{stop.name} is left out: {reason}", lasts=True))
+                self._talk.notify(ProgressEvent(f"{stop.name} is skipped: {reason}", lasts=True))
 
     def _visited(self, stop: TourStop) -> bool:
-        """Whether a shot of this place counts; one that was not judged before an interruption is judged now."""
+        """Whether a shot of this place counts; one left unchecked by an interruption is checked now."""
         for shot in self._earlier(stop.name):
             if shot.counts is None:
                 taken = self._read_again(shot)
-                self._keep(taken, self._checked(stop, taken))
+                self._record(taken, self._checked(stop, taken))
         return any(shot.counts for shot in self._earlier(stop.name))
 
-    def _checked(self, stop: TourStop, taken: Taken) -> Advice:
+    def _checked(self, stop: TourStop, taken: RecordedPhotograph) -> Advice:
         return self._talk.attempt(lambda: stop.check(taken.frame, taken.facts))
 
     def _visit(self, stop: TourStop, tries: int, go: Callable[[Go], None]) -> str:
-        """Go there and try until a shot counts: "", or why the place is left out."""
+        """Go there and try until a shot counts. Gives "", or why the place is skipped."""
         try:
             go(stop.go)
             while True:
                 for _ in range(tries):
-                    taken = self._exposer.take(stop.name, self.step)
+                    taken = self._recorder.take(stop.name, self.step)
                     advice = self._checked(stop, taken)
-                    way = self._keep(taken, advice)
+                    action = self._record(taken, advice)
                     if advice.good:
                         return ""
-                    self._follow(way)
-                if not self._goes_on_trying(stop, tries):
+                    self._carry_out(action)
+                if not self._retry_place(stop, tries):
                     return advice.say
         except Skipped:
-            self._rig.leave_out_lost()
+            self._rig.exclude_lost()
             return "the operator skipped it"
 
-    def _goes_on_trying(self, stop: TourStop, tries: int) -> bool:
-        """What the operator decides about a place where no shot counts. Raises Stopped."""
-        question = f"{stop.name}: {tries} shots do not count. Leave this place out, or try again?"
-        answer = self._talk.choose("place", question, (LEAVE_OUT, AGAIN, STOP))
+    def _retry_place(self, stop: TourStop, tries: int) -> bool:
+        """Ask the operator whether to retry a place where no shot counts. Raises Stopped."""
+        question = f"{stop.name}: none of {tries} shots counts. Skip this place, or try again?"
+        answer = self._talk.choose("place", question, (SKIP_PLACE, AGAIN, STOP))
         if answer == STOP:
             raise Stopped
         return answer == AGAIN

@@ -1,4 +1,4 @@
-"""A session's results once more, from its photographs and its journal alone, compared byte for byte."""
+"""Recompute a session's results from its photographs and journal, and compare them byte by byte."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from station.sessions.state import DerivedResult, SessionState, replay
 
 @dataclass(frozen=True)
 class MovedNumber:
-    """A number of a plane that is another now: `sigmas` is by how many of the standard uncertainties told then."""
+    """A number of a plane that has changed; `sigmas` is the change in units of the recorded standard uncertainty."""
 
     plane: str
     number: str
@@ -38,19 +38,19 @@ class MovedNumber:
 
 @dataclass(frozen=True)
 class RecomputedResult:
-    """One result against what was computed again.
+    """Comparison of a result with its recomputation.
 
     Attributes
     ----------
-    result : folder of the result, from the session's
-    same, different, missing, added : names of files, by how the new ones compare to those that the journal tells
-    keys : where the records differ, the entries that do
-    kernels : the processors' family whose kernels of linear algebra gave the same bits, where this one's own did not
-    machine : what is another now than when the result was drawn: (what, then, now)
-    version : of this program, that drew the result; "" where the journal does not tell
-    numbers : how many numbers with an uncertainty both results have
-    moved : those of them that differ, the farthest first
-    verdicts : planes with another verdict: (plane, then, now)
+    result : folder of the result, relative to the session
+    same, different, missing, added : names of files, by comparison with the hashes in the journal
+    keys : entries in which the records differ
+    kernels : processor family whose linear algebra kernels reproduced the files, where those of this processor did not
+    machine : differences of the computing environment: (what, then, now)
+    version : version of this program that computed the result; "" where the journal does not state it
+    numbers : count of numbers with an uncertainty in both results
+    moved : those that differ, the largest change first
+    verdicts : planes with a different verdict: (plane, then, now)
     """
 
     result: str
@@ -68,52 +68,50 @@ class RecomputedResult:
 
     @property
     def identical(self) -> bool:
-        """Whether every file is the same to the last bit."""
+        """Whether every file is bitwise the same."""
         return not (self.different or self.missing or self.added)
 
 
 def recompute(folder: Path, numbers: tuple[int, ...] = ()) -> Iterator[RecomputedResult]:
-    """Every result of a session computed again, or those of these numbers.
+    """Recompute every result of a session, or those of these numbers.
 
-    Each is computed from what the journal held when it was drawn, into a folder that is removed again. It is compared
-    with the hashes in the journal, so that a result whose files were altered afterwards is told as well. Where it was
-    drawn on another family of processors, it is computed once more as that one would, as far as this one can.
+    Each is computed from the state of the journal at that time, into a temporary folder, and compared with the hashes
+    in the journal, so that files altered afterwards are reported as well. A result of another processor family is
+    recomputed with the kernels of that family where this processor supports them.
 
     Raises
     ------
     BadParameter
         If there is no such result.
     Damaged
-        If a photograph is not what was taken.
+        If a photograph has changed.
     """
     record = read_session(folder)
     results = record.state.results
     wanted = numbers or tuple(range(1, len(results) + 1))
     for number in wanted:
         if not 1 <= number <= len(results):
-            raise BadParameter(
-                f"{folder.name} has {len(results)} results, and none of number {number}", "choose another"
-            )
+            raise BadParameter(f"{folder.name} has {len(results)} results; got number {number}", "choose one of them")
     verify(folder, record.state)
     lines = record.contents.lines
     drawn = [i for i, line in enumerate(lines) if line.event == "derived"]
     for number in wanted:
-        found = _again(folder, results[number - 1], replay(lines[: drawn[number - 1]]))
+        comparison = _recomputed(folder, results[number - 1], replay(lines[: drawn[number - 1]]))
         then = kernels_of(results[number - 1].about.get("machine", {}))
-        if not found.identical and then and then != kernels_of(machine()) and KERNELS not in os.environ:
-            found = _as_then(folder, number, then) or found
-        yield found
+        if not comparison.identical and then and then != kernels_of(machine()) and KERNELS not in os.environ:
+            comparison = _with_kernels(folder, number, then) or comparison
+        yield comparison
 
 
 def kernels_of(computer: Mapping[str, Any]) -> str:
-    """The family of processors whose kernels OpenBLAS used; "" where that is not one."""
+    """The processor family whose kernels OpenBLAS used; "" where it is not unique."""
     libraries = str(computer.get("blas", "")).split(", ")
-    families = {words[2] for one in libraries if (words := one.split())[:1] == ["openblas"] and len(words) == 3}
+    families = {words[2] for library in libraries if (words := library.split())[:1] == ["openblas"] and len(words) == 3}
     return families.pop() if len(families) == 1 else ""
 
 
-def _as_then(folder: Path, number: int, kernels: str) -> RecomputedResult | None:
-    """The comparison by a process whose OpenBLAS computes as that family would; None where it is not the same."""
+def _with_kernels(folder: Path, number: int, kernels: str) -> RecomputedResult | None:
+    """The comparison by a process with OpenBLAS kernels of that family; None unless the files are the same."""
     words = [sys.executable, "-m", "station", "session", "recompute", str(folder.absolute())]
     environment = {**os.environ, KERNELS: kernels}
     done = subprocess.run(
@@ -121,34 +119,34 @@ def _as_then(folder: Path, number: int, kernels: str) -> RecomputedResult | None
     )
     if done.returncode != 0:
         return None
-    (told,) = json.loads(done.stdout)["results"]
-    del told["identical"]
-    return RecomputedResult(**{**{name: _tuples(value) for name, value in told.items()}, "kernels": kernels})
+    (entry,) = json.loads(done.stdout)["results"]
+    del entry["identical"]
+    return RecomputedResult(**{**{name: _tuples(value) for name, value in entry.items()}, "kernels": kernels})
 
 
 def _tuples(value: Any) -> Any:
     return tuple(_tuples(part) for part in value) if isinstance(value, list) else value
 
 
-def _again(folder: Path, result: DerivedResult, state: SessionState) -> RecomputedResult:
+def _recomputed(folder: Path, result: DerivedResult, state: SessionState) -> RecomputedResult:
     with temporary_folder() as raw:
         fresh = Path(raw, "result")
         compute(folder, state, plan_named(state.plan, folder), fresh, sealed=is_sealed(folder / result.folder))
-        found = {path.relative_to(fresh).as_posix(): sha256_of(path) for path in fresh.rglob("*") if path.is_file()}
+        hashes = {path.relative_to(fresh).as_posix(): sha256_of(path) for path in fresh.rglob("*") if path.is_file()}
         keys = _differing(folder / result.folder / RECORD, fresh / RECORD)
         shared, moved, verdicts = _planes_compared(folder / result.folder, fresh)
-    told = result.about.get("machine", {})
+    environment = result.about.get("machine", {})
     on_disk = {name: _hash(folder / result.folder / name) for name in result.files}
-    same = [name for name, digest in found.items() if result.files.get(name) == digest == on_disk.get(name)]
+    same = [name for name, digest in hashes.items() if result.files.get(name) == digest == on_disk.get(name)]
     return RecomputedResult(
         result.folder,
         tuple(sorted(same)),
-        tuple(sorted(name for name in found if name in result.files and name not in same)),
-        tuple(sorted(name for name in result.files if name not in found)),
-        tuple(sorted(name for name in found if name not in result.files)),
+        tuple(sorted(name for name in hashes if name in result.files and name not in same)),
+        tuple(sorted(name for name in result.files if name not in hashes)),
+        tuple(sorted(name for name in hashes if name not in result.files)),
         keys,
-        _other_machine(told),
-        version=str(told.get("software", {}).get("version") or ""),
+        _other_machine(environment),
+        version=str(environment.get("software", {}).get("version") or ""),
         numbers=shared,
         moved=moved,
         verdicts=verdicts,
@@ -156,10 +154,10 @@ def _again(folder: Path, result: DerivedResult, state: SessionState) -> Recomput
 
 
 def _planes_compared(old: Path, new: Path) -> tuple[int, tuple[MovedNumber, ...], tuple[tuple[str, str, str], ...]]:
-    """How many numbers two results share, which of them differ, and which planes' verdicts."""
+    """Count of shared numbers, the numbers that differ, and the planes with different verdicts."""
     try:
         before, now = read_result(old).planes, read_result(new).planes
-    except BadInput:  # what is wrong with the older one is told by its files' hashes
+    except BadInput:  # the hashes report what is wrong with the older result
         return 0, (), ()
     both = [(before[name], now[name]) for name in before if name in now]
     shared = [(one.name, change) for one, other in both for change in changes(one, other)]
@@ -170,7 +168,7 @@ def _planes_compared(old: Path, new: Path) -> tuple[int, tuple[MovedNumber, ...]
 
 
 def _moved(plane: str, change: Change) -> MovedNumber:
-    """Of the same photograph, so that its uncertainty is the measure, and not that of a difference of two."""
+    """A changed number; both come from the same photographs, so the change is relative to a single uncertainty."""
     then, now, spread = change.one.value, change.other.value, change.one.uncertainty
     return MovedNumber(plane, change.name, then, now, (now - then) / spread if spread > 0 else math.inf)
 

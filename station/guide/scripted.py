@@ -1,4 +1,4 @@
-"""An operator who does what is asked and answers as written down: for batch runs, the demonstration and tests."""
+"""A scripted operator with prepared answers: for batch runs, the demonstration and tests."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from station.guide.frontend import Event, Stopped
 
 Answer = Fact | Callable[[Ask], Fact]
 TROUBLE, LOOK = "trouble", "look"
-LOOKS = 3
-"""So often it looks on where a check is not content; then it goes on with what is."""
+MAX_LOOKS = 3
+"""Repeats of a failing check before it goes on unchanged."""
 
 
 @dataclass
-class Scripted:
-    """Confirms everything; other questions are answered by their key, else by their default.
+class ScriptedOperator:
+    """Confirms everything, and answers other questions by their key, else by their default.
 
     Attributes
     ----------
-    answers : by key: a fact, or what gives one when asked
-    patience : so many troubles are tried again; the next one ends the run
-    heard, asked : all that was told and asked, in order
+    answers : by key: a fact, or a function of the question that gives one
+    patience : number of problems that are retried; the next one ends the run
+    heard, asked : all events and questions, in order
     """
 
     answers: Mapping[str, Answer] = field(default_factory=dict)
@@ -31,21 +31,21 @@ class Scripted:
     heard: list[Event] = field(default_factory=list)
     asked: list[Ask] = field(default_factory=list)
 
-    def hear(self, event: Event) -> None:
-        """Note it down."""
+    def notify(self, event: Event) -> None:
+        """Record the event."""
         self.heard.append(event)
         self.listen(event)
 
     def count(self, key: str) -> int:
-        """How often this was asked."""
+        """Number of times this was asked."""
         return sum(ask.key == key for ask in self.asked)
 
     def answer(self, ask: Ask) -> Fact:
-        """What is written down for it. Raises Stopped where nothing is and there is no default."""
+        """The prepared answer. Raises Stopped where there is neither one nor a default."""
         self.asked.append(ask)
         if ask.key == TROUBLE and self.count(TROUBLE) > self.patience:
             raise Stopped
-        if ask.key == LOOK and LOOK not in self.answers and self.count(LOOK) > LOOKS:
+        if ask.key == LOOK and LOOK not in self.answers and self.count(LOOK) > MAX_LOOKS:
             return ask.choices[1]
         if ask.key in self.answers:
             given = self.answers[ask.key]

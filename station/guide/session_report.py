@@ -1,6 +1,6 @@
-"""A session's report: its last result, drawn again from the photographs, with bench and journal beside it.
+"""A session's report: its last result, recomputed from the photographs, with bench and journal.
 
-A plan that writes its results its own way has drawn their page with them: that is its report.
+Where the plan has written its own page with the result, that page is the report.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from station.sessions.state import SessionState, replay
 
 PAGE = "report.html"
 REPORTED = "reported"
-"""The journal's word for a page that was drawn: its hash tells whether the file is still that."""
+"""Event in the journal with the hash of the page."""
 UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_s": "s"}
 
 
 def session_page(folder: Path, found: SessionResult | None = None) -> str:
-    """The report of a session's last result, as HTML; computed again where what it was made of is not at hand.
+    """The report of a session's last result as HTML; recomputed where neither `found` nor the page is available.
 
     Raises
     ------
     Refused
         If it has no result.
     Damaged
-        If a photograph is not what was taken, or the page not what was written.
+        If a photograph or the page has changed.
     """
     record = read_session(folder)
     if not record.state.results:
-        raise Refused(f"{folder.name} has no result yet", "go on with it: station session resume")
+        raise Refused(f"{folder.name} has no result yet", "continue it: station session resume")
     verify(folder, record.state)
     last = record.state.results[-1]
     if PAGE in last.files:
@@ -55,27 +55,27 @@ def session_page(folder: Path, found: SessionResult | None = None) -> str:
 
 
 def overlaid_page(folder: Path, overlays: Sequence[Overlay]) -> str:
-    """The same with other results' MTF drawn over its own. Raises as `session_report`, and where units differ."""
+    """The report with the MTF of other results as overlays. Raises as `session_report`, and where units differ."""
     return calibration_page(replace(session_report(folder), overlays=overlays))
 
 
 def session_report(folder: Path, found: SessionResult | None = None) -> Report:
-    """What the report of a session's last result tells, of a plan that draws none of its own.
+    """Contents of the report of a session's last result, for plans without a page of their own.
 
     Raises
     ------
     Refused
-        If it has no result, or one that has no planes of a PSF.
+        If it has no result, or one without PSFs.
     Damaged
-        If a photograph is not what was taken.
+        If a photograph has changed.
     """
     record = read_session(folder)
     if not record.state.results:
-        raise Refused(f"{folder.name} has no result yet", "go on with it: station session resume")
+        raise Refused(f"{folder.name} has no result yet", "continue it: station session resume")
     if PAGE in record.state.results[-1].files and record.state.plan not in METHODS:
-        raise Refused(f"a {record.state.plan} has no certificate", "its page is report.html in the result's folder")
+        raise Refused(f"the procedure {record.state.plan} has no certificate", "see report.html in the result's folder")
     if record.state.plan not in METHODS and record.state.results[-1].verdict == Verdict.REFUSED:
-        raise Refused(f"a {record.state.plan} that was refused has no page", "its reason stands in result.json")
+        raise Refused(f"a refused result of {record.state.plan} has no page", "see the reason in result.json")
     verify(folder, record.state)
     drawn = max(i for i, line in enumerate(record.contents.lines) if line.event == "derived")
     state = replay(record.contents.lines[:drawn])
@@ -83,22 +83,23 @@ def session_report(folder: Path, found: SessionResult | None = None) -> Report:
 
 
 def certificate_files(folder: Path, found: SessionResult | None = None) -> dict[str, bytes]:
-    """By name the certificate of a session's last result, as a page and for the printer. Raises as `session_report`."""
+    """Certificate files of a session's last result by name: page and PDF. Raises as `session_report`."""
     from station.reports import certificate
     from station.reports.certificate_print import certificate_pdf
 
-    told = session_report(folder, found)
-    return {certificate.PAGE: certificate.certificate_page(told).encode(), certificate.PRINT: certificate_pdf(told)}
+    report = session_report(folder, found)
+    page = certificate.certificate_page(report).encode()
+    return {certificate.PAGE: page, certificate.PRINT: certificate_pdf(report)}
 
 
 def _kept_page(folder: Path, record: SessionRecord) -> str | None:
-    """The page that was drawn with the last result; None where there is none, or it is not what was written."""
-    told = [line for line in record.contents.lines if line.event in ("derived", REPORTED)]
+    """The page written with the last result; None where it is missing or has changed."""
+    written = [line for line in record.contents.lines if line.event in ("derived", REPORTED)]
     try:
         text = (folder / PAGE).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         return None
-    same = told[-1].event == REPORTED and told[-1].data["sha256"] == hashlib.sha256(text.encode()).hexdigest()
+    same = written[-1].event == REPORTED and written[-1].data["sha256"] == hashlib.sha256(text.encode()).hexdigest()
     return text if same else None
 
 
@@ -110,7 +111,7 @@ def _report(record: SessionRecord, state: SessionState, found: SessionResult) ->
         planes=[PlaneSheet(_of_frame(one), found.frames[0].planes[name]) for name, one in found.planes.items()],
         shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in found.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
-        conditions=[*_words(state, found), *_conditions(state)],
+        conditions=[*_operator_inputs(state, found), *_conditions(state)],
         devices=[ReportLine(name, words) for name, words in _devices(record)],
         specification=terms_of_session(record.folder).specification,
         made=last.at[:16].replace("T", " ") + " UTC",
@@ -120,7 +121,7 @@ def _report(record: SessionRecord, state: SessionState, found: SessionResult) ->
 
 
 def _of_frame(one: PlaneResult) -> PlaneResult:
-    """A plane's result; of a field with its medians over the frame."""
+    """A plane's result; for a field, with its medians over the frame."""
     from procedures.field.conclusion import FieldResult
     from station.reports.field.field_files import with_medians
 
@@ -128,7 +129,7 @@ def _of_frame(one: PlaneResult) -> PlaneResult:
 
 
 def _shots(state: SessionState, noted: Mapping[str, Exposure]) -> Iterator[ReportShot]:
-    """The photographs that the result comes from, then those that do not count, with the reason."""
+    """The photographs of the result, then those that do not count, with the reason."""
     for shot in sorted(state.shots, key=lambda shot: not shot.counts):
         exposure = noted.get(shot.sha256) if shot.counts else None
         words = exposure_words(exposure) if exposure else ""
@@ -137,30 +138,30 @@ def _shots(state: SessionState, noted: Mapping[str, Exposure]) -> Iterator[Repor
         yield ReportShot(shot.path, shot.sha256, words, taken, note)
 
 
-def _words(state: SessionState, found: SessionResult) -> Iterator[ReportLine]:
-    """The numbers that are nobody's word but the operator's."""
-    from station.guide.whose_word import NAMES, words_of  # here: what it stands on is slow to import
+def _operator_inputs(state: SessionState, found: SessionResult) -> Iterator[ReportLine]:
+    """The numbers whose only source is the operator."""
+    from station.guide.provenance import NAMES, provenance_of  # imported here: its dependencies are slow to import
 
-    for key, word in words_of(plan_named(state.plan), state.facts, found.frames).items():
-        if word.told_by == OPERATOR:
-            yield ReportLine(NAMES[key], str(word))
+    for key, provenance in provenance_of(plan_named(state.plan), state.facts, found.frames).items():
+        if provenance.told_by == OPERATOR:
+            yield ReportLine(NAMES[key], str(provenance))
 
 
 def _conditions(state: SessionState) -> Iterator[ReportLine]:
-    """What the devices said when the counting shots were taken, from the least to the greatest."""
-    told: dict[str, list[float]] = {}
+    """Range of every reported device value over the shots that count."""
+    values_of: dict[str, list[float]] = {}
     for shot in state.counting():
         for name, value in {**shot.snapshot.get("axes", {}), **shot.snapshot}.items():
             if isinstance(value, int | float):
-                told.setdefault(name, []).append(float(value))
-    for name, values in sorted(told.items()):
+                values_of.setdefault(name, []).append(float(value))
+    for name, values in sorted(values_of.items()):
         low, high = f"{min(values):.5g}", f"{max(values):.5g}"
         words, unit = _unit_of(printable(name))
         yield ReportLine(words, f"{low if low == high else f'{low} to {high}'} {unit}".rstrip())
 
 
 def _unit_of(name: str) -> tuple[str, str]:
-    """A name that carries its unit, in words: z_mm is z in mm."""
+    """Split a name and its unit: z_mm is z in mm."""
     for ending, unit in UNITS.items():
         if name.endswith(ending):
             return name.removesuffix(ending).replace("_", " "), unit
@@ -168,7 +169,7 @@ def _unit_of(name: str) -> tuple[str, str]:
 
 
 def _devices(record: SessionRecord) -> Iterator[tuple[str, str]]:
-    """What answered, as the journal has it last; else what was configured."""
+    """The devices, as last recorded in the journal."""
     identities: Mapping[str, Any] = {}
     for line in record.contents.lines:
         if line.event == "devices":

@@ -1,4 +1,4 @@
-"""When the rig is still: told by the IMU against its own noise at rest, or waited for where there is none."""
+"""Settling of the rig: detected by the IMU relative to its noise at rest, or awaited without one."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Patience:
-    """How long to wait, and what counts as still.
+class SettlingTimeouts:
+    """How long to wait for the rig to settle, and when it counts as settled.
 
     Attributes
     ----------
     frequency_hz, damping : float
-        Of the stage's slowest mode; without an IMU it is given the time to decay to `quiet` of what shook it.
+        Of the stage's slowest mode. Without an IMU the wait lasts until that mode has decayed to the fraction `quiet`.
     rate_hz, window_s : float
-        How the IMU is asked.
+        Sampling rate of the IMU, and duration of a block.
     factor : float
-        Still is up to this many times the noise at rest. The root mean square of 40 samples of three axes scatters by
-        6 %: 1.4 is more than six deviations of that.
+        Largest vibration level of a settled rig, relative to the noise at rest. The root mean square of 40 samples of
+        three axes scatters by 6 %: 1.4 is more than six standard deviations.
     longest_s : float
-        After this long it is said that the rig does not come to rest.
+        Timeout.
     """
 
     frequency_hz: float = 8.0
@@ -42,87 +42,87 @@ class Patience:
 
     @property
     def decay_s(self) -> float:
-        """Time in which the slowest mode becomes quiet: exp(-2 pi damping frequency t) = quiet."""
+        """Time t after which exp(-2 pi damping frequency t) = quiet."""
         return -math.log(self.quiet) / (2 * math.pi * self.damping * self.frequency_hz)
 
 
 @dataclass(frozen=True)
-class Tremor:
-    """Root mean square of acceleration in m/s^2 and rotation rate in rad/s about their means."""
+class VibrationLevel:
+    """Standard deviations of acceleration in m/s^2 and of rotation rate in rad/s."""
 
     acceleration_m_s2: float
     rotation_rad_s: float
 
     @classmethod
-    def of(cls, block: ImuBlock) -> Tremor:
-        """Of the samples of one block."""
-        return cls(_scatter(block.acceleration_m_s2), _scatter(block.rotation_rad_s))
+    def of(cls, block: ImuBlock) -> VibrationLevel:
+        """Vibration level of a block of samples."""
+        return cls(_deviation(block.acceleration_m_s2), _deviation(block.rotation_rad_s))
 
-    def over(self, rest: Tremor) -> float:
-        """How many times the tremor at rest this is, by whichever sensor tells more."""
+    def ratio_to(self, rest: VibrationLevel) -> float:
+        """Ratio to the level at rest; the larger of the two sensors' ratios."""
         return max(
             self.acceleration_m_s2 / max(rest.acceleration_m_s2, 1e-9),
             self.rotation_rad_s / max(rest.rotation_rad_s, 1e-9),
         )
 
-    def least(self, other: Tremor) -> Tremor:
-        """The quieter of two, sensor by sensor."""
-        return Tremor(
+    def least(self, other: VibrationLevel) -> VibrationLevel:
+        """The lower of two levels, sensor by sensor."""
+        return VibrationLevel(
             min(self.acceleration_m_s2, other.acceleration_m_s2), min(self.rotation_rad_s, other.rotation_rad_s)
         )
 
 
-def _scatter(samples: Array) -> float:
+def _deviation(samples: Array) -> float:
     return float(np.sqrt(np.mean((samples - samples.mean(axis=0)) ** 2))) if len(samples) else math.inf
 
 
-class Unrest(DeviceError):
-    """The rig does not come to rest."""
+class NotSettled(DeviceError):
+    """The rig does not settle."""
 
 
 class Settling:
-    """Waits until the rig is still. What is at rest is learnt on the way: the quietest that was ever seen."""
+    """Waits until the rig has settled. The level at rest is the lowest measured so far."""
 
-    def __init__(self, imu: Imu | None, clock: Clock, patience: Patience | None = None) -> None:
+    def __init__(self, imu: Imu | None, clock: Clock, timeouts: SettlingTimeouts | None = None) -> None:
         self.imu = imu
         self._clock = clock
-        self._patience = patience or Patience()
-        self._rest: Tremor | None = None
+        self._timeouts = timeouts or SettlingTimeouts()
+        self._rest: VibrationLevel | None = None
         self._moved_s = clock.now_s()
 
     def moved(self) -> None:
-        """Something has just moved, or was touched."""
+        """Restart the wait: something has moved, or was touched."""
         self._moved_s = self._clock.now_s()
 
-    def wait(self) -> Tremor | None:
-        """Return when still: the tremor, None where no IMU tells it. Raises Unrest, DeviceError."""
+    def wait(self) -> VibrationLevel | None:
+        """Wait, and give the vibration level, None without an IMU. Raises NotSettled, DeviceError."""
         if self.imu is None or self._rest is None:
             self._decay()
         if self.imu is None:
             return None
-        self.imu.start(self._patience.rate_hz)
+        self.imu.start(self._timeouts.rate_hz)
         try:
-            return self._until_still(self.imu)
+            return self._until_settled(self.imu)
         finally:
             self.imu.stop()
 
     def _decay(self) -> None:
-        left_s = self._moved_s + self._patience.decay_s - self._clock.now_s()
+        left_s = self._moved_s + self._timeouts.decay_s - self._clock.now_s()
         if left_s > 0:
             self._clock.sleep(left_s)
 
-    def _until_still(self, imu: Imu) -> Tremor:
-        patience = self._patience
-        end_s = self._clock.now_s() + patience.longest_s
+    def _until_settled(self, imu: Imu) -> VibrationLevel:
+        timeouts = self._timeouts
+        end_s = self._clock.now_s() + timeouts.longest_s
         while True:
-            tremor = Tremor.of(imu.read_block(patience.window_s))
-            self._rest = tremor if self._rest is None else self._rest.least(tremor)
-            times = tremor.over(self._rest)
-            if times <= patience.factor:
-                return tremor
+            level = VibrationLevel.of(imu.read_block(timeouts.window_s))
+            self._rest = level if self._rest is None else self._rest.least(level)
+            ratio = level.ratio_to(self._rest)
+            if ratio <= timeouts.factor:
+                return level
             if self._clock.now_s() > end_s:
-                raise Unrest(
-                    f"the rig does not come to rest: it trembles {times:.1f} times as much as at rest, after "
-                    f"{patience.longest_s:g} s",
-                    "switch off what shakes it and touch nothing",
+                raise NotSettled(
+                    f"the rig must settle; after {timeouts.longest_s:g} s it still vibrates {ratio:.1f} times as much "
+                    "as at rest",
+                    "switch off the source of vibration, and do not touch the rig",
                 )

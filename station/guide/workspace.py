@@ -1,7 +1,7 @@
-"""What a front end works with: the bench, the sessions kept in a folder, and runs on them.
+"""Workspace of a front end: the bench, the sessions of a folder, and runs.
 
-Importing this is quick; numpy and all that comes with it is loaded by the first method that needs it, which a front
-end calls from a thread once its first screen is painted.
+Importing this module is fast: numpy is loaded by the first method that needs it, which a front end calls from a thread
+after its first paint.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
     from station.sessions.session import Session
 
 
-MOST_NAMED = 3
-"""Differences between two benches that a message names."""
+MAX_DIFFERENCES = 3
+"""Differences between two benches listed in a message."""
 
 
 @dataclass(frozen=True)
-class Kept:
-    """A session in the folder of sessions, as far as its journal can be read."""
+class SessionSummary:
+    """Summary of a session from its journal."""
 
     folder: Path
     plan: str
@@ -42,18 +42,18 @@ class Kept:
 
 
 @dataclass(frozen=True)
-class Opened:
-    """The bench as it was opened: None where none is configured; what each device answered."""
+class OpenedBench:
+    """The opened bench, None where none is configured, and the answer of each device."""
 
     bench: Bench | None
     rows: Sequence[DeviceRow] = ()
 
 
 class Running(Protocol):
-    """A run, as `station.guide.run.Run` is one."""
+    """Protocol of `station.guide.run.Run`."""
 
     def go(self) -> RunEnded:
-        """Carry it out; blocks."""
+        """Carry out the run; blocks."""
         ...
 
     def ask_to_stop(self) -> None:
@@ -66,22 +66,22 @@ class Running(Protocol):
 
 
 class Lab(Protocol):
-    """Bench and sessions. Methods that touch the disk or wires block; `emergency_stop` does not."""
+    """Bench and sessions. Methods that access the disk or devices block; `emergency_stop` does not."""
 
     sessions: Path
     names: tuple[str, str]
-    """Camera and lens that a new session is likely about."""
+    """Proposed camera and lens of a new session."""
 
-    def open(self) -> Opened:
-        """The bench, connected as far as it answers. Raises DeviceError."""
+    def open(self) -> OpenedBench:
+        """The bench, with the devices that answer connected. Raises DeviceError."""
         ...
 
     def plans(self) -> Mapping[str, str]:
-        """The titles of the plans, by name; the first is the usual one."""
+        """The titles of the plans by name; the first is the default."""
         ...
 
-    def kept(self) -> Sequence[Kept]:
-        """The sessions there are, newest first."""
+    def kept(self) -> Sequence[SessionSummary]:
+        """The existing sessions, newest first."""
         ...
 
     def begin(self, plan: str, camera: str, lens: str, operator: Operator) -> Running:
@@ -89,7 +89,7 @@ class Lab(Protocol):
         ...
 
     def resume(self, folder: Path, operator: Operator, *, back_to: str | None = None) -> Running:
-        """A run that goes on with a session, from the step `back_to` or where it stopped. Raises ProcedureError."""
+        """A run that resumes a session, from the step `back_to` or where it stopped. Raises ProcedureError."""
         ...
 
     def emergency_stop(self) -> None:
@@ -97,12 +97,12 @@ class Lab(Protocol):
         ...
 
     def close(self) -> None:
-        """Give everything back."""
+        """Release all resources."""
         ...
 
 
 class StationLab:
-    """The lab of a station.toml, of the simulated bench, or of hands alone where neither is there."""
+    """The lab of a station.toml, of the simulated bench, or of manual work alone."""
 
     def __init__(
         self,
@@ -123,17 +123,17 @@ class StationLab:
         self._tables: Mapping[str, Any] = {}
         self._opening = threading.Lock()
         self._bench: Bench | None = None
-        self._opened: Opened | None = None
+        self._opened: OpenedBench | None = None
         self._session: Session | None = None
         self._running: Run | None = None
         self._scratch = contextlib.ExitStack()
 
-    def open(self) -> Opened:
+    def open(self) -> OpenedBench:
         """The bench; opened by the first call, which others wait for."""
         with self._opening:
             if self._opened is None:
                 self._bench = self._make_bench()
-                self._opened = Opened(self._bench, self._bench.rows() if self._bench is not None else ())
+                self._opened = OpenedBench(self._bench, self._bench.rows() if self._bench is not None else ())
             return self._opened
 
     def _make_bench(self) -> Bench | None:
@@ -163,7 +163,7 @@ class StationLab:
 
         return {name: entry.title for name, entry in PLANS.items()}
 
-    def kept(self) -> Sequence[Kept]:
+    def kept(self) -> Sequence[SessionSummary]:
         """The sessions whose journals can be read, newest first."""
         return kept_in(self.sessions)
 
@@ -185,7 +185,7 @@ class StationLab:
     def resume(
         self, folder: Path, operator: Operator, *, back_to: str | None = None, without: Collection[int] = ()
     ) -> Running:
-        """A run that goes on with a session, on its bench; `without` gives up shots whose photographs are lost."""
+        """A run that resumes a session on its bench; `without` discards shots whose photographs are lost."""
         from drivers.clock import SystemClock
         from station.sessions.session import Session
 
@@ -200,7 +200,7 @@ class StationLab:
         return self._run(session, operator)
 
     def _check_bench(self, folder: Path) -> None:
-        """Raises BadParameter where the session began on another bench than this one."""
+        """Raises BadParameter where the session began on another bench."""
         from station.bench.same_bench import bench_differences
         from station.sessions.layout import read_config
 
@@ -216,19 +216,19 @@ class StationLab:
             remedy = f"give --config {file}" if file else "resume it with the configuration with which it began, if any"
             raise BadParameter(
                 f"a session must go on with the bench on which it began; {self._config or 'no configuration'} has "
-                f"another: {'; '.join(differences[:MOST_NAMED])}",
+                f"another: {'; '.join(differences[:MAX_DIFFERENCES])}",
                 f"{remedy}, or begin a new session",
             )
 
     def _fit_shaker(self, wanted: bool) -> None:
-        """Have the simulated bench shaken as the session began; another's shaker stands in its station.toml."""
+        """Equip the simulated bench with a shaker as at the session's begin; real ones are set in station.toml."""
         if self._simulate and self._bench is not None:
             from station.bench.opening import fit_shaker
 
             fit_shaker(self._bench, wanted=wanted)
 
     def _settings(self, bench: Bench | None) -> dict[str, Any]:
-        """What a session freezes: how its bench was configured, and what its results are told in and held to."""
+        """Settings frozen in a session: the bench's configuration, the unit of its results and the specification."""
         drivers = dict(bench.drivers) if bench is not None else {}
         file = None if self._config is None or self._simulate else str(self._config.resolve())
         settings = {"simulate": self._simulate, "file": file, "drivers": drivers, "devices": self._tables}
@@ -247,7 +247,7 @@ class StationLab:
         return self._running
 
     def _leave_session(self, going_on: Path | None = None) -> None:
-        """Close the session; one in which nothing was answered or photographed goes, unless it is gone on with."""
+        """Close the session; one without answers and photographs is deleted, unless it is being resumed."""
         if self._session is None:
             return
         from station.sessions.deletion import delete_session
@@ -255,33 +255,33 @@ class StationLab:
         session, self._session = self._session, None
         session.close()
         if session.state.empty and session.folder != going_on:
-            with suppress(ProcedureError, OSError):  # it stays, and can be deleted later
+            with suppress(ProcedureError, OSError):  # it can be deleted later
                 delete_session(session.folder)
 
     def _one_run(self) -> None:
-        """Raises BadParameter while a run has the bench."""
+        """Raises BadParameter while a run uses the bench."""
         if self._running is not None and not self._running.over.is_set():
-            raise BadParameter("a run has the bench already", "end it first")
+            raise BadParameter("the bench is in use by another run", "end that run first")
 
     def emergency_stop(self) -> None:
-        """Stop every device; whatever is still being opened is not moving yet."""
+        """Stop every device; one that is still being opened does not move yet."""
         if self._bench is not None:
             self._bench.emergency_stop()
 
     @property
     def has_run(self) -> bool:
-        """Whether a run was begun."""
+        """Whether a run has begun."""
         return self._running is not None
 
     def stop_run(self) -> None:
-        """Stop every device, and end the run that was begun last, if there is one."""
+        """Stop every device, and end the last run, if any."""
         if self._running is not None:
             self._running.stop_now()
         else:
             self.emergency_stop()
 
     def ask_run_to_stop(self) -> None:
-        """Let the run that was begun last end after what it is at; before there is one, end the program."""
+        """End the last run after its current action; without a run, end the program."""
         if self._running is None:
             raise KeyboardInterrupt
         self._running.ask_to_stop()
@@ -294,19 +294,19 @@ class StationLab:
         self._scratch.close()
 
 
-def kept_in(root: Path) -> Sequence[Kept]:
-    """The sessions in a folder whose journals can be read, newest first."""
-    found = []
+def kept_in(root: Path) -> Sequence[SessionSummary]:
+    """The readable sessions of a folder, newest first."""
+    sessions = []
     for folder in sorted(root.glob("*/")) if root.is_dir() else ():
         try:
-            found.append(_kept(folder))
+            sessions.append(_kept(folder))
         except (ProcedureError, OSError):
-            continue  # `station session list` says what is wrong with it
-    return sorted(found, key=lambda one: one.began, reverse=True)
+            continue  # `station session list` reports the reason
+    return sorted(sessions, key=lambda one: one.began, reverse=True)
 
 
-def _kept(folder: Path) -> Kept:
+def _kept(folder: Path) -> SessionSummary:
     from station.sessions.reader import read_session
 
     state = read_session(folder).state
-    return Kept(folder, state.plan, state.camera, state.lens, state.began, state.done, state.ended)
+    return SessionSummary(folder, state.plan, state.camera, state.lens, state.began, state.done, state.ended)

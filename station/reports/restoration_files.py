@@ -171,10 +171,10 @@ def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawF
     told = facts_as(RestorationFacts, head.parameters)
     blurred, _ = apart(frames, told)
     for n, frame in enumerate(blurred, start=1):
-        if frame.felt is not None:
-            folder.write(f"imu_{n}.csv", imu_table(frame.felt))
+        if frame.imu is not None:
+            folder.write(f"imu_{n}.csv", imu_table(frame.imu))
         poses, exposure_s = rig_poses(frame), frame.exposure.exposure_s
-        if frame.carried is not None and poses is not None and exposure_s is not None:
+        if frame.shaker_path is not None and poses is not None and exposure_s is not None:
             folder.write(f"poses_{n}.csv", poses_table(poses, exposure_s))
     timeless = replace(found, history=tuple(replace(r, seconds=0.0) for r in found.history))
     outcome = replace(outcome, value=timeless)  # the files are the same whenever they are computed

@@ -13,16 +13,16 @@ from procedures.raw import Plane
 from station.guide.answers import parse
 from station.guide.frontend import (
     MOVE,
-    Doing,
     Event,
+    FrameEvent,
+    ProblemEvent,
+    ProgressEvent,
     Result,
     RunBegan,
     RunEnded,
-    Seen,
     StepBegan,
     StepEnded,
     Stopped,
-    Trouble,
 )
 
 NEVER_BY_DEFAULT = (MOVE, "trouble", "look", "contradiction")
@@ -53,7 +53,7 @@ class Told:
     done: int = 0
     total: int = 0
     advice: Advice | None = None
-    trouble: Trouble | None = None
+    trouble: ProblemEvent | None = None
     question: Ask | None = None
     result: Result | None = None
     ended: str | None = None
@@ -82,9 +82,9 @@ class RemoteOperator:
         with self._lock:
             return self._told
 
-    def hear(self, event: Event) -> None:
+    def notify(self, event: Event) -> None:
         """Keep what an event tells."""
-        if isinstance(event, Seen):
+        if isinstance(event, FrameEvent):
             self._show(event.plane)
         with self._lock:
             self._told = after(self._told, event)
@@ -141,11 +141,11 @@ def after(told: Told, event: Event) -> Told:
             return replace(told, step=step.title, instruction=step.instruction, trouble=None, doing="", done=0, total=0)
         case StepEnded(step, gave):
             return replace(told, gave={**told.gave, step.name: gave})
-        case Doing(say, done, total):
+        case ProgressEvent(say, done, total):
             return replace(told, doing=say, done=done, total=total)
-        case Seen(_, advice):
+        case FrameEvent(_, advice):
             return replace(told, advice=advice)
-        case Trouble():
+        case ProblemEvent():
             return replace(told, trouble=event)
         case Result():
             return replace(told, result=event)

@@ -11,7 +11,7 @@ from typing import Any
 from procedures.outcome import BadParameter
 from procedures.plan import Fact
 from station.common.errors import ExplainedError
-from station.guide.frontend import Trouble
+from station.guide.frontend import ProblemEvent
 from station.guide.workspace import Running, StationLab
 from station.service.pictures import LatestPicture
 from station.service.remote_operator import RemoteOperator, Told
@@ -65,7 +65,7 @@ class Runs:
         if self._operator is None:
             return None
         told = self._operator.told
-        return replace(told, ended="failed", trouble=Trouble(self._failed, "")) if self._failed else told
+        return replace(told, ended="failed", trouble=ProblemEvent(self._failed, "")) if self._failed else told
 
     def start(self, order: RunOrder) -> None:
         """Begin a run in a new session. Raises ProcedureError, InUse where something has the bench."""

@@ -139,7 +139,7 @@ def child(photographs: Path, told: Path, busy: bool) -> None:
     from fakes import PLAN, FakeLab, FakeRun
 
     from station.app.app import StationApp, share_the_lock
-    from station.guide.frontend import Doing, RunEnded, StepBegan
+    from station.guide.frontend import ProgressEvent, RunEnded, StepBegan
 
     def script(run: FakeRun) -> RunEnded:
         from procedures.pattern import Chart
@@ -149,11 +149,11 @@ def child(photographs: Path, told: Path, busy: bool) -> None:
         plane = read_frame(photographs / "img_example.pgm").planes["Y"]
         chart = Chart.from_image(read_frame(photographs / "pattern_noise.pgm").planes["Y"].samples)
         estimate_psf(plane, chart, PatternParameters())
-        run.operator.hear(StepBegan(PLAN.step("shots")))
+        run.operator.notify(StepBegan(PLAN.step("shots")))
         n = 0
         while not run.asked.is_set() and not run.halted.is_set():
             n += 1
-            run.operator.hear(Doing("estimating" if busy else "resting", n % 10, 10))
+            run.operator.notify(ProgressEvent("estimating" if busy else "resting", n % 10, 10))
             if busy:
                 estimate_psf(plane, chart, PatternParameters())
             else:

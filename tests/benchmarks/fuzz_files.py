@@ -272,9 +272,9 @@ def _moved(poses: Poses) -> None:
 
 
 def _imu_motion(path: Path) -> None:
-    felt = read_imu(path)
-    imu_table(felt)
-    _moved(poses_of(felt, 0.1))
+    imu = read_imu(path)
+    imu_table(imu)
+    _moved(poses_of(imu, 0.1))
 
 
 def _path(path: Path) -> None:

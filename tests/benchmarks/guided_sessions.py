@@ -29,14 +29,14 @@ from station.bench.opening import Bench, simulated_bench
 from station.guide.catalogue import plan_named
 from station.guide.frontend import Event, Result
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.sessions.session import Session
 
 
 def guided(name: str, bench: Bench, folder: Path, answers: dict[str, Any], listen: Any) -> Path:
     """Go through a plan; the last result's folder."""
     with Session.create(folder, plan=name, camera="C", lens="L", config={}, clock=bench.clock, seed=3) as session:
-        operator = Scripted(answers, listen=listen)
+        operator = ScriptedOperator(answers, listen=listen)
         before = time.process_time()
         ended = Run(plan_named(name), bench, session, operator).go()
         took_s = time.process_time() - before

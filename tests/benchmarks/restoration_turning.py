@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.raw import Felt
+from procedures.raw import ImuRecord
 from procedures.restoration.joint.estimate import RestorationParameters, restore
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.camera_motion import INSTANTS, Poses, motion_blur, poses_of
@@ -67,7 +67,7 @@ def take(turn: float, rows: int, columns: int, seed: int = 3) -> Taken:
             t = np.arange(-0.25, 0.55, 1 / RATE_HZ)
             force, rate = world.ideal_imu(begin_s + t)
             force, rate = force + rng.normal(0, NOISE_G * G, force.shape), rate + rng.normal(0, NOISE_RAD_S, rate.shape)
-            found.recorded.append(poses_of(Felt(t, force, rate), OPEN_S))
+            found.recorded.append(poses_of(ImuRecord(t, force, rate), OPEN_S))
             pose = world.pose(begin_s + np.linspace(0, OPEN_S, INSTANTS))
             shift = [pose.x_mm - rest.x_mm, rest.y_mm - pose.y_mm, rest.z_mm - pose.z_mm]
             found.true.append(Poses(np.column_stack(shift) / 1000, pose.turn.as_rotvec()))

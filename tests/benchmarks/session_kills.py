@@ -44,10 +44,10 @@ from simulators.bench.body import Opening
 from station.bench.opening import simulated_bench
 from station.common.durable_files import Disk
 from station.guide import catalogue, session_report
-from station.guide.frontend import Doing
+from station.guide.frontend import ProgressEvent
 from station.guide.recompute import recompute
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.results.result_files import RECORD, SEAL
 from station.sessions.reader import read_session, sessions_in, verify
 from station.sessions.session import Session
@@ -152,7 +152,7 @@ class Log:
 
     def heard(self, event: object) -> None:
         """What the operator is told."""
-        if isinstance(event, Doing):
+        if isinstance(event, ProgressEvent):
             self.write("heard", event.say)
 
 
@@ -204,7 +204,7 @@ def work(root: Path, frames: dict[str, bytes], fault: Fault) -> None:
     disk = FaultyDisk(fault)
     with session_in(root, bench.clock, disk) as session:
         bench.simulated.body.develop = develop(session, frames, fault, incoming, log)
-        ended = Run(plan(), bench, session, Scripted(listen=log.heard, patience=4)).go()
+        ended = Run(plan(), bench, session, ScriptedOperator(listen=log.heard, patience=4)).go()
     log.write("ended", ended.how, disk.count, [] if fault.kind else list(sys.modules))
 
 

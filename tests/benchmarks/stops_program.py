@@ -91,7 +91,7 @@ class Begins:
     """An operator who begins every move at once, and leaves all else to the application."""
 
     def __init__(self, desk: Any) -> None:
-        self.hear, self._desk = desk.hear, desk
+        self.notify, self._desk = desk.notify, desk
 
     def answer(self, ask: Ask) -> Fact:
         return True if ask.key == MOVE else self._desk.answer(ask)

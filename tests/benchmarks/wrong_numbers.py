@@ -16,9 +16,9 @@ from typing import Any
 from procedures.whole_camera.facts import NO_PANEL
 from station.bench.opening import simulated_bench
 from station.guide.catalogue import plan_named
-from station.guide.frontend import StepEnded, Trouble
+from station.guide.frontend import ProblemEvent, StepEnded
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.sessions.session import Session
 
 FACTORS = (0.5, 0.8, 1.2, 2.0)
@@ -67,7 +67,7 @@ def named(plan: str, key: str, factor: float, folder: Path, *, seed: int = 3) ->
     else:
         answers[key] = lambda ask: factor * float(ask.default)
         answers[f"which_{key}"] = lambda ask: ask.choices[1]
-    operator = Scripted(answers)
+    operator = ScriptedOperator(answers)
     run = Run(plan_named(plan), bench, session, operator)
 
     def listen(event: Any) -> None:
@@ -79,7 +79,7 @@ def named(plan: str, key: str, factor: float, folder: Path, *, seed: int = 3) ->
     state = session.state
     session.close()
     bench.close()
-    reasons = [event.reason for event in operator.heard if isinstance(event, Trouble) and "Given:" in event.reason]
+    reasons = [event.reason for event in operator.heard if isinstance(event, ProblemEvent) and "Given:" in event.reason]
     trials = sum(shot.step == state.step for shot in state.shots)
     return Named(state.step if reasons else "", trials, reasons[-1] if reasons else "", state.step)
 

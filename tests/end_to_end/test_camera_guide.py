@@ -33,11 +33,11 @@ from simulators.camera.sensor import Sensor
 from station.bench.opening import make_bench, simulated_bench, simulated_tables
 from station.calibration.field_photographs import photographs
 from station.guide.catalogue import plan_named
-from station.guide.frontend import Doing, Result, Seen, Shown, StepBegan
-from station.guide.plans.camera import OF_SHOTS, USED, estimate
+from station.guide.frontend import DiagramEvent, FrameEvent, ProgressEvent, Result, StepBegan
+from station.guide.plans.camera import SHOT_FACTS, USED, estimate
 from station.guide.recompute import recompute
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.guide.session_report import session_page
 from station.sessions.session import Session
 
@@ -67,7 +67,7 @@ def is_print(event) -> bool:
 
 
 def is_fourth_place(event) -> bool:
-    return isinstance(event, Doing) and event.say == "place 4 of 6"
+    return isinstance(event, ProgressEvent) and event.say == "place 4 of 6"
 
 
 def counted(monkeypatch) -> SimpleNamespace:
@@ -115,7 +115,7 @@ def done(tmp_path_factory, monkeypatch_module):
             for name in BEFORE:
                 session.begin_step(name)
                 session.finish_step(name)
-        operator = Scripted({"places": float(FEWEST), "views": float(VIEWS)})
+        operator = ScriptedOperator({"places": float(FEWEST), "views": float(VIEWS)})
         run = Run(whole, bench, session, operator)
 
         def listen(event, run=run, stops=stops):
@@ -168,7 +168,7 @@ def test_panel_and_turned_chart_are_photographed_too(done):
 
 
 def test_what_turned_views_are_worth_is_told_before_they_are_taken(done):
-    (diagram,) = (e.diagram for e in done.heard[2] if isinstance(e, Shown) and "turned" in e.diagram.label)
+    (diagram,) = (e.diagram for e in done.heard[2] if isinstance(e, DiagramEvent) and "turned" in e.diagram.label)
     assert diagram.x[0] == 0
     assert list(diagram.y) == sorted(diagram.y, reverse=True)
     assert diagram.y[-1] < diagram.y[0] / 2
@@ -178,7 +178,7 @@ def test_what_counts_was_seen_where_it_was_wanted(done):
     # the truth is the simulator's own projection; the check allows NEAR, detection errs by far less than 1 % of that
     facts = done.state.facts
     wanted = np.array([(one.x, one.y) for one in locations(facts)])
-    seen = [event.advice for heard in done.heard for event in heard if isinstance(event, Seen)]
+    seen = [event.advice for heard in done.heard for event in heard if isinstance(event, FrameEvent)]
     off = [
         advice.readings[0].value for advice in seen if advice.readings and advice.readings[0].name == "off its place"
     ]
@@ -287,7 +287,7 @@ def concluded(root: Path, name: str, photographs: list, facts: dict) -> SimpleNa
     bench.simulated = truth
     with Session.create(root, plan=name, camera="C", lens="L", config={}, clock=bench.clock, seed=1) as session:
         session.learn(facts)
-        operator = Scripted()
+        operator = ScriptedOperator()
         end = Run(replace(whole, steps=steps), bench, session, operator).go()
     bench.close()
     truth.close()
@@ -298,7 +298,7 @@ def concluded(root: Path, name: str, photographs: list, facts: dict) -> SimpleNa
 @pytest.fixture
 def facts(done) -> dict:
     """What the session knew of camera, chart and tour, without what is of single photographs."""
-    return {key: one for key, one in done.state.facts.items() if not key.startswith(OF_SHOTS)}
+    return {key: one for key, one in done.state.facts.items() if not key.startswith(SHOT_FACTS)}
 
 
 def test_the_plan_field_concludes_from_the_places(done, facts, tmp_path, monkeypatch):

@@ -18,9 +18,9 @@ from station.bench.opening import simulated_bench
 from station.demo.truth_comparison import compare
 from station.guide import session_report
 from station.guide.catalogue import plan_named
-from station.guide.frontend import CurveSeen, Result, RunBegan, StepEnded
+from station.guide.frontend import Result, RunBegan, ScanEvent, StepEnded
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.guide.session_report import session_page
 from station.guide.session_result import compute
 from station.sessions.session import Session
@@ -60,7 +60,7 @@ def done(tmp_path_factory, estimated):
             folder = session.folder
         else:
             session = Session.open(folder, bench.clock)
-        operator = Scripted()
+        operator = ScriptedOperator()
         run = Run(plan, bench, session, operator)
 
         def stop(ask: Ask, run=run):
@@ -139,7 +139,7 @@ def test_what_was_wrong_in_the_room_was_told_and_mended(done):
 
 
 def test_the_sharpest_focus_of_the_bracket_was_chosen(done):
-    curve = [event for event in done.heard if isinstance(event, CurveSeen)][-1]
+    curve = [event for event in done.heard if isinstance(event, ScanEvent)][-1]
     assert len(curve.scores) == 5
     assert done.state.facts["focus_mtf50"] == max(curve.scores)
 

@@ -19,8 +19,8 @@ from station.calibration.restoration.inputs import read_imu
 from station.guide.catalogue import plan_named
 from station.guide.frontend import Result
 from station.guide.run import Run
-from station.guide.scripted import Scripted
-from station.guide.session_result import Frames, felt_during
+from station.guide.scripted import ScriptedOperator
+from station.guide.session_result import Frames, imu_during
 from station.sessions.session import Session
 
 pytestmark = pytest.mark.slow
@@ -32,7 +32,7 @@ NEAREST, ROUND, BACK = np.s_[10:110, 10:80], np.s_[5:45, 115:155], np.s_[76:110,
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     root = tmp_path_factory.mktemp("restoration")
-    plan, operator = plan_named("restoration"), Scripted({"ground_truth": "yes"})
+    plan, operator = plan_named("restoration"), ScriptedOperator({"ground_truth": "yes"})
     bench = small_bench(root, 240, 320)
     view = bench.simulated.view
     session = Session.create(root, plan=plan.name, camera="C", lens="L", config={}, clock=bench.clock, seed=3)
@@ -41,7 +41,7 @@ def done(tmp_path_factory):
     (result,) = (event for event in operator.heard if isinstance(event, Result))
     state = session.state
     frames = [session.folder / shot.path for shot in state.counting()]
-    known = Frames(frames, [felt_during(shot) for shot in state.counting()])
+    known = Frames(frames, [imu_during(shot) for shot in state.counting()])
     straight = estimate(known, {**state.facts, "pixel_pitch_um": 0.0}, {})["picture"].value.sharp[0]
     session.close()
     bench.close()
@@ -67,8 +67,8 @@ def test_it_goes_through_by_itself_and_the_verdict_is_good(done):
     assert len(read_imu(done.result.folder / "imu_2.csv").time_s) > 50
     # the IMU felt the shaker: 1.9 mm at 10 Hz are 7.5 m/s^2 along the axis that it drives most
     for shot, axis in zip(done.state.counting()[:2], (0, 1), strict=True):
-        felt = np.array(shot.snapshot["motion"]["acceleration_m_s2"])[:, axis]
-        assert np.ptp(felt) / 2 == pytest.approx(0.0019 * (20 * np.pi) ** 2, rel=0.4)
+        imu = np.array(shot.snapshot["motion"]["acceleration_m_s2"])[:, axis]
+        assert np.ptp(imu) / 2 == pytest.approx(0.0019 * (20 * np.pi) ** 2, rel=0.4)
 
 
 def test_depth_is_that_of_the_sheets(done):

@@ -14,7 +14,7 @@ from station.guide.frontend import Result
 from station.guide.plans.sensor import estimate
 from station.guide.recompute import recompute
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.sessions.session import Session
 
 pytestmark = pytest.mark.slow
@@ -31,7 +31,7 @@ def done(tmp_path_factory):
     sensor = replace(view.camera.sensor, cfa=None)  # what is done to each of a mosaic's planes is done here to one
     view.camera = replace(view.camera, sensor=sensor)
     with Session.create(root, plan="sensor", camera="C", lens="L", config={}, clock=bench.clock, seed=3) as session:
-        operator = Scripted()
+        operator = ScriptedOperator()
         end = Run(plan(estimate, LEVELS, PICTURES), bench, session, operator).go()
         (result,) = (event for event in operator.heard if isinstance(event, Result))
         told = SimpleNamespace(

@@ -22,7 +22,7 @@ from station.bench.opening import simulated_bench
 from station.guide.catalogue import plan_named
 from station.guide.frontend import Result
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.sessions.session import Session
 
 pytestmark = pytest.mark.slow
@@ -58,7 +58,7 @@ def done(tmp_path_factory):
     loop = plan(estimate)
     loop = replace(loop, steps=tuple(loop.step(name) for name in ("turn", "estimate", "verdict")))
     with Session.create(root, plan="tilt", camera="C", lens="L", config={}, clock=bench.clock, seed=3) as session:
-        operator = Scripted()
+        operator = ScriptedOperator()
         told.end, told.state = Run(loop, bench, session, operator).go(), session.state
         told.asked = [ask for ask in operator.asked if isinstance(ask, Ask)]
         told.results = [event for event in operator.heard if isinstance(event, Result)]
@@ -94,7 +94,7 @@ def test_the_chart_that_is_proposed_has_its_bracket_in_the_rail_s_reach(tmp_path
     names = [step.name for step in whole.steps]
     begun = replace(whole, steps=whole.steps[: names.index("screws") + 1])
     with Session.create(tmp_path, plan="tilt", camera="C", lens="L", config={}, clock=bench.clock, seed=0) as session:
-        operator = Scripted()
+        operator = ScriptedOperator()
         assert Run(begun, bench, session, operator).go().how == "finished"
         facts = facts_as(TiltFacts, session.state.facts)
     bench.close()

@@ -10,9 +10,9 @@ import pytest
 from simulators.camera.camera import SimulatedCamera
 from station.bench.opening import simulated_bench
 from station.guide.catalogue import plan_named
-from station.guide.frontend import StepEnded, Trouble
+from station.guide.frontend import ProblemEvent, StepEnded
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.sessions.session import Session
 from tests.end_to_end.test_camera_guide import as_left
 
@@ -55,14 +55,14 @@ def test_it_is_named_within_two_steps_and_within_two_photographs(plan, case, tmp
     view.camera = replace(view.camera, oversampling=4)  # finer than any of these numbers is wrong
     session = Session.create(tmp_path, plan=plan, camera="C", lens="L", config={}, clock=bench.clock, seed=3)
     session.learn({key: value for key, value in answers.items() if key == "chart_seed"})
-    operator = Scripted({**answers, "contradiction": "stop"})
+    operator = ScriptedOperator({**answers, "contradiction": "stop"})
     ended = Run(plan_named(plan), bench, session, operator).go()
     state = session.state
     session.close()
     bench.close()
     assert ended.how == "stopped"
     assert state.step == step
-    reason = [event.reason for event in operator.heard if isinstance(event, Trouble)][-1]
+    reason = [event.reason for event in operator.heard if isinstance(event, ProblemEvent)][-1]
     assert words in reason
     assert sum(shot.step == "distance" for shot in state.shots) <= 2
 
@@ -84,7 +84,7 @@ def test_an_f_number_that_the_camera_does_not_note_is_held_against_the_far_tail(
         session.begin_step(name)
         session.finish_step(name)
     typed = {"typed_f_number": factor * lens.f_number, "focus_by": "skip", "contradiction": "stop"}
-    operator = Scripted(typed)
+    operator = ScriptedOperator(typed)
     run = Run(plan_named(plan), bench, session, operator)
 
     def listen(event):
@@ -96,7 +96,7 @@ def test_an_f_number_that_the_camera_does_not_note_is_held_against_the_far_tail(
     state = session.state
     session.close()
     bench.close()
-    reasons = [event.reason for event in operator.heard if isinstance(event, Trouble)]
+    reasons = [event.reason for event in operator.heard if isinstance(event, ProblemEvent)]
     assert [f"f/{factor * 8:g} was given" in reason for reason in reasons] == ([] if factor == 1 else [True])
     assert ("focus" in state.done) == (factor == 1)
     assert sum(shot.step == "focus" for shot in state.shots) == 1

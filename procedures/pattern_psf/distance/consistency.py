@@ -75,7 +75,7 @@ def size_contradiction(look: RangeLook, optics: Optics, known: PatternFacts, exp
     )
     typed = {"focal_length_mm": known.focal_length_mm, "pixel_pitch_um": known.pixel_pitch_um}
     say += "".join(f" And {words}." for words in disagreements(exposure, typed))
-    return Advice(False, say, doubted=suspects)
+    return Advice(False, say, contradictory=suspects)
 
 
 def _evidence(look: RangeLook, z: float, known: PatternFacts) -> tuple[str, float] | None:
@@ -151,7 +151,7 @@ def seed_contradiction(plane: Plane, sighting: ChartSighting, known: PatternFact
     if known.chart_seed != DEFAULT_SEED and own >= ALIKE:
         say += f"; they are those of {DEFAULT_SEED}"
     say += ". Give the number that is printed on it, or hang the right chart."
-    return Advice(False, say, doubted=("chart_seed",))
+    return Advice(False, say, contradictory=("chart_seed",))
 
 
 def cells_alike(plane: Plane, sighting: ChartSighting, seed: int) -> float | None:

@@ -49,7 +49,7 @@ def check_aperture(frame: RawFrame, facts: Facts) -> Advice:
     noted = {"tail_f_number": told.value, "tail_f_number_uncertainty": told.uncertainty}
     contradiction = _contradiction(reading, told, typed, found)
     if contradiction and KEY not in known.insisted:
-        return Advice(False, contradiction, (reading,), facts=noted, doubted=(KEY,))
+        return Advice(False, contradiction, (reading,), facts=noted, contradictory=(KEY,))
     say = f"By the far tail of its PSF the lens is at f/{_words(told)}; f/{typed:g} was given."
     return Advice(True, say, (replace(reading, low=None, high=None),), facts=noted)
 

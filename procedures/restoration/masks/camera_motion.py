@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from procedures.outcome import BadInput, BadParameter, Refused
-from procedures.raw import Carried, Felt
+from procedures.raw import ImuRecord, ShakerPath
 from procedures.reading.arrays import SMALLEST, checked_array, checked_number
 from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import MaskStack
@@ -87,7 +87,7 @@ class Poses:
         return -self.position_m[:, :2]
 
 
-def poses_of(felt: Felt, exposure_s: float) -> Poses:
+def poses_of(imu: ImuRecord, exposure_s: float) -> Poses:
     """Poses during an exposure, from a record that goes beyond it both ways.
 
     Gravity is turned with the rig and taken off as the mean; what is left of the unit's zero errors is a line in the
@@ -99,15 +99,15 @@ def poses_of(felt: Felt, exposure_s: float) -> Poses:
     BadInput
         If the record is too short, not in order, does not cover the exposure, or turns by more than a few degrees.
     """
-    t = check_record(felt, exposure_s)
-    turn = _without_drift(t, _integral(t, felt.rotation_rad_s * FLIPPED), 1)
+    t = check_record(imu, exposure_s)
+    turn = _without_drift(t, _integral(t, imu.rotation_rad_s * FLIPPED), 1)
     if np.abs(turn).max() > MOST_TURN:
         raise BadInput(
             f"the rig turned by {np.degrees(np.abs(turn).max()):.0f} degrees; up to {np.degrees(MOST_TURN):.0f} can be "
             "told from a record",
             "record a rig that vibrates, in radians per second",
         )
-    force = Rotation.from_rotvec(turn).apply(felt.acceleration_m_s2 * FLIPPED)
+    force = Rotation.from_rotvec(turn).apply(imu.acceleration_m_s2 * FLIPPED)
     position = _without_drift(t, _integral(t, _integral(t, force - force.mean(axis=0))), 2)
     at = np.linspace(0, exposure_s, INSTANTS)
     return Poses(CubicSpline(t, position)(at), CubicSpline(t, turn)(at))
@@ -135,7 +135,7 @@ def poses_at(time_s: Array, position_m: Array, turn_rad: Array) -> Poses:
     return Poses(position * FLIPPED, turn * FLIPPED)
 
 
-def poses_on(carried: Carried, exposure_s: float) -> Poses:
+def poses_on(shaker_path: ShakerPath, exposure_s: float) -> Poses:
     """Poses during an exposure, from the path that was commanded, which is gone around as a periodic cubic spline.
 
     Raises
@@ -143,12 +143,12 @@ def poses_on(carried: Carried, exposure_s: float) -> Poses:
     BadInput
         If nobody told where on it the shutter opened, and the exposure is no whole round.
     """
-    points = _vectors(carried.position_m, "a shaker's path", None)
-    interval_s = checked_number(carried.interval_s, "the interval of a shaker's path", LEAST_INTERVAL_S)
-    began_s = checked_number(carried.since_s or 0.0, "the opening of the shutter", -LATEST_S, LATEST_S)
+    points = _vectors(shaker_path.position_m, "a shaker's path", None)
+    interval_s = checked_number(shaker_path.interval_s, "the interval of a shaker's path", LEAST_INTERVAL_S)
+    began_s = checked_number(shaker_path.since_s or 0.0, "the opening of the shutter", -LATEST_S, LATEST_S)
     round_s = interval_s * len(points)
     rounds = exposure_s / round_s
-    if carried.since_s is None and abs(rounds - max(round(rounds), 1)) > WHOLE_ROUND * rounds:
+    if shaker_path.since_s is None and abs(rounds - max(round(rounds), 1)) > WHOLE_ROUND * rounds:
         raise BadInput(
             f"the exposure of {exposure_s:g} s is no whole round of {round_s:g} s, and nobody told where it began",
             "wire the hot shoe, or expose a whole round",
@@ -158,13 +158,13 @@ def poses_on(carried: Carried, exposure_s: float) -> Poses:
     return Poses(np.asarray(spline(at)) * FLIPPED, np.zeros((INSTANTS, 3)))
 
 
-def check_record(felt: Felt, exposure_s: float) -> Array:
+def check_record(imu: ImuRecord, exposure_s: float) -> Array:
     """The record's times. Raises BadInput, see `poses_of`."""
-    if len(felt.time_s) < FEWEST:
-        reason = f"motion is found from {FEWEST} samples or more; got {len(felt.time_s)}"
+    if len(imu.time_s) < FEWEST:
+        reason = f"motion is found from {FEWEST} samples or more; got {len(imu.time_s)}"
         raise BadInput(reason, "record at 100 Hz or more")
-    t = _times(felt.time_s)
-    for one in (felt.acceleration_m_s2, felt.rotation_rad_s):
+    t = _times(imu.time_s)
+    for one in (imu.acceleration_m_s2, imu.rotation_rad_s):
         _vectors(one, "accelerations and rates of a record", len(t))
     if t[0] > 0 or t[-1] < exposure_s:
         raise BadInput(

@@ -33,7 +33,7 @@ from station.guide.frontend import MOVE
 
 if TYPE_CHECKING:
     from station.bench.opening import Bench
-    from station.guide.focus.live import FocusSeen
+    from station.guide.focus.live import FocusReading
 
 SIMULATED, CAMERA, FOLDER = "the simulated camera", "the bench's camera", "a folder"
 WORDS = {
@@ -58,7 +58,7 @@ class FocusScreen(StationScreen):
     class Measured(Message):
         """A photograph was measured; in the thread."""
 
-        def __init__(self, seen: FocusSeen, picture: Thumbnail | None) -> None:
+        def __init__(self, seen: FocusReading, picture: Thumbnail | None) -> None:
             super().__init__()
             self.seen, self.picture = seen, picture
 
@@ -243,18 +243,18 @@ WIDE = 110
 """Columns from which on the photograph is shown beside the trend."""
 
 
-def _glimpse(seen: FocusSeen) -> Thumbnail | None:
+def _glimpse(seen: FocusReading) -> Thumbnail | None:
     """The photograph with the chart's marks."""
     if seen.frame.plane.value is None:
         return None
     return thumbnail(seen.frame.plane.value, () if seen.found.value is None else marks_of(seen.found.value.sighting))
 
 
-def _took(seen: FocusSeen) -> str:
+def _took(seen: FocusReading) -> str:
     return f"Photograph {seen.number}, {seen.frame.path.name}: measured {seen.took_s:.2f} s after it came."
 
 
-def numbers_of(seen: FocusSeen) -> list[str]:
+def numbers_of(seen: FocusReading) -> list[str]:
     """What one photograph gave, and the best so far."""
     found, lines = seen.found.value, []
     if found is not None:
@@ -273,7 +273,7 @@ def numbers_of(seen: FocusSeen) -> list[str]:
     return lines
 
 
-def _curve(seen: FocusSeen) -> Callable[[int, int, bool], list[str]]:
+def _curve(seen: FocusReading) -> Callable[[int, int, bool], list[str]]:
     """The scores over the settings where they are known, else in the order of the photographs."""
     known = all(place == place for place in seen.places)
     places = seen.places if known else tuple(range(1, seen.number + 1))

@@ -12,7 +12,7 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.events import Key
 
 from station.app.commands import GUIDE, Command, EndRun, GoOn, NewSession, ShowResults, StepBack, bindings
-from station.app.mailbox import Glimpse, News, Question
+from station.app.mailbox import FramePreview, MailboxEntry, Question
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.result_view import mtf_plot, specified
 from station.app.terminal_images import psf_thumbnail
@@ -32,15 +32,15 @@ from station.bench.axis_text import label
 from station.drawing.diagrams import drawn, trend
 from station.guide.frontend import (
     MOVE,
-    CurveSeen,
-    Doing,
+    DiagramEvent,
+    ProblemEvent,
+    ProgressEvent,
     Result,
     RunBegan,
     RunEnded,
-    Shown,
+    ScanEvent,
     StepBegan,
     StepEnded,
-    Trouble,
 )
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ class GuideScreen(StationScreen):
     # --- what the run tells
 
     @singledispatchmethod
-    def show(self, news: News) -> None:
+    def show(self, news: MailboxEntry) -> None:
         """Show what the run tells."""
         raise TypeError(f"no run tells {news!r}")
 
@@ -165,14 +165,14 @@ class GuideScreen(StationScreen):
         self._show_rail()
 
     @show.register
-    def _(self, doing: Doing) -> None:
+    def _(self, doing: ProgressEvent) -> None:
         self.query_one(ProgressLine).show(doing)
         self._doing_last = doing.lasts
         if not self.answers.open:
             self.answers.tell(AT_WORK)
 
     @show.register
-    def _(self, seen: Glimpse) -> None:
+    def _(self, seen: FramePreview) -> None:
         self._doing_last, self._verdict = False, ()
         self.remove_class("-verdict")
         self.query_one(Picture).show(seen.picture)
@@ -181,18 +181,18 @@ class GuideScreen(StationScreen):
             self.answers.tell(seen.advice.say or AT_WORK)
 
     @show.register
-    def _(self, curve: CurveSeen) -> None:
+    def _(self, curve: ScanEvent) -> None:
         self._show_curve(trend(curve.places, curve.scores, f"sharpness by {label(curve.axis)}"))
 
     @show.register
-    def _(self, shown: Shown) -> None:
+    def _(self, shown: DiagramEvent) -> None:
         steps = self._began.plan.steps if self._began is not None else ()
         title = [literal(step.title, "bold") for step in steps if step.name == self._now]
         self.query_one("#instruction", Part).update(lines_of(*title, shown.diagram.say))
         self._show_curve(partial(drawn, shown.diagram))
 
     @show.register
-    def _(self, trouble: Trouble) -> None:
+    def _(self, trouble: ProblemEvent) -> None:
         self._doing_last = False
         self._complain(trouble.reason, trouble.remedy)
 

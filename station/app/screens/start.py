@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from drivers.interfaces import Condition
-    from station.guide.workspace import Kept
+    from station.guide.workspace import SessionSummary
 
 USUAL_PLAN = {"pattern": "the PSF from a printed noise chart"}
 """What is offered until the plans have been loaded, as their catalogue has it."""
@@ -55,7 +55,7 @@ class StartScreen(StationScreen):
         self._names = camera, lens
         self._plan = plan
         self._plans: Mapping[str, str] = USUAL_PLAN
-        self._kept: Sequence[Kept] = ()
+        self._kept: Sequence[SessionSummary] = ()
 
     def body(self) -> ComposeResult:
         """The form."""
@@ -98,7 +98,7 @@ class StartScreen(StationScreen):
     def _plan_lines(self) -> list[str]:
         return [*self._plans.values(), LIVE_FOCUS]
 
-    def show_kept(self, kept: Sequence[Kept]) -> None:
+    def show_kept(self, kept: Sequence[SessionSummary]) -> None:
         """The sessions; those that are not finished first."""
         self._kept = sorted(kept, key=lambda one: one.ended == "finished")
         if kept:
@@ -146,7 +146,7 @@ def _to_do(name: str, one: Condition) -> str:
     return f"{name}: {brief(one)}: {'the guide homes it, or F3 and H' if unhomed else f'{one.remedy} (F3 shows it)'}"
 
 
-def kept_in_words(one: Kept) -> str:
+def kept_in_words(one: SessionSummary) -> str:
     """A session on one line: when, what, how far."""
     steps = f"{len(one.done)} step{'s' * (len(one.done) != 1)} done"
     state = "finished" if one.ended == "finished" else f"{steps}, {one.ended}" if one.ended else steps

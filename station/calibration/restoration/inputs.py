@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadInput, BadParameter
-from procedures.raw import Felt
+from procedures.raw import ImuRecord
 from procedures.reading.arrays import checked_array, read_npy
 from procedures.reading.text import read_json, read_numbers, read_rows
 from procedures.restoration.masks import blur_models
@@ -39,7 +39,7 @@ FIELD_SUFFIXES = (".h5", ".hdf5")
 # --- records of an IMU -------------------------------------------------------------------------------------------
 
 
-def read_imu(path: Path) -> Felt:
+def read_imu(path: Path) -> ImuRecord:
     """An IMU's record from a CSV file with the columns `COLUMNS`, named in its first row; `#` begins a comment.
 
     Raises
@@ -48,7 +48,7 @@ def read_imu(path: Path) -> Felt:
         If it cannot be read, a column lacks, or a row does not hold numbers.
     """
     values = _table(path, COLUMNS)
-    return Felt(values[:, 0], values[:, 1:4], values[:, 4:])
+    return ImuRecord(values[:, 0], values[:, 1:4], values[:, 4:])
 
 
 def read_poses(path: Path) -> Poses:
@@ -91,9 +91,9 @@ def _numbers(path: Path, n: int, row: list[str], at: list[int]) -> list[float]:
     return numbers
 
 
-def imu_table(felt: Felt) -> bytes:
+def imu_table(imu: ImuRecord) -> bytes:
     """A record as `read_imu` takes it."""
-    rows = np.column_stack([felt.time_s, felt.acceleration_m_s2, felt.rotation_rad_s])
+    rows = np.column_stack([imu.time_s, imu.acceleration_m_s2, imu.rotation_rad_s])
     lines = [",".join(COLUMNS), *(",".join(f"{value:.7g}" for value in row) for row in rows)]
     return ("\n".join(lines) + "\n").encode()
 

@@ -1,1 +1,1 @@
-"""Live focus: photographs as they come, and what they tell."""
+"""Live focus: sharpness of photographs as they arrive."""

@@ -1,4 +1,4 @@
-"""Live focus: every photograph that comes gives its sharpness, the trend, the best so far, and which way to turn."""
+"""Live focus: sharpness of every new photograph, the trend, the best so far, and which way to turn the ring."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 SUFFIXES = RAW_SUFFIXES | {".tif", ".tiff", ".png", ".pgm"}
 POLL_S, SETTLE_S = 0.05, 0.02
-"""How often a folder is looked at, and how soon again where something has come: what still grows is not read yet."""
-GROWN_S = 3.0
-"""A file that cannot be read is tried again until its size has rested so long."""
+"""Polling interval of a folder, and the shorter one after a new file, which is read once it stops growing."""
+UNREADABLE_AFTER_S = 3.0
+"""An unreadable file is retried until its size has been constant for so long."""
 SWEEP = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
-"""Small steps of the simulated focus ring, from where the eye put it."""
+"""Small steps of the simulated focus ring, from the focus set by eye."""
 LEFT_BY_EYE: Mapping[str, Fact] = {
     **dict.fromkeys(("printed", "mounted", "lit", "camera_set", "focused"), True),
     "hand_aim": 1.0,
@@ -35,15 +35,14 @@ LEFT_BY_EYE: Mapping[str, Fact] = {
     "hand_chart_yaw_deg": -2.6,
     "hand_chart_pitch_deg": 1.9,
 }
-"""How the simulated person leaves the bench, whatever was done on it before: the chart in the middle, nearly square,
-and focused by eye."""
+"""State in which the operator model leaves the bench: chart in the middle, nearly square, focused by eye."""
 
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """A photograph as it came: its plane, or why it cannot be read; the setting of the focus where it is known.
+    """A new photograph: its plane, or why it cannot be read, and the focus setting where it is known.
 
-    `arrived_s` is when its file was there, by the clock of whoever saw it.
+    `arrived_s` is the time at which its file was seen, by the source's clock.
     """
 
     path: Path
@@ -53,19 +52,19 @@ class LiveFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class FocusSeen:
-    """What one photograph told, and all of them so far.
+class FocusReading:
+    """Sharpness of one photograph, and of all so far.
 
     Attributes
     ----------
     frame : LiveFrame
     found : Outcome[Sharpness]
-    took_s : from the file's arrival to its number
-    scores, uncertainties : MTF50 of all photographs so far, NaN where none could be told
-    peak : top of the sweep, where its settings are known
+    took_s : from the file's arrival to its sharpness
+    scores, uncertainties : MTF50 of all photographs so far, NaN where there is none
+    peak : maximum of the sweep, where the settings are known
     say : what to do next
     way : which way to turn the ring
-    places : settings of the focus of all photographs so far, NaN where they are not known
+    places : focus settings of all photographs so far, NaN where they are not known
     """
 
     frame: LiveFrame
@@ -80,21 +79,21 @@ class FocusSeen:
 
     @property
     def number(self) -> int:
-        """Of this photograph, from 1."""
+        """Number of this photograph, from 1."""
         return len(self.scores)
 
     @property
     def best(self) -> int | None:
-        """Number of the sharpest so far, of equal ones the first."""
+        """Number of the sharpest photograph so far, the first of equal ones."""
         known = [(score, -i) for i, score in enumerate(self.scores, 1) if score == score]
         return -max(known)[1] if known else None
 
 
 @dataclass
 class LiveFocus:
-    """Measures one photograph after the other; the chart is looked for where it was seen last.
+    """Measures successive photographs; the chart is searched for at its last position.
 
-    `equal_steps`: the focus is turned by one equal step from frame to frame, so that their numbers are its settings.
+    `equal_steps` : the focus is turned by equal steps, so that the numbers of the photographs are its settings.
     """
 
     chart: Chart
@@ -106,13 +105,13 @@ class LiveFocus:
     _scores: list[float] = field(default_factory=list)
     _uncertainties: list[float] = field(default_factory=list)
 
-    def see(self, frame: LiveFrame) -> FocusSeen:
-        """Measure a photograph; one that cannot be read or measured says why."""
+    def see(self, frame: LiveFrame) -> FocusReading:
+        """Measure a photograph, or give the reason why it cannot be measured."""
         found = self._measure(frame.plane)
         self._last = found.value or self._last
         self._note(frame, found)
         turn = which_way(self._scores, self._uncertainties, self._places)
-        return FocusSeen(
+        return FocusReading(
             frame,
             found,
             self.clock() - frame.arrived_s,
@@ -143,9 +142,9 @@ class LiveFocus:
 
 @dataclass(frozen=True)
 class PhotographSource:
-    """Where photographs come from, until `ended` says that no more are wanted.
+    """Source of photographs until `ended` is true.
 
-    `plane` is the plane to look at, None for the usual one; `clock` tells seconds.
+    `plane` is the plane to measure, None for the default; `clock` gives seconds.
     """
 
     ended: Callable[[], bool]
@@ -153,7 +152,7 @@ class PhotographSource:
     clock: Callable[[], float] = time.monotonic
 
     def read(self, path: Path, arrived_s: float, place: float | None = None) -> LiveFrame:
-        """A photograph's plane, or why there is none."""
+        """A photograph's plane, or the reason why it cannot be read."""
         try:
             name = self.plane or default_plane(path)
             plane = Outcome(read_planes(path, [name])[name])
@@ -162,7 +161,7 @@ class PhotographSource:
         return LiveFrame(path, plane, arrived_s, place)
 
     def watched(self, folder: Path, pause: Callable[[float], object]) -> Iterator[LiveFrame]:
-        """The photographs that arrive in a folder from now on, each as soon as it can be read. Raises BadInput."""
+        """The photographs that arrive in a folder from now on, each once it can be read. Raises BadInput."""
         known, arrived = _photographs(folder), dict[Path, tuple[int, float]]()
         while not self.ended():
             pause_s = POLL_S
@@ -172,28 +171,28 @@ class PhotographSource:
                     arrived[path], pause_s = (size, now_s), SETTLE_S
                     continue
                 frame = self.read(path, arrived[path][1])
-                if frame.plane.value is not None or now_s - arrived[path][1] > GROWN_S:
+                if frame.plane.value is not None or now_s - arrived[path][1] > UNREADABLE_AFTER_S:
                     known.add(path)
                     yield frame
             pause(pause_s)
 
     def tethered(self, bench: Bench) -> Iterator[LiveFrame]:
-        """One exposure of the bench's camera after the other; nothing is moved. Raises DeviceError."""
+        """Successive exposures of the bench's camera, without movements. Raises DeviceError."""
         stops = bench.stops
         while not self.ended():
             yield self._exposed(bench, stops)
 
     def simulated(self, bench: Bench, places: Iterable[float] = SWEEP) -> Iterator[LiveFrame]:
-        """A simulated person hangs the chart, focuses by eye, and turns the ring to one place after the other.
+        """The operator model hangs the chart, focuses by eye, and turns the ring to each setting in turn.
 
-        The stages home first, and go to the middle of their travel. Raises DeviceError.
+        The stages home first and move to the middle of their travel. Raises DeviceError.
         """
         hands, stops = bench.surroundings.hands, bench.stops
         if hands is None:
-            raise BadParameter("only a simulated bench has hands that turn the ring", "use --simulate")
+            raise BadParameter("turning the ring needs a simulated bench", "use --simulate")
         for name, stage in (("stage", bench.stage), ("head", bench.head)):
             bench.motions.home(name, lambda: bench.check_stops(stops))
-            bench.motions.move(name, {axis: (one.low + one.high) / 2 for axis, one in stage.travel().items()})
+            bench.motions.move(name, {axis: (travel.low + travel.high) / 2 for axis, travel in stage.travel().items()})
         bench.light.set_level(1.0)
         bench.surroundings.stand_before("chart")
         hands.take_up(LEFT_BY_EYE)
@@ -206,13 +205,13 @@ class PhotographSource:
             yield self._exposed(bench, stops, place)
 
     def _exposed(self, bench: Bench, stops: int, place: float | None = None) -> LiveFrame:
-        """An exposure, unless everything was stopped. Raises DeviceError."""
+        """An exposure, unless the bench was stopped. Raises DeviceError."""
         bench.check_stops(stops)
         return self.read(bench.camera.expose().path, self.clock(), place)
 
 
 def _photographs(folder: Path) -> set[Path]:
-    """Those in a folder. Raises BadInput where there is none."""
+    """The photographs in a folder. Raises BadInput where it does not exist."""
     if not folder.is_dir():
         raise BadInput(f"there is no folder {folder}", "create it, or name another one")
     return {p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith((".", "~"))}

@@ -1,4 +1,4 @@
-"""The guided plan of the whole camera: its photographs sorted by what they are for, and all results put together."""
+"""The guided plan of the whole camera: its photographs sorted by purpose, and the combined results."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from station.results.result_files import ResultFolder
 from station.results.terms import Terms
 
 GEOMETRY, VIGNETTING, SENSOR = "geometry", "vignetting", "sensor"
-"""What a session answers beside the planes' PSFs; its folders are called so too."""
+"""Results of a session in addition to the planes' PSFs, and the names of their folders."""
 USED = "the PSFs were estimated with its noise and response"
 NOT_USED = "the PSFs were estimated without it"
 
@@ -47,52 +47,54 @@ def plan() -> Plan:
     return guide.plan(estimate)
 
 
-class Picked(Sequence[RawFrame]):
-    """Some of the frames, each read when it is asked for."""
+class FrameSubset(Sequence[RawFrame]):
+    """A subset of the frames, each read on access."""
 
-    def __init__(self, frames: Sequence[RawFrame], which: Sequence[int]) -> None:
-        self._frames, self._which = frames, which
+    def __init__(self, frames: Sequence[RawFrame], indices: Sequence[int]) -> None:
+        self._frames, self._indices = frames, indices
 
     def __len__(self) -> int:
-        return len(self._which)
+        return len(self._indices)
 
     def __getitem__(self, index: Any) -> Any:
-        which = self._which[index]
-        return Picked(self._frames, which) if isinstance(index, slice) else self._frames[which]
+        indices = self._indices[index]
+        return FrameSubset(self._frames, indices) if isinstance(index, slice) else self._frames[indices]
 
 
-def picked(frames: Sequence[RawFrame], wanted: Callable[[str], bool]) -> Picked:
-    """The frames whose mark is wanted."""
-    return Picked(frames, [i for i, frame in enumerate(frames) if wanted(mark_of(frame.sha256))])
+def subset(frames: Sequence[RawFrame], wanted: Callable[[str], bool]) -> FrameSubset:
+    """The frames with a wanted mark."""
+    return FrameSubset(frames, [i for i, frame in enumerate(frames) if wanted(mark_of(frame.sha256))])
 
 
 # --- estimate ----------------------------------------------------------------------------------------------------
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-    """By plane the whole camera, with the verdict on the plane's PSF; a refusal where no place gives one.
+    """The whole camera for every plane, with the verdict on the plane's PSF; a refusal where no place gives one.
 
-    The sensor is first: the PSFs of all places rest on what it was found to do.
+    The sensor comes first: the PSFs of all places use its noise and response.
     """
-    told = facts_as(WholeCameraFacts, facts)
-    beside = {*told.lit, *told.flats, *told.turned}
-    places = picked(frames, lambda mark: mark not in beside)
-    flats = upright_or_turned(told, facts)
-    of_sensor, of_lens, turned = (picked(frames, marks.__contains__) for marks in (told.lit, flats, told.turned))
+    known_facts = facts_as(WholeCameraFacts, facts)
+    others = {*known_facts.lit, *known_facts.flats, *known_facts.turned}
+    places = subset(frames, lambda mark: mark not in others)
+    flats = upright_or_turned(known_facts, facts)
+    sensor_frames, flat_frames, turned = (
+        subset(frames, marks.__contains__) for marks in (known_facts.lit, flats, known_facts.turned)
+    )
     parts: dict[str, Outcome[Any]] = {}
     used: dict[str, str] = {}
     models: Mapping[str, SensorModel] = NO_SENSORS
-    if of_sensor and places:
-        by_plane = sensor.estimate(of_sensor, facts, {})
+    if sensor_frames and places:
+        by_plane = sensor.estimate(sensor_frames, facts, {})
         parts[SENSOR], models, used[SENSOR] = sensor_used(by_plane, places[0].exposure.iso)
     try:
-        found = field.field_of(places, told, models)
+        found = field.field_of(places, known_facts, models)
     except Refused as refusal:
         return field.refused(frames, refusal)
-    if of_lens:
-        parts[VIGNETTING] = vignetting_of(of_lens, found)
-    views, reasons = seen_views(turned, told)
-    camera = whole_camera(found, told.cell_mm, joint_parts(parts), views)
+    if flat_frames:
+        parts[VIGNETTING] = vignetting_of(flat_frames, found)
+    views, reasons = seen_views(turned, known_facts)
+    camera = whole_camera(found, known_facts.cell_mm, joint_parts(parts), views)
     if turned:
         lost = "; ".join(reasons)
         parts[GEOMETRY] = replace(camera.geometry, reason="; ".join(filter(None, (camera.geometry.reason, lost))))
@@ -103,60 +105,64 @@ SensorUsed = tuple[Outcome[SensorFiles], Mapping[str, SensorModel], str]
 
 
 def sensor_used(outcomes: Mapping[str, Outcome[SensorFiles]], iso: float | None) -> SensorUsed:
-    """The sensor, what the PSFs take from it by plane, and words about that; `iso` is the charts'.
+    """The sensor, the models used for the PSFs by plane, and a text about them; `iso` is that of the charts.
 
-    It has the worst of its planes' verdicts, and is doubted where the charts were taken at another sensitivity. A
-    plane's PSFs take noise and response where these are not doubted.
+    Its verdict is the worst of its planes', and doubtful where the charts were taken at another sensitivity. The PSFs
+    of a plane use noise and response where these are not doubtful.
     """
     whole = next((one.value for one in outcomes.values() if one.value is not None), None)
     answer = worst_of(outcomes).of_value(whole)
     if whole is not None and None not in (iso, whole.iso) and iso != whole.iso:
         reason = f"the sensor was measured at ISO {whole.iso:g}, the charts were taken at ISO {iso:g}"
-        remedy = "take both at one sensitivity: gain and noise are not the charts' otherwise"
+        remedy = "take both at one sensitivity, since gain and noise depend on it"
         return with_doubt(answer, reason, remedy), NO_SENSORS, f"{NOT_USED}: {reason}"
     if whole is None:
         return answer, NO_SENSORS, f"{NOT_USED}: it was refused"
-    found = {one.name: one for one in whole.planes}
-    why_not = {name: doubt for name, one in found.items() if (doubt := _why_not(one.outcome))}
-    models = {name: sensor_model(one.outcome.result(), one.step) for name, one in found.items() if name not in why_not}
-    told = [f"{', '.join(models)}: {USED}"] if models else []
-    told += [f"{name}: {NOT_USED}: {why}" for name, why in why_not.items()]
-    return answer, models, "; ".join(told)
+    planes = {one.name: one for one in whole.planes}
+    reasons = {name: doubt for name, one in planes.items() if (doubt := _reason_unused(one.outcome))}
+    models = {name: sensor_model(one.outcome.result(), one.step) for name, one in planes.items() if name not in reasons}
+    uses = [f"{', '.join(models)}: {USED}"] if models else []
+    uses += [f"{name}: {NOT_USED}: {reason}" for name, reason in reasons.items()]
+    return answer, models, "; ".join(uses)
 
 
-def _why_not(one: Outcome[SensorResult]) -> str:
-    """Why a plane's PSFs take nothing from its sensor; "" where they do."""
-    return one.reason if one.value is None else one.value.doubt
+def _reason_unused(outcome: Outcome[SensorResult]) -> str:
+    """Why the PSFs of a plane do not use its sensor model; "" where they do."""
+    return outcome.reason if outcome.value is None else outcome.value.doubt
 
 
-def upright_or_turned(told: WholeCameraFacts, facts: Facts) -> set[str]:
-    """The marks of the flats whose panel was turned as they were to be."""
-    return {mark for mark, quarters in told.flats.items() if not quarters or facts.get(f"{PANEL_TURNED}{quarters:.0f}")}
+def upright_or_turned(known_facts: WholeCameraFacts, facts: Facts) -> set[str]:
+    """The marks of the flats taken with the panel upright, or turned as confirmed."""
+    return {
+        mark
+        for mark, quarters in known_facts.flats.items()
+        if not quarters or facts.get(f"{PANEL_TURNED}{quarters:.0f}")
+    }
 
 
 def vignetting_of(frames: Sequence[RawFrame], found: FieldResult) -> Outcome[Flats]:
-    """The lens's vignetting with the worst of its planes' verdicts; doubted where the aperture was another."""
+    """The vignetting with the worst of its planes' verdicts; doubtful where the aperture differs from the charts'."""
     try:
         flats = flats_of(frames)
     except BadInput as error:
         return Outcome(None, Verdict.REFUSED, error.reason, error.remedy)
     answer = worst_of(flats.planes).of_value(flats)
-    own, charts = frames[0].exposure.f_number, found.measured.exposures[0].exposure.f_number
-    if None in (own, charts) or own == charts:
+    f_number, charts = frames[0].exposure.f_number, found.measured.exposures[0].exposure.f_number
+    if None in (f_number, charts) or f_number == charts:
         return answer
-    return with_doubt(answer, f"the flats were taken at f/{own:g}, the charts at f/{charts:g}",
-                      "take both at one aperture: vignetting is another at each")  # fmt: skip
+    return with_doubt(answer, f"the flats were taken at f/{f_number:g}, the charts at f/{charts:g}",
+                      "take both at one aperture, since vignetting depends on it")  # fmt: skip
 
 
 def joint_parts(parts: Mapping[str, Outcome[Any]]) -> list[Part]:
-    """The numbers of vignetting and sensor that go into the one covariance."""
+    """Numbers of vignetting and sensor in the joint covariance."""
     flats: Flats | None = parts[VIGNETTING].value if VIGNETTING in parts else None
     files: SensorFiles | None = parts[SENSOR].value if SENSOR in parts else None
-    found = [] if flats is None else vignetting_parts(joint_formula(_values(flats.planes)))
+    numbers = [] if flats is None else vignetting_parts(joint_formula(_values(flats.planes)))
     if files is None:
-        return found
+        return numbers
     sensors = _values({one.name: one.outcome for one in files.planes})
-    return found + sensor_parts({name: gain_and_noise(one.transfer) for name, one in sensors.items()})
+    return numbers + sensor_parts({name: gain_and_noise(one.transfer) for name, one in sensors.items()})
 
 
 def _values(outcomes: Mapping[str, Outcome[Any]]) -> dict[str, Any]:
@@ -167,13 +173,13 @@ def _values(outcomes: Mapping[str, Outcome[Any]]) -> dict[str, Any]:
 
 
 def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: Facts) -> list[PlaneResult]:
-    """Every plane's PSF at the frame's centre, and the verdict on each other part; one that gave nothing is a doubt."""
+    """Every plane's PSF at the frame's centre, and the verdict on each other part; a refused part is doubtful."""
     planes = field.results(outcomes, terms, facts)
     return [*planes, *(_part_result(name, one) for name, one in parts_of(planes).items())]
 
 
 def parts_of(planes: Sequence[PlaneResult]) -> Mapping[str, Outcome[Any]]:
-    """The parts of the session that was found."""
+    """The other parts of the session's result."""
     found = next((one.found for one in planes if one.found is not None), None)
     return {} if found is None else found.parts
 
@@ -184,40 +190,42 @@ def _part_result(name: str, one: Outcome[Any]) -> PlaneResult:
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
-    """The files of a field, with camera and page for all; each other part's own result is in a folder beside them."""
-    from station.reports.field.field_files import write_planes  # it draws: that import is slow
+    """The files of a field, with camera and page; the result of each other part is in a folder of its own."""
+    from station.reports.field.field_files import write_planes  # it draws, a slow import
 
     parts = parts_of(planes)
     found = next((one.found for one in planes if one.found is not None), None)
-    head = replace(head, parameters={key: one for key, one in head.parameters.items() if not key.startswith(OF_SHOTS)})
+    head = replace(
+        head, parameters={key: value for key, value in head.parameters.items() if not key.startswith(SHOT_FACTS)}
+    )
     beside = dict(_written(folder, found, frames, head)) if found is not None else {}
     flats: Flats | None = parts[VIGNETTING].value if VIGNETTING in parts else None
     lights = {} if flats is None else {name: one.surface.light for name, one in _values(flats.planes).items()}
-    own = [one for one in planes if one.name not in parts]
-    return write_planes(folder, own, head, found and found.camera, lights=lights, beside=beside)
+    psfs = [one for one in planes if one.name not in parts]
+    return write_planes(folder, psfs, head, found and found.camera, lights=lights, beside=beside)
 
 
-OF_SHOTS = (LIT, FLAT, TURNED, VIEW)
-"""How the names of facts of single photographs begin: the journal has them."""
+SHOT_FACTS = (LIT, FLAT, TURNED, VIEW)
+"""Prefixes of the facts of single photographs, which are in the journal."""
 
 
 def _written(
     folder: ResultFolder, found: field.SessionField, frames: Sequence[RawFrame], head: RecordHead
 ) -> Iterator[tuple[str, PartBeside]]:
-    """Each part's result in a folder of its own: what the page tells of it."""
+    """Write each part's result into its folder, and give its entry of the page."""
     writers = {SENSOR: _write_sensor, VIGNETTING: _write_vignetting, GEOMETRY: _write_geometry}
     for name, one in found.parts.items():
-        look = ""
+        page = ""
         if one.value is not None:
             with ResultFolder(folder.staging / name, sealed=folder.sealed) as inside:
-                look = f"{name}/{writers[name](inside, one, found.reference, frames, replace(head, procedure=name))}"
-        yield name, PartBeside(one.verdict, one.reason, one.remedy, look, found.used.get(name, ""))
+                page = f"{name}/{writers[name](inside, one, found.reference, frames, replace(head, procedure=name))}"
+        yield name, PartBeside(one.verdict, one.reason, one.remedy, page, found.used.get(name, ""))
 
 
 def _write_sensor(
     folder: ResultFolder, one: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    from station.reports.sensor_page import sensor_page  # it draws: that import is slow
+    from station.reports.sensor_page import sensor_page  # it draws, a slow import
 
     files: SensorFiles = one.result()
     folder.write("report.html", sensor_page(files))
@@ -230,7 +238,7 @@ def _write_vignetting(
 ) -> str:
     flats: Flats = one.result()
     inputs = _of_inputs(head, {sha256 for _, sha256 in flats.inputs}).input
-    flats = replace(flats, inputs=tuple((Path(told.path), told.sha256) for told in inputs))
+    flats = replace(flats, inputs=tuple((Path(file.path), file.sha256) for file in inputs))
     write_measurement(folder, vignetting_measurement(flats))
     return "numbers.csv"
 
@@ -240,12 +248,12 @@ def _write_geometry(
 ) -> str:
     camera: Geometry = one.result()
     sources = {view.view.source for view in camera.views}
-    seen = Picked(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
-    told = PlaneResult.of_outcome(plane, one, found=camera, numbers=camera.numbers())
-    geometry.write(folder, told, seen, _of_inputs(head, {frame.sha256 for frame in seen}))
+    views = FrameSubset(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
+    result = PlaneResult.of_outcome(plane, one, found=camera, numbers=camera.numbers())
+    geometry.write(folder, result, views, _of_inputs(head, {frame.sha256 for frame in views}))
     return "report.html"
 
 
 def _of_inputs(head: RecordHead, hashes: set[str]) -> RecordHead:
-    """The head with these photographs alone."""
+    """The head with these photographs only."""
     return replace(head, input=tuple(one for one in head.input if one.sha256 in hashes))

@@ -1,4 +1,4 @@
-"""The guided plan of a field, with the estimate that puts the field together from its photographs."""
+"""The guided plan of a field, with the estimate from its photographs."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from station.results.terms import Terms
 
 @dataclass(frozen=True, eq=False)
 class SessionField(FieldResult):
-    """A field with all that its session tells of the camera beside it.
+    """A field with the other results of its session.
 
-    `parts`: by its name what each other procedure answered, of the same mounting; `used`: by the same name what the
-    PSFs took from it, or why they took nothing.
+    `parts` : outcomes of the other procedures on the same mounting, by name
+    `used` : what the PSFs use of each, or why they do not
     """
 
     camera: WholeCamera | None = None
@@ -44,21 +44,21 @@ def plan() -> Plan:
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-    """By plane the whole field, with the plane's verdict; a refusal in its place where the photographs give none."""
-    told = facts_as(FieldFacts, facts)
+    """The whole field for every plane, with the plane's verdict; a refusal where the photographs give none."""
+    known_facts = facts_as(FieldFacts, facts)
     try:
-        found = field_of(frames, told)
+        found = field_of(frames, known_facts)
     except Refused as refusal:
         return refused(frames, refusal)
-    return by_plane(session_field(found, whole_camera(found, told.cell_mm)))
+    return by_plane(session_field(found, whole_camera(found, known_facts.cell_mm)))
 
 
-def field_of(frames: Sequence[RawFrame], told: FieldFacts, sensors: Sensors = NO_SENSORS) -> FieldResult:
-    """The field of its photographs, by a sensor of these models. Raises Refused where none gives a PSF."""
-    measured = measure_frames(frames, told.chart, told.parameters, sensors)
+def field_of(frames: Sequence[RawFrame], facts: FieldFacts, sensors: Sensors = NO_SENSORS) -> FieldResult:
+    """The field from its photographs and sensor models. Raises Refused where none gives a PSF."""
+    measured = measure_frames(frames, facts.chart, facts.parameters, sensors)
     exposure = measured.exposures[0].exposure if measured.exposures else None
     limit = (
-        partial(diffraction_limit, exposure, pixel_pitch_um=told.pixel_pitch_um, f_number=told.typed_f_number)
+        partial(diffraction_limit, exposure, pixel_pitch_um=facts.pixel_pitch_um, f_number=facts.typed_f_number)
         if exposure
         else (lambda plane: None)
     )
@@ -66,7 +66,7 @@ def field_of(frames: Sequence[RawFrame], told: FieldFacts, sensors: Sensors = NO
 
 
 def refused(frames: Sequence[RawFrame], refusal: Refused) -> Outcomes:
-    """The refusal, of every plane."""
+    """The refusal for every plane."""
     names = frames[0].planes if frames else ()
     return {name: Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy) for name in names}
 
@@ -77,13 +77,13 @@ def session_field(
     parts: Mapping[str, Outcome[Any]] | None = None,
     used: Mapping[str, str] | None = None,
 ) -> SessionField:
-    """The field with what else its session tells."""
+    """The field with the other results of its session."""
     kept = {one.name: getattr(found, one.name) for one in fields(FieldResult)}
     return SessionField(**kept, camera=camera, parts=parts or {}, used=used or {})
 
 
 def by_plane(found: SessionField) -> Outcomes:
-    """By plane the whole of it, with the plane's verdict."""
+    """The whole field for every plane, with the plane's verdict."""
     return {name: _of_whole(found, one) for name, one in found.planes.items()}
 
 
@@ -92,9 +92,9 @@ def _of_whole(found: FieldResult, one: Outcome[PlaneField]) -> Outcome[FieldResu
 
 
 def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: Facts) -> list[PlaneResult]:
-    """Every plane's result at the frame's centre, held to the terms at every place that these name.
+    """Every plane's result at the frame's centre, compared with the specification at every place that it names.
 
-    What was found is the whole field.
+    `found` of each is the whole field.
     """
     whole = next((one.value for one in outcomes.values() if one.value is not None), None)
     if whole is None:
@@ -102,16 +102,16 @@ def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: F
     pixels = field_pixels(whole.measured, facts_as(FieldFacts, facts).pixel_pitch_um)
     terms = terms.tellable(next(iter(pixels.values())))
     try:
-        told = field_results(whole, terms, pixels, lambda plane: None)
+        planes = field_results(whole, terms, pixels, lambda plane: None)
     except BadParameter as error:
         centres = (centre_result(name, one) for name, one in whole.planes.items())
-        told = [terms.undecided(one, error.reason) for one in centres]
-    return [one if one.found is None else replace(one, found=whole) for one in told]
+        planes = [terms.undecided(one, error.reason) for one in centres]
+    return [one if one.found is None else replace(one, found=whole) for one in planes]
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
-    """The files of `station psf field`, of a session's pictures."""
-    from station.reports.field.field_files import write_planes  # it draws: that import is slow
+    """Write the files of `station psf field` for a session."""
+    from station.reports.field.field_files import write_planes  # it draws, a slow import
 
     found = next((one.found for one in planes if one.found is not None), None)
     return write_planes(folder, planes, head, None if found is None else found.camera)

@@ -1,4 +1,4 @@
-"""The guided plan of a sensor, with the estimate that sorts its pictures by light and characterises every plane."""
+"""The guided plan of a sensor, with the estimate that groups its frames by light level."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def plan() -> Plan:
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-    """By plane the whole sensor, with the plane's verdict; a refusal in its place where the pictures give none."""
+    """The whole sensor for every plane, with the plane's verdict; a refusal where the frames give none."""
     lit = facts_as(SensorFacts, facts).lit
     groups: dict[float, list[int]] = {}
     exposures, names = [], {}
@@ -54,24 +54,24 @@ def _of_whole(found: SensorFiles, one: SensorPlane) -> Outcome[SensorFiles]:
 
 
 def results(outcomes: Mapping[str, Outcome[SensorFiles]]) -> list[PlaneResult]:
-    """Every plane's numbers; what was found is the whole sensor."""
+    """Every plane's numbers; `found` of each is the whole sensor."""
     return [_result(name, one) for name, one in outcomes.items()]
 
 
 def _result(name: str, one: Outcome[SensorFiles]) -> PlaneResult:
     whole = one.value
-    of = None if whole is None else next(plane for plane in whole.planes if plane.name == name).outcome.value
-    numbers = {} if of is None else dict(of.numbers)
+    sensor = None if whole is None else next(plane for plane in whole.planes if plane.name == name).outcome.value
+    numbers = {} if sensor is None else dict(sensor.numbers)
     return PlaneResult.of_outcome(name, one, found=whole, numbers=numbers)
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
-    """The files of `station sensor`, of a session's pictures."""
+    """Write the files of `station sensor` for a session."""
     whole = next((one.found for one in planes if one.found is not None), None)
     if whole is None:
         refused = [SensorPlane(one.name, one.outcome(None), (), 1.0, None) for one in planes]
         return write_measurement(folder, sensor_measurement(SensorFiles((), None, None, refused), head))
-    from station.reports.sensor_page import sensor_page  # it draws: that import is slow
+    from station.reports.sensor_page import sensor_page  # it draws, a slow import
 
     folder.write("report.html", sensor_page(whole))
     return write_measurement(folder, sensor_measurement(whole, head))

@@ -1,4 +1,4 @@
-"""The guided plan of a sensor's tilt, with the estimate that draws the plane from its bracket."""
+"""The guided plan of a sensor's tilt, with the estimate from its focus bracket."""
 
 from __future__ import annotations
 
@@ -32,35 +32,35 @@ def plan() -> Plan:
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-    """The sensor's plane, by the plane that it was measured in."""
-    told = facts_as(TiltFacts, facts)
-    where: dict[str, float] = {}
+    """The sensor's tilt, under the name of the colour plane in which it was measured."""
+    known_facts = facts_as(TiltFacts, facts)
+    depths: dict[str, float] = {}
 
-    def of_one_plane() -> Iterator[RawFrame]:
+    def frames_of_one_plane() -> Iterator[RawFrame]:
         for frame in frames:
-            if (depth := told.depths.get(frame.sha256[:MARK])) is not None:
-                where[frame.path.name] = depth
+            if (depth := known_facts.depths.get(frame.sha256[:MARK])) is not None:
+                depths[frame.path.name] = depth
                 plane = shown(frame)
                 yield replace(frame, planes={plane.name: plane})
 
-    measured = measure_frames(of_one_plane(), told.chart, FIELD)
+    measured = measure_frames(frames_of_one_plane(), known_facts.chart, FIELD)
     name = next(iter(measured.planes), "Y")
     parameters = TiltParameters(
-        required(told.pixel_pitch_um, "the distance of the sensor's pixels", "answer the step `distance`"),
+        required(known_facts.pixel_pitch_um, "the sensor's pixel pitch", "answer the step `distance`"),
         Positions.CHART,
-        told.focal_length_mm,
+        known_facts.focal_length_mm,
         position_uncertainty_mm=RAIL_MM,
-        screws=told.screws,
+        screws=known_facts.screws,
     )
-    return {name: measure_tilt(measured, name, where, parameters)}
+    return {name: measure_tilt(measured, name, depths, parameters)}
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
-    """The files of `station tilt`, of a session's one plane."""
-    from station.reports.tilt_page import tilt_page  # it draws: that import is slow
+    """Write the files of `station tilt` for a session."""
+    from station.reports.tilt_page import tilt_page  # it draws, a slow import
 
     (plane,) = planes
     outcome = plane.outcome(plane.found)
-    parameters = {name: one for name, one in head.parameters.items() if not name.startswith(DEPTH)}
+    parameters = {name: value for name, value in head.parameters.items() if not name.startswith(DEPTH)}
     folder.write("report.html", tilt_page(plane.name, len(frames), outcome).encode())
     return write_measurement(folder, tilt_measurement(replace(head, parameters=parameters), plane.name, outcome))

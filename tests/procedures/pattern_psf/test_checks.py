@@ -203,7 +203,7 @@ def test_a_chart_of_another_number_is_named_by_its_cells(shoot, wrong):
     # 62 500 cells seen by 5600 pixels: others agree by chance to 1/75, the best of 49 shifts to some hundredths
     assert right.facts["seed_agreement"] > 3 * ALIKE
     advice = check_light(taken, {**FACTS, "chart_seed": float(wrong)})
-    assert advice.doubted == ("chart_seed",)
+    assert advice.contradictory == ("chart_seed",)
     assert f"number {wrong}; they are those of 1" in advice.say
     assert check_light(taken, {**FACTS, "chart_seed": float(wrong), "insisted_chart_seed": True}).good
 
@@ -211,7 +211,7 @@ def test_a_chart_of_another_number_is_named_by_its_cells(shoot, wrong):
 @pytest.mark.slow
 def test_a_blurred_chart_is_not_taken_for_another(shoot):
     blurred = check_light(shoot(camera=replace(CAMERA, focus_mm=FAR_MM / 1.7)), FACTS)
-    assert blurred.doubted == ()
+    assert blurred.contradictory == ()
 
 
 # --- focus, shots ------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pytest
 from procedures.facts import facts_as
 from procedures.outcome import BadParameter
 from procedures.plan import HAS_SHAKER, Ask
-from procedures.raw import Carried, Plane, RawFrame
+from procedures.raw import Plane, RawFrame, ShakerPath
 from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import BOTH, MOTIONS, RestorationFacts
 from procedures.restoration.known_blur import blur_spec
@@ -31,7 +31,7 @@ def frame(along: int, **exposure):
     position_m[:, along], position_m[:, 1 - along] = 8e-4 * np.cos(ROUND), 3e-4 * np.cos(2 * ROUND + 0.7)
     told = Exposure(exposure_s=0.048, **{"focal_length_mm": 24.0, **exposure})
     samples = np.random.default_rng(1).random((80, 96), np.float32)
-    return RawFrame(Path("a"), "", {"Y": Plane("Y", samples, 1e-4)}, told, None, Carried(position_m, 0.001, 0.0))
+    return RawFrame(Path("a"), "", {"Y": Plane("Y", samples, 1e-4)}, told, None, ShakerPath(position_m, 0.001, 0.0))
 
 
 def widths(mask):
@@ -69,9 +69,9 @@ def test_a_motion_without_record_and_a_lens_without_numbers_are_refused_in_words
 
 def test_the_first_photograph_tells_what_of_the_lens_is_not_known():
     advice = check_first(frame(0), {**FACTS, "focus_m": 0.0})
-    assert advice.doubted == ("lens_f_number", "focus_m", "pixel_pitch_um")
+    assert advice.contradictory == ("lens_f_number", "focus_m", "pixel_pitch_um")
     noted = check_first(frame(0, f_number=5.6), FACTS)
-    assert noted.doubted == ("lens_f_number",)
+    assert noted.contradictory == ("lens_f_number",)
     assert "given as 4, and the camera noted 5.6" in noted.say
 
 

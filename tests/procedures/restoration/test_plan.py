@@ -12,7 +12,7 @@ import pytest
 from procedures.facts import facts_as
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.plan import HAS_IMU, Ask, Shoot
-from procedures.raw import Felt, Plane, RawFrame
+from procedures.raw import ImuRecord, Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import APERTURES, COLOUR, MOTIONS, ORDER, RestorationFacts
 from procedures.restoration.flat_part import parts, region_of
@@ -83,14 +83,14 @@ def test_an_f_number_that_the_camera_noted_otherwise_is_named_and_may_be_insiste
     facts = {**FACTS, "first_level": float(image.mean()), f"{which}_f_number": wrong}
     advice = check(frame(image, f_number=noted), facts)
     assert not advice.good
-    assert advice.doubted == (f"{which}_f_number",)
+    assert advice.contradictory == (f"{which}_f_number",)
     assert f"given as {wrong:g}, and the camera noted {noted:g}" in advice.say
-    assert check(frame(image, f_number=noted), {**facts, f"insisted_{which}_f_number": True}).doubted == ()
+    assert check(frame(image, f_number=noted), {**facts, f"insisted_{which}_f_number": True}).contradictory == ()
 
 
 def test_a_pixel_pitch_that_the_camera_noted_otherwise_is_named(pair):
     advice = check_first(frame(pair.z[0, 0], pixel_pitch_um=4.0), {**FACTS, "pixel_pitch_um": 5.94})
-    assert advice.doubted == ("pixel_pitch_um",)
+    assert advice.contradictory == ("pixel_pitch_um",)
 
 
 def test_a_third_aperture_differs_from_both_others_and_is_as_bright_as_the_first(pair):
@@ -103,7 +103,10 @@ def test_a_third_aperture_differs_from_both_others_and_is_as_bright_as_the_first
     assert "darker than the first" in check_later("third", frame(0.7 * image, f_number=2.8), facts).say
     # from f/5 to f/2.8 at the same time: 3.2 times the light
     timed = {**facts, "first_exposure_s": 0.05, "third_f_number": 2.8}
-    assert check_later("third", frame(image, exposure_s=0.05), timed).doubted == ("first_f_number", "third_f_number")
+    assert check_later("third", frame(image, exposure_s=0.05), timed).contradictory == (
+        "first_f_number",
+        "third_f_number",
+    )
     assert check_later("third", frame(image, exposure_s=0.05 * 0.3136), timed).good
 
 
@@ -127,7 +130,7 @@ def test_a_ground_truth_is_stopped_down_further_than_the_others_and_as_bright_as
 def test_a_camera_without_a_mosaic_has_no_colour(pair):
     image = frame(0.8 * pair.z[0, 0] / pair.z[0, 0].max())
     advice = check_first(image, {**FACTS, "colour": COLOUR})
-    assert advice.doubted == ("colour",)
+    assert advice.contradictory == ("colour",)
     assert "only Y: restore one plane" in advice.say
     assert check_first(image, {**FACTS, "colour": COLOUR, "insisted_colour": True}).good
     mosaic = replace(image, planes={name: replace(image.planes["Y"], name=name) for name in ("R", "G1", "G2", "B")})
@@ -163,7 +166,7 @@ def test_an_f_number_of_a_lens_that_notes_none_is_held_against_the_light(pair, f
     facts = {**FACTS, "first_level": float(image.mean()), "first_exposure_s": 0.05}
     assert check_later("second", frame(image, exposure_s=0.032), facts).good
     advice = check_later("second", frame(image, exposure_s=0.032), {**facts, "first_f_number": 5.0 * factor})
-    assert advice.doubted == ("first_f_number", "second_f_number")
+    assert advice.contradictory == ("first_f_number", "second_f_number")
     assert "By exposure times and light the first f-number is 1.25 times the second" in advice.say
 
 
@@ -193,7 +196,7 @@ def test_a_shape_that_no_aperture_has_is_asked_again(pair):
     assert check_first(frame(image), {**FACTS, "shape": "polygon:9"}).good
     for typed in ("star", "polygon:two"):
         advice = check_first(frame(image), {**FACTS, "shape": typed})
-        assert advice.doubted == ("shape",)
+        assert advice.contradictory == ("shape",)
         assert typed in advice.say
 
 
@@ -277,15 +280,15 @@ def test_the_rig_s_path_is_the_record_s_less_its_drift():
     w = 2 * np.pi * 10.0
     position = np.column_stack([2e-3 * np.cos(w * t), 1e-3 * np.sin(2 * w * t), 0 * t])
     acceleration = position * [-(w**2), -4 * w**2, 0] + [0.3, 9.8, -0.2]  # gravity, and a unit that is not level
-    felt = Felt(t, acceleration, np.zeros((len(t), 3)))
-    frame = RawFrame(Path("a"), "", {}, Exposure(exposure_s=0.2), felt)
+    imu = ImuRecord(t, acceleration, np.zeros((len(t), 3)))
+    frame = RawFrame(Path("a"), "", {}, Exposure(exposure_s=0.2), imu)
     path = rig_poses(frame).planar_path
     times = np.linspace(0, 0.2, len(path))
     # the scene moves against the rig, and y of a picture is down; splines through ten samples a period of the faster
     # one lose little, and drift fitted to eight periods takes some hundredths of a motion with it
     expected = np.column_stack([-2e-3 * np.cos(w * times), 1e-3 * np.sin(2 * w * times)])
     np.testing.assert_allclose(path, expected, atol=0.03e-3)
-    assert rig_poses(replace(frame, felt=None)) is None
+    assert rig_poses(replace(frame, imu=None)) is None
     assert rig_poses(replace(frame, exposure=Exposure(exposure_s=0.7))) is None  # it goes on after the record
 
 

@@ -91,5 +91,5 @@ def test_a_field_of_another_size_is_doubted_when_the_first_photograph_is_there(i
             raise BadInput(f"the field is not of {plane}, {size[1]} x {size[0]}", "give whole photographs")
 
     advice = checks(of_field)["first"](frame(image), {**FACTS, "shape": "field.h5"})
-    assert advice.doubted == ("shape",)
+    assert advice.contradictory == ("shape",)
     assert "not of Y, 96 x 80: give whole" in advice.say

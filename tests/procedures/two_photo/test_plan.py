@@ -91,7 +91,7 @@ def test_another_aperture_from_afar_is_told(wall):
 @pytest.mark.parametrize("share", [0.5, 0.65, 1.4, 2.0])
 def test_a_near_distance_that_the_laser_contradicts_is_named(wall, share):
     advice = check_near(frame(wall[0][0]), {**FACTS, "near_mm": 1000.0 * share, "distance_mm": 1000.0})
-    assert advice.doubted == ("near_mm",)
+    assert advice.contradictory == ("near_mm",)
     assert check_near(frame(wall[0][0]), {**FACTS, "distance_mm": 1120.0}).good
 
 
@@ -122,7 +122,7 @@ GONE = {"far_way_mm": (RATIO - 1) * 1000.0}
 )
 def test_a_near_distance_that_both_photographs_contradict_is_named(wall, times, given, doubted):
     one = {"Y": Outcome(times)}
-    assert enough("far", [one, one], {**FACTS, **given}).doubted == doubted
+    assert enough("far", [one, one], {**FACTS, **given}).contradictory == doubted
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +143,7 @@ def test_the_photographs_tell_how_many_times_as_far_the_second_is(wall, times):
 def test_a_far_place_beyond_the_rail_is_named_before_anything_is_taken_there(wall):
     rail = {"at_z_mm": 0.0, "low_z_mm": 0.0, "high_z_mm": 1500.0}
     advice = check_near(frame(wall[0][0]), {**FACTS, **rail})
-    assert advice.doubted == ("near_mm", "ratio")
+    assert advice.contradictory == ("near_mm", "ratio")
     assert "is 3.40 m farther back, and the rail goes 1.50 m" in advice.say
     near = check_near(frame(wall[0][0]), {**FACTS, **rail, "ratio": 2.4})
     assert near.good

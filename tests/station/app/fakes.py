@@ -16,10 +16,10 @@ from drivers.wire.transcript import Transcript
 from procedures.drawings import steps as drawings
 from procedures.plan import Advice, Ask, Plan, Reading, Step
 from procedures.raw import Plane
-from station.app.mailbox import Desk
+from station.app.mailbox import Mailbox
 from station.bench.opening import Bench
-from station.guide.frontend import Doing, RunBegan, RunEnded, Seen, StepBegan, StepEnded, Stopped
-from station.guide.workspace import Kept, Opened
+from station.guide.frontend import FrameEvent, ProgressEvent, RunBegan, RunEnded, StepBegan, StepEnded, Stopped
+from station.guide.workspace import OpenedBench, SessionSummary
 
 STEPS = ("print", "distance", "focus", "shots")
 GAVE = {"print": "300 mm", "distance": "s/t 1.28", "focus": "MTF50 0.41", "shots": "±0.0012"}
@@ -82,18 +82,18 @@ Script = Callable[["FakeRun"], RunEnded]
 class FakeRun:
     """A run that a script tells."""
 
-    def __init__(self, script: Script, operator: Desk, folder: Path, done: tuple[str, ...]) -> None:
+    def __init__(self, script: Script, operator: Mailbox, folder: Path, done: tuple[str, ...]) -> None:
         self.script, self.operator, self.folder, self.done = script, operator, folder, done
         self.asked, self.halted, self.may_end = threading.Event(), threading.Event(), threading.Event()
         self.answers: list[Any] = []
 
     def go(self) -> RunEnded:
-        self.operator.hear(RunBegan(PLAN, self.folder, self.done, GAVE))
+        self.operator.notify(RunBegan(PLAN, self.folder, self.done, GAVE))
         try:
             ended = self.script(self)
         except Stopped:
             ended = RunEnded("emergency" if self.halted.is_set() else "stopped")
-        self.operator.hear(ended)
+        self.operator.notify(ended)
         return ended
 
     def ask_to_stop(self) -> None:
@@ -104,23 +104,25 @@ class FakeRun:
 
     def step(self, name: str, *tells: Any) -> list[Any]:
         """One step; what is an Ask is asked. The answers."""
-        self.operator.hear(StepBegan(PLAN.step(name)))
+        self.operator.notify(StepBegan(PLAN.step(name)))
         answers = []
         for one in tells:
             if isinstance(one, Ask):
                 answers.append(self.operator.answer(one))
             else:
-                self.operator.hear(one)
-        self.operator.hear(StepEnded(PLAN.step(name), GAVE[name]))
+                self.operator.notify(one)
+        self.operator.notify(StepEnded(PLAN.step(name), GAVE[name]))
         return answers
 
 
-def seen(good: bool = False) -> Seen:
+def seen(good: bool = False) -> FrameEvent:
     readings = (
         Reading("distance", 1.21, "m", 1.5, 1.7),
         Reading("white", 0.8, "", 0.7, 0.9),
     )
-    return Seen(plane(), Advice(good, "Move the camera back 0.42 m.", readings, marks=((30.0, 20.0), (59.0, 39.0))))
+    return FrameEvent(
+        plane(), Advice(good, "Move the camera back 0.42 m.", readings, marks=((30.0, 20.0), (59.0, 39.0)))
+    )
 
 
 class FakeLab:
@@ -128,7 +130,7 @@ class FakeLab:
 
     names = ("my camera", "my lens")
 
-    def __init__(self, sessions: Path, script: Script, kept: Sequence[Kept] = ()) -> None:
+    def __init__(self, sessions: Path, script: Script, kept: Sequence[SessionSummary] = ()) -> None:
         self.sessions, self.script, self._kept = sessions, script, kept
         self.stage = FakeStage()
         self.wire = Transcript()
@@ -137,13 +139,13 @@ class FakeLab:
         devices: dict[str, Any] = {"stage": self.stage}
         self.bench = Bench(devices, {"stage": "grbl"}, SystemClock(), transcripts={"stage": self.wire})
 
-    def open(self) -> Opened:
-        return Opened(self.bench, self.bench.rows())
+    def open(self) -> OpenedBench:
+        return OpenedBench(self.bench, self.bench.rows())
 
     def plans(self) -> Mapping[str, str]:
         return {"pattern": "the PSF from a printed noise chart"}
 
-    def kept(self) -> Sequence[Kept]:
+    def kept(self) -> Sequence[SessionSummary]:
         return self._kept
 
     def begin(self, plan: str, camera: str, lens: str, operator: Any) -> FakeRun:
@@ -164,8 +166,8 @@ class FakeLab:
     def close(self) -> None: ...
 
 
-def doing(say: str) -> Doing:
-    return Doing(say, 2, 5, 12.0)
+def doing(say: str) -> ProgressEvent:
+    return ProgressEvent(say, 2, 5, 12.0)
 
 
 def chosen_step(run: FakeRun, *tells: Any) -> RunEnded:

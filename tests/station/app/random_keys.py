@@ -20,7 +20,7 @@ from station.app import working_app
 from station.app.app import StationApp
 from station.app.screens import parts
 from station.guide.frontend import MOVE, RunEnded
-from station.guide.workspace import Kept
+from station.guide.workspace import SessionSummary
 
 from .fakes import STEPS, FakeLab, FakeRun, doing, seen
 
@@ -155,7 +155,7 @@ def press_at_random(folder: Path, seed: int, keys: int) -> Bystander:
 
 
 async def _one_application(folder: Path, rng: np.random.Generator, seen: Bystander, keys: int) -> None:
-    kept = Kept(folder / "old", "pattern", "D90", "50 mm", "2026-03-14T09:26:53", ("print",), None)
+    kept = SessionSummary(folder / "old", "pattern", "D90", "50 mm", "2026-03-14T09:26:53", ("print",), None)
     lab = FakeLab(folder, seen.run, [kept])
     lab.stage.home = seen.home(lab.stage.home)  # type: ignore[method-assign]
     lab.stage.move_to = seen.move_to  # type: ignore[method-assign]

@@ -20,7 +20,7 @@ from station.app.widgets import left_of, literal, progress_in_words
 from station.bench.stage_watch import DeviceState
 from station.drawing.glyphs import ASCII, UNICODE, glyphs_for, visible
 from station.drawing.terminal_plots import GUTTER, TerminalCurve, TerminalFrame, plot
-from station.guide.frontend import Doing
+from station.guide.frontend import ProgressEvent
 
 SIDES = st.integers(1, 40)
 
@@ -132,7 +132,7 @@ def test_limited_terminals_get_plain_letters(environ, encoding, glyphs):
 
 
 def test_the_time_left_follows_from_the_parts_done():
-    began, now = Doing("estimating", 0, 8), Doing("estimating", 2, 8)
+    began, now = ProgressEvent("estimating", 0, 8), ProgressEvent("estimating", 2, 8)
     assert left_of(began, began, 0.0) is None
     assert left_of(began, now, 10.0) == pytest.approx(30.0)
     assert "about 25 s left" in progress_in_words(now, 5.0, 30.0, UNICODE)
@@ -140,7 +140,7 @@ def test_the_time_left_follows_from_the_parts_done():
 
 
 def test_time_that_is_told_is_counted_down():
-    assert "about 1 min 10 s left" in progress_in_words(Doing("homing", left_s=75.0), 5.0, 75.0, UNICODE)
+    assert "about 1 min 10 s left" in progress_in_words(ProgressEvent("homing", left_s=75.0), 5.0, 75.0, UNICODE)
 
 
 def test_the_devices_line_ends_between_devices():

@@ -10,8 +10,8 @@ import pytest
 from procedures.plan import Ask
 from station.app.app import StationApp
 from station.app.commands import BENCH, BY_NAME, EVERYWHERE, GUIDE, RESULTS
-from station.guide.frontend import Doing, RunEnded
-from station.guide.workspace import Kept
+from station.guide.frontend import ProgressEvent, RunEnded
+from station.guide.workspace import SessionSummary
 
 from .driving import Driver, drive
 from .fakes import FakeLab, FakeRun, chosen_step
@@ -85,10 +85,10 @@ def test_every_command_says_what_it_does_and_no_key_is_taken_twice():
 
 
 def test_hostile_strings_show_as_text(tmp_path):
-    kept = Kept(tmp_path / HOSTILE.replace("/", ""), "pattern", HOSTILE, HOSTILE, HOSTILE, (), HOSTILE)
+    kept = SessionSummary(tmp_path / HOSTILE.replace("/", ""), "pattern", HOSTILE, HOSTILE, HOSTILE, (), HOSTILE)
 
     def script(run: FakeRun) -> RunEnded:
-        return chosen_step(run, Doing(HOSTILE), Ask("k", HOSTILE, "choice", choices=(HOSTILE, "b")))
+        return chosen_step(run, ProgressEvent(HOSTILE), Ask("k", HOSTILE, "choice", choices=(HOSTILE, "b")))
 
     async def use(driver: Driver) -> None:
         await driver.until("[bold red]x[/] \\x1b[31mred")
@@ -137,7 +137,7 @@ def test_the_loop_goes_on_while_a_run_computes(tmp_path):
     end = threading.Event()
 
     def busy(run: FakeRun) -> RunEnded:
-        run.operator.hear(Doing("computing"))
+        run.operator.notify(ProgressEvent("computing"))
         stop = time.monotonic() + 20
         while not end.is_set() and time.monotonic() < stop:
             sum(range(1000))

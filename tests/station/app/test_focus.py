@@ -18,7 +18,7 @@ from station.app.screens.parts import READ_S
 from station.drawing.big_letters import big_lines
 from station.drawing.glyphs import ASCII
 from station.guide.focus import live
-from station.guide.workspace import Opened
+from station.guide.workspace import OpenedBench
 
 from .driving import Driver, drive
 from .fakes import FakeLab, chosen_step
@@ -144,8 +144,8 @@ class SimulatedLab(FakeLab):
         self.bench.drivers = dict.fromkeys(self.bench.devices, "fake")
         self.bench.surroundings = SimpleNamespace(hands=self.camera, stand_before=lambda subject: None)  # type: ignore[assignment]
 
-    def open(self) -> Opened:
-        return Opened(self.bench, ())
+    def open(self) -> OpenedBench:
+        return OpenedBench(self.bench, ())
 
 
 @pytest.mark.slow

@@ -14,9 +14,9 @@ from procedures.pattern_psf.pose import Optics
 from procedures.plan import Ask
 from station.app.app import StationApp
 from station.drawing.glyphs import ASCII, UNICODE
-from station.guide.frontend import CurveSeen, Doing, RunEnded, Shown, Stopped, Trouble
-from station.guide.scripted import Scripted
-from station.guide.workspace import Kept, Opened, StationLab
+from station.guide.frontend import DiagramEvent, ProblemEvent, ProgressEvent, RunEnded, ScanEvent, Stopped
+from station.guide.scripted import ScriptedOperator
+from station.guide.workspace import OpenedBench, SessionSummary, StationLab
 from station.sessions.reader import read_session
 
 from .driving import Driver, drive
@@ -32,7 +32,7 @@ def whole(run: FakeRun) -> RunEnded:
     run.answers = [
         *run.step("print", WIDTH),
         *run.step("distance", seen(), MOVED),
-        *run.step("focus", CurveSeen("z_mm", (0.0, 1.0, 2.0), (0.2, 0.5, 0.3)), VERDICT),
+        *run.step("focus", ScanEvent("z_mm", (0.0, 1.0, 2.0), (0.2, 0.5, 0.3)), VERDICT),
         *run.step("shots"),
     ]
     return RunEnded("finished", Path("sessions/one/report.html"))
@@ -82,7 +82,7 @@ def test_before_the_first_photograph_a_drawing_shows_what_to_do(tmp_path, size, 
 @BOTH
 def test_a_curve_never_stands_beside_half_a_drawing(tmp_path, size):
     diagram = gamma_diagram(Optics(24.0, 11.88, 0.3), 4, 17, 1.3)
-    lab = FakeLab(tmp_path, lambda run: chosen_step(run, Shown(diagram), MOVED))
+    lab = FakeLab(tmp_path, lambda run: chosen_step(run, DiagramEvent(diagram), MOVED))
 
     async def use(driver: Driver) -> None:
         await driver.begin()
@@ -168,7 +168,7 @@ def test_a_choice_is_taken_by_its_number(tmp_path):
 
 
 def test_trouble_says_what_happened_and_what_to_do(tmp_path):
-    trouble = Trouble("the stage did not answer", "check its cable")
+    trouble = ProblemEvent("the stage did not answer", "check its cable")
     ask = Ask("trouble", "What now?", "choice", default="try again", choices=("try again", "skip", "stop"))
 
     async def use(driver: Driver) -> None:
@@ -273,7 +273,7 @@ def test_taking_the_shots_again_shows_what_is_to_do_again(tmp_path):
 def test_a_bench_that_cannot_be_opened_is_a_sentence(tmp_path):
     lab = FakeLab(tmp_path, whole)
 
-    def missing() -> Opened:
+    def missing() -> OpenedBench:
         raise BadConfiguration("there is no station.toml", "write one, or use --simulate")
 
     lab.open = missing  # type: ignore[method-assign]
@@ -290,7 +290,7 @@ def test_a_bench_that_cannot_be_opened_is_a_sentence(tmp_path):
 def test_a_simulated_bench_that_cannot_be_opened_is_not_told_to_be_simulated(tmp_path):
     lab = FakeLab(tmp_path, whole)
 
-    def broken() -> Opened:
+    def broken() -> OpenedBench:
         raise BadConfiguration("no port is free on this computer", "end another simulated bench")
 
     lab.open = broken  # type: ignore[method-assign]
@@ -320,7 +320,9 @@ def test_stepping_back_opens_the_step_before_again(tmp_path):
 
 
 def test_an_old_session_is_gone_on_with_from_the_first_screen(tmp_path):
-    kept = Kept(tmp_path / "old", "pattern", "D90", "50 mm", "2026-03-14T09:26:53", ("print", "distance"), None)
+    kept = SessionSummary(
+        tmp_path / "old", "pattern", "D90", "50 mm", "2026-03-14T09:26:53", ("print", "distance"), None
+    )
     lab = FakeLab(tmp_path, whole, [replace(kept, folder=tmp_path / "new", ended="finished"), kept])
 
     async def use(driver: Driver) -> None:
@@ -357,7 +359,7 @@ def test_a_question_is_heard_of_on_the_other_screens(tmp_path):
 def test_a_run_that_tells_faster_than_can_be_shown_loses_no_step(tmp_path):
     def hasty(run: FakeRun) -> RunEnded:
         for name in STEPS:
-            run.step(name, *(Doing(f"frame {i}", i, 300) for i in range(300)), seen(True))
+            run.step(name, *(ProgressEvent(f"frame {i}", i, 300) for i in range(300)), seen(True))
         return RunEnded("finished")
 
     async def use(driver: Driver) -> None:
@@ -373,7 +375,7 @@ def test_a_run_that_tells_faster_than_can_be_shown_loses_no_step(tmp_path):
 def test_a_curve_that_explains_stands_beside_its_sentence_and_leaves_room_for_the_question(tmp_path, size):
     def explained(run: FakeRun) -> RunEnded:
         optics = Optics(50.0, 8.0, 0.9375)
-        run.answers = [*run.step("distance", Shown(gamma_diagram(optics, 4, 17, 1.3)), MOVED)]
+        run.answers = [*run.step("distance", DiagramEvent(gamma_diagram(optics, 4, 17, 1.3)), MOVED)]
         return RunEnded("stopped")
 
     async def use(driver: Driver) -> None:
@@ -388,7 +390,7 @@ def test_a_curve_that_explains_stands_beside_its_sentence_and_leaves_room_for_th
 @pytest.mark.slow
 def test_a_session_that_began_with_a_shaker_goes_on_with_one_and_others_do_not(tmp_path):
     began = StationLab(sessions=tmp_path / "sessions", config=None, simulate=True, shaker=True)
-    began.begin("restoration", "D90", "50 mm", Scripted({"scene": stopping})).go()
+    began.begin("restoration", "D90", "50 mm", ScriptedOperator({"scene": stopping})).go()
     began.close()
     lab = StationLab(sessions=began.sessions, config=None, simulate=True)
 
@@ -402,7 +404,7 @@ def test_a_session_that_began_with_a_shaker_goes_on_with_one_and_others_do_not(t
     drive(StationApp(lab), use)
     lines = read_session(lab.kept()[0].folder).contents.lines
     assert ["shaker" in line.data["devices"] for line in lines if line.event == "devices"] == [True, True]
-    lab.begin("restoration", "D90", "50 mm", Scripted({"blur_by": stopping})).go()
+    lab.begin("restoration", "D90", "50 mm", ScriptedOperator({"blur_by": stopping})).go()
     assert "shaker" not in lab.open().bench.devices
     lab.close()
 

@@ -9,8 +9,8 @@ import pytest
 from drivers.errors import NoAnswer
 from procedures.plan import Advice, Ask
 from station.app.background import BackgroundJob, Finished
-from station.app.mailbox import Desk, Glimpse, Question, Sitting
-from station.guide.frontend import Doing, Seen, StepBegan, StepEnded, Stopped
+from station.app.mailbox import FramePreview, Mailbox, OperatorSession, Question
+from station.guide.frontend import FrameEvent, ProgressEvent, StepBegan, StepEnded, Stopped
 
 from .fakes import PLAN, plane
 
@@ -19,23 +19,23 @@ ASK = Ask("k", "?")
 
 def test_what_stands_now_replaces_its_forerunner_and_nothing_else_is_lost():
     rings: list[int] = []
-    desk = Desk(lambda: rings.append(1))
+    desk = Mailbox(lambda: rings.append(1))
     step = PLAN.steps[0]
-    desk.hear(StepBegan(step))
+    desk.notify(StepBegan(step))
     for i in range(50):
-        desk.hear(Doing("exposing", i, 50))
-        desk.hear(Seen(plane(), Advice(True, f"frame {i}")))
-    desk.hear(StepEnded(step))
+        desk.notify(ProgressEvent("exposing", i, 50))
+        desk.notify(FrameEvent(plane(), Advice(True, f"frame {i}")))
+    desk.notify(StepEnded(step))
     news = desk.take()
-    assert [type(one) for one in news] == [StepBegan, Doing, Glimpse, StepEnded]
-    assert news[1] == Doing("exposing", 49, 50)
+    assert [type(one) for one in news] == [StepBegan, ProgressEvent, FramePreview, StepEnded]
+    assert news[1] == ProgressEvent("exposing", 49, 50)
     assert desk.take() == []
     assert len(rings) == 1  # once until it is taken
 
 
 def test_an_answer_goes_to_whoever_asked():
     rung = threading.Event()
-    desk, answers = Desk(rung.set), []
+    desk, answers = Mailbox(rung.set), []
     asking = threading.Thread(target=lambda: answers.append(desk.answer(ASK)))
     asking.start()
     assert rung.wait(5)
@@ -47,7 +47,7 @@ def test_an_answer_goes_to_whoever_asked():
 
 def test_an_answer_given_before_the_question_does_not_count():
     rung = threading.Event()
-    desk, answers = Desk(rung.set), []
+    desk, answers = Mailbox(rung.set), []
     desk.reply("early")
     asking = threading.Thread(target=lambda: answers.append(desk.answer(ASK)))
     asking.start()
@@ -58,7 +58,7 @@ def test_an_answer_given_before_the_question_does_not_count():
 
 
 def test_stopping_ends_the_question_that_waits_and_all_that_follow():
-    desk = Desk(lambda: desk_stops())
+    desk = Mailbox(lambda: desk_stops())
 
     def desk_stops() -> None:
         threading.Thread(target=desk.stop).start()
@@ -119,7 +119,7 @@ def test_a_run_that_was_asked_to_end_before_it_began_ends():
 
         def stop_now(self) -> None: ...
 
-    sitting = Sitting(lambda desk: Run(), lambda: None, lambda: None)  # type: ignore[arg-type,return-value]
+    sitting = OperatorSession(lambda desk: Run(), lambda: None, lambda: None)  # type: ignore[arg-type,return-value]
     sitting.ask()
     sitting.work()
     assert calls == ["ask", "go"]

@@ -10,7 +10,7 @@ from station.app.app import StationApp
 from station.app.screens.guide import AT_WORK
 from station.app.widgets import ProgressLine, progress_in_words
 from station.drawing.glyphs import UNICODE
-from station.guide.frontend import Doing, RunEnded, Seen
+from station.guide.frontend import FrameEvent, ProgressEvent, RunEnded
 
 from .driving import Driver, drive
 from .fakes import FakeLab, FakeRun, chosen_step, doing, plane
@@ -21,7 +21,7 @@ MOUNT = Ask("mount", "Mount the chart.")
 
 def test_work_that_is_over_is_not_shown_beside_a_question_and_a_note_is(tmp_path):
     note = replace(doing("the chart to print: chart.pdf"), lasts=True)
-    lab = FakeLab(tmp_path, lambda run: chosen_step(run, Doing("going to the middle"), MOUNT, note, WIDTH))
+    lab = FakeLab(tmp_path, lambda run: chosen_step(run, ProgressEvent("going to the middle"), MOUNT, note, WIDTH))
 
     async def use(driver: Driver) -> None:
         await driver.begin()
@@ -39,7 +39,7 @@ def test_a_trial_that_says_nothing_leaves_the_box_saying_that_there_is_nothing_t
     go = threading.Event()
 
     def script(run: FakeRun) -> RunEnded:
-        run.step("print", Seen(plane(), Advice(True, "")))
+        run.step("print", FrameEvent(plane(), Advice(True, "")))
         go.wait(20)
         return chosen_step(run, MOUNT)
 
@@ -73,4 +73,6 @@ def test_a_run_that_ends_while_its_screen_is_taken_down_is_no_fault(tmp_path):
 
 
 def test_time_that_passed_is_not_told_as_a_time_to_wait():
-    assert progress_in_words(Doing("homing: keep clear"), 5.0, None, UNICODE) == "homing: keep clear  (5 s so far)"
+    assert (
+        progress_in_words(ProgressEvent("homing: keep clear"), 5.0, None, UNICODE) == "homing: keep clear  (5 s so far)"
+    )

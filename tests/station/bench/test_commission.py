@@ -13,7 +13,7 @@ from station.bench.commission import commission
 from station.bench.opening import make_bench, simulated_bench, simulated_tables
 
 
-class Scripted:
+class ScriptedOperator:
     """Answers questions that hold a word; no to all others."""
 
     def __init__(self, agreed=(), lengths=()):
@@ -60,14 +60,14 @@ def take(bench, tmp_path):
 
 
 def test_nothing_moves_without_consent(take, bench):
-    operator = Scripted()
+    operator = ScriptedOperator()
     take(operator)
     assert "stage was not moved" in operator.text
     assert bench.simulated.world.axes["z_mm"].extremes() == (750.0, 750.0)  # where it stood
 
 
 def test_it_is_driven_from_end_to_end_timed_and_measured(take, bench):
-    operator = Scripted(("Homing", "z_mm"), {"z_mm": 1500.0})
+    operator = ScriptedOperator(("Homing", "z_mm"), {"z_mm": 1500.0})
     table = take(operator)
     # 1500 mm at 50 mm/s and 200 mm/s^2: 30.25 s, and two polls of 0.2 s until it is known to stand
     assert "z_mm moved 1500 in 30." in operator.text
@@ -80,7 +80,7 @@ def test_it_is_driven_from_end_to_end_timed_and_measured(take, bench):
 
 
 def test_what_the_controller_cannot_do_is_written_as_it_can(take):
-    operator = Scripted()
+    operator = ScriptedOperator()
     table = take(operator, {110: 500.0, 1: 25.0, 21: 0.0})
     assert "z_mm is configured for 3000 per min, but its controller reaches 500 ($110)" in operator.text
     assert "write feed_per_min = 500, or raise $110" in operator.text
@@ -91,13 +91,13 @@ def test_what_the_controller_cannot_do_is_written_as_it_can(take):
 
 @pytest.mark.parametrize(("homing", "told"), [(17.0, True), (21.0, False)])
 def test_a_grblhal_that_moves_unhomed_is_to_be_locked(take, homing, told):
-    operator = Scripted()
+    operator = ScriptedOperator()
     take(operator, {22: homing, 44: 4.0})
     assert ("set $22=21, which locks it until it is homed" in operator.text) == told
 
 
 def test_a_ruler_corrects_the_steps_per_millimetre(take):
-    operator = Scripted(("Homing", "z_mm"), {"z_mm": 1485.0})
+    operator = ScriptedOperator(("Homing", "z_mm"), {"z_mm": 1485.0})
     take(operator)
     # it went 1485 where 1500 was meant: 250 steps per mm are too few by 1500 / 1485
     assert "z_mm moved 1485 by the ruler instead of 1500: multiply $100 by 1.01010" in operator.text
@@ -105,11 +105,11 @@ def test_a_ruler_corrects_the_steps_per_millimetre(take):
 
 def test_a_move_that_takes_too_long_is_named(take, bench):
     bench.simulated.devices["stage"].feed_override = 60
-    operator = Scripted(("Homing", "z_mm"))
+    operator = ScriptedOperator(("Homing", "z_mm"))
     take(operator)
     assert "z_mm took" not in operator.text  # connecting resets the controller, and its overrides
 
-    class Meddler(Scripted):
+    class Meddler(ScriptedOperator):
         def agrees(self, question):
             bench.simulated.devices["stage"].feed_override = 60
             return super().agrees(question)
@@ -120,7 +120,7 @@ def test_a_move_that_takes_too_long_is_named(take, bench):
 
 
 def test_a_machine_space_of_its_own_is_written(take):
-    table = take(Scripted(), space=[0.0, 1500.0])
+    table = take(ScriptedOperator(), space=[0.0, 1500.0])
     assert table["axes"][0]["space"] == [0.0, 1500.0]
 
 
@@ -133,7 +133,7 @@ def test_a_tmcl_stage_is_taken_too(bench, tmp_path):
     table = {"driver": "tmcl_stage", "port": "sim://commission/stage", "axes": [axis]}
     own = make_bench({"stage": table}, folder=tmp_path, clock=bench.clock)
     own.connect()
-    operator = Scripted(("Homing", "z_mm"), {"z_mm": 99.0})
+    operator = ScriptedOperator(("Homing", "z_mm"), {"z_mm": 99.0})
     try:
         told = tomllib.loads(commission("stage", own.stage, table, operator, bench.clock))["devices"]["stage"]
     finally:

@@ -10,7 +10,7 @@ from procedures.outcome import Quantity, Verdict
 from station.cli.demo import plane_lines
 from station.demo.guided_demo import Teller
 from station.guide import catalogue
-from station.guide.frontend import Doing, Result, StepBegan, Trouble
+from station.guide.frontend import ProblemEvent, ProgressEvent, Result, StepBegan
 from station.results.plane_result import PlaneResult
 from station.sessions.reader import read_session
 
@@ -40,13 +40,13 @@ def test_what_is_done_again_is_told_once_in_a_step():
     teller = Teller(lambda sentence, remedy: told.append((sentence, remedy)))
     step = catalogue.plan_named("pattern").steps[0]
     for event in (
-        Doing("exposing"),
-        Doing("exposing"),
+        ProgressEvent("exposing"),
+        ProgressEvent("exposing"),
         StepBegan(step),
-        Doing("exposing"),
-        Trouble("no", "plug it in"),
+        ProgressEvent("exposing"),
+        ProblemEvent("no", "plug it in"),
     ):
-        teller.hear(event)
+        teller.notify(event)
     assert told == [
         ("  exposing", ""),
         (f"{step.title}: {step.instruction}", ""),
@@ -57,7 +57,7 @@ def test_what_is_done_again_is_told_once_in_a_step():
 
 def test_the_result_is_kept():
     teller = Teller(lambda sentence, remedy: None)
-    teller.hear(found := Result(Path("out"), {}, "pass", "", ""))
+    teller.notify(found := Result(Path("out"), {}, "pass", "", ""))
     assert teller.result is found
 
 

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from procedures.outcome import Outcome, Verdict
 from station.__main__ import main
 from station.cli.focus import entry, line, summary
-from station.guide.focus.live import FocusSeen, LiveFrame
+from station.guide.focus.live import FocusReading, LiveFrame
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path):
 def test_a_photograph_that_cannot_be_told_says_why(tmp_path):
     refused = Outcome(None, Verdict.REFUSED, "no chart in the photograph", "show it")
     frame = LiveFrame(tmp_path / "one.dng", Outcome(None), 0.0)
-    seen = FocusSeen(frame, refused, 0.2, (math.nan,), (math.nan,), None, "Focus by eye first.")
+    seen = FocusReading(frame, refused, 0.2, (math.nan,), (math.nan,), None, "Focus by eye first.")
     assert line(seen) == "  1  one.dng: no chart in the photograph; show it"
     assert json.loads(json.dumps(entry(seen), allow_nan=False))["reason"] == "no chart in the photograph"
     assert summary(seen) == "none of 1 photographs could be told"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from procedures.raw import Felt, read_frame
+from procedures.raw import ImuRecord, read_frame
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import Blur
 from simulators.bench.bench import Setup, SimulatedBench
@@ -45,7 +45,7 @@ def shaken(tmp_path_factory):
         t = np.arange(-0.25, 0.55, 0.005)
         force, rate = world.ideal_imu(opening.begin_s + t)
         force, rate = force + rng.normal(0, 0.02, force.shape), rate + rng.normal(0, 0.001, rate.shape)
-        (folder / f"{n}.csv").write_bytes(imu_table(Felt(t, force + 0.05, rate + 0.002)))
+        (folder / f"{n}.csv").write_bytes(imu_table(ImuRecord(t, force + 0.05, rate + 0.002)))
     focal_px = view.camera.projection(view.focus_mm or world.distance_mm(0.5)).principal_px / 2
     bench.close()
     return folder, still, focal_px
@@ -90,11 +90,11 @@ def test_the_record_tells_depth_in_inverse_metres(by_imu):
 
 def test_a_record_is_read_as_it_is_written(tmp_path):
     rng = np.random.default_rng(1)
-    felt = Felt(np.arange(20) / 200, rng.normal(size=(20, 3)), rng.normal(size=(20, 3)))
-    (tmp_path / "a.csv").write_bytes(b"# of a rig\n" + imu_table(felt))
+    imu = ImuRecord(np.arange(20) / 200, rng.normal(size=(20, 3)), rng.normal(size=(20, 3)))
+    (tmp_path / "a.csv").write_bytes(b"# of a rig\n" + imu_table(imu))
     found = read_imu(tmp_path / "a.csv")
-    np.testing.assert_allclose(found.time_s, felt.time_s, rtol=1e-6)
-    np.testing.assert_allclose(found.rotation_rad_s, felt.rotation_rad_s, rtol=1e-6)
+    np.testing.assert_allclose(found.time_s, imu.time_s, rtol=1e-6)
+    np.testing.assert_allclose(found.rotation_rad_s, imu.rotation_rad_s, rtol=1e-6)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""A simulated bench in virtual time whose frames cost nothing, and short plans to run on it."""
+"""A simulated bench in virtual time whose frames are cheap, and short plans to run on it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from station.sessions.session import Session
 
 @functools.cache
 def frame_bytes(number: int) -> bytes:
-    """A small RAW file, another for every number."""
+    """A small RAW file, different for every number."""
     mosaic = np.random.default_rng(number).integers(600, 9000, (64, 96)).astype(np.uint16)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "frame.dng")
@@ -60,7 +60,7 @@ def found(frame, facts, results, known):
 
 
 def short_plan(**changes) -> Plan:
-    """Everything that a plan can ask of a bench, with checks that are always content."""
+    """Everything that a plan can ask of a bench, with checks that always pass."""
     parts = {
         "ask": Ask("width", "How wide?", "number", "mm", 3.0, low=1.0, high=9.0),
         "home": Home(),

@@ -1,4 +1,4 @@
-"""What a session of the whole camera takes from its sensor for its PSFs, plane by plane."""
+"""Use of the sensor model for the PSFs of a whole-camera session, plane by plane."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ REFUSED = Outcome(None, Verdict.REFUSED, "light must not change between pictures
 
 @pytest.fixture
 def used(monkeypatch):
-    """used(planes, iso): what is made of these planes' outcomes for charts of that sensitivity."""
+    """used(planes, iso): the sensor of these planes' outcomes, for charts of that sensitivity."""
     monkeypatch.setattr(camera, "sensor_model", lambda found, step: step)
 
     def use(planes, iso=100.0):
@@ -30,14 +30,14 @@ def used(monkeypatch):
     return use
 
 
-def test_a_doubt_about_what_is_not_used_does_not_keep_the_rest(used):
+def test_a_doubt_about_an_unused_quantity_does_not_exclude_the_rest(used):
     answer, models, words = used({"R": UNEVEN, "B": UNEVEN})
     assert answer.verdict is Verdict.DOUBTFUL
     assert models == {"R": 4.0, "B": 4.0}
     assert words == f"R, B: {camera.USED}"
 
 
-def test_a_plane_whose_noise_or_response_is_doubted_or_refused_takes_nothing(used):
+def test_a_plane_with_doubtful_or_refused_noise_or_response_uses_no_model(used):
     answer, models, words = used({"R": UNEVEN, "G1": SHORT, "B": REFUSED})
     assert answer.verdict is Verdict.REFUSED
     assert set(models) == {"R"}
@@ -53,7 +53,7 @@ def test_a_sensor_of_another_sensitivity_is_not_used(used):
     assert any("ISO 400" in one.reason for one in causes_of(answer))
 
 
-def test_pictures_that_are_no_sensor_s_are_not_used(used):
+def test_frames_of_a_refused_sensor_are_not_used(used):
     _, models, words = camera.sensor_used({"R": REFUSED}, 100.0)
     assert not models
     assert words == f"{camera.NOT_USED}: it was refused"

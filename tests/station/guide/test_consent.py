@@ -1,4 +1,4 @@
-"""Nothing moves before the operator has begun it: what is asked, when, and what "no" means."""
+"""Nothing moves without approval: what is asked, when, and the meaning of "no"."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import pytest
 
 from procedures.plan import Advice, Go, Look
 from simulators.bench.device_faults import FaultEvent
-from station.guide.frontend import MOVE, Seen
+from station.guide.frontend import MOVE, FrameEvent
 from station.guide.run import Run
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.sessions.session import Session
 
 from . import benches
@@ -26,7 +26,7 @@ def session(tmp_path, bench):
         yield session
 
 
-class Watchful(Scripted):
+class Watchful(ScriptedOperator):
     """Notes every question before a move, and what had moved when it was asked."""
 
     def __init__(self, bench, answers=None):
@@ -52,7 +52,7 @@ class Watchful(Scripted):
 
 
 @pytest.mark.slow
-def test_each_request_that_moves_is_asked_about_once_with_axis_from_and_to(bench, session):
+def test_each_request_that_moves_asks_once_with_axis_start_and_target(bench, session):
     operator = Watchful(bench)
     assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
     home, go, scan = operator.questions
@@ -73,7 +73,7 @@ def test_where_the_operator_says_no_nothing_moves(bench, session):
 
 
 @pytest.mark.slow
-def test_small_corrections_of_one_look_are_begun_once_and_the_bench_s_moves_are_not_asked_of_hands(bench, session):
+def test_corrections_of_one_look_are_approved_once_and_not_requested_from_the_operator(bench, session):
     def nearer(frame, facts):
         off = 900.0 - facts["at_z_mm"]
         return Advice(abs(off) < 1, f"Move the camera by {off:.0f} mm.", moves={"z_mm": off / 2 if off > 50 else off})
@@ -82,13 +82,13 @@ def test_small_corrections_of_one_look_are_begun_once_and_the_bench_s_moves_are_
     Run(benches.short_plan(look=Look("trial", nearer)), bench, session, operator).go()
     (asked,) = [question for question in operator.questions if "moves on as this step needs" in question]
     assert "z from 700.0 to 800.0 mm" in asked
-    told = [event.advice.say for event in operator.heard if isinstance(event, Seen) and not event.advice.good]
-    assert len(told) >= 3  # 200, 100, 50 mm
-    assert all(say.startswith("The bench corrects this by itself: z to ") for say in told)
+    says = [event.advice.say for event in operator.heard if isinstance(event, FrameEvent) and not event.advice.good]
+    assert len(says) >= 3  # 200, 100, 50 mm
+    assert all(say.startswith("The bench corrects this: z to ") for say in says)
 
 
 @pytest.mark.slow
-def test_after_hands_were_at_the_rig_the_next_correction_is_begun_anew(bench, session):
+def test_after_manual_work_the_next_correction_needs_a_new_approval(bench, session):
     advices = [
         Advice(False, "nearer", moves={"z_mm": 10.0}),
         Advice(False, "Turn the chart.", by_hand={"chart_yaw_deg": 1.0}),
@@ -102,7 +102,7 @@ def test_after_hands_were_at_the_rig_the_next_correction_is_begun_anew(bench, se
 
 
 @pytest.mark.slow
-def test_a_place_where_it_stands_is_not_asked_about(bench, session):
+def test_the_current_position_needs_no_approval(bench, session):
     there = Go(lambda facts: {"z_mm": facts["at_z_mm"]}, lambda facts: "going nowhere")
     operator = Watchful(bench)
     Run(benches.short_plan(go=there), bench, session, operator).go()
@@ -113,10 +113,10 @@ def test_a_place_where_it_stands_is_not_asked_about(bench, session):
 
 def test_a_resumed_session_asks_before_going_back(bench, session):
     def stop(event):
-        if isinstance(event, Seen) and len(session.state.shots) == 5:
+        if isinstance(event, FrameEvent) and len(session.state.shots) == 5:
             run.ask_to_stop()
 
-    run = Run(benches.short_plan(), bench, session, Scripted(listen=stop))
+    run = Run(benches.short_plan(), bench, session, ScriptedOperator(listen=stop))
     assert run.go().how == "stopped"
     session.close()
     with Session.open(session.folder, bench.clock) as again:
@@ -130,7 +130,7 @@ def test_a_resumed_session_asks_before_going_back(bench, session):
 
 
 @pytest.mark.slow
-def test_a_stage_that_lost_its_position_does_not_home_again_unasked(tmp_path):
+def test_a_stage_that_lost_its_position_does_not_home_again_without_approval(tmp_path):
     with (
         benches.quick_bench(tmp_path, fault_events=[FaultEvent(19.0, "alarm", 1)]) as bench,
         benches.new_session(tmp_path, bench) as session,
@@ -141,5 +141,5 @@ def test_a_stage_that_lost_its_position_does_not_home_again_unasked(tmp_path):
     first, *later = [asked for verb, asked in operator.moved if verb == "home"]
     assert first == 1
     assert again == [1]
-    # the alarm came while homing; after the second question what failed homes, then both
+    # the alarm came while homing; after the second question the failed stage homes, then both
     assert later in ([2] * 3, [1, 2, 2, 2])

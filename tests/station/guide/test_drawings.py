@@ -1,4 +1,4 @@
-"""The drawings of steps: of every plan, for the smallest terminal."""
+"""The drawings of every plan's steps fit the smallest terminal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ALL = {name: text for name, text in vars(drawings).items() if name.isupper()}
 
 
 @pytest.mark.parametrize("text", ALL.values(), ids=ALL)
-def test_a_drawing_is_ascii_and_fits_beside_the_rail_of_80_by_24(text):
+def test_a_drawing_is_ascii_and_fits_next_to_the_rail_of_80_by_24(text):
     lines = text.splitlines()
     assert text.isascii()
     assert len(lines) <= 11

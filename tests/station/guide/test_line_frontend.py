@@ -1,4 +1,4 @@
-"""The guide as lines: what stands there, what may be typed, and every way to stop."""
+"""The guide as lines: output, valid input, and every way to stop."""
 
 from __future__ import annotations
 
@@ -11,8 +11,17 @@ from procedures.outcome import Cause, Quantity, Verdict
 from procedures.plan import Advice, Ask, Diagram, Reading
 from procedures.raw import Plane
 from station.guide.answers import parse
-from station.guide.frontend import CurveSeen, Doing, Result, RunEnded, Seen, Shown, Stopped, Trouble
-from station.guide.line_frontend import Plain
+from station.guide.frontend import (
+    DiagramEvent,
+    FrameEvent,
+    ProblemEvent,
+    ProgressEvent,
+    Result,
+    RunEnded,
+    ScanEvent,
+    Stopped,
+)
+from station.guide.line_frontend import LineOperator
 from station.results.plane_result import PlaneResult
 
 REFUSED = Verdict.REFUSED
@@ -21,11 +30,11 @@ CHOICE = Ask("trouble", "What now?", "choice", default="try again", choices=("tr
 PLANE = Plane("G1", np.zeros((4, 4), dtype=np.float32), 1e-4)
 
 
-def told(*events, typed="", asks=()):
+def output_of(*events, typed="", asks=()):
     out = io.StringIO()
-    plain = Plain(io.StringIO(typed), out)
+    plain = LineOperator(io.StringIO(typed), out)
     for event in events:
-        plain.hear(event)
+        plain.notify(event)
     answers = [plain.answer(ask) for ask in asks]
     return out.getvalue(), answers
 
@@ -43,7 +52,7 @@ def told(*events, typed="", asks=()):
         (Ask("camera", "Which?", "text"), " D90 ", "D90"),
     ],
 )
-def test_what_is_typed_becomes_an_answer(ask, text, answer):
+def test_typed_text_becomes_an_answer(ask, text, answer):
     assert parse(ask, text) == answer
 
 
@@ -55,16 +64,16 @@ def test_what_is_typed_becomes_an_answer(ask, text, answer):
         (WIDTH, "nan", "between 32 and 3600 mm"),
         (CHOICE, "s", "one of: try again, skip, stop"),
         (Ask("done", "Do it."), "what?", "Press Enter"),
-        (Ask("camera", "Which?", "text"), "", "Type a line"),
+        (Ask("camera", "Which?", "text"), "", "Type some text"),
     ],
 )
-def test_what_is_no_answer_is_said_to_be_none(ask, text, why):
+def test_invalid_text_is_rejected_with_a_reason(ask, text, why):
     with pytest.raises(ValueError, match=why):
         parse(ask, text)
 
 
 def test_a_wrong_answer_is_asked_again():
-    text, (answer,) = told(typed="far\n5\n40\n", asks=[WIDTH])
+    text, (answer,) = output_of(typed="far\n5\n40\n", asks=[WIDTH])
     assert answer == 40.0
     assert text.count("How wide?") == 3
 
@@ -72,40 +81,40 @@ def test_a_wrong_answer_is_asked_again():
 @pytest.mark.parametrize("typed", ["", "s\n", "stop\n", "Q\n"])
 def test_the_end_of_input_and_the_letter_s_stop(typed):
     with pytest.raises(Stopped):
-        told(typed=typed, asks=[WIDTH])
+        output_of(typed=typed, asks=[WIDTH])
 
 
-def test_a_look_is_told_with_its_tolerance_where_it_is_outside():
+def test_a_reading_outside_its_tolerance_is_shown_with_it():
     readings = (
         Reading("white", 31.4, "%", 55, 90),
         Reading("s/t", 1.1, "", 1.0, 1.3),
         Reading("yaw", 2.61, "°", -1.5, 1.5),
     )
-    text, _ = told(Seen(PLANE, Advice(False, "Open up.", readings)))
+    text, _ = output_of(FrameEvent(PLANE, Advice(False, "Open up.", readings)))
     assert text.splitlines() == ["   white 31 % (55 to 90 %); s/t 1.10; yaw 2.6° (-1.5 to 1.5°)", "   -> Open up."]
 
 
-def test_what_was_just_advised_is_not_asked_in_the_same_words_again():
-    text, _ = told(
-        Seen(PLANE, Advice(False, "Open up.")), typed="\n", asks=[Ask("by_hand", "Open up. (the rail ends)")]
+def test_an_advice_is_not_repeated_in_the_question():
+    text, _ = output_of(
+        FrameEvent(PLANE, Advice(False, "Open up.")), typed="\n", asks=[Ask("by_hand", "Open up. (the rail ends)")]
     )
     assert text.count("Open up.") == 1
     assert "(the rail ends)" in text
 
 
-def test_troubles_results_and_ends_are_told_in_lines():
+def test_problems_results_and_ends_are_written_as_lines():
     numbers = {"mtf50_horizontal": Quantity(0.412, "cycles/pixel", 0.003, "", 9)}
     planes = {"G1": PlaneResult("G1", Verdict.PASS, numbers=numbers), "B": PlaneResult("B", Verdict.REFUSED)}
-    text, _ = told(
-        Doing("exposing", 1, 3, 12.0),
-        CurveSeen("z_mm", (1.0, 2.0), (0.5, float("nan"))),
-        Trouble("no frame came", "check the cable"),
+    text, _ = output_of(
+        ProgressEvent("exposing", 1, 3, 12.0),
+        ScanEvent("z_mm", (1.0, 2.0), (0.5, float("nan"))),
+        ProblemEvent("no frame came", "check the cable"),
         Result("out", planes, Verdict.REFUSED, "too dark", "expose longer", (Cause("blurred", "focus"),)),
         RunEnded("finished", "report.html"),
     )
     for line in (
         "   exposing (1 of 3), 12 s left",
-        "   z mm     2.00: cannot be told",
+        "   z mm     2.00: unknown",
         "!! no frame came",
         "   What to do: check the cable.",
         "   G1 trusted: MTF50 0.4120 ± 0.0030 cycles/pixel",
@@ -119,21 +128,21 @@ def test_troubles_results_and_ends_are_told_in_lines():
         assert line.rstrip() in [one.rstrip() for one in text.splitlines()]
 
 
-def test_who_stops_reading_does_not_stop_the_run():
+def test_a_closed_pipe_does_not_stop_the_run():
     class Closed(io.StringIO):
         def write(self, text):
             raise BrokenPipeError
 
-    plain = Plain(io.StringIO("50\n"), Closed())
-    plain.hear(Doing("exposing"))
+    plain = LineOperator(io.StringIO("50\n"), Closed())
+    plain.notify(ProgressEvent("exposing"))
     assert plain.answer(WIDTH) == 50.0
 
 
-def test_a_curve_that_explains_is_drawn_said_and_told_as_a_table():
+def test_a_diagram_is_drawn_with_its_sentence_and_table():
     diagram = Diagram(
         "gamma over s/t", (0.7, 1.0, 1.3), (1.9, 0.6, 0.4), "It is least at 1.3.", (("s/t", "gamma"), ("0.7", "1.90"))
     )
-    text, _ = told(Shown(diagram))
+    text, _ = output_of(DiagramEvent(diagram))
     lines = text.splitlines()
     assert "gamma over s/t" in lines[10]
     assert any("o" in line for line in lines[:10])

@@ -1,4 +1,4 @@
-"""Where live focus gets its photographs, and what it tells of them."""
+"""Sources of photographs for live focus, and its results."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import pytest
 
 from procedures.outcome import BadInput
 from procedures.pattern import Chart
-from station.guide.focus.live import GROWN_S, POLL_S, SETTLE_S, LiveFocus, PhotographSource
+from station.guide.focus.live import POLL_S, SETTLE_S, UNREADABLE_AFTER_S, LiveFocus, PhotographSource
 
 PICTURE = np.full((40, 60), 20000, np.uint16)
 
 
 def source_of(looks: int) -> PhotographSource:
-    """Ends after so many looks at the folder, a tenth of a second apart."""
+    """A source that ends after so many polls of the folder, a tenth of a second apart."""
     count = itertools.count()
     now = {"looks": 0}
 
@@ -27,7 +27,7 @@ def source_of(looks: int) -> PhotographSource:
     return PhotographSource(ended, clock=lambda: now["looks"] / 10)
 
 
-def test_only_what_arrives_is_told_and_once(tmp_path):
+def test_only_new_photographs_are_reported_and_once(tmp_path):
     cv2.imwrite(str(tmp_path / "old.png"), PICTURE)
 
     def arrives(seconds: float) -> None:
@@ -38,7 +38,7 @@ def test_only_what_arrives_is_told_and_once(tmp_path):
     assert frames[0].plane.value is not None
 
 
-def test_what_has_come_is_looked_at_again_sooner(tmp_path):
+def test_a_new_file_is_polled_sooner(tmp_path):
     pauses = []
 
     def arrives(seconds: float) -> None:
@@ -49,17 +49,19 @@ def test_what_has_come_is_looked_at_again_sooner(tmp_path):
     assert pauses[:3] == [POLL_S, SETTLE_S, POLL_S]
 
 
-def test_a_file_that_stays_half_is_told_with_its_reason(tmp_path):
+def test_an_incomplete_file_is_reported_with_its_reason(tmp_path):
     half = tmp_path / "half.png"
     whole = cv2.imencode(".png", PICTURE)[1].tobytes()
-    frames = list(source_of(int(20 * GROWN_S)).watched(tmp_path, lambda s: half.write_bytes(whole[: len(whole) // 2])))
+    frames = list(
+        source_of(int(20 * UNREADABLE_AFTER_S)).watched(tmp_path, lambda s: half.write_bytes(whole[: len(whole) // 2]))
+    )
     assert [frame.path for frame in frames] == [half]
-    told = LiveFocus(Chart.from_seed()).see(frames[0])
-    assert told.found.reason
-    assert told.best is None
-    assert told.say == "Focus by eye first."
+    reading = LiveFocus(Chart.from_seed()).see(frames[0])
+    assert reading.found.reason
+    assert reading.best is None
+    assert reading.say == "Focus by eye first."
 
 
-def test_a_folder_that_is_not_there_is_named(tmp_path):
+def test_a_missing_folder_is_named(tmp_path):
     with pytest.raises(BadInput, match="there is no folder"):
         next(source_of(3).watched(tmp_path / "none", lambda s: None))

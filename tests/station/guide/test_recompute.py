@@ -1,4 +1,4 @@
-"""A session's results can be computed again from its folder, bit for bit; whatever is not so is named."""
+"""A session's results are recomputed bitwise from its folder; differences are named."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CAMERA = "<script>alert(1)</script>{{ 7 * 7 }}"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A session with two results: one drawn from all shots, one after the last was put aside."""
+    """A session with two results: one from all shots, one without the last."""
     root = tmp_path_factory.mktemp("recompute")
     about = {"plan": "short", "camera": CAMERA, "lens": "</title>", "config": {}, "clock": FixedClock()}
     with pytest.MonkeyPatch.context() as patch, Session.create(root, **about, today=today) as session:
@@ -52,7 +52,7 @@ def _known_plan(monkeypatch):
 
 
 @pytest.mark.slow
-def test_every_result_is_computed_again_bit_for_bit_by_any_number_of_threads(folder):
+def test_every_result_is_recomputed_bitwise_by_any_number_of_threads(folder):
     with threadpool_limits(2, user_api="blas"):
         found = list(recompute(folder))
     assert [one.result for one in found] == ["derived/1", "derived/2"]
@@ -61,7 +61,7 @@ def test_every_result_is_computed_again_bit_for_bit_by_any_number_of_threads(fol
 
 
 @pytest.mark.slow
-def test_result_of_a_version_that_told_no_hashes_comes_out_the_same(folder, tmp_path, monkeypatch):
+def test_result_of_a_version_without_hashes_is_reproduced(folder, tmp_path, monkeypatch):
     shutil.copytree(folder, earlier := tmp_path / "earlier")
     monkeypatch.setattr("station.guide.session_result.compute", partial(compute, sealed=False))
     with Session.open(earlier, FixedClock(), today=today) as session:
@@ -73,7 +73,7 @@ def test_result_of_a_version_that_told_no_hashes_comes_out_the_same(folder, tmp_
 
 
 @pytest.mark.slow
-def test_each_result_comes_from_what_was_known_when_it_was_drawn(folder):
+def test_each_result_uses_the_journal_at_its_time(folder):
     records = [json.loads((folder / f"derived/{i}/result.json").read_text()) for i in (1, 2)]
     assert [record["parameters"]["mean"] for record in records] == [0.25, 0.5]
     assert [len(record["input"]) for record in records] == [SHOTS, SHOTS - 1]
@@ -92,7 +92,7 @@ def test_family_of_processors_is_known_where_all_libraries_agree(blas, family):
     assert kernels_of({"blas": blas}) == family
 
 
-def test_photographs_are_read_when_asked_for_and_kept_as_far_as_there_is_room(folder, monkeypatch):
+def test_photographs_are_read_on_access_and_cached_within_the_limit(folder, monkeypatch):
     paths, read = sorted((folder / "originals").iterdir()), []
     monkeypatch.setattr("station.guide.session_result.read_frame", lambda path: read.append(path) or path)
     assert list(Frames(paths)) == list(Frames(paths)[:1]) + list(Frames(paths)[1:])
@@ -100,23 +100,23 @@ def test_photographs_are_read_when_asked_for_and_kept_as_far_as_there_is_room(fo
     read.clear()
     assert list(roomy) + list(roomy) == paths * 2
     assert read == paths
-    monkeypatch.setattr("station.guide.session_result.MEMORY", 0)
+    monkeypatch.setattr("station.guide.session_result.CACHE_BYTES", 0)
     cramped = Frames(paths)
     read.clear()
     assert list(cramped) + list(cramped) == paths * 2
     assert read == paths * 2
 
 
-def test_photograph_that_is_replaced_after_it_was_checked_is_no_part_of_a_result(folder):
+def test_photograph_replaced_after_its_check_is_refused(folder):
     paths = sorted((folder / "originals").iterdir())
-    told = [sha256_of(path) for path in paths]
-    assert [frame.sha256 for frame in Frames(paths, hashes=told)] == told
-    with pytest.raises(Damaged, match="not what was taken any more"):
-        list(Frames(paths, hashes=told[::-1]))
+    hashes = [sha256_of(path) for path in paths]
+    assert [frame.sha256 for frame in Frames(paths, hashes=hashes)] == hashes
+    with pytest.raises(Damaged, match="has changed since it was taken"):
+        list(Frames(paths, hashes=hashes[::-1]))
 
 
-def test_result_that_is_not_there_is_named(folder):
-    with pytest.raises(BadParameter, match="none of number 3"):
+def test_missing_result_is_named(folder):
+    with pytest.raises(BadParameter, match="got number 3"):
         list(recompute(folder, (3,)))
 
 
@@ -131,7 +131,7 @@ def test_file_that_was_altered_is_named(folder):
 
 
 @pytest.mark.slow
-def test_a_number_that_moved_is_told_in_units_of_its_uncertainty(folder):
+def test_a_changed_number_is_reported_in_units_of_its_uncertainty(folder):
     path = folder / "derived/2/result.json"
     whole = path.read_bytes()
     record = json.loads(whole)
@@ -164,7 +164,7 @@ def test_photograph_that_was_altered_is_found_before_anything_is_computed(folder
 
 
 @pytest.mark.slow
-def test_report_tells_all_and_nothing_in_it_is_taken_for_html(folder):
+def test_report_is_complete_and_escapes_html(folder):
     done = CliRunner().invoke(main, ["session", "report", str(folder)])
     assert done.exit_code == 0, done.stderr
     page = (folder / "report.html").read_text()

@@ -1,4 +1,4 @@
-"""A session goes on with the bench on which it began; another is refused before anything of it is connected."""
+"""A session resumes only on the bench on which it began; another is refused before any connection."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from procedures.outcome import BadParameter
 from station.__main__ import main
 from station.bench.same_bench import bench_differences
-from station.guide.scripted import Scripted
+from station.guide.scripted import ScriptedOperator
 from station.guide.workspace import StationLab
 from station.sessions.layout import Busy
 
@@ -26,7 +26,7 @@ def config(path, port=NOBODY, more=""):
 
 @pytest.fixture
 def listener():
-    """A port at which a connection would be seen."""
+    """A port that detects connections."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.setblocking(False)
         yield server
@@ -36,7 +36,7 @@ def listener():
 def begun(tmp_path):
     """The folder of a session that began with a.toml and is still open."""
     with closing(StationLab(sessions=tmp_path / "sessions", config=config(tmp_path / "a.toml"))) as lab:
-        lab.begin("pattern", "C", "L", Scripted())
+        lab.begin("pattern", "C", "L", ScriptedOperator())
         (folder,) = (tmp_path / "sessions").iterdir()
         yield folder
 
@@ -57,24 +57,24 @@ def test_another_port_is_refused_and_not_connected(begun, tmp_path, listener):
     [({"simulate": True}, "without --simulate"), ({}, "no configuration has another: devices.stage.driver was 'grbl'")],
     ids=str,
 )
-def test_neither_a_simulated_bench_nor_none_takes_its_place(begun, lab, words):
+def test_neither_a_simulated_bench_nor_none_replaces_it(begun, lab, words):
     with pytest.raises(BadParameter, match=words):
-        StationLab(sessions=begun.parent, config=None, **lab).resume(begun, Scripted())
+        StationLab(sessions=begun.parent, config=None, **lab).resume(begun, ScriptedOperator())
 
 
-def test_a_simulated_session_goes_on_with_no_real_device(tmp_path):
+def test_a_simulated_session_does_not_resume_on_a_real_device(tmp_path):
     with closing(StationLab(sessions=tmp_path / "sessions", config=None, simulate=True)) as lab:
-        lab.begin("pattern", "C", "L", Scripted())
+        lab.begin("pattern", "C", "L", ScriptedOperator())
         (folder,) = (tmp_path / "sessions").iterdir()
         real = StationLab(sessions=folder.parent, config=config(tmp_path / "a.toml"))
         with pytest.raises(BadParameter, match=r"a simulated one; got a real one; resume it with --simulate"):
-            real.resume(folder, Scripted())
+            real.resume(folder, ScriptedOperator())
 
 
-def test_the_same_bench_used_otherwise_is_the_same(begun, tmp_path):
+def test_the_same_bench_with_other_settings_is_accepted(begun, tmp_path):
     same = config(tmp_path / "c.toml", more="poll_s = 0.1\n")
-    with closing(StationLab(sessions=begun.parent, config=same)) as lab, pytest.raises(Busy):  # it was let through
-        lab.resume(begun, Scripted())
+    with closing(StationLab(sessions=begun.parent, config=same)) as lab, pytest.raises(Busy):  # accepted
+        lab.resume(begun, ScriptedOperator())
 
 
 def test_every_difference_of_hardware_is_named():

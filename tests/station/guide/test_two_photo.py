@@ -1,4 +1,4 @@
-"""The plan of the two photographs with no bench at all: the operator photographs, files come into a folder."""
+"""The plan of the two photographs without a bench: the operator photographs, and the files arrive in a folder."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 
 from drivers.clock import SystemClock
 from station.guide.catalogue import plan_named
-from station.guide.frontend import Result, Seen
+from station.guide.frontend import FrameEvent, Result
 from station.guide.run import Run
-from station.guide.scripted import Scripted
-from station.guide.vibration import Patience
+from station.guide.scripted import ScriptedOperator
+from station.guide.vibration import SettlingTimeouts
 from station.sessions.session import Session
 
 RATIO = 3.6
@@ -34,8 +34,8 @@ def photographed(wall, px, texels_per_px, rng):
     soft = cv2.GaussianBlur(wall, (0, 0), 0.5 * texels_per_px)
     corner = len(wall) / 2 - texels_per_px * (px - 1) / 2
     H = np.array([[texels_per_px, 0, corner], [0, texels_per_px, corner]])
-    seen = cv2.warpAffine(soft, H, (px, px), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
-    return np.clip((0.85 * seen + rng.normal(0, 0.002, seen.shape)) * 65535, 0, 65535).astype(np.uint16)
+    image = cv2.warpAffine(soft, H, (px, px), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
+    return np.clip((0.85 * image + rng.normal(0, 0.002, image.shape)) * 65535, 0, 65535).astype(np.uint16)
 
 
 @pytest.mark.slow
@@ -52,12 +52,12 @@ def test_the_photographs_of_a_folder_become_a_result(tmp_path, rng):
         return True
 
     answers = {"frames_folder": str(card), "photographed": photograph, "near_mm": 1000.0, "ratio": RATIO}
-    operator = Scripted({**answers, "focus_by": "skip"})
+    operator = ScriptedOperator({**answers, "focus_by": "skip"})
     plan, clock = plan_named("two-photo"), SystemClock()
     with Session.create(tmp_path, plan=plan.name, camera="C", lens="L", config={}, clock=clock) as session:
-        ended = Run(plan, None, session, operator, Patience(quiet=1.0)).go()
+        ended = Run(plan, None, session, operator, SettlingTimeouts(quiet=1.0)).go()
         assert ended.how == "finished"
-        assert all(event.advice.good for event in operator.heard if isinstance(event, Seen))
+        assert all(event.advice.good for event in operator.heard if isinstance(event, FrameEvent))
         assert [shot.purpose for shot in session.state.counting()] == ["near", "near", "far", "far"]
         assert "3.60 m from the wall" in " ".join(ask.question for ask in operator.asked)
         (result,) = (event for event in operator.heard if isinstance(event, Result))

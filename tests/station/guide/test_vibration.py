@@ -1,4 +1,4 @@
-"""Stillness is told by the IMU against its own noise; without one, the slowest mode gets its time."""
+"""Settling is detected by the IMU relative to its own noise, or by the decay time of the slowest mode."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import pytest
 
 from drivers.interfaces import ImuBlock
 from simulators.world.clock import VirtualClock
-from station.guide.vibration import Patience, Settling, Unrest
+from station.guide.vibration import NotSettled, Settling, SettlingTimeouts
 
 NOISE = 0.02
-PATIENCE = Patience()
+PATIENCE = SettlingTimeouts()
 
 
 class ShakenImu:
-    """Noise at rest, and a damped sway on top of it that began at some time."""
+    """Noise at rest plus a damped oscillation that began at some time."""
 
     def __init__(self, clock, rng, *, began_s=0.0, sway=1.0, damping=0.03):
         self.clock, self.rng, self.began_s, self.sway, self.damping = clock, rng, began_s, sway, damping
@@ -38,22 +38,22 @@ class ShakenImu:
         return ImuBlock(t, t, force, self.rng.normal(0, 0.001, (len(t), 3)), 0)
 
 
-def test_it_waits_until_the_sway_has_sunk_into_the_noise(rng):
+def test_it_waits_until_the_oscillation_is_within_the_noise(rng):
     clock = VirtualClock()
     imu = ShakenImu(clock, rng, sway=0.0)
     settling = Settling(imu, clock)
-    settling.wait()  # learns what rest is
+    settling.wait()  # measures the level at rest
     imu.began_s, imu.sway = clock.now_s(), 2.0
     settling.moved()
     tremor = settling.wait()
-    # the sway adds half its square over three axes to the noise's: still is 1.4 times the noise, which scatters by 6 %
+    # the oscillation adds half its square over three axes; the limit is 1.4 times the noise, which scatters by 6 %
     left = 2.0 * math.exp(-imu.damping * 2 * math.pi * 9.0 * (clock.now_s() - imu.began_s))
     assert left**2 / 6 < ((1.4 * 1.12) ** 2 - 1) * NOISE**2
     assert tremor.acceleration_m_s2 < 1.5 * NOISE
     assert not imu.running
 
 
-def test_at_rest_it_hardly_waits(rng):
+def test_at_rest_it_waits_for_one_window_only(rng):
     clock = VirtualClock()
     settling = Settling(ShakenImu(clock, rng, sway=0.0), clock)
     settling.wait()
@@ -66,17 +66,17 @@ def test_at_rest_it_hardly_waits(rng):
     assert np.mean(np.array(waits) < 1.5 * PATIENCE.window_s) > 0.95
 
 
-def test_a_rig_that_never_rests_is_said_to(rng):
+def test_a_rig_that_never_settles_is_reported(rng):
     clock = VirtualClock()
     imu = ShakenImu(clock, rng, sway=0.0)
     settling = Settling(imu, clock)
     settling.wait()
     imu.sway, imu.damping = 1.0, 0.0
-    with pytest.raises(Unrest, match=r"trembles .* times as much as at rest, after 20 s"):
+    with pytest.raises(NotSettled, match=r"after 20 s it still vibrates .* times as much as at rest"):
         settling.wait()
 
 
-def test_without_an_imu_the_slowest_mode_gets_the_time_to_decay(rng):
+def test_without_an_imu_the_slowest_mode_is_given_time_to_decay(rng):
     clock = VirtualClock()
     settling = Settling(None, clock)
     settling.moved()

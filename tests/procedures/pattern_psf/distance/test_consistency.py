@@ -41,7 +41,7 @@ def test_any_of_the_numbers_that_is_wrong_is_named_after_one_move_of_the_rail(na
     advice = told(known, now)
     assert not advice.good
     assert advice.moves == {}
-    assert name in advice.doubted
+    assert name in advice.contradictory
     # what it would have to be is what it is, but for the focus, which a thin lens focused here would have elsewhere
     (fitting,) = re.findall(rf"{WORDS[name]} ([0-9.]+)", advice.say)
     assert float(fitting) == pytest.approx(getattr(TRUE, name), rel=0.025)
@@ -50,7 +50,7 @@ def test_any_of_the_numbers_that_is_wrong_is_named_after_one_move_of_the_rail(na
 @pytest.mark.parametrize("share", [0.5, 1.5, 2.0])
 @pytest.mark.parametrize("name", SIZES)
 def test_the_laser_alone_names_what_puts_it_farther_from_the_lens_than_it_can_be(name, share):
-    assert name in told(given(name, share), look(1300.0, laser=True)).doubted
+    assert name in told(given(name, share), look(1300.0, laser=True)).contradictory
 
 
 @pytest.mark.parametrize("way", ["laser", "rail"])
@@ -63,14 +63,14 @@ def test_nothing_is_named_where_all_is_right_though_the_focus_is_elsewhere(way):
 def test_numbers_that_the_camera_noted_are_not_doubted_and_those_insisted_on_neither():
     known, now = given("ruler_mm", 0.8, look(1300.0, rail=True)), look(1400.0, rail=True)
     noted = Exposure(focal_length_mm=24.0, pixel_pitch_um=5.94)
-    assert told(known, now, noted).doubted == ("chart_width_mm", "ruler_mm")
+    assert told(known, now, noted).contradictory == ("chart_width_mm", "ruler_mm")
     assert told(replace(known, insisted=frozenset(SIZES)), now) is None
 
 
 @pytest.mark.parametrize("share", WRONG)
 def test_a_tape_measure_names_them_where_there_is_neither_laser_nor_rail(share):
     known = replace(given("focal_length_mm", share), tape_mm=1500.0)
-    assert "focal_length_mm" in told(known, look(1500.0)).doubted
+    assert "focal_length_mm" in told(known, look(1500.0)).contradictory
     assert told(replace(TRUE, tape_mm=1530.0), look(1500.0)) is None
 
 

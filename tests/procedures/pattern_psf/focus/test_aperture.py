@@ -57,7 +57,7 @@ def test_half_and_twice_are_named(photographed, factor):
         return
     advice = look(frame, factor * true)
     assert not advice.good
-    assert advice.doubted == (KEY,)
+    assert advice.contradictory == (KEY,)
     assert f"f/{factor * true:g} was given" in advice.say
     assert look(frame, factor * true, insisted_typed_f_number=True).good
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from procedures.outcome import BadInput, BadParameter, Refused
-from procedures.raw import Carried, Felt
+from procedures.raw import ImuRecord, ShakerPath
 from procedures.restoration.masks import camera_motion as c
 from procedures.restoration.masks.mask_fields import positions
 
@@ -39,16 +39,16 @@ def ideal(t):
     turn, earlier, later = (Rotation.from_rotvec(one[1]) for one in (now, before, after))
     force = turn.inv().apply((before[0] - 2 * now[0] + after[0]) / h**2 - GRAVITY)
     rate = (earlier.inv() * later).as_rotvec() / (2 * h)
-    return Felt(t, force * c.FLIPPED, rate * c.FLIPPED), turn.inv().apply((after[0] - before[0]) / (2 * h))
+    return ImuRecord(t, force * c.FLIPPED, rate * c.FLIPPED), turn.inv().apply((after[0] - before[0]) / (2 * h))
 
 
 def record(zero=0.0):
     """The same as a real one tells it, at 200 Hz, with zero errors."""
-    felt, _ = ideal(np.arange(-0.3, 0.5, 0.005))
-    return Felt(
-        felt.time_s,
-        felt.acceleration_m_s2 + zero * np.array([0.3, -0.1, 0.2]),
-        felt.rotation_rad_s + zero * np.array([0.01, 0.02, -0.03]),
+    imu, _ = ideal(np.arange(-0.3, 0.5, 0.005))
+    return ImuRecord(
+        imu.time_s,
+        imu.acceleration_m_s2 + zero * np.array([0.3, -0.1, 0.2]),
+        imu.rotation_rad_s + zero * np.array([0.01, 0.02, -0.03]),
     )
 
 
@@ -67,14 +67,14 @@ def test_poses_come_back_from_what_the_unit_feels(poses):
 def test_curves_are_those_of_the_velocity_field(poses):
     # (5.1) integrated step by step over the same motion
     t = np.linspace(-0.05, OPEN_S, 1001)
-    felt, speed = ideal(t)
+    imu, speed = ideal(t)
     x, y, inverse = 0.06, -0.04, 0.8
     exposure = Exposure(0.0, OPEN_S, reference_s=0.0)
     count = int(np.sum((t >= -1e-9) & (t <= OPEN_S)))
     projected = c.drawn(c.Poses(*truth(np.linspace(0, OPEN_S, count))), x, y, np.array([inverse]))[0]
     first = projected[0] + (x, y)
     stepped = curve(
-        Motion(t, speed, felt.rotation_rad_s * c.FLIPPED), *first, 1 / inverse, steps=1001, exposure=exposure
+        Motion(t, speed, imu.rotation_rad_s * c.FLIPPED), *first, 1 / inverse, steps=1001, exposure=exposure
     )
     # midpoint rule; the depth at the first instant is that at rest to 2e-3
     assert np.abs(projected + np.array([x, y]) - stepped).max() < 0.005 * np.abs(projected).max()
@@ -135,26 +135,26 @@ def test_a_rig_that_does_not_turn_needs_one_place():
 
 
 def spoilt():
-    felt = record()
-    t = felt.time_s
+    imu = record()
+    t = imu.time_s
     return {
-        "late": (replace(felt, time_s=t + 0.4), "cover the exposure"),
-        "order": (replace(felt, time_s=t[::-1]), "increase"),
-        "few": (Felt(t[:5], felt.acceleration_m_s2[:5], felt.rotation_rad_s[:5]), "16 samples"),
-        "nan": (replace(felt, acceleration_m_s2=felt.acceleration_m_s2 * np.nan), "must be finite"),
-        "huge": (replace(felt, acceleration_m_s2=felt.acceleration_m_s2 * 1e300), "must be finite, from -1e.06"),
-        "columns": (replace(felt, rotation_rad_s=felt.rotation_rad_s[:, :2]), r"array \(\d+, 3\)"),
-        "ages": (replace(felt, time_s=np.where(t == t[0], -1e308, t)), "must be finite, from -1e.11"),
-        "instant": (replace(felt, time_s=np.where(t == t[1], np.nextafter(t[0], 1), t)), "must increase by 1e-07 s"),
-        "degrees": (replace(felt, rotation_rad_s=np.degrees(felt.rotation_rad_s)), "turned by"),
+        "late": (replace(imu, time_s=t + 0.4), "cover the exposure"),
+        "order": (replace(imu, time_s=t[::-1]), "increase"),
+        "few": (ImuRecord(t[:5], imu.acceleration_m_s2[:5], imu.rotation_rad_s[:5]), "16 samples"),
+        "nan": (replace(imu, acceleration_m_s2=imu.acceleration_m_s2 * np.nan), "must be finite"),
+        "huge": (replace(imu, acceleration_m_s2=imu.acceleration_m_s2 * 1e300), "must be finite, from -1e.06"),
+        "columns": (replace(imu, rotation_rad_s=imu.rotation_rad_s[:, :2]), r"array \(\d+, 3\)"),
+        "ages": (replace(imu, time_s=np.where(t == t[0], -1e308, t)), "must be finite, from -1e.11"),
+        "instant": (replace(imu, time_s=np.where(t == t[1], np.nextafter(t[0], 1), t)), "must increase by 1e-07 s"),
+        "degrees": (replace(imu, rotation_rad_s=np.degrees(imu.rotation_rad_s)), "turned by"),
     }
 
 
 @pytest.mark.parametrize("kind", ["late", "order", "few", "nan", "huge", "columns", "ages", "instant", "degrees"])
 def test_records_that_cannot_be_meant_are_refused(kind):
-    felt, complaint = spoilt()[kind]
+    imu, complaint = spoilt()[kind]
     with pytest.raises(BadInput, match=complaint) as refusal:
-        c.poses_of(felt, OPEN_S)
+        c.poses_of(imu, OPEN_S)
     assert refusal.value.remedy
 
 
@@ -184,14 +184,14 @@ def test_masks_that_no_machine_holds_are_not_made(monkeypatch, poses):
 
 def test_a_unit_at_rest_feels_gravity_and_no_motion():
     t = np.arange(-0.1, 0.4, 0.005)
-    still = c.poses_of(Felt(t, np.tile([0.3, 9.8, -0.2], (len(t), 1)), np.zeros((len(t), 3))), OPEN_S)
+    still = c.poses_of(ImuRecord(t, np.tile([0.3, 9.8, -0.2], (len(t), 1)), np.zeros((len(t), 3))), OPEN_S)
     assert np.abs(still.position_m).max() < 1e-12
 
 
 def commanded(since_s=0.0):
     """The shifts of the same rig, as a shaker is told them: 64 points of a round of 0.1 s."""
     t = np.arange(64) * (0.1 / 64)
-    return Carried(truth(t)[0] * c.FLIPPED, 0.1 / 64, since_s)
+    return ShakerPath(truth(t)[0] * c.FLIPPED, 0.1 / 64, since_s)
 
 
 @pytest.mark.parametrize("since_s", [0.0, 0.033, 7.55])

@@ -1,7 +1,7 @@
-"""Whose word a number is that a result rests on, and what it was held against.
+"""Provenance of the input numbers of a result, and the evidence with which each was compared.
 
-The camera's notes vouch for what they agree with. The rest is the operator's word: what laser, rail, tape, cells or the
-PSF's far tail say of it stands beside it, for they cannot always decide.
+A number that agrees with the camera's metadata has the camera as its source; any other has the operator. Laser, rail,
+tape, chart cells and the far tail of the PSF are evidence only, since they cannot always decide.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ NAMES = {
     "screw_count": "number of screws", "screw_radius_mm": "screws' radius", "screw_pitch_mm": "screws' pitch",
     "first_screw_deg": "place of the first screw",
 }  # fmt: skip
-"""Of the questions' keys whose answers results rest on."""
+"""Names of the inputs on which results depend, by the key of their question."""
 NOTED = {
     "lens_f_number": ("f_number", 0),
     "first_f_number": ("f_number", 0),
     "second_f_number": ("f_number", 1),
     "third_f_number": ("f_number", 2),
 }
-"""Where the camera's note stands: its field, and of which photograph; else the first's field of the same name."""
+"""Field of the camera's metadata and index of the photograph; by default the same name and the first photograph."""
 
 
 @dataclass(frozen=True)
-class Word:
-    """Of one number: its value, whose word it is (`CAMERA`, `OPERATOR`), what it was held against, "" for nothing."""
+class Provenance:
+    """Provenance of one number: value, source (`CAMERA`, `OPERATOR`), and the evidence compared with it, or ""."""
 
     value: float
     unit: str
@@ -50,19 +50,19 @@ class Word:
     def __str__(self) -> str:
         given = f"{self.value:g} {self.unit}".rstrip()
         if self.told_by == CAMERA:
-            return f"{given}, as the camera noted it"
-        return f"{given}, the operator's word; {self.held_against or 'nothing vouches for it'}"
+            return f"{given}, recorded by the camera"
+        return f"{given}, given by the operator; {self.held_against or 'not verified'}"
 
 
-def words_of(plan: Plan, facts: Facts, frames: Sequence[RawFrame]) -> dict[str, Word]:
-    """Every number of the plan that is known, by its question's key; the frames have what the camera noted."""
+def provenance_of(plan: Plan, facts: Facts, frames: Sequence[RawFrame]) -> dict[str, Provenance]:
+    """Provenance of every known number of the plan, by its question's key; the frames hold the camera's metadata."""
     asks = plan.asks()
-    told = {key: facts[key] for key in NAMES if key in asks and key in facts}
-    if not told or not frames:
+    known = {key: facts[key] for key in NAMES if key in asks and key in facts}
+    if not known or not frames:
         return {}
     return {
-        key: Word(float(value), asks[key].unit, *_source(key, float(value), facts, frames))
-        for key, value in told.items()
+        key: Provenance(float(value), asks[key].unit, *_source(key, float(value), facts, frames))
+        for key, value in known.items()
         if isinstance(value, float | int) and value
     }
 
@@ -73,30 +73,30 @@ def _source(key: str, value: float, facts: Facts, frames: Sequence[RawFrame]) ->
     if by_camera and abs(value / by_camera - 1) <= TYPED[field][2]:
         return CAMERA, ""
     if facts.get(INSISTED + key):
-        return OPERATOR, "insisted on against what contradicts it"
+        return OPERATOR, "confirmed by the operator despite a contradiction"
     return OPERATOR, EVIDENCE[key](facts) if key in EVIDENCE else ""
 
 
 def _by_size(facts: Facts) -> str:
-    """Of lens, sensor and print: what tells their product."""
+    """Evidence on lens, sensor and print: a measurement of their product."""
     known = facts_as(PatternFacts, facts)
     measured = measured_scale(known.looks)
     if measured is not None:
-        return f"the {measured[1]} agrees with it and the other sizes together"
+        return f"consistent with the {measured[1]} and the other sizes"
     if known.laser_offset_mm is not None:
-        return "the laser agrees with it and the other sizes together"
-    return "" if known.tape_mm is None else "the tape measure agrees with it and the other sizes together"
+        return "consistent with the laser and the other sizes"
+    return "" if known.tape_mm is None else "consistent with the tape measure and the other sizes"
 
 
 def _by_cells(facts: Facts) -> str:
-    return "" if facts_as(PatternFacts, facts).seed_agreement is None else "the chart's cells agree with it"
+    return "" if facts_as(PatternFacts, facts).seed_agreement is None else "consistent with the chart's cells"
 
 
 def _by_tail(facts: Facts) -> str:
-    told, u = facts.get("tail_f_number"), facts.get("tail_f_number_uncertainty")
-    if not isinstance(told, float | int) or not isinstance(u, float | int):
+    f_number, u = facts.get("tail_f_number"), facts.get("tail_f_number_uncertainty")
+    if not isinstance(f_number, float | int) or not isinstance(u, float | int):
         return ""
-    return f"the far tail of the PSF tells {told:.1f} ± {np.hypot(u, PUPIL_SPREAD * told):.1f}"
+    return f"the far tail of the PSF gives {f_number:.1f} ± {np.hypot(u, PUPIL_SPREAD * f_number):.1f}"
 
 
 def _by_laser(facts: Facts) -> str:
