@@ -17,7 +17,7 @@ from procedures.geometry.shape import NAMES, ShapeModel, own_errors, scale_sprea
 from procedures.geometry.uncertainty import enclosed, projection_uncertainty, seen_region
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
 from procedures.numbers import FOCAL, projection_at
-from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
+from procedures.outcome import SYMPTOM, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 
 Array = npt.NDArray[np.float64]
 
@@ -359,5 +359,6 @@ def _checks(found: Geometry, parameters: GeometryParameters) -> list[Check]:
               "tilt the chart by 20 to 40 degrees to all sides, or change its distance"),
         Check("residual", found.residual_scale, LARGE_RESIDUAL, doubtful,
               f"the points scatter {found.residual_scale:.1f} times as much as their own covariances say",
-              "see the views' residuals: a chart that moved or changed its bend between photographs, or another focus"),
+              "see the views' residuals: a chart that moved or changed its bend between photographs, or another focus",
+              prior=SYMPTOM),
     ]  # fmt: skip

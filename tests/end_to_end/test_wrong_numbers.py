@@ -75,6 +75,7 @@ def test_an_f_number_that_the_camera_does_not_note_is_held_against_the_far_tail(
     incoming = tmp_path / "incoming"
     incoming.mkdir()
     bench = simulated_bench(incoming, seed=3, virtual_time=True)
+    bench.surroundings.stand_before(plan_named(plan).subject)  # puts the subject's camera into the view
     view = bench.simulated.view
     lens = replace(view.camera.lens, f_number=8.0, noted=False)
     view.camera = replace(view.camera, lens=lens, oversampling=4)
