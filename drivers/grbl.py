@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 
 from drivers.clock import Clock, SystemClock
@@ -56,6 +57,8 @@ class GrblStage:
         self._poll_s = poll_s
         self._one_mover = OneMover()
         self._homing = False
+        self.power: Callable[[], AbstractContextManager[None]] = nullcontext
+        """Entered to move: a watchdog keeps the motors enabled within."""
         self._envelopes: dict[str, Envelope] = {}
 
     @property
@@ -153,7 +156,8 @@ class GrblStage:
             epoch = self.link.recover()
             self._homing = True
             try:
-                self._find_switches(in_turn(allowed, partial(self.link.trust.undisturbed, epoch)))
+                with self.power():
+                    self._find_switches(in_turn(allowed, partial(self.link.trust.undisturbed, epoch)))
             finally:
                 self._homing = False
             self._check_machine_space()
@@ -206,7 +210,7 @@ class GrblStage:
             words = " ".join(f"{one.axis.letter}{one.to_machine(value):.3f}" for one, value in ways)
             may_begin = self._one_mover.unless_stopped(stops, self.link.trust.require)
             self.link.said = ""
-            with left_still(self._give_up_moving, self.emergency_stop, self.link.trust):
+            with self.power(), left_still(self._give_up_moving, self.emergency_stop, self.link.trust):
                 self.link.command(f"$J=G53 G90 G21 {words} F{feed:.1f}", allowed=may_begin)
                 report = self._until_still(duration_s, stops)
                 self._arrived(goal, self._user(report), stops)
@@ -306,6 +310,11 @@ class GrblStage:
             while (report := self.link.report()).pause is not None and self.clock.now_s() < deadline_s:
                 self.link.pause(self._poll_s)
         self._check_pause(report)
+
+    def lose_position(self, error: DeviceError) -> None:
+        """Stop, and refuse to move with `error` until it has homed; never raises."""
+        self._one_mover.stop()
+        self.link.halt(error)
 
     def emergency_stop(self) -> None:
         """Feed hold and soft reset past every lock; unsafe until homed."""

@@ -309,8 +309,11 @@ class Transport(Protocol[E_co]):
         """Wait for something the listener notes down. Raises LineLost, or what interrupted."""
         ...
 
-    def write(self, data: bytes) -> None:
-        """Write without waiting for a reply or a lock. Raises LineLost."""
+    def write(self, data: bytes, *, noted: bool = True, within_s: float = ...) -> None:
+        """Write without waiting for a reply, a request or a lock; the transcript has it if `noted`.
+
+        Raises LineLost, NoAnswer where `within_s` was not enough.
+        """
         ...
 
     def shout(self, data: bytes, error: Exception) -> None:

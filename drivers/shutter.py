@@ -75,14 +75,14 @@ class Unread:
 
 Event = Hello | Accepted | Refusal | Contact | BoxTime | Unread
 ENDS = ("DONE", "ABORT", "WATCHDOG")
-MOTIONS = ("SHAKE", "REST")
+MOTIONS = ("SHAKE", "REST", "RELEASE")
 EVENTS = ("SHUTTER", *ENDS, *MOTIONS)
 
 
 def read_line(raw: bytes) -> Event:
     """The event one line means."""
     match raw.decode("ascii", "replace").split(" "):
-        case ["STRIG/1" | "STRIG/2" as greeting, board, firmware, serial]:
+        case ["STRIG/1" | "STRIG/2" | "STRIG/3" as greeting, board, firmware, serial]:
             return Hello(board, firmware, serial, int(greeting[-1]))
         case ["OK", seq] if _whole(seq):
             return Accepted(int(seq))
@@ -127,7 +127,7 @@ class StrigShutter:
         self._offset_s = 0.0
         self.version = 0
         self.motion: dict[str, Contact] = {}
-        """The last of each kind of event that a shaker on this box told."""
+        """The last event of each kind about a shaker, or the motors, on this box."""
         self._stopped: EmergencyStopped | None = None
 
     @property
@@ -201,6 +201,10 @@ class StrigShutter:
             remedy = REFUSALS.get(reply.code, "check the cable")
             raise Rejected(f"{self.address} refused {line!r}: {reply.text}", remedy, f"ERR {reply.code}")
         return reply.seq
+
+    def beat(self, next_ms: int) -> None:
+        """Send a heartbeat that lets the next one take so long; the transcript omits it. Raises LineLost, NoAnswer."""
+        self._transport.write(b"BEAT %d\n" % next_ms, noted=False)
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
         """Take one shot and say when the contact closed and opened. Raises DeviceError.

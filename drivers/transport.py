@@ -205,21 +205,27 @@ class SerialTransport(Generic[E]):
             raise self._lost
         return ready()
 
-    def write(self, data: bytes, allowed: Callable[[], None] = anything) -> None:
-        """Write, waiting for no reply. Raises LineLost, NoAnswer where the port takes no bytes, what `allowed` does."""
+    def write(
+        self, data: bytes, allowed: Callable[[], None] = anything, *, noted: bool = True, within_s: float = WRITE_S
+    ) -> None:
+        """Write, waiting for no reply; the transcript has it if `noted`.
+
+        Raises LineLost, NoAnswer where the port takes no bytes `within_s`, what `allowed` does.
+        """
         port, outgoing = self._port, self._outgoing
         if port is None or outgoing is None or self._lost is not None:
             raise self._lost or LineLost(f"{self.address} is not open", "connect first")
 
-        def noted() -> None:
+        def allowed_and_noted() -> None:
             allowed()
-            self.transcript.record(self.clock.now_s(), ">", data)
+            if noted:
+                self.transcript.record(self.clock.now_s(), ">", data)
 
         try:
-            outgoing.send(data, noted)
+            outgoing.send(data, allowed_and_noted, within_s)
         except (TimeoutError, serial.SerialTimeoutException) as error:  # it stays open: a stop must still get through
             raise NoAnswer(
-                f"{self.address} took no bytes for {WRITE_S:g} s", "check power, cable, handshake"
+                f"{self.address} took no bytes for {within_s:g} s", "check power, cable, handshake"
             ) from error
         except PORT_ERRORS as error:
             self._lose(port, self._gone(error))

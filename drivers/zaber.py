@@ -24,10 +24,13 @@ from drivers.interfaces import Condition, Identity, Transport, Travel
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
 from drivers.protocols.zaber import FLAGS, REJECTIONS, UNREFERENCED, Alert, Event, Reply, checksum
 from drivers.wire.connection import anything, not_connected, opened, roll_call
+from drivers.wire.outgoing import URGENT_S
 
 REPLY_S = 0.5
 SPEED_UNIT = 1.6384  # of the setting per microstep per second, firmware 6 and 7
 PRECISION_STEPS = 4
+STOP_ALL = b"/0 0 stop\n"
+"""For all devices of the chain; their replies carry no message id, so nobody takes them for his."""
 
 
 @dataclass(frozen=True)
@@ -253,8 +256,13 @@ class ZaberStage:
             self._send(axis.device, axis.axis, "stop", tries=3)
 
     def stop(self) -> None:
-        """Slow down and stay. Raises DeviceError."""
+        """Slow down and stay: told at once, past the queue of requests, then confirmed. Raises DeviceError."""
         self._one_mover.stop()
+        try:
+            self._transport.write(STOP_ALL, within_s=URGENT_S)
+        except NoAnswer:
+            self.emergency_stop()
+            raise
         self._halt(self._axes)
 
     def emergency_stop(self) -> None:

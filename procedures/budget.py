@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from procedures.numbers import LEVELS, MTF_NYQUIST, frequency_of
 from procedures.psf import Psf
 from procedures.quality import Quality, assess
-from procedures.transfer_function import LEVELS, frequency_of
 
 Budget = Mapping[str, float]
 """Terms by name, each a standard uncertainty."""
@@ -65,7 +65,7 @@ def with_frequencies(quality: Quality, psf: Psf, at: Sequence[float]) -> Quality
     for name, number in fresh.numbers.items():
         if (told := frequency_of(name)) is None or name in numbers:
             continue
-        like = f"mtf_nyquist_{told[1]}"
+        like = MTF_NYQUIST[told[1]]
         own, whole = fresh.budgets[name]["noise"], fresh.budgets[like]["noise"]
         terms = {term: value * own / max(whole, 1e-300) for term, value in quality.budgets[like].items()}
         budgets[name] = {**terms, "choice": fresh.budgets[name]["choice"]}

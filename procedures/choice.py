@@ -67,7 +67,12 @@ class Trial:
     @property
     def support_short(self) -> bool:
         """Whether the support leaves out too much beside the noise."""
-        return self.truncation > HALF * float(np.hypot(self.truncation, self.uncertainty))
+        return self.truncation > self.most_truncated
+
+    @property
+    def most_truncated(self) -> float:
+        """The truncation above which the support is too short."""
+        return HALF * float(np.hypot(self.truncation, self.uncertainty))
 
     @property
     def band_open(self) -> bool:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 T = TypeVar("T")
+S = TypeVar("S")
 
 
 class Verdict(StrEnum):
@@ -17,21 +18,62 @@ class Verdict(StrEnum):
     DOUBTFUL = "doubtful"
     REFUSED = "refused"
 
+    @property
+    def rank(self) -> int:
+        """0 for the best verdict."""
+        return list(Verdict).index(self)
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A possible cause of a doubtful or refused result, with its remedy."""
+
+    reason: str
+    remedy: str
+
+
+class Judged(Protocol):
+    """What carries a verdict with its causes: an outcome, the result of a plane, of a session."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """How far the result can be trusted."""
+
+    @property
+    def reason(self) -> str:
+        """The most likely cause; empty for a pass."""
+
+    @property
+    def remedy(self) -> str:
+        """What helps against it."""
+
+    @property
+    def other_causes(self) -> tuple[Cause, ...]:
+        """The less likely ones, by their evidence."""
+
 
 @dataclass(frozen=True)
 class Outcome(Generic[T]):
-    """A value with the verdict on it; refused outcomes have no value, and say what to do."""
+    """A value with its verdict; a refused outcome has no value.
+
+    `reason` and `remedy` are the most likely cause of a doubt or a refusal; `other_causes` follow by their evidence.
+    """
 
     value: T | None
     verdict: Verdict = Verdict.PASS
     reason: str = ""
     remedy: str = ""
+    other_causes: tuple[Cause, ...] = ()
 
     def result(self) -> T:
-        """The value, doubtful or not. Raises Refused, which says why and what to do, where there is none."""
+        """The value, doubtful or not. Raises Refused with the most likely cause where there is none."""
         if self.value is None:
             raise Refused(self.reason, self.remedy)
         return self.value
+
+    def of_value(self, value: S | None) -> Outcome[S]:
+        """The same verdict and causes with another value."""
+        return Outcome(value, self.verdict, self.reason, self.remedy, self.other_causes)
 
 
 @dataclass(frozen=True)
@@ -45,26 +87,124 @@ class Quantity:
     n: int
 
 
+MOST_EVIDENCE = 100.0
+SYMPTOM = 0.3
+"""Prior of a check that many causes fail, relative to one that is specific to its cause."""
+
+
 @dataclass(frozen=True)
-class Rule:
-    """One line of the verdict: when it applies, what it then says, and what helps."""
+class Check:
+    """A statistic compared with its threshold: one line of a verdict.
 
-    verdict: Verdict
-    applies: bool
-    reason: str
+    Attributes
+    ----------
+    name : str
+        What is checked. Of the failed checks of one name only the first by severity and evidence is reported.
+    statistic, threshold : float
+        The check fails where the statistic exceeds the threshold. A threshold of 0 marks a fact, true or false. Both
+        are linear in the effect, so that ratios compare: standard deviations, not variances; standard uncertainties,
+        not probabilities.
+    severity : Verdict
+        The verdict where the check fails.
+    sentence, remedy : str
+    least : bool
+        The threshold is the least allowed: the check fails where the statistic lies below it.
+    given : bool
+        What must hold as well for the check to apply.
+    prior : float
+        How likely the cause is before the statistic is known, relative to the other checks.
+    """
+
+    name: str
+    statistic: float
+    threshold: float
+    severity: Verdict
+    sentence: str
     remedy: str
+    least: bool = False
+    given: bool = True
+    prior: float = 1.0
+
+    @property
+    def fails(self) -> bool:
+        """Whether the statistic lies beyond its threshold."""
+        beyond = self.statistic < self.threshold if self.least else self.statistic > self.threshold
+        return bool(self.given and beyond)
+
+    @property
+    def evidence(self) -> float:
+        """Support of the cause where the check fails: the prior times the ratio of statistic and threshold.
+
+        The ratio is at most `MOST_EVIDENCE`, and 1 for a fact.
+        """
+        if self.threshold == 0:
+            return self.prior
+        over, under = (self.threshold, self.statistic) if self.least else (self.statistic, self.threshold)
+        return self.prior * (over / under if over < MOST_EVIDENCE * under else MOST_EVIDENCE)
+
+    @property
+    def cause(self) -> Cause:
+        """As a possible cause of the verdict."""
+        return Cause(self.sentence, self.remedy)
 
 
-def verdict_of(rules: Sequence[Rule]) -> tuple[Verdict, str, str]:
-    """Verdict, reason and remedy of the rules that apply: the first refusal, else all doubts together."""
-    refused = [rule for rule in rules if rule.applies and rule.verdict is Verdict.REFUSED]
-    if refused:
-        return Verdict.REFUSED, refused[0].reason, refused[0].remedy
-    doubts = [rule for rule in rules if rule.applies]
-    if doubts:
-        remedies = dict.fromkeys(r.remedy for r in doubts)
-        return Verdict.DOUBTFUL, "; ".join(r.reason for r in doubts), "; ".join(remedies)
-    return Verdict.PASS, "", ""
+def verdict_of(checks: Iterable[Check], value: T | None = None) -> Outcome[T]:
+    """The value with the worst verdict of the failed checks; their causes by severity, then by evidence."""
+    failed = sorted((one for one in checks if one.fails), key=lambda one: (-one.severity.rank, -one.evidence))
+    by_name: dict[str, Check] = {}
+    for one in failed:
+        by_name.setdefault(one.name, one)
+    worst = failed[0].severity if failed else Verdict.PASS
+    return _of_causes([one.cause for one in by_name.values()], worst, None if worst is Verdict.REFUSED else value)
+
+
+def with_causes(outcome: Outcome[T], other: Judged) -> Outcome[T]:
+    """The outcome with the verdict and the causes of another one too: those of the worse verdict come first."""
+    known, added = causes_of(outcome), causes_of(other)
+    if other.verdict.rank > outcome.verdict.rank:
+        return _of_causes(added + known, other.verdict, outcome.value)
+    return _of_causes(known + added, outcome.verdict, outcome.value)
+
+
+def with_doubt(outcome: Outcome[T], reason: str, remedy: str) -> Outcome[T]:
+    """The outcome with one doubt more, which comes first only where there is none."""
+    return with_causes(outcome, Outcome(None, Verdict.DOUBTFUL, reason, remedy))
+
+
+def worst_of(outcomes: Mapping[str, Judged]) -> Outcome[Any]:
+    """The worst verdict of several outcomes, without a value; the cause that most of them put first comes first.
+
+    Causes with one remedy count as one cause. Their reasons begin with the names of the outcomes.
+    """
+    worst = max((one.verdict for one in outcomes.values()), key=lambda one: one.rank)
+    ranked = [[(name, cause) for cause in causes_of(one)] for name, one in outcomes.items() if one.verdict is worst]
+    first = _by_remedy([pair for causes in ranked for pair in causes[:1]])
+    others = _by_remedy([pair for causes in ranked for pair in causes[1:]])
+    led = {one.remedy for one in first}
+    return _of_causes([*first, *(one for one in others if one.remedy not in led)], worst, None)
+
+
+def _by_remedy(named: Sequence[tuple[str, Cause]]) -> list[Cause]:
+    """One cause for each remedy, those that most outcomes have first; its reason is that of the first of them."""
+    groups: dict[str, dict[str, list[str]]] = {}
+    for name, cause in named:
+        groups.setdefault(cause.remedy, {}).setdefault(cause.reason, []).append(name)
+    found = []
+    for remedy, reasons in sorted(groups.items(), key=lambda one: -sum(map(len, one[1].values()))):
+        (reason, names), *more = reasons.items()
+        likewise = ", ".join(name for _, others in more for name in others)
+        found.append(Cause(f"{', '.join(names)}: {reason}{f' (likewise {likewise})' if likewise else ''}", remedy))
+    return found
+
+
+def causes_of(judged: Judged) -> list[Cause]:
+    """All causes, the most likely one first; none of a pass."""
+    return [Cause(judged.reason, judged.remedy), *judged.other_causes] if judged.reason else []
+
+
+def _of_causes(causes: Sequence[Cause], verdict: Verdict, value: T | None) -> Outcome[T]:
+    first, *others = causes or [Cause("", "")]
+    return Outcome(value, verdict, first.reason, first.remedy, tuple(others))
 
 
 @dataclass(frozen=True)

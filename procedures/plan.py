@@ -101,7 +101,8 @@ class Ask:
     """A question to the operator; the answer becomes the fact `key`. Not asked where `when`, of what is known, says no.
 
     `kind` "confirm" is answered by True when it is done, "number" by a float within [low, high] in `unit`, "text" by
-    a line, "choice" by one of `choices`. What is known under `key` already is the default, else `default`. Not asked
+    a line, "choice" by one of `choices`. The default is what is known under `key` already, else what `proposed` derives
+    from what is known, else `default`. Not asked
     either where `given`, of what is known and what the bench has (`HAS_SHAKER`, `HAS_IMU`), tells the answer. `check`,
     of an answer and what is known, raises ProcedureError where it cannot be taken: it is said, and asked again.
     `names_file` tells which parts of an answer, with ; between them, are names of files: whoever runs the plan keeps
@@ -118,6 +119,7 @@ class Ask:
     choices: tuple[str, ...] = ()
     when: Callable[[Facts], bool] = lambda facts: True
     given: Callable[[Facts], Fact | None] = lambda facts: None
+    proposed: Callable[[Facts], Fact | None] = lambda facts: None
     check: Callable[[Fact, Facts], object] = lambda answer, facts: None
     names_file: Callable[[str], bool] = lambda part: False
 
@@ -301,7 +303,8 @@ class Step:
 class Plan:
     """A guided procedure. `name` is what sessions and procedure files call it.
 
-    `subject` is what it photographs, "chart", "wall", "depth" or "panel": a simulated bench stands before that.
+    `subject` is what it photographs: a simulated bench stands before that. "chart", "frame" (the chart, small in the
+    frame), "tilt" (the same, by a tilted sensor), "wall", "depth" or "panel".
     `facts` is the dataclass of what it knows (`procedures.facts`), where it has one.
     """
 

@@ -14,9 +14,10 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import ENERGY_ABOVE_NYQUIST, FWHM_HORIZONTAL, FWHM_VERTICAL, LEVELS, MTF_CROSSINGS, STREHL
 from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
-from procedures.outcome import BadParameter, Quantity, Rule, Verdict
+from procedures.outcome import BadParameter, Check, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.spatial_numbers import (
     CIRCLES,
@@ -28,7 +29,7 @@ from procedures.spatial_numbers import (
     spatial_numbers,
 )
 from procedures.stray_tail import stray_at, stray_energy, truncation
-from procedures.transfer_function import LEVELS, curve_numbers, first_crossing
+from procedures.transfer_function import curve_numbers, first_crossing
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -226,7 +227,7 @@ def _left_open(
             if number.endswith(f"_{name}") and number.startswith("mtf_"):
                 left[number] = stray
         for level in LEVELS:
-            if (number := f"mtf{level}_{name}") in left:
+            if (number := MTF_CROSSINGS[level, name]) in left:
                 i = int(np.clip(np.argmax(mtf < level / 100), 1, len(f) - 1))
                 left[number] = stray * float(f[i] - f[i - 1]) / max(float(mtf[i - 1] - mtf[i]), 1e-9)
     values = {one.name: one.value for one in found}
@@ -235,8 +236,8 @@ def _left_open(
             beyond = (values[name] - value) ** 2 - uncertainties[name] ** 2
             if np.isfinite(beyond):
                 left[name] = max(left[name], 0.5 * float(np.sqrt(max(beyond, 0.0))))
-    left["energy_above_nyquist"] = energy_beyond_band(
-        psf, values["energy_above_nyquist"], uncertainties["energy_above_nyquist"]
+    left[ENERGY_ABOVE_NYQUIST] = energy_beyond_band(
+        psf, values[ENERGY_ABOVE_NYQUIST], uncertainties[ENERGY_ABOVE_NYQUIST]
     )
     for name, moved in _by_stray_energy(psf, found).items():
         left[name] = float(np.hypot(left[name], moved))
@@ -337,10 +338,10 @@ def _within_band(psf: Psf, share: float, diffraction: Diffraction | None) -> dic
     narrow = psf.narrowed(share)
     horizontal, vertical = section_widths(narrow)
     whole = narrow.extended()
-    values = {"fwhm_horizontal": horizontal, "fwhm_vertical": vertical}
+    values: dict[str, float] = {FWHM_HORIZONTAL: horizontal, FWHM_VERTICAL: vertical}
     values |= {name_of_circle(part): circle(narrow, whole, part).radius for part in CIRCLES}
     if diffraction is not None:
-        values["strehl"] = _strehl(narrow, diffraction).value
+        values[STREHL] = _strehl(narrow, diffraction).value
     return values
 
 
@@ -367,10 +368,10 @@ def _strehl(psf: Psf, diffraction: Diffraction) -> DrawnNumber:
     gradient[centre] += 1 / psf.light / ideal
     word = " as typed" if diffraction.typed else ""
     method = f"centre over diffraction at f/{diffraction.f_number:g}{word}, {diffraction.wavelength_nm:g} nm"
-    return DrawnNumber("strehl", value, "1", method, gradient)
+    return DrawnNumber(STREHL, value, "1", method, gradient)
 
 
-def beyond_diffraction(quality: Quality, diffraction: Diffraction | None) -> list[Rule]:
+def beyond_diffraction(quality: Quality, diffraction: Diffraction | None) -> list[Check]:
     """Doubt where an MTF is higher than diffraction lets any be: f-number or pixel pitch are not the camera's."""
     if diffraction is None:
         return []
@@ -384,4 +385,5 @@ def beyond_diffraction(quality: Quality, diffraction: Diffraction | None) -> lis
         f"the MTF at {quality.frequencies[at]:.2f} cycles/pixel is {found:.2f}, and diffraction at "
         f"f/{diffraction.f_number:g} with pixels of {diffraction.pixel_pitch_um:g} um leaves at most {most:.2f}"
     )
-    return [Rule(Verdict.DOUBTFUL, bool(above[way, at] > 0), reason, "check f-number and pixel pitch")]
+    allowed = BEYOND + SURE * unsure[way, at]
+    return [Check("diffraction", found - most, allowed, Verdict.DOUBTFUL, reason, "check f-number and pixel pitch")]

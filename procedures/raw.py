@@ -79,6 +79,8 @@ class Plane:
         The digital numbers that became 0 and 1; where black varies over the plane, its mean.
     bad_pixels : (n, 2) intp
         [row, column] of pixels stuck at white or at the digital number 0 amid neighbours far from it.
+    raw : bool
+        Whether it comes from a RAW file or a sensor's dump: no program processed it, at most the camera.
     """
 
     name: str
@@ -89,6 +91,16 @@ class Plane:
     black: float = 0.0
     white: float = 1.0
     bad_pixels: npt.NDArray[np.intp] = field(default_factory=no_pixels)
+    raw: bool = False
+
+
+UNLIKELY_IN_RAW = 0.3
+"""Prior of processing as a cause where the photograph is a RAW file, relative to a picture that a program wrote."""
+
+
+def unprocessed(raw: bool, remedy: str) -> str:
+    """The remedy against processing, given whether the photograph is a RAW file already."""
+    return "switch off noise reduction and lossy compression of RAW files in the camera" if raw else remedy
 
 
 @dataclass(frozen=True)
@@ -226,7 +238,7 @@ def _read_grey(path: Path, file: BytesIO, names: Sequence[str] | None) -> tuple[
     levels, white = _GREY_READERS[kind](file.getvalue(), str(path))
     # a PGM has no place for a camera's notes
     exposure = Exposure(sources={}) if kind == "pgm" else read_exposure(file)
-    return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white))}, exposure
+    return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white), raw=False)}, exposure
 
 
 def _read_dump(
@@ -385,6 +397,8 @@ def _scaled_plane(
     black: npt.NDArray[np.float32],
     white: float,
     position: tuple[int, int] | None = None,
+    *,
+    raw: bool = True,
 ) -> Plane:
     """A plane of samples from its digital numbers; a position (x, y) in the 2 x 2 cell makes it one of a mosaic's."""
     mean_black = float(np.mean(black))
@@ -393,4 +407,4 @@ def _scaled_plane(
     samples *= np.float32(1 / (white - mean_black))
     pitch, origin = (1, (0, 0)) if position is None else (2, position)
     bad = stuck_pixels(samples, -mean_black / (white - mean_black))
-    return Plane(name, samples, 1 / (white - mean_black), pitch, origin, mean_black, white, bad)
+    return Plane(name, samples, 1 / (white - mean_black), pitch, origin, mean_black, white, bad, raw)

@@ -12,6 +12,15 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import (
+    CENTROID_X,
+    CENTROID_Y,
+    ELLIPSE_ANGLE,
+    ELLIPTICITY,
+    ENERGY_ABOVE_NYQUIST,
+    FWHM_HORIZONTAL,
+    FWHM_VERTICAL,
+)
 from procedures.psf import Psf
 
 Array = npt.NDArray[np.float64]
@@ -45,11 +54,11 @@ def spatial_numbers(psf: Psf) -> list[DrawnNumber]:
     x = psf.offsets_px
     above, slope = energy_above_nyquist(psf)
     found = [
-        _of_support(psf, "centroid_x_support", np.tile(x, psf.k)),
-        _of_support(psf, "centroid_y_support", np.repeat(x, psf.k)),
-        _width(psf, "fwhm_horizontal", 1),
-        _width(psf, "fwhm_vertical", 0),
-        DrawnNumber("energy_above_nyquist", above, "1", "share of |OTF|^2", slope),
+        _of_support(psf, CENTROID_X, np.tile(x, psf.k)),
+        _of_support(psf, CENTROID_Y, np.repeat(x, psf.k)),
+        _width(psf, FWHM_HORIZONTAL, 1),
+        _width(psf, FWHM_VERTICAL, 0),
+        DrawnNumber(ENERGY_ABOVE_NYQUIST, above, "1", "share of |OTF|^2", slope),
     ]
     return [*found, *_encircled(psf), *_ellipse_numbers(psf)]
 
@@ -317,8 +326,8 @@ def _ellipse_numbers(psf: Psf) -> list[DrawnNumber]:
     gradients[:, : psf.k**2] = slope @ monomials.T
     method = "weighted second moments"
     return [
-        DrawnNumber("ellipticity", float(value[0]), "1", f"1 - b/a of {method}", gradients[0]),
-        DrawnNumber("ellipse_angle", float(value[1]), "degree", "major axis, from x towards y", gradients[1]),
+        DrawnNumber(ELLIPTICITY, float(value[0]), "1", f"1 - b/a of {method}", gradients[0]),
+        DrawnNumber(ELLIPSE_ANGLE, float(value[1]), "degree", "major axis, from x towards y", gradients[1]),
     ]
 
 

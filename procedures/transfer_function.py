@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, name_at
 from procedures.numerics.kernel_tail import tail_spectra
 from procedures.psf import Psf
 from procedures.spatial_numbers import DrawnNumber
@@ -16,13 +16,10 @@ Array = npt.NDArray[np.float64]
 Otf = Callable[[Array, Array], npt.NDArray[np.complex128]]
 """A transfer function at frequencies (fx, fy) in cycles per pixel of the plane."""
 
-LEVELS = (50, 30, 20, 10)
-"""Per cent of contrast at which frequencies are told."""
 NYQUIST = 0.5
 """Cycles per pixel."""
 AT_ONCE = 16
 """Frequencies by which a curve is drawn on to where it is looked for."""
-_AT = re.compile(r"mtf_at_(?P<frequency>[0-9.e+-]+?)(?:_(?P<direction>horizontal|vertical|radial))?")
 
 
 def phase_along(psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
@@ -71,17 +68,6 @@ def mtf_map(psf: Psf, n: int) -> tuple[Array, Array]:
 # Between the frequencies of a curve it is a parabola through three of them: a straight line errs by up to 5e-4.
 
 
-def name_at(frequency: float, direction: str = "") -> str:
-    """The name of the MTF at a frequency, along a direction where there are several: mtf_at_0.25_horizontal."""
-    return f"mtf_at_{frequency:.6g}" + (f"_{direction}" if direction else "")
-
-
-def frequency_of(name: str) -> tuple[float, str] | None:
-    """The frequency and the direction in the name of an MTF at a frequency; None where it is another number's."""
-    found = _AT.fullmatch(name)
-    return (float(found["frequency"]), found["direction"] or "") if found else None
-
-
 def curve_numbers(f: Array, mtf: Array, slope: Array, name: str, at: Sequence[float] = ()) -> Iterator[DrawnNumber]:
     """The numbers of one curve.
 
@@ -97,11 +83,11 @@ def curve_numbers(f: Array, mtf: Array, slope: Array, name: str, at: Sequence[fl
         Frequencies at which the MTF is told; those beyond the curve are left out.
     """
     i = int(np.searchsorted(f, NYQUIST))
-    yield DrawnNumber(f"mtf_nyquist_{name}", float(mtf[i]), "1", "|OTF| at 0.5 cycles/pixel", slope[i])
+    yield DrawnNumber(MTF_NYQUIST[name], float(mtf[i]), "1", "|OTF| at 0.5 cycles/pixel", slope[i])
     for level in LEVELS:
         if (found := crossing(f, mtf, slope, level / 100)) is not None:
             method = f"first crossing of |OTF| = {level / 100:g}"
-            yield DrawnNumber(f"mtf{level}_{name}", found[0], "cycles/pixel", method, found[1])
+            yield DrawnNumber(MTF_CROSSINGS[level, name], found[0], "cycles/pixel", method, found[1])
     for frequency in at:
         if 0 <= frequency <= f[-1]:
             value, gradient = _at(f, mtf, slope, frequency)

@@ -14,6 +14,9 @@ from typing import Any
 # as the program does for itself, before numpy is loaded: see station.__main__
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# the usual paper is A4 then, wherever the tests run
+os.environ["LC_PAPER"] = "C"
+
 import hypothesis
 import numpy as np
 import pytest

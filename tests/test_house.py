@@ -37,12 +37,3 @@ def test_a_wheel_tells_scripts_its_types(tmp_path: Path) -> None:
         cwd=tmp_path, env=environ, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert typed.returncode == 0, typed.stdout + typed.stderr
-
-
-def test_a_folder_holds_at_most_twenty_modules() -> None:
-    folders = {
-        path.parent
-        for room in ("station", "drivers", "procedures", "simulators")
-        for path in ROOT.glob(f"{room}/**/*.py")
-    }
-    assert {str(one.relative_to(ROOT)): n for one in folders if (n := len(list(one.glob("*.py")))) > 20} == {}

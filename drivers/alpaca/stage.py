@@ -229,9 +229,10 @@ class AlpacaStage:
                 raise
 
     def stop(self) -> None:
-        """Stay where it is. Raises DeviceError."""
+        """Stay where it is: told at once, past the client's queue, then confirmed. Raises DeviceError."""
         self._one_mover.stop()
         self._require_open()
+        self._halt_all()
         for part in self._parts.values():
             with part.link.asked():
                 part.link.device.Halt()

@@ -32,6 +32,7 @@ from drivers.protocols.grbl import (
     error_text,
 )
 from drivers.wire.connection import anything, not_connected, opened
+from drivers.wire.outgoing import URGENT_S
 
 T = TypeVar("T")
 REPLY_S = 1.0
@@ -281,8 +282,8 @@ class GrblLink:
             self.trust.require()
 
     def write(self, realtime: bytes) -> None:
-        """Send realtime bytes, past the queue of requests. Raises LineLost."""
-        self._transport.write(realtime)
+        """Send realtime bytes, past the queue of requests. Raises LineLost, NoAnswer where the port takes none."""
+        self._transport.write(realtime, within_s=URGENT_S)
 
     def shout(self, realtime: bytes, error: DeviceError) -> None:
         """Send realtime bytes past every lock and end every wait; the position is lost."""

@@ -19,6 +19,7 @@ from drivers.errors import BadConfiguration, NoAnswer, Rejected
 from drivers.interfaces import Transport
 from drivers.protocols.tmcl import COMMAND, DAMAGED, LENGTH, MODULE, OK, STATUS
 from drivers.wire.connection import anything
+from drivers.wire.outgoing import URGENT_S
 
 REPLY_S, STEP_S = 0.3, 0.15
 VERSION, VERSION_BINARY = 136, 1
@@ -147,6 +148,11 @@ class TmclLink:
         self._transport.request(question, answer, STEP_S, 1, lambda: paid.update(self._owed_by(module)))
 
     # --- the stop
+
+    def urge(self, stops: bytes) -> None:
+        """Send these datagrams past the queue of requests. Raises LineLost, NoAnswer where the port takes none."""
+        self._owe_all()
+        self._transport.write(stops, within_s=URGENT_S)
 
     def shout(self, stops: bytes, error: Exception) -> None:
         """Send these datagrams past everything; what it cut off is put right before the next question. Never raises."""

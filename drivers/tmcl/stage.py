@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
@@ -86,6 +86,8 @@ class TmclStage:
         self._modules = tuple(dict.fromkeys(axis.module for axis in axes))
         self._link = TmclLink(transport, self._modules)
         self._one_mover = OneMover()
+        self.power: Callable[[], AbstractContextManager[None]] = nullcontext
+        """Entered to move: a watchdog keeps the motors enabled within."""
         self._seals: dict[int, int] = {}
         self._stops = b""
 
@@ -209,7 +211,7 @@ class TmclStage:
             self._require_line()
             epoch = self.trust.begin(self.trust.shouts)
             undisturbed = self._one_mover.unless_stopped(stops, allowed, partial(self.trust.undisturbed, epoch))
-            with self._left_still(self._axes):
+            with self.power(), self._left_still(self._axes):
                 self._seal(undisturbed)
                 for axis in self._axes:
                     self._search(axis, START, undisturbed)
@@ -249,7 +251,7 @@ class TmclStage:
             goals = {axis: axis.to_steps(target[axis.name]) for axis in self._axes if axis.name in target}
             longest_s = max((self._travel_s(axis, goal) for axis, goal in goals.items()), default=0.0)
             may_go = self._one_mover.unless_stopped(stops, self.trust.require)
-            with self._left_still(goals):
+            with self.power(), self._left_still(goals):
                 for axis, goal in goals.items():
                     self._check_seals()
                     self._link.host(may_go).move_to(axis.motor, goal, axis.module)
@@ -294,10 +296,21 @@ class TmclStage:
             self._link.host(tries=TRIES).stop(axis.motor, axis.module)
 
     def stop(self) -> None:
-        """Slow down and stay. Raises DeviceError."""
+        """Slow down and stay: told at once, past the queue of requests, then confirmed. Raises DeviceError."""
         self._one_mover.stop()
         self._require_line()
+        try:
+            self._link.urge(self._stops)
+        except NoAnswer:
+            self.emergency_stop()
+            raise
         self._halt(self._axes)
+
+    def lose_position(self, error: DeviceError) -> None:
+        """Stop, and refuse to move with `error` until it has homed; never raises."""
+        self._one_mover.stop()
+        self.trust.lose(error)
+        self._link.shout(self._stops, error)
 
     def emergency_stop(self) -> None:
         """Stop all motors, past whatever is being asked; unsafe until homed."""

@@ -18,6 +18,8 @@ from drivers.wire.connection import anything
 
 WRITE_S = 1.0
 """How long a port may take no bytes."""
+URGENT_S = 0.03
+"""How long bytes that end a motion wait for a port before its driver takes a harder way to stop."""
 HELD_UP_S = 0.005
 """How long a stop waits for an order that is just being given to a port without a descriptor."""
 GONE = (OSError, ValueError, TypeError, AttributeError)
@@ -33,19 +35,24 @@ class Outgoing:
         self._wire = threading.Lock()  # from the question whether an order is allowed until the port has it
         self._stops = 0
 
-    def send(self, data: bytes, allowed: Callable[[], None] = anything) -> None:
+    def send(self, data: bytes, allowed: Callable[[], None] = anything, within_s: float = WRITE_S) -> None:
         """Give the port these bytes, in turn. A stop that comes meanwhile drops what is left of them.
 
-        Raises what `allowed` does, TimeoutError where the port takes no bytes, OSError where it is gone.
+        Raises what `allowed` does, TimeoutError where the port takes no bytes `within_s`, OSError where it is gone.
         """
-        with self._turn:
-            stops, deadline_s = self._stops, time.monotonic() + WRITE_S
+        deadline_s = time.monotonic() + within_s
+        if not self._turn.acquire(timeout=within_s):
+            raise TimeoutError(f"earlier bytes were not taken within {within_s:g} s")
+        try:
+            stops = self._stops
             rest = self._give(data, stops, allowed)
             while rest:
                 if not _room(self._port, deadline_s):
                     self._drop_unsent()
-                    raise TimeoutError(f"it took no bytes for {WRITE_S:g} s")
+                    raise TimeoutError(f"it took no bytes for {within_s:g} s")
                 rest = self._give(rest, stops)
+        finally:
+            self._turn.release()
 
     def _give(self, data: bytes, stops: int, allowed: Callable[[], None] = anything) -> bytes:
         """What the port did not take."""

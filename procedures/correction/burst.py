@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.clipping import NOMINAL
-from procedures.correction.checks import doubts_of
+from procedures.correction.checks import checks_of
 from procedures.correction.noise import Noise, noise_of
 from procedures.correction.optics import COLOURS, Shift
 from procedures.numerics.registration import affine_between
-from procedures.outcome import BadInput, Verdict, verdict_of
+from procedures.outcome import BadInput, Outcome, Verdict, verdict_of
 from procedures.raw import Plane, RawFrame
 
 Array = npt.NDArray[np.float64]
@@ -120,8 +120,9 @@ def gather(
 
 def _unprocessed(place: Place, frame: RawFrame, noise: Mapping[str, Noise]) -> Place:
     """The same, set aside where the photograph's noise is no sensor's."""
-    verdict, reason, remedy = verdict_of(doubts_of(frame.planes, noise))
-    return replace(place, reason=reason, remedy=remedy) if verdict is Verdict.REFUSED and not place.reason else place
+    judged: Outcome[Place] = verdict_of(checks_of(frame.planes, noise))
+    refused = judged.verdict is Verdict.REFUSED and not place.reason
+    return replace(place, reason=judged.reason, remedy=judged.remedy) if refused else place
 
 
 @dataclass(frozen=True, eq=False)

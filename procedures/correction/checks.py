@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from procedures.correction.noise import Noise
-from procedures.outcome import BadInput, Refused, Rule, Verdict
+from procedures.outcome import BadInput, Check, Refused, Verdict
 from procedures.psf_field import PsfField
-from procedures.raw import Exposure, Plane
+from procedures.raw import Exposure, Plane, unprocessed
 
 NEAR_APERTURE = 0.04
 """Difference of f-numbers that is none."""
@@ -38,7 +38,7 @@ def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField]) ->
         if name not in fields:
             raise BadInput(
                 f"the photograph has the plane {name}, the field has {', '.join(fields)}",
-                "measure the field from RAW photographs of the same camera, with all planes",
+                "measure the field from photographs of the same kind, with all planes (--plane all)",
             )
         if tuple(fields[name].shape) != plane.samples.shape:
             rows, columns = fields[name].shape
@@ -119,41 +119,29 @@ def _check_focus(photograph: Exposure, field: Exposure) -> list[str]:
     return []
 
 
-def doubts_of(planes: Mapping[str, Plane], noise: Mapping[str, Noise]) -> Sequence[Rule]:
-    """Whether the samples look like light on a sensor; each rule names the worst plane's number."""
+def checks_of(planes: Mapping[str, Plane], noise: Mapping[str, Noise]) -> list[Check]:
+    """Whether the samples look like light on a sensor; each check has the worst plane's number."""
     told = [one for name, one in noise.items() if _shows(planes[name], one)]
     whiteness = min((one.whiteness for one in told), default=1.0)
     rise = min((one.rise for one in told), default=1.0)
     clipped = max(float((plane.samples >= 0.998).mean()) for plane in planes.values())
-    return (
-        Rule(
-            Verdict.REFUSED,
-            whiteness < LEAST_WHITE,
-            f"the photograph was processed: its noise has {whiteness:.0%} of a sensor's at the finest scale, at least "
-            f"{LEAST_WHITE:.0%} are needed",
-            "give the RAW file, or its plane exported without denoising, demosaicking or change of size",
-        ),
-        Rule(
-            Verdict.REFUSED,
-            rise < LEAST_RISE,
-            f"the photograph is not linear in light: its noise variance where it is bright is {rise:.2f} times that "
-            "where it is dark, light has 1 or more",
-            "give the RAW file, or export it without a tone curve",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            rise < USUAL_RISE,
-            f"the noise does not grow with light, its variance is {rise:.2f} times as much where it is bright: the "
-            "photograph may have a tone curve",
-            "give the RAW file, or export it without a tone curve",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            clipped > MOST_CLIPPED,
-            f"{clipped:.0%} of the samples are clipped: their light is not known",
-            "expose less",
-        ),
-    )
+    raw = all(plane.raw for plane in planes.values())
+    linear = unprocessed(raw, "give the RAW file, or export it without a tone curve")
+    return [
+        Check("noise correlation", whiteness, LEAST_WHITE, Verdict.REFUSED,
+              f"the photograph was processed: its noise has {whiteness:.0%} of a sensor's at the finest scale, at "
+              f"least {LEAST_WHITE:.0%} are needed",
+              unprocessed(raw, "give the RAW file, or its plane exported without denoising, demosaicking or change of "
+                          "size"), least=True),
+        Check("linearity", rise, LEAST_RISE, Verdict.REFUSED,
+              f"the photograph is not linear in light: its noise variance where it is bright is {rise:.2f} times that "
+              "where it is dark, light has 1 or more", linear, least=True),
+        Check("linearity", rise, USUAL_RISE, Verdict.DOUBTFUL,
+              f"the noise does not grow with light, its variance is {rise:.2f} times as much where it is bright: the "
+              "photograph may have a tone curve", linear, least=True),
+        Check("clipping", clipped, MOST_CLIPPED, Verdict.DOUBTFUL,
+              f"{clipped:.0%} of the samples are clipped: their light is not known", "expose less"),
+    ]  # fmt: skip
 
 
 def _shows(plane: Plane, noise: Noise) -> bool:

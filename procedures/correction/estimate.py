@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.correction.burst import Burst, Place, gather
-from procedures.correction.checks import check_fields, check_scale, doubts_of
+from procedures.correction.checks import check_fields, check_scale, checks_of
 from procedures.correction.deconvolve import Splitting, Tile, deconvolve, mean_difference
 from procedures.correction.loss import FieldError, field_error
 from procedures.correction.mosaic import Mosaic
@@ -22,7 +22,7 @@ from procedures.correction.optics import Optics, Shift
 from procedures.correction.prediction import Prediction, predict
 from procedures.correction.priors import Prior
 from procedures.correction.tiles import Grid
-from procedures.outcome import Outcome, Rule, Verdict, verdict_of
+from procedures.outcome import Check, Outcome, Verdict, verdict_of
 from procedures.psf_field import PsfField
 from procedures.raw import RawFrame
 
@@ -136,10 +136,10 @@ def correct(
     check_fields(frame.planes, fields)
     check_scale(frame.planes, fields, p.scale)
     noise = {name: noise_of(plane) for name, plane in frame.planes.items()}
-    rules = doubts_of(frame.planes, noise)
-    verdict, reason, remedy = verdict_of(rules)
-    if verdict == "refused":
-        return Outcome(None, verdict, reason, remedy)
+    checks = checks_of(frame.planes, noise)
+    outcome: Outcome[Correction] = verdict_of(checks)
+    if outcome.verdict is Verdict.REFUSED:
+        return outcome
     burst = gather(frame, others, shifts or {}, p.scale, noise)
     mosaic = Mosaic.of(burst.planes, burst.noise, burst.light)
     optics = Optics.of(burst.planes, fields, burst.shifts)
@@ -151,36 +151,32 @@ def correct(
     prediction = predict(optics, mosaic, p.prior, tau, difference)
     made = optics, mosaic, p.prior, burst.places, burst.told, p.scale
     found = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, *made)
-    return Outcome(found, *verdict_of([*rules, _smoothed(prediction, p.scale), *_sampled(burst, p.scale)]))
+    return verdict_of([*checks, _smoothed(prediction, p.scale), *_sampled(burst, p.scale)], found)
 
 
-def _sampled(burst: Burst, scale: int) -> Sequence[Rule]:
-    """Doubt of what photographs there are: most of them set aside, or a grid finer than the rest tells."""
+def _sampled(burst: Burst, scale: int) -> Sequence[Check]:
+    """Checks on what photographs there are: most of them set aside, or a grid finer than the rest tells."""
     aside = [f"photograph {i}: {place.reason}" for i, place in enumerate(burst.places, start=2) if place.reason]
     remedies = dict.fromkeys(place.remedy for place in burst.places if place.reason)
-    return (
-        Rule(
-            Verdict.DOUBTFUL,
-            2 * len(aside) > len(burst.places),
-            f"most of the further photographs are set aside: {'; '.join(aside)}",
-            "; ".join(remedies),
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            scale > 1 and burst.told < LEAST_TOLD,
-            f"the photographs' places tell {burst.told:.0%} of the detail of a grid {scale} times as fine, at least "
-            f"{LEAST_TOLD:.0%} are needed: the rest is what the prior makes of it",
-            "add photographs that are moved by parts of a pixel against each other, or lower --scale",
-        ),
-    )
+    return [
+        Check("photographs", 2 * len(aside), len(burst.places), Verdict.DOUBTFUL,
+              f"most of the further photographs are set aside: {'; '.join(aside)}", "; ".join(remedies)),
+        Check("sampling", burst.told, LEAST_TOLD, Verdict.DOUBTFUL,
+              f"the photographs' places tell {burst.told:.0%} of the detail of a grid {scale} times as fine, at least "
+              f"{LEAST_TOLD:.0%} are needed: the rest is what the prior makes of it",
+              "add photographs that are moved by parts of a pixel against each other, or lower --scale",
+              least=True, given=scale > 1),
+    ]  # fmt: skip
 
 
-def _smoothed(prediction: Prediction, scale: int = 1) -> Rule:
-    """Doubt where noise asks for so strong a prior that more detail is lost than is won back."""
+def _smoothed(prediction: Prediction, scale: int = 1) -> Check:
+    """Doubtful where noise asks for so strong a prior that more detail is lost than is won back."""
     before, after = (scale * float(np.median(found)) for found in (prediction.before, prediction.after))
-    return Rule(
+    return Check(
+        "smoothing",
+        before,
+        after,
         Verdict.DOUBTFUL,
-        after < before,
         f"the scene has so little detail beside its noise that it is smoothed: MTF50 at edges goes from {before:.2f} "
         f"to {after:.2f} cycles/pixel of the sensor",
         "lower --strength, or expose longer",

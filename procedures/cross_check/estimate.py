@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.cross_check.surroundings import without_surroundings
+from procedures.numbers import EDGE_MTF50
 from procedures.numerics.ordered import quantile
 from procedures.outcome import Quantity
 from procedures.pattern import BLOCK, CELLS, EDGE_END, EDGES
@@ -72,7 +73,7 @@ def check_edges(plane: Plane, found: PatternPsf) -> tuple[EdgeCheck, ...]:
     """
     found_edges = [edge for i in range(len(EDGES)) if (edge := _measured(plane, found, i)) is not None]
     pairs = [(edge, quantity_along(found.psf, edge.normal_deg, found.n)) for edge in found_edges]
-    return tuple(EdgeCheck(edge, edge.numbers["mtf50"], by_psf) for edge, by_psf in pairs if by_psf is not None)
+    return tuple(EdgeCheck(edge, edge.numbers[EDGE_MTF50], by_psf) for edge, by_psf in pairs if by_psf is not None)
 
 
 def _measured(plane: Plane, found: PatternPsf, i: int) -> EdgeMtf | None:
@@ -92,7 +93,7 @@ def _measured(plane: Plane, found: PatternPsf, i: int) -> EdgeMtf | None:
     # the tail's line spread function is 2 A / d^2, the edge's approach to its plains 2 A / d
     edge = measure(replace(strip, samples=alone, tail=Tail(2 * density)), line).value
     other = measure(replace(strip, samples=alone, tail=Tail(2 * density * (1 + MORE))), line).value
-    if edge is None or "mtf50" not in edge.numbers or other is None or "mtf50" not in other.numbers:
+    if edge is None or EDGE_MTF50 not in edge.numbers or other is None or EDGE_MTF50 not in other.numbers:
         return None
     edge = _with_tail_uncertainty(edge, other, found)
     cells = found.registration.to_pattern(edge.course)
@@ -105,11 +106,11 @@ def _measured(plane: Plane, found: PatternPsf, i: int) -> EdgeMtf | None:
 
 def _with_tail_uncertainty(edge: EdgeMtf, other: EdgeMtf, found: PatternPsf) -> EdgeMtf:
     """The edge's MTF50 with what the tail's uncertainty adds to its own; `other` had a tail larger by `MORE`."""
-    own = edge.numbers["mtf50"]
-    slope = (other.numbers["mtf50"].value - own.value) / MORE
+    own = edge.numbers[EDGE_MTF50]
+    slope = (other.numbers[EDGE_MTF50].value - own.value) / MORE
     of_tail = slope * min(_tail_uncertainty(found), 1.0)
     whole = replace(own, uncertainty=math.hypot(own.uncertainty, of_tail))
-    return replace(edge, numbers={**edge.numbers, "mtf50": whole})
+    return replace(edge, numbers={**edge.numbers, EDGE_MTF50: whole})
 
 
 def _tail_uncertainty(found: PatternPsf) -> float:

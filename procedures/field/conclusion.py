@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -15,7 +16,8 @@ from procedures.field.maps import FieldMap, derive
 from procedures.field.measuring import MeasuredFrames, Told, silent
 from procedures.field.photosite import Photosite, WithoutPhotosite
 from procedures.field.seen_charts import SeenChart, usual_budgets
-from procedures.outcome import Miss, Outcome, Quantity, Refused, Rule, Verdict, verdict_of
+from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE
+from procedures.outcome import Check, Miss, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.psf import Psf
 from procedures.psf_field import Node
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
@@ -162,48 +164,38 @@ def _plane_field(
     centre = found.field.at((shape[1] - 1) / 2, (shape[0] - 1) / 2)
     diffraction = limit(plane)
     quality = assess(centre, n=len(nodes), diffraction=diffraction, at=at)
-    verdict, reason, remedy = verdict_of(
-        [*_rules(found, maps), _doubted(nodes), *beyond_diffraction(quality, diffraction)]
-    )
+    checks = [*_checks(found, maps), _doubted(nodes), *beyond_diffraction(quality, diffraction)]
     told = PlaneField(centre, quality, found, maps, _numbers(found, maps), plane.pitch, usual_budgets(charts))
-    return Outcome(told, verdict, reason, remedy)
+    return verdict_of(checks, told)
 
 
-def _rules(found: Interpolation, maps: Sequence[FieldMap]) -> list[Rule]:
+def _checks(found: Interpolation, maps: Sequence[FieldMap]) -> list[Check]:
     """What makes a field doubtful."""
     by_name = {one.name: one for one in maps}
-    error = by_name["error_interpolation"].median(by_name["error_interpolation"].value)
-    enclosed = by_name["error_noise"].share
+    error = by_name[ERROR_INTERPOLATION].median(by_name[ERROR_INTERPOLATION].value)
+    enclosed = by_name[ERROR_NOISE].share
     rows, columns = found.field.shape
     centred = bool(found.field.inside(np.array([[(columns - 1) / 2, (rows - 1) / 2]]))[0])
     return [
-        Rule(
-            Verdict.DOUBTFUL,
-            not centred,
-            "the frame's centre lies beyond the nodes: its PSF is that of the nearest place among them",
-            "photograph the chart on all sides of the centre",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            error > LARGE_ERROR,
-            f"between the nodes the PSF is told to {error:.0%} of its norm only",
-            "photograph the chart at more places",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            enclosed < SMALL_SHARE,
-            f"the nodes enclose {enclosed:.0%} of the frame",
-            "photograph the chart nearer to the frame's corners too",
-        ),
-    ]
+        Check("centre", not centred, 0, Verdict.DOUBTFUL,
+              "the frame's centre lies beyond the nodes: its PSF is that of the nearest place among them",
+              "photograph the chart on all sides of the centre"),
+        Check("interpolation", error, LARGE_ERROR, Verdict.DOUBTFUL,
+              f"between the nodes the PSF is told to {error:.0%} of its norm only",
+              "photograph the chart at more places"),
+        Check("coverage", enclosed, SMALL_SHARE, Verdict.DOUBTFUL, f"the nodes enclose {enclosed:.0%} of the frame",
+              "photograph the chart nearer to the frame's corners too", least=True),
+    ]  # fmt: skip
 
 
-def _doubted(nodes: Sequence[Node]) -> Rule:
-    """A field rests on its nodes: where many are doubted, so is the field."""
+def _doubted(nodes: Sequence[Node]) -> Check:
+    """A field rests on its nodes: where many are doubted, so is the field; the commonest remedy comes first."""
     doubted = [node for node in nodes if node.doubt]
-    first = doubted[0] if doubted else None
-    found = f"{len(doubted)} of the {len(nodes)} charts are doubtful; the first: {first.doubt if first else ''}"
-    return Rule(Verdict.DOUBTFUL, len(doubted) > MANY_DOUBTS * len(nodes), found, first.remedy if first else "")
+    commonest = Counter(node.remedy for node in doubted).most_common(1)
+    remedy = commonest[0][0] if commonest else ""
+    example = next((node.doubt for node in doubted if node.remedy == remedy), "")
+    reason = f"{len(doubted)} of the {len(nodes)} charts are doubtful, for example: {example}"
+    return Check("nodes", len(doubted), MANY_DOUBTS * len(nodes), Verdict.DOUBTFUL, reason, remedy)
 
 
 def _numbers(found: Interpolation, maps: Sequence[FieldMap]) -> dict[str, Quantity]:

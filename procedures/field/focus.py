@@ -16,6 +16,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 
 from procedures.field.maps import COLUMNS, FieldMap, grid, radius_direction
 from procedures.field.surfaces import Surface, fit_surface
+from procedures.numbers import FIELD_CURVATURE, FOCUS
 from procedures.numerics.scattered import Hull
 from procedures.outcome import Quantity, Refused
 from procedures.psf_field import Node, in_half_diagonals
@@ -67,13 +68,13 @@ class FocusSurface:
             "focus_centre": (np.array([1.0, 0, 0, 0, 0, 0]), "best focus at the frame's centre"),
             "focus_tilt_x": (np.array([0, 1.0, 0, 0, 0, 0]), "slope along x, per half diagonal"),
             "focus_tilt_y": (np.array([0, 0, 1.0, 0, 0, 0]), "slope along y, per half diagonal"),
-            "field_curvature": (np.array([0, 0, 0, 0.5, 0, 0.5]), "mean quadratic, at one half diagonal"),
+            FIELD_CURVATURE: (np.array([0, 0, 0, 0.5, 0, 0.5]), "mean quadratic, at one half diagonal"),
         }
         numbers = {}
         for name, (row, method) in rows.items():
             error = float(np.sqrt(row @ (C[0] + C[1]) @ row) / 2)
             numbers[name] = Quantity(float(row @ c.mean(axis=1)), self.unit, error, method, len(self.best))
-        row = rows["field_curvature"][0]
+        row = rows[FIELD_CURVATURE][0]
         numbers["astigmatic_difference"] = Quantity(
             float(row @ (c[:, 0] - c[:, 1])),
             self.unit,
@@ -91,18 +92,18 @@ class FocusSurface:
         places = in_half_diagonals(points, self.shape)
         focus, covariance = self.surface.at(places), self.surface.covariance(places)
         maps = []
-        for name, title, u in _COMBINATIONS:
+        for name, u in _COMBINATIONS:
             value = np.where(inside, focus @ u, np.nan).reshape(len(y), len(x))
             spread = np.where(inside, np.sqrt(np.einsum("a,nab,b->n", u, covariance, u)), np.nan)
-            maps.append(FieldMap(name, title, self.unit, x, y, value, spread.reshape(len(y), len(x))))
+            maps.append(FieldMap(name, name.label, self.unit, x, y, value, spread.reshape(len(y), len(x))))
         return tuple(maps)
 
 
 _COMBINATIONS = (
-    ("focus_sagittal", "Best focus of sagittal detail", np.array([1.0, 0.0])),
-    ("focus_meridional", "Best focus of meridional detail", np.array([0.0, 1.0])),
-    ("focus_mean", "Best focus, mean of both", np.array([0.5, 0.5])),
-    ("focus_astigmatism", "Best focus, sagittal less meridional", np.array([1.0, -1.0])),
+    (FOCUS["sagittal"], np.array([1.0, 0.0])),
+    (FOCUS["meridional"], np.array([0.0, 1.0])),
+    (FOCUS["mean"], np.array([0.5, 0.5])),
+    (FOCUS["astigmatism"], np.array([1.0, -1.0])),
 )
 
 

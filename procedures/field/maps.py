@@ -12,6 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.field.photosite import WithoutPhotosite
+from procedures.numbers import (
+    ENERGY_ABOVE_NYQUIST,
+    ENERGY_OUTSIDE_SUPPORT,
+    ERROR_INTERPOLATION,
+    ERROR_NOISE,
+    OF_PLACES,
+    without_photosite,
+)
 from procedures.psf import Psf
 from procedures.psf_field import PsfField
 from procedures.quality import frequencies, mtf_along
@@ -65,17 +73,9 @@ class FieldMap:
         return float(np.nanmedian(some)) if np.isfinite(some).any() else np.nan
 
 
-MAPS = (
-    ("mtf50_sagittal", "MTF50 of sagittal detail", "cycles/pixel"),
-    ("mtf50_meridional", "MTF50 of meridional detail", "cycles/pixel"),
-    ("astigmatism", "MTF50, sagittal less meridional", "cycles/pixel"),
-    ("energy_above_nyquist", "Energy above Nyquist", "1"),
-    ("energy_outside_support", "Energy outside the support of the samples", "1"),
-)
-"""Maps of numbers drawn from the PSF: name, title, unit."""
-WITHOUT_PHOTOSITE = tuple(
-    (f"{name}_without_photosite", f"{title}, without the photosite", unit) for name, title, unit in MAPS[:3]
-)
+MAPS = (*OF_PLACES, ENERGY_ABOVE_NYQUIST, ENERGY_OUTSIDE_SUPPORT)
+"""Maps of numbers drawn from the PSF."""
+BEFORE_PHOTOSITES = tuple(without_photosite(one) for one in OF_PLACES)
 """The same of what comes before the photosites, where that is asked for: lens, filters, and charge that wanders."""
 
 
@@ -92,10 +92,7 @@ def radius_direction(shape: tuple[int, int], x: float, y: float) -> float:
     return float(np.arctan2(y - (shape[0] - 1) / 2, x - (shape[1] - 1) / 2))
 
 
-ERRORS = (
-    ("error_noise", "error from noise"),
-    ("error_interpolation", "error from interpolation"),
-)
+ERRORS = (ERROR_NOISE, ERROR_INTERPOLATION)
 """Maps of the field's own error: its norm over that of the PSF."""
 
 
@@ -105,7 +102,7 @@ def derive(field: PsfField, columns: int = COLUMNS, without: WithoutPhotosite | 
     Beyond the nodes they are what `PsfField.at` tells.
     """
     x, y = grid(field.shape, columns)
-    names = (*MAPS, *WITHOUT_PHOTOSITE) if without else MAPS
+    names = (*MAPS, *BEFORE_PHOTOSITES) if without else MAPS
     value, uncertainty = np.full((2, len(names), len(y), len(x)), np.nan)
     errors = np.full((len(ERRORS), len(y), len(x)), np.nan)
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -121,9 +118,9 @@ def derive(field: PsfField, columns: int = COLUMNS, without: WithoutPhotosite | 
             numbers = [numbers_of(psf, radius)] + ([mtf50_about(psf, radius, without)] if without else [])
             value[:, row, column], uncertainty[:, row, column] = np.hstack(numbers)
     numbered = zip(names, value, uncertainty, strict=True)
-    maps = [FieldMap(name, title, unit, x, y, v, u, enclosed) for (name, title, unit), v, u in numbered]
+    maps = [FieldMap(one, one.label, one.unit, x, y, v, u, enclosed) for one, v, u in numbered]
     told = zip(ERRORS, errors, strict=True)
-    return (*maps, *(FieldMap(name, title, "of the PSF's norm", x, y, v, None, enclosed) for (name, title), v in told))
+    return (*maps, *(FieldMap(one, one.label, one.unit, x, y, v, None, enclosed) for one, v in told))
 
 
 def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:

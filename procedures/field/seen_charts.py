@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.budget import Budget
+from procedures.numbers import FWHM_HORIZONTAL, FWHM_VERTICAL, MTF50_HORIZONTAL, MTF50_RADIAL, MTF50_VERTICAL
 from procedures.outcome import Quantity
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.estimate import PatternPsf
@@ -18,7 +19,7 @@ from procedures.psf_field import Node
 
 Array = npt.NDArray[np.float64]
 
-HEADLINE = ("mtf50_horizontal", "mtf50_vertical", "mtf50_radial", "fwhm_horizontal", "fwhm_vertical")
+HEADLINE: tuple[str, ...] = (MTF50_HORIZONTAL, MTF50_VERTICAL, MTF50_RADIAL, FWHM_HORIZONTAL, FWHM_VERTICAL)
 """The numbers of every place that are told beside the whole PSF."""
 
 

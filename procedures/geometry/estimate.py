@@ -16,7 +16,8 @@ from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.shape import NAMES, ShapeModel, own_errors, scale_spread, shape_model
 from procedures.geometry.uncertainty import enclosed, projection_uncertainty, seen_region
 from procedures.geometry.views import ChartView, Pose, chart_nodes, greatest_tilt
-from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
+from procedures.numbers import FOCAL, projection_at
+from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
 
 Array = npt.NDArray[np.float64]
 
@@ -185,7 +186,7 @@ class Geometry:
             )
             if not name.startswith("spline")  # control points are in the record, and mean nothing one by one
         }
-        return found | {_map_name(one): self._of_map(one) for one in self.maps}
+        return found | {projection_at(one.distance_mm): self._of_map(one) for one in self.maps}
 
     def _of_map(self, one: UncertaintyMap) -> Quantity:
         x, y = np.meshgrid(one.x, one.y)
@@ -194,11 +195,6 @@ class Geometry:
         method = "root mean square over the part of the frame that the charts covered"
         value = float(np.sqrt(np.mean(values**2))) if len(values) else float("nan")
         return Quantity(value, "pixel", value / np.sqrt(2 * self.adjustment.freedom), method, self.points)
-
-
-def _map_name(one: UncertaintyMap) -> str:
-    far = "infinity" if not np.isfinite(one.distance_mm) else f"{one.distance_mm:.0f}_mm"
-    return f"projection_uncertainty_at_{far}"
 
 
 def calibrate_geometry(
@@ -237,12 +233,14 @@ def calibrate_geometry(
         geometry = _settled(trials, start, nodes, views, shape, parameters)
         if parameters.model is None and too_poor(geometry) and len(views) >= LEAST_VIEWS:
             trials = with_splines(trials, size, start, nodes, views, shape)
-            if trials[0].model != geometry.camera.model:
-                geometry = _settled(trials, start, nodes, views, shape, parameters)
+            same = trials[0].model == geometry.camera.model
+            geometry = (
+                replace(geometry, trials=trials) if same else _settled(trials, start, nodes, views, shape, parameters)
+            )
     except Refused as refusal:
         refusal = _if_square_on(refusal, nodes, views)
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    return Outcome(geometry, *verdict_of(_rules(geometry, parameters)))
+    return verdict_of(_checks(geometry, parameters), geometry)
 
 
 def _if_square_on(refusal: Refused, nodes: Array, views: Sequence[ChartView]) -> Refused:
@@ -270,7 +268,7 @@ def _settled(
 
 def too_poor(found: Geometry) -> bool:
     """Whether the model leaves more undrawn than what is stated anyway."""
-    stated = found.numbers()[_map_name(found.maps[0])].value
+    stated = found.numbers()[projection_at(found.maps[0].distance_mm)].value
     return found.misfit.significant and found.misfit.rms_px > max(stated, NEGLIGIBLE_PX)
 
 
@@ -333,43 +331,33 @@ def _map(found: Adjustment, grid: Array, distance_mm: float) -> UncertaintyMap:
     return UncertaintyMap(distance_mm, grid[: MAP[0], 0], grid[:: MAP[0], 1], value)
 
 
-def _rules(found: Geometry, parameters: GeometryParameters) -> list[Rule]:
+def _checks(found: Geometry, parameters: GeometryParameters) -> list[Check]:
     """What makes a camera doubtful."""
-    numbers = found.numbers()
-    stated = numbers[_map_name(found.maps[0])].value
-    focal = next(numbers[name] for name in ("f", "fx") if name in numbers)
+    doubtful, numbers = Verdict.DOUBTFUL, found.numbers()
+    stated = numbers[projection_at(found.maps[0].distance_mm)].value
+    focal = next(numbers[name] for name in (FOCAL[0], FOCAL[1]) if name in numbers)
     model, misfit = found.camera.model, found.misfit
+    unknown = [one.model for one in found.trials if not one.converged and one.parameters > found.trials[0].parameters]
     better = "" if parameters.model is None else "; leave the model to be chosen"
     return [
-        Rule(
-            Verdict.DOUBTFUL,
-            too_poor(found),
-            f"{model} is too poor a model for this lens: it leaves a field of {misfit.rms_px:.3f} pixel rms undrawn, "
-            f"where {stated:.3f} are stated at the charts",
-            f"take a richer model{better}, or use the camera only as far as that matters",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            len(found.views) < LEAST_VIEWS,
-            f"{len(found.views)} views are too few to hold one half of them against the other",
-            f"photograph at least {LEAST_VIEWS} views, better 12",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            found.covered < SMALL_SHARE,
-            f"the charts covered {found.covered:.0%} of the frame: beyond them the model is not held by anything",
-            "photograph the chart in the corners and along the sides too",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            focal.uncertainty > LOOSE_FOCAL * focal.value,
-            f"the focal length is known to {focal.uncertainty / focal.value:.1%} only: the views are too much alike",
-            "tilt the chart by 20 to 40 degrees to all sides, or change its distance",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            found.residual_scale > LARGE_RESIDUAL,
-            f"the points scatter {found.residual_scale:.1f} times as much as their own covariances say",
-            "see the views' residuals: a chart that moved or changed its bend between photographs, or another focus",
-        ),
-    ]
+        Check("model", misfit.rms_px, max(stated, NEGLIGIBLE_PX), doubtful,
+              f"{model} is too poor a model for this lens: it leaves a field of {misfit.rms_px:.3f} pixel rms undrawn, "
+              f"where {stated:.3f} are stated at the charts",
+              f"take a richer model{better}, or use the camera only as far as that matters", given=misfit.significant),
+        Check("models compared", len(unknown), 0, doubtful,
+              f"{model} was chosen without a comparison with {' and '.join(unknown)}: the adjustment of half of the "
+              "views did not converge",
+              f"photograph more views, or compare the residuals with --model {' or '.join(unknown)}"),
+        Check("views", len(found.views), LEAST_VIEWS, doubtful,
+              f"{len(found.views)} views are too few to hold one half of them against the other",
+              f"photograph at least {LEAST_VIEWS} views, better 12", least=True),
+        Check("coverage", found.covered, SMALL_SHARE, doubtful,
+              f"the charts covered {found.covered:.0%} of the frame: beyond them the model is not held by anything",
+              "photograph the chart in the corners and along the sides too", least=True),
+        Check("focal length", focal.uncertainty / focal.value, LOOSE_FOCAL, doubtful,
+              f"the focal length is known to {focal.uncertainty / focal.value:.1%} only: the views are too much alike",
+              "tilt the chart by 20 to 40 degrees to all sides, or change its distance"),
+        Check("residual", found.residual_scale, LARGE_RESIDUAL, doubtful,
+              f"the points scatter {found.residual_scale:.1f} times as much as their own covariances say",
+              "see the views' residuals: a chart that moved or changed its bend between photographs, or another focus"),
+    ]  # fmt: skip

@@ -25,7 +25,8 @@ from scipy.spatial.transform import Rotation
 from procedures.geometry.adjustment import POSE, moved_pose
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.views import Pose
-from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
+from procedures.numbers import BASELINE, TURN
+from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
 
 Array = npt.NDArray[np.float64]
 
@@ -99,8 +100,8 @@ class RigPose:
         of_angle = float(np.degrees(np.sqrt(axis @ self.covariance[:3, :3] @ axis)))
         method, n = f"relative poses of {len(self.charts)} charts", len(self.charts)
         return {
-            "baseline": Quantity(length, "mm", spread, f"{method}; the print's scale is in the uncertainty", n),
-            "turn": Quantity(float(np.degrees(angle)), "degree", of_angle, method, n),
+            BASELINE: Quantity(length, "mm", spread, f"{method}; the print's scale is in the uncertainty", n),
+            TURN: Quantity(float(np.degrees(angle)), "degree", of_angle, method, n),
         }
 
 
@@ -172,13 +173,15 @@ def estimate_rig(first: PosedCharts, second: PosedCharts) -> Outcome[RigPose]:
     share = max(a.scale_uncertainty, b.scale_uncertainty)  # of one print: both saw the same error
     known[3:, 3:] += share**2 * np.outer(pose.t, pose.t)
     found = RigPose(pose, known, a.sources, misfit, float(stats.chi2.sf(chi_square, freedom)))
-    return Outcome(found, *verdict_of([_rigid(found)]))
+    return verdict_of([_rigid(found)], found)
 
 
-def _rigid(found: RigPose) -> Rule:
-    return Rule(
+def _rigid(found: RigPose) -> Check:
+    return Check(
+        "rigidity",
+        -stats.norm.ppf(found.chance),
+        -stats.norm.ppf(UNLIKELY),
         Verdict.DOUBTFUL,
-        found.chance < UNLIKELY,
         f"the charts tell relative poses that differ by {found.misfit:.1f} times their uncertainties",
         "see that the photographs were taken at one time, that they are named alike, and that the rig does not give",
     )

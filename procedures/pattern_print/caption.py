@@ -43,7 +43,7 @@ def caption(panel: Panel, titles: Iterable[str], noise_mm: float) -> Drawing:
         + _advice(panel)
         + _distances(panel, noise_mm)
         + _explanation(panel, noise_mm)
-        + rulers(ruler_x, ruler_y - 6)
+        + rulers(ruler_x, ruler_y - 6.2)
     )
 
 
@@ -54,18 +54,20 @@ def _head(panel: Panel, titles: Iterable[str]) -> Drawing:
 
 
 def _advice(panel: Panel) -> Drawing:
-    y, printing = _numbered(panel, TOP, "Printing", PRINTING)
-    _, photographing = _numbered(panel, y + 3, "Photographing", PHOTOGRAPHING)
+    y, printing = numbered(panel, TOP, "Printing", PRINTING, LEFT, LEFT_END)
+    _, photographing = numbered(panel, y + 3, "Photographing", PHOTOGRAPHING, LEFT, LEFT_END)
     return printing + photographing
 
 
-def _numbered(panel: Panel, y: float, heading: str, items: Iterable[str]) -> tuple[float, Drawing]:
-    """A numbered list, and where it ends."""
-    texts = [panel.text(LEFT, y, heading, HEADING, bold=True)]
+def numbered(
+    panel: Panel, y: float, heading: str, items: Iterable[str], left: float, right: float
+) -> tuple[float, Drawing]:
+    """A numbered list between two places of the panel, and where it ends."""
+    texts = [panel.text(left, y, heading, HEADING, bold=True)]
     y += 5.4
     for number, item in enumerate(items, start=1):
-        texts.append(panel.text(LEFT, y, f"{number}", TYPE, bold=True))
-        lines = _paragraph(panel, LEFT + 4.5, y, item, LEFT_END - LEFT - 4.5)
+        texts.append(panel.text(left, y, f"{number}", TYPE, bold=True))
+        lines = _paragraph(panel, left + 4.5, y, item, right - left - 4.5)
         texts += lines
         y += LEADING * len(lines) + 0.9
     return y, Drawing(texts=tuple(texts))

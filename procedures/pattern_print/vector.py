@@ -17,18 +17,21 @@ from procedures.pattern_print.sheet import Sheet
 PDF_DRAW = {"start": "drawString", "middle": "drawCentredString", "end": "drawRightString"}
 
 
-def pdf(sheet: Sheet) -> bytes:
-    """The sheet as a PDF of one page; equal sheets give equal bytes."""
+def pdf(*sheets: Sheet) -> bytes:
+    """The sheets as a PDF with a page for each; equal sheets give equal bytes."""
     file = io.BytesIO()
     # invariant: no date and no random identity
-    canvas = Canvas(file, pagesize=(sheet.width_mm * mm, sheet.height_mm * mm), invariant=1)
-    canvas.setTitle(sheet.title)
+    canvas = Canvas(file, invariant=1)
+    canvas.setTitle(sheets[0].title)
     canvas.setSubject("Print at 100 %, without scaling or smoothing")
     canvas.setCreator("calibration-station")
     canvas.setViewerPreference("PrintScaling", "None")
-    _pdf_chart(canvas, sheet)
-    _pdf_caption(canvas, sheet)
-    canvas.showPage()
+    canvas.setViewerPreference("Duplex", "Simplex")
+    for sheet in sheets:
+        canvas.setPageSize((sheet.width_mm * mm, sheet.height_mm * mm))
+        _pdf_chart(canvas, sheet)
+        _pdf_caption(canvas, sheet)
+        canvas.showPage()
     canvas.save()
     return file.getvalue()
 
@@ -37,10 +40,15 @@ def _pdf_chart(canvas: Canvas, sheet: Sheet) -> None:
     x, y = sheet.noise_corner_mm
     cell = sheet.size.cell_mm * mm
     canvas.saveState()
+    if sheet.window_mm is not None:
+        left, top, right, bottom = (end * mm for end in sheet.window_mm)
+        clip = canvas.beginPath()
+        clip.rect(left, sheet.height_mm * mm - bottom, right - left, bottom - top)
+        canvas.clipPath(clip, stroke=0)
     # cells become the unit, y down: the path below is whole numbers
     canvas.transform(cell, 0, 0, -cell, x * mm, (sheet.height_mm - y) * mm)
     # written as it stands: the canvas would format each of 50 000 whole numbers as a length, in a quarter of a second
-    canvas.addLiteral(" ".join(["n", *(_pdf_loop(loop) for loop in sheet.black), "f*"]))
+    canvas.addLiteral(" ".join(["n", *(_pdf_loop(loop) for loop in sheet.shown()), "f*"]))
     canvas.restoreState()
 
 

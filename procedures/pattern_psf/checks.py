@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from procedures.advice import changed_settings, exposure_advice, paper_level
 from procedures.facts import facts_as
+from procedures.numbers import MTF50_RADIAL, MTF_NYQUIST, RADIAL, S_OVER_T
 from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
@@ -162,7 +163,7 @@ def check_distance(frame: RawFrame, facts: Facts) -> Advice:
     if wrong is not None:  # before any move: it would be reckoned from what cannot be
         return replace(wrong, readings=readings, marks=marks_of(sighting))
     learned = range_facts(look, optics, known)
-    told = {**learned, "s_over_t": ratio}
+    told = {**learned, S_OVER_T: ratio}
     seen = Advice(True, "", (*readings, *range_readings(learned)), facts=told, marks=marks_of(sighting))
     return distance_advice(seen, look, pose, known)
 
@@ -301,7 +302,7 @@ def sharpness(frame: RawFrame, facts: Facts) -> float:
     if found is None:
         return float("nan")
     numbers = found.quality.numbers
-    told = numbers.get("mtf50_radial") or numbers.get("mtf_nyquist_radial")
+    told = numbers.get(MTF50_RADIAL) or numbers.get(MTF_NYQUIST[RADIAL])
     return told.value if told else float("nan")
 
 

@@ -17,12 +17,12 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import gammaincc
+from scipy.special import gammaincc, ndtri
 
 from procedures.budget import TERMS, Budget, taken_apart
 from procedures.choice import Trial
 from procedures.numerics.warps import inverse
-from procedures.outcome import Outcome, Rule, Verdict, verdict_of
+from procedures.outcome import Check, Outcome, Verdict, verdict_of, with_causes
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.psf import Psf, PsfTail
@@ -131,11 +131,11 @@ def combine(found: Sequence[Outcome[PatternPsf]]) -> Outcome[CombinedPsf]:
     """
     shots = [outcome.value for outcome in found if outcome.value is not None]
     if not shots:
-        first = found[0] if found else Outcome(None, Verdict.REFUSED, "no shot counts", "take shots")
-        return Outcome(None, Verdict.REFUSED, first.reason, first.remedy)
+        return found[0].of_value(None) if found else Outcome(None, Verdict.REFUSED, "no shot counts", "take shots")
     combined = _mean(shots)
-    verdict, reason, remedy = verdict_of([*_agreement(combined), *_doubts(found)])
-    return Outcome(None if verdict is Verdict.REFUSED else combined, verdict, reason, remedy)
+    agreement = verdict_of(_agreement(combined), combined)
+    doubtful = [one for one in found if one.verdict is Verdict.DOUBTFUL]
+    return with_causes(agreement, doubtful[0]) if 2 * len(doubtful) > len(shots) else agreement
 
 
 def _mean(shots: Sequence[PatternPsf]) -> CombinedPsf:
@@ -183,29 +183,19 @@ def _weighted(a: Array, A: Sequence[Array]) -> tuple[Array, Array, float]:
     return mean, covariance, chi_square
 
 
-def _agreement(combined: CombinedPsf) -> list[Rule]:
+def _agreement(combined: CombinedPsf) -> list[Check]:
     """What the shots say about each other."""
-    impossible = combined.chance < IMPOSSIBLE and combined.spread > VISIBLE
     far = [float(np.linalg.norm(shot.psf.h - combined.psf.h)) for shot in combined.shots]
     reason = (
         f"the shots disagree: chi-square is {combined.chi_square:.2f} per degree of freedom, and shot "
         f"{int(np.argmax(far)) + 1} of {len(far)} lies {combined.spread:.1%} from the mean"
     )
     return [
-        Rule(Verdict.REFUSED, impossible, reason, "let nothing move between the shots, and take them again"),
-        Rule(Verdict.DOUBTFUL, combined.chance < UNLIKELY, reason, "keep light and focus as they are, and retake"),
-        Rule(
-            Verdict.DOUBTFUL,
-            combined.centre_px > CENTRE_PX,
-            f"the centre scatters by {combined.centre_px:.2f} pixel from shot to shot",
-            "keep the marks free of reflections and shadows",
-        ),
-    ]
-
-
-def _doubts(found: Sequence[Outcome[PatternPsf]]) -> list[Rule]:
-    """What was doubted of more than half of the shots, in the words of the first of them."""
-    doubtful = [outcome for outcome in found if outcome.verdict is Verdict.DOUBTFUL]
-    used = sum(outcome.value is not None for outcome in found)
-    first = doubtful[0] if doubtful else Outcome(None)
-    return [Rule(Verdict.DOUBTFUL, 2 * len(doubtful) > used, first.reason, first.remedy)]
+        Check("agreement", -ndtri(combined.chance), -ndtri(IMPOSSIBLE), Verdict.REFUSED, reason,
+              "let nothing move between the shots, and take them again", given=combined.spread > VISIBLE),
+        Check("agreement", -ndtri(combined.chance), -ndtri(UNLIKELY), Verdict.DOUBTFUL, reason,
+              "keep light and focus as they are, and retake"),
+        Check("centre", combined.centre_px, CENTRE_PX, Verdict.DOUBTFUL,
+              f"the centre scatters by {combined.centre_px:.2f} pixel from shot to shot",
+              "keep the marks free of reflections and shadows"),
+    ]  # fmt: skip

@@ -15,8 +15,17 @@ import numpy.typing as npt
 
 from procedures.budget import taken_apart, with_settling
 from procedures.choice import FINEST, START_S, Trial, choose, settling
+from procedures.numbers import (
+    GAMMA,
+    GAMMA_BOUND,
+    MTF50_HORIZONTAL,
+    MTF50_VERTICAL,
+    PIXELS_PER_PATTERN,
+    RESIDUAL_STD,
+    S_OVER_T,
+)
 from procedures.numerics.kernel_tail import far_light
-from procedures.outcome import Outcome, Refused, Verdict
+from procedures.outcome import Outcome, Refused, Verdict, verdict_of
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_chart
 from procedures.pattern_psf.correspondences import Correspondences, correspondences
@@ -35,7 +44,7 @@ from procedures.pattern_psf.registration import (
     register_marks,
 )
 from procedures.pattern_psf.solution import SharedErrors, solution
-from procedures.pattern_psf.trust import Doubts, check_cells, check_light, judge, misfits
+from procedures.pattern_psf.trust import Doubts, check_cells, check_light, checks_of, misfits
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
@@ -45,7 +54,7 @@ from procedures.sharpening.paper import look_at_noise
 Array = npt.NDArray[np.float64]
 
 
-WATCHED = ("mtf50_horizontal", "mtf50_vertical")
+WATCHED = (MTF50_HORIZONTAL, MTF50_VERTICAL)
 """The numbers that must be the same all over the chart."""
 PUPIL_SPREAD = 0.1
 """Standard uncertainty of the far tail that f-number and pitch tell, over it: a colour's spread of wavelengths, pupils
@@ -153,11 +162,11 @@ class PatternPsf:
     def values(self) -> dict[str, float]:
         """The numbers that have no uncertainty."""
         return {
-            "gamma": self.gamma,
-            "gamma_bound": self.gamma_bound,
-            "residual_std": self.residual_std,
-            "pixels_per_pattern": self.pixels_per_pattern,
-            "s_over_t": self.s_over_t,
+            GAMMA: self.gamma,
+            GAMMA_BOUND: self.gamma_bound,
+            RESIDUAL_STD: self.residual_std,
+            PIXELS_PER_PATTERN: self.pixels_per_pattern,
+            S_OVER_T: self.s_over_t,
         }
 
 
@@ -260,11 +269,9 @@ def _estimate(
         found.fit, found.psf, light, corners, marks_map, found.lost, parts, known.tail, tried[-1], noise
     )
     contradicted = beyond_diffraction(quality, diffraction)
-    more = Doubts(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor)
-    verdict, reason, remedy = judge(diagnostics, found.fit, more)
-    if verdict is Verdict.REFUSED:
-        return Outcome(None, verdict, reason, remedy)
-    return Outcome(_result(found, quality, parts, tried, diagnostics, corners, diffraction), verdict, reason, remedy)
+    more = Doubts(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor, plane.raw)
+    result = _result(found, quality, parts, tried, diagnostics, corners, diffraction)
+    return verdict_of(checks_of(diagnostics, found.fit, more), result)
 
 
 @dataclass(frozen=True)

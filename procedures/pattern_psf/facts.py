@@ -9,8 +9,9 @@ from procedures.choice import START_K, START_S
 from procedures.facts import CameraFacts, derived_from, gathered, number, required
 from procedures.pattern import AIM_S_OVER_T, BEST_S_OVER_T, DEFAULT_SEED, Chart
 from procedures.pattern_print.distance import PHOTOSITES_PER_PIXEL
+from procedures.pattern_print.paper import ISO_PAPERS, Paper, paper_named
 from procedures.pattern_print.rulers import LENGTH_MM
-from procedures.pattern_print.sheet import DEFAULT_WIDTH_MM, Size
+from procedures.pattern_print.sheet import Size, largest_width_mm
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.pose import Optics
 from procedures.plan import Facts
@@ -60,6 +61,7 @@ class PatternFacts(CameraFacts):
 
     Attributes
     ----------
+    paper : in the printer; None where it was not asked, as in sessions of earlier versions
     chart_width_mm : as ordered; None where nothing was ordered
     chart_seed : of its cells; the station's own where none was given
     seed_agreement : correlation of the cells seen with the seed's; None before they were looked at
@@ -76,6 +78,7 @@ class PatternFacts(CameraFacts):
     typed_f_number : as the operator told it, where the camera noted none
     """
 
+    paper: str | None = None
     chart_width_mm: float | None = None
     chart_seed: int = DEFAULT_SEED
     seed_agreement: float | None = derived_from("chart_seed")
@@ -114,8 +117,15 @@ class PatternFacts(CameraFacts):
 
     @property
     def size(self) -> Size:
-        """Of the print, as ordered; the usual where nothing was ordered yet."""
-        return Size(DEFAULT_WIDTH_MM if self.chart_width_mm is None else self.chart_width_mm)
+        """Of the print, as ordered; the largest that the paper holds where nothing was ordered yet."""
+        if self.chart_width_mm is None:
+            return Size(largest_width_mm(self.printed_on or ISO_PAPERS[0]))
+        return Size(self.chart_width_mm)
+
+    @property
+    def printed_on(self) -> Paper | None:
+        """The paper in the printer. Raises BadParameter where no paper has the name."""
+        return None if self.paper is None else paper_named(self.paper)
 
     @property
     def cell_mm(self) -> float:

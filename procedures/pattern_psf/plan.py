@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -16,9 +17,11 @@ from procedures.facts import axes_of, facts_as, required
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.formats import encode
+from procedures.pattern_print.paper import PAPERS, Paper, papers_of_locale
 from procedures.pattern_print.rulers import LENGTH_MM
-from procedures.pattern_print.sheet import DEFAULT_WIDTH_MM, Size
+from procedures.pattern_print.sheet import LARGEST_WIDTH_MM, SMALLEST_WIDTH_MM, Size
 from procedures.pattern_print.source import Source
+from procedures.pattern_print.tiles import tiling_of
 from procedures.pattern_psf.checks import (
     best_place,
     best_tried,
@@ -39,6 +42,7 @@ from procedures.plan import (
     Decide,
     Diagram,
     Estimate,
+    Fact,
     Facts,
     Give,
     Go,
@@ -122,13 +126,26 @@ def gave(number: Callable[[PatternFacts], float | None], words: str) -> Callable
 def chart_page(facts: Facts) -> bytes:
     """The PDF to print."""
     known = facts_as(PatternFacts, facts)
-    return _page(known.chart_seed, known.size)
+    return _pages(known.chart_seed, known.size, known.printed_on)
 
 
 @lru_cache(maxsize=2)
-def _page(seed: int, size: Size) -> bytes:
+def _pages(seed: int, size: Size, paper: Paper | None) -> bytes:
     """The same at every call: most sessions are about one chart, and drawing it takes half a second."""
-    return encode(Path(CHART), Source.from_seed(seed), size).data
+    return encode(Path(CHART), Source.from_seed(seed), size, paper=paper, tile=True).data
+
+
+def on_several_sheets(facts: Facts) -> bool:
+    """Whether the chart is wider than the paper holds."""
+    known = facts_as(PatternFacts, facts)
+    return known.printed_on is not None and not known.size.fits(known.printed_on, edges=False)
+
+
+def check_sheets(answer: Fact, facts: Facts) -> None:
+    """Raises BadParameter where a chart of this width takes too many sheets of the paper."""
+    paper = facts_as(PatternFacts, facts).printed_on
+    if paper is not None:
+        tiling_of(Size(float(answer)), paper)
 
 
 SEED = Ask(
@@ -137,10 +154,19 @@ SEED = Ask(
 )  # fmt: skip
 """Asked where another than the station's own was given, or the chart shows others."""
 PRINT = (
-    Ask("chart_width_mm", "How wide shall the chart be?", "number", "mm", DEFAULT_WIDTH_MM, low=32.0, high=3600.0),
+    Ask(
+        "paper", "Which paper is in the printer?", "choice", choices=tuple(PAPERS),
+        proposed=lambda facts: papers_of_locale(os.environ)[0].key,
+    ),
+    Ask(
+        "chart_width_mm", "How wide shall the chart be? If it exceeds one sheet, it is printed over several.",
+        "number", "mm", low=SMALLEST_WIDTH_MM, high=LARGEST_WIDTH_MM,
+        proposed=lambda facts: facts_as(PatternFacts, facts).size.whole_mm, check=check_sheets,
+    ),
     Give(CHART, chart_page, lambda path: f"the chart to print: {path}"),
     SEED,
     Ask("printed", f"Print {CHART} on matt paper at 100 % (actual size)."),
+    Ask("joined", "Join the sheets as the first page shows.", when=on_several_sheets),
     Ask(
         "ruler_mm",
         f"Measure the printed ruler from 0 to {LENGTH_MM}: how long is it?",
@@ -206,10 +232,13 @@ SENSOR = Ask(
     when=lambda facts: "sensor_kind" not in facts,
 )  # fmt: skip
 """Asked where no photograph has told it yet: a monochrome sensor has its pixels half as far apart as a plane's."""
-DISTANCE = (
+LENS = (
     Ask("focal_length_mm", "What is the lens's focal length?", "number", "mm", low=1.0, high=5000.0),
     Ask("pixel_pitch_um", "How far apart are the sensor's pixels?", "number", "µm", low=0.5, high=50.0),
     SENSOR,
+)
+DISTANCE = (
+    *LENS,
     Show(explain_distance),
     Measure(),
     TAPE,

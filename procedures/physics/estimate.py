@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import BadParameter, Outcome, Quantity, Rule, Verdict, verdict_of
+from procedures.numbers import STREHL_LENS, WAVEFRONT_RMS, WAVEFRONT_RMS_NM
+from procedures.outcome import BadParameter, Check, Outcome, Quantity, Verdict, verdict_of
 from procedures.physics.choice import choose, scale_of
 from procedures.physics.fit import ModelFit, WhitenedPsf
 from procedures.physics.model import Grid, names_of
@@ -85,8 +86,7 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
     numbers = _numbers(data, fit)
     bounded = at_bounds(data, fit, numbers)
     numbers |= {one.name: one.quantity(numbers[one.name]) for one in bounded}
-    verdict, reason, remedy = verdict_of([*_doubts(fit, tried), *_bounds_reached(bounded)])
-    return Outcome(_physics(data, fit, tried, numbers), verdict, reason, remedy)
+    return verdict_of([*_doubts(fit, tried), *_bounds_reached(bounded)], _physics(data, fit, tried, numbers))
 
 
 def check_known(diffraction: Diffraction | None) -> Diffraction:
@@ -99,29 +99,23 @@ def check_known(diffraction: Diffraction | None) -> Diffraction:
     return diffraction
 
 
-def _doubts(fit: ModelFit, tried: list[ModelFit]) -> list[Rule]:
+def _doubts(fit: ModelFit, tried: list[ModelFit]) -> list[Check]:
     ratio = fit.chi2 / fit.freedom
     scale = scale_of(tried)
     rivals = [one for one in tried if one.parts != fit.parts and one.criterion(scale) - fit.criterion(scale) < ALIKE]
     return [
-        Rule(
-            Verdict.DOUBTFUL,
-            ratio > 2,
-            f"the best model leaves {ratio:.1f} times what noise would",
-            "check --f-number, --pixel-pitch-um and --wavelength-nm; other causes of blur are not in the model",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            bool(rivals),
-            f"this PSF does not tell two models apart: {_words(fit)}; {_words(rivals[0]) if rivals else ''}",
-            "compare with other planes and apertures: aberrations change with them, the sensor's parts do not",
-        ),
-    ]
+        Check("residual", ratio**0.5, 2**0.5, Verdict.DOUBTFUL,
+              f"the best model leaves {ratio:.1f} times what noise would",
+              "check --f-number, --pixel-pitch-um and --wavelength-nm; other causes of blur are not in the model"),
+        Check("rivals", bool(rivals), 0, Verdict.DOUBTFUL,
+              f"this PSF does not tell two models apart: {_words(fit)}; {_words(rivals[0]) if rivals else ''}",
+              "compare with other planes and apertures: aberrations change with them, the sensor's parts do not"),
+    ]  # fmt: skip
 
 
-def _bounds_reached(bounded: list[OneSided]) -> list[Rule]:
+def _bounds_reached(bounded: list[OneSided]) -> list[Check]:
     remedy = "take it as a limit, not as a value; photograph with less noise, and check f-number and pixel pitch"
-    return [Rule(Verdict.DOUBTFUL, True, one.words, remedy) for one in bounded if not one.follows]
+    return [Check(one.name, not one.follows, 0, Verdict.DOUBTFUL, one.words, remedy) for one in bounded]
 
 
 def _physics(data: WhitenedPsf, fit: ModelFit, tried: list[ModelFit], numbers: Mapping[str, Quantity]) -> Physics:
@@ -175,16 +169,16 @@ def _numbers(data: WhitenedPsf, fit: ModelFit) -> dict[str, Quantity]:
     notch = place.get("notch") if fit.parts.aperture is not Aperture.SQUARE else None
     derived("fill_factor", "1", lambda p: float(p[place["side"]] ** 2 * (1 - (p[notch] ** 2 if notch else 0.0))))
     count, pupil = 2 + len(fit.parts.names), data.grid.pupil
-    derived("wavefront_rms", "wave", lambda p: float(np.linalg.norm(p[count:])))
+    derived(WAVEFRONT_RMS, "wave", lambda p: float(np.linalg.norm(p[count:])))
     nm = data.grid.diffraction.wavelength_nm
-    derived("wavefront_rms_nm", "nm", lambda p: nm * float(np.linalg.norm(p[count:])))
+    derived(WAVEFRONT_RMS_NM, "nm", lambda p: nm * float(np.linalg.norm(p[count:])))
 
     def strehl(p: Array) -> float:
         waves = np.zeros(len(TERMS))
         waves[list(fit.parts.aberrations)] = p[count:]
         return pupil.strehl(waves)
 
-    derived("strehl_lens", "1", strehl)
+    derived(STREHL_LENS, "1", strehl)
     return numbers
 
 

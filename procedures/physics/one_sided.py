@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from procedures.numbers import STREHL_LENS, WAVEFRONT_RMS, WAVEFRONT_RMS_NM
 from procedures.outcome import Quantity
 from procedures.physics.fit import ModelFit, WhitenedPsf, distance_of_rise, start_near
 from procedures.physics.model import bounds_of, names_of
@@ -86,7 +87,7 @@ def _no_aberrations(data: WhitenedPsf, fit: ModelFit) -> list[OneSided]:
         drops.append(1 - data.grid.pupil.strehl(hidden[-1] * np.eye(len(TERMS))[term]))
     nm = data.grid.diffraction.wavelength_nm
     return [
-        OneSided("strehl_lens", 1.0, max(drops), 1.0),
-        OneSided("wavefront_rms", 0.0, max(hidden), 0.0, follows=True),
-        OneSided("wavefront_rms_nm", 0.0, nm * max(hidden), 0.0, follows=True),
+        OneSided(STREHL_LENS, 1.0, max(drops), 1.0),
+        OneSided(WAVEFRONT_RMS, 0.0, max(hidden), 0.0, follows=True),
+        OneSided(WAVEFRONT_RMS_NM, 0.0, nm * max(hidden), 0.0, follows=True),
     ]

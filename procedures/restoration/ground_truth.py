@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import minimize_scalar
 
 from procedures.numerics.registration import affine_between
-from procedures.outcome import BadInput, Outcome, Verdict
+from procedures.outcome import BadInput, Outcome, with_doubt
 from procedures.raw import Plane
 from procedures.restoration.colour.mosaic import COLOUR
 from procedures.restoration.joint.picture_error import own_noise
@@ -77,7 +77,9 @@ def held_against(
     still = np.asarray(~_on_planes(found.moved, truth).any(axis=0))
     laid = _laid(_as_planes(found.sharp, truth), truth, still, s)
     if isinstance(laid, str):
-        return _doubted(outcome, laid, "take it of the same scene from the same place, everything at rest and in focus")
+        return with_doubt(
+            outcome, laid, "take it of the same scene from the same place, everything at rest and in focus"
+        )
     told = float(np.sqrt(np.mean(_on_planes(found.sharp_std, truth)[:, laid.both] ** 2)))
     noise = min(own_noise(_stack(truth)[None]), found.diagnostics.noise) / laid.light
     softer = _softer(laid)
@@ -95,14 +97,14 @@ def held_against(
             f"the ground truth is nearer to photograph {nearest} as it came ({before:.1f} dB) than to the restored "
             f"picture ({witness.psnr_db:.1f} dB): it is blurred itself, or the restoration is wrong"
         )
-        return _doubted(held, reason, "look at the ground truth; give one that is sharp everywhere")
+        return with_doubt(held, reason, "look at the ground truth; give one that is sharp everywhere")
     if least <= s.most_over_told * told:
         return held
     reason = (
         f"it differs from the ground truth by {witness.error:.1%} of white, {witness.error / max(told, 1e-9):.1f} "
         "times the error that it tells of itself"
     )
-    return _doubted(held, reason, "check shapes and ratios; look at difference.tiff, which tells where")
+    return with_doubt(held, reason, "check shapes and ratios; look at difference.tiff, which tells where")
 
 
 def check_ground_truth(photographs: Sequence[Planes], truth: Planes) -> None:
@@ -121,13 +123,6 @@ def check_ground_truth(photographs: Sequence[Planes], truth: Planes) -> None:
     for n, one in enumerate(photographs, start=1):
         if all(np.array_equal(plane.samples, truth[name].samples) for name, plane in one.items()):
             raise BadInput(f"the ground truth is photograph {n}", "give a photograph that nothing blurred")
-
-
-def _doubted(outcome: Outcome[Restoration], reason: str, remedy: str) -> Outcome[Restoration]:
-    """Doubtful, with what was doubted before said first."""
-    if outcome.verdict is Verdict.PASS:
-        return replace(outcome, verdict=Verdict.DOUBTFUL, reason=reason, remedy=remedy)
-    return replace(outcome, reason=f"{outcome.reason}; {reason}")
 
 
 # --- laid on each other --------------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import numpy as np
 
 from procedures.drawings import steps as drawings
 from procedures.facts import facts_as
-from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
+from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict, with_doubt
 from procedures.plan import Advice, Ask, Decide, Estimate, Facts, Known, Look, Outcomes, Plan, Shake, Shoot, Step
 from procedures.raw import Plane, RawFrame
 from procedures.restoration.colour.mosaic import is_mosaic
@@ -192,8 +192,4 @@ def witnessed(
     try:
         return held_against(outcome, photographs, truth)
     except BadInput as error:
-        return (
-            outcome
-            if outcome.value is None
-            else replace(outcome, verdict=Verdict.DOUBTFUL, reason=error.reason, remedy=error.remedy)
-        )
+        return outcome if outcome.value is None else with_doubt(outcome, error.reason, error.remedy)

@@ -1,10 +1,10 @@
-"""Whether a recording can tell what it is asked: rules with reason and remedy."""
+"""Whether a recording can tell what it is asked: checks with reason and remedy."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from procedures.outcome import Rule, Verdict
+from procedures.outcome import Check, Verdict
 from procedures.sensor.curves import light_spread
 from procedures.sensor.linearity import LEAST_LEVELS as LEAST_LEVELS_OF_LINE
 from procedures.sensor.linearity import RANGE
@@ -33,84 +33,96 @@ NOT_LINEAR = 1.0
 """Per cent of linearity error from which the linear model is doubted."""
 
 
-def _refuse(applies: bool, reason: str, remedy: str) -> Rule:
-    return Rule(Verdict.REFUSED, bool(applies), reason, remedy)
+REFUSED, DOUBTFUL = Verdict.REFUSED, Verdict.DOUBTFUL
 
 
-def _doubt(applies: bool, reason: str, remedy: str) -> Rule:
-    return Rule(Verdict.DOUBTFUL, bool(applies), reason, remedy)
-
-
-def count_rules(recording: SensorRecording) -> list[Rule]:
+def count_checks(recording: SensorRecording) -> list[Check]:
     """What must be there before anything is computed."""
     lights, darks = len(recording.lights), len(recording.darks)
     return [
-        _refuse(darks == 0, "a pair of dark pictures is needed; there is none",
-                "cover the lens and take two pictures at each exposure time of the ladder"),
-        _refuse(lights < LEAST_LEVELS, f"the ladder needs at least {LEAST_LEVELS} levels of light; it has {lights}",
-                "take pairs of pictures at more exposure times, from near dark to beyond saturation"),
+        Check("darks", darks == 0, 0, REFUSED, "a pair of dark pictures is needed; there is none",
+              "cover the lens and take two pictures at each exposure time of the ladder"),
+        Check("levels", lights, LEAST_LEVELS, REFUSED,
+              f"the ladder needs at least {LEAST_LEVELS} levels of light; it has {lights}",
+              "take pairs of pictures at more exposure times, from near dark to beyond saturation", least=True),
     ]  # fmt: skip
 
 
-def ladder_rules(recording: SensorRecording) -> list[Rule]:
+def ladder_checks(recording: SensorRecording) -> list[Check]:
     """What the pictures themselves must be like."""
     variance = column(one.variance for one in recording.lights)
     signal = recording.signal
     top = saturation_index(variance)
     fitted = int(np.sum(signal <= REGRESSION * signal[top]))
     judged = int(np.sum((signal >= RANGE[0] * signal[top]) & (signal <= RANGE[1] * signal[top])))
-    falls = variance[-1] < PAST_THE_TOP * variance[top]
     spread = light_spread(recording)
     longest = float(column(one.exposure_s for one in recording.lights).max())
+    longest_dark = float(column(one.exposure_s for one in recording.darks).max())
     crushed = float(np.max(column(one.bottom for one in recording.darks)))
+    least_noise = float(column(one.variance for one in recording.darks).min())
     steady = "let the lamp warm up, use direct current, and exposure times of whole periods of the mains"
     return [
-        _refuse(crushed > CRUSHED, f"dark numbers must not be cut off; {crushed:.1%} are piled up at the lowest",
-                "raise the camera's black level (offset), and switch its black correction off"),
-        _refuse(spread > FLICKER_REFUSED, f"light must not change between pictures; it does by {spread:.1%}", steady),
-        _refuse(bool(np.any(signal <= 0)), "every level of light must be brighter than the dark; one is not",
-                "check which pictures are dark ones, and begin the ladder at more light"),
-        _refuse(not falls, "the ladder must go beyond saturation, where temporal noise falls; it does not",
-                "add levels of more light, until the numbers no longer rise"),
-        _refuse(fitted < LEAST_FITTED, f"at least {LEAST_FITTED} levels must lie below {REGRESSION:.0%} of saturation; "
-                f"{fitted} do", "take more levels of little light"),
-        _refuse(judged < LEAST_LEVELS_OF_LINE, f"linearity needs {LEAST_LEVELS_OF_LINE} levels from {RANGE[0]:.0%} to "
-                f"{RANGE[1]:.0%} of saturation; there are {judged}", "spread the levels evenly up to saturation"),
-        _doubt(longest > LONG_S and longest > 1.01 * float(column(one.exposure_s for one in recording.darks).max()),
-               f"no dark pictures were as long as the ladder's {longest:g} s: their dark current is not taken off",
-               "take a pair of dark pictures at the ladder's longest exposure too"),
-        _doubt(spread > FLICKER_DOUBTED, f"light changes by {spread:.2%} between two pictures", steady),
-        _doubt(len(variance) < ENOUGH_LEVELS, f"the ladder has {len(variance)} levels; the standard asks for 50",
-               f"take at least {ENOUGH_LEVELS} levels, evenly spaced"),
-        _doubt(bool(column(one.variance for one in recording.darks).min() < LEAST_DARK_VARIANCE),
-               "in the dark rounding rules: temporal dark noise is only known to be less than what is told",
-               "raise the gain until dark noise exceeds half a digital number"),
+        Check("black", crushed, CRUSHED, REFUSED,
+              f"dark numbers must not be cut off; {crushed:.1%} are piled up at the lowest",
+              "raise the camera's black level (offset), and switch its black correction off"),
+        Check("flicker", spread, FLICKER_REFUSED, REFUSED,
+              f"light must not change between pictures; it does by {spread:.1%}", steady),
+        Check("order", bool(np.any(signal <= 0)), 0, REFUSED,
+              "every level of light must be brighter than the dark; one is not",
+              "check which pictures are dark ones, and begin the ladder at more light"),
+        Check("saturation", bool(variance[-1] >= PAST_THE_TOP * variance[top]), 0, REFUSED,
+              "the ladder must go beyond saturation, where temporal noise falls; it does not",
+              "add levels of more light, until the numbers no longer rise"),
+        Check("little light", fitted, LEAST_FITTED, REFUSED,
+              f"at least {LEAST_FITTED} levels must lie below {REGRESSION:.0%} of saturation; {fitted} do",
+              "take more levels of little light", least=True),
+        Check("levels of the line", judged, LEAST_LEVELS_OF_LINE, REFUSED,
+              f"linearity needs {LEAST_LEVELS_OF_LINE} levels from {RANGE[0]:.0%} to {RANGE[1]:.0%} of saturation; "
+              f"there are {judged}", "spread the levels evenly up to saturation", least=True),
+        Check("long darks", longest, 1.01 * longest_dark, DOUBTFUL,
+              f"no dark pictures were as long as the ladder's {longest:g} s: their dark current is not taken off",
+              "take a pair of dark pictures at the ladder's longest exposure too", given=longest > LONG_S),
+        Check("flicker", spread, FLICKER_DOUBTED, DOUBTFUL,
+              f"light changes by {spread:.2%} between two pictures", steady),
+        Check("levels", len(variance), ENOUGH_LEVELS, DOUBTFUL,
+              f"the ladder has {len(variance)} levels; the standard asks for 50",
+              f"take at least {ENOUGH_LEVELS} levels, evenly spaced", least=True),
+        Check("rounding", least_noise**0.5, LEAST_DARK_VARIANCE**0.5, DOUBTFUL,
+              "in the dark rounding rules: temporal dark noise is only known to be less than what is told",
+              "raise the gain until dark noise exceeds half a digital number", least=True),
     ]  # fmt: skip
 
 
-def stack_rules(recording: SensorRecording, saturation_signal: float) -> list[Rule]:
+def stack_checks(recording: SensorRecording, saturation_signal: float) -> list[Check]:
     """What the stacks must be like, or what is missing without them."""
     dark, flat = recording.dark_stack, recording.flat_stack
     if dark is None or flat is None:
         missing = " and ".join(name for name, one in (("dark", dark), ("flat", flat)) if one is None)
         remedy = f"take {ENOUGH_PICTURES} pictures or more in the dark, and as many at half of saturation"
-        return [_doubt(True, f"without a {missing} stack non-uniformity is not known or not wholly", remedy)]
+        reason = f"without a {missing} stack non-uniformity is not known or not wholly"
+        return [Check("stacks", statistic=True, threshold=0, severity=DOUBTFUL, sentence=reason, remedy=remedy)]
     share = (flat.mean - dark.mean) / saturation_signal
     uneven = unevenness(slow_part(flat.mean_picture - dark.mean_picture))
     few = min(dark.count, flat.count)
+    low, high = FLAT_RANGE
     even = "use an integrating sphere, or a diffuser far from the sensor, without a lens"
     return [
-        _refuse(uneven > UNEVEN_REFUSED, f"light must be even over the sensor; it differs by {uneven:.0%}", even),
-        _doubt(uneven > UNEVEN_DOUBTED, f"light differs by {uneven:.1%} over the sensor, the standard allows 3 %: PRNU "
-               "holds that, prnu_highpass does not", even),
-        _doubt(not FLAT_RANGE[0] <= share <= FLAT_RANGE[1], f"the flat stack lies at {share:.0%} of saturation",
-               "take it at half of saturation"),
-        _doubt(few < ENOUGH_PICTURES, f"a stack has only {few} pictures",
-               f"take {ENOUGH_PICTURES} or more; the standard asks for 100"),
+        Check("evenness", uneven, UNEVEN_REFUSED, REFUSED,
+              f"light must be even over the sensor; it differs by {uneven:.0%}", even),
+        Check("evenness", uneven, UNEVEN_DOUBTED, DOUBTFUL,
+              f"light differs by {uneven:.1%} over the sensor, the standard allows 3 %: PRNU holds that, prnu_highpass "
+              "does not", even),
+        Check("level of the flats", abs(share - (low + high) / 2), (high - low) / 2, DOUBTFUL,
+              f"the flat stack lies at {share:.0%} of saturation", "take it at half of saturation"),
+        Check("pictures", few, ENOUGH_PICTURES, DOUBTFUL, f"a stack has only {few} pictures",
+              f"take {ENOUGH_PICTURES} or more; the standard asks for 100", least=True),
     ]  # fmt: skip
 
 
-def linearity_rules(error: float) -> list[Rule]:
+def linearity_checks(error: float) -> list[Check]:
     """Whether the linear model may be used at all."""
-    return [_doubt(error > NOT_LINEAR, f"the response is off a line by {error:.1f} % on average; the linear model's "
-                   "numbers carry what that may do to them", "prefer the numbers of the general model")]  # fmt: skip
+    return [
+        Check("linearity", error, NOT_LINEAR, DOUBTFUL,
+              f"the response is off a line by {error:.1f} % on average; the linear model's numbers carry what that may "
+              "do to them", "prefer the numbers of the general model"),
+    ]  # fmt: skip

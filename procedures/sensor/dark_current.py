@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from procedures.numbers import DARK_CURRENT, DARK_CURRENT_BY_VARIANCE
 from procedures.sensor.curves import Curves
 from procedures.sensor.measured import IntervalNumber, from_draws
 from procedures.sensor.photon_transfer import Transfer, line
@@ -22,9 +23,9 @@ def dark_current_numbers(curves: Curves, found: Transfer) -> Mapping[str, Interv
     by_mean, by_variance = line(times, curves.dark_mean)[1], line(times, curves.dark_variance)[1]
     n = curves.samples * len(times)
     return {
-        "dark_current": from_draws(by_mean / found.gain, "e-/s", "slope of the dark mean over exposure, over K", n,
+        DARK_CURRENT: from_draws(by_mean / found.gain, "e-/s", "slope of the dark mean over exposure, over K", n,
                                    beside=_share(by_mean[0] / found.gain[0], found)),
-        "dark_current_by_variance": from_draws(by_variance / found.gain**2, "e-/s",
+        DARK_CURRENT_BY_VARIANCE: from_draws(by_variance / found.gain**2, "e-/s",
                                                "slope of the dark variance over exposure, over K squared", n,
                                                beside=2 * _share(by_variance[0] / found.gain[0] ** 2, found)),
     }  # fmt: skip

@@ -8,8 +8,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Outcome, Rule, Verdict, verdict_of
-from procedures.sensor.checks import count_rules, ladder_rules, linearity_rules, stack_rules
+from procedures.numbers import (
+    DEFECT_PIXELS,
+    DSNU,
+    HIGHPASS,
+    LINEARITY_ERROR,
+    PRNU,
+    SATURATION_SIGNAL,
+    SYSTEM_GAIN,
+    SYSTEM_GAIN_AT_DARK,
+    WITHOUT_DEFECTS,
+    non_uniformity,
+)
+from procedures.outcome import Outcome, Verdict, verdict_of
+from procedures.sensor.checks import count_checks, ladder_checks, linearity_checks, stack_checks
 from procedures.sensor.curves import Curves, curves_of
 from procedures.sensor.dark_current import dark_current_numbers
 from procedures.sensor.defects import Defects, dark_field, find_defects, response_field
@@ -91,16 +103,16 @@ def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcom
     rng : Generator
         Of the draws that the intervals of the temporal numbers come from.
     """
-    for rules in (count_rules, ladder_rules):  # the second reads what the first asks for
-        verdict, reason, remedy = verdict_of(told := rules(recording))
-        if verdict is Verdict.REFUSED:
-            return Outcome(None, verdict, reason, remedy)
+    for checks_on in (count_checks, ladder_checks):  # the second reads what the first asks for
+        outcome: Outcome[SensorResult] = verdict_of(checks := checks_on(recording))
+        if outcome.verdict is Verdict.REFUSED:
+            return outcome
     result = _temporal(recording, rng)
     numbers = result.numbers
-    result = replace(result, doubt=reason)
-    told = [*told, *stack_rules(recording, numbers["saturation_signal"].value)]
-    told += linearity_rules(numbers["linearity_error"].value)
-    return _judged(told, _spatial(result, recording))
+    result = replace(result, doubt=outcome.reason)
+    checks += stack_checks(recording, numbers[SATURATION_SIGNAL].value)
+    checks += linearity_checks(numbers[LINEARITY_ERROR].value)
+    return verdict_of(checks, _spatial(result, recording))
 
 
 def sensor_model(result: SensorResult, step: float = 1.0) -> SensorModel:
@@ -111,29 +123,24 @@ def sensor_model(result: SensorResult, step: float = 1.0) -> SensorModel:
     step : float
         How many of the file's numbers one digital number of the result is.
     """
-    gain, response = result.numbers["system_gain_at_dark"], result.response
+    gain, response = result.numbers[SYSTEM_GAIN_AT_DARK], result.response
     return SensorModel(
         gain.value * step,
         gain.uncertainty * step,
         result.dark_level * step,
         float(result.curves.dark_variance[0, 0]) * step**2,
-        result.numbers["saturation_signal"].value * step,
+        result.numbers[SATURATION_SIGNAL].value * step,
         float(response.coefficients[0, 0] * response.scale) * step,
         tuple(response.bend[0].tolist()),
         response.bend_uncertainty,
-        _pixels(result, "dsnu_pixel_without_defects_dn") * step,
-        _pixels(result, "prnu_pixel_highpass") / 100,
+        _pixels(result, non_uniformity(DSNU, "_pixel", WITHOUT_DEFECTS, "_dn")) * step,
+        _pixels(result, non_uniformity(PRNU, "_pixel", HIGHPASS)) / 100,
     )
 
 
 def _pixels(result: SensorResult, name: str) -> float:
     """A non-uniformity, 0 where no stack tells it."""
     return result.numbers[name].value if name in result.numbers else 0.0
-
-
-def _judged(rules: list[Rule], result: SensorResult) -> Outcome[SensorResult]:
-    verdict, reason, remedy = verdict_of(rules)
-    return Outcome(None if verdict is Verdict.REFUSED else result, verdict, reason, remedy)
 
 
 def _temporal(recording: SensorRecording, rng: np.random.Generator) -> SensorResult:
@@ -164,14 +171,14 @@ def _spatial(result: SensorResult, recording: SensorRecording) -> SensorResult:
     dark, flat = recording.dark_stack, recording.flat_stack
     if dark is None:
         return result
-    gain = result.numbers["system_gain"]
+    gain = result.numbers[SYSTEM_GAIN]
     in_dark = find_defects(dark_field(dark), np.sqrt(dark.left_over[0]))
     shape = dark.mean_picture.shape
     numbers = {
         **result.numbers,
         **dark_numbers(dark, gain),
         **dark_numbers(dark, gain, _mask(in_dark, shape), suffix="_without_defects"),
-        "defect_pixels_dark": in_dark.count,
+        DEFECT_PIXELS["dark"]: in_dark.count,
     }
     result = replace(result, numbers=numbers, dark=_pattern(dark, in_dark, "DN", 1.0))
     return result if flat is None else _with_response(result, dark, flat)
@@ -193,7 +200,7 @@ def _with_response(result: SensorResult, dark: FrameStack, flat: FrameStack) -> 
         **response_numbers(dark, flat, bent),
         **response_numbers(dark, flat, bent, either, suffix="_without_defects"),
         **response_numbers(dark, flattened, bent, either, suffix="_highpass"),
-        "defect_pixels_light": in_light.count,
+        DEFECT_PIXELS["light"]: in_light.count,
     }
     response = replace(flat, mean_picture=flat.mean_picture - dark.mean_picture)
     return replace(result, numbers=numbers, light=_pattern(response, in_light, "%", 100 / signal))

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import GENERAL_DYNAMIC_RANGE, GENERAL_SNR_MAX, GENERAL_THRESHOLD
 from procedures.sensor.curves import Curves
 from procedures.sensor.measured import IntervalNumber, from_draws
 
@@ -39,9 +40,9 @@ def general_numbers(curves: Curves, saturation: int, *, photons_known: bool) -> 
     least, n = threshold(curves), curves.samples
     unit = "photons" if photons_known else "unit of light"
     return {
-        "general_snr_max": from_draws(snr[:, best], "1", "largest ratio of light to its noise at a level", n),
-        "general_threshold": from_draws(least, unit, "light that is its own noise, from dark to the first level", n),
-        "general_dynamic_range": from_draws(
+        GENERAL_SNR_MAX: from_draws(snr[:, best], "1", "largest ratio of light to its noise at a level", n),
+        GENERAL_THRESHOLD: from_draws(least, unit, "light that is its own noise, from dark to the first level", n),
+        GENERAL_DYNAMIC_RANGE: from_draws(
             curves.light[:, saturation] / least, "1", "light at saturation over threshold", n
         ),
     }

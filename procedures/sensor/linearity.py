@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import LINEARITY_ERROR, LINEARITY_ERROR_MAX, LINEARITY_ERROR_MIN
 from procedures.sensor.curves import Curves
 from procedures.sensor.measured import CONFIDENT, IntervalNumber, measured
 
@@ -140,9 +141,9 @@ def linearity_numbers(found: Linearity, beside: Sequence[Linearity], n: int) -> 
     method = "relative deviation from the line with the least relative deviations, 5 % to 95 % of saturation"
     extreme = CONFIDENT * float(np.max(spread))
     return {
-        "linearity_error": measured(
+        LINEARITY_ERROR: measured(
             float(error[0]), spread_of_error, "%", f"mean absolute {method}", n, least=0.0, lower=lift
         ),
-        "linearity_error_min": measured(float(lowest[0]), extreme / CONFIDENT, "%", f"lowest {method}", n),
-        "linearity_error_max": measured(float(highest[0]), extreme / CONFIDENT, "%", f"highest {method}", n),
+        LINEARITY_ERROR_MIN: measured(float(lowest[0]), extreme / CONFIDENT, "%", f"lowest {method}", n),
+        LINEARITY_ERROR_MAX: measured(float(highest[0]), extreme / CONFIDENT, "%", f"highest {method}", n),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import DSNU, PRNU
 from procedures.sensor.estimate import SensorResult
 
 Array = npt.NDArray[np.float64]
@@ -23,8 +24,8 @@ def linear_snr(result: SensorResult, light: Array) -> Array:
 
 def total_snr(result: SensorResult, light: Array) -> Array:
     """Of one picture, whose pixels differ too: with DSNU and PRNU; NaN where these are not known."""
-    if "prnu" not in result.numbers:
+    if PRNU not in result.numbers:
         return np.full(len(light), np.nan)
     e, dark_e = electrons(result, light), result.transfer.dark_deviation[0] / result.transfer.gain[0]
-    dsnu_e, prnu = result.numbers["dsnu"].value, result.numbers["prnu"].value / 100
+    dsnu_e, prnu = result.numbers[DSNU].value, result.numbers[PRNU].value / 100
     return np.asarray(e / np.sqrt(e + dark_e**2 + dsnu_e**2 + (prnu * e) ** 2))

@@ -15,6 +15,24 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import (
+    DYNAMIC_RANGE,
+    DYNAMIC_RANGE_DB,
+    INVERSE_GAIN,
+    QUANTUM_EFFICIENCY,
+    RESPONSIVITY,
+    SATURATION_CAPACITY,
+    SATURATION_PHOTONS,
+    SATURATION_SIGNAL,
+    SENSITIVITY_THRESHOLD,
+    SENSITIVITY_THRESHOLD_PHOTONS,
+    SNR_MAX,
+    SNR_MAX_DB,
+    SYSTEM_GAIN,
+    SYSTEM_GAIN_AT_DARK,
+    TEMPORAL_DARK_NOISE,
+    TEMPORAL_DARK_NOISE_DN,
+)
 from procedures.sensor.curves import Curves
 from procedures.sensor.linearity import Response
 from procedures.sensor.measured import IntervalNumber, from_draws, measured
@@ -123,21 +141,21 @@ def transfer_numbers(curves: Curves, found: Transfer, *, photons_known: bool) ->
 
     noise_e = _dark_electrons(found)
     threshold_e = np.sqrt(dark**2 / gain**2 + 0.25) + 0.5
-    numbers = {
-        "system_gain": told(gain, "DN/e-", "line through 0 of the photon transfer curve, to 70 % of saturation",
+    numbers: dict[str, IntervalNumber] = {
+        SYSTEM_GAIN: told(gain, "DN/e-", "line through 0 of the photon transfer curve, to 70 % of saturation",
                             share=bent),
-        "system_gain_at_dark": told(found.gain_at_dark, "DN/e-", "the same, the response's curvature allowed for"),
-        "inverse_gain": told(1 / gain, "e-/DN", "1 / K", share=bent),
-        "temporal_dark_noise": told(noise_e, "e-", "variance in the dark less that of rounding, over K", share=bent),
-        "temporal_dark_noise_dn": told(dark, "DN", "variance in the dark, rounding included"),
-        "sensitivity_threshold": told(threshold_e, "e-", "electrons at which the signal is its own noise", share=bent),
-        "responsivity": told(found.responsivity, "DN/photon" if photons_known else "DN per unit of light",
+        SYSTEM_GAIN_AT_DARK: told(found.gain_at_dark, "DN/e-", "the same, the response's curvature allowed for"),
+        INVERSE_GAIN: told(1 / gain, "e-/DN", "1 / K", share=bent),
+        TEMPORAL_DARK_NOISE: told(noise_e, "e-", "variance in the dark less that of rounding, over K", share=bent),
+        TEMPORAL_DARK_NOISE_DN: told(dark, "DN", "variance in the dark, rounding included"),
+        SENSITIVITY_THRESHOLD: told(threshold_e, "e-", "electrons at which the signal is its own noise", share=bent),
+        RESPONSIVITY: told(found.responsivity, "DN/photon" if photons_known else "DN per unit of light",
                              "line through 0 of the characteristic curve, to 70 % of saturation"),
     }  # fmt: skip
     if photons_known:
         efficiency = found.responsivity / gain
-        numbers["quantum_efficiency"] = told(efficiency, "1", "responsivity over gain", share=bent)
-        numbers["sensitivity_threshold_photons"] = told(
+        numbers[QUANTUM_EFFICIENCY] = told(efficiency, "1", "responsivity over gain", share=bent)
+        numbers[SENSITIVITY_THRESHOLD_PHOTONS] = told(
             threshold_e / efficiency, "photons", "photons at which the signal is its own noise", share=bent
         )
     return {**numbers, **_saturation_numbers(curves, found, threshold_e, bent, n, photons_known=photons_known)}
@@ -152,19 +170,19 @@ def _saturation_numbers(
     low, high = light[first] / light[at], light[last] / light[at]
     capacity = found.responsivity * curves.light[:, at] / found.gain
     unit, where = "e-", "light of the largest temporal variance; the levels beside it are the interval"
-    numbers = {
-        "saturation_capacity": _between(capacity, low, high, 1.0, bent, unit, where, n),
-        "snr_max": _between(np.sqrt(capacity), low, high, 0.5, bent, "1", "root of the saturation capacity", n),
-        "dynamic_range": _between(capacity / threshold_e, low, high, 1.0, 0.0, "1",
+    numbers: dict[str, IntervalNumber] = {
+        SATURATION_CAPACITY: _between(capacity, low, high, 1.0, bent, unit, where, n),
+        SNR_MAX: _between(np.sqrt(capacity), low, high, 0.5, bent, "1", "root of the saturation capacity", n),
+        DYNAMIC_RANGE: _between(capacity / threshold_e, low, high, 1.0, 0.0, "1",
                                   "saturation capacity over sensitivity threshold", n),
-        "saturation_signal": _between(curves.signal[:, at], signal[first] / signal[at],
+        SATURATION_SIGNAL: _between(curves.signal[:, at], signal[first] / signal[at],
                                       signal[last:].max() / signal[at], 1.0, 0.0, "DN",
                                       "mean less dark at the largest temporal variance", n),
     }  # fmt: skip
     if photons_known:
-        numbers["saturation_photons"] = _between(curves.light[:, at], low, high, 1.0, 0.0, "photons", where, n)
-    for name, factor in (("dynamic_range", 20.0), ("snr_max", 20.0)):
-        numbers[f"{name}_db"] = _decibels(numbers[name], factor)
+        numbers[SATURATION_PHOTONS] = _between(curves.light[:, at], low, high, 1.0, 0.0, "photons", where, n)
+    for name, in_db in ((DYNAMIC_RANGE, DYNAMIC_RANGE_DB), (SNR_MAX, SNR_MAX_DB)):
+        numbers[in_db] = _decibels(numbers[name], 20.0)
     return numbers
 
 
@@ -191,7 +209,7 @@ def _decibels(number: IntervalNumber, factor: float) -> IntervalNumber:
 class GainAndNoise:
     """System gain K and temporal dark noise of a plane, `values` (2,), with their covariance (2, 2)."""
 
-    NAMES: ClassVar[tuple[str, str]] = ("system_gain", "temporal_dark_noise")
+    NAMES: ClassVar[tuple[str, str]] = (SYSTEM_GAIN, TEMPORAL_DARK_NOISE)
     UNITS: ClassVar[tuple[str, str]] = ("DN/e-", "e-")
     values: Array
     covariance: Array

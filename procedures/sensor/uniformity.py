@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import DSNU, PRNU
 from procedures.sensor.measured import IntervalNumber, root, with_share
 from procedures.sensor.stacks import FrameStack
 
@@ -108,7 +109,7 @@ def dark_numbers(
     n = stack.mean_picture.size
     numbers: dict[str, IntervalNumber] = {}
     for part in PARTS:
-        name, method = _named("dsnu", part, suffix), f"{_words(part)} of the mean dark picture"
+        name, method = _named(DSNU, part, suffix), f"{_words(part)} of the mean dark picture"
         in_dn = root(found.value[part], found.uncertainty[part], 1.0, "DN", method, n)
         in_e = root(found.value[part], found.uncertainty[part], 1 / gain.value, "e-", f"{method}, over K", n)
         numbers[f"{name}_dn"], numbers[name] = in_dn, with_share(in_e, gain.uncertainty / gain.value)
@@ -136,7 +137,7 @@ def response_numbers(
         chance = 4 * max(in_dark.value[part], 0.0) * max(variance, 0.0) / lines.get(part, n)
         spread = float(np.sqrt(in_flat.uncertainty[part] ** 2 + in_dark.uncertainty[part] ** 2 + chance))
         found = root(variance, spread, 100 / signal, "%", f"{_words(part)} of the mean flat picture, less dark", n)
-        numbers[_named("prnu", part, suffix)] = with_share(found, bent)
+        numbers[_named(PRNU, part, suffix)] = with_share(found, bent)
     return numbers
 
 

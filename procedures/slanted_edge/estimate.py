@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Outcome, Quantity, Refused, Verdict
+from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF_NYQUIST, LEVELS
+from procedures.outcome import Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.quality import Diffraction
 from procedures.raw import Plane
 from procedures.slanted_edge.edge_line import Course, find_course
@@ -27,8 +28,7 @@ from procedures.slanted_edge.resampling import expected_noise, resampled_mtf
 from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
-from procedures.slanted_edge.trust import MOST_OVERSHOOT, check_clipping, check_course, check_samples, judge
-from procedures.transfer_function import LEVELS
+from procedures.slanted_edge.trust import MOST_OVERSHOOT, check_clipping, check_course, check_samples, checks_of
 
 Array = npt.NDArray[np.float64]
 
@@ -97,7 +97,7 @@ class EdgeMtf:
         if not 0 <= frequency <= self.frequencies[-1]:
             return None
         value, spread = (float(np.interp(frequency, self.frequencies, one)) for one in (self.mtf, self.uncertainty))
-        return Quantity(value, "1", spread, METHOD, self.numbers["mtf_nyquist"].n)
+        return Quantity(value, "1", spread, METHOD, self.numbers[EDGE_MTF_NYQUIST].n)
 
 
 @dataclass(frozen=True)
@@ -145,11 +145,12 @@ def _of_sighting(sighting: EdgeSighting, plane: Plane, diffraction: Diffraction 
 def _informed(strip: Strip, plane: Plane, diffraction: Diffraction | None) -> Strip:
     """The strip with what is known of the camera."""
     tail = None if diffraction is None else Tail.of_pupil(diffraction)
-    return replace(strip, quantisation=plane.quantisation, tail=tail)
+    return replace(strip, quantisation=plane.quantisation, tail=tail, raw=plane.raw)
 
 
 def _placed(outcome: Outcome[EdgeMtf], strip: Strip) -> EdgeOutcome:
-    return EdgeOutcome(outcome.value, outcome.verdict, outcome.reason, outcome.remedy, strip.roi, strip.turned)
+    causes = outcome.reason, outcome.remedy, outcome.other_causes
+    return EdgeOutcome(outcome.value, outcome.verdict, *causes, strip.roi, strip.turned)
 
 
 def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
@@ -166,10 +167,8 @@ def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
     draws = resampled_mtf(profile)
     mtf50 = float(frequency_at(mtf, 0.5))
     uncertainty = float(np.nanstd(frequency_at(draws, 0.5))) if np.isfinite(mtf50) else np.inf
-    verdict, reason, remedy = judge(course, profile, mtf50, uncertainty)
-    if verdict is Verdict.REFUSED:
-        return Outcome(None, verdict, reason, remedy)
-    return Outcome(_result(strip, course, profile, mtf, draws), verdict, reason, remedy)
+    outcome: Outcome[EdgeMtf] = verdict_of(checks_of(course, profile, mtf50, uncertainty, raw=strip.raw))
+    return outcome.of_value(None if outcome.verdict is Verdict.REFUSED else _result(strip, course, profile, mtf, draws))
 
 
 def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
@@ -236,11 +235,11 @@ def _numbers(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: 
         if np.isfinite(value) and np.isfinite(drawn_at).mean() > MOST_FALL:
             drawn = float(np.nanstd(drawn_at))
             spread = math.hypot(drawn, REPEATED * value * (value / REPEATED_AT) ** 4)
-            numbers[f"mtf{level}"] = Quantity(value, "cycles/pixel", spread, METHOD, n)
+            numbers[EDGE_CROSSINGS[level]] = Quantity(value, CYCLES, spread, METHOD, n)
     nyquist = int(np.searchsorted(FREQUENCIES, 0.5))
-    numbers["mtf_nyquist"] = Quantity(float(mtf[nyquist]), "1", float(np.std(draws[:, nyquist])), METHOD, n)
+    numbers[EDGE_MTF_NYQUIST] = Quantity(float(mtf[nyquist]), "1", float(np.std(draws[:, nyquist])), METHOD, n)
     rows = len(strip.samples)
     angle = float(np.degrees(np.arctan(abs(course.mean_slope))))
     spread = float(np.degrees(course.slope_uncertainty / (1 + course.mean_slope**2)))
-    numbers["angle"] = Quantity(angle, "degree", spread, f"chord from end to end, order {course.order}", rows)
+    numbers[EDGE_ANGLE] = Quantity(angle, "degree", spread, f"chord from end to end, order {course.order}", rows)
     return numbers

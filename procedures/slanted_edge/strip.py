@@ -87,6 +87,8 @@ class Strip:
         What is known of the approach to the plains before it is seen; None: nothing.
     quantisation : float
         One digital number, in units of the samples.
+    raw : bool
+        Whether they come from a RAW file.
     """
 
     samples: Array
@@ -96,6 +98,7 @@ class Strip:
     valid: npt.NDArray[np.bool_] | None = None
     tail: Tail | None = None
     quantisation: float = 0.0
+    raw: bool = False
 
     @property
     def usable(self) -> npt.NDArray[np.bool_]:

@@ -47,10 +47,9 @@ class Tail:
         px = 2 / (np.pi**3 * diffraction.cutoff)
         return cls(px, PUPIL_DOUBT * px)
 
-    def contradicts(self, seen: Tail) -> bool:
-        """Whether what is seen is far from what is known: by four uncertainties, and by three tenths."""
-        apart = abs(seen.px - self.px)
-        return apart > 4 * math.hypot(self.uncertainty_px, seen.uncertainty_px) and apart > 0.3 * self.px
+    def contradiction(self, seen: Tail) -> float:
+        """How far what is seen lies from what is known, over what is allowed: four uncertainties and three tenths."""
+        return abs(seen.px - self.px) / max(4 * math.hypot(self.uncertainty_px, seen.uncertainty_px), 0.3 * self.px)
 
     def weight(self, variance: float, seen: float) -> float:
         """Of a row that says what is known, among samples of this variance over the squared contrast, and weight 1.

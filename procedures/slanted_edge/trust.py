@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.clipping import NOMINAL, find_clipping
-from procedures.outcome import Refused, Rule, Verdict, verdict_of
+from procedures.outcome import SYMPTOM, Check, Refused, Verdict
 from procedures.slanted_edge.edge_line import NO_EDGE, Course
 from procedures.slanted_edge.profile import Profile
 from procedures.slanted_edge.strip import Strip
@@ -66,13 +66,15 @@ def check_clipping(strip: Strip, course: Course) -> None:
         raise Refused(
             f"the edge's bright side must not be clipped; {found.white:.0%} of its samples are cut off at "
             f"{float(samples.max()):.3f} of the scale",
-            "expose less, and take the RAW file: white at 80 % of the scale is right",
+            f"expose less{'' if strip.raw else ', and take the RAW file'}: white at 80 % of the scale is right",
         )
     if found.black > MOST_CLIPPED:
         raise Refused(
             f"the edge's dark side must not be cut off; {found.black:.0%} of its samples lie at their smallest value, "
             f"{float(samples.min()):.3f} of the scale",
-            "take the RAW file as the camera wrote it, and give its own black level",
+            "raise the black level (offset) of the camera"
+            if strip.raw
+            else "take the RAW file as the camera wrote it, and give its own black level",
         )
 
 
@@ -101,86 +103,58 @@ def check_course(strip: Strip, course: Course) -> None:
         )
 
 
-def judge(course: Course, profile: Profile, mtf50: float, uncertainty: float) -> tuple[Verdict, str, str]:
-    """Verdict, reason and remedy of a measured edge: the first refusal, else all doubts together."""
-    return verdict_of(_refusals(course, profile, mtf50, uncertainty) + _doubts(course, profile, mtf50, uncertainty))
+def checks_of(course: Course, profile: Profile, mtf50: float, uncertainty: float, *, raw: bool) -> list[Check]:
+    """All checks on a measured edge; `raw` tells whether the photograph is a RAW file."""
+    return _refusals(course, profile, mtf50, uncertainty) + _doubts(profile, mtf50, uncertainty, raw)
 
 
-def _refusals(course: Course, profile: Profile, mtf50: float, uncertainty: float) -> list[Rule]:
+def _refusals(course: Course, profile: Profile, mtf50: float, uncertainty: float) -> list[Check]:
     refused = Verdict.REFUSED
     clear = abs(profile.contrast) / max(profile.noise, 1e-12)
+    uneven = profile.unevenness / max(abs(profile.contrast), 1e-12)
+    known = uncertainty / mtf50 if mtf50 > 0 and np.isfinite(uncertainty) else np.inf
     angle = float(np.degrees(np.arctan(abs(course.mean_slope))))
     near = "the diagonal" if angle > 35 else "the axis" if angle < 10 else "a simple ratio of whole pixels"
+    noisy = (
+        f"the edge is too noisy: its contrast is {clear:.1f} times a pixel's noise, and MTF50 is known to {known:.0%}"
+    )
     return [
-        Rule(
-            refused,
-            clear < FAINT or profile.contrast == 0,
-            f"there is no edge in the region: its sides differ by {clear:.2f} of a pixel's noise",
-            NO_EDGE,
-        ),
-        Rule(
-            refused,
-            profile.empty > MOST_EMPTY,
-            f"the edge must run through all phases of the pixels; at {angle:.1f} degrees it leaves "
-            f"{profile.empty:.0%} of them out: it is too near {near}",
-            "turn the chart or the camera: 5 degrees from an axis are right",
-        ),
-        Rule(
-            refused,
-            clear >= NOISY and np.isnan(mtf50),
-            f"the MTF stays above 1/2 up to {HIGHEST:g} cycle/pixel, where an edge's ends",
-            "measure the PSF from the chart: finer detail than an edge's can be had of it",
-        ),
-        Rule(
-            refused,
-            clear < NOISY or not uncertainty < 0.2 * mtf50,
-            f"the edge is too noisy: its contrast is {clear:.1f} times a pixel's noise, and MTF50 is known to "
-            f"{uncertainty / mtf50 if mtf50 > 0 else np.inf:.0%}",
-            "expose longer, or give a longer edge",
-        ),
-        Rule(
-            refused,
-            profile.unevenness > 0.15 * abs(profile.contrast),
-            f"there is no single edge in the region: the areas beside it vary by "
-            f"{profile.unevenness / max(abs(profile.contrast), 1e-12):.0%} of its contrast",
-            NO_EDGE,
-        ),
-    ]
+        Check("contrast", clear, FAINT, refused,
+              f"there is no edge in the region: its sides differ by {clear:.2f} of a pixel's noise", NO_EDGE,
+              least=True),
+        Check("phases", profile.empty, MOST_EMPTY, refused,
+              f"the edge must run through all phases of the pixels; at {angle:.1f} degrees it leaves "
+              f"{profile.empty:.0%} of them out: it is too near {near}",
+              "turn the chart or the camera: 5 degrees from an axis are right"),
+        Check("resolution", bool(np.isnan(mtf50)), 0, refused,
+              f"the MTF stays above 1/2 up to {HIGHEST:g} cycle/pixel, where an edge's ends",
+              "measure the PSF from the chart: finer detail than an edge's can be had of it", given=clear >= NOISY),
+        Check("noise", max(NOISY / max(clear, 1e-12), 0 if np.isnan(mtf50) else known / 0.2), 1.0, refused, noisy,
+              "expose longer, or give a longer edge", given=clear >= FAINT),
+        Check("evenness", uneven, 0.15, refused,
+              f"there is no single edge in the region: the areas beside it vary by {uneven:.0%} of its contrast",
+              NO_EDGE, given=clear >= FAINT),
+    ]  # fmt: skip
 
 
-def _doubts(course: Course, profile: Profile, mtf50: float, uncertainty: float) -> list[Rule]:
+def _doubts(profile: Profile, mtf50: float, uncertainty: float, raw: bool) -> list[Check]:
     doubtful, known, seen = Verdict.DOUBTFUL, profile.tail_known, profile.tail_seen
+    uneven = profile.unevenness / max(abs(profile.contrast), 1e-12)
     return [
-        Rule(
-            doubtful,
-            known is not None and known.contradicts(seen),
-            f"the edge approaches its plains as {seen.px:.3f} ± {seen.uncertainty_px:.3f} pixel over the distance, and "
-            f"by the aperture it would as {known.px if known else 0:.3f}",
-            "see that aperture, pitch and wavelength are those of the photograph, and keep stray light away",
-        ),
-        Rule(
-            doubtful,
-            uncertainty > 0.05 * mtf50,
-            f"MTF50 is known to {uncertainty / max(mtf50, 1e-12):.1%} only",
-            "expose longer, or give a longer edge",
-        ),
-        Rule(
-            doubtful,
-            profile.unevenness > 0.03 * abs(profile.contrast),
-            f"the areas beside the edge vary by {profile.unevenness / max(abs(profile.contrast), 1e-12):.1%} of its "
-            "contrast",
-            "light it evenly, and keep texture and reflections off it",
-        ),
-        Rule(
-            doubtful,
-            profile.overshoot > MOST_OVERSHOOT,
-            f"the edge overshoots its plains by {profile.overshoot:.1%} or more: the photograph was sharpened",
-            "take the RAW file, for sharpening is no property of the lens; of a RAW file, take another edge",
-        ),
-        Rule(
-            doubtful,
-            profile.end_px < 2.5 * profile.width_px,
-            f"the plain areas reach {profile.end_px:.1f} pixels, less than the edge's blur asks for",
-            "give a wider region",
-        ),
-    ]
+        Check("tail", 0.0 if known is None else known.contradiction(seen), 1.0, doubtful,
+              f"the edge approaches its plains as {seen.px:.3f} ± {seen.uncertainty_px:.3f} pixel over the distance, "
+              f"and by the aperture it would as {known.px if known else 0:.3f}",
+              "see that aperture, pitch and wavelength are those of the photograph, and keep stray light away"),
+        Check("uncertainty", uncertainty / max(mtf50, 1e-12), 0.05, doubtful,
+              f"MTF50 is known to {uncertainty / max(mtf50, 1e-12):.1%} only", "expose longer, or give a longer edge",
+              prior=SYMPTOM),
+        Check("evenness", uneven, 0.03, doubtful, f"the areas beside the edge vary by {uneven:.1%} of its contrast",
+              "light it evenly, and keep texture and reflections off it"),
+        Check("overshoot", profile.overshoot, MOST_OVERSHOOT, doubtful,
+              f"the edge overshoots its plains by {profile.overshoot:.1%} or more: "
+              + ("no lens makes that" if raw else "the photograph was sharpened"),
+              "take another edge" if raw else "take the RAW file, for sharpening is no property of the lens"),
+        Check("plains", profile.end_px, 2.5 * profile.width_px, doubtful,
+              f"the plain areas reach {profile.end_px:.1f} pixels, less than the edge's blur asks for",
+              "give a wider region", least=True),
+    ]  # fmt: skip

@@ -7,9 +7,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtri
 
 from procedures.field.focus import FREQUENCY, PlaceFocus, best_focus
-from procedures.outcome import BadParameter, Outcome, Quantity, Refused, Rule, Verdict, verdict_of
+from procedures.numbers import (
+    BACKFOCUS,
+    BACKFOCUS_CENTRE,
+    FIELD_CURVATURE,
+    RMS_AFTER,
+    RMS_BEFORE,
+    SHIM,
+    TILT_CORNER,
+    TILT_HORIZONTAL,
+    TILT_VERTICAL,
+)
+from procedures.outcome import BadParameter, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.psf_field import Node
 from procedures.tilt.plane import SensorPlane, fit_plane
 from procedures.tilt.positions import Positions, behind_lens_um, magnification
@@ -88,28 +100,28 @@ class Tilt:
         """Tilt over width and height, of the whole frame, backfocus and its shim, and the lens's curvature."""
         found, n = self.sensor, len(self.sensor.heights_um)
         (width, height), half = found.size_mm, float(np.hypot(*found.size_mm)) / 2
-        rows = {
-            "tilt_horizontal": (np.array([0, width, 0]), "height at the photograph's right edge over that at its left"),
-            "tilt_vertical": (np.array([0, 0, height]), "height at the photograph's lower edge over that at its upper"),
+        rows: dict[str, tuple[Array, str]] = {
+            TILT_HORIZONTAL: (np.array([0, width, 0]), "height at the photograph's right edge over that at its left"),
+            TILT_VERTICAL: (np.array([0, 0, height]), "height at the photograph's lower edge over that at its upper"),
         }
         if self.with_focus:
-            rows["backfocus"] = np.array([1.0, 0, 0]), "the sensor behind best focus at the nominal position, mean"
-            rows["shim"] = np.array([-1.0, 0, 0]), "what a shim under the lens's mount has to be thicker, for the mean"
+            rows[BACKFOCUS] = np.array([1.0, 0, 0]), "the sensor behind best focus at the nominal position, mean"
+            rows[SHIM] = np.array([-1.0, 0, 0]), "what a shim under the lens's mount has to be thicker, for the mean"
         numbers = {name: _linear(found.plane, found.covariance, *row, n) for name, row in rows.items()}
         if self.with_focus:
             height, variance = found.centre
             method = "the same at the frame's centre"
-            numbers["backfocus_centre"] = Quantity(height, "um", float(np.sqrt(variance)), method, n)
+            numbers[BACKFOCUS_CENTRE] = Quantity(height, "um", float(np.sqrt(variance)), method, n)
         corner = found.corners_mm[int(np.argmax(found.corners_mm @ found.plane[1:]))]
         row = np.array([0.0, *corner])
-        numbers["tilt_corner"] = _linear(
+        numbers[TILT_CORNER] = _linear(
             found.plane, found.covariance, row, "height of the highest corner over the centre", n
         )
         bend = np.array([0.5, 0, 0.5]) * half**2
-        numbers["field_curvature"] = _linear(
+        numbers[FIELD_CURVATURE] = _linear(
             found.curvature, found.curvature_covariance, bend, "mean quadratic at half the diagonal", n
         )
-        return {**numbers, "rms_before": self.turns.before, "rms_after": self.turns.after}
+        return {**numbers, RMS_BEFORE: self.turns.before, RMS_AFTER: self.turns.after}
 
 
 def _linear(values: Array, covariance: Array, row: Array, method: str, n: int) -> Quantity:
@@ -154,8 +166,7 @@ def estimate_tilt(
     turns = turns_for(found, parameters.screws, with_focus=with_focus)
     astigmatism = np.array([one.tops[1].at - one.tops[0].at for one in places])
     tilt = Tilt(found, astigmatism, parameters.screws, turns, with_focus)
-    verdict, reason, remedy = verdict_of(_rules(tilt, set(in_um), places))
-    return Outcome(tilt, verdict, reason, remedy)
+    return verdict_of(_checks(tilt, set(in_um), places), tilt)
 
 
 def heights_of(places: Sequence[PlaceFocus], zero_um: float, position_um: float) -> tuple[Array, Array]:
@@ -210,29 +221,20 @@ def chart_slope(positions_mm: Sequence[float], parameters: TiltParameters) -> fl
     return 1000 * magnification(focal, distance) * float(np.tan(np.radians(parameters.chart_tilt_deg)))
 
 
-def _rules(tilt: Tilt, positions: set[float], places: Sequence[PlaceFocus]) -> list[Rule]:
-    found, numbers = tilt.sensor, tilt.numbers()
-    uncertain = max(numbers[name].uncertainty for name in ("tilt_horizontal", "tilt_vertical"))
+def _checks(tilt: Tilt, positions: set[float], places: Sequence[PlaceFocus]) -> list[Check]:
+    doubtful, found, numbers = Verdict.DOUBTFUL, tilt.sensor, tilt.numbers()
+    uncertain = max(numbers[name].uncertainty for name in (TILT_HORIZONTAL, TILT_VERTICAL))
     z = np.sort(list(positions))
     low, high = (z[0] + z[1]) / 2, (z[-1] + z[-2]) / 2
     tops = [top.at for one in places for top in one.tops]
     return [
-        Rule(
-            Verdict.DOUBTFUL,
-            found.chance < UNLIKELY,
-            f"best focus differs from a smooth surface by {found.misfit:.1f} times its uncertainty",
-            "take the bracket again; a chart that is not flat, or a lens that was touched, makes this",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            uncertain > LARGE_UM,
-            f"the tilt over the frame is known to {uncertain:.1f} um only",
-            "hang the chart squarer and say so by --chart-tilt-deg, or photograph more charts, nearer to the corners",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            min(tops) < low or max(tops) > high,
-            "at some places the best focus lies at the bracket's end",
-            "extend the bracket on that side",
-        ),
-    ]
+        Check("misfit", -ndtri(found.chance), -ndtri(UNLIKELY), doubtful,
+              f"best focus differs from a smooth surface by {found.misfit:.1f} times its uncertainty",
+              "take the bracket again; a chart that is not flat, or a lens that was touched, makes this"),
+        Check("uncertainty", uncertain, LARGE_UM, doubtful,
+              f"the tilt over the frame is known to {uncertain:.1f} um only",
+              "hang the chart squarer and say so by --chart-tilt-deg, or photograph more charts, nearer to the "
+              "corners"),
+        Check("bracket", min(tops) < low or max(tops) > high, 0, doubtful,
+              "at some places the best focus lies at the bracket's end", "extend the bracket on that side"),
+    ]  # fmt: skip

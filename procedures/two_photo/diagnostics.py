@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.clipping import find_clipping
+from procedures.numbers import EDGE_MTF50
 from procedures.psf import Psf
 from procedures.two_photo.error_parts import ErrorParts, near_errors
 from procedures.two_photo.inter_image import PairFit
@@ -195,7 +196,7 @@ def diagnose(
         missing_light=alike.missing_light,
         near_noise=alike.near.most_noise / kernel.noise,
         focus_effect=float(np.hypot(*near_errors(alike.near, fit.scale(), *(0.5 * np.eye(2)))).max()),
-        mismatch=max((ratio for name, ratio in parts.mismatch.items() if name.startswith("mtf50")), default=1.0),
+        mismatch=max((ratio for name, ratio in parts.mismatch.items() if name.startswith(EDGE_MTF50)), default=1.0),
     )
 
 

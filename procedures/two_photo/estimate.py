@@ -15,9 +15,10 @@ import numpy.typing as npt
 
 from procedures.budget import taken_apart, with_settling
 from procedures.choice import Trial, choose, settling
+from procedures.numbers import GAIN, NOISE, RESIDUAL_STD, SCALE
 from procedures.numerics.solvers import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
-from procedures.outcome import Outcome, Refused, Verdict
+from procedures.outcome import Outcome, Refused, Verdict, verdict_of
 from procedures.psf import Psf, PsfTail, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
@@ -28,7 +29,7 @@ from procedures.two_photo.likeness import likeness
 from procedures.two_photo.near_noise import Kernel, noise_at_most, without_near_noise
 from procedures.two_photo.recursion import Recovered, psf_by_equation, psf_by_recursion
 from procedures.two_photo.registration import PairSighting, register
-from procedures.two_photo.trust import check_distance, check_light, judge, most_samples_per_pixel
+from procedures.two_photo.trust import check_distance, check_light, checks_of, most_samples_per_pixel
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -109,7 +110,7 @@ class TwoPhotoPsf:
     @property
     def values(self) -> dict[str, float | tuple[float, float]]:
         """The numbers that have no uncertainty."""
-        return {"scale": self.scale, "gain": self.gain, "noise": self.noise, "residual_std": self.residual_std}
+        return {SCALE: self.scale, GAIN: self.gain, NOISE: self.noise, RESIDUAL_STD: self.residual_std}
 
 
 def estimate_psf(
@@ -133,7 +134,7 @@ def estimate_psf(
     """
     parameters = parameters or TwoPhotoParameters()
     try:
-        return _estimate(a.samples, b.samples, parameters, diffraction)
+        return _estimate(a, b, parameters, diffraction)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     except np.linalg.LinAlgError:
@@ -159,12 +160,12 @@ class _Attempt:
 
 
 def _estimate(
-    a: Array32, b: Array32, parameters: TwoPhotoParameters, diffraction: Diffraction | None
+    a: Plane, b: Plane, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
     """The chain itself; raises Refused."""
-    saturated = check_light(a, b)
-    sighting = register(a, b)
-    near, far = (b, a) if sighting.swapped else (a, b)
+    saturated = check_light(a.samples, b.samples)
+    sighting = register(a.samples, b.samples)
+    near, far = (b.samples, a.samples) if sighting.swapped else (a.samples, b.samples)
     check_distance(sighting.H_near_far, far.shape, parameters.s or 2)
     most_s = most_samples_per_pixel(sighting.H_near_far, far.shape)
     limit = noise_at_most(near)
@@ -179,11 +180,9 @@ def _estimate(
     check = psf_by_equation(kernel.total, psf.s, J)
     off = float(np.linalg.norm(found.recovered.h - check.h) / np.linalg.norm(check.h))
     diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, off, saturated, alike, parts)
-    verdict, reason, remedy = judge(diagnostics, parameters, tried, psf.s, beyond_diffraction(quality, diffraction))
-    if verdict is Verdict.REFUSED:
-        return Outcome(None, verdict, reason, remedy)
+    contradicted, raw = beyond_diffraction(quality, diffraction), a.raw and b.raw
     result = _result(replace(found, psf=psf), quality, tried, sighting, asdict(diagnostics))
-    return Outcome(result, verdict, reason, remedy)
+    return verdict_of(checks_of(diagnostics, parameters, tried, psf.s, contradicted, raw=raw), result)
 
 
 def _chosen(
@@ -259,7 +258,7 @@ def _result(
         swapped=sighting.swapped,
         gain=kernel.gain,
         noise=kernel.noise,
-        residual_std=diagnostics["residual_std"],
+        residual_std=diagnostics[RESIDUAL_STD],
         choice=tried,
         warp=found.fit.warp,
         diagnostics=diagnostics,

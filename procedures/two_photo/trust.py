@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from procedures.choice import FINEST, Trial
+from procedures.choice import FINEST, OPEN, Trial
 from procedures.numerics.warps import homography_jacobian
-from procedures.outcome import Refused, Rule, Verdict, verdict_of
+from procedures.outcome import SYMPTOM, Check, Refused, Verdict
 from procedures.psf import Sampling
+from procedures.raw import UNLIKELY_IN_RAW, unprocessed
 from procedures.reading.exposure import Exposure
 from procedures.two_photo.diagnostics import Diagnostics, clipped_share
 
@@ -21,6 +22,10 @@ COARSE_REMAINS, FINE_REMAINS, SMOOTHING, STREAKS = 1.6, 0.8, 1.35, 1.4
 not have."""
 LIGHT_TURNED = 0.005
 """Variation with the direction at coarse detail: a lens gives 0.001."""
+FAR_SOFTER = 1.8
+"""Fine contrast of the near photograph over the far one's from which the far one is doubted to be in focus."""
+PARTS_OFF_PX, PARTS_OFF_SIGMAS = 0.02, 6.0
+"""Distance of a part of the wall from where one plane puts it, and its standard uncertainties, from which it tells."""
 COARSE_SHARE = 0.05
 """Share of the wall's coarse detail that may differ."""
 BEYOND_LIGHT, DUG_OUT = 0.02, 4.0
@@ -44,10 +49,13 @@ def check_light(near: Array32, far: Array32) -> float:
     Raises
     ------
     Refused
-        If too much of a photograph is clipped, or it shows next to no light.
+        If too much of a photograph is clipped, or it shows next to no light, or is of a few pixels only.
     """
     clipped = []
     for photograph in (near, far):
+        if min(photograph.shape) < 3:  # noise is told by second differences
+            rows, columns = photograph.shape
+            raise Refused(f"photographs must be 3 pixels wide and high; one is {columns} x {rows}", "give whole ones")
         clipped.append(clipped_share(photograph))
         if clipped[-1] > 0.05:
             raise Refused(
@@ -101,287 +109,205 @@ def check_settings(a: Exposure, b: Exposure) -> None:
             )
 
 
-def judge(
-    d: Diagnostics, asked: Sampling, tried: tuple[Trial, ...], s: int, contradicted: list[Rule]
-) -> tuple[Verdict, str, str]:
-    """Verdict, reason and remedy: the first refusal, else all doubts together.
+def checks_of(
+    d: Diagnostics, asked: Sampling, tried: tuple[Trial, ...], s: int, contradicted: list[Check], *, raw: bool
+) -> list[Check]:
+    """All checks on a PSF.
 
-    `contradicted` is what f-number and pitch forbid, as far as they are known.
+    Parameters
+    ----------
+    contradicted : list of Check
+        What f-number and pitch forbid, as far as they are known.
+    raw : bool
+        Whether both photographs are RAW files.
     """
-    return verdict_of(
-        _refusals(d)
-        + _doubts(d, s)
-        + _other_light(d)
-        + _processed(d)
-        + _unlike(d, tried[-1].band_open)
-        + _left_out(asked, tried[-1], d.scale)
-        + contradicted
-    )
+    return [
+        *_refusals(d), *_doubts_of_wall(d, s), *_doubts_of_camera(d), *_other_light(d, raw), *_processed(d, raw),
+        *_unlike(d, raw, tried[-1].band_open), *_left_out(asked, tried[-1], d.scale), *contradicted,
+    ]  # fmt: skip
 
 
-def _other_light(d: Diagnostics) -> list[Rule]:
+def _shifted(d: Diagnostics) -> bool:
+    """Whether parts of the wall lie off its plane: detail that does not meet looks soft, smoothed and noisy."""
+    return d.local_shift_px > PARTS_OFF_PX and d.local_shift_significance > PARTS_OFF_SIGMAS
+
+
+def _processing(d: Diagnostics, raw: bool) -> float:
+    """Prior of processing as the cause."""
+    return SYMPTOM if _shifted(d) else UNLIKELY_IN_RAW if raw else 1.0
+
+
+def _as_raw(raw: bool) -> str:
+    """What is added to a remedy where the photographs are no RAW files."""
+    return "" if raw else ", as RAW files"
+
+
+def _other_light(d: Diagnostics, raw: bool) -> list[Check]:
     """What the near photograph does not explain of the far one, as another light or focus leaves it: coarse."""
     doubtful = Verdict.DOUBTFUL
     return [
-        Rule(
-            doubtful,
-            d.colour > COARSE_REMAINS,
-            f"what the near photograph does not explain is coarse, {d.colour:.1f} times as strong as at fine detail: "
-            "the light came from elsewhere, or the far photograph is softer than the near one",
-            "take both in the same steady light, focus at either distance, and let nothing move",
-        ),
-        Rule(
-            doubtful,
-            d.light_turned > LIGHT_TURNED,
-            "the contrast of coarse detail changed with its direction between the photographs: the light came from "
-            "elsewhere, or the lens throws much light farther one way than the other (a corner, strong astigmatism)",
-            "take both in the same light, one soon after the other, or choose a wall that is painted, not rough; in "
-            "the middle of the frame only light is left as a cause",
-        ),
-        Rule(
-            doubtful,
-            d.left_over > COARSE_SHARE,
-            f"{d.left_over:.0%} of the wall's coarse detail is not the same in both photographs: another light, or a "
-            "response that is not linear",
-            "take both in the same steady light, with the same exposure, as RAW files",
-        ),
-    ]
+        Check("coarse residual", d.colour, COARSE_REMAINS, doubtful,
+              f"what the near photograph does not explain is coarse, {d.colour:.1f} times as strong as at fine detail: "
+              "the light came from elsewhere, or the far photograph is softer than the near one",
+              "take both in the same steady light, focus at either distance, and let nothing move"),
+        Check("direction of the light", d.light_turned, LIGHT_TURNED, doubtful,
+              "the contrast of coarse detail changed with its direction between the photographs: the light came from "
+              "elsewhere, or the lens throws much light farther one way than the other (a corner, strong astigmatism)",
+              "take both in the same light, one soon after the other, or choose a wall that is painted, not rough; in "
+              "the middle of the frame only light is left as a cause"),
+        Check("coarse detail", d.left_over, COARSE_SHARE, doubtful,
+              f"{d.left_over:.0%} of the wall's coarse detail is not the same in both photographs: another light, or a "
+              "response that is not linear",
+              f"take both in the same steady light, with the same exposure{_as_raw(raw)}"),
+    ]  # fmt: skip
 
 
-def _processed(d: Diagnostics) -> list[Rule]:
+def _processed(d: Diagnostics, raw: bool) -> list[Check]:
     """What it does not explain, as smoothing, sharpening, compression or motion leave it."""
-    doubtful = Verdict.DOUBTFUL
+    doubtful, prior = Verdict.DOUBTFUL, _processing(d, raw)
+    files = unprocessed(raw, "use the RAW files")
     return [
-        Rule(
-            doubtful,
-            d.smoothing > SMOOTHING,
-            f"the far photograph's noise is {d.smoothing:.1f} times as strong at middle detail as at the finest: "
-            "it was smoothed",
-            "use the RAW files",
-        ),
-        Rule(
-            doubtful,
-            d.colour < FINE_REMAINS,
-            f"what the near photograph does not explain is fine, at coarse detail {d.colour:.2f} times as strong: the "
-            "far photograph was sharpened or compressed",
-            "use the RAW files",
-        ),
-        Rule(
-            doubtful,
-            not 1 / STREAKS < d.streaks < STREAKS,
-            f"what the near photograph does not explain is {max(d.streaks, 1 / d.streaks):.1f} times as strong along "
-            "one axis as along the other: the camera moved in the far exposure, or the photograph was processed",
-            "take both from a tripod, without touching the camera, as RAW files",
-        ),
-        Rule(
-            doubtful,
-            d.detail > AT_DETAIL,
-            f"what the near photograph does not explain is {d.detail:.1f} times as strong at the wall's detail as "
-            "where it has none: the far photograph was smoothed all but for its edges",
-            "use the RAW files, or choose a flat wall",
-        ),
-    ]
+        Check("smoothing", d.smoothing, SMOOTHING, doubtful,
+              f"the far photograph's noise is {d.smoothing:.1f} times as strong at middle detail as at the finest: "
+              "it was smoothed", files, prior=prior),
+        Check("fine residual", d.colour, FINE_REMAINS, doubtful,
+              f"what the near photograph does not explain is fine, at coarse detail {d.colour:.2f} times as strong: "
+              "the far photograph was sharpened or compressed", files, least=True, prior=prior),
+        Check("streaks", max(d.streaks, 1 / max(d.streaks, 1e-12)), STREAKS, doubtful,
+              f"what the near photograph does not explain is {max(d.streaks, 1 / max(d.streaks, 1e-12)):.1f} times as "
+              "strong along one axis as along the other: the camera moved in the far exposure"
+              + ("" if raw else ", or the photograph was processed"),
+              f"take both from a tripod, without touching the camera{_as_raw(raw)}"),
+        Check("residual at detail", d.detail, AT_DETAIL, doubtful,
+              f"what the near photograph does not explain is {d.detail:.1f} times as strong at the wall's detail as "
+              "where it has none: the far photograph was smoothed all but for its edges, or the near one is aliased",
+              f"{files}, choose a flat wall, or stop the lens down", prior=prior),
+    ]  # fmt: skip
 
 
-def _unlike(d: Diagnostics, band_open: bool) -> list[Rule]:
+def _unlike(d: Diagnostics, raw: bool, band_open: bool) -> list[Check]:
     """What tells that the photographs are not equally sharp, equally lit and unprocessed.
 
-    A band that ends where the OTF has not rings around the core as sharpening does.
+    A band that ends where the OTF has not rings around the core as sharpening does; a far photograph that is softer
+    than the near one was not sharpened.
     """
-    doubtful = Verdict.DOUBTFUL
+    softer = d.sharpness_ratio > FAR_SOFTER
+    doubtful, prior = Verdict.DOUBTFUL, _processing(d, raw)
+    no_light = "no PSF of light has this MTF: the far photograph was sharpened, or the near one softened"
+    focused = "focus again at either distance" if raw else "use the RAW files, focused at either distance"
     return [
-        Rule(
-            doubtful,
-            d.beyond_light > BEYOND_LIGHT or (d.missing_light > DUG_OUT and not band_open),
-            "no PSF of light has this MTF: the far photograph was sharpened, or the near one softened",
-            "use the RAW files, focused at either distance",
-        ),
-        Rule(
-            doubtful,
-            d.focus_effect > OTHER_FOCUS,
-            f"the near photograph's fine detail is not what a wall of this kind has: if the focus is why, the MTF at "
-            f"Nyquist is wrong by {d.focus_effect:.0%}",
-            "focus again at either distance, use the RAW files, or choose a wall with more fine detail",
-        ),
-        Rule(
-            doubtful,
-            d.near_noise < SMOOTHED,
-            f"the near photograph has at most {d.near_noise:.0%} of the noise that the far one has: it was smoothed, "
-            "reduced or compressed, or they are not of one wall",
-            "use the RAW files, with the same exposure",
-        ),
-        Rule(
-            doubtful,
-            d.turned > TURNED,
-            "the near photograph's fine detail has another direction than its coarse detail: its light came from "
-            "elsewhere, it was moved or processed, or the wall is such",
-            "take both in the same steady light, from a tripod, of a wall without a direction",
-        ),
-        Rule(
-            doubtful,
-            d.mismatch > SCATTERED,
-            f"parts of the wall disagree: {d.mismatch**0.5:.1f} times as far as noise explains",
-            "choose a flat wall, photograph it squarely, in even light",
-        ),
-    ]
+        Check("MTF of light", d.beyond_light, BEYOND_LIGHT, doubtful, no_light, focused, given=not softer),
+        Check("MTF of light", d.missing_light, DUG_OUT, doubtful, no_light, focused,
+              given=not (softer or band_open)),
+        Check("near focus", d.focus_effect, OTHER_FOCUS, doubtful,
+              f"the near photograph's fine detail is not what a wall of this kind has: if the focus is why, the MTF at "
+              f"Nyquist is wrong by {d.focus_effect:.0%}",
+              f"focus again at either distance{'' if raw else ', use the RAW files'}, or choose a wall with more fine "
+              "detail"),
+        Check("near noise", d.near_noise, SMOOTHED, doubtful,
+              f"the near photograph has at most {d.near_noise:.0%} of the noise that the far one has: it was smoothed, "
+              "reduced or compressed, or they are not of one wall",
+              f"{unprocessed(raw, 'use the RAW files')}, and give both the same exposure", least=True, prior=prior),
+        Check("direction of fine detail", d.turned, TURNED, doubtful,
+              "the near photograph's fine detail has another direction than its coarse detail: its light came from "
+              "elsewhere, it was moved or processed, or the wall is such",
+              "take both in the same steady light, from a tripod, of a wall without a direction"),
+        Check("parts", d.mismatch**0.5, SCATTERED**0.5, doubtful,
+              f"parts of the wall disagree: {d.mismatch**0.5:.1f} times as far as noise explains",
+              "choose a flat wall, photograph it squarely, in even light", prior=SYMPTOM),
+    ]  # fmt: skip
 
 
-def _left_out(asked: Sampling, last: Trial, scale: float) -> list[Rule]:
+def _left_out(asked: Sampling, last: Trial, scale: float) -> list[Check]:
     """What s and k as they were given leave out, and what no s can give from where the photographs were taken."""
     doubtful = Verdict.DOUBTFUL
     would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else "raise k"
     needed = last.s + 1
     farther = f"take the far photograph from {1.1 * needed / scale:.2f} times its distance: it needs s = {needed}"
     return [
-        Rule(
-            doubtful,
-            asked.k is not None and last.support_short,
-            f"k = {last.k} may leave out {last.truncation:.4f} of the OTF, which is known to {last.uncertainty:.4f}",
-            would,
-        ),
-        Rule(
-            doubtful,
-            asked.s is not None and last.band_open and last.better is not None and last.better[0] > last.s,
-            f"s = {last.s} ends the band where the OTF is still {last.band_edge:.2f}",
-            would,
-        ),
-        Rule(
-            doubtful,
-            None in last.mtf50,
-            f"MTF50 lies beyond the band of s = {last.s}",
-            f"use -s {needed}" if needed < scale / CLEAR_OF else farther,
-        ),
-    ]
+        Check("truncation", last.truncation, last.most_truncated, doubtful,
+              f"k = {last.k} may leave out {last.truncation:.4f} of the OTF, which is known to {last.uncertainty:.4f}",
+              would, given=asked.k is not None),
+        Check("band edge", last.band_edge, OPEN, doubtful,
+              f"s = {last.s} ends the band where the OTF is still {last.band_edge:.2f}", would,
+              given=asked.s is not None and last.better is not None and last.better[0] > last.s),
+        Check("MTF50", None in last.mtf50, 0, doubtful, f"MTF50 lies beyond the band of s = {last.s}",
+              f"use -s {needed}" if needed < scale / CLEAR_OF else farther),
+    ]  # fmt: skip
 
 
-def _refusals(d: Diagnostics) -> list[Rule]:
-    """What makes a PSF unusable, the most telling first."""
+def _refusals(d: Diagnostics) -> list[Check]:
+    """What makes a PSF unusable."""
     refused = Verdict.REFUSED
     flat = "choose a flat wall without relief, photograph it squarely, and keep everything out of its way"
     return [
-        Rule(
-            refused,
-            d.agreement < 0.3,
-            f"the near photograph must explain the far one; it explains {max(d.agreement, 0):.0%} of it",
-            "photograph the same flat part of a wall from both distances, in the same light",
-        ),
-        Rule(
-            refused,
-            d.local_shift_px > 0.1,
-            f"the wall must be one plane; parts of it lie {d.local_shift_px:.2f} pixel from where one plane puts them",
-            flat,
-        ),
-        Rule(
-            refused,
-            d.relief_px > 0.25,
-            f"the wall must be flat; its relief moves details by {d.relief_px:.2f} pixel between the photographs",
-            flat,
-        ),
-        Rule(
-            refused,
-            d.sharpness_ratio < 0.2,
-            f"the near photograph must be as sharp as the far one; it has {d.sharpness_ratio:.0%} of its fine contrast",
-            "focus again at the near distance",
-        ),
-        Rule(
-            refused,
-            d.relative_uncertainty > 1,
-            f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF: the wall's spectrum is too weak",
-            "choose a rougher wall with detail of all sizes, expose longer, or lower s or k",
-        ),
-    ]
+        Check("agreement", d.agreement, 0.3, refused,
+              f"the near photograph must explain the far one; it explains {max(d.agreement, 0):.0%} of it",
+              "photograph the same flat part of a wall from both distances, in the same light", least=True),
+        Check("local shift", d.local_shift_px, 0.1, refused,
+              f"the wall must be one plane; parts of it lie {d.local_shift_px:.2f} pixel from where one plane puts "
+              "them", flat),
+        Check("relief", d.relief_px, 0.25, refused,
+              f"the wall must be flat; its relief moves details by {d.relief_px:.2f} pixel between the photographs",
+              flat),
+        Check("sharpness", d.sharpness_ratio, 0.2, refused,
+              f"the near photograph must be as sharp as the far one; it has {d.sharpness_ratio:.0%} of its fine "
+              "contrast", "focus again at the near distance", least=True, prior=SYMPTOM if _shifted(d) else 1.0),
+        Check("uncertainty", d.relative_uncertainty, 1.0, refused,
+              f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF: the wall's spectrum is too weak",
+              "choose a rougher wall with detail of all sizes, expose longer, or lower s or k"),
+    ]  # fmt: skip
 
 
-def _doubts(d: Diagnostics, s: int) -> list[Rule]:
-    """What leaves a PSF usable but less than two photographs could have given."""
-    return _doubts_of_wall(d, s) + _doubts_of_camera(d)
-
-
-def _doubts_of_wall(d: Diagnostics, s: int) -> list[Rule]:
+def _doubts_of_wall(d: Diagnostics, s: int) -> list[Check]:
     """What the wall and its place may lack."""
     doubtful = Verdict.DOUBTFUL
     determined = min(d.determined_horizontal, d.determined_vertical)
     return [
-        Rule(
-            doubtful,
-            d.local_shift_px > 0.02 and d.local_shift_significance > 6,
-            f"parts of the wall lie {d.local_shift_px:.3f} pixel from where one plane puts them",
-            "choose a flatter wall",
-        ),
-        Rule(
-            doubtful,
-            d.relief_px > 0.06,
-            f"the wall's relief moves details by {d.relief_px:.2f} pixel between the photographs",
-            "choose a wall without relief",
-        ),
-        Rule(
-            doubtful,
-            d.relative_uncertainty > 0.3,
-            f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF",
-            "choose a rougher wall, expose longer, or lower s or k",
-        ),
-        Rule(
-            doubtful,
-            determined < s / 2,
-            f"the wall's spectrum determines the MTF up to {determined:.2f} cycles/pixel only",
-            "choose a wall with finer detail",
-        ),
-        Rule(
-            doubtful,
-            d.outliers > 0.02,
-            f"{d.outliers:.1%} of the far photograph does not show what the near one shows",
-            "keep everything out of the way between camera and wall, in the same light",
-        ),
-        Rule(
-            doubtful,
-            d.scale_spread > 0.25,
-            f"the zoom between the photographs varies by {d.scale_spread:.0%} over the wall",
-            "photograph the wall squarely from both distances",
-        ),
-    ]
+        Check("local shift", d.local_shift_px, PARTS_OFF_PX, doubtful,
+              f"parts of the wall lie {d.local_shift_px:.3f} pixel from where one plane puts them",
+              "choose a flatter wall", given=d.local_shift_significance > PARTS_OFF_SIGMAS),
+        Check("relief", d.relief_px, 0.06, doubtful,
+              f"the wall's relief moves details by {d.relief_px:.2f} pixel between the photographs",
+              "choose a wall without relief", prior=1.0 if _shifted(d) else SYMPTOM),
+        Check("uncertainty", d.relative_uncertainty, 0.3, doubtful,
+              f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF",
+              "choose a rougher wall, expose longer, or lower s or k"),
+        Check("band", determined, s / 2, doubtful,
+              f"the wall's spectrum determines the MTF up to {determined:.2f} cycles/pixel only",
+              "choose a wall with finer detail", least=True),
+        Check("outliers", d.outliers, 0.02, doubtful,
+              f"{d.outliers:.1%} of the far photograph does not show what the near one shows",
+              "keep everything out of the way between camera and wall, in the same light"),
+        Check("scale", d.scale_spread, 0.25, doubtful,
+              f"the zoom between the photographs varies by {d.scale_spread:.0%} over the wall",
+              "photograph the wall squarely from both distances"),
+    ]  # fmt: skip
 
 
-def _doubts_of_camera(d: Diagnostics) -> list[Rule]:
+def _doubts_of_camera(d: Diagnostics) -> list[Check]:
     """What the two exposures may lack."""
     doubtful = Verdict.DOUBTFUL
     refocus = "focus again at either distance, with nothing else changed"
+    softer = "the near photograph is less sharp than the far one: the PSF comes out too sharp"
     return [
-        Rule(
-            doubtful,
-            0.2 <= d.sharpness_ratio < 0.4 or d.excess > 0.05,
-            "the near photograph is less sharp than the far one: the PSF comes out too sharp",
-            refocus,
-        ),
-        Rule(
-            doubtful,
-            d.sharpness_ratio > 1.8,
-            "the far photograph is less sharp than the near one: the PSF is that of the far one",
-            refocus,
-        ),
-        Rule(
-            doubtful,
-            not 0.85 <= d.gain <= 1.15,
-            f"the far photograph has {d.gain:.2f} times the near one's contrast",
-            "give both the same exposure, in the same light",
-        ),
-        Rule(
-            doubtful,
-            d.light_change > 0.1,
-            f"the light on the wall changed from place to place, by {d.light_change:.0%}",
-            "take both photographs in the same steady light, without your shadow on the wall",
-        ),
-        Rule(doubtful, d.saturated > 0.01, f"{d.saturated:.1%} of a photograph is clipped", "expose both less"),
-        Rule(
-            doubtful,
-            d.near_noise_bias > 0.1,
-            f"the near photograph's noise would change the kernel by {d.near_noise_bias:.0%}: its correction is rough",
-            "expose both longer",
-        ),
-        Rule(
-            doubtful,
-            d.support_cut > 0.08,
-            f"about {d.support_cut:.0%} of the PSF's energy lies outside its support",
-            "focus, or raise k",
-        ),
-        Rule(doubtful, d.moved_px > 0.1, "the map did not come to rest", "photograph the wall more squarely"),
-    ]
+        Check("sharpness", d.sharpness_ratio, 0.4, doubtful, softer, refocus, least=True),
+        Check("sharpness", d.excess, 0.05, doubtful, softer, refocus),
+        Check("sharpness", d.sharpness_ratio, FAR_SOFTER, doubtful,
+              "the far photograph is less sharp than the near one: the PSF is that of the far one", refocus),
+        Check("contrast", abs(d.gain - 1), 0.15, doubtful,
+              f"the far photograph has {d.gain:.2f} times the near one's contrast",
+              "give both the same exposure, in the same light"),
+        Check("light", d.light_change, 0.1, doubtful,
+              f"the light on the wall changed from place to place, by {d.light_change:.0%}",
+              "take both photographs in the same steady light, without your shadow on the wall"),
+        Check("clipping", d.saturated, 0.01, doubtful, f"{d.saturated:.1%} of a photograph is clipped",
+              "expose both less"),
+        Check("noise", d.near_noise_bias, 0.1, doubtful,
+              f"the near photograph's noise would change the kernel by {d.near_noise_bias:.0%}: its correction is "
+              "rough", "expose both longer"),
+        Check("support", d.support_cut, 0.08, doubtful,
+              f"about {d.support_cut:.0%} of the PSF's energy lies outside its support", "focus, or raise k"),
+        Check("convergence", d.moved_px, 0.1, doubtful, "the map did not converge",
+              "photograph the wall more squarely"),
+    ]  # fmt: skip

@@ -8,7 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import Outcome, Quantity, Refused, Rule, Verdict, verdict_of
+from procedures.numbers import (
+    COLOUR_SHADING,
+    CORNER_LIGHT,
+    DARKEST_CORNER,
+    VIGNETTING_CENTRE_X,
+    VIGNETTING_CENTRE_Y,
+    VIGNETTING_K,
+    VIGNETTING_NOT_RADIAL,
+)
+from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.raw import Plane
 from procedures.vignetting.cells import Cells, cells_of
 from procedures.vignetting.surface import Falloff, RadialFalloff, fit_falloff, fit_radial
@@ -98,7 +107,7 @@ def _plane(cells: Sequence[Cells], plane: Plane) -> Outcome[PlaneVignetting]:
         surface.uncertainty(places),
         middle,
     )
-    return Outcome(answer, *verdict_of(_rules(surface, len(cells))))
+    return verdict_of(_checks(surface, len(cells)), answer)
 
 
 def frame_places(shape: tuple[int, int]) -> Array:
@@ -119,40 +128,32 @@ def _numbers(surface: Falloff, radial: RadialFalloff, middle: Array, count: int)
     where = f"{fitted}; from the frame's"
     centre = radial.centre - middle
     return {
-        "corner_light": Quantity(float(light.mean()), "1", float(spread.mean()), f"{method}; mean of corners", count),
-        "darkest_corner": Quantity(float(light[darkest]), "1", float(spread[darkest]), method, count),
-        "vignetting_centre_x": Quantity(float(centre[0]), "pixel", float(sigma[0]), where, count),
-        "vignetting_centre_y": Quantity(float(centre[1]), "pixel", float(sigma[1]), where, count),
-        **{f"vignetting_k{i + 1}": Quantity(float(radial.coefficients[i]), "1", float(sigma[i + 2]), fitted, count)
+        CORNER_LIGHT: Quantity(float(light.mean()), "1", float(spread.mean()), f"{method}; mean of corners", count),
+        DARKEST_CORNER: Quantity(float(light[darkest]), "1", float(spread[darkest]), method, count),
+        VIGNETTING_CENTRE_X: Quantity(float(centre[0]), "pixel", float(sigma[0]), where, count),
+        VIGNETTING_CENTRE_Y: Quantity(float(centre[1]), "pixel", float(sigma[1]), where, count),
+        **{VIGNETTING_K[i]: Quantity(float(radial.coefficients[i]), "1", float(sigma[i + 2]), fitted, count)
            for i in range(3)},
-        "vignetting_not_radial": Quantity(radial.lost, "1", 0.0, "rms over the frame of the formula's error", count),
+        VIGNETTING_NOT_RADIAL: Quantity(radial.lost, "1", 0.0, "rms over the frame of the formula's error", count),
     }  # fmt: skip
 
 
-def _rules(surface: Falloff, count: int) -> list[Rule]:
+def _checks(surface: Falloff, count: int) -> list[Check]:
     """What makes vignetting doubtful."""
-    steepest = float(np.linalg.norm(surface.slopes, axis=1).max())
+    doubtful, steepest = Verdict.DOUBTFUL, float(np.linalg.norm(surface.slopes, axis=1).max())
     return [
-        Rule(
-            Verdict.DOUBTFUL,
-            count < 2,
-            "one flat cannot tell a slope of the light from the lens: the centre and the difference of the corners may "
-            "be the light's",
-            "photograph a second flat with the camera or the light turned by 180 degrees about the axis, better four",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            surface.structure > LARGE_STRUCTURE,
-            f"the flats show structure of {surface.structure:.1%} rms that no lens makes",
-            "photograph evenly lit, structureless light: a diffuser before the lens, out of focus",
-        ),
-        Rule(
-            Verdict.DOUBTFUL,
-            steepest > LARGE_SLOPE and count >= 2,
-            f"the flats' light differs by {steepest:.1%} over half a diagonal from one to the next",
-            "make the light more even: it is known no better than its slopes average out",
-        ),
-    ]
+        Check("flats", count, 2, doubtful,
+              "one flat cannot tell a slope of the light from the lens: the centre and the difference of the corners "
+              "may be the light's",
+              "photograph a second flat with the camera or the light turned by 180 degrees about the axis, better four",
+              least=True),
+        Check("structure", surface.structure, LARGE_STRUCTURE, doubtful,
+              f"the flats show structure of {surface.structure:.1%} rms that no lens makes",
+              "photograph evenly lit, structureless light: a diffuser before the lens, out of focus"),
+        Check("slope", steepest, LARGE_SLOPE, doubtful,
+              f"the flats' light differs by {steepest:.1%} over half a diagonal from one to the next",
+              "make the light more even: it is known no better than its slopes average out", given=count >= 2),
+    ]  # fmt: skip
 
 
 def _with_colour(found: dict[str, Outcome[PlaneVignetting]]) -> dict[str, Outcome[PlaneVignetting]]:
@@ -170,9 +171,9 @@ def _with_colour(found: dict[str, Outcome[PlaneVignetting]]) -> dict[str, Outcom
             spread = float(np.sqrt(np.mean(_noise(one) ** 2 + _noise(green) ** 2)))
             value = float(np.sqrt(np.mean(ratio**2)))
             method = f"rms over the frame of light over that of {REFERENCE}, less 1"
-            colour = Quantity(value, "1", spread, method, one.numbers["corner_light"].n)
-            answer = replace(one, numbers={**one.numbers, "colour_shading": colour})
-            told[name] = Outcome(answer, outcome.verdict, outcome.reason, outcome.remedy)
+            colour = Quantity(value, "1", spread, method, one.numbers[CORNER_LIGHT].n)
+            answer = replace(one, numbers={**one.numbers, COLOUR_SHADING: colour})
+            told[name] = outcome.of_value(answer)
         else:
             told[name] = outcome
     return told

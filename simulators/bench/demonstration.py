@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from procedures.pattern import Chart
+from procedures.pattern import BLOCK, BLOCKS, Chart
 from simulators.camera.camera import Lens, Photograph, SimulatedCamera, pixels_at
 from simulators.camera.optics import CircularPupil, FourSpots, GaussianBlur, Optics, PixelAperture
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
 
+WIDTH_MM = 124.0
+"""Of the chart: the largest on A4 that has slanted edges beside it."""
 S = 4
 """Samples per pixel that the charts' sizes are meant for."""
 PITCH_UM = 5.94
@@ -83,6 +85,7 @@ def stage(setup: Staging, chart: Chart) -> tuple[SimulatedCamera, Scene]:
         chart,
         pixels=pixels_at(setup.s_over_t, S),
         at=setup.at,
+        cell_mm=WIDTH_MM / (BLOCK * BLOCKS),
         yaw_deg=setup.yaw_deg,
         pitch_deg=setup.pitch_deg,
         roll_deg=setup.roll_deg,

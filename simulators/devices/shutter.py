@@ -1,9 +1,11 @@
-"""Shutter boxes at byte level: a STRIG/2 box with a shaker, and a bare RTS line, both closing a camera's contacts."""
+"""Shutter boxes at byte level: a STRIG/3 box with shaker and motor enable, and a bare RTS line, both closing a camera's
+contacts.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -13,6 +15,8 @@ NEVER = float("inf")
 LONGEST_MS = 3_600_000
 LONGEST_LINE = 63
 WATCHDOG_S = 5.0
+HEARTBEAT_MS, LONGEST_HEARTBEAT_MS = 100, 1000
+MOTORS = ("ENABLE", "BEAT")
 SHAKES = ("PATH", "POINT", "SHAKE")
 MOST, FULL = 128, 4095
 
@@ -45,6 +49,19 @@ class Actuators(Protocol):
         ...
 
 
+Enable = Callable[[bool, float], None]
+"""What is wired to a box's motor enable output: on or off, and when."""
+
+
+@dataclass
+class Hold:
+    """The motor enable output: the command that set it last, when the next heartbeat is due, when it was released."""
+
+    seq: int = 0
+    due_s: float = NEVER
+    released_s: float | None = None
+
+
 @dataclass
 class PendingShot:
     """One accepted shot: its number and when its contacts move."""
@@ -73,7 +90,10 @@ class Shaking:
 
 
 class StrigBox:
-    """A box that speaks STRIG/2, see drivers/firmware/STRIG.md; its clock runs `drift` fast."""
+    """A box that speaks STRIG/3, see drivers/firmware/STRIG.md; its clock runs `drift` fast.
+
+    Nothing is on its motor enable output without `enable`.
+    """
 
     baud = 115200
 
@@ -82,12 +102,14 @@ class StrigBox:
         contacts: Contacts,
         *,
         actuators: Actuators | None = None,
+        enable: Enable = lambda on, now_s: None,
         serial: str = "SIM-1",
         drift: float = 20e-6,
         boot_s: float = 0.3,
     ) -> None:
-        self.contacts, self.actuators = contacts, actuators
-        self._hello = f"STRIG/2 simulated 2.0 {serial}"
+        self.contacts, self.actuators, self.enable = contacts, actuators, enable
+        self._hello = f"STRIG/3 simulated 3.0 {serial}"
+        self._hold = Hold()
         self._path = Shaking([], 0, 0)
         self._drift, self._boot = drift, boot_s
         self._booted_s = 0.0
@@ -107,8 +129,10 @@ class StrigBox:
         self._dtr = dtr
 
     def restart(self, now_s: float) -> None:
-        """Power-up: contacts open, clock and count at zero."""
+        """Power-up: contacts open, motors off, clock and count at zero."""
         self._open(now_s)
+        self.enable(False, now_s)
+        self._hold = Hold()
         self._shot, self._seq = None, 0
         if self._path.runs and self.actuators is not None:
             self.actuators.rest(now_s)
@@ -137,8 +161,8 @@ class StrigBox:
         return taken(self._out)
 
     def next_event_s(self) -> float | None:
-        """The earliest of boot, contacts, watchdog and flash."""
-        moments = [self._boot_end_s, self._flash_at_s]
+        """The earliest of boot, contacts, watchdogs and flash."""
+        moments = [self._boot_end_s, self._flash_at_s, self._hold.due_s]
         if self._path.runs:
             moments.append(min(self._path.rest_at_s, self._heard_s + WATCHDOG_S))
         if self._shot is not None:
@@ -147,6 +171,9 @@ class StrigBox:
         return None if min(moments) == NEVER else min(moments)
 
     def _event(self, now_s: float) -> None:
+        if self._hold.due_s <= now_s:
+            self._release(now_s)
+            self._report_release()
         if self._boot_end_s <= now_s:
             self._boot_end_s = NEVER
             self._say(self._hello)
@@ -157,6 +184,29 @@ class StrigBox:
             self._live(self._shot, now_s)
         if self._path.runs and min(self._path.rest_at_s, self._heard_s + WATCHDOG_S) <= now_s:
             self._rest(now_s)
+
+    def _release(self, now_s: float) -> None:
+        """Without heartbeat, or where it is told to, the motors have no current."""
+        self.enable(False, now_s)
+        self._hold.due_s, self._hold.released_s = NEVER, now_s
+
+    def _report_release(self) -> None:
+        released_s = self._hold.released_s
+        self._say(f"EVT RELEASE {self._hold.seq} {0 if released_s is None else self._t_us(released_s)}")
+
+    def _feel_beat(self, next_ms: int, now_s: float) -> None:
+        if self._hold.due_s == NEVER:
+            self._report_release()
+        else:
+            self._hold.due_s = now_s + next_ms / 1000
+
+    def _set_enable(self, on: bool, now_s: float) -> None:
+        seq = self._accept()
+        if on:
+            self.enable(True, now_s)
+            self._hold.seq, self._hold.due_s = seq, now_s + HEARTBEAT_MS / 1000
+        elif self._hold.due_s != NEVER:
+            self._release(now_s)
 
     def _rest(self, now_s: float) -> None:
         """The shaker rests."""
@@ -205,11 +255,13 @@ class StrigBox:
             self._accept()
             self._end("ABORT", now_s)
             self._rest(now_s)
-        elif command not in ("FOCUS", "SHOT", "BULB", *SHAKES):
+        elif command not in ("FOCUS", "SHOT", "BULB", *MOTORS, *SHAKES):
             self._say("ERR 1 unknown command")
         elif command in SHAKES and self.actuators is None:
             self._say("ERR 4 no shaker")
-        elif self._shot is not None or (self._path.runs and command in SHAKES and line != b"SHAKE 0"):
+        elif command not in MOTORS and (
+            self._shot is not None or (self._path.runs and command in SHAKES and line != b"SHAKE 0")
+        ):
             self._say("ERR 3 busy")
         else:
             self._act(command, [int(w) if w.isascii() and w.isdigit() and len(w) < 8 else -1 for w in words], now_s)
@@ -224,6 +276,12 @@ class StrigBox:
         match command, numbers:
             case "FOCUS", [0 | 1] if good:
                 self._accept()
+            case "ENABLE", [0 | 1 as on] if good:
+                self._set_enable(bool(on), now_s)
+            case "BEAT", []:
+                self._feel_beat(HEARTBEAT_MS, now_s)
+            case "BEAT", [next_ms] if 1 <= next_ms <= LONGEST_HEARTBEAT_MS:
+                self._feel_beat(next_ms, now_s)
             case "SHOT", [focus, pulse, *delay] if good and pulse > 0 and len(delay) < 2:
                 start_s = now_s + (delay[0] if delay else 0) / 1000
                 close_s = start_s + focus / 1000

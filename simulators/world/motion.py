@@ -7,6 +7,7 @@ acceleration tell what they shook.
 from __future__ import annotations
 
 import math
+import threading
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,6 +42,8 @@ class Axis:
         self.low, self.high = low, high
         self._pieces = [Piece(LONG_AGO_S, position, 0.0, 0.0)]
         self._times = [LONG_AGO_S]
+        self._powered = True
+        self._lock = threading.Lock()  # a controller moves it, and something else may take its motor's current
 
     def _piece(self, t_s: float) -> Piece:
         return self._pieces[max(bisect_right(self._times, t_s) - 1, 0)]
@@ -67,11 +70,23 @@ class Axis:
         return bool(piece.velocity or piece.acceleration)
 
     def append(self, t_s: float, position: float, velocity: float, acceleration: float) -> None:
-        """From `t_s` on, move so; what was planned for later is forgotten."""
-        keep = bisect_right(self._times, t_s - 1e-12)
+        """From `t_s` on, move so, if its motor has current; what was planned for later is forgotten."""
+        with self._lock:
+            if self._powered:
+                self._append(Piece(t_s, position, velocity, acceleration))
+
+    def _append(self, piece: Piece) -> None:
+        keep = bisect_right(self._times, piece.t_s - 1e-12)
         del self._pieces[keep:], self._times[keep:]
-        self._pieces.append(Piece(t_s, position, velocity, acceleration))
-        self._times.append(t_s)
+        self._pieces.append(piece)
+        self._times.append(piece.t_s)
+
+    def power(self, on: bool, t_s: float) -> None:
+        """Give its motor current, or take it: without, it stops dead and moves no more."""
+        with self._lock:
+            self._powered = on
+            if not on:
+                self._append(Piece(t_s, self.position(t_s), 0.0, 0.0))
 
     def halt(self, t_s: float) -> None:
         """Stop dead, as a motor without current does."""

@@ -74,7 +74,7 @@ class StopEverything(Command):
 
 
 class EndRun(Command):
-    """End the run: pressed once after this exposure, pressed twice now."""
+    """End the run after this exposure; at once if an axis moves, or if pressed twice."""
 
     keys, word, urgent = "ctrl+c", "end run", True
 

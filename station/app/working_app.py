@@ -20,7 +20,7 @@ from textual.driver import Driver
 from textual.message import Message
 
 from station.app.background import BackgroundJob, Finished, Problem, Watcher, at_once, problem_of
-from station.app.commands import EndRun, GoOn, StepBack
+from station.app.commands import EndRun, GoOn, StepBack, StopEverything
 from station.app.messages import Devices, Ended, News, Terminated
 from station.app.screens.dialogs import Choose
 from station.app.screens.parts import AnswerBox, StationScreen
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 SHOW_EVERY_S = 0.08
 """What runs tell is shown at most so often: 12 times a second is as much as an eye or an ssh line wants."""
 GUIDE, BENCH, FOCUS, RESULTS = "guide", "bench", "focus", "results"
+NO_BENCH = "No bench is configured: write a station.toml, or start with --simulate."
 ALARM = "EMERGENCY STOP: everything was halted. Stages must be homed to move again."
 
 
@@ -57,7 +58,7 @@ class WorkingApp(App[int]):
         self.rows: Sequence[DeviceRow] = ()
         self._jobs: dict[str, BackgroundJob] = {}
         self._states: Sequence[DeviceState] = ()
-        self._bench_words = "opening the bench"
+        self._bench_words, self.why_no_bench = "opening the bench", "The bench is being opened."
         self._watcher: Watcher | None = None
         self._guide: GuideScreen | None = None
         self._sitting: Sitting | None = None
@@ -181,8 +182,10 @@ class WorkingApp(App[int]):
             self.bench, self.rows = finished.value.bench, finished.value.rows
         bench = self.bench
         self._bench_words = "no bench: every move is made by hand" if bench is None else ""
+        self.why_no_bench = NO_BENCH
         if finished.problem is not None:
             self._bench_words = "the bench could not be opened"
+            self.why_no_bench = f"{finished.problem.reason}. {finished.problem.remedy}."
             self._complain(finished.problem)
         if bench is not None:
             from station.bench.stage_watch import StageWatch
@@ -320,7 +323,10 @@ class WorkingApp(App[int]):
 
     @on(EndRun)
     def _end_run(self) -> None:
-        """Once: after this exposure. Twice: now."""
+        """Once: after this exposure, now if an axis moves. Twice: now."""
+        if self.axis_moves:
+            self.stop_everything()
+            return
         by_hand, run = self.running("by hand") or self.running("focus"), self.running("run")
         if run is not None:
             if run.cancel() and self._guide is not None:
@@ -338,6 +344,12 @@ class WorkingApp(App[int]):
             then, self._afterwards = self._afterwards, None
             then()
 
+    @property
+    def axis_moves(self) -> bool:
+        """Whether a stage of the bench moves; from any thread."""
+        return self.bench is not None and self.bench.motions.under_way
+
+    @on(StopEverything)
     def stop_everything(self) -> None:
         """Stop the bench at once, in a thread of its own, and whatever runs."""
         self._halt()
@@ -355,7 +367,9 @@ class WorkingApp(App[int]):
 
     def get_driver_class(self) -> type[Driver]:
         """The terminal's driver, whose thread stops the bench when it reads the key, whatever the screens are at."""
-        return stopping_first(super().get_driver_class(), lambda: self.lab.emergency_stop())  # the lab comes later
+        return stopping_first(
+            super().get_driver_class(), lambda: self.lab.emergency_stop(), lambda: self.axis_moves
+        )  # the lab comes later
 
     # --- what is shown -------------------------------------------------------------------------------------------
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,6 +18,9 @@ from procedures.two_photo.estimate import TwoPhotoParameters
 from station.batch.procedure_file import ALL, EDGE, FIELD, TWO_PHOTO, Procedure
 from station.calibration.planes import calibrate, calibrate_pair, diffraction_limit
 from station.common.sanitise import encodable, printable
+from station.procedure.base import Inputs
+from station.procedure.registry import procedure_named
+from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, write_psf_result
@@ -57,12 +61,32 @@ def estimate(
     ChangedMeanwhile
         If a file is no longer of its hash.
     """
+    if procedure.settings is not None:
+        return _measured(procedure, paths, hashes)
     if procedure.name == FIELD:
         return _field(procedure, paths, hashes)
     if procedure.restoration is not None:
         return _restoration(procedure, procedure.restoration, paths, contents)
     frames = [_read(*file, procedure) for file in zip(paths, contents, strict=True)]
     return _edges(procedure, frames[0]) if procedure.name == EDGE else _psf(procedure, frames)
+
+
+def _measured(procedure: Procedure, paths: Sequence[Path], hashes: Sequence[str]) -> Answer:
+    """What a procedure of `station.procedure` measures."""
+    measuring = procedure_named(procedure.name)
+    given = [Path(os.path.commonpath(paths))] if measuring.inputs is Inputs.FOLDER else paths
+    found = measuring.measure(given, procedure.settings, procedure.terms)
+    known = dict(zip(map(str, paths), hashes, strict=True))
+    for one in found.head.input:
+        if known.get(one.path, one.sha256) != one.sha256:
+            raise ChangedMeanwhile(Path(one.path))
+
+    def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
+        if page and measuring.has_page and not found.refused:
+            place.write(measuring.page_name, measuring.page(found))
+        return write_measurement(place, replace(found, head=head))
+
+    return Answer(found.planes, found.exposure, write)
 
 
 def _read(path: Path, data: bytes, procedure: Procedure) -> RawFrame:
@@ -136,6 +160,8 @@ def _edges(procedure: Procedure, frame: RawFrame) -> Answer:
 
 def further_files(procedure: Procedure, paths: Sequence[Path]) -> dict[Path, str]:
     """The files that an answer depends on beside its photographs, with their hashes; "" of those that are not there."""
+    if procedure.settings is not None:
+        return {one: hash_of(one) for one in procedure_named(procedure.name).files(paths, procedure.settings)}
     options = procedure.restoration
     return {} if options is None else {one: hash_of(one) for one in options.placed(procedure.folder, paths).files}
 

@@ -40,6 +40,9 @@ from procedures.reading.sensor_dump import DumpLayout
 from procedures.two_photo.estimate import TwoPhotoParameters
 from station.common.sanitise import printable
 from station.common.toml_table import Table
+from station.procedure.base import Inputs
+from station.procedure.registry import procedure_named, procedure_names
+from station.procedure.settings import Settings, placed, read_settings, to_record
 from station.results.specification_file import read_specification, specification_in
 from station.results.terms import USUAL, Terms
 from station.results.units import Frequency, Unit
@@ -97,6 +100,8 @@ class Procedure:
         Whether PSFs are explained by photosites, low-pass filter, diffraction and aberrations.
     trust_typed : bool
         Whether `optics` count against what a camera noted in its files.
+    settings : Settings or None
+        Of a procedure of `station.procedure`; None of the others.
     """
 
     name: str
@@ -112,6 +117,16 @@ class Procedure:
     layout: DumpLayout | None = None
     trust_typed: bool = False
     physics: bool = False
+    settings: Settings | None = None
+
+    @property
+    def inputs(self) -> Inputs:
+        """What one item of a batch is."""
+        if self.settings is not None:
+            return procedure_named(self.name).inputs
+        if self.name in ENDINGS:
+            return Inputs.PAIR
+        return Inputs.PHOTOGRAPHS if self.name == FIELD else Inputs.PHOTOGRAPH
 
     @property
     def chart_source(self) -> Source:
@@ -129,6 +144,8 @@ class Procedure:
         sampling = {} if self.parameters is None else self.parameters.told()
         if self.restoration is not None:
             sampling = self.restoration.told
+        if self.settings is not None:
+            sampling = to_record(self.settings)
         return {**sampling, **physics, **chart, **self.optics, **layout, **trust, **self.terms.parameters()}
 
     def fingerprint(self) -> dict[str, Any]:
@@ -150,11 +167,17 @@ def read_procedure(path: Path) -> Procedure:
     """
     table = Table.read(path)
     name = table.get("procedure", str, PATTERN)
+    if name not in (*DEFAULTS, *procedure_names()):
+        raise table.wrong(
+            "procedure", f"is {printable(name)!r}", f"use one of {', '.join((*DEFAULTS, *procedure_names()))}"
+        )
     if name not in DEFAULTS:
-        raise table.wrong("procedure", f"is {printable(name)!r}", f"use one of {', '.join(DEFAULTS)}")
+        return _measuring(table, name, path.parent)
     if name == RESTORE:
         return _restoration(table, path.parent)
-    endings, pairs = _pairs(table.table("pairs"), path.parent, name) if name in ENDINGS else (Procedure.endings, None)
+    endings, pairs = Procedure.endings, None
+    if name in ENDINGS:
+        endings, pairs = _pairs(table.table("pairs"), path.parent, ENDINGS[name])
     procedure = Procedure(
         name,
         _parameters(table.table("parameters"), DEFAULTS[name]),
@@ -170,6 +193,20 @@ def read_procedure(path: Path) -> Procedure:
     )
     table.end()
     return procedure
+
+
+def _measuring(table: Table, name: str, beside: Path) -> Procedure:
+    """Of a procedure with a model of settings: its keys stand in [settings]."""
+    measuring = procedure_named(name)
+    settings = placed(read_settings(measuring.Settings, table.get("settings", dict, {}), "settings."), beside)
+    endings, pairs = Procedure.endings, None
+    if measuring.inputs in (Inputs.PAIR, Inputs.RESULTS):
+        endings, pairs = _pairs(table.table("pairs"), beside, measuring.endings)
+    found = Procedure(
+        name, None, terms=_terms(table, beside), settings=settings, folder=beside, endings=endings, pairs=pairs
+    )
+    table.end()
+    return found
 
 
 def _auto(table: Table, name: str, default: int | None) -> int | None:
@@ -233,9 +270,9 @@ def _terms(table: Table, beside: Path) -> Terms:
     return Terms(unit, at, read_specification(beside / name) if name else own)
 
 
-def _pairs(table: Table, beside: Path, procedure: str) -> tuple[tuple[str, str], Path | None]:
+def _pairs(table: Table, beside: Path, usual: Mapping[str, str]) -> tuple[tuple[str, str], Path | None]:
     """How a pair's names end, or the table that names them."""
-    keys, usual = list(ENDINGS[procedure]), ENDINGS[procedure]
+    keys = list(usual)
     one, other = (table.get(key, str, usual[key]) for key in keys)
     rows = table.get("table", str, "")
     table.end()
@@ -255,7 +292,7 @@ def _restoration(table: Table, beside: Path) -> Procedure:
     planes = _planes(table)
     if len(planes) > 1:
         raise table.wrong("planes", "must be one plane here", 'write ["G1"], or ["all"] for colour')
-    endings, pairs = _pairs(table.table("pairs"), beside, RESTORE)
+    endings, pairs = _pairs(table.table("pairs"), beside, ENDINGS[RESTORE])
     found = Procedure(
         RESTORE, None, planes, endings=endings, pairs=pairs, restoration=options, folder=beside, layout=_layout(table)
     )

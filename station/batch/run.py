@@ -20,10 +20,11 @@ from statistics import median
 from typing import Any
 from urllib.parse import quote
 
+from procedures.numbers import Group, Number, in_group
 from station.batch.allowance import Allowance
 from station.batch.batch_folder import LINES, PAGE, TABLE, check_own, known_hashes, owned, unwritable
 from station.batch.item import JUDGED, LOST, VERDICTS, ItemRow, Job, PlaneRow, work
-from station.batch.procedure_file import EDGE, RESTORE, Procedure
+from station.batch.procedure_file import Procedure
 from station.batch.process_pool import Lost, Stop, run_in_processes
 from station.calibration.folder_photographs import Item
 from station.common.atomic_files import write_whole
@@ -33,14 +34,11 @@ from station.results.exports import csv_bytes
 from station.results.result_files import PUBLISHING, RECORD, plain, sealed_text
 
 SCHEMA = "station/batch/1"
-STATISTICS = ("mtf50_horizontal", "mtf50_vertical", "energy_above_nyquist", "residual_std")
-OF_OTHERS = {EDGE: ("mtf50", "mtf_nyquist"), RESTORE: ("w_median", "residual_over_noise", "undetermined")}
-"""Numbers that the summary tells of all photographs together: of PSFs, and of other procedures."""
 
 
-def followed(procedure: Procedure) -> tuple[str, ...]:
-    """The numbers that a procedure's summary tells."""
-    return OF_OTHERS.get(procedure.name, STATISTICS)
+def followed(rows: Sequence[ItemRow]) -> list[Number]:
+    """The numbers that the summary reports over all photographs, of those that the planes have."""
+    return in_group(Group.SUMMARY, {name for row in rows for plane in row.planes.values() for name in plane.numbers})
 
 
 HEAD = (
@@ -223,11 +221,12 @@ def _page(batch: Batch) -> bytes:
         )
         for row in batch.rows
     ]  # fmt: skip
+    numbers = followed(batch.rows)
     samples = [
         Sample(str(row.noted.get("camera", "")), name, number, told["value"], told.get("unit", "1"))
         for row in batch.rows
         for name, plane in row.planes.items()
-        for number in followed(batch.job.procedure)
+        for number in numbers
         if (told := plane.numbers.get(number)) is not None
     ]
     procedure = batch.job.procedure
@@ -256,7 +255,7 @@ def _record(batch: Batch) -> dict[str, Any]:
         "reused": sum(row.reused for row in batch.rows),
         "verdicts": batch.counts,
         "specification_verdicts": batch.judged,
-        "planes": statistics(batch.rows, followed(procedure)),
+        "planes": statistics(batch.rows),
         "failed": [
             {
                 "files": row.files,
@@ -272,8 +271,9 @@ def _record(batch: Batch) -> dict[str, Any]:
     }
 
 
-def statistics(rows: Sequence[ItemRow], numbers: Sequence[str] = STATISTICS) -> dict[str, dict[str, Any]]:
-    """Of every plane how many are of each verdict, and the median, least and greatest of some numbers."""
+def statistics(rows: Sequence[ItemRow]) -> dict[str, dict[str, Any]]:
+    """Of every plane how many are of each verdict, and the median, least and greatest of the summary's numbers."""
+    numbers = followed(rows)
     found: dict[str, dict[str, Any]] = {}
     for name in sorted({name for row in rows for name in row.planes}):
         planes = [row.planes[name] for row in rows if name in row.planes]

@@ -6,15 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from procedures.numbers import EDGE_MTF50, MTF50_HORIZONTAL, MTF50_VERTICAL, STREHL, WAVEFRONT_RMS
 from station.batch.item import USABLE, ItemRow
 from station.calibration.series import PAGE, TABLE, Best, Point, SeriesSetting, best_apertures, series_table, together
 from station.common.atomic_files import write_whole
 from station.common.sanitise import printable
 
 NUMBERS: Mapping[str, tuple[str, ...]] = {
-    "mtf50": ("mtf50_horizontal", "mtf50_vertical"),
-    "strehl": ("strehl",),
-    "wavefront_rms": ("wavefront_rms",),
+    EDGE_MTF50: (MTF50_HORIZONTAL, MTF50_VERTICAL),
+    STREHL: (STREHL,),
+    WAVEFRONT_RMS: (WAVEFRONT_RMS,),
 }
 """What is followed: a number, and those of a plane whose mean it is."""
 ONE = {"camera": "cameras", "lens": "lenses", "focal_length_mm": "focal lengths"}

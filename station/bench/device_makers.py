@@ -36,8 +36,10 @@ from drivers.shaker import ShakerAxis, StrigShaker
 from drivers.shutter import DeafParser, RelayShutter, RtsShutter, StrigParser, StrigShutter
 from drivers.tmcl.stage import TmclAxis, TmclStage
 from drivers.transport import SerialTransport
+from drivers.watchdog import Released, StrigWatchdog
 from drivers.wire.transcript import Transcript
 from drivers.zaber import ZaberAxis, ZaberStage
+from station.bench.device_options import added_drivers
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,10 @@ def _strig(name: str, parts: Parts, *, port: str, baud: int = 115200) -> StrigSh
 def _strig_shaker(name: str, parts: Parts, *, box: str, axes: Sequence[Mapping[str, Any]]) -> StrigShaker:
     made = [ShakerAxis(**axis) for axis in axes]
     return StrigShaker(cast(StrigShutter, parts.made[box]), made, clock=parts.clock)
+
+
+def _strig_watchdog(name: str, parts: Parts, *, box: str, stages: Sequence[str]) -> StrigWatchdog:
+    return StrigWatchdog(cast(StrigShutter, parts.made[box]), [cast(Released, parts.made[one]) for one in stages])
 
 
 def _rts(name: str, parts: Parts, *, port: str) -> RtsShutter:
@@ -226,6 +232,7 @@ MAKERS: dict[str, Callable[..., Device]] = {
     "tmcl_stage": _tmcl_stage,
     "strig": _strig,
     "strig_shaker": _strig_shaker,
+    "strig_watchdog": _strig_watchdog,
     "rts": _rts,
     "relay": _relay,
     "folder": _folder,
@@ -245,3 +252,8 @@ MAKERS: dict[str, Callable[..., Device]] = {
     "dmx": _dmx,
     "grbl_light": _grbl_light,
 }
+
+
+def maker_of(driver: str) -> Callable[..., Device]:
+    """What makes a device of a driver. Raises KeyError where there is none of that name."""
+    return MAKERS[driver] if driver in MAKERS else added_drivers()[driver].make

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
 from typing import Any, Protocol
 
 from station.common.toml_text import toml_value
@@ -246,6 +248,7 @@ OPTIONS: dict[str, Options] = {
         },
         (("name",), ("channel",)),
     ),
+    "strig_watchdog": Options({"box": Option(DEVICE, required=True), "stages": Option(Several(DEVICE), required=True)}),
     "rts": Options({"port": PORT}),
     "relay": Options(ON_A_STAGE),
     "folder": Options(
@@ -329,7 +332,58 @@ OPTIONS: dict[str, Options] = {
     "grbl_light": Options({**ON_A_STAGE, **LAMP}),
 }
 STAGES, SHUTTERS = ("grbl",), ("strig", "rts", "relay", "micromanager_shutter", "alpaca_shutter")
-REFERS = {"on": (STAGES, "GRBL stage"), "shutter": (SHUTTERS, "shutter"), "box": (("strig",), "STRIG box")}
-"""Keys that name another device, the drivers it may have, and what it is called."""
+REFERS = {
+    "on": (STAGES, "GRBL stage"),
+    "shutter": (SHUTTERS, "shutter"),
+    "box": (("strig",), "STRIG box"),
+    "stages": (("grbl", "tmcl_stage"), "stage with a motor enable input"),
+}
+"""Keys that name other devices, the drivers they may have, and what they are called."""
+
+
+def named(table: Mapping[str, Any], key: str) -> list[str]:
+    """The devices that a key of `REFERS` names."""
+    names = table.get(key, [])
+    return names if isinstance(names, list) else [names]
+
+
 EITHER = {"relay": ("on", "port"), "grbl_light": ("on", "port")}
 """Drivers that need one of two keys."""
+
+
+# --- drivers of other packages ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class DriverEntry:
+    """A driver of another package: what its entry point in the group `station.drivers` names.
+
+    Attributes
+    ----------
+    make : callable
+        Makes the device: `make(name, parts, **options)`, `parts` as `station.bench.device_makers.Parts`.
+    options : Options
+        The keys of its table in station.toml.
+    """
+
+    make: Callable[..., Any]
+    options: Options
+
+
+GROUP = "station.drivers"
+
+
+@cache
+def added_drivers() -> dict[str, DriverEntry]:
+    """The drivers of installed packages by name; a built-in one cannot be replaced."""
+    return {one.name: one.load() for one in entry_points(group=GROUP) if one.name not in OPTIONS}
+
+
+def driver_names() -> list[str]:
+    """All drivers, the built-in ones first."""
+    return [*OPTIONS, *added_drivers()]
+
+
+def options_of(driver: str) -> Options:
+    """The options of a driver. Raises KeyError where there is none of that name."""
+    return OPTIONS[driver] if driver in OPTIONS else added_drivers()[driver].options

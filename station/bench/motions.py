@@ -34,6 +34,12 @@ class Motions:
         with self._lock:
             return self._now.get(name)
 
+    @property
+    def under_way(self) -> bool:
+        """Whether any stage moves."""
+        with self._lock:
+            return bool(self._now)
+
     def take_ended(self, name: str) -> Motion | None:
         """The move of this stage that has ended, well or not, since this was last asked."""
         with self._lock:

@@ -44,13 +44,12 @@ from drivers.wire.transcript import Transcript
 from procedures.outcome import BadInput
 from procedures.reading.text import parse_toml, read_text
 from station.bench.device_check import TableCheck
-from station.bench.device_makers import MAKERS, Parts
+from station.bench.device_makers import MAKERS, Parts, maker_of
+from station.bench.device_options import REFERS, named
 from station.bench.motions import Motions
 from station.bench.stopping import Asked, StopRequest, stop_all, stops_on_wires
 from station.bench.surroundings import SimulatedSurroundings, Surroundings
 from station.common.toml_lines import key_lines
-
-AFTER = ("on", "shutter", "box")  # keys that name a device which must be there first
 
 
 @dataclass(frozen=True)
@@ -216,14 +215,14 @@ def make_bench(
     for name in sorted(tables, key=lambda one: _depth(tables, one)):
         options = {key: value for key, value in tables[name].items() if key != "driver"}
         parts = Parts(made, folder, clock, inspect_raw, wire_log, transcripts, cores)
-        made[name] = MAKERS[tables[name]["driver"]](name, parts, **options)
+        made[name] = maker_of(tables[name]["driver"])(name, parts, **options)
     return Bench(made, {name: str(tables[name]["driver"]) for name in made}, clock, transcripts=transcripts)
 
 
 def _depth(tables: Mapping[str, Mapping[str, Any]], name: str) -> int:
     """How many devices must be there before this one, one after another."""
-    named = [tables[name][key] for key in AFTER if key in tables[name]]
-    return max((1 + _depth(tables, other) for other in named), default=0)
+    others = [other for key in REFERS for other in named(tables[name], key)]
+    return max((1 + _depth(tables, other) for other in others), default=0)
 
 
 def inspect_raw(path: Path) -> Facts:

@@ -6,18 +6,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from procedures.numbers import name_at
 from procedures.outcome import Quantity, Verdict
 from procedures.quality import Diffraction
 from procedures.raw import Plane, RawFrame
 from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome, estimate_edge, estimate_edges, orientation
 from procedures.slanted_edge.strip import Roi
-from procedures.transfer_function import name_at
 from station.common.versions import software
 from station.drawing.edge_pictures import edge_picture
 from station.results.exports import csv_bytes
 from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead
+from station.results.record_head import RecordHead, verdict_entry
 from station.results.result_files import ResultFolder, write_record
 from station.results.terms import USUAL, Terms
 from station.results.units import pixels_of, told_numbers
@@ -98,7 +98,7 @@ def _result(plane: Plane, best: EdgeOutcome, at: Sequence[float]) -> PlaneResult
     rows, columns = plane.samples.shape
     roi = best.roi
     place = "" if roi is None else place_of(roi.x + roi.width / 2, roi.y + roi.height / 2, (rows, columns))
-    return PlaneResult(plane.name, best.verdict, best.reason, best.remedy, numbers, pitch=plane.pitch, place=str(place))
+    return PlaneResult.of_outcome(plane.name, best, numbers=numbers, pitch=plane.pitch, place=str(place))
 
 
 def _numbers(edge: EdgeMtf, at: Sequence[float]) -> dict[str, Quantity]:
@@ -139,7 +139,7 @@ def edge_table(edges: Sequence[EdgeMtf], told: PlaneResult) -> bytes:
 def _plane_entry(record: EdgeRecord) -> dict[str, Any]:
     """Verdict, the best edge's numbers, and every edge by itself with its own verdict."""
     best, told = record.best, record.result
-    entry: dict[str, Any] = {"verdict": str(best.verdict), "reason": best.reason, "remedy": best.remedy}
+    entry = verdict_entry(best)
     if told.specification is not None:
         entry["specification"] = told.specification.told()
     if told.untold:
@@ -155,9 +155,7 @@ def edge_entry(outcome: EdgeOutcome, record: EdgeRecord) -> dict[str, Any]:
     """One edge: its verdict and where it lies; where it is not refused its numbers, and how it was measured."""
     roi, edge, told = outcome.roi, outcome.value, record.result
     entry: dict[str, Any] = {
-        "verdict": str(outcome.verdict),
-        "reason": outcome.reason,
-        "remedy": outcome.remedy,
+        **verdict_entry(outcome),
         "roi": None if roi is None else [roi.x, roi.y, roi.width, roi.height],
         "orientation": orientation(outcome.turned),
     }

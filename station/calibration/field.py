@@ -16,12 +16,13 @@ from station.results.units import Pixels
 
 def centre_result(name: str, outcome: Outcome[PlaneField], pitch: int = 1) -> PlaneResult:
     """One plane's; a refused one has a reason and a remedy alone."""
-    found, verdict, reason, remedy = outcome.value, outcome.verdict, outcome.reason, outcome.remedy
+    found = outcome.value
     if found is None:
-        return PlaneResult(name, verdict, reason, remedy, pitch=pitch)
+        return PlaneResult.of_outcome(name, outcome, pitch=pitch)
     field = found.interpolation.field
     return PlaneResult.of(
-        name, verdict, found.centre, found.quality, reason=reason, remedy=remedy, pitch=found.pitch, found=found,
+        name, outcome.verdict, found.centre, found.quality, reason=outcome.reason, remedy=outcome.remedy,
+        other_causes=outcome.other_causes, pitch=found.pitch, found=found,
         values={"nodes": len(field.nodes), "components": len(field.components)}, place=str(Place.CENTRE),
     )  # fmt: skip
 

@@ -8,11 +8,11 @@ import numpy as np
 
 from procedures.field.conclusion import PlaneField
 from procedures.field.maps import MAPS, numbers_of, radius_direction
+from procedures.numbers import OF_PLACES
 from procedures.outcome import Quantity
 from procedures.psf_field import PsfField
 from procedures.quality import Diffraction, assess
 from station.results.limits import Place, Specification, Spot
-from station.results.number_names import OF_PLACES
 
 OUT = 0.8
 """How far out, of the frame's half sides, its sides and corners are looked at."""
@@ -61,7 +61,7 @@ def _numbers(
     psf, n = field.at(x, y), len(field.nodes)
     numbers = dict(assess(psf, n=n, diffraction=limit, at=at).numbers)
     values, uncertainties = numbers_of(psf, radius_direction(field.shape, x, y))
-    for (name, title, unit), value, uncertainty in zip(MAPS, values, uncertainties, strict=True):
-        if name in OF_PLACES:
-            numbers[name] = Quantity(float(value), unit, float(uncertainty), title, n)
+    for one, value, uncertainty in zip(MAPS, values, uncertainties, strict=True):
+        if one in OF_PLACES:
+            numbers[one] = Quantity(float(value), one.unit, float(uncertainty), one.label, n)
     return numbers

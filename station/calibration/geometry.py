@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -168,4 +168,4 @@ def _with_missed(found: Outcome[Geometry], shoot: GeometryPhotographs) -> Outcom
     first = missed[0]
     share = f"{len(missed)} of {len(shoot.records)} photographs gave none"
     reason = f"{found.reason}; {share}, {first.path.name}: {first.reason}"
-    return Outcome(None, found.verdict, reason, first.remedy or found.remedy)
+    return replace(found, reason=reason, remedy=first.remedy or found.remedy)

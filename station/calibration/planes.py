@@ -181,7 +181,7 @@ def plane_result(plane: Plane, outcome: Outcome[F], exposure: Exposure | None = 
     """The answer of an estimate as the result that travels; `exposure` is what the camera noted."""
     found = outcome.value
     if found is None:
-        return PlaneResult(plane.name, outcome.verdict, outcome.reason, outcome.remedy, pitch=plane.pitch)
+        return PlaneResult.of_outcome(plane.name, outcome, pitch=plane.pitch)
     return PlaneResult.of(
         plane.name,
         outcome.verdict,
@@ -189,6 +189,7 @@ def plane_result(plane: Plane, outcome: Outcome[F], exposure: Exposure | None = 
         found.quality,
         reason=outcome.reason,
         remedy=outcome.remedy,
+        other_causes=outcome.other_causes,
         values=found.values,
         diagnostics=found.diagnostics,
         pitch=plane.pitch,

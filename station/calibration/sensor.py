@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
@@ -20,11 +20,14 @@ from procedures.sensor.recording import SensorRecording
 from procedures.sensor.stacks import LEAST_PICTURES, FrameStack, StackSums
 from station.calibration.folder_photographs import check_any, for_want, readable
 from station.calibration.sensor_folder import DARK, LIGHT, Shots
+from station.results.record_head import InputFile
 
 Numbers = npt.NDArray[np.float64]
 
 LEVEL_PICTURES = 2
 """Pictures that a level is measured from: those of a stack beyond them are the stack's."""
+LEAST_PIXELS = 2
+"""Of a frame along each side: one pixel has no noise of its own beside the frame's."""
 SEED = 1288
 """Of the draws that intervals come from: the same pictures give the same numbers."""
 
@@ -55,7 +58,7 @@ class SensorFiles:
     `missed` are pictures that cannot be read, and the only one that such a picture left of a level.
     """
 
-    inputs: Sequence[Mapping[str, str]]
+    files: Sequence[InputFile]
     camera: str | None
     iso: float | None
     planes: Sequence[SensorPlane]
@@ -100,7 +103,7 @@ def measure_sensor(
         If no picture can be read, or pictures differ in size or planes.
     """
     gathered: dict[str, _Gathered] = {}
-    inputs: list[dict[str, str]] = []
+    inputs: list[InputFile] = []
     exposures: list[Exposure] = []
     opened = read or partial(read_frame, names=None if plane in (None, "all") else [str(plane)])
     left_out = [*missed]
@@ -122,11 +125,11 @@ def measure_sensor(
         for name, of in gathered.items()
     ]
     first = exposures[0] if exposures else Exposure()
-    return SensorFiles(inputs, first.camera, first.iso, planes, left_out)
+    return SensorFiles(tuple(inputs), first.camera, first.iso, planes, left_out)
 
 
-def _checked(frame: RawFrame, inputs: list[dict[str, str]], exposures: list[Exposure]) -> RawFrame:
-    inputs.append({"path": str(frame.path), "sha256": frame.sha256})
+def _checked(frame: RawFrame, inputs: list[InputFile], exposures: list[Exposure]) -> RawFrame:
+    inputs.append(InputFile(str(frame.path), frame.sha256))
     exposures.append(frame.exposure)
     if frame.exposure.iso != exposures[0].iso:
         raise BadInput(
@@ -146,6 +149,10 @@ def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFr
         if gathered and list(frame.planes) != list(gathered):
             raise BadInput(f"{frame.path} has other planes than the pictures before it", _ONE_CAMERA)
         for name, plane in frame.planes.items():
+            if min(plane.samples.shape) < LEAST_PIXELS:
+                rows, columns = plane.samples.shape
+                reason = f"a sensor is measured from frames of {LEAST_PIXELS} x {LEAST_PIXELS} pixels or more a plane"
+                raise BadInput(f"{reason}; {frame.path} has {columns} x {rows}", "give whole frames")
             numbers = _numbers(gathered.setdefault(name, _Gathered()), plane, frame.path)
             if len(first.setdefault(name, [])) < LEVEL_PICTURES:
                 first[name].append(numbers)

@@ -2,110 +2,101 @@
 
 from __future__ import annotations
 
-import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import (
+    DARK_CURRENT,
+    DSNU,
+    DYNAMIC_RANGE,
+    INVERSE_GAIN,
+    PRNU,
+    QUANTUM_EFFICIENCY,
+    RESPONSIVITY,
+    SENSITIVITY_THRESHOLD,
+    SNR_MAX,
+    SYSTEM_GAIN,
+    TEMPORAL_DARK_NOISE,
+)
 from procedures.sensor.estimate import Pattern, SensorResult, sensor_model
 from procedures.sensor.general import input_snr
 from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.noise import linear_snr, total_snr
 from procedures.sensor.photon_transfer import gain_and_noise
 from station.calibration.sensor import SensorFiles, SensorPlane
-from station.common.versions import software
 from station.results.exports import csv_bytes
-from station.results.record_head import InputFile, RecordHead
-from station.results.result_files import ResultFolder, interval_entry, npy, write_record
+from station.results.measurement import Measurement
+from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
+from station.results.result_files import npy, number_record
 
 Array = npt.NDArray[np.float64]
 
 SCHEMA = "station/sensor/1"
 SECTIONS = {
-    "sensitivity": ("quantum_efficiency", "system_gain", "inverse_gain", "responsivity", "temporal_dark_noise",
-                    "sensitivity_threshold", "saturation", "snr_max", "dynamic_range"),
+    "sensitivity": (QUANTUM_EFFICIENCY, SYSTEM_GAIN, INVERSE_GAIN, RESPONSIVITY, TEMPORAL_DARK_NOISE,
+                    SENSITIVITY_THRESHOLD, "saturation", SNR_MAX, DYNAMIC_RANGE),
     "linearity": ("linearity",),
-    "dark_current": ("dark_current",),
-    "spatial": ("dsnu", "prnu"),
+    DARK_CURRENT: (DARK_CURRENT,),
+    "spatial": (DSNU, PRNU),
     "defect_pixel": ("defect_pixels",),
     "general": ("general",),
 }  # fmt: skip
 """Of the XML summary: section -> beginnings of the numbers' names."""
 
 
-def write_sensor_result(
-    folder: ResultFolder, found: SensorFiles, parameters: Mapping[str, Any], start: float, page: bytes | None
-) -> str:
-    """Write the tables of every plane that was not refused, the XML, the page and the record; the record's text."""
-    head = RecordHead("sensor", tuple(InputFile(**one) for one in found.inputs), parameters)
-    return write_sensor_record(folder, found, head, page, start)
-
-
-def write_sensor_record(
-    folder: ResultFolder,
-    found: SensorFiles,
-    head: RecordHead,
-    page: bytes | None = None,
-    start: float | None = None,
-) -> str:
-    """The same; `start` tells when it began where that is to be told."""
+def sensor_measurement(found: SensorFiles, head: RecordHead) -> Measurement:
+    """The numbers and tables of every plane, and the summary as XML."""
+    files = {"numbers.csv": csv_bytes([_HEAD, *(row for plane in found.planes for row in _number_rows(plane))])}
     for plane in found.planes:
         if plane.outcome.value is not None:
-            _write_plane(folder, plane.name, plane.outcome.value)
+            files |= _tables(plane.name, plane.outcome.value)
             if plane.noise is not None:
-                folder.write(f"nps_{plane.name}.npy", npy(plane.noise.power))
-    folder.write("numbers.csv", csv_bytes([_HEAD, *(row for plane in found.planes for row in _number_rows(plane))]))
-    folder.write("emva1288.xml", summary_xml(found))
-    if page is not None:
-        folder.write("report.html", page)
-    if start is not None:
-        head = replace(head, duration_s=round(time.perf_counter() - start, 3))
-    record = {
-        "schema": SCHEMA,
-        **head.told(),
-        "camera": found.camera,
-        "iso": found.iso,
-        "planes": {plane.name: _plane_entry(plane) for plane in found.planes},
-        "left_out": [miss.told() for miss in found.missed],
-        "software": software(),
-    }
-    return write_record(folder, record)
+                files[f"nps_{plane.name}.npy"] = npy(plane.noise.power)
+    return Measurement(
+        SCHEMA, head, tuple(map(_plane, found.planes)), {"camera": found.camera, "iso": found.iso},
+        {**files, "emva1288.xml": summary_xml(found)}, tuple(found.missed), found=found,
+    )  # fmt: skip
 
 
-def _plane_entry(plane: SensorPlane) -> dict[str, Any]:
-    """Verdict, all numbers, what other procedures take from the sensor, and what was found in its pictures."""
-    outcome = plane.outcome
-    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
-    found = outcome.value
+def _plane(plane: SensorPlane) -> PlaneResult:
+    """Verdict and numbers, what other procedures take from the sensor, and what was found in its pictures."""
+    found = plane.outcome.value
     if found is None:
-        return entry
-    entry |= {name: interval_entry(number) for name, number in found.numbers.items()}
-    entry["model"] = asdict(sensor_model(found, plane.step))
+        return PlaneResult.of_outcome(plane.name, plane.outcome, pitch=0)
     together = gain_and_noise(found.transfer)
-    entry["gain_and_noise"] = {
-        "names": list(together.NAMES), "values": together.values.tolist(), "covariance": together.covariance.tolist()
+    details: dict[str, Any] = {
+        "model": asdict(sensor_model(found, plane.step)),
+        "gain_and_noise": {
+            "names": list(together.NAMES), "values": together.values.tolist(),
+            "covariance": together.covariance.tolist(),
+        },
+        "rows": plane.shape[0],
+        "columns": plane.shape[1],
+        "diagnostics": {"light_spread": found.curves.light_spread, "gain_bent": found.transfer.bent},
     }  # fmt: skip
-    entry["rows"], entry["columns"] = plane.shape
     if plane.noise is not None:
         # digital numbers of the result, squared, per (cycle/pixel)^2
-        entry["noise_power"] = {"file": f"nps_{plane.name}.npy", "signal": plane.noise.signal,
-                                "blocks": plane.noise.blocks}  # fmt: skip
+        details["noise_power"] = {"file": f"nps_{plane.name}.npy", "signal": plane.noise.signal,
+                                  "blocks": plane.noise.blocks}  # fmt: skip
     for name, pattern in (("dark", found.dark), ("light", found.light)):
         if pattern is not None:
-            entry[f"periods_{name}"] = [
+            details[f"periods_{name}"] = [
                 {
                     "pattern": one.pattern,
-                    "frequency": interval_entry(one.frequency),
-                    "amplitude": interval_entry(one.amplitude),
+                    "frequency": number_record(one.frequency),
+                    "amplitude": number_record(one.amplitude),
                 }
                 for one in pattern.periods
             ]
-    entry["diagnostics"] = {"light_spread": found.curves.light_spread, "gain_bent": found.transfer.bent}
-    return entry
+    return PlaneResult.of_outcome(
+        plane.name, plane.outcome, numbers=found.numbers, found=found, pitch=0, details=details
+    )
 
 
 _HEAD = ["plane", "number", "value", "unit", "uncertainty", "low_95", "high_95", "method", "n"]
@@ -118,21 +109,20 @@ def _number_rows(plane: SensorPlane) -> Iterator[list[str]]:
         yield [plane.name, name, f"{one.value:.9g}", one.unit, *told, one.method, str(one.n)]
 
 
-def _write_plane(folder: ResultFolder, name: str, found: SensorResult) -> None:
+def _tables(name: str, found: SensorResult) -> dict[str, bytes]:
     """The plane's tables."""
-    folder.write(f"transfer_{name}.csv", csv_bytes(_table(transfer_columns(found))))
+    files = {f"transfer_{name}.csv": csv_bytes(_table(transfer_columns(found)))}
     patterns = {"dark": found.dark, "light": found.light}
-    rows = [row for which, pattern in patterns.items() if pattern for row in _spectra(which, pattern)]
-    if rows:
-        folder.write(
-            f"spectrogram_{name}.csv", csv_bytes([["picture", "direction", "frequency", "amplitude", "unit"], *rows])
-        )
-        histograms = [row for which, pattern in patterns.items() if pattern for row in _histogram(which, pattern)]
-        folder.write(
-            f"histogram_{name}.csv", csv_bytes([["picture", "deviation", "unit", "count", "normal"], *histograms])
-        )
-        defects = [row for which, pattern in patterns.items() if pattern for row in _defects(which, pattern)]
-        folder.write(f"defects_{name}.csv", csv_bytes([["picture", "row", "column", "deviation", "unit"], *defects]))
+    kinds = {
+        "spectrogram": (["direction", "frequency", "amplitude", "unit"], _spectra),
+        "histogram": (["deviation", "unit", "count", "normal"], _histogram),
+        "defects": (["row", "column", "deviation", "unit"], _defects),
+    }
+    for kind, (head, rows_of) in kinds.items():
+        rows = [row for which, pattern in patterns.items() if pattern for row in rows_of(which, pattern)]
+        if any(patterns.values()):
+            files[f"{kind}_{name}.csv"] = csv_bytes([["picture", *head], *rows])
+    return files
 
 
 def transfer_columns(found: SensorResult) -> dict[str, Array]:

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from procedures.numbers import EDGE_MTF50, WAVEFRONT_RMS, label
 from station.results.exports import csv_bytes
-from station.results.number_names import words_of
 
 TABLE, PAGE = "series.csv", "series.html"
-TITLES = {"mtf50": "MTF50, mean of rows and columns", "wavefront_rms": "Wavefront error, rms"}
+TITLES: Mapping[str, str] = {EDGE_MTF50: "MTF50, mean of rows and columns", WAVEFRONT_RMS: "Wavefront error, rms"}
 DRAWS, SEED = 20_000, 1
 """Of the chance that an aperture is the best."""
 
@@ -45,7 +45,7 @@ class Point:
     @property
     def title(self) -> str:
         """The number in words."""
-        return TITLES.get(self.number) or words_of(self.number).words
+        return TITLES.get(self.number) or label(self.number)
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def best_apertures(points: Sequence[Point]) -> list[Best]:
     """Of every plane the f-number with the greatest MTF50, at its best focus and ISO, where there are several."""
     found = []
     for plane in dict.fromkeys(one.plane for one in points):
-        own = [one for one in points if one.plane == plane and one.number == "mtf50" and one.setting.f_number]
+        own = [one for one in points if one.plane == plane and one.number == EDGE_MTF50 and one.setting.f_number]
         by_aperture: dict[float, Point] = {}
         for one in own:
             f_number = one.setting.f_number or 0.0

@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Mapping
-from dataclasses import asdict, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from procedures.field.measuring import MeasuredFrames
-from procedures.outcome import BadParameter, Outcome, Refused, Verdict
+from procedures.outcome import BadParameter, Miss, Outcome, Refused, Verdict
 from procedures.psf_field import Node
 from procedures.reading.exposure import read_exposure
 from procedures.reading.guard import open_file
 from procedures.tilt.estimate import Tilt, TiltParameters, chart_slope, estimate_tilt
 from procedures.tilt.positions import behind_lens_um
-from station.common.versions import software
-from station.results.exports import csv_bytes, numbers_table
-from station.results.record_head import InputFile, RecordHead
-from station.results.result_files import ResultFolder, write_record
+from procedures.tilt.screws import SURE
+from procedures.tilt.shim import shim_words
+from station.results.exports import csv_bytes
+from station.results.measurement import Measurement
+from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
 
 SCHEMA = "station/tilt/1"
-PAGE = "report.html"
 
 
 def measure_tilt(
@@ -69,40 +69,36 @@ def check_known(parameters: TiltParameters, positions: Mapping[str, float]) -> N
         behind_lens_um(position, parameters.positions, parameters.focal_length_mm)
 
 
-def write_tilt_result(
-    folder: ResultFolder,
-    measured: MeasuredFrames,
-    plane: str,
-    outcome: Outcome[Tilt],
-    *,
-    parameters: Mapping[str, Any],
-    start: float,
-    page: str | None = None,
-) -> str:
-    """Write the places' table, the numbers and the record; returns the record's text."""
-    files = tuple(InputFile(str(path), sha256) for path, sha256 in measured.frames)
-    return write_tilt_record(folder, RecordHead("tilt", files, dict(parameters)), plane, outcome, page, start)
+def tilt_measurement(
+    head: RecordHead, plane: str, outcome: Outcome[Tilt], missed: Sequence[Miss] | None = None
+) -> Measurement:
+    """The numbers, the screws and the table of the places."""
+    found = outcome.value
+    if found is None:
+        return Measurement(SCHEMA, head, (PlaneResult.of_outcome(plane, outcome, pitch=0),), missed=_missed(missed))
+    result = PlaneResult.of_outcome(plane, outcome, numbers=found.numbers(), found=found, pitch=0, details=_told(found))
+    return Measurement(SCHEMA, head, (result,), files={"tilt.csv": csv_bytes(_places(found))}, missed=_missed(missed))
 
 
-def write_tilt_record(
-    folder: ResultFolder,
-    head: RecordHead,
-    plane: str,
-    outcome: Outcome[Tilt],
-    page: str | None = None,
-    start: float | None = None,
-) -> str:
-    """The same; `start` tells when it began where that is to be told."""
-    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
-    if (found := outcome.value) is not None:
-        folder.write("tilt.csv", csv_bytes(_places(found)))
-        folder.write("numbers.csv", numbers_table((plane, name, one) for name, one in found.numbers().items()))
-        entry |= {**{name: asdict(one) for name, one in found.numbers().items()}, **_told(found)}
-    if page is not None:
-        folder.write(PAGE, page.encode())
-    if start is not None:
-        head = replace(head, duration_s=round(time.perf_counter() - start, 3))
-    return write_record(folder, {"schema": SCHEMA, **head.told(), "planes": {plane: entry}, "software": software()})
+def _missed(missed: Sequence[Miss] | None) -> tuple[Miss, ...] | None:
+    return tuple(missed) if missed else None
+
+
+def screw_lines(found: Tilt) -> list[str]:
+    """Each screw with its move and turn, the shim, and whether to turn at all."""
+    lines = []
+    for number, (angle, move, turn) in enumerate(
+        zip(found.screws.angles_deg, found.turns.moves, found.turns.turns, strict=True), 1
+    ):
+        way = "away from" if move.value > 0 else "towards"
+        lines.append(
+            f"screw {number} at {angle:.0f} degrees: {abs(move.value):.1f} ± {move.uncertainty:.1f} um {way} the lens, "
+            f"{abs(turn.value):.3f} turn ({abs(turn.value) * 360:.0f} degrees)"
+        )
+    helps = found.turns.helps
+    advice = "turn, and measure again" if helps >= SURE else "leave it: that is within the uncertainty"
+    shim = [words] if (words := shim_words(found)) else []
+    return [*lines, *shim, f"these turns help with a probability of {helps:.2f}: {advice}"]
 
 
 def _told(found: Tilt) -> dict[str, Any]:

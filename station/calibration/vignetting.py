@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from procedures.outcome import BadInput, BadParameter, Miss, Outcome
 from procedures.raw import Plane, RawFrame, read_frame
-from procedures.reading.arrays import read_npy
+from procedures.reading.arrays import LONGEST, checked_array, checked_number, read_npy
 from procedures.reading.guard import decoding
 from procedures.reading.text import read_json
 from procedures.vignetting.estimate import PlaneVignetting, estimate_vignetting
@@ -20,9 +19,11 @@ from procedures.vignetting.formula import LightSurface
 from procedures.vignetting.joint import NAMES, JointFormula, joint_formula
 from station.calibration.folder_photographs import check_any, for_want, readable
 from station.common.progress import Progress, silent
-from station.common.versions import software
-from station.results.exports import csv_bytes, numbers_table
-from station.results.result_files import RECORD, ResultFolder, npy, write_record
+from station.results.exports import csv_bytes
+from station.results.measurement import Measurement
+from station.results.plane_result import PlaneResult
+from station.results.record_head import InputFile, RecordHead
+from station.results.result_files import RECORD, npy
 
 SCHEMA = "station/vignetting/1"
 COVARIANCE = "vignetting_covariance.npy"
@@ -88,36 +89,20 @@ def _kind(planes: Mapping[str, Plane]) -> dict[str, tuple[int, ...]]:
     return {name: plane.samples.shape for name, plane in planes.items()}
 
 
-def write_vignetting_result(folder: ResultFolder, found: Flats, start: float | None = None) -> str:
-    """Write each plane's map, the table of all numbers, and the record; returns the record's text.
-
-    `start` tells when it began, where that is to be told.
-    """
+def vignetting_measurement(found: Flats) -> Measurement:
+    """Each plane's numbers and map, and the radial formulas of all planes with their one covariance."""
     values = {name: one.value for name, one in found.planes.items() if one.value is not None}
-    for name, value in values.items():
-        folder.write(f"vignetting_{name}.csv", csv_bytes(_map_rows(value)))
-    numbers = ((name, what, number) for name, one in values.items() for what, number in one.numbers.items())
-    folder.write("numbers.csv", numbers_table(numbers))
     together = joint_formula(values)
-    folder.write(COVARIANCE, npy(together.covariance))
-    record: dict[str, Any] = {
-        "schema": SCHEMA,
-        "procedure": "vignetting",
-        "input": [{"path": str(path), "sha256": sha256} for path, sha256 in found.inputs],
-        "parameters": {},
-        "planes": {name: _entry(one) for name, one in found.planes.items()},
-        "left_out": [miss.told() for miss in found.missed],
-        "formula": {
-            "planes": list(together.planes),
-            "names": list(NAMES),
-            "values": together.values.tolist(),
-            "covariance": COVARIANCE,
-        },
-        "software": software(),
-    }
-    if start is not None:
-        record["duration_s"] = round(time.perf_counter() - start, 3)
-    return write_record(folder, record)
+    formula = {
+        "planes": list(together.planes), "names": list(NAMES), "values": together.values.tolist(),
+        "covariance": COVARIANCE,
+    }  # fmt: skip
+    maps = {f"vignetting_{name}.csv": csv_bytes(_map_rows(value)) for name, value in values.items()}
+    head = RecordHead("vignetting", tuple(InputFile(str(path), sha256) for path, sha256 in found.inputs))
+    return Measurement(
+        SCHEMA, head, tuple(_plane(name, one) for name, one in found.planes.items()), {"formula": formula},
+        {**maps, COVARIANCE: npy(together.covariance)}, found.missed,
+    )  # fmt: skip
 
 
 def _map_rows(found: PlaneVignetting) -> list[list[str]]:
@@ -125,21 +110,19 @@ def _map_rows(found: PlaneVignetting) -> list[list[str]]:
     return [["x", "y", "light", "uncertainty"], *([f"{value:.7g}" for value in row] for row in rows)]
 
 
-def _entry(outcome: Outcome[PlaneVignetting]) -> dict[str, Any]:
-    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+def _plane(name: str, outcome: Outcome[PlaneVignetting]) -> PlaneResult:
     found = outcome.value
     if found is None:
-        return entry
+        return PlaneResult.of_outcome(name, outcome, pitch=0)
     light = found.surface.light
-    return {
-        **entry,
-        **{name: asdict(number) for name, number in found.numbers.items()},
+    details = {
         "light": {"rows": light.shape[0], "columns": light.shape[1], "degree": light.degree,
                   "coefficients": light.coefficients.tolist()},
         "centre": found.radial.centre.tolist(),
         "diagnostics": {"scatter": found.surface.scatter, "structure": found.surface.structure,
                         "left_out": found.surface.left_out, "slopes": found.surface.slopes.tolist()},
     }  # fmt: skip
+    return PlaneResult.of_outcome(name, outcome, numbers=found.numbers, found=found, pitch=0, details=details)
 
 
 def is_vignetting(result: Path) -> bool:
@@ -182,22 +165,21 @@ def read_joint_formula(result: Path) -> JointFormula:
         raise BadInput(f"{record} does not tell what its numbers share", "measure the flats again with this version")
     with decoding(str(record), "a vignetting's result", _GIVE):
         planes = tuple(str(one) for one in told["formula"]["planes"])
-        values = np.array(told["formula"]["values"], dtype=np.float64)
-        covariance = read_npy(record.parent / COVARIANCE, "covariance", _GIVE).astype(np.float64)
-        count = len(NAMES) * len(planes)
-        if values.shape != (count,) or covariance.shape != (count, count) or not np.isfinite(covariance).all():
-            raise ValueError(f"{len(planes)} planes have {count} numbers and their covariance")
-        return JointFormula(planes, values, covariance)
+        count, table = len(NAMES) * len(planes), record.parent / COVARIANCE
+        values = checked_array(told["formula"]["values"], f"the formula's values in {record}", (count,), remedy=_GIVE)
+        covariance = read_npy(table, "covariance", _GIVE)
+        return JointFormula(planes, values, checked_array(covariance, str(table), (count, count), remedy=_GIVE))
 
 
 def _stored(name: str, entry: Mapping[str, Any]) -> StoredVignetting:
     light = entry["light"]
-    coefficients = np.array(light["coefficients"], dtype=np.float64)
-    x, y = (float(one) for one in entry["centre"])
-    shape = int(light["rows"]), int(light["columns"])
-    if min(shape) < 1 or not np.isfinite([x, y]).all():
-        raise ValueError("a plane has rows and columns, and a centre")
-    return StoredVignetting(name, LightSurface(shape, int(light["degree"]), coefficients), (x, y))
+    coefficients = checked_array(light["coefficients"], f"the light's coefficients of plane {name}", (None,))
+    x, y = checked_array(entry["centre"], f"the centre of plane {name}", (2,))
+    rows, columns, degree = (
+        int(checked_number(light[one], f"`{one}` of plane {name}", 1.0, LONGEST))
+        for one in ("rows", "columns", "degree")
+    )
+    return StoredVignetting(name, LightSurface((rows, columns), degree, coefficients), (float(x), float(y)))
 
 
 def green_of(found: Mapping[str, StoredVignetting]) -> StoredVignetting:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-import signal
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
@@ -15,7 +16,7 @@ import click
 from procedures.outcome import BadParameter
 from station.app.background import at_once
 from station.cli.terminal.bench_options import usual_config
-from station.common.stop_signals import ENDING, EXIT_DEVICE
+from station.common.stop_signals import EXIT_DEVICE, handled, woken
 from station.guide.workspace import StationLab
 
 if TYPE_CHECKING:
@@ -54,19 +55,23 @@ def run_app(
     )  # fmt: skip
     app = StationApp(lab, plan=plan)
     share_the_lock()
-    _end_with_the_terminal(app, lab)
-    try:
-        code = app.run()
-    finally:
-        if app.return_code != 0:
-            lab.stop_run()  # whatever ended it may have left something moving
-        app.finish(PATIENCE_S)
-        lab.close()
+    with ended_by_signals(app, lab):
+        try:
+            code = app.run()
+        finally:
+            if app.return_code != 0:
+                lab.stop_run()  # whatever ended it may have left something moving
+            app.finish(PATIENCE_S)
+            lab.close()
     raise click.exceptions.Exit(code if code is not None else app.return_code or 0)
 
 
-def _end_with_the_terminal(app: StationApp, lab: StationLab) -> None:
-    """INT, TERM, QUIT, and HUP of a terminal or ssh line that is gone: stop the bench, then leave, whatever hangs."""
+@contextmanager
+def ended_by_signals(app: StationApp, lab: StationLab) -> Iterator[None]:
+    """Within, INT, TERM, QUIT, and HUP of a terminal or ssh line that is gone stop the bench and end the program.
+
+    TSTP stops the bench; the terminal's driver suspends the program afterwards.
+    """
 
     def end() -> None:
         app.terminate()
@@ -76,11 +81,10 @@ def _end_with_the_terminal(app: StationApp, lab: StationLab) -> None:
         os._exit(EXIT_DEVICE)
 
     def hear(number: int, frame: FrameType | None) -> None:
-        at_once(lab.stop_run)
         at_once(end)
 
-    for number in ENDING:
-        signal.signal(number, hear)
+    with woken(lab.stop_run), handled(hear):
+        yield
 
 
 def check_specification(path: Path) -> None:

@@ -7,14 +7,14 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import INTERRUPTED
-from station.common.log import Fact, log, log_json_option, logs_json
+from station.common.log import log, log_json_option, logs_json
 from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def batch(
     strict: bool,
     as_json: bool,
 ) -> None:
-    """Estimate the PSFs of all photographs in FOLDER... and hold them to limits.
+    """Measure all photographs in FOLDER... by any procedure, and compare the numbers with limits.
 
     What was done before with the same procedure is not done again. The first Ctrl-C finishes what runs, the second
     stops at once; what is done is kept.
@@ -105,14 +105,14 @@ def carry_out(
     """Run a batch, tell it as it goes, and leave with its exit code."""
     from station.batch.allowance import Allowance
     from station.batch.item import Job, finished
-    from station.batch.procedure_file import ENDINGS, FIELD, SERIES
+    from station.batch.procedure_file import SERIES
     from station.batch.process_pool import Stop
     from station.batch.run import run_batch
     from station.common.stop_signals import guarded
 
     items = _items(folders, out, procedure)
-    what = "pairs" if procedure.name in ENDINGS else "fields" if procedure.name == FIELD else "photographs"
-    log("found", f"found {len(items)} {what}", items=len(items))
+    what = {"pair": "pairs", "results": "pairs", "photograph": "photographs", "several": "files"}
+    log("found", f"found {len(items)} {what.get(procedure.inputs, 'folders')}", items=len(items))
     jobs = jobs or os.cpu_count() or 1
     fair = Allowance.fair(min(jobs, len(items)))
     allowance = Allowance(memory_bytes or fair.memory_bytes, time_s)
@@ -155,16 +155,30 @@ def _say_who_can_connect(cluster: str | None) -> None:
 
 
 def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[Item]:
-    from station.batch.procedure_file import ENDINGS, FIELD, TWO_PHOTO
-    from station.calibration.folder_photographs import by_folder, find_frames, in_pairs, in_rows, singly, unread
+    from station.batch.procedure_file import RESTORE
+    from station.calibration.folder_photographs import (
+        PHOTOGRAPHS,
+        Item,
+        by_folder,
+        find_frames,
+        in_pairs,
+        in_rows,
+        singly,
+        unread,
+    )
+    from station.procedure.base import Inputs
+    from station.procedure.registry import procedure_named
 
     missed: list[Item] = []
-    frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)))
+    suffixes = PHOTOGRAPHS if procedure.settings is None else procedure_named(procedure.name).suffixes
+    frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)), suffixes)
     if procedure.pairs is not None:
-        return in_rows(frames, procedure.pairs, most=2 if procedure.name == TWO_PHOTO else None) + missed
-    if procedure.name in ENDINGS:
+        return in_rows(frames, procedure.pairs, most=None if procedure.name == RESTORE else 2) + missed
+    if procedure.inputs in (Inputs.PAIR, Inputs.RESULTS):
         return _without_records(in_pairs(frames, procedure.endings), procedure) + missed
-    return (by_folder(frames) if procedure.name == FIELD else singly(frames)) + missed
+    if procedure.inputs is Inputs.FOLDER:
+        return [Item(tuple(find_frames([folder], out, suffixes=suffixes))) for folder in folders] + missed
+    return (by_folder(frames) if procedure.inputs is Inputs.PHOTOGRAPHS else singly(frames)) + missed
 
 
 def _without_records(items: list[Item], procedure: Procedure) -> list[Item]:
@@ -204,7 +218,7 @@ def _heard(total: int) -> Iterator[Callable[[ItemRow], None]]:
         level = "info" if row.sure else "warning"
         words = f"{pace.done} of {total}, {left}: {_sentence(row)}"
         milliseconds = round(1000 * row.duration_s)
-        facts: dict[str, Fact] = {"file": row.files[0], "verdict": row.verdict, "folder": row.folder}
+        facts: dict[str, Any] = {"file": row.files[0], "verdict": row.verdict, "folder": row.folder}
         facts |= {"specification": row.specification} if row.specification else {}
         log("item", words, level=level, remedy=row.remedy, reused=row.reused, dur_ms=milliseconds, **facts)
 
@@ -254,14 +268,13 @@ def _planes(done: Batch) -> Table:
     from rich.table import Table
 
     from station.batch.run import followed, statistics
-    from station.results.number_names import short
     from station.results.verdict_words import measurement_words
 
-    numbers = followed(done.job.procedure)
+    numbers = followed(done.rows)
     table = Table(
-        "plane", *(short(name) for name in numbers), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
+        "plane", *(one.short for one in numbers), "verdicts", box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False
     )
-    for name, entry in statistics(done.rows, numbers).items():
+    for name, entry in statistics(done.rows).items():
         medians = [f"{entry[number]['median']:.4f}" if number in entry else "—" for number in numbers]
         verdicts = _counted(entry["verdicts"], measurement_words)
         table.add_row(name, *medians, verdicts)

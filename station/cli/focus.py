@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from procedures.numbers import EDGE_MTF50, S_OVER_T
 from station.cli.psf.planes import chart_options, chart_source
 from station.cli.psf.terms import plane_name
 from station.cli.terminal.bench_options import existing_file
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import SEED
 from station.common.errors import REFUSED
+from station.results.record_head import other_causes_entry
 
 if TYPE_CHECKING:
     from station.guide.focus.live import FocusSeen, LiveFrame, PhotographSource
@@ -145,7 +147,7 @@ def entry(seen: FocusSeen) -> dict[str, Any]:
     """A photograph for programs."""
     found, peak = seen.found.value, seen.peak
     numbers = (
-        {"mtf50": found.mtf50, "mtf50_rows": found.along_rows, "mtf50_columns": found.along_columns} if found else {}
+        {EDGE_MTF50: found.mtf50, "mtf50_rows": found.along_rows, "mtf50_columns": found.along_columns} if found else {}
     )
     told = {
         name: {"value": one.value, "unit": one.unit, "uncertainty": one.uncertainty, "method": one.method, "n": one.n}
@@ -157,8 +159,9 @@ def entry(seen: FocusSeen) -> dict[str, Any]:
         "verdict": str(seen.found.verdict),
         "reason": seen.found.reason,
         "remedy": seen.found.remedy,
+        **other_causes_entry(seen.found),
         **told,
-        "s_over_t": found.s_over_t if found else None,
+        S_OVER_T: found.s_over_t if found else None,
         "best": seen.best,
         "best_place": None if peak is None else {"value": peak.place, "uncertainty": peak.place_uncertainty},
         "best_mtf50": None if peak is None else {"value": peak.score, "uncertainty": peak.score_uncertainty},

@@ -16,9 +16,15 @@ NARROWEST, WIDEST = 40, 100
 @click.command("manual")
 @click.argument("topic", required=False)
 @click.option("--html", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Write all pages for a browser.")
+@click.option(
+    "--schemas", type=click.Path(path_type=Path), metavar="DIR", help="Write the JSON schemas of all records."
+)
 @click.pass_context
-def manual(context: click.Context, topic: str | None, folder: Path | None) -> None:
+def manual(context: click.Context, topic: str | None, folder: Path | None, schemas: Path | None) -> None:
     """Show the manual's page TOPIC, or the list of all pages."""
+    if schemas is not None:
+        _write_schemas(schemas)
+        return
     from station.manual.pages import find_page, for_terminal, index_text, read_pages
 
     pages = read_pages(_drawn_from_the_program(context, topic if folder is None else None))
@@ -31,9 +37,24 @@ def manual(context: click.Context, topic: str | None, folder: Path | None) -> No
     click.echo(write_manual(pages, folder))
 
 
+def _write_schemas(folder: Path) -> None:
+    """One file a procedure: NAME.schema.json."""
+    import json
+
+    from station.common.atomic_files import write_whole
+    from station.procedure.registry import procedure_named, procedure_names
+    from station.procedure.schema import schema_of
+
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in procedure_names():
+        path = folder / f"{name}.schema.json"
+        write_whole(path, json.dumps(schema_of(procedure_named(name)), indent=1).encode())
+        click.echo(path)
+
+
 def _drawn_from_the_program(context: click.Context, topic: str | None) -> dict[str, str]:
     """What pages say that is drawn from the program itself: all of it, or that of the one topic."""
-    drawn = {"commands": _commands, "numbers": _diagnostics}
+    drawn = {"commands": _commands, "numbers": _numbers}
     return {name: draw(context) for name, draw in drawn.items() if topic in (None, name)}
 
 
@@ -45,14 +66,19 @@ def _commands(context: click.Context) -> str:
     return commands_text(program)
 
 
-def _diagnostics(context: click.Context) -> str:
+def _numbers(context: click.Context) -> str:
+    """All numbers, and the diagnostics behind verdicts."""
+    from procedures.numbers import reference_text
     from procedures.pattern_psf.diagnostics import Diagnostics
     from procedures.two_photo.diagnostics import Diagnostics as OfPair
     from procedures.two_photo.likeness import Likeness, NearLook
     from station.manual.field_reference import fields_text
 
     tables = {"Diagnostics of the chart": Diagnostics, "Diagnostics of two photographs": OfPair}
-    return fields_text({**tables, "Likeness of two photographs": Likeness, "The near photograph by itself": NearLook})
+    diagnostics = fields_text(
+        {**tables, "Likeness of two photographs": Likeness, "The near photograph by itself": NearLook}
+    )
+    return f"{reference_text()}\n{diagnostics}"
 
 
 def _laid_out(markdown: str) -> str:

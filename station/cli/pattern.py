@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from procedures.pattern_print.paper import PAPERS, paper_named, papers_of_locale
 from station.cli.terminal.numbers import SEED, Number
 
 if TYPE_CHECKING:
@@ -18,7 +19,14 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.{pdf,svg,png,pgm}")
 @click.option(
-    "--width-mm", type=Number(), default=300.0, show_default=True, help="Width of the whole chart, ten blocks, in mm."
+    "--paper", type=click.Choice(list(PAPERS), case_sensitive=False), help="The printer's; by default the locale's."
+)
+@click.option("--tile", is_flag=True, help="Print over several sheets of the paper, to be joined; PDF only.")
+@click.option(
+    "--width-mm",
+    type=Number(),
+    help="Width of the whole chart, ten blocks, in mm: by default what the paper holds; with --tile 300. Without "
+    "--paper it chooses the paper.",
 )
 @click.option("--seed", type=SEED, help="Cells from this seed; 1 if neither this nor --bits is given.")
 @click.option(
@@ -34,7 +42,9 @@ if TYPE_CHECKING:
 @click.option("--monochrome", is_flag=True, help="The sensor has no colour mosaic.")
 def pattern(
     out: Path,
-    width_mm: float,
+    paper: str | None,
+    tile: bool,
+    width_mm: float | None,
     seed: int | None,
     bits: Path | None,
     edges: bool,
@@ -47,7 +57,8 @@ def pattern(
     """Write the noise chart to OUT.
 
     PDF and SVG are a page with rulers, advice and distances, to be printed at 100 %; PNG and PGM are the chart alone
-    in its white margin. For a lens that is told, stderr shows how much every distance amplifies the noise.
+    in its white margin. With --tile the PDF begins with an assembly drawing. Given a lens, stderr shows how much each
+    distance amplifies the noise.
     """
     if seed is not None and bits is not None:
         raise click.UsageError("--seed and --bits both choose the cells; give one of them")
@@ -57,16 +68,23 @@ def pattern(
     from procedures.pattern import DEFAULT_SEED
     from procedures.pattern_print.distance import PHOTOSITES_PER_PIXEL
     from procedures.pattern_print.formats import check_ending, encode
-    from procedures.pattern_print.sheet import Size
+    from procedures.pattern_print.sheet import Size, largest_width_mm, smallest_paper
     from procedures.pattern_print.source import Source
+    from procedures.pattern_print.tiles import AUTHORS_WIDTH_MM
     from procedures.pattern_psf.pose import Optics
     from station.common.atomic_files import write_whole
 
     check_ending(out)
-    size = Size(width_mm)
+    usual = papers_of_locale(os.environ)
+    chosen = paper_named(paper) if paper else usual[0]
+    if width_mm is None:
+        size = Size(AUTHORS_WIDTH_MM if tile else largest_width_mm(chosen, edges))
+    else:
+        size = Size(width_mm)
+        chosen = chosen if paper or tile else smallest_paper(usual, size, edges)
     source = Source.from_file(bits) if bits else Source.from_seed(DEFAULT_SEED if seed is None else seed)
     source = source.with_edges() if edges else source
-    encoded = encode(out, source, size, cell_pixels)
+    encoded = encode(out, source, size, cell_pixels, chosen, tile=tile)
     write_whole(out, encoded.data)
     click.echo(f"{out}: {encoded.extent}; {source.origin}; {size}", err=True)
     if focal_length_mm is not None and pixel_pitch_um is not None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import raw_option, told_layout
+from station.cli.psf.planes import raw_option, tell_judged, told_layout
 from station.cli.psf.terms import plane_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from procedures.restoration.joint.result import GroundTruth
     from station.calibration.restoration.blur_options import BlurOptions
     from station.calibration.restoration.metres_options import MetresOptions
-
-_LEVELS = {"pass": "info", "doubtful": "warning"}
 
 
 _ONE_EACH = ("--shape", "--imu", "--poses", "--defocus-shape")
@@ -242,9 +240,8 @@ def restore(
         duration_s = round(time.perf_counter() - start, 3)
         head = RecordHead("restore", files, {**found.told, **told_layout(layout)}, duration_s=duration_s)
         outcome, text = found.outcome, write_outcome(folder, found, head, photographs)
-    level = _LEVELS.get(str(outcome.verdict), "error")
     words = outcome.reason or "picture and depth restored"
-    log("restored", f"{outcome.verdict}: {words}", level=level, remedy=outcome.remedy)
+    tell_judged("restored", f"{outcome.verdict}: {words}", outcome)
     if outcome.value is not None and outcome.value.ground_truth is not None:
         _tell_ground_truth(outcome.value.ground_truth)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))

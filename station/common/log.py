@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from station.common.sanitise import printable
+
+if TYPE_CHECKING:
+    from procedures.outcome import Cause
 
 Fact = str | float | int | None
 
@@ -55,7 +58,15 @@ def _is_quiet() -> bool:
     return context is not None and bool(context.meta.get(_QUIET))
 
 
-def log(event: str, sentence: str, *, level: str = "info", remedy: str = "", **facts: Fact) -> None:
+def log(
+    event: str,
+    sentence: str,
+    *,
+    level: str = "info",
+    remedy: str = "",
+    other_causes: Sequence[Cause] = (),
+    **facts: Fact,
+) -> None:
     """Write one line to stderr: the sentence, and what to do about it, or the event with its facts.
 
     A quiet program leaves out what is of level "info".
@@ -65,6 +76,8 @@ def log(event: str, sentence: str, *, level: str = "info", remedy: str = "", **f
     event : str
         A stable name for programs.
     level : "info", "warning" or "error"
+    other_causes
+        What else may be the cause, each with its own remedy.
     facts
         Values of the event; numbers that are not finite become null.
     """
@@ -72,13 +85,19 @@ def log(event: str, sentence: str, *, level: str = "info", remedy: str = "", **f
         return
     if logs_json():
         entry = {"ts": datetime.now(UTC).isoformat(timespec="milliseconds"), "level": level, "event": event}
-        told = {"message": sentence, **({"remedy": remedy} if remedy else {})}
+        told: dict[str, Any] = {"message": sentence, **({"remedy": remedy} if remedy else {})}
+        if other_causes:
+            told["other_causes"] = [{"reason": one.reason, "remedy": one.remedy} for one in other_causes]
         click.echo(json.dumps({**entry, **told, **_finite(facts)}, allow_nan=False), err=True)
         return
     shown = printable(sentence)  # a file's name in it may hold what a terminal obeys
     click.echo(shown if level == "info" else f"{level}: {shown}", err=True)
     if remedy:
         click.echo(f"  what to do: {printable(remedy)}", err=True)
+    if other_causes:
+        click.echo("  other possible causes:", err=True)
+    for one in other_causes:
+        click.echo(f"  - {printable(one.reason)}; {printable(one.remedy)}", err=True)
 
 
 def _finite(facts: dict[str, Fact]) -> dict[str, Fact]:

@@ -50,7 +50,7 @@ def guarded(
         asked = True
         ask_to_stop()
 
-    with _woken(emergency_stop), handled(hear), _stopped_before_suspended(emergency_stop), _short_turns():
+    with woken(emergency_stop), handled(hear), _stopped_before_suspended(emergency_stop), _short_turns():
         try:
             yield
         except BaseException:
@@ -95,8 +95,8 @@ def _stopped_before_suspended(emergency_stop: Callable[[], None]) -> Iterator[No
 
 
 @contextmanager
-def _woken(emergency_stop: Callable[[], None]) -> Iterator[None]:
-    """Within, a thread waits that these signals wake; on leaving, the stop it is at is waited for."""
+def woken(emergency_stop: Callable[[], None]) -> Iterator[None]:
+    """Within, a thread makes the stop that INT, TERM, HUP, QUIT and TSTP ask for; leaving waits for one under way."""
     ear, mouth = socket.socketpair()
     mouth.setblocking(False)
 

@@ -24,6 +24,10 @@ _WORDS = {
 }
 
 
+MOST_NAMED = 12
+"""Known keys that an error lists."""
+
+
 class Table:
     """One table of a file: what is asked for is known, the rest is refused by `end`."""
 
@@ -115,8 +119,10 @@ class Table:
         for key in self._content:
             if key not in self._known:
                 near = get_close_matches(key, self._known, 1)
-                known = ", ".join(sorted(set(self._known)))
-                raise self.wrong(key, "is not known", f"write {near[0]}" if near else f"use one of {known}")
+                known = sorted(set(self._known))
+                more = f" and {len(known) - MOST_NAMED} more" if len(known) > MOST_NAMED else ""
+                others = f"use one of {', '.join(known[:MOST_NAMED])}{more}"
+                raise self.wrong(key, "is not known", f"write {near[0]}" if near else others)
 
     def wrong(self, key: str, words: str, remedy: str = "correct the procedure file") -> BadParameter:
         """An error about a key."""

@@ -16,14 +16,14 @@ from procedures.pattern_print.sheet import Size
 from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame, read_frame
-from simulators.bench.demonstration import PITCH_UM, SETUPS, Staging, photograph
+from simulators.bench.demonstration import PITCH_UM, SETUPS, WIDTH_MM, Staging, photograph
 from simulators.camera.camera import Photograph
 from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
 from station.common.versions import software
 from station.demo.demonstration import ComparedPlane, Demonstration, DemoPhotograph, summary
 from station.demo.truth_comparison import compare
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import RECORD, ResultFolder, write_psf_result, write_record
 
 SCHEMA = "station/demo/1"
@@ -53,7 +53,7 @@ def run_demo(
     start = time.perf_counter()
     chart, parameters = Source.from_seed().with_edges(), PatternParameters()
     with ResultFolder(out) as folder:
-        folder.write(CHART, encode(Path(CHART), chart, Size(300.0)).data)
+        folder.write(CHART, encode(Path(CHART), chart, Size(WIDTH_MM)).data)
         progress(f"printed the chart, {chart.origin}")
         shots = tuple(
             _shoot(folder.staging, setup, chart, parameters, np.random.default_rng([seed, i]), progress)
@@ -144,7 +144,7 @@ def _shot_entry(shot: DemoPhotograph) -> dict[str, Any]:
 
 def _plane_entry(plane: ComparedPlane) -> dict[str, Any]:
     record, against = plane.result, plane.comparison
-    entry: dict[str, Any] = {"verdict": str(record.verdict), "reason": record.reason, "remedy": record.remedy}
+    entry = verdict_entry(record)
     if against is not None:
         entry |= {"error": against.error, "expected_error": against.expected, "centre_px": list(against.centre_px)}
         for name, mtf50 in against.mtf50.items():

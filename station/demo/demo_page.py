@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from procedures.pattern_print.sheet import Size
+from simulators.bench.demonstration import WIDTH_MM
 from station.common.versions import software
 from station.reports import otf_figures, psf_figures
 from station.reports.page import exposure_words, render
@@ -24,7 +25,7 @@ def demonstration_page(found: Demonstration, summary: Summary) -> str:
         "demo.html",
         found=found,
         summary=summary,
-        size=Size(300.0),
+        size=Size(WIDTH_MM),
         ratios=psf_figures.ratios_figure(_compared(found, lambda one: [one.ratio]), "ratios"),
         sigmas=psf_figures.sigmas_figure(
             _compared(found, lambda one: [against.sigmas for against in one.mtf50.values()]), "sigmas"

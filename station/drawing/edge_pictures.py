@@ -10,6 +10,7 @@ import matplotlib
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import EDGE_MTF50
 from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome
 from station.drawing.colours import FAINT, INK, MARK
@@ -60,8 +61,8 @@ def _transfer(axes: Any, edge: EdgeMtf, unit: str, factor: float) -> None:
     axes.plot(f, edge.mtf, color=INK, lw=1.2)
     axes.axvline(0.5 * factor, color=FAINT, lw=0.7)
     axes.set(xlim=(0, factor), ylim=(0, 1.05), xlabel=unit)
-    if "mtf50" in edge.numbers:
-        number = edge.numbers["mtf50"]
+    if EDGE_MTF50 in edge.numbers:
+        number = edge.numbers[EDGE_MTF50]
         value, spread = number.value * factor, number.uncertainty * factor
         axes.plot(value, 0.5, "o", ms=4, color=MARK)
         axes.set_title(f"MTF50 {value:.4g} ± {spread:.2g} {unit}")

@@ -119,7 +119,7 @@ def _restoration_results(
 ) -> list[PlaneResult]:
     from station.results.plane_result import PlaneResult
 
-    return [PlaneResult(name, one.verdict, one.reason, one.remedy, found=one.value) for name, one in outcomes.items()]
+    return [PlaneResult.of_outcome(name, one, found=one.value) for name, one in outcomes.items()]
 
 
 def _write_restoration(
@@ -141,12 +141,9 @@ def _found_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms,
     from station.results.plane_result import PlaneResult
 
     return [
-        PlaneResult(
-            name, one.verdict, one.reason, one.remedy, found=one.value,
-            numbers={} if one.value is None else one.value.numbers(),
-        )
+        PlaneResult.of_outcome(name, one, found=one.value, numbers={} if one.value is None else one.value.numbers())
         for name, one in outcomes.items()
-    ]  # fmt: skip
+    ]
 
 
 def _write_geometry(

@@ -79,10 +79,12 @@ class Conversation:
             self._session.learn(new)
 
     def ask(self, ask: Ask) -> Fact:
-        """The answer, which can be taken. What is known under its key is the default. Raises Stopped."""
+        """The answer, which can be taken; the default is what is known, or else proposed. Raises Stopped."""
         default = self.facts.get(ask.key)
         if default is None and self._hands is not None:
             default = self._hands.knows(ask.key)
+        if default is None:
+            default = ask.proposed(self.facts)
         asked = ask if default is None else replace(ask, default=default)
         for _ in range(ANSWERS):
             answer = self._operator.answer(asked)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from procedures.outcome import Verdict
+from procedures.outcome import Cause, Verdict
 from procedures.plan import Advice, Ask, Diagram, Fact, Plan, Step
 from procedures.raw import Plane
 
@@ -106,6 +106,7 @@ class Result:
     verdict: Verdict
     reason: str
     remedy: str
+    other_causes: tuple[Cause, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from functools import singledispatchmethod
 from io import StringIO
 from typing import TYPE_CHECKING, TextIO
 
+from procedures.numbers import MTF50_HORIZONTAL, MTF50_VERTICAL
 from procedures.plan import Advice, Ask, Fact, Reading
 from station.common.uncertainty_text import stated
 from station.drawing.diagrams import diagram_lines
@@ -94,7 +95,7 @@ class Plain:
 
     @_tell.register
     def _(self, event: StepEnded) -> None:
-        self._line(f"-- {event.step.title}: done")
+        self._line(f"-- {event.step.title}: {event.gave or 'done'}")
 
     @_tell.register
     def _(self, event: Doing) -> None:
@@ -133,6 +134,10 @@ class Plain:
         if event.reason:
             self._line(f"   Why: {event.reason}.")
             self._line(f"   What to do: {event.remedy}.")
+        if event.other_causes:
+            self._line("   Other possible causes:")
+        for cause in event.other_causes:
+            self._line(f"   - {cause.reason}; {cause.remedy}.")
         for plane in event.planes.values():
             if plane.specification is not None and plane.specification.judged is not None:
                 against = "; ".join(plane.specification.against)
@@ -211,7 +216,7 @@ def seen_lines(advice: Advice) -> list[str]:
 
 def plane_words(plane: PlaneResult) -> str:
     """A plane's verdict and its MTF50 along rows and columns: "G1 pass: MTF50 0.412 ± 0.003 by 0.408 ± 0.003"."""
-    told = [plane.numbers[key] for key in ("mtf50_horizontal", "mtf50_vertical") if key in plane.numbers]
+    told = [plane.numbers[key] for key in (MTF50_HORIZONTAL, MTF50_VERTICAL) if key in plane.numbers]
     if not told:
         return f"{plane.name} {measurement_words(plane.verdict)}"
     both = " by ".join(stated(one.value, one.uncertainty) for one in told)

@@ -244,9 +244,11 @@ class Run:
     def _carry_out(self, step: Step) -> None:
         self._step = step
         self._session.begin_step(step.name)
-        self._talk.hear(StepBegan(step))
+        wanted = self._wanted(step)
+        if wanted:
+            self._talk.hear(StepBegan(step))
         try:
-            for request in step.requests if self._wanted(step) else ():
+            for request in step.requests if wanted else ():
                 self._do(request)
         except Reopened:
             return
@@ -371,7 +373,7 @@ class Run:
         folder, found = self._talk.attempt(lambda: derive(self._session, self.plan, self._step.name, told, self._known))
         self._result = found
         self._talk.learn(estimate.tells({name: one.found for name, one in found.planes.items()}))
-        self._talk.hear(Result(folder, found.planes, found.verdict, found.reason, found.remedy))
+        self._talk.hear(Result(folder, found.planes, found.verdict, found.reason, found.remedy, found.other_causes))
 
     @_carry.register
     def _(self, decide: Decide) -> None:

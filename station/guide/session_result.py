@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from procedures.outcome import Verdict
+from procedures.outcome import Cause, Outcome, Verdict, worst_of
 from procedures.plan import Estimate, Known, Plan
 from procedures.raw import Carried, Felt, RawFrame, read_frame
+from procedures.reading.arrays import checked_array, checked_number
 from station.guide.catalogue import entry_named
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead
@@ -24,14 +25,12 @@ from station.sessions.session import Session
 from station.sessions.session_terms import terms_of_session
 from station.sessions.state import SessionShot, SessionState
 
-ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
-
 
 @dataclass(frozen=True, eq=False)
 class SessionResult:
     """What a session's photographs gave, by plane.
 
-    The verdict on the whole is the worst of its planes', with the reasons and remedies of the planes that have it.
+    The verdict on the whole is the worst of its planes', with the causes of the planes that have it.
     """
 
     frames: Sequence[RawFrame]
@@ -39,6 +38,7 @@ class SessionResult:
     verdict: Verdict
     reason: str
     remedy: str
+    other_causes: tuple[Cause, ...] = ()
 
 
 Counted = Callable[[int, int], None]
@@ -89,9 +89,10 @@ def felt_during(shot: SessionShot) -> Felt | None:
     if not motion or not shutter or shutter.get("flash_s") is None:
         return None
     times, acceleration, rotation = (
-        np.array(motion[key], dtype=np.float64) for key in ("host_s", "acceleration_m_s2", "rotation_rad_s")
+        checked_array(motion[name], f"`{name}` of a recorded motion")
+        for name in ("host_s", "acceleration_m_s2", "rotation_rad_s")
     )
-    return Felt(times - float(shutter["flash_s"]), acceleration, rotation)
+    return Felt(times - checked_number(shutter["flash_s"], "`flash_s` of a shutter"), acceleration, rotation)
 
 
 COLUMNS = {"x_mm": 0, "y_mm": 1, "z_mm": 2}
@@ -103,10 +104,10 @@ def carried_during(shot: SessionShot) -> Carried | None:
     told, shutter = shot.snapshot.get("shake"), shot.exposure.get("shutter") or {}
     if not told or not set(told["offsets"]) <= set(COLUMNS):
         return None
-    ways = {COLUMNS[axis]: np.array(way, dtype=np.float64) / 1000 for axis, way in told["offsets"].items()}
-    position_m = np.zeros((len(next(iter(ways.values()))), 3))
-    for column, way in ways.items():
-        position_m[:, column] = way
+    count = len(next(iter(told["offsets"].values())))
+    position_m = np.zeros((count, 3))
+    for axis, way in told["offsets"].items():
+        position_m[:, COLUMNS[axis]] = checked_array(way, f"`{axis}` of a shaker's path", (count,)) / 1000
     flash_s = shutter.get("flash_s")
     since_s = None if flash_s is None else float(flash_s) - float(told["began_s"])
     return Carried(position_m, float(told["interval_s"]), since_s)
@@ -174,7 +175,9 @@ def compute(
         if into is not None:
             with ResultFolder(into, sealed=sealed, force=True) as place:
                 entry.write(place, results, frames, _head(plan, state, frames, terms.specified(results)))
-    return SessionResult(frames, {one.name: one for one in results}, *verdict_of_planes(results))
+    worst = verdict_of_planes(results)
+    causes = worst.reason, worst.remedy, worst.other_causes
+    return SessionResult(frames, {one.name: one for one in results}, worst.verdict, *causes)
 
 
 def _head(
@@ -188,23 +191,11 @@ def _head(
     return RecordHead(plan.name, files, {**state.facts, **({"whose_word": words} if words else {})}, specification)
 
 
-def verdict_of_planes(planes: Sequence[PlaneResult]) -> tuple[Verdict, str, str]:
-    """The worst verdict, with the reasons and remedies of the planes that have it."""
+def verdict_of_planes(planes: Sequence[PlaneResult]) -> Outcome[Any]:
+    """The worst verdict, with the causes of the planes that have it."""
     if not planes:
-        return Verdict.REFUSED, "no shot counts", "take the shots again"
-    worst = max((one.verdict for one in planes), key=ORDER.index)
-    if worst is Verdict.PASS:
-        return worst, "", ""
-    found = [one for one in planes if one.verdict is worst]
-    return worst, _together({one.name: one.reason for one in found}), _together({one.name: one.remedy for one in found})
-
-
-def _together(sentences: Mapping[str, str]) -> str:
-    """Sentences by plane; what several planes say is said once."""
-    planes: dict[str, list[str]] = {}
-    for name, sentence in sentences.items():
-        planes.setdefault(sentence, []).append(name)
-    return "; ".join(f"{', '.join(names)}: {sentence}" for sentence, names in planes.items() if sentence)
+        return Outcome(None, Verdict.REFUSED, "no shot counts", "take the shots again")
+    return worst_of({one.name: one for one in planes})
 
 
 def estimate_of(plan: Plan) -> Estimate:

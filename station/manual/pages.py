@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 
 from procedures.outcome import BadParameter
@@ -24,6 +24,8 @@ FIRST = (
     "psf", "sampling-and-gamma", "whole-psf", "uncertainty", "verdicts", "limits", "reproducibility",
 )  # fmt: skip
 """Pages in the order in which one comes to need them; others follow by their titles."""
+GENERATED = "<!-- drawn from the program -->"
+"""Where a page has what is drawn from the program itself."""
 PAGE_LINK = re.compile(r"\[([^\]]*)\]\((?:\.\./)?(?:[\w-]+/)?([\w-]+)\.md(#[\w-]+)?\)")
 """A link from page to page: its words, the page's name, its section."""
 
@@ -48,7 +50,7 @@ def read_pages(generated: Mapping[str, str] | None = None) -> list[Page]:
     Parameters
     ----------
     generated : mapping of a page's name to Markdown, optional
-        What is added at the end of that page.
+        What takes the place of `GENERATED` in that page.
     """
     found = []
     for part in PARTS:
@@ -59,7 +61,7 @@ def read_pages(generated: Mapping[str, str] | None = None) -> list[Page]:
         ]
         found += sorted(pages, key=_place)
     more = generated or {}
-    return [Page(one.part, one.name, one.text + ("\n" + more[one.name] if one.name in more else "")) for one in found]
+    return [replace(one, text=one.text.replace(GENERATED, more.get(one.name, ""))) for one in found]
 
 
 def _place(page: Page) -> tuple[int, str]:

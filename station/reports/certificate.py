@@ -8,22 +8,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from procedures.numbers import RADIAL, Group, in_group, label
 from station.common.uncertainty_text import stated
 from station.reports.page import render
 from station.reports.pattern_report import METHODS, PlaneSheet, Report, ReportLine
-from station.results.number_names import words_of
 from station.results.verdict_words import MEASUREMENT, SPECIFICATION
 
 PAGE, PRINT = "certificate.html", "certificate.pdf"
 COVERAGE = 2
 """Standard uncertainties that the expanded one has."""
-NUMBERS = (
-    *("mtf50_horizontal", "mtf50_vertical", "mtf20_horizontal", "mtf20_vertical"),
-    *("mtf_nyquist_horizontal", "mtf_nyquist_vertical", "fwhm_horizontal", "fwhm_vertical"),
-    *("encircled_energy_80", "strehl"),
-    *("mtf50_sagittal_median", "mtf50_meridional_median", "astigmatism_median"),
-    *("mtf50", "mtf30", "mtf20", "mtf10", "mtf_nyquist"),
-)
+NUMBERS = in_group(Group.CERTIFIED)
 """What is certified, besides the MTF at frequencies that were asked for."""
 VALIDITY = {
     "edge": "The numbers are of the MTF across each plane's best edge, photosite included, at its place of the frame",
@@ -87,7 +81,9 @@ def certificate_of(report: Report) -> Certificate:
         shots=tuple(_shots(report)),
         method=METHODS.get(report.procedure, report.procedure),
         settings=f"{given}; calibration-station {version}",
-        validity=f"{VALIDITY.get(report.procedure, HERE)}, this focus and this aperture.",
+        validity=f"{VALIDITY.get(report.procedure, HERE)}, this focus and this aperture."
+        if report.procedure in METHODS
+        else "",
     )
 
 
@@ -108,14 +104,14 @@ def _limits(planes: Sequence[PlaneSheet]) -> tuple[str, ...]:
 def _rows(planes: Sequence[PlaneSheet]) -> list[NumberRow]:
     rows = []
     asked = [name for one in planes for name in one.record.numbers if name.startswith("mtf_at_")]
-    for name in (*NUMBERS, *(one for one in dict.fromkeys(asked) if not one.endswith("_radial"))):
-        found = [one.record.numbers.get(name) for one in planes]
+    for name in (*NUMBERS, *(one for one in dict.fromkeys(asked) if not one.endswith(RADIAL))):
+        found = [one.record.quantity(name) for one in planes]
         known = next((one for one in found if one is not None), None)
         if known is None:
             continue
         unit = "" if known.unit == "1" else f", {known.unit}"
         values = tuple("—" if one is None else stated(one.value, COVERAGE * one.uncertainty) for one in found)
-        rows.append(NumberRow(words_of(name, planes[0].record.unit).words + unit, values))
+        rows.append(NumberRow(label(name, planes[0].record.unit) + unit, values))
     return rows
 
 

@@ -19,7 +19,7 @@ from station.common.versions import software
 from station.results.exports import csv_bytes, numbers_table
 from station.results.geometry_planes import table_prefix
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead, files_read
+from station.results.record_head import RecordHead, files_read, verdict_entry
 from station.results.result_files import ResultFolder, npy, write_record
 
 Array = npt.NDArray[np.float64]
@@ -53,7 +53,7 @@ def write_plane(folder: ResultFolder, plane: PlaneResult, frames: Sequence[RawFr
         if of is not None:
             size = (of.samples.shape[1] * of.pitch, of.samples.shape[0] * of.pitch)
     shoot = GeometryPhotographs(plane.name, size, tuple(records))
-    planes = [PlaneGeometry(shoot, Outcome(found, plane.verdict, plane.reason, plane.remedy))]
+    planes = [PlaneGeometry(shoot, plane.outcome(found))]
     _write_files(folder, planes, head, report=True)
     return _write_record(folder, planes, head)
 
@@ -79,7 +79,7 @@ def _write_record(folder: ResultFolder, planes: Sequence[PlaneGeometry], head: R
 
 def geometry_entry(shoot: GeometryPhotographs, outcome: Outcome[Geometry]) -> dict[str, Any]:
     """What the record says of the plane that was measured."""
-    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    entry = verdict_entry(outcome)
     missed = [_missed_entry(one) for one in shoot.missed]
     found = outcome.value
     if found is None:

@@ -7,25 +7,19 @@ from typing import Any
 
 import jinja2
 
+from procedures.numbers import RESIDUAL_STD, Group, in_group
 from procedures.raw import Exposure
 from station.common.uncertainty_text import stated
 from station.drawing import colours
 from station.drawing.colours import PLANE_COLOURS
-from station.results.number_names import titled
 from station.results.verdict_words import measurement_words, specification_words
 
-NUMBERS = titled(
-    (
-        *("mtf50_horizontal", "mtf50_vertical", "mtf_nyquist_radial", "energy_above_nyquist"),
-        *("fwhm_horizontal", "fwhm_vertical", "encircled_energy_80", "ellipticity"),
-        *("centroid_x_support", "centroid_y_support", "strehl", "gaussian_radius"),
-    )
-)
+HEADLINE = tuple((one, one.label) for one in in_group(Group.HEADLINE))
 """The numbers that a page tells of every plane, in their order."""
 DIAGNOSTICS = (
     ("agreement", "Variance of the noise region that the chart explains", "percent"),
     ("unexplained", "Neither explained nor noise", "percent"),
-    ("residual_std", "Residual, in units of the noise on the blocks", "plain"),
+    (RESIDUAL_STD, "Residual, in units of the noise on the blocks", "plain"),
     ("whiteness", "Correlation of neighbouring residuals", "plain"),
     ("relative_uncertainty", "Uncertainty of the PSF over its norm", "percent"),
     ("support_cut", "Energy outside the support", "percent"),
@@ -58,7 +52,7 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters.update(stated=stated, percent=percent, signed=signed, sentence=sentence)
     environment.filters.update(measurement=measurement_words, specified=specification_words)
-    environment.globals.update(titles=NUMBERS, diagnostics=DIAGNOSTICS, colours=PLANE_COLOURS, palette=colours)
+    environment.globals.update(titles=HEADLINE, diagnostics=DIAGNOSTICS, colours=PLANE_COLOURS, palette=colours)
     return environment
 
 

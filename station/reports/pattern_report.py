@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.budget import TERMS
+from procedures.numbers import NUMBERS, Group, frequency_of, label
 from procedures.outcome import Quantity
 from procedures.pattern_psf.combine import CombinedPsf
 from procedures.pattern_psf.error_parts import Variation
@@ -24,11 +25,10 @@ from procedures.two_photo.estimate import TwoPhotoPsf
 from station.common.sanitise import printable
 from station.common.versions import software
 from station.reports import otf_figures, psf_figures
-from station.reports.page import NUMBERS, exposure_words, render
+from station.reports.page import HEADLINE, exposure_words, render
 from station.results.budget_table import BudgetTable, budget_table
 from station.results.comparison import Comparison, Judged
 from station.results.limits import Specification
-from station.results.number_names import VALUES, titled, words_of
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.result_files import file_names
@@ -51,13 +51,7 @@ METHODS = {
     "Distances. Image Processing On Line 3, 2013. doi:10.5201/ipol.2013.77",
 }
 """The publication that each procedure is built on."""
-MORE_NUMBERS = titled(
-    (
-        *("mtf50_radial", "mtf_nyquist_horizontal", "mtf_nyquist_vertical"),
-        *(f"mtf{level}_{along}" for level in (30, 20, 10) for along in ("horizontal", "vertical", "radial")),
-        *("encircled_energy_50", "ellipse_angle"),
-    )
-)
+MORE_NUMBERS = tuple((one, one.label) for one in NUMBERS.values() if Group.HEADLINE not in one.groups)
 """What a report tells beside the numbers of every page."""
 
 
@@ -131,8 +125,8 @@ class PlaneSheet:
     def numbers(self) -> list[tuple[str, Quantity]]:
         """The numbers with their words, in the order of pages; after them the MTF at what was asked for."""
         known, unit = self.record.numbers, self.record.unit
-        asked = [(name, words_of(name, unit).words) for name in known if name.startswith("mtf_at_")]
-        return [(words, known[name]) for name, words in (*NUMBERS, *MORE_NUMBERS, *asked) if name in known]
+        asked = [(name, label(name, unit)) for name in known if frequency_of(name)]
+        return [(words, known[name]) for name, words in (*HEADLINE, *MORE_NUMBERS, *asked) if name in known]
 
     @property
     def pixel_words(self) -> str:
@@ -148,14 +142,13 @@ class PlaneSheet:
     @property
     def halves(self) -> list[tuple[str, Variation]]:
         """The numbers in the halves of the chart, with their words."""
-        words = dict(NUMBERS)
-        return [(words.get(one.name, one.name), one) for one in self.record.variations]
+        return [(label(one.name), one) for one in self.record.variations]
 
     @property
     def plain(self) -> list[tuple[str, float]]:
         """The numbers that have no uncertainty."""
         known = self.record.values
-        return [(one.words, value) for name, one in VALUES.items() if isinstance(value := known.get(name), float)]
+        return [(one.label, value) for one in NUMBERS.values() if isinstance(value := known.get(one), float)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +303,7 @@ def report_of_files(
         planes=[_sheet(one, frames) for one in results],
         shots=[shot_of(frame) for frame in frames],
         parameters=parameters,
-        conditions=_conditions(exposure),
+        conditions=exposure_lines(exposure),
         specification=specification or Specification(),
         overlays=overlays,
         beside="",
@@ -349,7 +342,7 @@ def camera_words(exposure: Exposure) -> str:
     return ", ".join(printable(one) for one in (exposure.camera, exposure.lens) if one)
 
 
-def _conditions(exposure: Exposure) -> list[ReportLine]:
+def exposure_lines(exposure: Exposure) -> list[ReportLine]:
     """What the camera noted about the first photograph."""
     distance = exposure.subject_distance_mm
     noted = {

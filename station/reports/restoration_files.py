@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.facts import facts_as
+from procedures.numbers import W_GREATEST, W_LEAST, W_MEDIAN
 from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
 from procedures.restoration.facts import RestorationFacts
@@ -22,7 +23,7 @@ from station.drawing.depth_pictures import coloured, encoded, levels, picture
 from station.drawing.linear_pictures import described_tiff, float_tiff
 from station.results.exports import kernel_fits
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead
+from station.results.record_head import RecordHead, verdict_entry
 from station.results.restored import RESTORATION
 from station.results.result_files import ResultFolder, npy, write_record
 
@@ -38,14 +39,14 @@ def restoration_result(outcome: Outcome[Restoration], frames: Sequence[RawFrame]
     """A restoration as the result of its planes together: the median of its blur, and what it says of itself."""
     name, found = "+".join(frames[0].planes), outcome.value
     if found is None:
-        return PlaneResult(name, outcome.verdict, outcome.reason, outcome.remedy)
+        return PlaneResult.of_outcome(name, outcome)
     per, unit = found.unit.per_pixel, found.unit.name
     spread = float(np.median(found.w_std)) * per
     method = "median over the map; uncertainty: the median of each place's least"
-    numbers = {"w_median": Quantity(float(np.median(found.w)) * per, unit, spread, method, found.w.size)}
-    return PlaneResult(
-        name, outcome.verdict, outcome.reason, outcome.remedy, numbers,
-        values={"w_least": float(found.w.min()) * per, "w_greatest": float(found.w.max()) * per,
+    numbers = {W_MEDIAN: Quantity(float(np.median(found.w)) * per, unit, spread, method, found.w.size)}
+    return PlaneResult.of_outcome(
+        name, outcome, numbers=numbers,
+        values={W_LEAST: float(found.w.min()) * per, W_GREATEST: float(found.w.max()) * per,
                 **asdict(found.diagnostics)},
         found=found,
     )  # fmt: skip
@@ -83,9 +84,7 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
     record = {
         "schema": RESTORATION,
         **head.told(),
-        "verdict": str(outcome.verdict),
-        "reason": outcome.reason,
-        "remedy": outcome.remedy,
+        **verdict_entry(outcome),
         "w": {
             "least": float(found.w.min()) * unit.per_pixel,
             "greatest": float(found.w.max()) * unit.per_pixel,
@@ -156,8 +155,9 @@ def _told_distances(found: Distances) -> dict[str, Any]:
 
 def write_refusal(folder: ResultFolder, outcome: Outcome[Restoration], head: RecordHead) -> str:
     """Publish the record of a refusal, which has no other files; returns its text."""
-    told = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
-    return write_record(folder, {"schema": RESTORATION, **head.told(), **told, "software": software()})
+    return write_record(
+        folder, {"schema": RESTORATION, **head.told(), **verdict_entry(outcome), "software": software()}
+    )
 
 
 def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawFrame], head: RecordHead) -> str:
@@ -165,7 +165,7 @@ def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawF
     from station.calibration.restoration.inputs import imu_table, poses_table
 
     found: Restoration | None = result.found
-    outcome = Outcome(found, result.verdict, result.reason, result.remedy)
+    outcome = result.outcome(found)
     if found is None:
         return write_refusal(folder, outcome, head)
     told = facts_as(RestorationFacts, head.parameters)

@@ -11,6 +11,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from procedures.numbers import QUANTUM_EFFICIENCY
 from procedures.sensor.estimate import Pattern, SensorResult
 from procedures.sensor.general import input_snr
 from procedures.sensor.noise import linear_snr, total_snr
@@ -42,7 +43,7 @@ def _finish(
 
 def light_unit(found: SensorResult) -> str:
     """What the light is told in."""
-    return "photons per pixel" if "quantum_efficiency" in found.numbers else "light (exposure)"
+    return "photons per pixel" if QUANTUM_EFFICIENCY in found.numbers else "light (exposure)"
 
 
 def transfer_figure(found: SensorResult, name: str) -> Markup:
@@ -97,7 +98,7 @@ def snr_figure(found: SensorResult, name: str) -> Markup:
     total = total_snr(found, model)
     if np.isfinite(total).all():
         axes.loglog(model, total, color=ALONG["vertical"], lw=1, label="with DSNU and PRNU")
-    if "quantum_efficiency" in found.numbers:
+    if QUANTUM_EFFICIENCY in found.numbers:
         axes.loglog(model, np.sqrt(model), color=FAINT, lw=1, ls=(0, (1, 1)), label="ideal sensor")
     axes.axhline(1, color=FAINT, lw=0.6)
     words = "signal-to-noise ratio over light: measured, by the linear model, with non-uniformity"

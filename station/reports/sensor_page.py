@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
+from procedures.numbers import Group, in_group
 from procedures.sensor.estimate import Pattern, SensorResult
 from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.spectrograms import Period
@@ -15,44 +16,6 @@ from station.common.versions import software
 from station.reports import sensor_figures as figures
 from station.reports.page import render
 
-TITLES = {
-    "quantum_efficiency": "Quantum efficiency η",
-    "system_gain": "System gain K",
-    "system_gain_at_dark": "System gain K of small signals",
-    "temporal_dark_noise": "Temporal dark noise σ_d",
-    "temporal_dark_noise_dn": "Temporal dark noise",
-    "sensitivity_threshold": "Absolute sensitivity threshold",
-    "sensitivity_threshold_photons": "Absolute sensitivity threshold",
-    "saturation_capacity": "Saturation capacity",
-    "saturation_photons": "Light at saturation",
-    "saturation_signal": "Signal at saturation",
-    "snr_max": "Largest SNR",
-    "snr_max_db": "Largest SNR",
-    "dynamic_range": "Dynamic range",
-    "dynamic_range_db": "Dynamic range",
-    "linearity_error": "Linearity error",
-    "linearity_error_min": "Lowest deviation",
-    "linearity_error_max": "Highest deviation",
-    "dark_current": "Dark current, by mean",
-    "dark_current_by_variance": "Dark current, by variance",
-    "dsnu": "DSNU",
-    "dsnu_row": "DSNU of rows",
-    "dsnu_column": "DSNU of columns",
-    "dsnu_pixel": "DSNU of pixels",
-    "dsnu_without_defects": "DSNU, defects left out",
-    "prnu": "PRNU",
-    "prnu_row": "PRNU of rows",
-    "prnu_column": "PRNU of columns",
-    "prnu_pixel": "PRNU of pixels",
-    "prnu_without_defects": "PRNU, defects left out",
-    "prnu_highpass": "PRNU, uneven light taken out",
-    "defect_pixels_dark": "Defect pixels in the dark",
-    "defect_pixels_light": "Defect pixels in even light",
-    "general_snr_max": "General model: largest SNR",
-    "general_threshold": "General model: threshold",
-    "general_dynamic_range": "General model: dynamic range",
-}
-"""The numbers that the page tells, in their order; `numbers.csv` holds all."""
 MOST_DEFECTS = 40
 
 
@@ -74,7 +37,7 @@ def sensor_page(found: SensorFiles) -> bytes:
     return render(
         "sensor.html",
         camera=found.camera,
-        inputs=found.inputs,
+        inputs=found.files,
         missed=found.missed,
         planes=[_view(plane) for plane in found.planes],
         software=software(),
@@ -85,7 +48,7 @@ def _view(plane: SensorPlane) -> PlaneView:
     found = plane.outcome.value
     if found is None:
         return PlaneView(plane.name, plane, [], [], [], [], 0)
-    rows = [(title, found.numbers[name]) for name, title in TITLES.items() if name in found.numbers]
+    rows = [(one.label, found.numbers[one]) for one in in_group(Group.HEADLINE, found.numbers)]
     patterns = {which: one for which, one in (("dark", found.dark), ("light", found.light)) if one is not None}
     defects = [
         (which, int(row), int(column), float(deviation), one.unit)

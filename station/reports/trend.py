@@ -10,13 +10,14 @@ from datetime import datetime
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.weighted_line import WeightedLine, weighted_line
+from procedures.numbers import MTF50_HORIZONTAL, MTF50_VERTICAL
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
+from station.reports.weighted_line import WeightedLine, weighted_line
 from station.sessions.index import IndexedNumber
 
 Array = npt.NDArray[np.float64]
 
-QUANTITIES = ("mtf50_horizontal", "mtf50_vertical")
+QUANTITIES = (MTF50_HORIZONTAL, MTF50_VERTICAL)
 YEAR_S = 365.25 * 86400.0
 FEWEST = 3
 """Sessions from which a drift can be told: with two, scatter and drift are one."""

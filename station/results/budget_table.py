@@ -8,21 +8,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from procedures.budget import TERMS
+from procedures.numbers import Group, in_group
 from procedures.outcome import Quantity
 from station.common.sanitise import cell
 from station.results.exports import csv_bytes
-from station.results.number_names import titled
 
 if TYPE_CHECKING:
     from procedures.quality import Quality
     from station.results.plane_result import PlaneResult
 
-HEADLINE = titled(
-    (
-        *("mtf50_horizontal", "mtf50_vertical", "mtf_nyquist_horizontal", "mtf_nyquist_vertical"),
-        *("energy_above_nyquist", "encircled_energy_80", "fwhm_horizontal", "fwhm_vertical", "strehl"),
-    )
-)
+HEADLINE = tuple((one, one.label) for one in in_group(Group.BUDGET))
 """The numbers whose uncertainty a page takes apart, in their order."""
 NEGLIGIBLE = 1e-3
 """Share of the whole below which a term is none."""

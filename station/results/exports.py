@@ -20,8 +20,6 @@ from station.results.fits import Cards, image_extension, primary_image
 
 Array = npt.NDArray[np.float64]
 
-GAUSSIAN_RADIUS = "gaussian_radius"
-
 
 def psf_tiff(psf: Psf, plane: str = "", exposure: Exposure | None = None) -> bytes:
     """The support's samples as a TIFF, (k, k) float32, sum 1; its description tells what they are, and of which camera.

@@ -13,20 +13,13 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from procedures.numbers import CYCLES, FAMILIES, HORIZONTAL, MTF, NUMBERS, VERTICAL, label, name_at
 from procedures.outcome import Quantity
-from procedures.transfer_function import LEVELS, name_at
 from station.results.comparison import UNMEASURED, Comparison, Judged, Judgement, worst
-from station.results.number_names import OF_PLACES, QUANTITIES, VALUES, words_of
 from station.results.plane_result import PlaneResult
 from station.results.units import Frequency, Pixels, Unit, told_name, told_quantity
 
-MTF = "mtf"
-"""The number of a limit at a frequency."""
-FAMILIES = (*(f"mtf{level}" for level in LEVELS), "mtf_nyquist", "fwhm", MTF)
-"""Numbers that are meant along rows and along columns both, or across an edge."""
-NUMBERS = (*FAMILIES, *QUANTITIES, *VALUES, *OF_PLACES)
-"""What a limit can be set for; values without an uncertainty have no guard band."""
-BOTH = ("horizontal", "vertical")
+BOTH = (HORIZONTAL, VERTICAL)
 MIDDLE = 0.4
 """Of the frame's half sides, within which a place is in the middle."""
 
@@ -46,7 +39,7 @@ class Limit:
 
     Attributes
     ----------
-    number : one of NUMBERS
+    number : one of `limited_numbers`
     least, most : float
         Infinite where there is no such bound; frequencies in `unit`.
     coverage : float
@@ -143,6 +136,11 @@ class Spot:
     numbers: Mapping[str, Quantity] = field(default_factory=dict)
 
 
+def limited_numbers() -> list[str]:
+    """What a limit can be set for; values without an uncertainty have no guard band."""
+    return list(dict.fromkeys((*FAMILIES, *NUMBERS)))
+
+
 def compare(
     record: PlaneResult, specification: Specification, pixels: Pixels | None = None, spots: Sequence[Spot] = ()
 ) -> Comparison:
@@ -163,7 +161,7 @@ def compare(
     limits = [one for one in specification.limits if not one.planes or record.name in one.planes]
     if not limits:
         return Comparison()
-    if not record.numbers:
+    if not (record.numbers or record.values):
         return Comparison(Judged.UNDECIDED)
     known = pixels or Pixels(record.pitch)
     judgements = tuple(one for limit in limits for one in _judge(record, limit, known, spots))
@@ -216,8 +214,7 @@ def _number(record: PlaneResult, spot: Spot, name: str) -> Quantity | None:
     """A number of a place; those without an uncertainty are the plane's."""
     if name in spot.numbers:
         return spot.numbers[name]
-    plain = record.values.get(name)
-    return Quantity(float(plain), "1", 0.0, "", 0) if isinstance(plain, int | float) else None
+    return None if name in record.numbers else record.quantity(name)  # a number of another place is not this one's
 
 
 def _bound(value: float) -> float | None:
@@ -239,9 +236,11 @@ def _words(
     limit: Limit, name: str, spot: Spot, judged: Judged, value: float | None, uncertainty: float
 ) -> str:  # fmt: skip
     bounds = [f"{sign} {bound:g}" for sign, bound in (("≥", limit.least), ("≤", limit.most)) if math.isfinite(bound)]
-    unit = f" {limit.unit}" if name.startswith(tuple(f"mtf{level}" for level in LEVELS)) else ""
+    number = NUMBERS.get(name)
+    own = "" if number is None or number.unit in ("", "1") else f" {number.unit}"
+    unit = f" {limit.unit}" if number is not None and number.unit == CYCLES else own
     where = f", {spot.name}" if spot.name else ""
-    title = words_of(name, limit.unit).words
+    title = label(name, limit.unit)
     title = title.removesuffix(" across the edge") if value is None else title
     wanted = f"{title}{where} {' and '.join(bounds)}{unit}"
     if value is None:

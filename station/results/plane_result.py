@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
-from procedures.outcome import Outcome, Quantity, Verdict
+from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL, NUMBERS
+from procedures.outcome import Cause, Judged, Outcome, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality
 from procedures.reading.exposure import Exposure
-from station.results.exports import GAUSSIAN_RADIUS, gaussian_radius
+from station.results.exports import gaussian_radius
 from station.results.units import Pixels, Unit, told_name, told_numbers, told_quantity
 
 if TYPE_CHECKING:
@@ -36,12 +37,13 @@ class PlaneResult:
 
     Attributes
     ----------
+    reason, remedy : the most likely cause of a doubt or a refusal; `other_causes` are less likely ones
     numbers : every number with its unit and standard uncertainty, by name
     curves : the MTF as columns of (n,): frequency, and by direction the value and its uncertainty
     samples : (k, k) of the PSF's support, sum 1
     values : numbers without an uncertainty: gamma, residual_std, scale, ...
     diagnostics : further numbers for those who look into a verdict
-    pitch : sensor pixels per pixel of the plane
+    pitch : sensor pixels per pixel of the plane; 0 where nothing is counted in pixels of the plane
     found : the estimate itself, for figures that need its marks, residual or map
     psf, quality : the PSF with its covariance, and what it says with the budget of every number
     inter_image : the kernel between two photographs, where the PSF comes from two
@@ -55,6 +57,7 @@ class PlaneResult:
     place : where in the frame it was measured, as limits name places; "" where that is not known
     unit, factor : of frequencies, and what one cycle per pixel of the plane is in it
     specification : how the numbers stand to their limits, where there are some
+    details : further entries of the plane in a record, of its procedure alone
     untold : sentences, one for each frequency asked for at which there is no MTF
     """
 
@@ -85,6 +88,18 @@ class PlaneResult:
     specification: Comparison | None = None
     untold: tuple[str, ...] = ()
     duration_s: float = 0.0
+    details: Mapping[str, Any] = field(default_factory=dict)
+    other_causes: tuple[Cause, ...] = ()
+
+    @classmethod
+    def of_outcome(cls, name: str, outcome: Judged, **more: Any) -> PlaneResult:
+        """The result with the verdict and the causes of an outcome; `more` are further attributes."""
+        more["other_causes"] = outcome.other_causes
+        return cls(name, outcome.verdict, outcome.reason, outcome.remedy, **more)
+
+    def outcome(self, value: Any) -> Outcome[Any]:
+        """Its verdict and causes as the outcome of a value."""
+        return Outcome(value, self.verdict, self.reason, self.remedy, self.other_causes)
 
     @classmethod
     def of(cls, name: str, verdict: Verdict, psf: Psf, quality: Quality | None = None, **more: Any) -> PlaneResult:
@@ -92,6 +107,13 @@ class PlaneResult:
         pitch = more.get("pitch", 1)
         numbers, curves = ({}, {}) if quality is None else (dict(numbers_of(quality, pitch)), curves_of(quality))
         return cls(name, verdict, numbers=numbers, curves=curves, samples=psf.h, psf=psf, quality=quality, **more)
+
+    def quantity(self, name: str) -> Quantity | None:
+        """A number by its name; one without an uncertainty has an uncertainty of 0, and the unit of the table."""
+        plain = self.values.get(name)
+        if name in self.numbers or not isinstance(plain, int | float):
+            return self.numbers.get(name)
+        return Quantity(float(plain), NUMBERS[name].unit if name in NUMBERS else "1", 0.0, "", 0)
 
     def in_unit(self, unit: Unit, pixels: Pixels) -> PlaneResult:
         """The same with its frequencies told in a unit. Raises BadParameter where what that needs is not known."""
@@ -130,8 +152,8 @@ def _edge_in(check: EdgeCheck, unit: Unit, factor: float) -> EdgeCheck:
 def numbers_of(quality: Quality, pitch: int) -> Iterator[tuple[str, Quantity]]:
     """The numbers, and what follows from them for RAW developers."""
     yield from quality.numbers.items()
-    if "mtf50_radial" in quality.numbers:
-        yield GAUSSIAN_RADIUS, gaussian_radius(quality.numbers["mtf50_radial"], pitch)
+    if MTF50_RADIAL in quality.numbers:
+        yield GAUSSIAN_RADIUS, gaussian_radius(quality.numbers[MTF50_RADIAL], pitch)
 
 
 def curves_of(quality: Quality) -> dict[str, Array]:

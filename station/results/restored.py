@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import BadInput, Verdict
+from procedures.outcome import BadInput, Cause, Verdict
 from station.common.durable_files import read_own
+from station.results.record_head import read_other_causes
 
 RESTORATION = "station/restore/1"
 """The schema of its record."""
@@ -34,6 +35,7 @@ class Restored:
     remedy: str
     w: str = ""
     sharp: npt.NDArray[np.uint8] | None = None
+    other_causes: tuple[Cause, ...] = ()
 
 
 def read_restored(folder: Path, record: Mapping[str, Any]) -> Restored:
@@ -43,9 +45,10 @@ def read_restored(folder: Path, record: Mapping[str, Any]) -> Restored:
     except ValueError as error:
         raise BadInput(f"{folder} has no verdict", "recompute the session") from error
     told = (str(record.get("reason", "")), str(record.get("remedy", "")))
+    others = read_other_causes(record)
     if verdict is Verdict.REFUSED:
-        return Restored(verdict, *told)
-    return Restored(verdict, *told, _range_of(record.get("w")), _picture(folder / SHARP))
+        return Restored(verdict, *told, other_causes=others)
+    return Restored(verdict, *told, _range_of(record.get("w")), _picture(folder / SHARP), others)
 
 
 def _range_of(w: object) -> str:

@@ -9,7 +9,7 @@ import math
 import os
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
@@ -19,7 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
-from procedures.outcome import BadParameter, Outcome, Verdict
+from procedures.numbers import ENERGY_OUTSIDE_SUPPORT, SAMPLES_PER_PIXEL, SUPPORT
+from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.quality import energy_outside_support
 from station.common.durable_files import Disk, hashes_in, holds, read_own
 from station.common.leftovers import make, release, sweep
@@ -29,12 +30,11 @@ from station.drawing.psf_picture import psf_picture
 from station.results.budget_table import budget_csv
 from station.results.exports import csv_bytes, numbers_table, profile_table, psf_fits, psf_tiff
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead
+from station.results.record_head import RecordHead, verdict_entry
 
 if TYPE_CHECKING:
     from procedures.physics.estimate import Physics
     from procedures.sensor.information import Information
-    from procedures.sensor.measured import IntervalNumber
 
 RECORD = "result.json"
 PUBLISHING = ".publishing.json"
@@ -92,10 +92,10 @@ class ResultFolder:
                 break
             folder.rmdir()
 
-    def write(self, name: str, data: bytes) -> None:
-        """Stage one file. Raises BadParameter if the disk does not take it."""
+    def write(self, name: str, data: bytes | Callable[[Path], None]) -> None:
+        """Stage one file: its bytes, or what a function writes. Raises BadParameter if the disk does not take it."""
         try:
-            (self.staging / name).write_bytes(data)
+            data(self.staging / name) if callable(data) else (self.staging / name).write_bytes(data)
         except OSError as error:
             raise self._unwritable(error) from error
 
@@ -216,7 +216,7 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], head: 
         "schema": SCHEMA,
         **head.told(**_sampling(planes)),
         "choice": {plane.name: [asdict(trial) for trial in plane.choice] for plane in planes if plane.choice},
-        "planes": {plane.name: _plane_entry(plane) for plane in planes},
+        "planes": {plane.name: plane_record(plane) for plane in planes},
         "software": software(),
     }
     return write_record(folder, record)
@@ -244,8 +244,8 @@ def _sampling(planes: Sequence[PlaneResult]) -> dict[str, Any]:
     """s and k as they were used: one number where all planes have the same, else one a plane."""
     used = {plane.name: plane.psf for plane in planes if plane.psf is not None}
     found: dict[str, Any] = {}
-    for name in ("s", "k") if used else ():
-        values = {plane: psf.s if name == "s" else psf.k for plane, psf in used.items()}
+    for name in (SAMPLES_PER_PIXEL, SUPPORT) if used else ():
+        values = {plane: psf.s if name == SAMPLES_PER_PIXEL else psf.k for plane, psf in used.items()}
         found[name] = next(iter(values.values())) if len(set(values.values())) == 1 else values
     return found
 
@@ -308,23 +308,26 @@ def information_table(found: Information) -> bytes:
     return csv_bytes(rows)
 
 
-def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
-    entry: dict[str, Any] = {"verdict": str(plane.verdict), "reason": plane.reason, "remedy": plane.remedy}
+def plane_record(plane: PlaneResult) -> dict[str, Any]:
+    """A plane as a record holds it: verdict, numbers with their budgets, and what belongs to its procedure alone."""
+    entry: dict[str, Any] = verdict_entry(plane)
     if plane.specification is not None:
         entry["specification"] = plane.specification.told()
     if plane.untold:
         entry["untold"] = list(plane.untold)
-    if plane.verdict is not Verdict.REFUSED:
+    if plane.verdict is not Verdict.REFUSED and plane.pitch:
         entry["sensor_pixels_per_pixel"] = plane.pitch
     entry.update(plane.values)
     if plane.psf is not None:
         n = next((quantity.n for quantity in plane.quality.numbers.values()), 0) if plane.quality else 0
         outside = asdict(energy_outside_support(plane.psf, n))
-        entry |= {"s": plane.psf.s, "k": plane.psf.k, "energy_outside_support": outside}
+        entry |= {SAMPLES_PER_PIXEL: plane.psf.s, SUPPORT: plane.psf.k, ENERGY_OUTSIDE_SUPPORT: outside}
     if plane.quality is not None:
         budgets = plane.quality.budgets
         numbers = plane.quality.numbers.items()
         entry.update({name: {**asdict(quantity), "budget": dict(budgets[name])} for name, quantity in numbers})
+    else:
+        entry.update({name: number_record(one) for name, one in plane.numbers.items()})
     if plane.variations:
         entry["variations"] = [asdict(one) for one in plane.variations]
     if plane.diffraction is not None:
@@ -338,10 +341,15 @@ def _plane_entry(plane: PlaneResult) -> dict[str, Any]:
         entry["information"] = {name: interval_entry(number) for name, number in plane.information.numbers.items()}
     if plane.diagnostics:
         entry["diagnostics"] = dict(plane.diagnostics)
-    return entry
+    return entry | dict(plane.details)
 
 
-def interval_entry(number: IntervalNumber) -> dict[str, Any]:
+def number_record(number: Quantity) -> dict[str, Any]:
+    """A number as a record holds it; with its 95 % interval where it has one."""
+    return interval_entry(number) if hasattr(number, "low") else asdict(number)
+
+
+def interval_entry(number: Quantity) -> dict[str, Any]:
     """A number with its 95 % interval."""
     told = asdict(number)
     interval = [told.pop("low"), told.pop("high")]
@@ -362,7 +370,7 @@ def _edge_entry(check: EdgeCheck) -> dict[str, Any]:
 
 def _physics_entry(outcome: Outcome[Physics]) -> dict[str, Any]:
     """The parts of the best model, their sizes, what they leave unexplained, and the next best models."""
-    entry: dict[str, Any] = {"verdict": str(outcome.verdict), "reason": outcome.reason, "remedy": outcome.remedy}
+    entry = verdict_entry(outcome)
     if (found := outcome.value) is not None:
         entry |= {"aperture": found.aperture, "missing_corner_deg": found.missing_corner_deg}
         entry |= {"low_pass_filter": found.low_pass, "chi_square": found.chi_square, "freedom": found.freedom}

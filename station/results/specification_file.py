@@ -18,17 +18,18 @@ place = "centre"                    # or "sides", "corners", "anywhere"
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import math
 from pathlib import Path
 
+from procedures.numbers import DIRECTIONS, FAMILIES, MTF
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
 from procedures.reading.text import read_text
 from station.common.sanitise import printable
 from station.common.toml_table import Table
-from station.results.limits import BOTH, FAMILIES, MTF, NUMBERS, Limit, Place, Specification
-from station.results.number_names import DIRECTIONS
+from station.results.limits import BOTH, Limit, Place, Specification, limited_numbers
 from station.results.units import Unit
 
 PLANES = (*MOSAIC_PLANES, GREY_PLANE)
@@ -69,7 +70,7 @@ def specification_in(table: Table, title: str = "") -> Specification:
     if not 0 <= coverage < math.inf:
         raise table.wrong("coverage", f"must not be negative; it is {coverage:g}", "2 leaves 2.5 % on either side")
     title = table.get("title", str, title)
-    short = table.table("limits").tables([one for one in NUMBERS if one != MTF])
+    short = table.table("limits").tables([one for one in limited_numbers() if one != MTF])
     limits = [_limit(name, one, coverage, unit) for name, one in short.items()]
     limits += [_limit(_number(one), one, coverage, unit) for one in table.list_of_tables("limit")]
     return Specification(tuple(limits), title)
@@ -85,8 +86,10 @@ def _unit(table: Table) -> Unit:
 
 def _number(table: Table) -> str:
     name = table.get("number", str, "")
-    if name not in NUMBERS:
-        raise table.wrong("number", f"is {printable(name)!r}", f"use one of {', '.join(NUMBERS)}")
+    if name not in (known := limited_numbers()):
+        near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+        remedy = f"did you mean {' or '.join(near)}?" if near else "station manual numbers lists them"
+        raise table.wrong("number", f"is {printable(name)!r}, which is no number", remedy)
     return name
 
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from procedures.numbers import name_at
 from procedures.outcome import BadParameter
-from procedures.transfer_function import name_at
 from station.results.comparison import Comparison, Judged, Judgement, worst
 from station.results.limits import BOTH, Specification, Spot, compare
 from station.results.plane_result import PlaneResult

@@ -13,9 +13,9 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import frequency_of, name_at
 from procedures.outcome import BadParameter, Quantity
 from procedures.raw import RawFrame
-from procedures.transfer_function import frequency_of, name_at
 
 Array = npt.NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from starlette.exceptions import HTTPException
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 
 from drivers.errors import DeviceError
@@ -28,12 +28,15 @@ def answer(data: Any, status: int = 200) -> JSONResponse:
 
 
 async def body_of(request: Request) -> bytes:
-    """What a client sent. Raises BadParameter where it is too long."""
+    """What a client sent. Raises BadParameter where it is too long, or did not come whole."""
     data = b""
-    async for part in request.stream():
-        data += part
-        if len(data) > LARGEST_BODY:
-            raise BadParameter(f"at most {LARGEST_BODY} bytes are taken, and more came", "send less")
+    try:
+        async for part in request.stream():
+            data += part
+            if len(data) > LARGEST_BODY:
+                raise BadParameter(f"at most {LARGEST_BODY} bytes are taken, and more came", "send less")
+    except ClientDisconnect as error:
+        raise BadParameter("the whole body is required, and the connection ended before", "send it again") from error
     return data
 
 

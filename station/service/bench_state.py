@@ -17,6 +17,8 @@ from station.service.remote_operator import Told
 from station.service.runs import Runs
 from station.service.tenancy import Tenancy
 
+STOPPERS = 512
+
 
 class ServedBench:
     """A lab that is served: its bench, who has it, its runs and pictures. Any thread may call."""
@@ -29,17 +31,27 @@ class ServedBench:
         self.tenancy = Tenancy()
         self.picture = LatestPicture()
         self.runs = Runs(lab, self.tenancy, self.picture)
-        self.stopper = ThreadPoolExecutor(max_workers=2, thread_name_prefix="stop")
-        """Threads that nothing else keeps waiting."""
+        self._executors: list[ThreadPoolExecutor] = []
+        self.stopper = self.threads(STOPPERS, "stop")
+        """Threads for stops alone: more than there are connections, so that no stop waits for another."""
         self._watch = StageWatch(self.bench) if self.bench is not None else None
         self._looking = threading.Lock()
+        self._seen: list[DeviceState] = []
+        self.states()
+
+    def threads(self, most: int, name: str) -> ThreadPoolExecutor:
+        """At most so many threads for one kind of request, until the bench is closed."""
+        self._executors.append(ThreadPoolExecutor(most, name))
+        return self._executors[-1]
 
     def states(self) -> list[DeviceState]:
-        """Every device as it is."""
-        if self._watch is None:
-            return []
-        with self._looking:
-            return list(self._watch.look())
+        """Every device as it is; while another request still waits for a device's answer, as it was last."""
+        if self._watch is not None and self._looking.acquire(blocking=False):
+            try:
+                self._seen = list(self._watch.look())
+            finally:
+                self._looking.release()
+        return self._seen
 
     def status(self) -> dict[str, Any]:
         """All of it, for a page that asks twice a second."""
@@ -63,7 +75,8 @@ class ServedBench:
         """Stop, and let the run write its last line."""
         self.runs.stop()
         self.runs.wait(patience_s)
-        self.stopper.shutdown(wait=False)
+        for executor in self._executors:
+            executor.shutdown(wait=False, cancel_futures=True)
 
 
 def _device(one: DeviceState) -> dict[str, Any]:

@@ -11,11 +11,10 @@ from starlette.routing import Route
 
 from procedures.outcome import BadParameter
 from station.guide.workspace import StationLab
+from station.service.access import STOP
 from station.service.answers import NotThere, answer, json_of
 from station.service.bench_state import ServedBench, run_record
 from station.service.runs import read_order
-
-STOP = "/stop"
 
 
 @dataclass(frozen=True)

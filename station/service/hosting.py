@@ -11,8 +11,10 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from procedures.outcome import BadParameter
+from station.service.connection_limits import ACCEPTED_AT_ONCE, LimitedConnection
 
-STARTED_S = 20.0
+QUEUE = 1024
+"""Connections that the system keeps waiting until they are accepted."""
 ENDED_S = 3
 """How long the end of the server waits for answers that are under way."""
 
@@ -48,6 +50,16 @@ def bad_address(host: str, port: int, error: OSError) -> BadParameter:
     return BadParameter(reason, "use an address of this machine, and a port above 1023")
 
 
+class Server(uvicorn.Server):
+    """A server that accepts few connections at once, while many may wait for that."""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to answer."""
+        await super().startup(sockets)
+        for listening in sockets or ():
+            listening.listen(QUEUE)
+
+
 @dataclass
 class Hosting:
     """An application that is being served until `end`."""
@@ -59,9 +71,9 @@ class Hosting:
     def __post_init__(self) -> None:
         config = uvicorn.Config(
             self.app, log_config=None, access_log=False, lifespan="off", ws="none", server_header=False,
-            timeout_graceful_shutdown=ENDED_S,
+            timeout_graceful_shutdown=ENDED_S, http=LimitedConnection, backlog=ACCEPTED_AT_ONCE,
         )  # fmt: skip
-        self._server = uvicorn.Server(config)
+        self._server = Server(config)
         self._thread = threading.Thread(target=self._serve, name="server", daemon=True)
 
     def _serve(self) -> None:

@@ -14,31 +14,28 @@ from starlette.routing import Mount, Route
 
 from drivers.errors import DeviceError
 from procedures.outcome import ProcedureError
-from station.service.access import COOKIE, NAMES_OF_LOOPBACK, Gate, is_loopback
+from station.service.access import API, COOKIE, Gate
 from station.service.alpaca.server import AlpacaServer
 from station.service.answers import explained
 from station.service.bench_state import ServedBench
-from station.service.control import STOP, Control
+from station.service.control import Control
 from station.service.sessions import Sessions
 
-API = "/station/v1"
 PAGE_POLICY = "default-src 'self'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; frame-ancestors 'none'"
 
 
 def site(served: ServedBench, *, host: str, token: str | None, closing: threading.Event) -> Starlette:
     """The application; `host` is the address it is served at."""
     programs = [*Control(served).routes(), *Sessions(served.lab.sessions, closing).routes()]
-    names = NAMES_OF_LOOPBACK | {host} if is_loopback(host) else None
-    gate = Middleware(Gate, token=token, free=("/", API + STOP), names=names)
     return Starlette(
         routes=[Route("/", page), Mount(API, routes=programs), *AlpacaServer(served).routes()],
-        middleware=[gate],
+        middleware=[Middleware(Gate, token=token, host=host)],
         exception_handlers=dict.fromkeys((ProcedureError, DeviceError, HTTPException, Exception), explained),
     )
 
 
-def page(request: Request) -> Response:
-    """The page for a phone. A token in its address becomes a cookie, so that it does not stay in the address."""
+async def page(request: Request) -> Response:
+    """The page for a phone, which waits for no other request. A token in its address becomes a cookie."""
     if token := request.query_params.get("token"):
         answer = RedirectResponse("/", 303)
         answer.set_cookie(COOKIE, token, httponly=True, samesite="strict")

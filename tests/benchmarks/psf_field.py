@@ -306,7 +306,7 @@ def corners(count: int) -> None:
             psf = field.at(x, y)
             radius = radius_direction(field.shape, x, y)
             true = true_numbers(place_in_mono(x, y, lens), radius)
-            for (name, *_), value, sigma, truth in zip(MAPS, *numbers_of(psf, radius), true, strict=True):
+            for name, value, sigma, truth in zip(MAPS, *numbers_of(psf, radius), true, strict=True):
                 off.setdefault(name, []).append(np.array([value - truth, sigma, truth]))
     print(f"{count} fields of {len(tour)} photographs, at the tour's corners")
     tell(off)

@@ -21,9 +21,10 @@ import numpy as np  # noqa: E402
 from analytic_camera import View, circular, exposed, light, mtf50  # noqa: E402
 from damage import sharpened  # noqa: E402
 
-from procedures.outcome import Verdict  # noqa: E402
+from procedures.outcome import Verdict, causes_of  # noqa: E402
 from procedures.pattern import Chart  # noqa: E402
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf  # noqa: E402
+from procedures.pattern_psf.trust import COLOURED, HINT  # noqa: E402
 from procedures.raw import Plane  # noqa: E402
 
 CHART = Chart.from_seed(1)
@@ -40,10 +41,10 @@ def masked(plane: Plane, amount: float, radius: float) -> Plane:
 
 
 def found(plane: Plane) -> tuple[PatternPsf, Verdict, str]:
-    """The estimate, its verdict and reason."""
+    """The estimate, its verdict and the reasons of all its causes."""
     outcome = estimate_psf(plane, CHART, SETTINGS)
     assert outcome.value is not None, outcome.reason
-    return outcome.value, outcome.verdict, outcome.reason
+    return outcome.value, outcome.verdict, "; ".join(one.reason for one in causes_of(outcome))
 
 
 def main() -> None:
@@ -59,7 +60,11 @@ def main() -> None:
                 for seed in range(count):
                     plane = masked(exposed(picture, np.random.default_rng(seed)), amount, radius)
                     value, verdict, reason = found(plane)
-                    sure = "noise of neighbouring pixels goes apart" in reason
+                    own = value.diagnostics
+                    sure = (
+                        own["sharpened_sigmas"] > HINT
+                        and np.hypot(own["sharpened_sigmas"], max(own["missing_light"], 0.0)) > COLOURED
+                    )
                     told, by_noise = told + ("sharpened" in reason), by_noise + sure
                     amounts += [value.diagnostics["sharpened_by"]] if sure else []
                     if verdict is Verdict.PASS:

@@ -10,6 +10,8 @@ counts. Then nothing may move, no order may come, and the journal must have the 
 time went (`stops_lateness.py`): "handled" is when the program knew, "wire" when its bytes were written, "read" when the
 bench had them.
 
+A program that was suspended sends nothing: its stop was on the wires before.
+
 - `clogged`: the port of the head takes no bytes any more while the rail moves. Its stop must be there within the bound.
 - `gone`: the terminal of the head is closed while the rail moves.
 """
@@ -52,9 +54,9 @@ SPEED = 20.0
 PATIENCE_S = 180.0
 """How long a program may take to begin, on a machine that has much else to do."""
 SIGNALS = {name: getattr(signal, f"SIG{name}") for name in ("INT", "TERM", "HUP", "QUIT")}
-KEYS = {"F12": b"\x1b[24~", "Ctrl-X": b"\x18"}
+KEYS = {"F12": b"\x1b[24~", "Ctrl-X": b"\x18", "Ctrl-C": b"\x03"}
 PLAIN = (*SIGNALS, "exception")
-APP = (*KEYS, "app TERM", "app exception")
+APP = (*KEYS, "app INT", "app TERM", "app TSTP", "app exception")
 WAYS = (*PLAIN, *APP)
 PLACES = ("homing", "move", "exposure", "clogged", "gone")
 MARKS = {"stage": b"\x18", "head": b"estop", "shutter": b"ABORT"}
@@ -165,8 +167,19 @@ class Program:
         if name in KEYS:
             os.write(self._terminal, KEYS[name])
         else:
-            self.process.send_signal(SIGNALS.get(name, signal.SIGUSR1))
+            self.process.send_signal(getattr(signal, f"SIG{name}", signal.SIGUSR1))
         return now_s
+
+    def go_on_from_suspension(self) -> bool:
+        """Continue it; whether it was suspended."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not (suspended := self._state() == "T") and time.monotonic() < end_s:
+            time.sleep(0.001)
+        self.process.send_signal(signal.SIGCONT)
+        return suspended
+
+    def _state(self) -> str:
+        return Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()[0]
 
     def close(self) -> None:
         self.process.kill()
@@ -217,7 +230,9 @@ class Tries:
         stops = self._stops(sent_s)
         times = [spent(one, threads_ms(pid)) for one, pid in zip(before, pids, strict=True)]
         self._look(count, sent_s, stops)
-        if self.front == "app" and self.way != "app exception" and "TERM" in self.way:
+        if self.way == "app TSTP" and not self.program.go_on_from_suspension():
+            count.wrong.append("it was not suspended")
+        if self.way in ("app INT", "app TERM"):
             self.program.close()  # it leaves for good
             self.program = None
         else:
@@ -336,6 +351,8 @@ def main() -> int:
     chance, missed = random.Random(chosen.seed), 0
     for way in chosen.only.split(","):
         for place in chosen.where.split(","):
+            if (way, place) == ("Ctrl-C", "exposure"):  # it ends the run after this exposure
+                continue
             count = measured(way, place, chosen.tries, chance)
             times = sorted(count.ms)
             over = sum(one > BOUND_MS for one in times)

@@ -116,12 +116,12 @@ def application() -> None:
         asyncio.get_running_loop().call_soon_threadsafe(app.call_next, boom)
 
     signal.signal(signal.SIGUSR1, fault)
-    app_command._end_with_the_terminal(app, lab)
-    try:
-        app.run()
-    finally:
-        app.finish(3.0)
-        lab.close()
+    with app_command.ended_by_signals(app, lab):
+        try:
+            app.run()
+        finally:
+            app.finish(3.0)
+            lab.close()
 
 
 def main() -> None:

@@ -145,7 +145,7 @@ def numbers_at(psf: Psf, at: tuple[float, float], f_number: float, of: tuple[str
     """The maps' numbers of a PSF beside the truth of its place."""
     place, radius = place_at(*at, f_number), radius_direction(SHAPE, *at)
     true = [*true_numbers(place, radius)[:-1], true_psf(place.optics, S, psf.k).energy_outside]
-    for (name, *_), value, uncertainty, truth in zip(MAPS, *numbers_of(psf, radius), true, strict=True):
+    for name, value, uncertainty, truth in zip(MAPS, *numbers_of(psf, radius), true, strict=True):
         yield Row(of[0], f_number, of[1], name, float(value), float(uncertainty), float(truth))
 
 

@@ -44,6 +44,7 @@ static void keep(const char *what, uint16_t a, uint16_t b)
 
 void board_shutter(bool closed) { keep("* shutter", closed, 0); }
 void board_focus(bool closed) { (void)closed; }
+void board_motors(bool enabled) { keep("* motors", enabled, 0); }
 void board_shaker(uint16_t x, uint16_t y) { keep("* shaker", x, y); }
 
 void host_forget(void)
@@ -67,6 +68,13 @@ void host_run(uint64_t until_us)
     for (; now_us < until_us; now_us += 50)
         strig_poll();
     strig_poll();
+}
+
+/* As a board that waits until then for room to send. */
+void host_wait(uint64_t until_us)
+{
+    for (; now_us < until_us; now_us += 50)
+        strig_watch();
 }
 
 void host_hear(const char *text)

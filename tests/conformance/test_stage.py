@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+
 import pytest
 
 from drivers.errors import BadConfiguration, EmergencyStopped, MoveFailed, NotHomed, OutsideTravel, Rejected
@@ -176,6 +178,45 @@ def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, stage_rig):
     homed.home()
     homed.move_to(**middle(homed))
     assert near(homed.position(), middle(homed))
+
+
+@pytest.fixture
+def powered(homed):
+    """A stage whose motors a watchdog may release."""
+    if not hasattr(homed, "power"):
+        pytest.skip("no watchdog enables its motors")
+    return homed
+
+
+def test_motors_that_lost_their_current_end_a_move_and_hold_until_homed(powered, stage_rig):
+    powered.move_to(**middle(powered, 0.0))
+    clock, error = stage_rig.clock, NotHomed("the motors were released", "home the stage")
+    moved, _ = stage_rig.together(
+        lambda: powered.move_to(**middle(powered, 1.0)), lambda: (clock.sleep(1.0), powered.lose_position(error))
+    )
+    assert moved is error
+    clock.sleep(0.5)
+    assert not powered.moving()
+    with pytest.raises(NotHomed, match="the motors were released"):
+        powered.move_to(**middle(powered))
+    powered.home()
+    powered.move_to(**middle(powered))
+    assert near(powered.position(), middle(powered))
+
+
+def test_motors_are_powered_for_homing_and_for_each_move(powered):
+    entered = []
+
+    @contextmanager
+    def power():
+        entered.append(True)
+        yield
+        assert not powered.moving()
+
+    powered.power = power
+    powered.home()
+    powered.move_to(**middle(powered))
+    assert len(entered) == 2
 
 
 def test_an_emergency_stop_while_homing_is_not_forgotten(far, stage_rig):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import random
 import re
 
@@ -49,6 +50,7 @@ class Outputs:
 
     def __init__(self):
         self.played = []
+        self.motors = []
 
     def close(self, now_s):
         pass
@@ -58,6 +60,9 @@ class Outputs:
 
     def flash_s(self):
         return None
+
+    def enable(self, on, now_s):
+        self.motors.append((on, now_s))
 
     def play(self, points, interval_s, now_s):
         self.played.append(("play", tuple(points), interval_s, now_s))
@@ -71,9 +76,11 @@ class Twin:
 
     def __init__(self, has_shaker=True):
         self.outputs = Outputs()
-        self._box = StrigBox(self.outputs, actuators=self.outputs if has_shaker else None, drift=0.0, boot_s=0.0)
+        self._box = StrigBox(self.outputs, actuators=self.outputs if has_shaker else None, drift=0.0, boot_s=0.0,
+                             enable=self.outputs.enable)  # fmt: skip
         self._box.set_lines(False, True, 0.0)
         self._box.advance(0.0)
+        self.outputs.motors.clear()
 
     def hear(self, line, at_s):
         self._heard = self._box.advance(at_s)
@@ -94,7 +101,7 @@ def told_the_same(library, script, has_shaker=True):
     firmware.run(end_s)
     heard += twin.run(end_s)
     ours, outputs = firmware.said()
-    return ours, heard.decode().splitlines(), outputs, twin.outputs.played
+    return ours, heard.decode().splitlines(), outputs, twin.outputs
 
 
 TIMED = re.compile(r"^(EVT \w+(?: \d+)?|SYNC) (\d+)$")
@@ -116,14 +123,14 @@ def test_a_path_is_played_around_and_around_and_ends_with_its_round(library):
     points = [(2048 + 100 * i, 4095 - 7 * i) for i in range(5)]
     script = [(0.1, "PATH 5 2000"), *((0.2, f"POINT {i} {x} {y}") for i, (x, y) in enumerate(points))]
     script += [(0.3, "SHAKE 1"), (0.3237, "SHAKE 0")]
-    ours, theirs, outputs, played = told_the_same(library, script)
+    ours, theirs, outputs, twin = told_the_same(library, script)
     compare(ours, theirs)
     assert ours[-1].startswith("EVT REST 7 ")
     began_us, rested_us = (split(line)[1] for line in (ours[-3], ours[-1]))
     assert (began_us, rested_us) == (300_000, 330_000)  # three rounds of 10 ms
     shaken = [line for line in outputs if "shaker" in line]
     assert shaken == [f"* shaker {x:04d} {y:04d}" for x, y in points * 3] + ["* shaker 2048 2048"]
-    assert played == [("play", tuple(points), 0.002, 0.3), ("rest", pytest.approx(0.33))]
+    assert twin.played == [("play", tuple(points), 0.002, 0.3), ("rest", pytest.approx(0.33))]
 
 
 def test_a_shot_is_taken_while_it_shakes_by_the_same_clock(library):
@@ -142,12 +149,28 @@ def test_a_shot_is_taken_while_it_shakes_by_the_same_clock(library):
 @pytest.mark.parametrize("has_shaker", [True, False])
 def test_any_lines_bring_the_same_answers(library, has_shaker):
     rng = random.Random(5)
-    words = ["PATH", "POINT", "SHAKE", "SHOT", "BULB", "FOCUS", "ABORT", "ID?", "SYNC?", "HELLO", "PATHS", "SHAKE1"]
+    words = [
+        "PATH",
+        "POINT",
+        "SHAKE",
+        "SHOT",
+        "BULB",
+        "FOCUS",
+        "ENABLE",
+        "BEAT",
+        "ABORT",
+        "ID?",
+        "SYNC?",
+        "HELLO",
+        "PATHS",
+        "SHAKE1",
+    ]
     numbers = [0, 1, 2, 3, 4, 128, 129, 500, 999, 1000, 4095, 4096, 1_000_000, 1_000_001, 3_600_001, 99999999]
     script, at_s = [], 0.1
     for _ in range(400):
         line = " ".join([rng.choice(words), *(str(rng.choice(numbers)) for _ in range(rng.choice([0, 1, 2, 2, 3, 4])))])
         likely = ["PATH 2 1000", "POINT 0 1 2", "POINT 1 3 4", "SHAKE 1", "SHAKE 0", "POINT 2 5 6", "ABORT", "SHOT 0 3"]
+        likely += ["ENABLE 1", "ENABLE 0", "BEAT", "BEAT 1000"]
         script.append((at_s, rng.choice([line, rng.choice(likely), rng.choice(likely)])))
         at_s += rng.choice([0.0001, 0.0103, 0.0507])
     ours, theirs, _, _ = told_the_same(library, script, has_shaker)
@@ -164,9 +187,63 @@ def test_a_silent_host_lets_the_shaker_rest(library):
     assert outputs[-1] == "* shaker 2048 2048"
 
 
+BEATS = [(0.1, "ENABLE 1"), *((round(0.1 + 0.05 * i, 3), "BEAT") for i in range(1, 40))]
+"""Heartbeats until 2.05 s."""
+
+
+def motors(outputs):
+    return [line.split()[2] == "0001" for line in outputs if "motors" in line]
+
+
+def test_heartbeats_keep_the_motors_enabled_also_in_a_shot(library):
+    script = sorted([*BEATS, (0.33, "SHOT 0 300"), (2.06, "SYNC?"), (2.07, "ENABLE 0")])
+    ours, theirs, outputs, twin = told_the_same(library, script)
+    compare(ours, theirs)
+    assert not [line for line in ours if "RELEASE" in line]
+    assert motors(outputs) == [True, False]
+    assert twin.motors == [(True, 0.1), (False, pytest.approx(2.07))]
+
+
+def test_without_a_heartbeat_for_100_ms_the_motors_are_released_until_they_are_enabled_again(library):
+    script = [*BEATS, (2.2, "BEAT"), (2.25, "BEAT"), (2.3, "ENABLE 1"), (2.35, "BEAT")]
+    ours, theirs, outputs, twin = told_the_same(library, script)
+    compare(ours, theirs)
+    release = ["EVT RELEASE 1 2150000"] * 3  # and each late heartbeat is told again
+    assert ours == ["OK 1", *release, "OK 2", "EVT RELEASE 2 2450000"]
+    assert motors(outputs) == [True, False, True, False]
+    assert [on for on, _ in twin.motors] == motors(outputs)
+    assert [at_s for on, at_s in twin.motors if not on] == pytest.approx([2.15, 2.45])
+
+
+def test_a_heartbeat_may_allow_the_next_more_time(library):
+    script = [(0.1, "ENABLE 1"), (0.15, "BEAT 1000"), (1.1, "BEAT 20"), (1.15, "BEAT 1001"), (1.15, "BEAT 0")]
+    ours, theirs, _, _ = told_the_same(library, script)
+    compare(ours, theirs)
+    assert ours == ["OK 1", "EVT RELEASE 1 1120000", "ERR 2 bad argument", "ERR 2 bad argument"]
+
+
+def test_other_lines_are_no_heartbeat(library):
+    script = [(0.1, "ENABLE 1"), *((round(0.1 + 0.02 * i, 3), "SYNC?") for i in range(1, 20))]
+    ours, theirs, _, _ = told_the_same(library, script)
+    compare(ours, theirs)
+    assert "EVT RELEASE 1 200000" in ours
+
+
+def test_a_box_that_enabled_nothing_answers_a_heartbeat_with_that(library):
+    ours, theirs, _, _ = told_the_same(library, [(0.1, "BEAT")])
+    assert ours == theirs == ["EVT RELEASE 0 0"]
+
+
+def test_late_heartbeats_are_found_by_a_board_that_waits_for_room_to_send(library):
+    firmware = Firmware(library)
+    firmware.hear("ENABLE 1", 0.1)
+    library.host_wait(ctypes.c_uint64(250_000))
+    assert motors(firmware.said()[1]) == [True, False]
+
+
 def test_the_greeting_tells_the_version(library):
     library.host_begin(True)
-    assert library.host_said().splitlines()[-1] == b"STRIG/2 simulated 2.0 SIM-1"
+    assert library.host_said().splitlines()[-1] == b"STRIG/3 simulated 3.0 SIM-1"
 
 
 @pytest.mark.slow  # the processor runs in real time

@@ -15,7 +15,6 @@ from drivers.errors import EmergencyStopped, LineLost, NoAnswer
 from drivers.protocols.framing import LineSplitter
 from drivers.protocols.grbl import GrblParser, Ok, Status
 from drivers.transport import SerialTransport, resolve
-from drivers.wire import outgoing
 from drivers.wire.transcript import Transcript
 
 
@@ -222,11 +221,11 @@ def heard(master):
     return found
 
 
-def test_a_shout_comes_first_where_the_port_is_clogged(terminal, monkeypatch):
-    monkeypatch.setattr(outgoing, "WRITE_S", 60.0)  # the order ends by the stop, not by having waited
+def test_a_shout_comes_first_where_the_port_is_clogged(terminal):
     transport, master = terminal
     clog(transport)
-    orders = threading.Thread(target=lambda: transport.write(b"order " * 1000))
+    # the order ends by the stop, not by having waited
+    orders = threading.Thread(target=lambda: transport.write(b"order " * 1000, within_s=60.0))
     orders.start()
     while not transport._outgoing._turn.locked():
         time.sleep(0.001)
@@ -239,12 +238,11 @@ def test_a_shout_comes_first_where_the_port_is_clogged(terminal, monkeypatch):
     assert transport.transcript.last()[-1].way == "!"
 
 
-def test_a_port_that_takes_no_bytes_is_named_and_stays_open_for_a_stop(terminal, monkeypatch):
+def test_a_port_that_takes_no_bytes_is_named_and_stays_open_for_a_stop(terminal):
     transport, master = terminal
-    monkeypatch.setattr(outgoing, "WRITE_S", 0.05)
     clog(transport)
-    with pytest.raises(NoAnswer, match="took no bytes"):
-        transport.write(b"order " * 1000)
+    with pytest.raises(NoAnswer, match=r"took no bytes for 0\.05 s"):
+        transport.write(b"order " * 1000, within_s=0.05)
     transport.shout(b"stop", EmergencyStopped("stop", "home"))
     assert heard(master).endswith(b"stop")
 

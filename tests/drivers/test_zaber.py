@@ -141,6 +141,23 @@ def test_an_answer_without_checksum_is_not_believed_once_they_are_on(homed, chai
         homed.position()
 
 
+def test_a_stop_is_sent_past_a_request_that_is_not_answered(homed):
+    homed._transport._busy = True  # somebody waits for an answer
+    with pytest.raises(NoAnswer, match="still busy"):
+        homed.stop()
+    assert sent(homed)[-1] == b"/0 0 stop\n"
+
+
+def test_a_port_that_does_not_take_the_stop_gets_an_emergency_stop(homed):
+    homed._transport._outgoing._turn.acquire()  # somebody's order does not leave the port
+    with pytest.raises(NoAnswer, match=r"took no bytes for 0\.03 s"):
+        homed.stop()
+    homed._transport._outgoing._turn.release()
+    last = homed._transport.transcript.last()[-1]
+    assert (last.way, last.data) == ("!", b"\n/0 0 estop\n")
+    assert not homed.condition().usable
+
+
 def test_axes_move_together(homed, bench):
     begin_s = bench.clock.now_s()
     homed.move_to(pan_deg=0.0, tilt_deg=0.0)

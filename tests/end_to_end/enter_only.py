@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from procedures.outcome import Verdict
+from simulators.bench.view import View
 from station.app.app import StationApp
 from station.app.commands import NewSession
 from station.app.screens.guide import GuideScreen
@@ -23,7 +24,7 @@ MAX_PROMPTS = 400
 """Prompts of one walk; the longest plan has about a hundred."""
 MAX_REPEATS = 40
 """How often one question may be asked in one walk; a focus ring is turned by the same step 16 times."""
-PATIENCE_S = 900.0
+PATIENCE_S = 1800.0
 """Wall-clock limit of a walk in the application, on a loaded machine."""
 FRONTENDS = ("plain", "app")
 
@@ -46,6 +47,8 @@ class Walk:
         What was shown and answered.
     processor_s : float
         Processor time of this process and its children.
+    view : View
+        What the bench's camera photographed.
     """
 
     folder: Path | None
@@ -54,6 +57,7 @@ class Walk:
     prompts: int
     transcript: str
     processor_s: float
+    view: View
 
     @property
     def passed(self) -> bool:
@@ -113,13 +117,14 @@ def walk(plan: str, seed: int, frontend: str, folder: Path) -> Walk:
     began_s, lab = processor_s(), lab_for(folder, seed)
     try:
         prompts, transcript = {"plain": walk_plain, "app": walk_app}[frontend](lab, plan)
+        view = lab.open().bench.simulated.view
     finally:
         lab.close()
     kept = [(one.folder, read_session(one.folder).state) for one in lab.kept()]
     session, state = kept[0] if kept else (None, None)
     verdict = state.results[-1].verdict if state is not None and state.results else ""
     ended = None if state is None else state.ended
-    return Walk(session, ended, verdict, prompts.asked.total(), transcript, processor_s() - began_s)
+    return Walk(session, ended, verdict, prompts.asked.total(), transcript, processor_s() - began_s, view)
 
 
 def processor_s() -> float:

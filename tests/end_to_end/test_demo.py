@@ -57,7 +57,9 @@ def test_everything_of_the_contract_is_there(demonstration):
     out = demonstration.out
     assert {path.name for path in out.iterdir()} == {"chart.pdf", "photographs", "results", "result.json", "index.html"}
     exports = ("psf_{}.fits", "psf_{}.tiff", "profile_{}.csv")
-    assert (out / "chart.pdf").read_bytes().startswith(b"%PDF-")
+    chart = (out / "chart.pdf").read_bytes()
+    assert chart.startswith(b"%PDF-")
+    assert b"/MediaBox [ 0 0 595.2756 841.8898 ]" in chart  # A4
     for setup in SETUPS:
         found = {path.name for path in (out / "results" / setup.name).iterdir()}
         kinds = ("psf_{}.npy", "covariance_{}.npy", "mtf_{}.csv", "psf_{}.png", *exports)

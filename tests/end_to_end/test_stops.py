@@ -55,7 +55,11 @@ def test_a_signal_during_homing_stops_and_says_so(bench, tmp_path, number, start
     assert ">>" not in rest  # no further question
 
 
-@pytest.mark.parametrize(("way", "place"), [("exception", "clogged"), ("INT", "gone"), ("F12", "move")])
+@pytest.mark.parametrize(
+    ("way", "place"),
+    [("exception", "clogged"), ("INT", "gone"), ("F12", "move"), ("Ctrl-C", "homing"), ("Ctrl-C", "move"),
+     ("app INT", "move"), ("app TSTP", "move")],
+)  # fmt: skip
 def test_the_stop_is_on_the_wires_and_nothing_follows_it(way, place):
     sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
     try:

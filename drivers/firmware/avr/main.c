@@ -1,5 +1,5 @@
-/* STRIG/2 on a bare ATmega328P at 16 MHz, without the Arduino core: shutter on PD2, focus on PD3, hot shoe on PD4
- * against ground; a shaker is on an MCP4822 on SPI (PB3, PB5), its CS on PB2.
+/* STRIG/3 on a bare ATmega328P at 16 MHz, without the Arduino core: shutter on PD2, focus on PD3, motor enable on PD5,
+ * hot shoe on PD4 against ground; a shaker is on an MCP4822 on SPI (PB3, PB5), its CS on PB2.
  * Build: avr-gcc -mmcu=atmega328p -Os -I../strig main.c ../strig/strig.c -o strig.elf */
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -10,6 +10,7 @@
 #define SHUTTER _BV(PD2)
 #define FOCUS _BV(PD3)
 #define HOT_SHOE _BV(PD4)
+#define MOTORS _BV(PD5)
 #define DAC_SELECT _BV(PB2)
 #define RING 128 /* a power of two */
 
@@ -54,7 +55,7 @@ void board_send(const char *text)
 {
     for (; *text; text++) {
         while ((uint8_t)(said_in - said_out) >= RING)
-            ;
+            strig_watch();
         said[said_in % RING] = (uint8_t)*text;
         said_in++;
         UCSR0B |= _BV(UDRIE0);
@@ -75,6 +76,14 @@ void board_focus(bool closed)
         PORTD |= FOCUS;
     else
         PORTD &= (uint8_t)~FOCUS;
+}
+
+void board_motors(bool enabled)
+{
+    if (enabled)
+        PORTD |= MOTORS;
+    else
+        PORTD &= (uint8_t)~MOTORS;
 }
 
 bool board_flash(void) { return !(PIND & HOT_SHOE); }
@@ -100,7 +109,7 @@ void board_shaker(uint16_t x, uint16_t y)
 
 int main(void)
 {
-    DDRD = SHUTTER | FOCUS;
+    DDRD = SHUTTER | FOCUS | MOTORS;
     PORTD = HOT_SHOE;                             /* pull-up */
     DDRB = DAC_SELECT | _BV(PB3) | _BV(PB5);
     PORTB = DAC_SELECT;

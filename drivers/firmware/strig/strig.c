@@ -1,4 +1,4 @@
-/* STRIG/2, see ../STRIG.md. */
+/* STRIG/3, see ../STRIG.md. */
 #include "strig.h"
 
 #include <string.h>
@@ -6,6 +6,8 @@
 #define LONGEST 63
 #define LONGEST_MS 3600000UL
 #define WATCHDOG_US 5000000ULL
+#define HEARTBEAT_MS 100UL
+#define LONGEST_HEARTBEAT_MS 1000UL
 #define MOST_POINTS 128
 #define SHORTEST_US 1000UL
 #define LONGEST_US 1000000UL
@@ -24,6 +26,12 @@ static uint64_t close_at_us;
 static uint64_t release_at_us;
 static uint64_t heard_us;       /* last byte from the host */
 static bool flash_before;
+
+static bool enabled;            /* the motors are */
+static uint32_t hold;           /* number of the command that enabled them last */
+static uint64_t due_us;         /* when the next heartbeat is */
+static uint64_t released_us;
+static bool unreported;         /* the watchdog released them, and the host has not been told */
 
 static uint16_t path[MOST_POINTS][2];
 static uint8_t points;          /* of the path */
@@ -54,17 +62,22 @@ static void send_event(const char *kind, uint32_t number, uint64_t t_us)
     board_send("EVT ");
     board_send(kind);
     board_send(" ");
-    if (number) {
-        send_number(number);
-        board_send(" ");
-    }
+    send_number(number);
+    board_send(" ");
+    send_number(t_us);
+    board_send("\n");
+}
+
+static void send_flash(uint64_t t_us)
+{
+    board_send("EVT FLASH ");
     send_number(t_us);
     board_send("\n");
 }
 
 static void greet(void)
 {
-    board_send("STRIG/2 ");
+    board_send("STRIG/3 ");
     board_send(board_name);
     board_send(" " STRIG_FIRMWARE " ");
     board_send(board_serial);
@@ -86,6 +99,41 @@ static void rest(void)
         shaking = false;
         send_event("REST", shake, board_now_us());
     }
+}
+
+static void release_motors(void)
+{
+    board_motors(false);
+    enabled = false;
+    released_us = board_now_us();
+}
+
+void strig_watch(void)
+{
+    if (enabled && board_now_us() >= due_us) {
+        release_motors();
+        unreported = true;
+    }
+}
+
+static void report_release(void)
+{
+    unreported = false;
+    send_event("RELEASE", hold, released_us);
+}
+
+/* A heartbeat that comes too late finds the motors released. */
+static bool take_beat(uint8_t count, const uint32_t *n)
+{
+    uint32_t ms = count ? n[0] : HEARTBEAT_MS;
+    if (ms < 1 || ms > LONGEST_HEARTBEAT_MS)
+        return false;
+    strig_watch();
+    if (enabled)
+        due_us = board_now_us() + 1000ULL * ms;
+    else
+        report_release();
+    return true;
 }
 
 static void end_shot(const char *kind)
@@ -169,6 +217,26 @@ static bool take_shake(uint8_t count, const uint32_t *n)
     return true;
 }
 
+static bool take_enable(uint8_t count, const uint32_t *n)
+{
+    if (count != 1 || n[0] > 1)
+        return false;
+    strig_watch();
+    if (unreported)
+        report_release();
+    accept();
+    if (n[0] == 0) {
+        if (enabled)
+            release_motors();
+        return true;
+    }
+    hold = seq;
+    due_us = board_now_us() + 1000ULL * HEARTBEAT_MS;
+    enabled = true;
+    board_motors(true);
+    return true;
+}
+
 static bool begins(const char *word)
 {
     size_t n = strlen(word);
@@ -197,6 +265,14 @@ static void act(void)
             start_shot(n[2], n[0], n[1]);
             return;
         }
+    } else if (begins("ENABLE")) {
+        count = read_numbers(line + 6, n, 1);
+        if (count >= 0 && take_enable((uint8_t)count, n))
+            return;
+    } else if (begins("BEAT")) {
+        count = read_numbers(line + 4, n, 1);
+        if (count >= 0 && take_beat((uint8_t)count, n))
+            return;
     } else if (begins("PATH")) {
         count = read_numbers(line + 4, n, 2);
         if (count >= 0 && take_path((uint8_t)count, n))
@@ -231,6 +307,8 @@ static void obey(uint64_t arrived_us)
         accept();
         end_shot("ABORT");
         rest();
+    } else if (begins("ENABLE") || begins("BEAT")) {
+        act();
     } else if (!begins("FOCUS") && !begins("SHOT") && !begins("BULB") && !shakes()) {
         board_send("ERR 1 unknown command\n");
     } else if (shakes() && !board_has_shaker()) {
@@ -250,9 +328,13 @@ void strig_begin(void)
     flash_before = false;
     points = told = 0;
     shaking = resting = false;
+    enabled = unreported = false;
+    hold = 0;
+    released_us = 0;
     heard_us = board_now_us();
     board_shutter(false);
     board_focus(false);
+    board_motors(false);
     board_shaker(REST, REST);
     greet();
 }
@@ -277,10 +359,13 @@ void strig_byte(char byte)
 
 void strig_poll(void)
 {
+    strig_watch();
+    if (unreported)
+        report_release();
     uint64_t now_us = board_now_us();
     bool flash = board_flash();
     if (flash && !flash_before)
-        send_event("FLASH", 0, now_us);
+        send_flash(now_us);
     flash_before = flash;
     if (phase == DELAY && now_us >= focus_at_us) {
         board_focus(close_at_us > focus_at_us);

@@ -1,7 +1,7 @@
-/* STRIG/2, see ../STRIG.md: the protocol, the contacts' timing and the shaker's, without hardware.
+/* STRIG/3, see ../STRIG.md: the protocol, the timing of contacts, shaker and motor enable, without hardware.
  *
- * A board gives the seven functions below and calls strig_begin once, strig_byte for each byte heard, and strig_poll as
- * often as it can. */
+ * A board gives the eight functions below and calls strig_begin once, strig_byte for each byte heard, and strig_poll as
+ * often as it can; while board_send waits for room it calls strig_watch. */
 #ifndef STRIG_H
 #define STRIG_H
 
@@ -12,7 +12,7 @@
 extern "C" {
 #endif
 
-#define STRIG_FIRMWARE "2.0"
+#define STRIG_FIRMWARE "3.0"
 
 /* the board's part */
 uint64_t board_now_us(void);              /* microseconds since power-up */
@@ -22,6 +22,7 @@ void board_focus(bool closed);            /* the focus contact */
 bool board_flash(void);                   /* whether the hot shoe is closed */
 bool board_has_shaker(void);              /* whether there are channels for one */
 void board_shaker(uint16_t x, uint16_t y); /* both channels, 12 bits, 2048 at rest */
+void board_motors(bool enabled);          /* the motor enable output, held only while heartbeats come */
 extern const char board_name[];           /* no spaces */
 extern const char board_serial[];         /* no spaces */
 
@@ -29,6 +30,7 @@ extern const char board_serial[];         /* no spaces */
 void strig_begin(void);
 void strig_byte(char byte);
 void strig_poll(void);
+void strig_watch(void);                   /* release the motors where the heartbeat is late; sends nothing */
 
 #ifdef __cplusplus
 }

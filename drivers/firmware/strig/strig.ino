@@ -1,5 +1,6 @@
-// STRIG/2 on an Arduino or a Pico (Arduino core): focus contact on pin 3, shutter contact on pin 2, both active high
-// into opto-couplers; hot shoe on pin 4 against ground. A shaker's two channels are those of an MCP4822 on SPI, its CS on
+// STRIG/3 on an Arduino or a Pico (Arduino core): focus contact on pin 3, shutter contact on pin 2, motor enable on pin 5,
+// all active high into opto-couplers; a resistor of 10 k against ground keeps the motors off while the board starts. Hot
+// shoe on pin 4 against ground. A shaker's two channels are those of an MCP4822 on SPI, its CS on
 // pin 10: set HAS_SHAKER where there is one.
 #include <SPI.h>
 
@@ -8,7 +9,7 @@
 const bool HAS_SHAKER = false;
 const int DAC_SELECT = 10;
 
-const int SHUTTER = 2, FOCUS = 3, HOT_SHOE = 4;
+const int SHUTTER = 2, FOCUS = 3, HOT_SHOE = 4, MOTORS = 5;
 
 #if defined(ARDUINO_ARCH_RP2040)
 const char board_name[] = "pico";
@@ -27,9 +28,19 @@ extern "C" uint64_t board_now_us(void)
     return ((uint64_t)turns << 32) | now;
 }
 
-extern "C" void board_send(const char *text) { Serial.print(text); }
+// USB of the board itself has no room while nobody reads: that must not hold up the watchdog
+extern "C" void board_send(const char *text)
+{
+    for (; *text; text++) {
+        while (Serial.availableForWrite() < 1)
+            strig_watch();
+        Serial.write(*text);
+    }
+}
+
 extern "C" void board_shutter(bool closed) { digitalWrite(SHUTTER, closed ? HIGH : LOW); }
 extern "C" void board_focus(bool closed) { digitalWrite(FOCUS, closed ? HIGH : LOW); }
+extern "C" void board_motors(bool enabled) { digitalWrite(MOTORS, enabled ? HIGH : LOW); }
 extern "C" bool board_flash(void) { return digitalRead(HOT_SHOE) == LOW; }
 
 extern "C" bool board_has_shaker(void) { return HAS_SHAKER; }
@@ -60,6 +71,7 @@ void setup()
     }
     pinMode(SHUTTER, OUTPUT);
     pinMode(FOCUS, OUTPUT);
+    pinMode(MOTORS, OUTPUT);
     pinMode(HOT_SHOE, INPUT_PULLUP);
     Serial.begin(115200);
     strig_begin();

@@ -57,10 +57,10 @@ def view_of(plane: Plane, chart: Chart, source: str, sighting: ChartSighting | N
     check_usable(sighting, small.samples.shape)
     found = estimate_psf(small, chart, _parameters(sighting), sighting=sighting)
     if found.value is None:
-        return Outcome(None, Verdict.REFUSED, found.reason, found.remedy)
+        return found.of_value(None)
     seen = found.value.correspondences
     if factor == 1:
-        return Outcome(on_sensor(seen, plane, source), found.verdict, found.reason, found.remedy)
+        return found.of_value(on_sensor(seen, plane, source))
     seen = refine_bins(plane.samples, chart, found.value.registration, seen, factor)
     return Outcome(on_sensor(seen, plane, source))  # what the small picture's PSF is doubted for is not the geometry's
 

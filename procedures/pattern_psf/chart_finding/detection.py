@@ -281,7 +281,7 @@ def check_usable(sighting: ChartSighting, shape: tuple[int, ...]) -> None:
     if sighting.negative:
         raise Refused(
             "the photograph is a negative: it shows the chart's white as black",
-            "exchange white and black, or give the camera's RAW file",
+            "exchange white and black of the picture, or of the print",
         )
     if sighting.mirrored:
         raise Refused("the chart is mirrored", "flip the picture left to right, or photograph the chart directly")

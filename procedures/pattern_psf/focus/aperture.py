@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.facts import facts_as
-from procedures.outcome import Quantity
+from procedures.outcome import Quantity, verdict_of
 from procedures.pattern_psf.estimate import PUPIL_SPREAD, PatternPsf, estimate_psf
 from procedures.pattern_psf.facts import PatternFacts
 from procedures.pattern_psf.refine import TailPrior
@@ -94,10 +94,8 @@ def _contradiction(
             f"By the far tail of its PSF the lens is at f/{_words(told)}, and f/{typed:g} was given. A dirty lens "
             "scatters light, and is told as a larger number than it has."
         )
-    rules = [rule for psf, limit in found for rule in beyond_diffraction(psf.quality, limit) if rule.applies]
-    return (
-        f"{rules[0].reason[0].upper()}{rules[0].reason[1:]}: the f-number that was given is too large." if rules else ""
-    )
+    beyond = verdict_of(check for psf, limit in found for check in beyond_diffraction(psf.quality, limit)).reason
+    return f"{beyond[0].upper()}{beyond[1:]}: the f-number that was given is too large." if beyond else ""
 
 
 def _words(told: Quantity) -> str:

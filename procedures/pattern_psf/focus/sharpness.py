@@ -74,7 +74,7 @@ def measure_sharpness(
     x, y, part = _about(plane, sighting)
     found = estimate_psf(part, chart, parameters, None, sighting.moved(-x, -y))
     if found.value is None:
-        return Outcome(None, found.verdict, found.reason, found.remedy)
+        return found.of_value(None)
     return _sharpness(found, found.value, sighting)
 
 
@@ -86,7 +86,7 @@ def _sharpness(found: Outcome[PatternPsf], value: PatternPsf, sighting: ChartSig
         reason = "the MTF must fall to one half within the band that s holds; it does not"
         return Outcome(None, Verdict.REFUSED, reason, "give a larger s")
     one = Sharpness(radial, rows, columns, value.s_over_t, sighting)
-    return Outcome(one, found.verdict, found.reason, found.remedy)
+    return found.of_value(one)
 
 
 def _seen_near(plane: Plane, near: ChartSighting | None) -> ChartSighting | None:

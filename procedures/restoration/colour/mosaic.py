@@ -54,8 +54,10 @@ def mosaics(photographs: Sequence[Mapping[str, Plane]], light: Array) -> Mosaics
     """
     origins = {name: plane.origin for name, plane in photographs[0].items()}
     for planes in photographs:
-        if not is_mosaic(planes) or {name: plane.origin for name, plane in planes.items()} != origins:
-            raise BadInput("colour needs mosaics that lie alike", "give RAW photographs of one camera, not turned")
+        if not is_mosaic(planes):
+            raise BadInput("colour needs mosaics that lie alike; one photograph has none", "give RAW files of all")
+        if {name: plane.origin for name, plane in planes.items()} != origins:
+            raise BadInput("colour needs mosaics that lie alike", "give photographs of one camera, not turned")
     gains = _gains(photographs[0])
     rows, columns = (2 * size for size in photographs[0]["R"].samples.shape)
     z, weight = np.zeros((2, len(photographs), 3, rows, columns))

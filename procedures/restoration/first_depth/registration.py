@@ -262,7 +262,7 @@ def check_tone(n: int, light: Light, s: RegistrationSettings) -> None:
         raise Refused(
             f"photograph {n} has another tone curve or black level than photograph 1: between their levels "
             f"lies a curve that begins at {light.offset:+.0%} of the mean and bends by {light.curvature:+.0%}",
-            "give both as linear light from the same settings: RAW files, or exports without a tone curve",
+            "take both with the same settings, and give both as linear light, unprocessed",
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, uniform_filter
 
-from procedures.outcome import BadParameter, Outcome, Verdict
+from procedures.outcome import SYMPTOM, BadParameter, Check, Outcome, Verdict, verdict_of
 from procedures.restoration.first_depth import initial_depth, registration
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import DataTerm
@@ -269,55 +269,41 @@ def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int 
 
 
 def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outcome[Restoration]:
-    """The verdict on a restoration: passed, doubtful with the first thing wrong, or refused without a value."""
+    """The restoration with its verdict; refused without a value."""
     d, s = result.diagnostics, limits or RestorationLimits()
-    if d.moved > s.most_moved:
-        reason = (
-            f"something moved in {d.moved:.0%} of the frame between the photographs; at most {s.most_moved:.0%} may"
-        )
-        return Outcome(None, Verdict.REFUSED, reason, "take them again while nothing moves")
-    if d.elsewhere_over_noise > s.most_residual:
-        reason = (
-            f"no picture explains the photographs: what is left over is {d.elsewhere_over_noise:.1f} times their noise "
-            f"and {d.unexplained:.0%} of their contrast; at most {s.most_residual:.0f} times may be"
-        )
-        what = "check that the photographs show one scene in which nothing moved, and which shape blurred which"
-        return Outcome(None, Verdict.REFUSED, reason, _order(d, s) + what)
-    doubts = [
-        (
-            d.moved > 0,
-            f"{_what_moved(result)}: {_where(result.moved)}; there neither picture nor depth is to be believed",
-            "take them again while nothing moves, or leave that part out",
-        ),
-        (
-            d.at_limit > s.most_at_limit,
-            f"w reaches the end of its range in {d.at_limit:.0%} of the frame",
-            "raise --max-w",
-        ),
-        (
-            d.residual_over_noise > s.explained and d.gained < s.least_gained,
-            f"the shapes are off: beyond noise they leave {d.unexplained:.1%} of the photographs' contrast unexplained "
-            f"({d.residual_over_noise:.1f} times the noise in all); the picture is uncertain by {d.picture_std:.1%} of "
-            "white or more",
-            f"{_order(d, s)}for finer detail measure the shapes again, or check that nothing moved between the "
-            "photographs",
-        ),
-        (
-            d.undetermined > s.most_undetermined,
-            f"depth is not determined in {d.undetermined:.0%} of the frame, where texture is weak",
-            "put structure into the scene",
-        ),
-        (
-            d.noise_gain * d.noise > s.most_noise,
-            f"noise is amplified {d.noise_gain:.0f} times, to {d.noise_gain * d.noise:.0%} of white: ringing is likely",
-            "raise --image-weight",
-        ),
-        (d.saturated > s.most_saturated, f"{d.saturated:.0%} of the samples are saturated", "expose less"),
-    ]
-    for wrong, reason, remedy in doubts:
-        if wrong:
-            return Outcome(result, Verdict.DOUBTFUL, reason, remedy)
-    return Outcome(result)
+    doubtful, refused = Verdict.DOUBTFUL, Verdict.REFUSED
+    noise = d.noise_gain * d.noise
+    order = _order(d, s)
+    unexplained = 1.0 if order else SYMPTOM  # a wrong order alone leaves a residual and no depth together
+    return verdict_of([
+        Check("motion", d.moved, s.most_moved, refused,
+              f"something moved in {d.moved:.0%} of the frame between the photographs; at most {s.most_moved:.0%} may",
+              "take them again while nothing moves"),
+        Check("residual", d.elsewhere_over_noise, s.most_residual, refused,
+              f"no picture explains the photographs: the residual is {d.elsewhere_over_noise:.1f} times their noise "
+              f"and {d.unexplained:.0%} of their contrast; at most {s.most_residual:.0f} times may be",
+              f"{order}check that the photographs show one scene in which nothing moved, and which shape "
+              "blurred which", prior=unexplained),
+        Check("motion", d.moved, 0, doubtful,
+              f"{_what_moved(result)}: {_where(result.moved)}; there neither picture nor depth is to be believed",
+              "take them again while nothing moves, or leave that part out"),
+        Check("range", d.at_limit, s.most_at_limit, doubtful,
+              f"w reaches the end of its range in {d.at_limit:.0%} of the frame", "raise --max-w"),
+        Check("residual", d.residual_over_noise, s.explained, doubtful,
+              f"the shapes are off: beyond noise they leave {d.unexplained:.1%} of the photographs' contrast "
+              f"unexplained ({d.residual_over_noise:.1f} times the noise in all); the picture is uncertain by "
+              f"{d.picture_std:.1%} of white or more",
+              f"{order}for finer detail measure the shapes again, or check that nothing moved between the "
+              "photographs", given=d.gained < s.least_gained, prior=unexplained),
+        Check("depth", d.undetermined, s.most_undetermined, doubtful,
+              f"depth is not determined in {d.undetermined:.0%} of the frame, where texture is weak",
+              "put structure into the scene"),
+        Check("noise", noise, s.most_noise, doubtful,
+              f"noise is amplified {d.noise_gain:.0f} times, to {noise:.0%} of white: ringing is likely",
+              "raise --image-weight"),
+        Check("clipping", d.saturated, s.most_saturated, doubtful, f"{d.saturated:.0%} of the samples are saturated",
+              "expose less"),
+    ], result)  # fmt: skip
 
 
 def _order(d: RestorationDiagnostics, limits: RestorationLimits) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from procedures.outcome import Outcome, Verdict
+from procedures.outcome import Outcome, with_doubt
 from procedures.restoration.first_depth.initial_depth import MatchingSettings, matched
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.depth_edges import EdgeSettings
@@ -71,12 +71,8 @@ class MotionShapes:
     others: Array | None = None
 
     def judged(self, outcome: Outcome[Any]) -> Outcome[Any]:
-        """A restoration with these shapes: doubtful where they are, if nothing else was wrong."""
-        if self.doubt is None or outcome.verdict is Verdict.DOUBTFUL:
-            return outcome
-        if outcome.verdict is Verdict.PASS:
-            return Outcome(outcome.value, Verdict.DOUBTFUL, self.doubt, self.remedy)
-        return replace(outcome, remedy=f"{outcome.remedy}, or {self.remedy}")
+        """A restoration with these shapes: doubtful where they are."""
+        return outcome if self.doubt is None else with_doubt(outcome, self.doubt, self.remedy)
 
 
 @dataclass(frozen=True)

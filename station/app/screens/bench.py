@@ -40,7 +40,6 @@ if TYPE_CHECKING:
 STEPS = (0.01, 0.1, 1.0, 10.0, 100.0)
 LIGHT_STEP = 0.1
 WIRE_EVERY_S = 0.25
-NO_BENCH = "No bench is configured: write a station.toml, or start with --simulate."
 BUSY = "The guide is at work: end its run first (Ctrl+C)."
 
 
@@ -129,7 +128,7 @@ class BenchScreen(StationScreen):
         glyphs = self.query_one("#rows", Part).glyphs
         known: Sequence[DeviceRow] = self.app.rows  # type: ignore[attr-defined]
         rows = [row_in_words(row, self._condition(row), glyphs.good, glyphs.bad) for row in known]
-        self.query_one("#rows", Part).update(lines_of(*(rows or ["" if self.bench else NO_BENCH])))
+        self.query_one("#rows", Part).update(lines_of(*(rows or ["" if self.bench else self._without()])))
         lines = [f"Move by hand, in steps of {STEPS[self._step]:g}"]
         for i, axis in enumerate(self._axes):
             at = f"{self._positions[axis.name]:z.3f}" if axis.name in self._positions else "?"
@@ -141,6 +140,10 @@ class BenchScreen(StationScreen):
             if self._taken or self._said == before:  # what a command has said meanwhile stays
                 self._say(self._taken)
         self._show_wire()
+
+    def _without(self) -> str:
+        """Why there is no bench."""
+        return str(self.app.why_no_bench)  # type: ignore[attr-defined]
 
     def _condition(self, row: DeviceRow) -> Condition:
         """How the device is now, rather than when it was connected."""
@@ -163,7 +166,7 @@ class BenchScreen(StationScreen):
     def _do(self, words: str, work: Callable[[Bench], Any]) -> None:
         bench = self.bench
         if bench is None:
-            self._say(NO_BENCH)
+            self._say(self._without())
         elif self.app.bench_taken:  # type: ignore[attr-defined]
             self._say(BUSY)
         else:

@@ -202,7 +202,9 @@ class GuideScreen(StationScreen):
         planes = [f"{name}: {verdict_words(one.verdict, self.glyphs)}" for name, one in result.planes.items()]
         words = [f"Measurement: {verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}"]
         lens, *against = specified(list(result.planes.values())) or [""]
+        others = "; ".join(one.reason for one in result.other_causes)
         words += [lens, sentences(result.reason, result.remedy), *against]
+        words += [f"Other possible causes: {others}."] if others else []
         self._verdict = tuple(text for text in words if text)
         self.add_class("-verdict")
         self.query_one("#instruction", Part).update(lines_of(literal("Result", "bold"), *self._verdict))

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from procedures.outcome import Quantity
+from procedures.numbers import Group, in_group
+from procedures.outcome import Judged, Quantity
 from station.app.widgets import verdict_words
 from station.common.uncertainty_text import stated
 from station.drawing.glyphs import Glyphs
 from station.drawing.terminal_plots import TerminalCurve, TerminalFrame, plot
-from station.results.number_names import short
 from station.results.plane_result import PlaneResult
 from station.results.reader import Change
 from station.results.restored import Restored
@@ -20,13 +20,7 @@ from station.results.verdict_words import specification_words
 
 Plotted = Callable[[int, int, bool], list[str]]
 
-SHOWN = tuple(
-    (name, short(name))
-    for name in (
-        *("mtf50_horizontal", "mtf50_vertical", "mtf_nyquist_radial", "fwhm_horizontal", "fwhm_vertical"),
-        *("encircled_energy_80", "strehl"),
-    )
-)
+SHOWN = tuple((one, one.short) for one in in_group(Group.SCREEN))
 COVERAGE = 1.96
 """Standard uncertainties that a band of 95 % reaches either way."""
 LETTERS = "*o"
@@ -57,9 +51,9 @@ def specified(planes: Sequence[PlaneResult]) -> list[str]:
 
 
 def plane_in_words(plane: PlaneResult, glyphs: Glyphs) -> list[str]:
-    """Verdict, reason and remedy, then the numbers with unit and uncertainty."""
+    """Verdict and causes, then the numbers with unit and uncertainty."""
     lines = [f"Plane {plane.name}: {verdict_words(plane.verdict, glyphs)}"]
-    lines += [text for text in (plane.reason, plane.remedy) if text]
+    lines += _causes_in_words(plane)
     for key, words in SHOWN:
         if key in plane.numbers:
             one = plane.numbers[key]
@@ -71,10 +65,17 @@ def plane_in_words(plane: PlaneResult, glyphs: Glyphs) -> list[str]:
     return lines
 
 
+def _causes_in_words(judged: Judged) -> list[str]:
+    """The most likely cause and its remedy, then the other possible ones."""
+    others = [f"- {one.reason}; {one.remedy}" for one in judged.other_causes]
+    lines = [text for text in (judged.reason, judged.remedy) if text]
+    return lines + (["Other possible causes:", *others] if others else [])
+
+
 def restored_in_words(found: Restored, glyphs: Glyphs) -> list[str]:
-    """Verdict, reason and remedy, then how far the blur of the depth map goes."""
+    """Verdict and causes, then how far the blur of the depth map goes."""
     lines = [f"Restoration: {verdict_words(found.verdict, glyphs)}"]
-    lines += [text for text in (found.reason, found.remedy) if text]
+    lines += _causes_in_words(found)
     return lines + ([f"w of the depth map: {found.w}"] if found.w else [])
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from procedures.numbers import ENERGY_OUTSIDE_SUPPORT
 from procedures.outcome import BadParameter
 from procedures.restoration.masks.checks import check_max_w
 
@@ -274,7 +275,7 @@ def _measured(spec: BlurSpec) -> list[dict[str, Any]]:
         {
             "half_width_px": one.half_width_px,
             "negative_light": one.cut,
-            "energy_outside_support": one.energy_outside_support,
+            ENERGY_OUTSIDE_SUPPORT: one.energy_outside_support,
         }
         for one in shapes
         if isinstance(one, MeasuredShape)

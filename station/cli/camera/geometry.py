@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import LEVELS, chart_options, chart_source, raw_option, told_layout
+from station.cli.psf.planes import chart_options, chart_source, raw_option, tell_judged, told_layout
 from station.cli.psf.terms import plane_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
@@ -124,4 +124,4 @@ def _tell(plane: str, outcome: Outcome[Geometry]) -> None:
         for name in ("f", "fx", "fy", "cx", "cy"):
             if name in numbers:
                 parts.append(f"{name} {numbers[name].value:.3f} ± {numbers[name].uncertainty:.3f}")
-    log("plane", "; ".join(parts), level=LEVELS[verdict], remedy=outcome.remedy, plane=plane, verdict=verdict)
+    tell_judged("plane", "; ".join(parts), outcome, plane=plane)

@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from procedures.numbers import EDGE_MTF50
 from station.cli.psf.planes import (
-    LEVELS,
     certificate_option,
     finish,
     overlay_option,
     raw_option,
     read_overlays,
     read_planes,
+    tell_judged,
     tell_untold,
     told_layout,
 )
@@ -159,11 +160,11 @@ def _tell_edge(told: PlaneResult, outcome: EdgeOutcome, also: str = "") -> None:
     verdict, roi, edge = str(outcome.verdict), outcome.roi, outcome.value
     at = f"{plane} at {roi.x},{roi.y},{roi.width},{roi.height}" if roi else plane
     parts = [f"{at}: {measurement_words(verdict)}"] + [words for words in (outcome.reason,) if words]
-    if edge is not None and "mtf50" in edge.numbers:
-        mtf50 = told_quantity(edge.numbers["mtf50"], told.unit, told.factor)
+    if edge is not None and EDGE_MTF50 in edge.numbers:
+        mtf50 = told_quantity(edge.numbers[EDGE_MTF50], told.unit, told.factor)
         parts.append(
             f"MTF50 {stated(mtf50.value, mtf50.uncertainty)} {mtf50.unit} across the {edge.orientation} edge at "
             f"{edge.numbers['angle'].value:.2f} degrees"
         )
     parts += [also] if also else []
-    log("plane", "; ".join(parts), level=LEVELS[verdict], remedy=outcome.remedy, plane=plane, verdict=verdict)
+    tell_judged("plane", "; ".join(parts), outcome, plane=plane)

@@ -11,10 +11,10 @@ import click
 from station.cli.psf.terms import plane_option, tell_specification, terms_options
 from station.cli.terminal.numbers import SEED, Number
 from station.common.errors import REFUSED
-from station.common.log import log, log_json_option
+from station.common.log import Fact, log, log_json_option
 
 if TYPE_CHECKING:
-    from procedures.outcome import Miss
+    from procedures.outcome import Judged, Miss
     from procedures.pattern_print.source import Source
     from procedures.raw import RawFrame
     from procedures.reading.sensor_dump import DumpLayout
@@ -198,18 +198,22 @@ def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool) -> None:
 
 def tell_result(record: PlaneResult) -> None:
     """One line on stderr about a plane."""
-    verdict = str(record.verdict)
     took = {"dur_ms": round(1000 * record.duration_s)} if record.duration_s else {}
-    log(
-        "plane",
-        _sentence(record),
-        level=LEVELS[verdict],
-        remedy=record.remedy,
-        plane=record.name,
-        verdict=verdict,
-        **took,
-    )
+    tell_judged("plane", _sentence(record), record, plane=record.name, **took)
     tell_untold(record)
+
+
+def tell_judged(event: str, sentence: str, judged: Judged, **facts: Fact) -> None:
+    """One line on stderr about a result, with the causes of its verdict."""
+    log(
+        event,
+        sentence,
+        level=LEVELS[str(judged.verdict)],
+        remedy=judged.remedy,
+        other_causes=judged.other_causes,
+        verdict=str(judged.verdict),
+        **facts,
+    )
 
 
 def tell_untold(record: PlaneResult) -> None:
@@ -226,18 +230,17 @@ def tell_misses(misses: Iterable[Miss]) -> None:
 
 def _sentence(record: PlaneResult) -> str:
     """What a person wants to know of a plane in one line."""
+    from procedures.numbers import RADIAL, Group, frequency_of, in_group, label
     from station.common.uncertainty_text import stated
-    from station.results.number_names import words_of
     from station.results.verdict_words import measurement_words
 
     parts = [f"{record.name}: {measurement_words(record.verdict)}"]
     parts += [record.reason] if record.reason else []
-    asked = [name for name in record.numbers if name.startswith("mtf_at_") and not name.endswith("_radial")]
-    for name in ("mtf50_horizontal", "mtf50_vertical", *asked):
-        if name in record.numbers:
-            number = record.numbers[name]
-            words = f"{words_of(name, record.unit).words} {stated(number.value, number.uncertainty)}"
-            parts.append(f"{words} {number.unit}" if number.unit != "1" else words)
+    asked = [name for name in record.numbers if (at := frequency_of(name)) and at[1] != RADIAL]
+    for name in (*in_group(Group.LINE, record.numbers), *asked):
+        number = record.numbers[name]
+        words = f"{label(name, record.unit)} {stated(number.value, number.uncertainty)}"
+        parts.append(f"{words} {number.unit}" if number.unit != "1" else words)
     if record.unit == "cycles/pixel" and record.pitch > 1 and any("pixel" in part for part in parts):
         parts.append(f"pixels of the plane, each {record.pitch} of the sensor")
     return "; ".join(parts)

@@ -66,11 +66,15 @@ def chosen_unit(name: str | None, config: Path | None) -> Unit:
     return preferred_unit(config) if name is None else Unit(name.lower())
 
 
+specification_option = inherited(
+    "--specification", type=click.Path(path_type=Path), help="Limits that the numbers are compared with, in TOML."
+)
+
+
 def terms_options(command: Command) -> Command:
     """Give a command --unit, --config, --at, --specification and --force."""
-    at = click.option("--at", callback=_frequencies, metavar="F,F...", help="Tell the MTF at these frequencies too.")
-    held = inherited("--specification", type=click.Path(path_type=Path), help="Limits to hold the lens to, in TOML.")
-    return unit_option(config_option(at(held(force_option(command)))))
+    at = click.option("--at", callback=_frequencies, metavar="F,F...", help="Report the MTF at these frequencies too.")
+    return unit_option(config_option(at(specification_option(force_option(command)))))
 
 
 def terms_of(options: dict[str, Any]) -> Terms:
@@ -80,8 +84,8 @@ def terms_of(options: dict[str, Any]) -> Terms:
     from station.results.terms import Terms
     from station.results.units import Frequency
 
-    unit, file = chosen_unit(options.pop("unit"), options.pop("config")), options.pop("specification")
-    at = tuple(Frequency(value, unit) for value in options.pop("at"))
+    unit, file = chosen_unit(options.pop("unit", None), options.pop("config", None)), options.pop("specification")
+    at = tuple(Frequency(value, unit) for value in options.pop("at", ()))
     return Terms(unit, at, read_specification(file) if file else Specification())
 
 

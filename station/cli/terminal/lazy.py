@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Mapping
+from importlib.metadata import entry_points
 from typing import Any
 
 import click
@@ -13,26 +14,38 @@ from station.common.errors import explained
 
 Table = Mapping[str, tuple[str, str, str]]
 """name -> (module under station.cli, function, help line)"""
+PROCEDURES = "procedure_command"
+"""The module whose attributes are the procedures' commands."""
+ADDED = "station.procedures"
+"""The entry-point group of other packages' procedures, each of which is a command."""
 
 
 class LazyGroup(click.Group):
     """A group that imports a command's module when the command is called, and explains its errors."""
 
-    def __init__(self, *args: Any, table: Table, **kwargs: Any) -> None:
+    def __init__(self, *args: Any, table: Table, extensible: bool = False, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        self.table = table
+        self.table, self.extensible = table, extensible
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order they are declared."""
-        return list(self.table)
+        """Names in the order they are declared; the procedures of other packages last."""
+        return [*self.table, *self._procedures()]
+
+    def _procedures(self) -> list[str]:
+        """The procedures that other packages add to this group."""
+        if not self.extensible:
+            return []
+        return [one.name for one in entry_points(group=ADDED) if one.name not in self.table]
+
+    def _added(self, name: str) -> click.Command | None:
+        return _attribute(PROCEDURES, name) if name in self._procedures() else None
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command itself, imported now."""
         if cmd_name not in self.table:
-            return None
+            return self._added(cmd_name)
         module, function, _ = self.table[cmd_name]
-        command: click.Command = getattr(importlib.import_module(f"station.cli.{module}"), function)
-        return command
+        return _attribute(module, function)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -46,9 +59,15 @@ class LazyGroup(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Help lines from the table, without importing anything."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, _, line) in self.table.items()])
+            added = [(name, "A procedure of another package.") for name in self._procedures()]
+            formatter.write_dl([*((name, line) for name, (_, _, line) in self.table.items()), *added])
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; what it raises becomes a sentence and an exit code."""
         with explained():
             return super().invoke(ctx)
+
+
+def _attribute(module: str, name: str) -> click.Command:
+    command: click.Command = getattr(importlib.import_module(f"station.cli.{module}"), name)
+    return command

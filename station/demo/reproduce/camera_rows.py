@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numbers import ENCIRCLED_ENERGY_80
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.quality import Diffraction
@@ -182,7 +183,7 @@ DIAGONAL_AT = np.linspace(0.6, 1.2, 13)
 def _planes(setting: Setting) -> Found:
     shot = cameras.photograph_chart(cameras.mosaic_camera(), _chart(), 3, roll_deg=1.0)
     found = {name: cameras.estimated(cameras.plane_of(shot, name), _chart()) for name in ("R", "G1", "G2", "B")}
-    radius = {name: one.quality.numbers["encircled_energy_80"].value for name, one in found.items()}
+    radius = {name: one.quality.numbers[ENCIRCLED_ENERGY_80].value for name, one in found.items()}
     lean = {name: _lean(one.psf.h) for name, one in found.items()}
     figures = (
         pictures("planes-psf", [(name, one.psf.h) for name, one in found.items()], cmap="viridis"),
@@ -240,7 +241,7 @@ def _places(setting: Setting) -> Found:
     for i, (name, at) in enumerate(places.items()):
         shot = cameras.photograph_chart(camera, _chart(), i, at=at)  # type: ignore[arg-type]
         psf[name] = cameras.estimated(cameras.plane_of(shot), _chart())
-    radius = {name: one.quality.numbers["encircled_energy_80"].value for name, one in psf.items()}
+    radius = {name: one.quality.numbers[ENCIRCLED_ENERGY_80].value for name, one in psf.items()}
     odd = {name: _asymmetry(one.psf.h) for name, one in psf.items()}
     figure = pictures("places", [(name, one.psf.h) for name, one in psf.items()], columns=3, cmap="viridis")
     measured = (

@@ -126,7 +126,7 @@ class LiveFocus:
 
     def _measure(self, plane: Outcome[Plane]) -> Outcome[Sharpness]:
         if plane.value is None:
-            return Outcome(None, plane.verdict, plane.reason, plane.remedy)
+            return plane.of_value(None)
         near = None if self._last is None else self._last.sighting
         return measure_sharpness(plane.value, self.chart, self.parameters, near)
 

@@ -13,7 +13,7 @@ from procedures.field.estimate import NO_SENSORS
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.facts import VIEW
 from procedures.geometry.plan import seen_views
-from procedures.outcome import BadInput, Outcome, Refused, Rule, Verdict, verdict_of
+from procedures.outcome import BadInput, Outcome, Refused, Verdict, with_doubt, worst_of
 from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.raw import RawFrame
 from procedures.sensor.estimate import SensorResult, sensor_model
@@ -27,9 +27,10 @@ from procedures.whole_camera.from_field import whole_camera
 from procedures.whole_camera.from_others import sensor_parts, vignetting_parts
 from procedures.whole_camera.joint import Part
 from station.calibration.sensor import SensorFiles
-from station.calibration.sensor_files import write_sensor_record
-from station.calibration.vignetting import Flats, flats_of, write_vignetting_result
+from station.calibration.sensor_files import sensor_measurement
+from station.calibration.vignetting import Flats, flats_of, vignetting_measurement
 from station.guide.plans import field, sensor
+from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import PartBeside, RecordHead
 from station.results.result_files import ResultFolder
@@ -39,7 +40,6 @@ GEOMETRY, VIGNETTING, SENSOR = "geometry", "vignetting", "sensor"
 """What a session answers beside the planes' PSFs; its folders are called so too."""
 USED = "the PSFs were estimated with its noise and response"
 NOT_USED = "the PSFs were estimated without it"
-ORDER = (Verdict.PASS, Verdict.DOUBTFUL, Verdict.REFUSED)
 
 
 def plan() -> Plan:
@@ -109,11 +109,11 @@ def sensor_used(outcomes: Mapping[str, Outcome[SensorFiles]], iso: float | None)
     plane's PSFs take noise and response where these are not doubted.
     """
     whole = next((one.value for one in outcomes.values() if one.value is not None), None)
-    answer = worst_of(whole, outcomes)
+    answer = worst_of(outcomes).of_value(whole)
     if whole is not None and None not in (iso, whole.iso) and iso != whole.iso:
         reason = f"the sensor was measured at ISO {whole.iso:g}, the charts were taken at ISO {iso:g}"
         remedy = "take both at one sensitivity: gain and noise are not the charts' otherwise"
-        return doubted(answer, reason, remedy), NO_SENSORS, f"{NOT_USED}: {reason}"
+        return with_doubt(answer, reason, remedy), NO_SENSORS, f"{NOT_USED}: {reason}"
     if whole is None:
         return answer, NO_SENSORS, f"{NOT_USED}: it was refused"
     found = {one.name: one for one in whole.planes}
@@ -140,28 +140,12 @@ def vignetting_of(frames: Sequence[RawFrame], found: FieldResult) -> Outcome[Fla
         flats = flats_of(frames)
     except BadInput as error:
         return Outcome(None, Verdict.REFUSED, error.reason, error.remedy)
-    answer = worst_of(flats, flats.planes)
+    answer = worst_of(flats.planes).of_value(flats)
     own, charts = frames[0].exposure.f_number, found.measured.exposures[0].exposure.f_number
     if None in (own, charts) or own == charts:
         return answer
-    return doubted(answer, f"the flats were taken at f/{own:g}, the charts at f/{charts:g}",
-                   "take both at one aperture: vignetting is another at each")  # fmt: skip
-
-
-def worst_of(whole: Any, outcomes: Mapping[str, Outcome[Any]]) -> Outcome[Any]:
-    """The whole with the worst verdict of its planes; what several of them say is said once."""
-    worst = max((one.verdict for one in outcomes.values()), key=ORDER.index)
-    found = [one for one in outcomes.values() if one.verdict is worst]
-    reason, remedy = ("; ".join(dict.fromkeys(filter(None, told))) for told in (
-        (one.reason for one in found), (one.remedy for one in found)))  # fmt: skip
-    return Outcome(whole, worst, reason, remedy)
-
-
-def doubted(outcome: Outcome[Any], reason: str, remedy: str) -> Outcome[Any]:
-    """The same with a doubt more."""
-    rules = [Rule(outcome.verdict, outcome.verdict is not Verdict.PASS, outcome.reason, outcome.remedy),
-             Rule(Verdict.DOUBTFUL, True, reason, remedy)]  # fmt: skip
-    return Outcome(outcome.value, *verdict_of(rules))
+    return with_doubt(answer, f"the flats were taken at f/{own:g}, the charts at f/{charts:g}",
+                      "take both at one aperture: vignetting is another at each")  # fmt: skip
 
 
 def joint_parts(parts: Mapping[str, Outcome[Any]]) -> list[Part]:
@@ -196,7 +180,7 @@ def parts_of(planes: Sequence[PlaneResult]) -> Mapping[str, Outcome[Any]]:
 
 def _part_result(name: str, one: Outcome[Any]) -> PlaneResult:
     verdict = Verdict.DOUBTFUL if one.verdict is Verdict.REFUSED else one.verdict
-    return PlaneResult(name, verdict, one.reason, one.remedy)
+    return replace(PlaneResult.of_outcome(name, one), verdict=verdict)
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
@@ -236,7 +220,8 @@ def _write_sensor(
     from station.reports.sensor_page import sensor_page  # it draws: that import is slow
 
     files: SensorFiles = one.result()
-    write_sensor_record(folder, files, _of_inputs(head, {told["sha256"] for told in files.inputs}), sensor_page(files))
+    folder.write("report.html", sensor_page(files))
+    write_measurement(folder, sensor_measurement(files, _of_inputs(head, {one.sha256 for one in files.files})))
     return "report.html"
 
 
@@ -245,7 +230,8 @@ def _write_vignetting(
 ) -> str:
     flats: Flats = one.result()
     inputs = _of_inputs(head, {sha256 for _, sha256 in flats.inputs}).input
-    write_vignetting_result(folder, replace(flats, inputs=tuple((Path(told.path), told.sha256) for told in inputs)))
+    flats = replace(flats, inputs=tuple((Path(told.path), told.sha256) for told in inputs))
+    write_measurement(folder, vignetting_measurement(flats))
     return "numbers.csv"
 
 
@@ -257,7 +243,7 @@ def _write_geometry(
     geometry: Geometry = one.result()
     sources = {view.view.source for view in geometry.views}
     seen = Picked(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
-    told = PlaneResult(plane, one.verdict, one.reason, one.remedy, found=geometry, numbers=geometry.numbers())
+    told = PlaneResult.of_outcome(plane, one, found=geometry, numbers=geometry.numbers())
     write_plane(folder, told, seen, _of_inputs(head, {frame.sha256 for frame in seen}))
     return "report.html"
 

@@ -88,7 +88,7 @@ def by_plane(found: SessionField) -> Outcomes:
 
 
 def _of_whole(found: FieldResult, one: Outcome[PlaneField]) -> Outcome[FieldResult]:
-    return Outcome(None if one.value is None else found, one.verdict, one.reason, one.remedy)
+    return one.of_value(None if one.value is None else found)
 
 
 def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: Facts) -> list[PlaneResult]:
@@ -98,7 +98,7 @@ def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: F
     """
     whole = next((one.value for one in outcomes.values() if one.value is not None), None)
     if whole is None:
-        return [PlaneResult(name, one.verdict, one.reason, one.remedy) for name, one in outcomes.items()]
+        return [PlaneResult.of_outcome(name, one) for name, one in outcomes.items()]
     pixels = field_pixels(whole.measured, facts_as(FieldFacts, facts).pixel_pitch_um)
     terms = terms.tellable(next(iter(pixels.values())))
     try:

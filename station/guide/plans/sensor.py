@@ -11,8 +11,9 @@ from procedures.raw import RawFrame
 from procedures.sensor import plan as guide
 from procedures.sensor.facts import SensorFacts, mark_of
 from station.calibration.sensor import SensorFiles, SensorPlane, measure_sensor
-from station.calibration.sensor_files import write_sensor_record
+from station.calibration.sensor_files import sensor_measurement
 from station.calibration.sensor_folder import DARK, LIGHT, Shots
+from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder
@@ -49,8 +50,7 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
 
 
 def _of_whole(found: SensorFiles, one: SensorPlane) -> Outcome[SensorFiles]:
-    outcome = one.outcome
-    return Outcome(found, outcome.verdict, outcome.reason, outcome.remedy)
+    return one.outcome.of_value(found)
 
 
 def results(outcomes: Mapping[str, Outcome[SensorFiles]]) -> list[PlaneResult]:
@@ -62,17 +62,16 @@ def _result(name: str, one: Outcome[SensorFiles]) -> PlaneResult:
     whole = one.value
     of = None if whole is None else next(plane for plane in whole.planes if plane.name == name).outcome.value
     numbers = {} if of is None else dict(of.numbers)
-    return PlaneResult(name, one.verdict, one.reason, one.remedy, found=whole, numbers=numbers)
+    return PlaneResult.of_outcome(name, one, found=whole, numbers=numbers)
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
     """The files of `station sensor`, of a session's pictures."""
     whole = next((one.found for one in planes if one.found is not None), None)
     if whole is None:
-        refused = [
-            SensorPlane(one.name, Outcome(None, one.verdict, one.reason, one.remedy), (), 1.0, None) for one in planes
-        ]
-        return write_sensor_record(folder, SensorFiles((), None, None, refused), head)
+        refused = [SensorPlane(one.name, one.outcome(None), (), 1.0, None) for one in planes]
+        return write_measurement(folder, sensor_measurement(SensorFiles((), None, None, refused), head))
     from station.reports.sensor_page import sensor_page  # it draws: that import is slow
 
-    return write_sensor_record(folder, whole, head, sensor_page(whole))
+    folder.write("report.html", sensor_page(whole))
+    return write_measurement(folder, sensor_measurement(whole, head))

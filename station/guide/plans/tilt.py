@@ -8,7 +8,6 @@ from dataclasses import replace
 from procedures.facts import facts_as, required
 from procedures.field.estimate import FIELD
 from procedures.field.measuring import measure_frames
-from procedures.outcome import Outcome
 from procedures.pattern_psf.checks import shown
 from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.raw import RawFrame
@@ -17,7 +16,8 @@ from procedures.tilt.estimate import TiltParameters
 from procedures.tilt.facts import DEPTH, TiltFacts
 from procedures.tilt.plan import MARK
 from procedures.tilt.positions import Positions
-from station.calibration.tilt import measure_tilt, write_tilt_record
+from station.calibration.tilt import measure_tilt, tilt_measurement
+from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder
@@ -60,7 +60,7 @@ def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[
     from station.reports.tilt_page import tilt_page  # it draws: that import is slow
 
     (plane,) = planes
-    outcome = Outcome(plane.found, plane.verdict, plane.reason, plane.remedy)
+    outcome = plane.outcome(plane.found)
     parameters = {name: one for name, one in head.parameters.items() if not name.startswith(DEPTH)}
-    page = tilt_page(plane.name, len(frames), outcome)
-    return write_tilt_record(folder, replace(head, parameters=parameters), plane.name, outcome, page)
+    folder.write("report.html", tilt_page(plane.name, len(frames), outcome).encode())
+    return write_measurement(folder, tilt_measurement(replace(head, parameters=parameters), plane.name, outcome))

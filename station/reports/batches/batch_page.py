@@ -9,10 +9,10 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import MaxNLocator
 
+from procedures.numbers import label
 from station.drawing.colours import FAINT, INK, PLANE_COLOURS
 from station.drawing.style import axes_grid, svg
 from station.reports.page import render
-from station.results.number_names import words_of
 
 MOST_LINES = 500
 """Photographs in the page's table; summary.csv has all."""
@@ -80,7 +80,7 @@ def batch_page(report: BatchReport) -> str:
     """The page as HTML, its pictures inside, the results beside it linked."""
     numbers = dict.fromkeys(one.number for one in report.samples)
     figures = [
-        (words_of(name).words, _distribution([one for one in report.samples if one.number == name], name, report))
+        (label(name), _distribution([one for one in report.samples if one.number == name], name, report))
         for name in numbers
     ]
     shown = report.lines[:MOST_LINES]
@@ -102,7 +102,7 @@ def _spreads(samples: Sequence[Sample]) -> list[_Spread]:
     for (camera, plane, number), group in sorted(_grouped(samples).items()):
         values = np.array([one.value for one in group])
         told = float(np.median(values)), float(values.min()), float(values.max())
-        found.append(_Spread(camera, plane, words_of(number).words, len(group), *told, group[0].unit))
+        found.append(_Spread(camera, plane, label(number), len(group), *told, group[0].unit))
     return found
 
 
@@ -124,9 +124,7 @@ def _distribution(samples: Sequence[Sample], name: str, report: BatchReport) -> 
     axes.set_ylim(len(groups) - 0.5, -0.5)
     unit = samples[0].unit
     axes.set_xlabel(unit if unit != "1" else "")
-    return svg(
-        figure, f"batch-{name.replace('.', '-')}", f"{words_of(name).words} of every photograph, by camera and plane"
-    )
+    return svg(figure, f"batch-{name.replace('.', '-')}", f"{label(name)} of every photograph, by camera and plane")
 
 
 def _cut(camera: str) -> str:

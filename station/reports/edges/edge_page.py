@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from procedures.numbers import label
 from procedures.outcome import Quantity
 from procedures.raw import Plane, RawFrame
 from procedures.slanted_edge.estimate import orientation
@@ -13,7 +14,6 @@ from station.reports.edges.edge_figures import edges_mtf_figure, places_figure, 
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.page import render
 from station.reports.pattern_report import Report, curves_over, report_of_files
-from station.results.number_names import words_of
 from station.results.overlay import Overlay
 from station.results.terms import Terms
 from station.results.units import told_numbers
@@ -53,7 +53,7 @@ def _edges(record: EdgeRecord) -> list[dict[str, Any]]:
 
 
 def _worded(numbers: Mapping[str, Quantity]) -> list[tuple[str, Quantity]]:
-    return [(words_of(name).words, one) for name, one in numbers.items()]
+    return [(label(name), one) for name, one in numbers.items()]
 
 
 def _pictures(record: EdgeRecord, plane: Plane, report: Report, name: str) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from procedures.field.maps import COLUMNS, FieldMap, grid
 from procedures.geometry.cameras import distortion
+from procedures.numbers import COLOUR_SHADING
 from procedures.vignetting.formula import LightSurface
 from procedures.whole_camera.from_field import WholeCamera
 from procedures.whole_camera.joint import JointNumbers
@@ -88,6 +89,6 @@ def _light_figure(name: str, light: LightSurface, over: LightSurface | None = No
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     value = light.at(places) if over is None else light.at(places) / over.at(places) - 1
     title = f"light of {name}" if over is None else f"colour of {name}"
-    what = "vignetting" if over is None else "colour_shading"
+    what = "vignetting" if over is None else COLOUR_SHADING
     one = FieldMap(what, title, "1", x, y, value.reshape(len(y), len(x)), None)
     return field_map_figure(one, NOWHERE, light.shape, f"{name}-{what}")

@@ -15,6 +15,7 @@ from matplotlib.patches import Ellipse, Polygon, Rectangle
 from procedures.field.chromatic import LateralColour
 from procedures.field.maps import FieldMap
 from procedures.field.models import SymmetryAxis
+from procedures.numbers import ASTIGMATISM, COLOUR_SHADING, FOCUS, without_photosite
 from procedures.numerics.scattered import Hull
 from procedures.psf_field import PsfField
 from station.drawing.colours import FAINT, INK, MARK, PLANE_COLOURS
@@ -28,8 +29,8 @@ NINETY_FIVE = 2.448
 """Radius of the ellipse that holds 95 % of a Gaussian in the plane, in standard deviations."""
 ERRORS = "YlOrBr"
 """Colours of uncertainties."""
-SIGNED = ("astigmatism", "astigmatism_without_photosite", "focus_astigmatism", "lateral_colour_radial",
-          "lateral_colour_tangential", "colour_shading")  # fmt: skip
+SIGNED = (ASTIGMATISM, without_photosite(ASTIGMATISM), FOCUS["astigmatism"], "lateral_colour_radial",
+          "lateral_colour_tangential", COLOUR_SHADING)  # fmt: skip
 """Maps whose zero is the middle of the colours."""
 
 

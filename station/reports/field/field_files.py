@@ -15,6 +15,7 @@ from procedures.field.conclusion import FieldResult, PlaneField
 from procedures.field.image_height import HeightCurve, over_height
 from procedures.field.maps import FieldMap
 from procedures.field.photosite import Photosite, WithoutPhotosite
+from procedures.numbers import CORNER_LIGHT, DARKEST_CORNER, ERROR_INTERPOLATION, ERROR_NOISE
 from procedures.vignetting.formula import LightSurface
 from procedures.whole_camera.camera_file import write_camera_numbers
 from procedures.whole_camera.from_field import WholeCamera
@@ -27,7 +28,7 @@ from station.reports.otf_figures import FrequencyAxis
 from station.reports.pattern_report import Report, report_of_files
 from station.results.overlay import HeightOverlay
 from station.results.plane_result import PlaneResult
-from station.results.record_head import InputFile, PartBeside, RecordHead
+from station.results.record_head import InputFile, PartBeside, RecordHead, verdict_entry
 from station.results.result_files import ResultFolder, json_text, write_psf_result
 from station.results.terms import Terms
 from station.results.units import told_quantity
@@ -177,7 +178,7 @@ def _heights(found: FieldResult, photosite: Photosite | None) -> dict[str, list[
 def _camera_told(camera: WholeCamera) -> dict[str, Any]:
     """What the record says of all that the charts tell: the file, and the geometry in figures."""
     geometry, numbers = camera.geometry, camera.numbers
-    told: dict[str, Any] = {"verdict": str(geometry.verdict), "reason": geometry.reason, "remedy": geometry.remedy}
+    told = verdict_entry(geometry)
     if geometry.value is not None:
         found = {name: asdict(number) for name, number in geometry.value.numbers().items()}
         told = {**told, "model": geometry.value.camera.model, **found}
@@ -189,7 +190,7 @@ def _light_told(light: LightSurface) -> dict[str, Any]:
     """What the record says of a plane's vignetting."""
     rows, columns = light.shape
     corners = np.array([(x, y) for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
-    return {"corner_light": float(light.at(corners).mean()), "darkest_corner": float(light.at(corners).min())}
+    return {CORNER_LIGHT: float(light.at(corners).mean()), DARKEST_CORNER: float(light.at(corners).min())}
 
 
 def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...]:
@@ -210,11 +211,13 @@ def _told(one: PlaneField) -> dict[str, Any]:
     """What the record says about a plane's field."""
     found = one.interpolation
     by_name = {name.name: name for name in one.maps}
-    errors = {name: by_name[name].median(by_name[name].value) for name in ("error_noise", "error_interpolation")}
+    errors: dict[str, float] = {
+        name: by_name[name].median(by_name[name].value) for name in (ERROR_NOISE, ERROR_INTERPOLATION)
+    }
     return {
         "model": found.field.model.name,
         "components": len(found.field.components),
-        "enclosed_share": by_name["error_noise"].share,
+        "enclosed_share": by_name[ERROR_NOISE].share,
         **errors,
         "budgets": {name: dict(terms) for name, terms in one.budgets.items()},
         "candidates": [asdict(candidate) for candidate in found.candidates[:CANDIDATES_TOLD]],

@@ -1,14 +1,17 @@
-"""What every Alpaca device has: names, versions, being connected; and members by their names."""
+"""What every Alpaca device has: names, versions, connections; and members by their names."""
 
 from __future__ import annotations
 
 import threading
 import uuid
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future, wait
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from drivers.interfaces import Device
+from station.service.alpaca.clients import ConnectedClients
 from station.service.alpaca.errors import (
     ACTION_NOT_IMPLEMENTED,
     INVALID_OPERATION,
@@ -28,6 +31,12 @@ ALWAYS = frozenset((
 ))  # fmt: skip
 """Members that answer before the device is connected."""
 STOP = "EmergencyStop"
+STOPS = frozenset(("halt", "abortexposure"))
+"""Members that stop something."""
+POLLS = 2
+"""Requests to one device that are answered at a time; others wait."""
+HALT_S = 0.02
+"""How long a halt is waited for: its bytes are on the wire by then, and whether the axis stands `IsMoving` asks it."""
 HALTED_S = 3.0
 """How long a driver may take to tell that its move has ended, after the axis stands. Clients wait five seconds."""
 NOT_AT_ALL: Mapping[str, Member] = {}
@@ -55,6 +64,12 @@ def constant(value: Any) -> Member:
     return lambda given: value
 
 
+def is_stop(member: str, given: Parameters) -> bool:
+    """Whether this member, called so, stops something: such a call waits for no other and is never refused."""
+    action = given.given.get("Action", "") if member == "action" else ""
+    return member in STOPS or action.lower() == STOP.lower()
+
+
 class AlpacaDevice:
     """A device of the bench as Alpaca knows it.
 
@@ -70,9 +85,8 @@ class AlpacaDevice:
     def __init__(self, served: ServedBench, kind: str, number: int, name: str, devices: Mapping[str, Device]) -> None:
         self.served, self.kind, self.number, self.name = served, kind, number, name
         self.devices = devices
-        self._connected = False
-        self._connecting: threading.Thread | None = None
-        self._failure: Exception | None = None
+        self.clients = ConnectedClients(self._connect)
+        self.polls = served.threads(POLLS, f"{kind} {number}")
         self.gets = {**self._common_gets(), **self.readable()}
         self.puts = {**self._common_puts(), **self.writable()}
 
@@ -99,14 +113,14 @@ class AlpacaDevice:
         table = self.gets if method == "GET" else self.puts
         if member not in table:
             raise BadRequest(f"a {self.kind} has no {method} of {member!r}")
-        if member not in ALWAYS and not self._connected:
+        if member not in ALWAYS and not self.clients and not (method == "PUT" and is_stop(member, given)):
             raise AlpacaError(NOT_CONNECTED, f"{self.name} is not connected; put Connected = True first")
         return table[member](given)
 
     def _common_gets(self) -> dict[str, Member]:
         return {
-            "connected": lambda given: self._connected,
-            "connecting": lambda given: self._is_connecting(),
+            "connected": lambda given: given.client() in self.clients,
+            "connecting": lambda given: self.clients.connecting(given.client()),
             "description": constant(f"{self.name} of the calibration station's bench"),
             "devicestate": lambda given: [{"Name": name, "Value": value} for name, value in self.state().items()],
             "driverinfo": constant("calibration station, an Alpaca server for the devices of its bench"),
@@ -118,29 +132,29 @@ class AlpacaDevice:
 
     def _common_puts(self) -> dict[str, Member]:
         return {
-            "action": lambda given: self._act(given.text("Action"), given.text("Parameters")),
-            "connect": lambda given: self._begin_connecting(),
-            "connected": lambda given: self._set_connected(given.flag("Connected")),
-            "disconnect": lambda given: self._set_connected(False),
+            "action": self._act,
+            "connect": lambda given: self.clients.begin(given.client()),
+            "connected": self._set_connected,
+            "disconnect": lambda given: self.clients.remove(given.client()),
             **absent("commandblind", "commandbool", "commandstring"),
         }
 
-    def _act(self, name: str, words: str) -> str:
-        known = {one.lower(): action for one, action in self.actions.items()}
-        if name.lower() == STOP.lower():
+    def _act(self, given: Parameters) -> str:
+        if is_stop("action", given):
             self.served.stop()
             return ""
+        name, words = given.text("Action"), given.text("Parameters")
+        known = {one.lower(): action for one, action in self.actions.items()}
         if name.lower() not in known:
             offered = ", ".join((*self.actions, STOP))
             raise AlpacaError(ACTION_NOT_IMPLEMENTED, f"there is no action {name!r}; there are {offered}")
         return known[name.lower()](words)
 
-    # --- being connected: the bench keeps its lines; a client's word only says whether it may use them
+    # --- connections: the bench keeps its lines; a device answers while at least one client is connected
 
-    def _set_connected(self, connected: bool) -> None:
-        if connected:
-            self._connect()
-        self._connected = connected
+    def _set_connected(self, given: Parameters) -> None:
+        change = self.clients.add if given.flag("Connected") else self.clients.remove
+        change(given.client())
 
     def _connect(self) -> None:
         """Connect what is not. Raises InUse, DeviceError."""
@@ -149,27 +163,6 @@ class AlpacaDevice:
             with self.served.tenancy.held(f"the connecting of {self.name}"):
                 for device in missing:
                     device.connect()
-
-    def _begin_connecting(self) -> None:
-        if self._connecting is not None and self._connecting.is_alive():
-            return
-        self._failure = None
-        self._connecting = threading.Thread(target=self._connect_beside, name="connect", daemon=True)
-        self._connecting.start()
-
-    def _connect_beside(self) -> None:
-        try:
-            self._set_connected(True)
-        except Exception as error:  # told to whoever asks whether it is connecting
-            self._failure = error
-
-    def _is_connecting(self) -> bool:
-        if self._connecting is not None and self._connecting.is_alive():
-            return True
-        failure, self._failure = self._failure, None
-        if failure is not None:
-            raise as_alpaca(failure)
-        return False
 
 
 class Task:
@@ -180,6 +173,14 @@ class Task:
         self._thread: threading.Thread | None = None
         self.failure: Exception | None = None
         self._halted = False
+        self._halting: Future[None] | None = None
+
+    def halt(self, stop: Callable[[], None]) -> None:
+        """End what is under way by `stop`, which goes on beside if it takes longer than HALT_S. Raises what it does."""
+        self.halted()
+        self._halting = self._served.stopper.submit(stop)
+        with suppress(TimeoutError):
+            self._halting.result(HALT_S)
 
     def halted(self) -> None:
         """Whoever asked for what is under way has it ended: that is no failure."""
@@ -204,6 +205,8 @@ class Task:
         """Do this beside; nothing begins while something goes on, but what was halted is waited for. Raises InUse."""
         if self._halted and self._thread is not None:
             self._thread.join(HALTED_S)
+        if self._halting is not None:
+            wait((self._halting,), HALTED_S)
         stops = self._served.bench.stops if self._served.bench is not None else 0
 
         def run() -> None:

@@ -94,8 +94,7 @@ class AxisFocuser(AlpacaDevice):
         )
 
     def _halt(self) -> None:
-        self._task.halted()
-        self._stage.stop()
+        self._task.halt(self._stage.stop)
 
     def _home(self, words: str) -> str:
         stops = self._bench.stops

@@ -61,9 +61,13 @@ class Parameters:
             raise BadRequest(f"{name} must be True or False, and {text[:40]!r} came")
         return text == "true"
 
+    def client(self) -> int:
+        """The client's number, 0 where it gives none."""
+        return self._identity("ClientID")
+
     def transaction(self) -> int:
         """The client's number of this request, 0 where it gives none."""
-        self._identity("ClientID")
+        self.client()
         return self._identity("ClientTransactionID")
 
     def _identity(self, name: str) -> int:

@@ -6,6 +6,7 @@ import asyncio
 import itertools
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, cast
 
 import numpy as np
@@ -14,8 +15,9 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from drivers.interfaces import Stage
+from station.service.access import refused
 from station.service.alpaca.camera import BenchCamera
-from station.service.alpaca.device import AlpacaDevice, program_version
+from station.service.alpaca.device import AlpacaDevice, is_stop, program_version
 from station.service.alpaca.errors import BadRequest, as_alpaca
 from station.service.alpaca.focuser import AxisFocuser
 from station.service.alpaca.image import BYTES, INT32, Mosaic, image_bytes, nested
@@ -48,6 +50,7 @@ class AlpacaServer:
     """What answers Alpaca's clients."""
 
     def __init__(self, served: ServedBench) -> None:
+        self._served = served
         self._devices = {(one.kind, one.number): one for one in devices_of(served)}
         self._transactions = itertools.count(1)
 
@@ -69,8 +72,8 @@ class AlpacaServer:
 
     async def device(self, request: Request) -> Response:
         """A member of a device."""
-        reading = request.method != "PUT"
-        given = Parameters.of_query(request.url.query) if reading else Parameters.of_form(await body_of(request))
+        reading, data = request.method != "PUT", await body_of(request)
+        given = Parameters.of_query(request.url.query) if reading else Parameters.of_form(data)
         kind, number, member = (request.path_params[name] for name in ("kind", "number", "member"))
         device = self._devices.get((kind, int(number))) if number.isascii() and number.isdigit() else None
         if device is None:
@@ -84,7 +87,16 @@ class AlpacaServer:
                 return self._image(value, client, as_bytes)
             return self._framed(client, **({} if value is None else {"Value": value}))
 
-        return await asyncio.to_thread(self._answered, given, make)
+        threads = self._served.stopper if not reading and is_stop(member, given) else device.polls
+        work = asyncio.get_running_loop().run_in_executor(threads, self._answered, given, make)
+        left = asyncio.ensure_future(request.receive())  # the request is whole: what comes next is the client's end
+        with suppress(asyncio.CancelledError):  # the server ends
+            await asyncio.wait((work, left), return_when=asyncio.FIRST_COMPLETED)
+        left.cancel()
+        if work.done():
+            return work.result()
+        work.cancel()  # nobody waits for it any more; what has begun is finished
+        return refused(503, f"the server ends, and {device.name} has not answered", "ask again once it runs")
 
     def _answered(self, given: Parameters, make: Callable[[int], Response]) -> Response:
         """What `make` makes of the client's number; what goes wrong as its number and a sentence."""

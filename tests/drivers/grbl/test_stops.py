@@ -212,3 +212,13 @@ def test_grbl_is_reset_again_where_it_did_not_hear(homed, bench, twin):
     bench.cables["stage"].happen(lambda now_s: twin.alarm(1, now_s))
     homed.home()  # at once, while GRBL is deaf
     homed.move_to(z_mm=100.0)
+
+
+def test_a_port_that_does_not_take_the_end_of_a_jog_gets_a_reset(homed):
+    line = homed.link._transport
+    line._outgoing._turn.acquire()  # somebody's order does not leave the port
+    with pytest.raises(NoAnswer, match=r"took no bytes for 0\.03 s"):
+        homed.stop()
+    line._outgoing._turn.release()
+    assert [one.data for one in line.transcript.last() if one.way == "!"] == [b"\x18"]
+    assert not homed.condition().usable

@@ -217,3 +217,26 @@ def test_a_module_that_keeps_no_variables_is_doubted(make, module):
     stage.home()
     assert "does not tell when it was switched off" in stage.condition().doubt.reason
     stage.move_to(z_mm=10.0)
+
+
+# --- a stop where nobody answers
+
+
+def test_a_stop_is_sent_past_a_request_that_is_not_answered(homed):
+    line = homed._link._transport
+    line._busy = True  # somebody waits for an answer
+    with pytest.raises(NoAnswer):
+        homed.stop()
+    line._busy = False
+    assert [one.data for one in line.transcript.last() if one.way == ">"][-1] == homed._stops
+    homed.move_to(z_mm=50.0)  # the line is in step again, and the position is kept
+
+
+def test_a_port_that_does_not_take_the_stop_gets_an_emergency_stop(homed):
+    line = homed._link._transport
+    line._outgoing._turn.acquire()  # somebody's order does not leave the port
+    with pytest.raises(NoAnswer, match=r"took no bytes for 0\.03 s"):
+        homed.stop()
+    line._outgoing._turn.release()
+    assert line.transcript.last()[-1].way == "!"
+    assert not homed.condition().usable

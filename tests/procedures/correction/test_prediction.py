@@ -28,9 +28,9 @@ def told():
 def test_a_picture_that_comes_out_smoother_is_doubted():
     maps = {"x": np.zeros(1), "y": np.zeros(1), "noise_gain": np.ones((1, 1))}
     softer = _smoothed(Prediction(before=np.array([[0.31]]), after=np.array([[0.15]]), **maps))
-    assert softer.applies
-    assert "from 0.31 to 0.15" in softer.reason
-    assert not _smoothed(Prediction(before=np.array([[0.31]]), after=np.array([[0.4]]), **maps)).applies
+    assert softer.fails
+    assert "from 0.31 to 0.15" in softer.sentence
+    assert not _smoothed(Prediction(before=np.array([[0.31]]), after=np.array([[0.4]]), **maps)).fails
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from procedures.field.image_height import over_height
-from procedures.field.maps import WITHOUT_PHOTOSITE, FieldMap, derive, mtf50_about
+from procedures.field.maps import BEFORE_PHOTOSITES, FieldMap, derive, mtf50_about
 from procedures.field.photosite import ASSUMED, Photosite, WithoutPhotosite
 from procedures.outcome import BadParameter
 from procedures.psf import Psf
@@ -125,4 +125,4 @@ def test_a_fill_factor_is_a_part(fill, uncertainty):
 
 
 def test_names_say_that_they_are_not_the_cameras():
-    assert all(name.endswith("_without_photosite") and "without" in title for name, title, _ in WITHOUT_PHOTOSITE)
+    assert all(one.endswith("_without_photosite") and "without" in one.label for one in BEFORE_PHOTOSITES)

@@ -21,7 +21,7 @@ Image = npt.NDArray[np.uint8]
 Render = Callable[[Sheet, int], Image]
 DPI = 600
 MM = DPI / 25.4
-WIDTHS_MM = (120.0, 300.0)
+WIDTHS_MM = (145.0, 300.0)
 
 
 @pytest.fixture(scope="module")

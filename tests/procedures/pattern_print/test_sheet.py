@@ -4,31 +4,25 @@ import math
 from itertools import combinations
 
 import pytest
-from reportlab.pdfbase.pdfmetrics import stringWidth
 
 from procedures.outcome import BadParameter
-from procedures.pattern_print.panel import BOLD_FONT, FONT, Text
-from procedures.pattern_print.sheet import LARGEST_WIDTH_MM, Sheet, Size, lay_out
+from procedures.pattern_print.paper import PAPERS, Paper
+from procedures.pattern_print.sheet import EDGE_MM, LARGEST_WIDTH_MM, Sheet, Size, check_fits, largest_width_mm, lay_out
 from procedures.pattern_print.source import Source
 
+from .boxes import apart, line_boxes, text_box
+
 PDF_LIMIT_MM = 14400 / 72 * 25.4
-Box = tuple[float, float, float, float]
+WIDTHS_MM = (32, 139, 145, 146, 245, 247, 300, 350, 497, 700, 1000, LARGEST_WIDTH_MM)
 
 
-@pytest.fixture(params=[32, 139, 140, 245, 247, 300, 350, 497, 700, 1000, LARGEST_WIDTH_MM], ids="{:g}mm".format)
+@pytest.fixture(params=[*WIDTHS_MM, *PAPERS], ids=lambda one: one if isinstance(one, str) else f"{one:g}mm")
 def sheet(request: pytest.FixtureRequest, plain: Source) -> Sheet:
+    """Charts on the smallest paper that holds them, and the largest one on each paper."""
+    if isinstance(request.param, str):
+        paper = PAPERS[request.param]
+        return lay_out(plain, Size(largest_width_mm(paper)), paper)
     return lay_out(plain, Size(request.param))
-
-
-def _box(text: Text) -> Box:
-    """Left, top, right, bottom of a line of text; capitals are 0.72 of the type, descenders 0.21."""
-    width = stringWidth(text.words, BOLD_FONT if text.bold else FONT, text.size)
-    left = text.x - {"start": 0.0, "middle": width / 2, "end": width}[text.anchor]
-    return left, text.y - 0.72 * text.size, left + width, text.y + 0.21 * text.size
-
-
-def _apart(a: Box, b: Box) -> bool:
-    return a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
 
 
 def test_chart_with_its_margin_lies_on_the_paper(sheet: Sheet) -> None:
@@ -41,23 +35,17 @@ def test_chart_with_its_margin_lies_on_the_paper(sheet: Sheet) -> None:
 
 def test_caption_keeps_off_the_white_margin_and_the_printer_s_edge(sheet: Sheet) -> None:
     below = sheet.corner_mm[1] + sheet.size.whole_mm + sheet.size.quiet_mm
-    boxes = [_box(text) for text in sheet.caption.texts]
-    boxes += [(*stroke.start, *stroke.end) for stroke in sheet.caption.strokes]
-    for x0, y0, x1, y1 in boxes:
-        assert min(y0, y1) >= below
-        assert min(x0, x1) >= 10
-        assert max(x0, x1) <= sheet.width_mm - 10
-        assert max(y0, y1) <= sheet.height_mm - 10
+    for left, top, right, bottom in [*map(text_box, sheet.caption.texts), *line_boxes(sheet.caption)]:
+        assert top >= below
+        assert left >= EDGE_MM
+        assert right <= sheet.width_mm - EDGE_MM
+        assert bottom <= sheet.height_mm - EDGE_MM
 
 
 def test_nothing_is_written_over_anything_else(sheet: Sheet) -> None:
-    boxes = [_box(text) for text in sheet.caption.texts]
-    lines = []
-    for stroke in sheet.caption.strokes:
-        (x0, y0), (x1, y1) = stroke.start, stroke.end
-        lines.append((min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)))
-    assert all(_apart(a, b) for a, b in combinations(boxes, 2))
-    assert all(_apart(box, line) for box in boxes for line in lines)
+    boxes, lines = [text_box(text) for text in sheet.caption.texts], line_boxes(sheet.caption)
+    assert all(apart(a, b) for a, b in combinations(boxes, 2))
+    assert all(apart(box, line) for box in boxes for line in lines)
 
 
 def test_page_can_be_a_pdf(sheet: Sheet) -> None:
@@ -67,6 +55,29 @@ def test_page_can_be_a_pdf(sheet: Sheet) -> None:
 @pytest.mark.parametrize(("width_mm", "paper"), [(120, "A4"), (200, "A3"), (300, "A2"), (450, "A1"), (700, "A0")])
 def test_paper_is_the_smallest_that_holds_all(plain: Source, width_mm: float, paper: str) -> None:
     assert lay_out(plain, Size(width_mm)).paper == paper
+
+
+@pytest.mark.parametrize(
+    ("paper", "width_mm"),
+    # the chart and a block on either side of it are as wide as the paper, or leave 118 mm for the caption and 5 mm
+    # below it: (297 - 123) / 1.2, (279.4 - 123) / 1.2, 594 / 1.2
+    [("a4", 145), ("letter", 130), ("a1", 495)],
+)
+def test_the_largest_chart_of_a_paper(paper: str, width_mm: float) -> None:
+    assert largest_width_mm(PAPERS[paper]) == width_mm
+
+
+@pytest.mark.parametrize("edges", [False, True])
+@pytest.mark.parametrize("paper", PAPERS.values(), ids=list(PAPERS))
+def test_no_larger_chart_fits(paper: Paper, edges: bool) -> None:
+    most = largest_width_mm(paper, edges)
+    check_fits(Size(most), paper, edges)
+    with pytest.raises(BadParameter, match=f"one sheet of {paper.name} can be up to {most:g} mm wide") as refused:
+        check_fits(Size(most + 1), paper, edges)
+    assert (
+        refused.value.remedy
+        == f"order {most:g} mm or less, take larger paper, or print it over several sheets (--tile)"
+    )
 
 
 def test_size_counts_ten_blocks_of_32_cells() -> None:

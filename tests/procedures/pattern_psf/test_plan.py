@@ -7,10 +7,11 @@ from dataclasses import replace
 import pytest
 
 from procedures.facts import facts_as
+from procedures.outcome import BadParameter
 from procedures.pattern import Chart
 from procedures.pattern_psf.checks import check_light
 from procedures.pattern_psf.facts import RATIO, PatternFacts
-from procedures.pattern_psf.plan import DISTANCE, plan, say_distance, towards_distance
+from procedures.pattern_psf.plan import DISTANCE, PRINT, chart_page, plan, say_distance, towards_distance
 from procedures.plan import Ask
 from procedures.raw import read_frame
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at
@@ -55,3 +56,41 @@ def test_where_no_photograph_told_it_is_asked_before_the_distance_is(answer, cam
     assert not ask.when(facts)
     assert facts_as(plan().facts, facts).wanted_distance_mm() == pytest.approx(right_mm(camera))
     assert facts_as(PatternFacts, facts).optics().plane_pitch_um == 5.94 * camera.plane_pitch_px
+
+
+def printing(key):
+    """The question of the step `print` with this key."""
+    (ask,) = (one for one in PRINT if isinstance(one, Ask) and one.key == key)
+    return ask
+
+
+@pytest.mark.parametrize(
+    ("locale", "paper", "width_mm"), [("de_DE.UTF-8", "a4", 145.0), ("en_US.UTF-8", "letter", 130.0)]
+)
+def test_the_proposed_chart_is_the_largest_that_the_locales_paper_holds(monkeypatch, locale, paper, width_mm):
+    monkeypatch.setenv("LC_ALL", locale)
+    assert printing("paper").proposed({}) == paper
+    assert printing("chart_width_mm").proposed({"paper": paper}) == width_mm
+
+
+def test_the_distance_follows_from_the_paper():
+    facts = {**FACTS, "paper": "a4", "chart_width_mm": printing("chart_width_mm").proposed({"paper": "a4"})}
+    cell_mm = 145 / 320
+    wanted = COLOUR.place(CHART, pixels=pixels_at(RATIO), cell_mm=cell_mm).pose.centre_mm[2]
+    assert facts_as(PatternFacts, facts).wanted_distance_mm() == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize(
+    ("paper", "width_mm", "pages"),
+    [("a4", 145.0, 1), ("a4", 300.0, 5), ("a2", 300.0, 1), (None, 300.0, 1)],  # four sheets after an assembly drawing
+)
+def test_a_chart_that_exceeds_the_paper_is_given_on_several_sheets(paper, width_mm, pages):
+    facts = {"chart_width_mm": width_mm} if paper is None else {"paper": paper, "chart_width_mm": width_mm}
+    assert chart_page(facts).count(b"/Type /Page\n") == pages
+    assert printing("joined").when(facts) == (pages > 1)
+
+
+def test_a_chart_of_too_many_sheets_is_asked_again():
+    printing("chart_width_mm").check(1000.0, {"paper": "a4"})
+    with pytest.raises(BadParameter, match="at most 100 sheets; 3600 mm take 408 sheets of A4"):
+        printing("chart_width_mm").check(3600.0, {"paper": "a4"})

@@ -1,12 +1,20 @@
-"""What a doubt about s and k that were given asks for."""
+"""What a doubt about s and k that were given asks for, and the cause that damaged photographs show first."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from procedures.choice import Trial
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.trust import Doubts, _left_out
 from procedures.psf import Sampling
+from procedures.raw import Plane, read_frame
+
+from .damage import damaged
 
 
 @pytest.mark.parametrize(
@@ -17,4 +25,25 @@ def test_a_band_that_ends_too_soon_asks_for_s(better: tuple[int, int] | None, wo
     tried = Trial(2, 11, (0.41, 0.41), uncertainty=0.0004, truncation=0.0001, band_edge=0.06, better=better)
     assert tried.band_open
     doubts = _left_out(Doubts(Sampling(2, 11, "ls", ()), False, (tried,), (), []))
-    assert [doubt.remedy.startswith(words) for doubt in doubts if doubt.applies] == [True]
+    assert [doubt.remedy.startswith(words) for doubt in doubts if doubt.fails] == [True]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("sharpened 0.5, 1.0 px", "the picture was sharpened"),
+        ("gamma 0.5", "the response is curved"),
+        ("black floored 0.1", "black is cut off"),
+        ("half defocused 0.5", "the PSF varies over the chart"),
+        ("finger 0.1, 20 px", "the darkest white block"),
+        ("toner 80 of 2.0 px", "of the samples do not fit the chart"),
+        ("red demosaiced", "the picture was demosaiced"),
+        ("shadow 0.3", "neither the chart nor noise"),
+    ],
+)
+def test_what_was_done_to_a_photograph_is_the_first_cause(shared_data: Path, name: str, reason: str) -> None:
+    photographs = shared_data / "pattern_photo"
+    chart = Chart.from_image(read_frame(photographs / "pattern_noise.pgm").planes["Y"].samples)
+    samples = np.round(255 * damaged(read_frame(photographs / "img_example.pgm").planes["Y"].samples, name)) / 255
+    assert reason in estimate_psf(Plane("Y", samples.astype(np.float32), 1 / 255), chart).reason

@@ -145,7 +145,7 @@ def test_noise_tells_a_mask_whose_psf_a_softer_lens_could_have(amount: float, ra
     assert before.verdict is Verdict.PASS
     assert after.verdict is Verdict.DOUBTFUL
     assert after.value is not None
-    assert "noise of neighbouring pixels goes apart" in after.reason
+    assert "noise of neighbouring pixels is anticorrelated" in after.reason
     assert amount / 1.6 < after.value.diagnostics["sharpened_by"] < 1.6 * amount
 
 

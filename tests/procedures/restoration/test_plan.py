@@ -57,6 +57,18 @@ def test_a_second_photograph_that_is_darker_tells_by_how_much_to_expose_longer(p
     assert advice.by_hand["exposure_ev"] == pytest.approx(np.log2(1 / 0.7), abs=0.05)
 
 
+def test_where_motions_blur_no_ratio_of_apertures_is_asked_for(pair):
+    image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
+    facts = {
+        **FACTS,
+        "blur_by": MOTIONS,
+        **check_first(frame(image, f_number=16.0), FACTS | {"blur_by": MOTIONS}).facts,
+    }
+    advice = check_later("second", frame(image, f_number=16.0), facts)
+    assert advice.good, advice.say
+    assert [reading.name for reading in advice.readings] == ["light"]
+
+
 def test_apertures_that_are_too_near_each_other_are_told(pair):
     level = {"first_level": float(pair.z[1, 0].mean()), "first_f_number": 5.6, "second_f_number": 5.2}
     advice = check_later("second", frame(pair.z[1, 0], f_number=5.2), {**FACTS, **level})

@@ -282,7 +282,24 @@ def test_a_bench_that_cannot_be_opened_is_a_sentence(tmp_path):
         await driver.until("there is no station.toml")
         await driver.until("the bench could not be opened")
         await driver.press("f3")
-        await driver.until("No bench is configured")
+        await driver.until("write one, or use --simulate")
+
+    drive(StationApp(lab), use, (120, 40))
+
+
+def test_a_simulated_bench_that_cannot_be_opened_is_not_told_to_be_simulated(tmp_path):
+    lab = FakeLab(tmp_path, whole)
+
+    def broken() -> Opened:
+        raise BadConfiguration("no port is free on this computer", "end another simulated bench")
+
+    lab.open = broken  # type: ignore[method-assign]
+
+    async def use(driver: Driver) -> None:
+        await driver.until("the bench could not be opened")
+        await driver.press("f3")
+        await driver.until("no port is free on this computer. end another simulated bench.")
+        assert "--simulate" not in driver.text
 
     drive(StationApp(lab), use, (120, 40))
 

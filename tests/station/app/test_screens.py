@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import json
+import threading
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from drivers.errors import OutsideTravel
-from procedures.outcome import Verdict
+from drivers.errors import EmergencyStopped, OutsideTravel
+from procedures.outcome import Cause, Verdict
 from procedures.plan import Ask
 from procedures.psf import Psf
 from procedures.quality import assess
@@ -30,8 +31,8 @@ from station.results.record_head import RecordHead
 from station.results.restored import RESTORATION
 from station.results.result_files import ResultFolder, write_psf_result, write_record
 
-from .driving import Driver, drive
-from .fakes import FakeLab, FakeRun, chosen_step
+from .driving import PATIENCE_S, Driver, drive
+from .fakes import FakeLab, FakeRun, FakeStage, chosen_step
 
 
 def nothing(run: FakeRun) -> RunEnded:
@@ -111,6 +112,38 @@ def test_an_emergency_stop_takes_a_question_back_that_would_begin_a_movement(tmp
     assert not lab.stage.homed
 
 
+class MovesUntilStopped(FakeStage):
+    """A stage that arrives nowhere."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stopped = threading.Event()
+
+    def move_to(self, **target: float) -> None:
+        self.stopped.wait(PATIENCE_S)
+        raise EmergencyStopped("emergency stop", "home the stage")
+
+    def emergency_stop(self) -> None:
+        super().emergency_stop()
+        self.stopped.set()
+
+
+def test_ctrl_c_stops_an_axis_that_moves(tmp_path):
+    lab, app = bench_app(tmp_path)
+    lab.stage = lab.bench.devices["stage"] = MovesUntilStopped()
+
+    async def use(driver: Driver) -> None:
+        await driver.until("press Enter to begin")
+        await driver.press("f3", "right")
+        await driver.until(lambda: lab.bench.motions.under_way)
+        await driver.press("ctrl+c")
+        await driver.until("EMERGENCY STOP")
+        await driver.until(lambda: not lab.bench.motions.under_way)
+
+    drive(app, use)
+    assert lab.stage.stops == 1
+
+
 def test_a_device_that_refuses_is_a_sentence(tmp_path):
     lab, app = bench_app(tmp_path)
     lab.stage.wrong = OutsideTravel("z_mm 501 lies beyond 0 to 500", "stay inside")
@@ -147,7 +180,8 @@ def gaussian(width_px: float, k: int = 17, s: int = 4) -> Psf:
 def write_result(sessions: Path, name: str, width_px: float) -> Path:
     psf = gaussian(width_px)
     good = PlaneResult.of("G1", Verdict.PASS, psf, assess(psf, n=9000))
-    bad = PlaneResult("R", Verdict.REFUSED, "too dark", "light the chart")
+    others = (Cause("it is blurred", "focus"),)
+    bad = PlaneResult("R", Verdict.REFUSED, "too dark", "light the chart", other_causes=others)
     folder = sessions / name / "derived" / "1"
     with ResultFolder(folder) as result:
         write_psf_result(result, [bad, good], RecordHead("pattern"))
@@ -169,6 +203,7 @@ def test_a_result_shows_verdict_numbers_picture_and_curve(tmp_path, size):
         await driver.until("Plane R: ✗ refused")
         assert "too dark" in driver.text
         assert "light the chart" in driver.text
+        assert "- it is blurred; focus" in driver.text
 
     drive(StationApp(FakeLab(tmp_path, nothing)), use, size)
 
@@ -297,7 +332,7 @@ def test_a_verdict_is_shown_whole_with_what_to_do_and_with_what_the_lens_misses(
         "plane R: white is at 4 % of the scale and noise leads",
         "expose longer, and take the pictures anew",
     )
-    result = Result(tmp_path, planes, Verdict.REFUSED, reason, remedy)
+    result = Result(tmp_path, planes, Verdict.REFUSED, reason, remedy, (Cause("it is blurred", "focus"),))
     accept = Ask("verdict", "Accept it?", "choice", default="accept", choices=("accept", "retake", "stop"))
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, result, accept))
 
@@ -308,6 +343,7 @@ def test_a_verdict_is_shown_whole_with_what_to_do_and_with_what_the_lens_misses(
             f"{reason}. Expose",
             "the pictures anew.",
             "must be 0.3 at",
+            "Other possible causes: it is blurred.",
             accept.question,
         ):
             await driver.until(lambda words=words: words in without_edges(driver.text))

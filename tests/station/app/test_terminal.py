@@ -12,7 +12,7 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -42,6 +42,21 @@ class Terminal:
             assert time.monotonic() < end, f"waited in vain for {text}"
             if select.select([self.master], [], [], 1.0)[0]:
                 seen += os.read(self.master, 65536)
+
+    def wait_until(self, ready: Callable[[], bool]) -> None:
+        end = time.monotonic() + PATIENCE_S
+        while not ready():
+            assert time.monotonic() < end
+            if select.select([self.master], [], [], 0.05)[0]:
+                os.read(self.master, 65536)
+
+    def suspended(self) -> bool:
+        stat = Path(f"/proc/{self.program.pid}/stat").read_text()
+        return stat.rpartition(")")[2].split()[0] == "T"
+
+    def raw(self) -> bool:
+        """Whether the terminal gives every key to the program at once."""
+        return not termios.tcgetattr(self.master)[3] & termios.ICANON
 
     def press(self, keys: bytes) -> None:
         os.write(self.master, keys)
@@ -75,8 +90,10 @@ def test_a_terminal_that_is_gone_ends_the_program_and_its_run(terminal, tmp_path
     for _ in range(3):
         terminal.press(b"\r")
         time.sleep(0.2)
-    terminal.wait_for("How wide")
+    terminal.wait_for("Which paper")
     terminal.press(b"\r")  # a session in which nothing was answered is not kept
+    terminal.wait_for("How wide")
+    terminal.press(b"\r")
     terminal.wait_for("matt paper")
     terminal.hang_up()
     assert terminal.program.wait(PATIENCE_S) == 3
@@ -92,6 +109,43 @@ def test_the_systems_end_leaves_the_terminal_as_it_was(terminal):
     terminal.program.send_signal(signal.SIGTERM)
     terminal.wait_for("\x1b[?1049l")
     assert terminal.program.wait(PATIENCE_S) == 3
+
+
+needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="whether it is suspended stands in /proc")
+
+
+@needs_proc
+@pytest.mark.slow
+def test_suspended_it_gives_the_terminal_back_and_takes_it_again(terminal):
+    terminal.wait_for("head: not homed")
+    terminal.program.send_signal(signal.SIGTSTP)
+    terminal.wait_until(terminal.suspended)
+    assert not terminal.raw()
+    terminal.program.send_signal(signal.SIGCONT)
+    terminal.wait_for("EMERGENCY STOP: everything was halted")
+    assert terminal.raw()
+    terminal.press(b"\x1bOR")  # F3
+    terminal.wait_for("Move by hand")
+    terminal.press(b"\x11")
+    terminal.wait_for("\x1b[?1049l")
+    assert terminal.program.wait(PATIENCE_S) == 0
+
+
+@needs_proc
+@pytest.mark.slow
+def test_stopped_from_outside_it_goes_on_with_the_threads_it_had(terminal):
+    def threads() -> int:
+        return len(os.listdir(f"/proc/{terminal.program.pid}/task"))
+
+    terminal.wait_for("head: not homed")
+    before = threads()
+    terminal.program.send_signal(signal.SIGSTOP)
+    terminal.wait_until(terminal.suspended)
+    terminal.program.send_signal(signal.SIGCONT)
+    terminal.wait_for("\x1b[?1049l")
+    terminal.wait_for("F12 STOP ALL")
+    assert terminal.raw()
+    terminal.wait_until(lambda: threads() == before)
 
 
 def test_without_a_terminal_it_says_so(tmp_path):

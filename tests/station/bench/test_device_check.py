@@ -118,6 +118,7 @@ GOOD = {
         "box": '"shutter"',
         "axes": {"name": '"x_mm"', "channel": "0", "stroke": "2.0", "direction": "-1"},
     },
+    "watchdog": {"driver": '"strig_watchdog"', "box": '"shutter"', "stages": '["stage"]'},
     "lamp": {"driver": '"grbl_light"', "on": '"stage"', "warm_up_s": "0.5"},
 }
 
@@ -180,6 +181,7 @@ WRONG = {
     },
     "door": {"device": TEXT},
     "shaker": {"box": ['"relay"', '"box"', "1"], "axes": {"channel": ["2", "true", "0.0"], "stroke": ABOVE_0}},
+    "watchdog": {"box": ['"relay"'], "stages": ["[]", '"stage"', "[1]", '["head"]', '["rail"]', '["stage", "stage"]']},
     "machine_vision": {
         "camera": TEXT,
         "pixel_format": ['"RGB8"', '"mono8"', "8"],

@@ -38,7 +38,7 @@ def test_exit_codes_are_the_contract_s(how, found, code):
 @pytest.mark.slow
 def test_the_end_of_input_stops_politely_and_keeps_the_session(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(main, ["--plain", "--simulate"], input="D90\n50/1.8\n200\n", prog_name="station")
+    done = CliRunner().invoke(main, ["--plain", "--simulate"], input="D90\n50/1.8\n\n200\n", prog_name="station")
     assert done.exit_code == 130
     assert "Stopped. Nothing is lost" in done.stdout
     (folder,) = os.listdir("sessions")
@@ -72,7 +72,7 @@ def test_ctrl_c_at_a_question_stops_at_once(tmp_path, start_program, read_until)
     )  # fmt: skip
     program.stdin.write("D90\n50\n")
     program.stdin.flush()
-    read_until(program.stdout, ">> How wide")
+    read_until(program.stdout, ">> Which paper")
     program.send_signal(signal.SIGINT)
     rest, _ = program.communicate(timeout=180)
     assert program.returncode == 130

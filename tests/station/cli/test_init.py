@@ -47,7 +47,17 @@ def test_bench_is_empty_until_it_is_filled_in(written):
 def test_every_device_of_the_example_can_be_made(written):
     tables = read_config(without_comment_marks(written / "station.toml"))
     bench = make_bench(tables, folder=written)
-    assert set(bench.devices) == {"stage", "head", "shutter", "shaker", "camera", "imu", "rangefinder", "light"}
+    assert set(bench.devices) == {
+        "stage",
+        "head",
+        "shutter",
+        "shaker",
+        "watchdog",
+        "camera",
+        "imu",
+        "rangefinder",
+        "light",
+    }
     bench.close()
 
 

@@ -40,6 +40,27 @@ def test_bits_choose_the_cells(tmp_path: Path) -> None:
     np.testing.assert_array_equal(written, bitmap(chart))
 
 
+@pytest.mark.parametrize(
+    ("locale", "arguments", "words"),
+    [
+        ("de_DE.UTF-8", [], "A4, 210 × 297 mm; seed 1; whole chart 145 mm"),
+        ("en_US.UTF-8", [], "Letter, 215.9 × 279.4 mm; seed 1; whole chart 130 mm"),
+        ("en_US.UTF-8", ["--paper", "A4"], "A4, 210 × 297 mm; seed 1; whole chart 145 mm"),
+        ("de_DE.UTF-8", ["--paper", "a3", "--width-mm", "100"], "A3, 297 × 420 mm; seed 1; whole chart 100 mm"),
+        ("de_DE.UTF-8", ["--width-mm", "300"], "A2, 420 × 594 mm; seed 1; whole chart 300 mm"),
+        ("en_US.UTF-8", ["--width-mm", "170"], "Legal, 215.9 × 355.6 mm; seed 1; whole chart 170 mm"),
+        ("en_US.UTF-8", ["--width-mm", "300"], "A2, 420 × 594 mm; seed 1; whole chart 300 mm"),
+        ("de_DE.UTF-8", ["--tile"], "2 × 2 sheets of A4 after an assembly drawing; seed 1; whole chart 300 mm"),
+        ("de_DE.UTF-8", ["--tile", "--width-mm", "120"], "A4, 210 × 297 mm; seed 1; whole chart 120 mm"),
+    ],
+)
+def test_paper_and_width_follow_from_each_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, locale: str, arguments: list[str], words: str
+) -> None:
+    monkeypatch.setenv("LC_ALL", locale)
+    assert words in _run(tmp_path / "c.pdf", *arguments).stderr
+
+
 def test_message_names_both_widths_and_the_seed(tmp_path: Path) -> None:
     said = _run(tmp_path / "c.png", "--width-mm", "160").stderr
     assert f"seed {DEFAULT_SEED}" in said
@@ -53,14 +74,14 @@ def test_a_lens_that_is_told_shows_what_every_distance_does_to_the_noise(tmp_pat
     told = _run(tmp_path / "c.pgm", *lens, "--f-number", "8").stderr
     rows = [line.split() for line in told.splitlines()]
     (least,) = (row for row in rows if row[::2][:2] == ["1.3", "m"])
-    # by a thin lens: z = f (1 + cell / (pixels per cell x pitch)), 50 (1 + 0.9375 / (1.3 / 4 x 0.008)) mm
-    assert least[1:5] == ["18.08", "m", "83", "px"]
+    # by a thin lens: z = f (1 + cell / (pixels per cell x pitch)), 50 (1 + 0.453125 / (1.3 / 4 x 0.008)) mm
+    assert least[1:5] == ["8.76", "m", "83", "px"]
     (far,) = (row for row in rows if row[::2][:2] == ["0.7", "m"])
     assert float(far[5]) > 4 * float(least[5])
     assert "f/8 passes up to 1.89 cycles/pixel" in " ".join(told.split())
     grey = _run(tmp_path / "c.pgm", *lens, "--monochrome").stderr
     (twice,) = (line.split() for line in grey.splitlines() if line.split()[::2][:2] == ["1.3", "m"])
-    assert float(twice[1]) == pytest.approx(2 * 18.08 - 0.05, abs=0.01)
+    assert float(twice[1]) == pytest.approx(2 * 8.764 - 0.05, abs=0.01)
 
 
 def test_a_lens_without_its_pixels_is_refused(tmp_path: Path) -> None:
@@ -81,6 +102,11 @@ def test_seed_and_bits_together_are_refused(tmp_path: Path) -> None:
         (["c.tiff"], BadParameter, r"\.pdf, \.svg, \.png or \.pgm; got c\.tiff"),
         (["c"], BadParameter, "got c"),
         (["c.pdf", "--width-mm", "12"], BadParameter, "32 to 3600 mm"),
+        (["c.pdf", "--width-mm", "0"], BadParameter, "32 to 3600 mm"),
+        (["c.pdf", "--paper", "a4", "--width-mm", "146"], BadParameter, "A4 can be up to 145 mm wide; got 146 mm"),
+        (["c.png", "--paper", "a4", "--width-mm", "146"], BadParameter, "A4 can be up to 145 mm wide; got 146 mm"),
+        (["c.svg", "--tile"], BadParameter, r"several sheets is written as \.pdf, a page for each; got c\.svg"),
+        (["c.pdf", "--tile", "--edges"], BadParameter, "slanted edges are printed on one sheet"),
         (["c.png", "--cell-pixels", "0"], BadParameter, "1 to 32 pixels"),
         (["c.pdf", "--bits", "bits.pgm"], BadInput, "there is no file"),
         (["nowhere/c.png"], BadParameter, "cannot be written: No such file or directory"),

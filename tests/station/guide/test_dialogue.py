@@ -62,3 +62,10 @@ def test_an_answer_that_cannot_be_taken_is_said_and_asked_again():
     with pytest.raises(Stopped):
         talk.ask(Ask("shape", "Which?", "text", check=check))
     assert operator.count("shape") == 2 + ANSWERS
+
+
+def test_the_default_is_what_is_known_or_else_what_follows_from_it():
+    ask = Ask("width_mm", "How wide?", "number", "mm", 1.0, proposed=lambda facts: facts.get("paper_mm"))
+    for facts, default in (({}, 1.0), ({"paper_mm": 145.0}, 145.0), ({"paper_mm": 145.0, "width_mm": 96.0}, 96.0)):
+        talk, _, _ = conversation(50.0, **facts)
+        assert talk.ask(ask) == default

@@ -7,7 +7,7 @@ import io
 import numpy as np
 import pytest
 
-from procedures.outcome import Quantity, Verdict
+from procedures.outcome import Cause, Quantity, Verdict
 from procedures.plan import Advice, Ask, Diagram, Reading
 from procedures.raw import Plane
 from station.guide.answers import parse
@@ -100,7 +100,7 @@ def test_troubles_results_and_ends_are_told_in_lines():
         Doing("exposing", 1, 3, 12.0),
         CurveSeen("z_mm", (1.0, 2.0), (0.5, float("nan"))),
         Trouble("no frame came", "check the cable"),
-        Result("out", planes, Verdict.REFUSED, "too dark", "expose longer"),
+        Result("out", planes, Verdict.REFUSED, "too dark", "expose longer", (Cause("blurred", "focus"),)),
         RunEnded("finished", "report.html"),
     )
     for line in (
@@ -111,6 +111,8 @@ def test_troubles_results_and_ends_are_told_in_lines():
         "   G1 trusted: MTF50 0.4120 ± 0.0030 cycles/pixel",
         "   B refused",
         "   Why: too dark.",
+        "   Other possible causes:",
+        "   - blurred; focus.",
         "Finished.",
         "Report: report.html",
     ):

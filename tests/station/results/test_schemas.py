@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures.outcome import Verdict
+from procedures.outcome import Cause, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
 from station.results.limits import Limit, Place, Specification
@@ -47,7 +47,8 @@ def record(tmp_path_factory):
         "G1", Verdict.PASS, psf, assess(psf, n=9, diffraction=limit, at=terms.frequencies(pixels)),
         values={"gamma": 0.5, "residual_std": np.float64(1.02)}, diagnostics={"whiteness": float("nan")}, pitch=2,
     )  # fmt: skip
-    planes = [terms.told(replace(plane, diffraction=limit), pixels), PlaneResult("B", Verdict.REFUSED, "dark", "light")]
+    refused = PlaneResult("B", Verdict.REFUSED, "dark", "light", other_causes=(Cause("blurred", "focus"),))
+    planes = [terms.told(replace(plane, diffraction=limit), pixels), refused]
     head = RecordHead("pattern", (InputFile("a", "0" * 64),), {"s": "auto"}, terms.specified(planes))
     with ResultFolder(tmp_path_factory.mktemp("result")) as folder:
         return json.loads(write_psf_result(folder, planes, head))
@@ -55,7 +56,9 @@ def record(tmp_path_factory):
 
 def test_record_follows_its_schema(record):
     check(record, RESULT, RESULT)
+    assert record["planes"]["B"]["other_causes"] == [{"reason": "blurred", "remedy": "focus"}]
     plane = record["planes"]["G1"]
+    assert "other_causes" not in plane
     assert plane["mtf50_horizontal"]["unit"] == "lp/mm"
     assert {"mtf_at_20_horizontal", "mtf_at_30_horizontal"} <= plane.keys()
     # 125 pixels of the plane to a millimetre: 300 lp/mm are 2.4 cycles/pixel, more than s / 2
@@ -70,6 +73,7 @@ def test_record_follows_its_schema(record):
     ("path", "value"),
     [
         (("planes", "G1", "verdict"), "good"),
+        (("planes", "B", "other_causes", 0), {"reason": "blurred"}),
         (("planes", "G1", "mtf50_horizontal", "value"), "0.3"),
         (("planes", "G1", "mtf50_horizontal"), 0.3),
         (("specification", "limits", 0, "min"), "40"),

@@ -7,9 +7,10 @@ import threading
 
 
 def once(holds):
-    """Wait until it is so."""
-    while not holds():
+    """Wait until it is so, and return what it is."""
+    while not (found := holds()):
         threading.Event().wait(0.005)  # the bench needs the processor too
+    return found
 
 
 def homed(rail):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import json
+import socket
 
 import pytest
 
@@ -35,6 +37,7 @@ def basic(password):
         ({"Cookie": "station_token=another"}, 401),
         ({"Cookie": "\"';="}, 401),
         ({"Authorization": f"Bearer {TOKEN}", "Origin": "http://elsewhere.example"}, 403),
+        ({"Authorization": f"Bearer {TOKEN}", "Origin": "null"}, 403),
         ({"Authorization": f"Bearer {TOKEN}", "Host": "rebound.example"}, 403),
     ],
 )
@@ -74,6 +77,53 @@ def test_without_a_token_everybody_is_let_in_but_pages_of_others(tmp_path):
         status, told = client.post("/run", **{"Content-Type": "text/plain"})
         assert status == 400
         assert "JSON is required" in told["reason"]
+
+
+def own_page(client, name="127.0.0.1"):
+    return {"Origin": f"http://{name}:{client.port}", "Host": f"{name}:{client.port}"}
+
+
+FORM = {"Content-Type": "application/x-www-form-urlencoded"}
+STATE_CHANGES = [
+    ("POST", "/station/v1/stop", b"", {}),
+    ("PUT", "/station/v1/stop", b"", {}),
+    ("POST", "/station/v1/run/end", b"", {}),
+    ("PUT", "/api/v1/switch/0/action", b"Action=EmergencyStop&Parameters=", FORM),
+]
+
+
+@pytest.mark.parametrize(("method", "path", "data", "headers"), STATE_CHANGES)
+@pytest.mark.parametrize("origin", ["http://elsewhere.example", "null", "file://", "http://127.0.0.1:1", ""])
+def test_a_page_of_another_site_changes_nothing(client, shared_server, origin, method, path, data, headers):
+    stops = shared_server[1].bench.stops
+    status, _, body = client.request(method, path, data, **headers, Origin=origin)
+    assert status == 403
+    assert f"it came from a page of {origin}" in json.loads(body)["reason"]
+    assert shared_server[1].bench.stops == stops
+
+
+@pytest.mark.parametrize(("method", "path", "data", "headers"), STATE_CHANGES)
+def test_its_own_page_and_programs_are_let_in(client, method, path, data, headers):
+    for named in (own_page(client), own_page(client, "localhost"), {}):
+        assert client.request(method, path, data, **headers, **named)[0] == 200
+
+
+def test_the_stop_of_a_program_needs_no_token_and_no_name(client):
+    client.token = ""
+    assert client.request("POST", "/station/v1/stop", b"", Host="tunnel.example")[0] == 200
+
+
+def test_a_site_whose_name_leads_here_is_refused(tmp_path):
+    # a name of the attacker's that his name server has lead to this machine (DNS rebinding): to the browser his page
+    # and this server are of one origin
+    with serving(tmp_path, host="0.0.0.0") as (client, served):
+        for own in ("192.168.1.20", "localhost", socket.gethostname().lower()):
+            assert client.request("POST", "/station/v1/stop", b"", **own_page(client, own))[0] == 200
+        stops = served.bench.stops
+        status, _, body = client.request("POST", "/station/v1/stop", b"", **own_page(client, "evil.example"))
+        assert status == 403
+        assert "the request was to 'evil.example" in json.loads(body)["reason"]
+        assert served.bench.stops == stops
 
 
 @pytest.mark.parametrize("token", ["short", "", "with a space in it", "not-ascii-ä-ö-ü-ß"])

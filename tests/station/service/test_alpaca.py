@@ -12,6 +12,8 @@ import requests
 from alpaca import camera as alpaca_camera
 from alpaca import exceptions, focuser, management, switch
 
+from drivers.errors import NoAnswer
+from drivers.interfaces import Condition
 from station.service.alpaca.discovery import Discovery
 
 from .alpaca_clients import homed, members, once
@@ -102,6 +104,69 @@ def test_the_emergency_stop_is_an_action_of_every_device(camera, rail, box, serv
     for number, device in enumerate((camera, rail, box), 1):
         device.Action("EmergencyStop", "")
         assert served.bench.stops == number
+
+
+def asked(client, method, member, number, form=""):
+    """Error number and value of a member of focuser 0, asked as the client of that number."""
+    path, form = f"/api/v1/focuser/0/{member}", f"ClientID={number}&{form}"
+    if method == "GET":
+        _, _, body = client.request("GET", f"{path}?{form}")
+    else:
+        headers = {"Content-Type": "application/x-www-form-urlencoded"}
+        _, _, body = client.request("PUT", path, form.encode(), **headers)
+    told = json.loads(body)
+    return told["ErrorNumber"], told.get("Value")
+
+
+def test_a_client_that_disconnects_takes_the_device_from_nobody_else(client):
+    for number in (1, 2):
+        assert asked(client, "PUT", "connected", number, "Connected=True") == (0, None)
+    asked(client, "PUT", "connected", 2, "Connected=False")
+    assert asked(client, "GET", "connected", 2) == (0, False)
+    assert asked(client, "GET", "connected", 1) == (0, True)
+    assert asked(client, "GET", "ismoving", 1) == (0, False)
+    asked(client, "PUT", "disconnect", 2)
+    assert asked(client, "GET", "ismoving", 1) == (0, False)
+    asked(client, "PUT", "disconnect", 1)
+    assert asked(client, "GET", "ismoving", 1)[0] == 0x407
+
+
+def test_each_client_that_connects_beside_hears_how_its_own_attempt_went(client, served, monkeypatch):
+    begun, go_on = threading.Event(), threading.Event()
+
+    def connect():
+        begun.set()
+        go_on.wait()
+        raise NoAnswer("the controller is silent", "check its power")
+
+    monkeypatch.setattr(served.bench.stage, "condition", lambda: Condition("not connected", False))
+    monkeypatch.setattr(served.bench.stage, "connect", connect)
+    assert asked(client, "PUT", "connect", 1) == (0, None)
+    begun.wait()
+    assert asked(client, "GET", "connecting", 1) == (0, True)
+    assert asked(client, "GET", "connecting", 2) == (0, False)
+    go_on.set()
+    once(lambda: asked(client, "GET", "connecting", 1)[0])
+    assert asked(client, "GET", "connecting", 1) == (0, False)
+    assert asked(client, "GET", "connected", 1) == (0, False)
+
+
+@pytest.mark.parametrize(
+    ("path", "form"),
+    [
+        ("focuser/0/halt", b""),
+        ("camera/0/abortexposure", b""),
+        ("switch/0/action", b"Action=EmergencyStop&Parameters="),
+        ("camera/0/action", b"Action=emergencystop"),
+    ],
+)
+def test_a_stop_is_never_refused(client, served, path, form):
+    # nobody has connected the device, and somebody else has the bench
+    headers = {"Content-Type": "application/x-www-form-urlencoded"}
+    with served.tenancy.held("a run of the plan short"):
+        status, _, body = client.request("PUT", f"/api/v1/{path}", form, **headers)
+    assert (status, json.loads(body)["ErrorNumber"]) == (200, 0)
+    assert served.bench.stops == ("action" in path)
 
 
 # --- focuser -------------------------------------------------------------------------------------------------------

@@ -9,6 +9,8 @@ import pytest
 from procedures.outcome import BadParameter
 from station.service.runs import read_order
 
+from .alpaca_clients import beside
+
 UNATTENDED = {"plan": "short", "camera": "C", "lens": "L", "answers": {"move": True}, "by_default": True}
 
 
@@ -81,24 +83,23 @@ def test_the_stop_needs_no_token_and_ends_the_run(client, served):
     assert not served.bench.stage.condition().usable
 
 
-def test_the_stop_comes_through_while_everything_else_hangs(client, served, monkeypatch):
-    release, hanging = threading.Event(), threading.Semaphore(0)
+def test_one_request_waits_for_a_device_that_does_not_answer_and_all_others_do_not(client, served, monkeypatch):
+    release, hanging = threading.Event(), threading.Event()
 
     def hang():
-        hanging.release()
+        hanging.set()
         release.wait()
         return []
 
-    monkeypatch.setattr(served, "states", hang)
-    threads = [threading.Thread(target=client.get, args=("/status",)) for _ in range(45)]
-    for thread in threads:
-        thread.start()
-    for _ in range(40):  # as many as the server has threads for what blocks
-        hanging.acquire()
+    monkeypatch.setattr(served._watch, "look", hang)
+    first, outcome = beside(lambda: client.get("/status"))
+    hanging.wait()
+    assert {one["name"] for one in client.get("/status")[1]["devices"]} == set(served.bench.devices)
+    assert client.request("GET", "/")[0] == 200
     assert client.post("/stop")[0] == 200
     release.set()
-    for thread in threads:
-        thread.join()
+    first.join()
+    assert outcome[0][0] == 200
 
 
 def test_a_second_run_is_refused(client):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
+from urllib.parse import quote
 
 import pytest
 
@@ -133,6 +135,59 @@ def test_what_a_session_has_not_is_said(client, session):
     missing = client.get(f"/sessions/{session}/results/2/result.json")
     assert missing == (404, {"reason": f"{session} has no file 'result.json' in a result 2", "remedy": SESSION_TELLS})
     assert "station session report" in client.get(f"/sessions/{session}/report")[1]["remedy"]
+
+
+HOSTILE = "\"'><script>alert(1)</script><img src=x onerror=alert(1)>"
+SCRIPT = b"<!doctype html><title>R</title><script>fetch('/station/v1/run', {method: 'POST'})</script>"
+
+
+@pytest.fixture
+def hostile(kept):
+    """The folder of a session whose name, report and result would be scripts in a page."""
+    if sys.platform == "win32":
+        pytest.skip("no such file names here")
+    folder = kept[1].with_name(HOSTILE.replace("/", "\u2215"))  # a folder's name has no slash
+    shutil.copytree(kept[1], folder)
+    (folder / "report.html").write_bytes(SCRIPT)
+    with Session.open(folder, SystemClock()) as opened:
+        derived = opened.result_folder()
+        derived.mkdir(parents=True)
+        for name in ("report.html", "drawing.svg", f"{HOSTILE.replace('/', '-')}.html"):
+            (derived / name).write_bytes(SCRIPT)
+        opened.keep_result(step="shots", shots=[1], verdict="pass")
+    yield folder
+    shutil.rmtree(folder)
+
+
+def test_reports_and_results_run_no_script_and_are_no_page_of_the_station(client, hostile):
+    there = f"/station/v1/sessions/{quote(hostile.name)}"
+    names = [one.name for one in (hostile / "derived" / "2").iterdir()]
+    assert len(names) == 3
+    for path in (f"{there}/report", *(f"{there}/results/2/{quote(name)}" for name in names)):
+        status, headers, body = client.request("GET", path)
+        assert (status, body) == (200, SCRIPT)
+        policy = [one.strip() for one in headers["content-security-policy"].split(";")]
+        assert "sandbox" in policy  # with nothing allowed: no script, and an origin of its own
+        assert "default-src 'none'" in policy
+        assert headers["x-content-type-options"] == "nosniff"
+
+
+def test_hostile_names_are_data_and_never_markup(client, hostile):
+    listed = client.request("GET", "/station/v1/sessions")
+    found = client.request("GET", f"/station/v1/sessions/{quote(hostile.name)}")
+    missing = client.request("GET", f"/station/v1/sessions/{quote(HOSTILE, safe='')}/report")
+    assert (listed[0], found[0], missing[0]) == (200, 200, 404)
+    assert str(hostile) in [one["folder"] for one in json.loads(listed[2])["sessions"]]
+    for _, headers, _ in (listed, found, missing):
+        assert headers["content-type"] == "application/json"
+        assert headers["x-content-type-options"] == "nosniff"
+
+
+def test_the_page_shows_names_as_text(client):
+    _, headers, body = client.request("GET", "/")
+    assert "default-src 'self'" in headers["content-security-policy"]
+    for way in (b"innerHTML", b"outerHTML", b"insertAdjacentHTML", b"document.write", b"eval("):
+        assert way not in body
 
 
 def test_sums_are_told_so_that_a_client_can_check_the_chain(client, session):

@@ -58,7 +58,7 @@ def test_photographs_of_two_scenes_are_refused(vibrating):
     told = restore(pair, vibrating.stacks, QUICK)
     assert told.verdict == Verdict.REFUSED
     assert told.value is None
-    assert "no picture explains the photographs: what is left over is" in told.reason
+    assert "no picture explains the photographs: the residual is" in told.reason
     # what has nothing in common leaves about its own contrast over the mean of both: 1 / sqrt(2)
     left = float(told.reason.split(" and ")[1].split("%")[0])
     assert left == pytest.approx(100 / 2**0.5, rel=0.15)
@@ -165,7 +165,7 @@ def spoilt(z):
         "identical": ([z[0], z[0]], BadInput, "identical"),
         "sizes": ([z[0], z[1][:, :-3]], BadInput, "differ in size"),
         "one": ([z[0]], BadInput, "two photographs"),
-        "nan": ([z[0], z[1] * np.nan], BadInput, "not numbers"),
+        "nan": ([z[0], z[1] * np.nan], BadInput, "must be finite"),
         "flat": (list(flat), Refused, "no texture"),
         "saturated": (list(white), Refused, "saturated"),
         "shifted": (list(moved), Refused, "shifted"),

@@ -1,0 +1,154 @@
+"""A watchdog for motors on a STRIG/3 box: it keeps their drivers enabled only while this program sends heartbeats.
+
+A program that is suspended, that has crashed, or that gets no processor time cannot stop an axis. The box then releases
+the motors: after 100 ms while an axis moves, after a second while all stand, as computing may hold Python's lock for
+longer than 100 ms. The protocol is in `firmware/STRIG.md`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
+from threading import Lock, Thread
+from typing import Protocol
+
+from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, LineLost, NotHomed
+from drivers.homing_state import HOME
+from drivers.interfaces import Condition, Identity
+from drivers.shutter import StrigShutter
+from drivers.wire.connection import line_condition
+
+HEARTBEAT_S = 0.025
+"""Between two heartbeats."""
+MOVING_MS, STANDING_MS = 100, 1000
+"""How long the box waits for the next one."""
+RELEASE = "RELEASE"
+LATE = "no heartbeat of this program came in time"
+END_S = 1.0
+"""How long closing waits for the last heartbeat to be written."""
+Work = Callable[[], None]
+
+
+class Released(Protocol):
+    """A stage whose motor drivers the watchdog enables."""
+
+    power: Callable[[], AbstractContextManager[None]]
+    """Entered to move: the motors are kept enabled within. Raises DeviceError."""
+
+    def lose_position(self, error: DeviceError) -> None:
+        """Stop, and refuse to move with `error` until it has homed; never raises."""
+        ...
+
+
+def in_background(work: Work) -> Thread:
+    """Begin it in a thread of its own."""
+    thread = Thread(target=work, name="heartbeat", daemon=True)
+    thread.start()
+    return thread
+
+
+class StrigWatchdog:
+    """The motor enable output of a box that a StrigShutter has connected.
+
+    The motors are enabled when one of the stages homes, and stay so until `close`. Once the box has released them,
+    every stage has lost its position, and homing enables them again.
+    """
+
+    def __init__(
+        self, box: StrigShutter, stages: Sequence[Released], *, begin: Callable[[Work], Thread] = in_background
+    ) -> None:
+        self._box, self._stages, self._begin = box, tuple(stages), begin
+        self._lock = Lock()
+        self._holding = False
+        self._moving = 0
+        self._keeper: Thread | None = None
+        for stage in self._stages:
+            stage.power = self.power
+
+    @property
+    def address(self) -> str:
+        """The box's port."""
+        return self._box.address
+
+    def connect(self) -> Identity:
+        """Check that the box has a watchdog. Raises BadConfiguration, LineLost."""
+        self._require()
+        if self._box.version < 3:
+            raise BadConfiguration(
+                f"a watchdog needs STRIG/3, and the box at {self.address} speaks STRIG/{self._box.version}",
+                "load the firmware of drivers/firmware",
+            )
+        return Identity("STRIG/3 watchdog", "", "", self.address)
+
+    def _require(self) -> None:
+        if not self._box.is_open:
+            raise LineLost(f"the shutter box at {self.address} is not connected", "connect the shutter first")
+
+    def condition(self) -> Condition:
+        """Whether the line is there, and the motors are enabled."""
+        return line_condition(self._box.is_open, "motors enabled" if self._holding else "motors released")
+
+    @contextmanager
+    def power(self) -> Iterator[None]:
+        """Within, a stage may move: the motors are enabled, and the next heartbeat is always due soon.
+
+        Raises DeviceError.
+        """
+        with self._lock:
+            if not self._holding:
+                self._enable()
+            self._moving += 1
+        try:
+            self._beat()
+            yield
+        finally:
+            with self._lock:
+                self._moving -= 1
+
+    def _enable(self) -> None:
+        self._require()
+        self._box.command("ENABLE 1")
+        self._box.motion.pop(RELEASE, None)  # that of an earlier time
+        self._holding = True
+        self._keeper = self._begin(self._keep)
+
+    def _beat(self) -> None:
+        with self._lock:  # no heartbeat that allows more time may follow the first one of a move
+            self._box.beat(MOVING_MS if self._moving else STANDING_MS)
+
+    def _keep(self) -> None:
+        """Send heartbeats until `close`, or until the motors are released."""
+        while self._holding:
+            try:
+                self._beat()
+                if self._box.wait(lambda: RELEASE in self._box.motion, HEARTBEAT_S):
+                    self._lost(LATE)
+            except EmergencyStopped:  # it ended the wait; axes brake with their motors' current
+                continue
+            except DeviceError as error:  # the box hears no heartbeat either
+                self._lost(error.reason)
+
+    def _lost(self, why: str) -> None:
+        with self._lock:
+            if self._holding:
+                self._holding = False
+                self._tell(NotHomed(f"the watchdog at {self.address} released the motors: {why}", HOME))
+
+    def _tell(self, error: DeviceError) -> None:
+        for stage in self._stages:
+            stage.lose_position(error)
+
+    def emergency_stop(self) -> None:
+        """Leave the motors enabled: an axis brakes and stays by their current."""
+
+    def close(self) -> None:
+        """Release the motors; the shutter has the line."""
+        with self._lock:
+            held, self._holding = self._holding, False
+        if not held:
+            return
+        if self._keeper is not None:
+            self._keeper.join(END_S)
+        with suppress(DeviceError):
+            self._box.command("ENABLE 0")
+        self._tell(NotHomed(f"the motors were released by closing the watchdog at {self.address}", HOME))

@@ -1,0 +1,168 @@
+"""The command of a procedure, drawn from its settings: arguments, options, help, results, exit code."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from station.cli.psf.planes import certificate_option, finish, tell_judged, tell_misses
+from station.cli.psf.terms import specification_option, terms_of, terms_options
+from station.cli.terminal.force import force_option, forced
+from station.cli.terminal.numbers import Number
+from station.cli.terminal.progress import progress
+from station.common.errors import FAILED_ITEMS
+from station.common.log import log, log_json_option
+from station.procedure.base import Inputs, Procedure
+from station.procedure.registry import procedure_named, procedure_names
+from station.procedure.settings import SettingField, fields_of, read_settings
+
+if TYPE_CHECKING:
+    from station.results.measurement import Measurement
+    from station.results.plane_result import PlaneResult
+
+ARGUMENTS: dict[Inputs, tuple[str, int]] = {
+    Inputs.PHOTOGRAPH: ("IMAGE", 1),
+    Inputs.PAIR: ("A B", 2),
+    Inputs.PHOTOGRAPHS: ("PHOTO...", -1),
+    Inputs.FOLDER: ("FOLDER", 1),
+    Inputs.SEVERAL: ("PHOTO...", -1),
+    Inputs.RESULTS: ("FIRST SECOND", 2),
+}
+"""Of each kind of input: what stands for it in the help, and how many words it is."""
+
+
+def __getattr__(name: str) -> click.Command:
+    """The command of the procedure of that name."""
+    if name.startswith("_") or name not in procedure_names():
+        raise AttributeError(name)
+    return command_for(procedure_named(name))
+
+
+@cache
+def command_for(procedure: Procedure[Any]) -> click.Command:
+    """The command of a procedure."""
+    metavar, count = ARGUMENTS[procedure.inputs]
+    settings = fields_of(procedure.Settings)
+
+    def measure(photographs: Any, **given: Any) -> None:
+        typed = {one.name: given.pop(one.name) for one in settings}
+        chosen = {name: value for name, value in typed.items() if value is not None and value != ()}
+        chosen |= {one.name: one.kind(chosen[one.name]) for one in settings if one.choices and one.name in chosen}
+        paths = [photographs] if count == 1 else list(photographs)
+        _measure(procedure, paths, chosen, given)
+
+    command: Any = click.pass_context(lambda context, **given: measure(**given))
+    options = [
+        click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
+        *([click.option("--report/--no-report", default=True, show_default=True,
+                        help=f"Write {procedure.page_name} too, for people.")] if procedure.has_page else []),
+        certificate_option,
+        click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too."),
+        log_json_option,
+    ]  # fmt: skip
+    for option in reversed(options):
+        command = option(command)
+    command = terms_options(command) if procedure.has_mtf else specification_option(force_option(command))
+    for one in reversed(settings):
+        command = _option(one)(command)
+    argument = click.argument(
+        "photographs", type=click.Path(path_type=Path), nargs=count, required=True,
+        metavar=procedure.argument or metavar,
+    )  # fmt: skip
+    return click.command(procedure.name, help=procedure.help)(argument(command))
+
+
+def _option(one: SettingField) -> Any:
+    """A setting as an option: what is not given keeps the model's default."""
+    flags = [one.option, one.name]
+    shown = f"{one.description}  [default: {one.default}]" if one.default not in (None, False, ()) else one.description
+    if one.kind is bool:
+        return click.option(*flags, is_flag=True, default=None, help=one.description)
+    return click.option(
+        *flags, type=_type(one), multiple=one.several, required=one.required, help=shown, metavar=one.metavar or None
+    )
+
+
+def _type(one: SettingField) -> click.ParamType[Any]:
+    if one.choices:
+        return click.Choice(one.choices, case_sensitive=False)
+    if one.kind is int:
+        return click.IntRange(_whole(one.least), _whole(one.most))
+    if one.kind is float:
+        return Number(min=one.least, max=one.most)
+    return click.Path(path_type=Path) if one.kind is Path else click.STRING
+
+
+def _whole(bound: float | None) -> int | None:
+    return None if bound is None else int(bound)
+
+
+def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]) -> None:
+    """Measure, write, report, and leave with the exit code that the result deserves."""
+    done = list(_results(procedure, paths, chosen, given))
+    finish([one for planes, _, _ in done for one in planes], "".join(text for _, text, _ in done),
+           as_json=given["as_json"])  # fmt: skip
+    if any(missed for _, _, missed in done):
+        raise click.exceptions.Exit(FAILED_ITEMS)
+
+
+def _results(
+    procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]
+) -> Iterator[tuple[Sequence[PlaneResult], str, bool]]:
+    """Planes and record of every result, and whether inputs gave nothing; what is large is not kept."""
+    from station.calibration.field_photographs import photographs
+    from station.results.measurement import write_measurement
+    from station.results.result_files import ResultFolder
+
+    out, terms = given["out"], terms_of(given)
+    settings = read_settings(procedure.Settings, chosen)
+    if procedure.inputs is Inputs.PHOTOGRAPHS:
+        paths = [path for one in paths for path in (photographs(one) if one.is_dir() else [one])]
+    with progress(procedure.steps(paths)) as shown:
+        results = procedure.measurements(paths, settings, terms, shown)
+        for place in procedure.places(paths):
+            start = time.perf_counter()
+            with ResultFolder(out / place, force=forced()) as folder:
+                found = next(results)
+                found = replace(found, head=replace(found.head, duration_s=round(time.perf_counter() - start, 3)))
+                if given.get("report") and not found.refused:
+                    folder.write(procedure.page_name, procedure.page(found))
+                if given["certificate"]:
+                    _certify(folder, procedure, found)
+                text = write_measurement(folder, found)
+            report(procedure, found, out / place / "result.json")
+            yield found.planes, text, bool(found.missed)
+
+
+def _certify(folder: Any, procedure: Procedure[Any], found: Measurement) -> None:
+    from station.reports.certificate_print import write_certificate
+    from station.reports.measurement_page import measurement_report
+
+    write_certificate(folder, measurement_report(found, procedure.title, procedure.method))
+
+
+def report(procedure: Procedure[Any], found: Measurement, written: Path) -> None:
+    """Lines on stderr: the photographs that gave nothing, every plane with its numbers, what was written."""
+    tell_misses(found.missed or ())
+    for one in found.planes:
+        tell_judged("plane", _sentence(one), one, plane=one.name)
+    for line in procedure.lines(found):
+        log(procedure.name, line)
+    log("written", f"wrote {written}", path=str(written))
+
+
+def _sentence(plane: PlaneResult) -> str:
+    from procedures.numbers import Group, in_group
+    from station.common.uncertainty_text import stated
+
+    parts = [f"{plane.name}: {plane.verdict}", *([plane.reason] if plane.reason else [])]
+    for number in in_group(Group.LINE):
+        if (one := plane.quantity(number)) is not None:
+            parts.append(f"{number} {stated(one.value, one.uncertainty)}" + ("" if one.unit == "1" else f" {one.unit}"))
+    return "; ".join(parts)

@@ -1,0 +1,21 @@
+"""One object per procedure, from which command, batch, record, schema, page, limits and certificate follow.
+
+A `Procedure` names itself, says what it takes (`Inputs`), has a model of `Settings`, and measures. The built-in ones
+are in `station.procedure.builtin`; a package outside adds its own under the entry-point group `station.procedures`.
+What lives here may import pages (`station.reports`) and what is below them.
+"""
+
+from station.procedure.base import Inputs, PhotographProcedure, Procedure, Reading
+from station.procedure.registry import procedure_named, procedure_names
+from station.procedure.settings import Settings, setting
+
+__all__ = [
+    "Inputs",
+    "PhotographProcedure",
+    "Procedure",
+    "Reading",
+    "Settings",
+    "procedure_named",
+    "procedure_names",
+    "setting",
+]

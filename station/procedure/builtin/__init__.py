@@ -1,0 +1,1 @@
+"""The procedures of this program: one object a module."""

@@ -1,0 +1,37 @@
+"""Vignetting and colour shading from flats."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from station.calibration.vignetting import measure_flats, vignetting_measurement
+from station.common.progress import Progress, silent
+from station.procedure.base import Inputs, Procedure
+from station.procedure.settings import Settings
+from station.results.measurement import Measurement
+from station.results.terms import USUAL, Terms
+
+
+class Vignetting(Procedure[Settings]):
+    """Light that is lost towards the corners, by plane."""
+
+    name = "vignetting"
+    title = "vignetting and colour shading"
+    help = """Measure vignetting and colour shading from FLAT..., photographs of even light; a folder stands for its
+    own.
+
+    Turn the camera, or the light, by 180 or 90 degrees about the axis between the flats: this separates a slope of the
+    light from the lens. Expose to half of the scale."""
+    inputs = Inputs.PHOTOGRAPHS
+    argument = "FLAT..."
+    method = "polynomial falloff of the lens fitted with the light's slope, by plane"
+
+    def measure(
+        self, paths: Sequence[Path], settings: Settings, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Measurement:
+        """The flats' vignetting."""
+        return vignetting_measurement(measure_flats(paths, progress)).compared(terms)
+
+
+PROCEDURE = Vignetting()

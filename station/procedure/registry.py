@@ -1,0 +1,50 @@
+"""The procedures by name: the built-in ones, and those of installed packages (entry-point group `station.procedures`).
+
+Each is imported when it is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from procedures.outcome import BadParameter
+from station.procedure.base import Procedure
+
+GROUP = "station.procedures"
+BUILTIN: Mapping[str, str] = {
+    "correct": "station.procedure.builtin.correct:PROCEDURE",
+    "rays": "station.procedure.builtin.rays:PROCEDURE",
+    "rig": "station.procedure.builtin.rig:PROCEDURE",
+    "sensor": "station.procedure.builtin.sensor:PROCEDURE",
+    "tilt": "station.procedure.builtin.tilt:PROCEDURE",
+    "vignetting": "station.procedure.builtin.vignetting:PROCEDURE",
+}
+"""Name -> module and object, as an entry point names them."""
+
+
+@cache
+def added() -> dict[str, EntryPoint]:
+    """Those of installed packages."""
+    return {one.name: one for one in entry_points(group=GROUP) if one.name not in BUILTIN}
+
+
+def procedure_names() -> list[str]:
+    """All names, the built-in ones first."""
+    return [*BUILTIN, *added()]
+
+
+def procedure_named(name: str) -> Procedure[Any]:
+    """The procedure of that name. Raises BadParameter where there is none."""
+    if name in BUILTIN:
+        module, _, attribute = BUILTIN[name].partition(":")
+        found: Any = getattr(importlib.import_module(module), attribute)
+    elif name in added():
+        found = added()[name].load()
+    else:
+        raise BadParameter(f"there is no procedure {name!r}", f"use one of {', '.join(procedure_names())}")
+    procedure: Procedure[Any] = found() if isinstance(found, type) else found
+    return procedure

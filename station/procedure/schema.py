@@ -1,0 +1,96 @@
+"""The JSON schema of every procedure's record, generated from its settings and the table of numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from procedures.numbers import NUMBERS
+from procedures.outcome import Verdict
+from station.procedure.base import Procedure
+from station.results.comparison import Judged
+from station.results.measurement import BY_PLANE
+
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+NUMBER_OR_NULL = {"type": ["number", "null"]}
+"""null stands for what is not finite."""
+
+
+def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
+    """The schema (draft 2020-12) of a procedure's `result.json`."""
+    (settings,), definitions = msgspec.json.schema_components(
+        [procedure.Settings], schema_hook=_path, ref_template="#/$defs/{name}"
+    )
+    results = {"type": "object", "additionalProperties": {"$ref": "#/$defs/plane"}}
+    return {
+        "$schema": DRAFT,
+        "$id": f"urn:{procedure.schema.replace('/', ':')}",
+        "title": f"result.json of {procedure.title}",
+        "type": "object",
+        "required": ["schema", "procedure", "input", "parameters", procedure.results_key, "software"],
+        "properties": {
+            "schema": {"const": procedure.schema},
+            "procedure": {"const": procedure.name},
+            "input": {"type": "array", "items": {"$ref": "#/$defs/input"}},
+            "parameters": {"type": "object"},
+            "settings": settings,
+            procedure.results_key: results if procedure.results_key == BY_PLANE else {"$ref": "#/$defs/plane"},
+            "left_out": {"type": "array", "items": {"$ref": "#/$defs/missed"}},
+            "specification": {"$ref": "#/$defs/specification"},
+            "software": {"type": "object"},
+            "duration_s": {"type": "number", "minimum": 0},
+            "files": {"type": "object", "additionalProperties": {"$ref": "#/$defs/sha256"}},
+            "sha256": {"$ref": "#/$defs/sha256"},
+        },
+        "$defs": {**definitions, **_definitions()},
+    }
+
+
+def _path(kind: type) -> dict[str, Any]:
+    """A path is text in a record."""
+    if not issubclass(kind, Path):
+        raise NotImplementedError
+    return {"type": "string"}
+
+
+def _definitions() -> dict[str, Any]:
+    text, cause = {"type": "string"}, {"reason": {"type": "string"}, "remedy": {"type": "string"}}
+    quantity = {
+        "type": "object",
+        "required": ["value", "unit", "uncertainty", "method", "n"],
+        "properties": {
+            "value": NUMBER_OR_NULL, "unit": text, "uncertainty": NUMBER_OR_NULL, "method": text,
+            "n": {"type": "integer", "minimum": 0},
+            "interval": {"type": "array", "items": NUMBER_OR_NULL, "minItems": 2, "maxItems": 2},
+            "budget": {"type": "object", "additionalProperties": NUMBER_OR_NULL},
+        },
+    }  # fmt: skip
+    limit = {"type": "object", "required": ["number", "min", "max"],
+             "properties": {"number": text, "min": NUMBER_OR_NULL, "max": NUMBER_OR_NULL}}  # fmt: skip
+    judged = {"enum": [*(str(one) for one in Judged), None]}
+    return {
+        "sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
+        "input": {"type": "object", "required": ["path", "sha256"],
+                  "properties": {"path": text, "sha256": {"$ref": "#/$defs/sha256"}}},
+        "missed": {"type": "object", "required": ["source", "reason", "remedy"],
+                   "properties": {"source": text, **cause}},
+        "quantity": quantity,
+        "number": {"anyOf": [{"$ref": "#/$defs/quantity"}, NUMBER_OR_NULL, {"type": "array"}]},
+        "specification": {"type": "object", "required": ["verdict", "limits"],
+                          "properties": {"verdict": judged, "limits": {"type": "array", "items": limit}}},
+        "plane": {
+            "type": "object",
+            "required": ["verdict", "reason", "remedy"],
+            "properties": {
+                "verdict": {"enum": [str(one) for one in Verdict]},
+                **cause,
+                "other_causes": {"type": "array", "items": {"type": "object", "required": ["reason", "remedy"],
+                                                            "properties": cause}},
+                "specification": {"$ref": "#/$defs/specification"},
+                **{name: {"$ref": "#/$defs/number"} for name in NUMBERS},
+            },
+            "patternProperties": {"^(mtf_at|projection_uncertainty)_": {"$ref": "#/$defs/quantity"}},
+        },
+    }  # fmt: skip

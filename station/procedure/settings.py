@@ -1,0 +1,171 @@
+"""Settings of a procedure as one validated model: command-line options, keys of a procedure file, entries of a record.
+
+A model is a `Settings` whose fields have a type, a default and, by `setting`, a description and bounds. It is read from
+a table of TOML by `read_settings`; the command line reads its options from `fields_of`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
+
+from procedures.outcome import BadParameter
+from station.common.sanitise import printable
+
+
+class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all settings models."""
+
+
+S = TypeVar("S", bound=Settings)
+WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "text", Path: "a path"}
+
+
+def setting(
+    description: str, *, least: float | None = None, most: float | None = None, metavar: str = ""
+) -> msgspec.Meta:
+    """What a field's annotation says of it: description, bounds, and the word that stands for its value."""
+    return msgspec.Meta(ge=least, le=most, description=description, extra={"metavar": metavar})
+
+
+@dataclass(frozen=True)
+class SettingField:
+    """One field of a model.
+
+    Attributes
+    ----------
+    kind : float, int, bool, str or Path
+    choices : the only values, of a Literal; empty where others are possible
+    several : whether it is a list of such values
+    required : whether it has no default
+    """
+
+    name: str
+    kind: type
+    default: Any
+    description: str
+    least: float | None
+    most: float | None
+    metavar: str
+    choices: tuple[str, ...]
+    several: bool
+    required: bool
+
+    @property
+    def option(self) -> str:
+        """Its name on the command line."""
+        return ("-" if len(self.name) == 1 else "--") + self.name.replace("_", "-")
+
+
+def fields_of(model: type[Settings]) -> list[SettingField]:
+    """The fields of a model in their order."""
+    hints = typing.get_type_hints(model, include_extras=True)
+    return [_field(one, hints[one.name]) for one in msgspec.structs.fields(model)]
+
+
+def _field(one: msgspec.structs.FieldInfo, hint: Any) -> SettingField:
+    kind, choices, several = _plain(hint)
+    default = None if one.required else one.default if one.default is not msgspec.NODEFAULT else one.default_factory()
+    known = _meta(hint) or msgspec.Meta()
+    return SettingField(
+        one.name, kind, default, known.description or "", known.ge, known.le, (known.extra or {}).get("metavar", ""),
+        choices, several, one.required,
+    )  # fmt: skip
+
+
+def _meta(hint: Any) -> msgspec.Meta | None:
+    """What `setting` says of a field; of an optional one it stands inside the union, where bounds have a meaning."""
+    inside = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else ()
+    found = (extra for one in (hint, *inside) for extra in getattr(one, "__metadata__", ()))
+    return next((extra for extra in found if isinstance(extra, msgspec.Meta)), None)
+
+
+def _plain(hint: Any) -> tuple[type, tuple[str, ...], bool]:
+    """The type behind Annotated, Optional, tuple and Literal; its choices; whether it is a list."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Annotated:
+        return _plain(arguments[0])
+    if origin in (typing.Union, types.UnionType):
+        return _plain(next(one for one in arguments if one is not type(None)))
+    if origin is tuple:
+        kind, choices, _ = _plain(arguments[0])
+        return kind, choices, True
+    if origin is Literal:
+        return type(arguments[0]), tuple(map(str, arguments)), False
+    return hint, (), False
+
+
+def read_settings(model: type[S], given: Mapping[str, Any], where: str = "") -> S:
+    """A model from a table of TOML or from options. Raises BadParameter with the key and the nearest known one."""
+    known = {one.name: one for one in fields_of(model)}
+    for key in given:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, 1)
+            remedy = f"write {near[0]}" if near else f"use one of {', '.join(known)}" if known else "leave it out"
+            raise BadParameter(f"{where}{printable(key)} is not known", remedy)
+    try:
+        return msgspec.convert(dict(given), model, dec_hook=_path)
+    except msgspec.ValidationError as error:
+        raise _explained(str(error), known, given, where) from error
+
+
+def _path(kind: type, value: object) -> object:
+    if kind is Path and isinstance(value, str | Path):
+        return Path(value)
+    raise TypeError(f"{value!r} is not {WORDS.get(kind, kind.__name__)}")
+
+
+def _explained(message: str, known: Mapping[str, SettingField], given: Mapping[str, Any], where: str) -> BadParameter:
+    """What is wrong with which key, what it is, and what it must be."""
+    found = re.search(r"at `\$\.(\w+)", message)
+    if found is None:
+        missing = re.search(r"missing required field `(\w+)`", message)
+        if missing is None:
+            return BadParameter(f"{where or 'the settings'}: {message}", "correct the procedure file")
+        return BadParameter(f"{where}{missing[1]} is required", f"give it: {known[missing[1]].description}")
+    one = known[found[1]]
+    value = printable(given.get(one.name))
+    return BadParameter(f"{where}{one.name} must be {_required(one)}; it is {value!r}", "correct it")
+
+
+def _required(one: SettingField) -> str:
+    if one.choices:
+        return f"one of {', '.join(one.choices)}"
+    words = WORDS.get(one.kind, one.kind.__name__)
+    bounds = [
+        f"{word} {bound:g}" for word, bound in (("at least", one.least), ("at most", one.most)) if bound is not None
+    ]
+    return " ".join(["a list, each" if one.several else "", words, " and ".join(bounds)]).strip()
+
+
+def named_files(settings: Settings) -> list[Path]:
+    """The files that a model names."""
+    values = msgspec.structs.asdict(settings).values()
+    every = (one for value in values for one in (value if isinstance(value, tuple) else (value,)))
+    return [one for one in every if isinstance(one, Path)]
+
+
+def placed(settings: S, folder: Path) -> S:
+    """The same with the files that it names taken from a folder, where they lie in it."""
+
+    def in_folder(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(map(in_folder, value))
+        return folder / value if isinstance(value, Path) and (folder / value).exists() else value
+
+    values = msgspec.structs.asdict(settings)
+    return msgspec.structs.replace(settings, **{name: in_folder(value) for name, value in values.items()})
+
+
+def to_record(settings: Settings) -> dict[str, Any]:
+    """A model as a record holds it: plain data, without what is None."""
+    plain: dict[str, Any] = msgspec.to_builtins(settings, enc_hook=str)
+    return {name: value for name, value in plain.items() if value is not None}

@@ -1,0 +1,91 @@
+"""A measurement: what a procedure found in its inputs, as records, pages, batches, limits and certificates read it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from procedures.outcome import Miss, Verdict
+from procedures.reading.exposure import Exposure
+from station.common.versions import software
+from station.results.exports import numbers_table
+from station.results.limits import compare
+from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
+from station.results.result_files import ResultFolder, plane_record, write_record
+from station.results.terms import USUAL, Terms
+from station.results.units import Pixels
+
+NUMBERS = "numbers.csv"
+BY_PLANE = "planes"
+"""The entry of a record that holds results by plane."""
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """What a procedure found.
+
+    Attributes
+    ----------
+    schema : of the record, `station/NAME/1`
+    head : procedure, inputs with their hashes, settings, duration
+    planes : what was found in every plane, with its verdict
+    entries : further entries of the record
+    files : tables, arrays and pictures beside the record, by name; what is large may be a function that writes it
+    results_key : the entry of the record that holds the planes; under another name than "planes", the only one of them
+    missed : photographs that gave nothing; None where the record of the procedure does not list them
+    exposure : what the camera noted
+    terms : unit of frequencies and specification
+    found : the whole result, where the planes are parts of one, for pages that draw it
+    """
+
+    schema: str
+    head: RecordHead
+    planes: tuple[PlaneResult, ...]
+    entries: Mapping[str, Any] = field(default_factory=dict)
+    files: Mapping[str, bytes | Callable[[Path], None]] = field(default_factory=dict)
+    missed: tuple[Miss, ...] | None = None
+    exposure: Exposure = field(default_factory=Exposure)
+    terms: Terms = USUAL
+    found: Any = None
+    results_key: str = BY_PLANE
+
+    @property
+    def refused(self) -> bool:
+        """Whether nothing was measured."""
+        return all(one.verdict is Verdict.REFUSED for one in self.planes)
+
+    def compared(self, terms: Terms) -> Measurement:
+        """The same with every plane compared with the limits of a specification."""
+        if not terms.specification.limits:
+            return self
+        pixels = (Pixels(one.pitch or 1) for one in self.planes)
+        planes = tuple(
+            replace(one, specification=compare(one, terms.specification, of_plane))
+            for one, of_plane in zip(self.planes, pixels, strict=True)
+        )
+        return replace(self, planes=planes, head=replace(self.head, specification=terms.specified(planes)), terms=terms)
+
+    def record(self) -> dict[str, Any]:
+        """As `result.json` holds it."""
+        records = {one.name: plane_record(one) for one in self.planes}
+        return {
+            "schema": self.schema,
+            **self.head.told(),
+            self.results_key: records if self.results_key == BY_PLANE else next(iter(records.values())),
+            **self.entries,
+            **({} if self.missed is None else {"left_out": [one.told() for one in self.missed]}),
+            "software": software(),
+        }
+
+
+def write_measurement(folder: ResultFolder, found: Measurement) -> str:
+    """Write the files, the table of all numbers and the record; returns the record's text."""
+    for name, data in found.files.items():
+        folder.write(name, data)
+    numbers = [(one.name, name, number) for one in found.planes for name, number in one.numbers.items()]
+    if numbers and NUMBERS not in found.files:
+        folder.write(NUMBERS, numbers_table(iter(numbers)))
+    return write_record(folder, found.record())

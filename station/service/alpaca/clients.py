@@ -1,0 +1,67 @@
+"""Which clients have a device connected: one that disconnects takes it from nobody else."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from station.service.alpaca.errors import as_alpaca
+
+
+class ConnectedClients:
+    """The clients of one device by ClientID, 0 for those that give none. Any thread may call.
+
+    `connect` connects the hardware where it is not, and raises DeviceError or InUse.
+    """
+
+    def __init__(self, connect: Callable[[], None]) -> None:
+        self._connect = connect
+        self._lock = threading.Lock()
+        self._clients: set[int] = set()
+        self._connecting: dict[int, threading.Thread] = {}
+        self._failures: dict[int, Exception] = {}
+
+    def __contains__(self, client: int) -> bool:
+        return client in self._clients
+
+    def __len__(self) -> int:
+        return len(self._clients)
+
+    def add(self, client: int) -> None:
+        """Connect for this client. Raises what `connect` does."""
+        with self._lock:
+            self._connect()
+        self._clients.add(client)
+
+    def remove(self, client: int) -> None:
+        """Disconnect for this client."""
+        self._clients.discard(client)
+
+    def begin(self, client: int) -> None:
+        """Connect for this client in a thread of its own; `connecting` raises what went wrong."""
+        if self._is_connecting(client):
+            return
+        self._failures.pop(client, None)
+        thread = threading.Thread(target=self._add_beside, args=(client,), name="connect", daemon=True)
+        self._connecting[client] = thread
+        thread.start()
+
+    def _add_beside(self, client: int) -> None:
+        try:
+            self.add(client)
+        except Exception as error:  # raised to the client when it asks
+            self._failures[client] = error
+
+    def _is_connecting(self, client: int) -> bool:
+        thread = self._connecting.get(client)
+        return thread is not None and thread.is_alive()
+
+    def connecting(self, client: int) -> bool:
+        """Whether what this client began goes on. Raises AlpacaError where it failed, once."""
+        if self._is_connecting(client):
+            return True
+        self._connecting.pop(client, None)
+        failure = self._failures.pop(client, None)
+        if failure is not None:
+            raise as_alpaca(failure)
+        return False

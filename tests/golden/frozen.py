@@ -1,0 +1,115 @@
+"""Frozen records and pages: what differs from run to run is removed, numbers are compared within a tolerance."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+PASSING = ("duration_s", "seconds", "software", "seal", "sha256", "record_sha256")
+"""Entries of a record that say when, where and with what it was made."""
+PASSING_LINES = ("time taken", "calibration-station")
+RELATIVE, OF_UNCERTAINTY = 1e-4, 0.02
+"""How far numbers may differ: other processors add in another order, and what is chosen by comparing follows."""
+BLOCKS = {"p", "li", "tr", "h1", "h2", "h3", "table", "section", "figure", "figcaption", "div", "dt", "dd", "title"}
+UNSHOWN = {"style", "script", "svg"}
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+
+
+def frozen_record(path: Path, folder: Path) -> Any:
+    """A record without what differs from run to run; the names of its files are kept, their hashes are not."""
+    return _frozen(json.loads(path.read_text(encoding="utf-8")), str(folder))
+
+
+def _frozen(value: Any, folder: str) -> Any:
+    if isinstance(value, dict):
+        kept = {name: one for name, one in value.items() if name not in PASSING}
+        if isinstance(kept.get("files"), dict):
+            kept["files"] = sorted(kept["files"])
+        return {name: _frozen(one, folder) for name, one in kept.items()}
+    if isinstance(value, list):
+        return [_frozen(one, folder) for one in value]
+    if isinstance(value, str):
+        return re.sub(r"\b[0-9a-f]{64}\b", "SHA256", value.replace(folder, "DIR"))
+    return float(f"{value:.8g}") if isinstance(value, float) else value
+
+
+def differences(expected: Any, got: Any, where: str = "") -> Iterator[str]:
+    """Where two records differ by more than other processors may make them."""
+    if isinstance(expected, dict) and isinstance(got, dict):
+        for name in sorted({*expected, *got}):
+            if name not in got or name not in expected:
+                yield f"{where}/{name}: {'is new' if name in got else 'is gone'}"
+                continue
+            if name == "value" and _is_near(
+                expected[name], got[name], OF_UNCERTAINTY * _number(expected, "uncertainty")
+            ):
+                continue
+            yield from differences(expected[name], got[name], f"{where}/{name}")
+    elif isinstance(expected, list) and isinstance(got, list) and len(expected) == len(got):
+        for at, (one, other) in enumerate(zip(expected, got, strict=True)):
+            yield from differences(one, other, f"{where}[{at}]")
+    elif isinstance(expected, str) and isinstance(got, str):
+        if not same_text(expected, got):
+            yield f"{where}: {expected!r} became {got!r}"
+    elif not _is_near(expected, got, 0.0):
+        yield f"{where}: {expected!r} became {got!r}"
+
+
+def _number(entry: dict[str, Any], name: str) -> float:
+    value = entry.get(name)
+    return float(value) if isinstance(value, int | float) else 0.0
+
+
+def _is_near(expected: Any, got: Any, within: float) -> bool:
+    if isinstance(expected, bool) or not (isinstance(expected, int | float) and isinstance(got, int | float)):
+        return bool(expected == got)
+    return abs(expected - got) <= max(RELATIVE * abs(expected), within, 1e-9)
+
+
+def same_text(expected: str, got: str) -> bool:
+    """Whether two sentences have the same words, and numbers that differ in the last of their digits at most."""
+    if NUMBER.split(expected) != NUMBER.split(got):
+        return False
+    pairs = zip(NUMBER.findall(expected), NUMBER.findall(got), strict=True)
+    return all(abs(float(a) - float(b)) <= max(0.02 * abs(float(a)), _last_digit(a)) for a, b in pairs)
+
+
+def _last_digit(number: str) -> float:
+    digits, _, power = number.partition("e")
+    return 1.01 * 10.0 ** (int(power or 0) - len(digits.partition(".")[2]))
+
+
+class _Text(HTMLParser):
+    """The text of a page, a line for each block, what is drawn left away."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lines: list[str] = [""]
+        self.unshown = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.unshown += tag in UNSHOWN
+        if tag in BLOCKS:
+            self.lines.append("")
+        elif tag in ("td", "th"):
+            self.lines[-1] += " | "
+
+    def handle_endtag(self, tag: str) -> None:
+        self.unshown -= tag in UNSHOWN
+
+    def handle_data(self, data: str) -> None:
+        if not self.unshown:
+            self.lines[-1] += data
+
+
+def page_text(path: Path, folder: Path) -> list[str]:
+    """The words of a page, line by line."""
+    parser = _Text()
+    parser.feed(path.read_text(encoding="utf-8"))
+    lines = (re.sub(r"\s+", " ", line).strip(" |") for line in parser.lines)
+    told = (re.sub(r"\b[0-9a-f]{12,64}\b", "SHA256", line.replace(str(folder), "DIR")) for line in lines)
+    return [line for line in told if line and not line.startswith(PASSING_LINES)]

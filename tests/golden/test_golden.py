@@ -1,0 +1,66 @@
+"""The records and pages of all procedures stay as they are: `pytest tests/golden --freeze` writes them anew."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+from click.testing import CliRunner
+
+from station.__main__ import main
+from station.procedure.registry import procedure_named, procedure_names
+from station.procedure.schema import schema_of
+
+from .cases import CASES, OUT
+from .frozen import differences, frozen_record, page_text, same_text
+
+pytestmark = pytest.mark.slow
+FROZEN = Path(__file__).with_name("frozen")
+
+
+@pytest.fixture(scope="module", params=CASES)
+def made(request, tmp_path_factory) -> tuple[str, Path]:
+    """A case and the folder in which it ran."""
+    name = request.param
+    folder = tmp_path_factory.mktemp(name)
+    words = CASES[name](folder)
+    if words is not None:
+        done = CliRunner().invoke(main, [*map(str, words), "--out", str(folder / OUT)], prog_name="station")
+        assert done.exit_code in (0, 5), done.output
+    return name, folder
+
+
+def files_of(folder: Path, suffix: str) -> list[Path]:
+    return sorted(path for path in (folder / OUT).rglob(f"*{suffix}") if not path.name.startswith("."))
+
+
+def test_records_are_as_they_were(made, request):
+    name, folder = made
+    records = {str(one.relative_to(folder)): frozen_record(one, folder) for one in files_of(folder, ".json")}
+    assert records
+    kept = FROZEN / f"{name}.json"
+    if request.config.getoption("--freeze"):
+        kept.write_text(json.dumps(records, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    assert list(differences(json.loads(kept.read_text(encoding="utf-8")), records)) == []
+
+
+def test_pages_are_as_they_were(made, request):
+    name, folder = made
+    lines = [line for page in files_of(folder, ".html") for line in (f"# {page.name}", *page_text(page, folder))]
+    kept = FROZEN / f"{name}.txt"
+    if request.config.getoption("--freeze"):
+        kept.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    before = kept.read_text(encoding="utf-8").splitlines()
+    assert len(before) == len(lines)
+    assert [(a, b) for a, b in zip(before, lines, strict=True) if not same_text(a, b)] == []
+
+
+def test_records_follow_the_schema_that_is_generated(made):
+    name, folder = made
+    if name not in procedure_names():
+        pytest.skip("this procedure has no generated schema yet")
+    for path in files_of(folder, ".json"):
+        schema = schema_of(procedure_named(name))
+        jsonschema.validate(json.loads(path.read_text(encoding="utf-8")), schema, jsonschema.Draft202012Validator)

@@ -1,0 +1,82 @@
+"""Settings as one model: read from TOML with the key, the value and what it must be; drawn as options."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+
+from procedures.outcome import BadParameter
+from station.procedure.settings import Settings, fields_of, named_files, placed, read_settings, setting, to_record
+
+
+class Model(Settings, frozen=True, kw_only=True):
+    width_mm: Annotated[float, setting("Width of the chart.", least=1)] = 300.0
+    count: Annotated[int, setting("Photographs.", least=1, most=9)] = 3
+    positions: Annotated[Literal["lens", "set"], setting("What they mean.")] = "lens"
+    distances_mm: Annotated[tuple[float, ...], setting("Distances.", least=None)] = ()
+    table: Annotated[Path, setting("A table.")] | None = None
+    pitch_um: Annotated[float, setting("Pitch.", least=0.1)] | None = None
+    insist: Annotated[bool, setting("Insist.")] = False
+    tile_px: Annotated[Literal[128, 256], setting("Side of a tile.")] | None = None
+
+
+class Required(Settings, frozen=True, kw_only=True):
+    radius_mm: Annotated[float, setting("Radius of the screws' circle.")]
+
+
+def test_a_table_becomes_the_model():
+    found = read_settings(Model, {"width_mm": 200, "distances_mm": [100, 200.5], "table": "a.csv", "positions": "set"})
+    assert found == Model(width_mm=200.0, distances_mm=(100.0, 200.5), table=Path("a.csv"), positions="set")
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"widht_mm": 3}, r"settings\.widht_mm is not known; write width_mm"),
+        ({"nothing": 3}, r"settings\.nothing is not known; use one of width_mm, count"),
+        ({"width_mm": "wide"}, r"settings\.width_mm must be a number at least 1; it is 'wide'"),
+        ({"width_mm": 0.5}, r"width_mm must be a number at least 1; it is '0\.5'"),
+        ({"count": 10}, r"count must be a whole number at least 1 and at most 9; it is '10'"),
+        ({"count": 2.5}, "count must be a whole number"),
+        ({"positions": "chart"}, "positions must be one of lens, set; it is 'chart'"),
+        ({"distances_mm": [1, "far"]}, "distances_mm must be a list, each a number"),
+        ({"insist": 1}, "insist must be true or false"),
+        ({"tile_px": 100}, "tile_px must be one of 128, 256; it is '100'"),
+        ({"table": 4}, "table must be a path"),
+        ({"pitch_um": 0}, r"pitch_um must be a number at least 0\.1; it is '0'"),
+    ],
+)
+def test_what_cannot_be_is_named_with_the_key_and_what_it_must_be(given, words):
+    with pytest.raises(BadParameter, match=words):
+        read_settings(Model, given, "settings.")
+
+
+def test_what_is_required_is_asked_for_with_its_description():
+    with pytest.raises(BadParameter, match="radius_mm is required; give it: Radius of the screws' circle"):
+        read_settings(Required, {})
+
+
+def test_fields_carry_all_that_an_option_needs():
+    by_name = {one.name: one for one in fields_of(Model)}
+    assert (by_name["width_mm"].kind, by_name["width_mm"].least, by_name["width_mm"].default) == (float, 1, 300.0)
+    assert by_name["positions"].choices == ("lens", "set")
+    assert (by_name["tile_px"].kind, by_name["tile_px"].choices) == (int, ("128", "256"))
+    assert by_name["distances_mm"].several
+    assert by_name["distances_mm"].option == "--distances-mm"
+    assert by_name["table"].kind is Path
+    assert fields_of(Required)[0].required
+
+
+def test_a_record_holds_what_was_set():
+    assert to_record(Model(table=Path("a/b.csv"))) == {
+        "width_mm": 300.0, "count": 3, "positions": "lens", "distances_mm": (), "table": "a/b.csv", "insist": False,
+    }  # fmt: skip
+
+
+def test_files_lie_beside_the_procedure_where_they_are_there(tmp_path):
+    (tmp_path / "a.csv").touch()
+    assert placed(Model(table=Path("a.csv")), tmp_path).table == tmp_path / "a.csv"
+    assert placed(Model(table=Path("b.csv")), tmp_path).table == Path("b.csv")
+    assert named_files(Model(table=Path("b.csv"))) == [Path("b.csv")]

@@ -1,0 +1,106 @@
+"""A procedure of a package outside: one file of at most 60 lines gets every ability."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import jsonschema
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.slow
+PACKAGE = Path(__file__).with_name("toy_package")
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture(scope="module")
+def station(tmp_path_factory):
+    """station(*words): the program beside the installed package, in a fresh folder with two photographs."""
+    folder = tmp_path_factory.mktemp("toy")
+    (folder / "shoot").mkdir()
+    for name, level in (("bright", 0.5), ("dark", 0.02)):
+        noise = 0.001 * np.random.default_rng(1).standard_normal((40, 60))
+        samples = np.rint(65535 * (level + noise)).clip(0, 65535).astype(np.uint16)
+        cv2.imwrite(str(folder / "shoot" / f"{name}.png"), samples)
+    (folder / "limits.toml").write_text("[limits]\nmean_level = { min = 0.6 }\n")
+    (folder / "batch.toml").write_text(
+        'procedure = "mean-level"\n[limits]\nmean_level = { min = 0.3 }\n[settings]\nborder_px = 2\n'
+    )
+    environ = {**os.environ, "PYTHONPATH": f"{PACKAGE}{os.pathsep}{ROOT}"}
+
+    def run(*words: object) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "station", *map(str, words)]
+        return subprocess.run(command, cwd=folder, env=environ, capture_output=True, text=True, check=False)
+
+    run.folder = folder
+    return run
+
+
+def test_it_is_one_short_file():
+    assert len((PACKAGE / "mean_level.py").read_text().splitlines()) <= 60
+
+
+def test_it_has_a_command_with_its_options(station):
+    assert "mean-level" in station("--help").stdout
+    shown = station("mean-level", "--help").stdout
+    assert "Measure the mean level of IMAGE" in shown
+    assert "--border-px" in shown
+    assert "0<=x<=100" in shown
+
+
+def test_record_page_and_certificate(station):
+    done = station("mean-level", "shoot/bright.png", "--out", "one", "--certificate")
+    assert done.returncode == 0, done.stderr
+    assert "Y: pass; mean_level 0.49999" in done.stderr
+    record = json.loads((station.folder / "one" / "result.json").read_text())
+    assert record["schema"] == "station/mean-level/1"
+    assert record["parameters"]["border_px"] == 4
+    assert record["planes"]["Y"]["mean_level"]["value"] == pytest.approx(0.5, abs=1e-4)
+    page = (station.folder / "one" / "report.html").read_text()
+    assert "Mean level" in page
+    assert "<svg" in page  # its curve
+    assert "Mean level" in (station.folder / "one" / "certificate.html").read_text()
+
+
+def test_limits_decide_and_what_is_doubtful_says_why(station):
+    missed = station("mean-level", "shoot/bright.png", "--out", "two", "--specification", "limits.toml")
+    assert missed.returncode == 1
+    assert "Mean level ≥ 0.6 is missed" in missed.stderr
+    doubtful = station("mean-level", "shoot/dark.png", "--out", "three")
+    assert doubtful.returncode == 0
+    assert "the mean level is 0.02" in doubtful.stderr
+    assert "expose longer" in doubtful.stderr
+
+
+def test_a_wrong_setting_is_a_usage_error(station):
+    done = station("mean-level", "shoot/dark.png", "--out", "four", "--border-px", "200")
+    assert done.returncode == 2
+    assert "--border-px" in done.stderr
+
+
+def test_batch_runs_it_with_limits_and_settings(station):
+    done = station("batch", "shoot", "--procedure", "batch.toml", "--out", "all", "--jobs", 1)
+    assert done.returncode == 1, done.stderr  # the dark one misses its limit
+    rows = [json.loads(line) for line in (station.folder / "all" / "results.jsonl").read_text().splitlines()]
+    assert [(Path(row["files"][0]).stem, row["verdict"], row["specification"]) for row in rows] == [
+        ("bright", "pass", "meets"), ("dark", "doubtful", "does not meet"),
+    ]  # fmt: skip
+    record = json.loads((station.folder / "all" / rows[0]["folder"] / "result.json").read_text())
+    assert record["parameters"]["border_px"] == 2
+    assert "mean_level" in (station.folder / "all" / "summary.csv").read_text()
+
+
+def test_its_records_follow_the_schema_that_is_generated(station):
+    station("mean-level", "shoot/bright.png", "--out", "five")
+    assert station("manual", "--schemas", "schemas").returncode == 0
+    schema = json.loads((station.folder / "schemas" / "mean-level.schema.json").read_text())
+    record = json.loads((station.folder / "five" / "result.json").read_text())
+    jsonschema.validate(record, schema, jsonschema.Draft202012Validator)
+    record["planes"]["Y"]["verdict"] = "good"
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(record, schema)
