@@ -128,6 +128,8 @@ def test_frames_before_one_that_cannot_be_read_are_kept(run, sequence, tmp_path)
 def test_the_uncertainty_is_a_picture_and_its_coverage_is_told(run, small, tmp_path):
     import cv2
 
+    if int(cv2.__version__.split(".")[0]) < 5:
+        pytest.skip("OpenCV 4 reads three floats as XYZ")
     truth = np.where(np.arange(26) < 13, 0.3, 1.2)[None, :, None]
     np.savez(tmp_path / "truth.npz", reference=np.broadcast_to(truth, (24, 26, 3)))
     done = run("rays", small, "--uncertainty", "--scales", "1", "--reference", tmp_path / "truth.npz",
