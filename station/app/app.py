@@ -47,24 +47,23 @@ if TYPE_CHECKING:
     from station.drawing.glyphs import Glyphs
     from station.guide.workspace import Lab
 
-PATIENCE_S = 5.0
-"""How long the program waits for a run to end after an emergency stop, before it leaves all the same."""
+END_TIMEOUT_S = 5.0
+"""Wait for a run to end after an emergency stop, before the program exits anyway."""
 STAY, AFTER_THIS, NOW = range(3)
 
 
 def share_the_lock() -> None:
-    """Let threads take turns every half millisecond.
+    """Let threads alternate every half millisecond.
 
-    A paint gives Python's lock away at every look for input, some fifty times, and waits this long each time to have it
-    back from an estimate. By default it is 5 ms.
+    A paint releases the interpreter lock about fifty times to poll for input, and waits this interval each time until
+    an estimate releases it. The default is 5 ms.
     """
     sys.setswitchinterval(0.0005)
 
 
 class Palette(CommandPalette):
-    """Textual's palette, without three ways to end the program: paging through a list that is not drawn yet, keys heard
-    after Enter has closed it, which would close what lies below and give the command again, and a search that begins
-    when it has gone.
+    """Textual's palette without three of its errors: paging through a list that is not drawn yet, keys handled after
+    Enter has closed it, and a search that begins after it has closed.
     """
 
     @work(exclusive=True, group=CommandPalette._GATHER_COMMANDS_GROUP)
@@ -74,7 +73,7 @@ class Palette(CommandPalette):
 
     @on(Input.Submitted)
     @on(OptionList.OptionSelected)
-    def _hear_while_open(self, event: Message) -> None:
+    def _handle_while_open(self, event: Message) -> None:
         if not self.is_active:
             event.prevent_default()
 
@@ -91,7 +90,7 @@ class StationApp(WorkingApp):
     """The application; its value is the exit code."""
 
     TITLE = "Calibration station"
-    ENABLE_COMMAND_PALETTE = False  # ours is opened by a command like every other
+    ENABLE_COMMAND_PALETTE = False  # ours is opened by a command
     COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {CommandsByName}
     BINDINGS: ClassVar[list[BindingType]] = bindings(EVERYWHERE)
     DEFAULT_MODE = GUIDE
@@ -100,29 +99,29 @@ class StationApp(WorkingApp):
 
     def __init__(self, lab: Lab, glyphs: Glyphs | None = None, plan: str | None = None) -> None:
         super().__init__(lab, glyphs)
-        self.animation_level = "none"  # a page that glides is painted twenty times, and may go through ssh
+        self.animation_level = "none"  # an animated page is painted twenty times, perhaps over ssh
         self.add_mode(GUIDE, lambda: StartScreen(*lab.names, plan))
         self.add_mode(BENCH, lambda: self._styled(_bench_screen()))
         self.add_mode(FOCUS, lambda: self._styled(_focus_screen()))
         self.add_mode(RESULTS, lambda: self._styled(_results_screen(lab.sessions)))
 
     def _styled(self, screen: Screen[Any]) -> Screen[Any]:
-        """A screen whose styles count as up to date, as they are: nothing has changed the stylesheet.
+        """Mark the styles of a screen as up to date.
 
-        Textual would read all of it again when a mode is first shown, and hold the loop for a tenth of a second.
+        Textual would otherwise read the stylesheet again when a mode is first shown, which blocks the loop for 0.1 s.
         """
         screen._css_update_count = self._css_update_count
         return screen
 
     def _handle_exception(self, error: Exception) -> None:
-        """A fault of the program ends it; but a screen that is taken down misses its parts, and that is none."""
+        """An error ends the program, except for missing parts of a screen that is being removed."""
         if not (isinstance(error, NoMatches) and self.return_code is not None):
             super()._handle_exception(error)
 
     # --- commands ------------------------------------------------------------------------------------------------
 
     def offered(self) -> list[type[Command]]:
-        """The commands that can be given now: those of the screen, then those of every screen."""
+        """The available commands: those of the screen, then those of every screen."""
         front = self.front
         here = [command for command in front.COMMANDS_HERE if front.can(command)]
         stop, help_, *others = (command for command in EVERYWHERE if self._can(command))
@@ -135,14 +134,14 @@ class StationApp(WorkingApp):
         return modes.get(command) != self.current_mode
 
     async def action_command(self, name: str) -> None:
-        """Give a command: the screen that is shown hears it first."""
+        """Give a command, to the current screen first."""
         command = BY_NAME[name]
         if command is StopEverything:
             self.stop_everything()
         elif command in self.offered() or command.urgent:
             self.front.post_message(command())
         else:
-            self.notify(self.bench_taken or "That cannot be done now.", markup=False)
+            self.notify(self.bench_taken or "That command is not available now.", markup=False)
 
     @on(ShowGuide)
     def _show_guide(self) -> None:
@@ -189,29 +188,29 @@ class StationApp(WorkingApp):
         if self.running("run") is None and self.running("by hand") is None:
             self.exit(0)
             return
-        if isinstance(self.screen, Choose):  # it asks already
+        if isinstance(self.screen, Choose):  # the question is open already
             return
         answers = ("stay", "quit after this exposure", "stop every device now, and quit")
-        self.push_screen(Choose("Something is running.", answers), self._leave_how)
+        self.push_screen(Choose("A run or a movement is in progress.", answers), self._leave_how)
 
     def _leave_how(self, how: int | None) -> None:
         if how in (AFTER_THIS, NOW):
             self._afterwards = lambda: self.exit(0)
             if how == NOW:
                 self.stop_everything()
-                self.set_timer(PATIENCE_S, lambda: self.exit(EXIT_DEVICE))
+                self.set_timer(END_TIMEOUT_S, lambda: self.exit(EXIT_DEVICE))
             self._end_run_then_go_on()
 
     # --- the frame of every screen ---------------------------------------------------------------------------------
 
-    def fill_frame(self, shown: StationScreen) -> None:
-        """Title, devices and keys of a screen as they are now."""
-        if shown.is_mounted:
+    def fill_frame(self, screen: StationScreen) -> None:
+        """Update title, devices and keys of a screen."""
+        if screen.is_mounted:
             title = " - ".join(part for part in (self.TITLE, self._subject) if part)
             words = literal(f" {self._alarm} ", "bold reverse") if self._alarm else literal(f" {title}")
-            shown.query_one("#title", Part).update(words, layout=False)
-            shown.query_one(DeviceBar).show(self._states, self._bench_words)
-            shown.query_one(KeyLine).show()
+            screen.query_one("#title", Part).update(words, layout=False)
+            screen.query_one(DeviceBar).show(self._states, self._bench_words)
+            screen.query_one(KeyLine).show()
 
 
 def _bench_screen() -> Screen[Any]:

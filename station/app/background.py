@@ -1,4 +1,4 @@
-"""Work beside a front end: threads of our own, cancelled twice, ended in a sentence. Knows no terminal."""
+"""Background work of a front end: threads with a two-stage cancellation and a result. Independent of the terminal."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Problem:
-    """What went wrong, as a person reads it."""
+    """A problem and its remedy, as text."""
 
     reason: str
     remedy: str
@@ -23,7 +23,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Finished:
-    """A job came to its end: with a value, or with a problem."""
+    """The end of a job: a value, or a problem."""
 
     job: BackgroundJob
     value: Any = None
@@ -31,25 +31,25 @@ class Finished:
 
 
 class BackgroundJob:
-    """Work in a thread of its own; `tell` hears once, in that thread, how it ended.
+    """Work in a thread of its own; `on_finished` is called once, in that thread, with its end.
 
-    The first `cancel` calls `ask`, which lets the work end what it is at; every further one calls `halt`, which ends
-    it now.
+    The first `cancel` calls `ask`, which ends the work after its current action; every further one calls `halt`, which
+    ends it now.
     """
 
     def __init__(
         self,
         name: str,
         work: Callable[[], Any],
-        tell: Callable[[Finished], None],
+        on_finished: Callable[[Finished], None],
         *,
         ask: Callable[[], None] | None = None,
         halt: Callable[[], None] | None = None,
     ) -> None:
         self.name = name
         self.asked = False
-        self._work, self._tell, self._ask, self._halt = work, tell, ask, halt
-        # a daemon: a terminal that is closed must not leave a process behind that waits for a wire
+        self._work, self._on_finished, self._ask, self._halt = work, on_finished, ask, halt
+        # a daemon: closing the terminal must not leave a process that waits for a device
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> BackgroundJob:
@@ -59,15 +59,15 @@ class BackgroundJob:
 
     @property
     def running(self) -> bool:
-        """Whether it has not ended."""
+        """Whether it is still running."""
         return self._thread.is_alive()
 
     def wait(self, timeout_s: float) -> None:
-        """Wait for its end, at most so long."""
+        """Wait for its end, up to a timeout."""
         self._thread.join(timeout_s)
 
     def cancel(self) -> bool:
-        """Ask it to end, or the second time make it; whether this was the asking."""
+        """Ask it to end, or the second time halt it. Gives whether this was the first time."""
         first, self.asked = not self.asked, True
         end = self._ask if first else self._halt
         if end is not None:
@@ -77,13 +77,13 @@ class BackgroundJob:
     def _run(self) -> None:
         try:
             finished = Finished(self, self._work())
-        except Exception as error:  # whatever it is, the operator reads a sentence
+        except Exception as error:  # the operator reads every error as a sentence
             finished = Finished(self, problem=problem_of(error))
-        self._tell(finished)
+        self._on_finished(finished)
 
 
 def at_once(do: Callable[[], None]) -> threading.Thread:
-    """Do it in a new thread, beside everything else that waits."""
+    """Call it in a new thread, without waiting for other work."""
     thread = threading.Thread(target=do, name="at once", daemon=True)
     thread.start()
     return thread
@@ -93,31 +93,31 @@ def problem_of(error: Exception) -> Problem:
     """An error as its sentence and its remedy."""
     if isinstance(error, ExplainedError):
         return Problem(error.reason, error.remedy)
-    what = f"the program failed unexpectedly: {type(error).__name__}: {error}"
-    return Problem(what, "nothing that was taken is lost; go on, and report this if it comes again")
+    what = f"unexpected error of the program: {type(error).__name__}: {error}"
+    return Problem(what, "no photograph is lost; continue, and report this error if it happens again")
 
 
-# --- the devices, looked at now and then -------------------------------------------------------------------------
+# --- polling of the devices ------------------------------------------------------------------------------------
 
 
 Look = Callable[[], "Sequence[DeviceState]"]
 
 
 class Watcher:
-    """Looks at the devices' conditions in a thread of its own, and tells when one has changed."""
+    """Polls the devices' conditions in a thread of its own, and calls `on_change` when one has changed."""
 
     def __init__(
         self,
         look: Callable[[], Sequence[DeviceState]],
-        tell: Callable[[Sequence[DeviceState]], None],
+        on_change: Callable[[Sequence[DeviceState]], None],
         every_s: float = 0.5,
     ) -> None:
-        self._look, self._tell, self._every_s = look, tell, every_s
+        self._look, self._on_change, self._every_s = look, on_change, every_s
         self._end = threading.Event()
         threading.Thread(target=self._run, name="watcher", daemon=True).start()
 
     def stop(self) -> None:
-        """Look no more."""
+        """End the polling."""
         self._end.set()
 
     def _run(self) -> None:
@@ -126,5 +126,5 @@ class Watcher:
             states = list(self._look())
             if states != last:
                 last = states
-                self._tell(states)
+                self._on_change(states)
             self._end.wait(self._every_s)

@@ -1,4 +1,4 @@
-"""The two lines at the foot of every screen: the devices with the way to stop them, and the keys."""
+"""The two bars at the bottom of every screen: the devices with the key that stops them, and the keys."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
     from textual.geometry import Size
 
     from drivers.interfaces import Condition
-    from station.app.commands import Offers
+    from station.app.commands import CommandSource
     from station.bench.stage_watch import DeviceState
 
-WIDE = 110  # columns from which there is room for words beside the names
+WIDE = 110  # columns from which conditions are shown in addition to names
 
 
 def packed(parts: Sequence[Content], width: int) -> Content:
-    """Parts side by side, in lines that end between two of them: Textual breaks lines at no-break spaces too."""
+    """Parts wrapped into lines only between parts; Textual also breaks lines at no-break spaces."""
     lines: list[Content] = []
     for part in parts:
         longer = Content("  ").join([*lines[-1:], part])
@@ -30,30 +30,30 @@ def packed(parts: Sequence[Content], width: int) -> Content:
 
 
 class DeviceBar(Part):
-    """Every device with its mark; those that cannot be used come first and say why. The way to stop them all.
+    """Every device with its mark, unusable ones first with the reason, and the key that stops all of them.
 
-    Its lines are made when the width is asked of it, not when a device changes: before the first layout there is none.
+    Its lines are made for a given width, not when a device changes, since the width is unknown before the first layout.
     """
 
-    _told: tuple[Sequence[DeviceState], str] = ((), "")
+    _shown: tuple[Sequence[DeviceState], str] = ((), "")
 
     def show(self, states: Sequence[DeviceState], words: str) -> None:
-        """How the devices are; `words` where there are none."""
-        told = tuple(states), words
-        if told != self._told:
-            self._told = told
+        """Show the devices; `words` if there are none."""
+        shown = tuple(states), words
+        if shown != self._shown:
+            self._shown = shown
             self.refresh(layout=True)
 
     def render(self) -> Content:
-        """The lines at the width it has."""
+        """The lines at the current width."""
         return self._lines(self.size.width)
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        """As many lines as the devices take at this width."""
+        """Number of lines at this width."""
         return len(self._lines(width).split())
 
     def _lines(self, width: int) -> Content:
-        states, words = self._told
+        states, words = self._shown
         stop = literal(" F12 STOP ALL ", "bold reverse")
         moving = [one for one in states if one.moving]
         bad = [one for one in states if not one.condition.usable and not one.moving]
@@ -70,34 +70,34 @@ class DeviceBar(Part):
 
 
 def brief(condition: Condition) -> str:
-    """A device's condition beside its name, which need not be told twice: "not homed"."""
+    """A device's condition without the repeated name: "not homed"."""
     return condition.word.removeprefix("the stage is ")
 
 
 def _why(one: DeviceState) -> str:
-    """Why a device cannot be used; of a stage that may not move, where it was told to be last."""
-    told = ", ".join(f"{label(axis)} {position_text(axis, place)}" for axis, place in one.places.items())
-    return brief(one.condition) + (f" (last told: {told})" if told else "")
+    """Why a device cannot be used, and the last reported position of a stage."""
+    last = ", ".join(f"{label(axis)} {position_text(axis, place)}" for axis, place in one.places.items())
+    return brief(one.condition) + (f" (last position: {last})" if last else "")
 
 
 class KeyLine(Part):
-    """The keys of this screen: as many as there is room for."""
+    """The keys of this screen that fit."""
 
     def on_mount(self) -> None:
-        """Fill it when the width is known."""
+        """Fill it once the width is known."""
         self.call_after_refresh(self.show)
 
     def on_resize(self) -> None:
-        """Another width, another choice."""
+        """Choose the keys that fit the new width."""
         self.show()
 
     def show(self) -> None:
-        """Write the keys that can be pressed now."""
+        """Show the keys of the available commands."""
         entries: list[Content] = []
         room = self.size.width
-        for command in cast("Offers", self.app).offered():
+        for command in cast("CommandSource", self.app).offered():
             entry = Content.assemble((command.pair or command.key_name(), "bold reverse"), f" {command.word}")
             if command.word and entry.cell_length <= room:
                 room -= entry.cell_length + 2
                 entries.append(entry)
-        self.update(Content("  ").join(entries), layout=False)  # it is one line, whatever it says
+        self.update(Content("  ").join(entries), layout=False)  # always one line

@@ -1,7 +1,7 @@
-"""Everything the operator can tell the application: one small class each is key, footer entry, palette entry and help.
+"""Commands of the operator: each is one small class with key, footer entry, palette entry and help.
 
-A command is a message. Its key posts it to the screen that is shown; the screen answers it, or lets it rise to the
-application. The docstring's first line is what help and palette say.
+A command is a message. Its key posts it to the current screen, which handles it or passes it to the application. The
+docstring's first line is the text of help and palette.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ class Command(Message):
     """A command."""
 
     keys: ClassVar[str]
-    """The keys, separated by commas; the first is the one that is shown."""
+    """The keys, separated by commas; the first one is displayed."""
     shown: ClassVar[str] = ""
-    """The first key as people call it, where that is not its name."""
+    """Displayed name of the first key, if different."""
     word: ClassVar[str] = ""
-    """The footer's word; none: not in the footer."""
+    """Label in the footer; empty: not in the footer."""
     pair: ClassVar[str] = ""
-    """The keys as the footer writes them, where it names two commands as one."""
+    """Keys in the footer, where one entry names two commands."""
     urgent: ClassVar[bool] = False
-    """Whether it is heard before whatever has the keyboard, in dialogs too."""
+    """Whether it takes precedence over the focused widget, also in dialogs."""
 
     def __init_subclass__(cls, **options: Any) -> None:
-        # their own namespace: a command called Leave must not reach Textual's handlers of its event Leave
+        # a namespace of its own: the command Leave must not reach Textual's handlers of its event Leave
         super().__init_subclass__(namespace="command", **options)
 
     @classmethod
@@ -46,7 +46,7 @@ class Command(Message):
 
     @classmethod
     def key_name(cls) -> str:
-        """How the key is written on screen."""
+        """Displayed name of the key."""
         return cls.shown or cls.keys.split(",")[0].upper().replace("CTRL+", "^")
 
     @classmethod
@@ -70,7 +70,7 @@ def bindings(commands: Iterable[type[Command]]) -> list[BindingType]:
 class StopEverything(Command):
     """Emergency stop: halt every device now; stages must be homed again afterwards."""
 
-    keys, urgent = "f12,ctrl+x", True  # the devices' line shows it, so the footer need not
+    keys, urgent = "f12,ctrl+x", True  # the device bar shows it, so the footer need not
 
 
 class EndRun(Command):
@@ -86,13 +86,13 @@ class ShowGuide(Command):
 
 
 class ShowBench(Command):
-    """The bench: devices, homing, moving by hand, light, what passes on the wires."""
+    """The bench: devices, homing, manual moves, light, traffic on the wires."""
 
     keys, word = "f3", "bench"
 
 
 class ShowResults(Command):
-    """The results: PSF, MTF, verdicts; two of them side by side."""
+    """The results: PSF, MTF, verdicts; comparison of two."""
 
     keys, word = "f4", "results"
 
@@ -116,7 +116,7 @@ class Leave(Command):
 
 
 class ShowFocus(Command):
-    """Live focus: how sharp every photograph is that comes, and which way to turn the ring."""
+    """Live focus: sharpness of every new photograph, and which way to turn the ring."""
 
     keys, word = "f7", "focus"
 
@@ -130,19 +130,19 @@ EVERYWHERE: tuple[type[Command], ...] = (
 
 
 class GoOn(Command):
-    """Go on with the session where it stopped; stages are homed first."""
+    """Continue the session where it stopped; stages are homed first."""
 
     keys, word = "f5", "go on"
 
 
 class StepBack(Command):
-    """Open the step before again; what was taken is kept."""
+    """Repeat the previous step; its photographs are kept."""
 
     keys, word = "f6", "step back"
 
 
 class NewSession(Command):
-    """Back to the first screen: a new session, or another one to go on with."""
+    """Back to the first screen: begin a new session or continue another."""
 
     keys, word = "f8", "new"
 
@@ -154,13 +154,13 @@ GUIDE: tuple[type[Command], ...] = (GoOn, StepBack, NewSession)
 
 
 class Connect(Command):
-    """Connect every device, and say what answered."""
+    """Connect every device, and show the answers."""
 
     keys, word, shown = "c", "connect", "C"
 
 
 class HomeStages(Command):
-    """Let every stage find its reference. Stages move: keep hands away."""
+    """Home every stage. Stages move: keep clear."""
 
     keys, word, shown = "h", "home", "H"
 
@@ -202,19 +202,19 @@ class StepLarger(Command):
 
 
 class Darker(Command):
-    """Dim the lamp by a tenth of its full light."""
+    """Dim the lamp by a tenth of its full power."""
 
     keys, shown = "d", "D"
 
 
 class Brighter(Command):
-    """Brighten the lamp by a tenth of its full light."""
+    """Brighten the lamp by a tenth of its full power."""
 
     keys, word, shown, pair = "b", "light", "B", "D/B"
 
 
 class NextWire(Command):
-    """Show what passes on the wire of the next device."""
+    """Show the traffic on the wire of the next device."""
 
     keys, word, shown = "w", "wire", "W"
 
@@ -241,7 +241,7 @@ class TurnFar(Command):
 
 
 class EndFocus(Command):
-    """End live focus, or go back to where the photographs come from."""
+    """End live focus, or return to the choice of the source."""
 
     keys, word, shown = "escape", "end", "Esc"
 
@@ -259,13 +259,13 @@ class NextPlane(Command):
 
 
 class Compare(Command):
-    """Keep this result to compare with: every result chosen then is shown beside it. Again: no more."""
+    """Compare: keep this result and show every other chosen one together with it. Again: end."""
 
     keys, word, shown = "c", "compare", "C"
 
 
 class Reload(Command):
-    """Look for results on the disk again."""
+    """Search the disk for results again."""
 
     keys, word, shown = "r", "look again", "R"
 
@@ -278,15 +278,15 @@ BY_NAME = {command.__name__: command for command in (*EVERYWHERE, *GUIDE, *BENCH
 # --- the palette -------------------------------------------------------------------------------------------------
 
 
-class Offers(Protocol):
-    """An application that says which commands can be given now."""
+class CommandSource(Protocol):
+    """An application with its available commands."""
 
     def offered(self) -> list[type[Command]]:
-        """Those of the screen that is shown, and those that are everywhere."""
+        """The commands of the current screen and of every screen."""
         ...
 
     async def action_command(self, name: str) -> None:
-        """Give one."""
+        """Give a command."""
         ...
 
 
@@ -294,30 +294,30 @@ class CommandsByName(Provider):
     """The palette's entries."""
 
     @property
-    def _offers(self) -> Offers:
-        return cast(Offers, self.app)
+    def _source(self) -> CommandSource:
+        return cast(CommandSource, self.app)
 
     async def discover(self) -> Hits:
-        """All of them."""
-        for command in self._offers.offered():
+        """All available commands."""
+        for command in self._source.offered():
             yield DiscoveryHit(Content(command.title()), self._give(command), help=_help(command))
 
     async def search(self, query: str) -> Hits:
-        """Those that match what was typed."""
+        """The commands that match the query."""
         matcher = self.matcher(query)
-        for command in self._offers.offered():
+        for command in self._source.offered():
             score = matcher.match(command.title())
             if score > 0:
                 yield Hit(score, matcher.highlight(command.title()), self._give(command), help=_help(command))
 
     def _give(self, command: type[Command]) -> _Given:
-        return _Given(self._offers, command.__name__)
+        return _Given(self._source, command.__name__)
 
 
 class _Given:
-    """What the palette calls when an entry is chosen."""
+    """Callback of a chosen palette entry."""
 
-    def __init__(self, app: Offers, name: str) -> None:
+    def __init__(self, app: CommandSource, name: str) -> None:
         self.app, self.name = app, name
 
     async def __call__(self) -> None:

@@ -1,7 +1,7 @@
-"""The operator's desk: what a run tells gathers here, what the operator answers goes back.
+"""Mailbox between a run and a front end: events of the run are collected, answers of the operator go back.
 
-A front end gives a `ring` that wakes its own loop and returns at once; it then takes what has gathered. What only says
-how things stand now replaces its forerunner, so that a slow terminal falls behind in detail but not in time.
+The front end's `ring` wakes its loop and returns at once; the loop then takes the collected entries. An event that
+describes the current state replaces its predecessor, so that a slow terminal loses detail but no time.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FramePreview:
-    """`Seen`, small: what a terminal can show of a frame."""
+    """A `FrameEvent` reduced to what a terminal can show."""
 
     picture: Thumbnail
     advice: Advice
@@ -29,53 +29,53 @@ class FramePreview:
 
 @dataclass(frozen=True)
 class Question:
-    """The run waits for an answer."""
+    """A question of the run."""
 
     ask: Ask
 
 
 MailboxEntry = Event | FramePreview | Question
 LATEST = (ProgressEvent, FramePreview, ScanEvent)
-"""Of these only the newest counts."""
+"""Only the newest of each of these is kept."""
 
 
 class Mailbox:
-    """An operator's desk. Any thread may call."""
+    """A thread-safe mailbox; the `Operator` of a run."""
 
     def __init__(self, ring: Callable[[], None]) -> None:
         self._ring = ring
         self._lock = threading.Condition()
-        self._news: list[MailboxEntry] = []
+        self._entries: list[MailboxEntry] = []
         self._answer: list[Fact] = []
         self._stopped = False
 
     def notify(self, event: Event) -> None:
-        """Lay an event on the desk."""
+        """Add an event."""
         if isinstance(event, FrameEvent):
-            self._lay(FramePreview(thumbnail(event.plane, event.advice.marks), event.advice))
+            self._add(FramePreview(thumbnail(event.plane, event.advice.marks), event.advice))
         else:
-            self._lay(event)
+            self._add(event)
 
-    def _lay(self, news: MailboxEntry) -> None:
+    def _add(self, entry: MailboxEntry) -> None:
         with self._lock:
-            quiet = not self._news
-            if isinstance(news, LATEST):
-                self._news = [old for old in self._news if type(old) is not type(news)]
-            self._news.append(news)
+            quiet = not self._entries
+            if isinstance(entry, LATEST):
+                self._entries = [old for old in self._entries if type(old) is not type(entry)]
+            self._entries.append(entry)
         if quiet:
             self._ring()
 
     def take(self) -> list[MailboxEntry]:
-        """What has gathered, oldest first."""
+        """Remove and return the collected entries, oldest first."""
         with self._lock:
-            news, self._news = self._news, []
-            return news
+            entries, self._entries = self._entries, []
+            return entries
 
     def answer(self, ask: Ask) -> Fact:
         """Wait for the operator. Raises Stopped."""
         with self._lock:
             self._answer.clear()
-        self._lay(Question(ask))
+        self._add(Question(ask))
         with self._lock:
             self._lock.wait_for(lambda: self._answer or self._stopped)
             if self._stopped:
@@ -89,7 +89,7 @@ class Mailbox:
             self._lock.notify_all()
 
     def stop(self) -> None:
-        """Answer no more: whoever asks hears that the operator stopped."""
+        """Answer every open and later question with `Stopped`."""
         with self._lock:
             self._stopped = True
             self._lock.notify_all()
@@ -99,27 +99,27 @@ Begin = Callable[[Mailbox], "Running"]
 
 
 class OperatorSession:
-    """A run with its operator at the desk: what a job works, asks and halts."""
+    """A run with its mailbox, as work, `ask` and `halt` of a background job."""
 
     def __init__(self, begin: Begin, ring: Callable[[], None], stop_bench: Callable[[], None]) -> None:
-        self.desk = Mailbox(ring)
+        self.mailbox = Mailbox(ring)
         self._begin, self._stop_bench = begin, stop_bench
         self._running: Running | None = None
         self._asked = False
 
     def work(self) -> RunEnded:
         """Begin and carry out; blocks."""
-        self._running = self._begin(self.desk)
+        self._running = self._begin(self.mailbox)
         if self._asked:
             self._running.ask_to_stop()
         return self._running.go()
 
     def ask(self) -> None:
-        """End after this exposure; an open question is not answered any more."""
+        """End after this exposure; open questions raise `Stopped`."""
         self._asked = True
         if self._running is not None:
             self._running.ask_to_stop()
-        self.desk.stop()
+        self.mailbox.stop()
 
     def halt(self) -> None:
         """End now, and stop the bench."""
@@ -127,4 +127,4 @@ class OperatorSession:
         if self._running is not None:
             self._running.stop_now()
         self._stop_bench()
-        self.desk.stop()
+        self.mailbox.stop()

@@ -1,4 +1,4 @@
-"""What threads tell the application: each is posted from a thread and handled in the loop."""
+"""Messages of threads to the application, handled in its loop."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 
 
 class MailboxFilled(Message):
-    """Something lies on the desk."""
+    """The mailbox has entries."""
 
 
 class ProgramTerminated(Message):
-    """The system ends the program, or its terminal is gone."""
+    """The system ends the program, or the terminal has closed."""
 
 
 class JobEnded(Message):
-    """A job came to its end."""
+    """A job has ended."""
 
     def __init__(self, finished: Finished) -> None:
         super().__init__()
@@ -30,7 +30,7 @@ class JobEnded(Message):
 
 
 class DevicesChanged(Message):
-    """A device is not as it was."""
+    """The condition of a device has changed."""
 
     def __init__(self, states: Sequence[DeviceState]) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""A terminal's driver that stops the bench in the thread that reads the keys, whatever the screens are at."""
+"""A terminal driver that stops the bench from the thread that reads the keys, independent of the screens."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from station.app.commands import EndRun, StopEverything
 
 
 def stopping_first(driver: type[Driver], stop: Callable[[], None], moving: Callable[[], bool]) -> type[Driver]:
-    """The driver, which calls `stop` before it hands on the key that asks for it, and before it is suspended.
+    """The driver extended to call `stop` before it passes on the stop key, and before it is suspended.
 
-    The key that ends a run asks for the stop while an axis is `moving`.
+    The key that ends a run is a stop key while an axis is `moving`.
     """
 
     class StopsFirst(driver):  # type: ignore[misc,valid-type]
@@ -27,7 +27,7 @@ def stopping_first(driver: type[Driver], stop: Callable[[], None], moving: Calla
                 message = StopEverything()
             super().process_message(message)
 
-        # Textual would act within the signal handler: the main thread may hold a lock that this takes
+        # not within the signal handler as Textual does: the main thread may hold a lock that this needs
         def _sigtstp_application(self, *_: object) -> None:
             self._do_soon(self._stop_then_suspend)
 
@@ -38,16 +38,16 @@ def stopping_first(driver: type[Driver], stop: Callable[[], None], moving: Calla
                 self._do_soon(self._begin_again)
 
         def _do_soon(self, act: Callable[[], None]) -> None:
-            with suppress(RuntimeError):  # the loop is closed, and nothing moves any more
+            with suppress(RuntimeError):  # the loop is closed; nothing moves
                 self._loop.call_soon_threadsafe(act)
 
         def _stop_then_suspend(self) -> None:
-            stop()  # the thread that hears signals may still be at it
+            stop()  # the signal thread may still be stopping it
             self.send_message(StopEverything())
             super()._sigtstp_application()
 
         def _begin_again(self) -> None:
-            """After SIGSTOP, which no program hears: its threads still run, and the shell has set the terminal."""
+            """Resume after SIGSTOP, which cannot be handled: the shell has changed the terminal's mode."""
             self.suspend_application_mode()
             self.resume_application_mode()
 

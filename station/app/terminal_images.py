@@ -1,4 +1,4 @@
-"""Pictures small enough for a terminal: a plane as levels, with the marks found in it, at any number of cells."""
+"""Images for a terminal: a plane as levels, with marks, at any number of cells."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from procedures.raw import Plane
 Levels = npt.NDArray[np.uint8]
 Array = npt.NDArray[np.float64]
 
-MOST = (240, 160)
-"""Columns and rows a thumbnail has at most: two pixels per cell of a large terminal."""
+MAX_SIZE = (240, 160)
+"""Largest columns and rows of a thumbnail: two pixels per cell of a large terminal."""
 RAMP = " .:-=+*#%@"
-"""From dark to bright, for terminals without colours."""
+"""Characters from dark to bright, for terminals without colours."""
 LEAST_WHITE = 0.05
-"""What is shown as white at the darkest: a frame of the lens cap shall not look like a picture."""
+"""Lower limit of the white level, so that the noise of a dark frame is not amplified."""
 GAMMA = 2.2
 SAMPLES_PER_BLOCK = 3
-"""Samples of a block that its mean is drawn from, per direction: a preview need not read every photosite."""
+"""Samples per block and direction for its mean; a preview need not read every photosite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Thumbnail:
     ----------
     levels : (rows, columns) uint8
     marks : points (x, y) as fractions of width and height
-    caption : what it shows, in a few words
+    caption : a few words
     """
 
     levels: Levels
@@ -41,28 +41,28 @@ class Thumbnail:
 
 
 def thumbnail(plane: Plane, marks: Sequence[tuple[float, float]] = ()) -> Thumbnail:
-    """A linear plane as it would look, brightest parts white, with marks given in its pixels."""
+    """A linear plane gamma-encoded with its brightest parts white; marks are in its pixels."""
     rows, columns = plane.samples.shape
-    block = max(1, -(-columns // MOST[0]), -(-rows // MOST[1]))
+    block = max(1, -(-columns // MAX_SIZE[0]), -(-rows // MAX_SIZE[1]))
     step = max(1, block // SAMPLES_PER_BLOCK)
-    picked = plane.samples[::step, ::step]
-    small = shrink(picked, max(1, rows // block), max(1, columns // block))
+    sampled = plane.samples[::step, ::step]
+    small = shrink(sampled, max(1, rows // block), max(1, columns // block))
     white = max(float(np.percentile(small, 99.5)), LEAST_WHITE)
     levels = np.clip(small / white, 0.0, 1.0) ** (1 / GAMMA) * 255
-    where = tuple(((x + 0.5) / columns, (y + 0.5) / rows) for x, y in marks)
-    return Thumbnail(levels.astype(np.uint8), where, f"plane {plane.name}, {columns} x {rows} pixels")
+    fractions = tuple(((x + 0.5) / columns, (y + 0.5) / rows) for x, y in marks)
+    return Thumbnail(levels.astype(np.uint8), fractions, f"plane {plane.name}, {columns} x {rows} pixels")
 
 
 def picture_thumbnail(levels: Levels, caption: str) -> Thumbnail:
-    """A picture whose levels are made for the eye already."""
+    """An image whose levels are gamma-encoded."""
     rows, columns = levels.shape
-    block = max(1, -(-columns // MOST[0]), -(-rows // MOST[1]))
+    block = max(1, -(-columns // MAX_SIZE[0]), -(-rows // MAX_SIZE[1]))
     small = shrink(levels, max(1, rows // block), max(1, columns // block))
     return Thumbnail(small.astype(np.uint8), caption=caption)
 
 
 def psf_thumbnail(h: Array, caption: str) -> Thumbnail:
-    """A PSF, its greatest sample white and everything below zero black; the square root lets the tails be seen."""
+    """A PSF, its maximum white, negative samples black; the square root makes the tails visible."""
     scaled = np.sqrt(np.clip(h / max(float(h.max()), 1e-300), 0.0, 1.0)) * 255
     return Thumbnail(scaled.astype(np.uint8), caption=caption)
 

@@ -1,6 +1,6 @@
-"""What the screens are made of: pictures in half blocks, curves, the rail of steps, live numbers, devices, progress.
+"""Widgets of the screens: images in half blocks, curves, the list of steps, live numbers, progress.
 
-Every word from outside passes `literal`: markup, escape sequences and control characters show as what they are.
+Every text from outside passes `literal`, which shows markup, escape sequences and control characters as text.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ if TYPE_CHECKING:
     from station.guide.frontend import ProgressEvent
 
 GREYS = 32
-"""Levels told apart in half blocks; runs of one level are one segment."""
-PLAIN = Style()  # Textual's filter for NO_COLOR wants a style on every segment
+"""Grey levels in half blocks; runs of one level are one segment."""
+PLAIN = Style()  # Textual's filter for NO_COLOR requires a style on every segment
 MARK = Style(color=MARK_TEXT, bgcolor=MARK_GROUND, bold=True)
 SPACE = "\N{NO-BREAK SPACE}"
-"""Between a mark and its line: a long word shall not leave the mark alone."""
+"""Between a mark and its line, so that they are not separated."""
 BAR = 16
 """Cells of the progress bar."""
 
 
 def literal(text: str, style: str = "") -> Content:
-    """The text as it is, on one line, in a style."""
+    """Text without markup, on one line, in a style."""
     return Content.styled(visible(text), style) if style else Content(visible(text))
 
 
@@ -49,7 +49,7 @@ def lines_of(*lines: Content | str) -> Content:
 
 
 class Part(Static):
-    """A widget of ours: knows the terminal's glyphs, takes no focus, reads no markup."""
+    """A text widget with the terminal's glyphs, without focus and markup."""
 
     def __init__(self, text: str = "", **options: str) -> None:
         super().__init__(literal(text), markup=False, **options)  # type: ignore[arg-type]
@@ -60,13 +60,13 @@ class Part(Static):
         return cast(Glyphs, self.app.glyphs)  # type: ignore[attr-defined]
 
     def update(self, content: VisualType = "", *, layout: bool = True) -> None:
-        """Show another text; to be told the same one again lays nothing out and paints nothing."""
+        """Show a text; an unchanged text causes neither layout nor painting."""
         shown = self.content
         if not (isinstance(shown, Content) and isinstance(content, Content) and shown.is_same(content)):
             super().update(content, layout=layout)
 
     def say(self, text: str, style: str = "") -> None:
-        """Show a sentence, or nothing and take no room."""
+        """Show a sentence, or hide the widget if it is empty."""
         self.update(literal(text, style))
         self.display = bool(text)
 
@@ -81,7 +81,7 @@ def _half_block(upper: int, lower: int) -> Style:
 
 
 class Drawn(Widget):
-    """Something whose lines are drawn anew when it changes or its size does."""
+    """A widget whose lines are redrawn when its contents or its size change."""
 
     _strips: tuple[Strip, ...] = ()
 
@@ -91,7 +91,7 @@ class Drawn(Widget):
         return cast(Glyphs, self.app.glyphs)  # type: ignore[attr-defined]
 
     def redraw(self) -> None:
-        """Draw it for the size it has."""
+        """Draw it for its size."""
         self._strips = self.draw(self.size.width, self.size.height) if self.size.area else ()
         self.refresh()
 
@@ -111,7 +111,7 @@ class Drawn(Widget):
 
 
 class Picture(Drawn):
-    """A thumbnail, two pixels to a cell, its marks as crosses, its caption below; `words` where there is none."""
+    """A thumbnail, two pixels per cell, with marks as crosses and a caption; `words` without a thumbnail."""
 
     def __init__(self, words: str = "", **options: str) -> None:
         super().__init__(**options)  # type: ignore[arg-type]
@@ -119,17 +119,17 @@ class Picture(Drawn):
         self.picture: Thumbnail | None = None
 
     def show(self, picture: Thumbnail | None) -> None:
-        """Another picture."""
+        """Show an image."""
         self.picture = picture
         self.redraw()
 
     def show_words(self, words: str) -> None:
-        """A drawing in characters, or a sentence, in place of a picture."""
+        """Show a drawing in characters, or a sentence, instead of an image."""
         self.words = words
         self.show(None)
 
     def draw(self, width: int, height: int) -> tuple[Strip, ...]:
-        """The picture as large as it fits."""
+        """The largest image that fits."""
         if self.picture is None:
             return tuple(_text_strip(line) for line in centred(self.words, width, height))
         from station.app.terminal_images import in_letters, lay_out
@@ -140,7 +140,7 @@ class Picture(Drawn):
 
 
 def centred(text: str, width: int, height: int) -> list[str]:
-    """Lines in the middle of a room, their left ends one below the other; what has no room is cut off."""
+    """Left-aligned lines centred as a block and cropped to the area."""
     lines = [visible(line) for line in text.splitlines()][:height]
     indent = " " * (max(0, width - max(map(len, lines), default=0)) // 2)
     return [""] * ((height - len(lines)) // 2) + [f"{indent}{line}"[:width] for line in lines]
@@ -165,28 +165,28 @@ class CurveView(Drawn):
     plot: Callable[[int, int, bool], list[str]] | None = None
 
     def show(self, plot: Callable[[int, int, bool], list[str]] | None) -> None:
-        """Other curves."""
+        """Show curves."""
         self.plot = plot
         self.redraw()
 
     def draw(self, width: int, height: int) -> tuple[Strip, ...]:
-        """The curves as large as they fit."""
+        """The largest plot that fits."""
         lines = self.plot(width, height, self.glyphs.ascii) if self.plot is not None else []
         return tuple(_text_strip(line) for line in lines)
 
 
 class BigText(Drawn):
-    """Digits and signs as large as there is room for."""
+    """Digits and signs as large as possible."""
 
     text = ""
 
     def show(self, text: str) -> None:
-        """Another text."""
+        """Show a text."""
         self.text = text
         self.redraw()
 
     def draw(self, width: int, height: int) -> tuple[Strip, ...]:
-        """It, in blocks."""
+        """The text in blocks."""
         return tuple(_text_strip(line) for line in big_lines(self.text, width, height, self.glyphs.full))
 
 
@@ -198,10 +198,10 @@ def _text_strip(text: str) -> Strip:
 
 
 class Rail(Part):
-    """The steps: a mark and a word for each."""
+    """The list of steps with a mark and a value for each."""
 
     def show(self, plan: Plan, done: Mapping[str, str], now: str | None) -> None:
-        """Where the plan stands: the steps that are done, with what each gave."""
+        """Show the progress of a plan: `done` maps completed steps to their values."""
         width = max(8, self.size.width or 24)
         self.update(
             lines_of(
@@ -221,11 +221,11 @@ class Rail(Part):
 
 
 class Readings(Part):
-    """Live numbers with target and tolerance, each with the word for how it is."""
+    """Live numbers with their tolerances and marks."""
 
     def show(self, readings: Sequence[Reading]) -> None:
-        """Other numbers."""
-        self.update(lines_of(*(line for one in readings for line in self._entry(one))))
+        """Show readings."""
+        self.update(lines_of(*(line for reading in readings for line in self._entry(reading))))
         self.display = bool(readings)
 
     def _entry(self, one: Reading) -> tuple[Content, ...]:
@@ -237,7 +237,7 @@ class Readings(Part):
 
 
 def limits_in_words(one: Reading) -> str:
-    """The tolerance: "wanted 0.7 to 0.9"."""
+    """The tolerance: "target 0.7 to 0.9"."""
     if one.low is None and one.high is None:
         return ""
     if one.high is None:
@@ -246,11 +246,11 @@ def limits_in_words(one: Reading) -> str:
         wanted = f"at most {one.high:.4g}"
     else:
         wanted = f"{one.low:.3g} to {one.high:.3g}"
-    return f"wanted {wanted}"
+    return f"target {wanted}"
 
 
 class ProgressLine(Part):
-    """What happens now: a sentence, the parts done, the time it takes and has still to take."""
+    """The current activity: a sentence, the completed parts, elapsed and remaining time."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic, **options: str) -> None:
         super().__init__("", **options)
@@ -260,11 +260,11 @@ class ProgressLine(Part):
         self._first: tuple[ProgressEvent, float] | None = None
 
     def on_mount(self) -> None:
-        """Tick: a sentence that stands still looks like a program that does."""
+        """Update the times every second."""
         self.set_interval(1.0, self.tick)
 
     def show(self, doing: ProgressEvent | None) -> None:
-        """Another thing happens; None: nothing does."""
+        """Show an activity, or none."""
         now_s = self._clock()
         if doing is not None and (self._first is None or self._first[0].say != doing.say):
             self._first = doing, now_s
@@ -274,13 +274,13 @@ class ProgressLine(Part):
             self.update("")
 
     def hold(self) -> None:
-        """The sentence stays, and time does not count."""
+        """Keep the sentence without times."""
         if self._doing is not None:
             self.update(literal(self._doing.say))
             self._doing = None
 
     def tick(self) -> None:
-        """Bring the times up to date."""
+        """Update the times."""
         if self._doing is not None and self._first is not None:
             first, began_s = self._first
             elapsed_s = self._clock() - self._since_s
@@ -289,7 +289,7 @@ class ProgressLine(Part):
 
 
 def left_of(first: ProgressEvent, doing: ProgressEvent, took_s: float) -> float | None:
-    """The time that the rest takes if it goes on as from `first` to `doing`; None where that cannot be told."""
+    """Remaining time extrapolated from `first` to `doing`; None where unknown."""
     parts = doing.done - first.done
     if doing.left_s is not None or parts <= 0 or doing.total <= 0:
         return doing.left_s
@@ -297,7 +297,7 @@ def left_of(first: ProgressEvent, doing: ProgressEvent, took_s: float) -> float 
 
 
 def progress_in_words(doing: ProgressEvent, elapsed_s: float, left_s: float | None, glyphs: Glyphs) -> str:
-    """A bar where parts are counted, the sentence, and the times."""
+    """Bar where parts are counted, sentence, and times."""
     words = [doing.say]
     if doing.total > 0:
         filled = min(BAR, doing.done * BAR // doing.total)
@@ -316,6 +316,6 @@ def seconds_in_words(seconds: float) -> str:
 
 
 def verdict_words(verdict: str, glyphs: Glyphs) -> str:
-    """A measurement's verdict as mark and word."""
+    """A measurement's verdict as mark and text."""
     marks: Mapping[str, str] = {"pass": glyphs.good, "refused": glyphs.bad}
     return f"{marks.get(verdict, '?')} {measurement_words(verdict)}"

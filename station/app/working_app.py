@@ -1,6 +1,6 @@
-"""The half of the application that works: jobs in threads, the bench, runs and what they tell.
+"""Base of the application: jobs in threads, the bench, runs and their events.
 
-Whatever blocks (wires, disks, numpy) runs in threads of ours and comes back as a message; the event loop only paints.
+Blocking work (devices, disks, numpy) runs in threads and returns as messages; the event loop only paints.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ if TYPE_CHECKING:
     from station.guide.workspace import Lab, Running, SessionSummary
 
 SHOW_EVERY_S = 0.08
-"""What runs tell is shown at most so often: 12 times a second is as much as an eye or an ssh line wants."""
+"""Shortest interval between updates from a run; 12 per second suffice for the eye and for ssh."""
 GUIDE, BENCH, FOCUS, RESULTS = "guide", "bench", "focus", "results"
 NO_BENCH = "No bench is configured: write a station.toml, or start with --simulate."
-ALARM = "EMERGENCY STOP: everything was halted. Stages must be homed to move again."
+ALARM = "EMERGENCY STOP: every device was stopped. Home the stages before moving again."
 
 
 class WorkingApp(App[int]):
-    """An application that has a bench, does jobs, and attends runs; its value is the exit code."""
+    """An application with a bench, jobs and runs; its value is the exit code."""
 
     def __init__(self, lab: Lab, glyphs: Glyphs | None = None) -> None:
         super().__init__()
@@ -61,7 +61,7 @@ class WorkingApp(App[int]):
         self._bench_words, self.why_no_bench = "opening the bench", "The bench is being opened."
         self._watcher: Watcher | None = None
         self._guide: GuideScreen | None = None
-        self._sitting: OperatorSession | None = None
+        self._operator_session: OperatorSession | None = None
         self._session: Path | None = None
         self._subject = self._alarm = ""
         self._wanted: Callable[[Mailbox], Running] | None = None
@@ -74,7 +74,7 @@ class WorkingApp(App[int]):
     # --- beginning and end ---------------------------------------------------------------------------------------
 
     def on_mount(self) -> None:
-        """Paint first; numpy, bench and sessions come after."""
+        """Paint first, then load numpy, bench and sessions."""
         self.call_after_refresh(self._start, "load", lambda: _load(self.lab))
 
     @on(ProgramTerminated)
@@ -87,63 +87,67 @@ class WorkingApp(App[int]):
         self._post(ProgramTerminated())
 
     def finish(self, timeout_s: float) -> None:
-        """Wait for the run to end, once the application has: it writes its last line."""
+        """Wait for the run to write its last line after the application has ended."""
         for job in list(self._jobs.values()):
             job.wait(timeout_s)
 
     def _fatal_error(self) -> None:
-        """A fault of the program: the bench stops; a sentence for the operator, the traceback for whoever asks."""
+        """After an unexpected error, stop the bench and show a sentence, or the traceback on request."""
         self._halt()
         if os.environ.get(TRACEBACK) or self._exception is None or self.is_headless:
             super()._fatal_error()
             return
-        told = problem_of(self._exception)
-        self.panic(Text(visible(f"{told.reason}; {told.remedy}")))
+        problem = problem_of(self._exception)
+        self.panic(Text(visible(f"{problem.reason}; {problem.remedy}")))
 
     def on_unmount(self) -> None:
-        """Let nothing run on behind a closed terminal."""
+        """End the polling of the devices."""
         if self._watcher is not None:
             self._watcher.stop()
 
     # --- jobs ----------------------------------------------------------------------------------------------------
 
     def _start(self, name: str, work: Callable[[], Any], **ends: Callable[[], None]) -> None:
-        self._jobs[name] = BackgroundJob(name, work, self.tell, **ends).start()
+        self._jobs[name] = BackgroundJob(name, work, self.report_finished, **ends).start()
 
-    def tell(self, finished: Finished) -> None:
-        """A job's last word; from its thread."""
+    def report_finished(self, finished: Finished) -> None:
+        """Post the end of a job; from its thread."""
         self._post(JobEnded(finished))
 
     def _post(self, message: Message) -> None:
-        with suppress(RuntimeError):  # the loop is closed: nobody is there to hear
+        with suppress(RuntimeError):  # the loop is closed
             self.post_message(message)
 
     def running(self, name: str) -> BackgroundJob | None:
-        """The job of that name, while it runs."""
+        """The job by name while it runs, else None."""
         job = self._jobs.get(name)
         return job if job is not None and job.running else None
 
     @property
     def bench_taken(self) -> str:
-        """Why the bench cannot be used by hand now; empty where it can."""
+        """Why the bench cannot be used manually now; empty where it can."""
         if self._run_is_due:
-            return "The guide is at work: end its run first (Ctrl+C)."
+            return "The guide uses the bench: end its run first (Ctrl+C)."
         if self._focus_on_bench and self.running("focus"):
-            return "Live focus has the bench: end it first (F7, then Esc)."
-        return "One thing at a time: the bench is still at the last." if self.running("by hand") else ""
+            return "Live focus uses the bench: end it first (F7, then Esc)."
+        return (
+            "The bench is still busy with the last command: wait, or stop it with F12."
+            if self.running("by hand")
+            else ""
+        )
 
     def by_hand(self, work: Callable[[], Any]) -> None:
-        """Something on the bench screen's behalf."""
+        """Run a command of the bench screen."""
         self._start("by hand", work, halt=self.lab.emergency_stop)
 
     def focus(self, work: Callable[[], Any], end: Callable[[], None], *, on_bench: bool) -> None:
-        """Live focus on its screen's behalf; photographs in a folder leave the bench to others."""
+        """Run live focus; photographs from a folder leave the bench free."""
         self._focus_on_bench = on_bench
         self._start("focus", work, ask=end, halt=self.lab.emergency_stop)
 
     @on(JobEnded)
     def _ended(self, message: JobEnded) -> None:
-        if not self.is_running:  # the screens are being taken down
+        if not self.is_running:  # the screens are being removed
             return
         finished = message.finished
         handle = {
@@ -151,17 +155,17 @@ class WorkingApp(App[int]):
             "open": self._opened,
             "run": self._run_ended,
             "by hand": self._moved_by_hand,
-            "focus": self._tell_screens,
+            "focus": self._notify_screens,
             "results": self._results_read,
             "sessions": self._sessions_read,
         }[finished.job.name]
         if self._jobs.get(finished.job.name) is finished.job:
-            del self._jobs[finished.job.name]  # it may not have left its thread yet; its work is done
+            del self._jobs[finished.job.name]  # its thread may still be ending
         handle(finished)
         self.refresh_frame()
 
     def _loaded(self, finished: Finished) -> None:
-        # what is loaded stays: looking through it for garbage would hold the loop for a tenth of a second, now and then
+        # loaded modules stay: scanning them for garbage would block the loop for 0.1 s now and then
         gc.freeze()
         self._is_loaded = True
         if finished.problem is not None:
@@ -173,15 +177,15 @@ class WorkingApp(App[int]):
         self._start("open", self.lab.open)
         if self._wanted is not None:
             self._begin(self._wanted)
-        if self._wanted_mode:  # its key was pressed while the program was still loading
-            self.clear_notifications()  # that it was still loading
+        if self._wanted_mode:  # its key was pressed during loading
+            self.clear_notifications()  # of the loading
             self.switch_mode(self._wanted_mode)
 
     def _opened(self, finished: Finished) -> None:
         if finished.value is not None:
             self.bench, self.rows = finished.value.bench, finished.value.rows
         bench = self.bench
-        self._bench_words = "no bench: every move is made by hand" if bench is None else ""
+        self._bench_words = "no bench: every move is made manually" if bench is None else ""
         self.why_no_bench = NO_BENCH
         if finished.problem is not None:
             self._bench_words = "the bench could not be opened"
@@ -197,9 +201,9 @@ class WorkingApp(App[int]):
             self._alarm = ""
         if isinstance(finished.value, list):
             self.rows = finished.value
-        self._tell_screens(finished)
+        self._notify_screens(finished)
 
-    def _tell_screens(self, finished: Finished) -> None:
+    def _notify_screens(self, finished: Finished) -> None:
         for screen in (one for stack in self._screen_stacks.values() for one in stack):
             if isinstance(screen, StationScreen) and screen.is_mounted:
                 screen.done(finished)
@@ -224,30 +228,30 @@ class WorkingApp(App[int]):
     @on(StartScreen.Begin)
     def _begin_new(self, message: StartScreen.Begin) -> None:
         self._subject = f"{message.camera}, {message.lens}"
-        self._begin(lambda desk: self.lab.begin(message.plan, message.camera, message.lens, desk))
+        self._begin(lambda mailbox: self.lab.begin(message.plan, message.camera, message.lens, mailbox))
 
     @on(StartScreen.Resume)
     def _resume(self, message: StartScreen.Resume) -> None:
         self._subject = message.folder.name
-        self._begin(lambda desk: self.lab.resume(message.folder, desk))
+        self._begin(lambda mailbox: self.lab.resume(message.folder, mailbox))
 
     @on(GoOn)
     def _go_on(self) -> None:
         folder = self._session
         if folder is not None:
-            self._begin(lambda desk: self.lab.resume(folder, desk))
+            self._begin(lambda mailbox: self.lab.resume(folder, mailbox))
 
     @on(StepBack)
     def _step_back(self) -> None:
         folder, step = self._session, self._guide.step_before if self._guide else None
         if folder is None or step is None:
             return
-        self._afterwards = lambda: self._begin(lambda desk: self.lab.resume(folder, desk, back_to=step))
+        self._afterwards = lambda: self._begin(lambda mailbox: self.lab.resume(folder, mailbox, back_to=step))
         self._end_run_then_go_on()
 
     def _begin(self, begin: Callable[[Mailbox], Running]) -> None:
-        """Carry out a run, once all that it needs has been loaded; one at a time, and not beside a move by hand."""
-        if not self._is_loaded:  # nor, perhaps, even begun to: that waits until the first screen is painted
+        """Carry out a run once everything is loaded; not during another run or a manual move."""
+        if not self._is_loaded:  # loading begins after the first paint
             self._wanted = begin
             return
         if taken := self.bench_taken:
@@ -257,7 +261,7 @@ class WorkingApp(App[int]):
         from station.app.screens.guide import GuideScreen
 
         self._wanted, self._alarm, self._run_is_due = None, "", True
-        self._sitting = OperatorSession(begin, lambda: self._post(MailboxFilled()), self.lab.emergency_stop)
+        self._operator_session = OperatorSession(begin, lambda: self._post(MailboxFilled()), self.lab.emergency_stop)
         if self._guide is None:
             self._guide = GuideScreen()
             self.push_screen(self._guide, mode=GUIDE)
@@ -270,15 +274,17 @@ class WorkingApp(App[int]):
             self._start_run()
 
     def _start_run(self) -> None:
-        left = self.return_code is not None  # a screen that comes up then has no parts any more
-        if self._sitting is not None and self._guide is not None and not left:
+        exiting = self.return_code is not None  # a screen that appears then has no parts
+        if self._operator_session is not None and self._guide is not None and not exiting:
             self._guide.begin("Opening the session and the bench.")
-            self._start("run", self._sitting.work, ask=self._sitting.ask, halt=self._sitting.halt)
+            self._start(
+                "run", self._operator_session.work, ask=self._operator_session.ask, halt=self._operator_session.halt
+            )
             self.refresh_frame()
 
     @on(MailboxFilled)
-    def _news(self) -> None:
-        """Show what has gathered, now or when it is time again."""
+    def _on_mailbox_filled(self) -> None:
+        """Show the collected entries, now or after the update interval."""
         wait_s = self._shown_s + SHOW_EVERY_S - time.monotonic()
         if wait_s <= 0:
             self._drain()
@@ -293,21 +299,21 @@ class WorkingApp(App[int]):
         if not self.is_running:
             return
         self._drain_is_due, self._shown_s = False, time.monotonic()
-        guide, sitting = self._guide if self._guide is not None and self._guide.whole else None, self._sitting
-        for news in sitting.desk.take() if sitting is not None and guide is not None else ():
+        guide, session = self._guide if self._guide is not None and self._guide.whole else None, self._operator_session
+        for entry in session.mailbox.take() if session is not None and guide is not None else ():
             assert guide is not None  # a run begins when its screen is there
-            if isinstance(news, RunBegan):
-                self._session = news.session
-            if not isinstance(news, RunEnded):  # it is shown when the run has left the bench
-                guide.show(news)
-            if isinstance(news, Question) and self.front is not guide:
+            if isinstance(entry, RunBegan):
+                self._session = entry.session
+            if not isinstance(entry, RunEnded):  # it is shown when the run has released the bench
+                guide.show(entry)
+            if isinstance(entry, Question) and self.front is not guide:
                 self.bell()
-                self.notify(visible(f"The guide (F2) asks: {news.ask.question}"), markup=False)
+                self.notify(visible(f"The guide (F2) asks: {entry.ask.question}"), markup=False)
 
     @on(AnswerBox.Given)
     def _answered(self, message: AnswerBox.Given) -> None:
-        if self._sitting is not None:
-            self._sitting.desk.reply(message.fact)
+        if self._operator_session is not None:
+            self._operator_session.mailbox.reply(message.fact)
 
     def _run_ended(self, finished: Finished) -> None:
         self._drain()
@@ -323,7 +329,7 @@ class WorkingApp(App[int]):
 
     @on(EndRun)
     def _end_run(self) -> None:
-        """Once: after this exposure, now if an axis moves. Twice: now."""
+        """Pressed once: end after this exposure, at once if an axis moves. Twice: at once."""
         if self.axis_moves:
             self.stop_everything()
             return
@@ -346,15 +352,15 @@ class WorkingApp(App[int]):
 
     @property
     def axis_moves(self) -> bool:
-        """Whether a stage of the bench moves; from any thread."""
+        """Whether a stage moves; from any thread."""
         return self.bench is not None and self.bench.motions.under_way
 
     @on(StopEverything)
     def stop_everything(self) -> None:
-        """Stop the bench at once, in a thread of its own, and whatever runs."""
+        """Stop the bench and every job at once, in a thread of its own."""
         self._halt()
         if isinstance(self.screen, Choose) and self.screen.moves:
-            self.screen.close(None)  # the next key must not begin what was just stopped
+            self.screen.close(None)  # the next key must not start what was just stopped
         self._alarm = ALARM
         self.bell()
         self.refresh_frame()
@@ -362,11 +368,13 @@ class WorkingApp(App[int]):
     def _halt(self) -> None:
         if self._focus_on_bench and (focus := self.running("focus")):
             focus.cancel()
-        running = self._sitting is not None and self.running("run")
-        at_once(self._sitting.halt if self._sitting is not None and running else self.lab.emergency_stop)
+        running = self._operator_session is not None and self.running("run")
+        at_once(
+            self._operator_session.halt if self._operator_session is not None and running else self.lab.emergency_stop
+        )
 
     def get_driver_class(self) -> type[Driver]:
-        """The terminal's driver, whose thread stops the bench when it reads the key, whatever the screens are at."""
+        """The terminal driver, whose thread stops the bench when it reads the stop key."""
         return stopping_first(
             super().get_driver_class(), lambda: self.lab.emergency_stop(), lambda: self.axis_moves
         )  # the lab comes later
@@ -375,17 +383,17 @@ class WorkingApp(App[int]):
 
     @property
     def front(self) -> StationScreen:
-        """The screen that is shown, below any dialog."""
+        """The current screen, below any dialog."""
         return next(one for one in reversed(self.screen_stack) if isinstance(one, StationScreen))
 
     @property
     def conditions(self) -> Mapping[str, Condition]:
-        """How each device is, by name, as it was seen last."""
+        """Last known condition of each device by name."""
         return {one.name: one.condition for one in self._states}
 
     @property
     def places(self) -> Mapping[str, float]:
-        """Where the axes are, by name, as the wires told it last."""
+        """Last reported position of each axis by name."""
         return {axis: place for one in self._states for axis, place in one.places.items()}
 
     @property
@@ -398,13 +406,13 @@ class WorkingApp(App[int]):
         self.refresh_frame()
 
     def refresh_frame(self) -> None:
-        """Bring the screen that is shown up to date."""
+        """Update the current screen."""
         if self.is_running:
             self.front.refresh_frame()
 
 
 def _load(lab: Lab) -> tuple[Mapping[str, str], Sequence[SessionSummary]]:
-    """Import what screens and runs need, and read what is on the disk; in a thread."""
+    """Import the modules of screens and runs, and read the sessions; in a thread."""
     import station.app.screens.bench
     import station.app.screens.focus
     import station.app.screens.guide

@@ -1,4 +1,4 @@
-"""The bench: devices and what they answered, homing, moving by hand, light, and what passes on the wires."""
+"""The bench: devices and their answers, homing, manual moves, light, and traffic on the wires."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ if TYPE_CHECKING:
 STEPS = (0.01, 0.1, 1.0, 10.0, 100.0)
 LIGHT_STEP = 0.1
 WIRE_EVERY_S = 0.25
-BUSY = "The guide is at work: end its run first (Ctrl+C)."
+BUSY = "The guide uses the bench: end its run first (Ctrl+C)."
 
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis that can be moved by hand: of which device, and the range it is known to have."""
+    """An axis that can be moved: its device and its range."""
 
     device: str
     name: str
@@ -54,12 +54,12 @@ class Axis:
 
     @property
     def unit(self) -> str:
-        """The last part of its name."""
+        """The unit: the last part of the name."""
         return self.name.rpartition("_")[2]
 
 
 class BenchScreen(StationScreen):
-    """Everything on the bench by hand."""
+    """Manual control of the bench."""
 
     COMMANDS_HERE = BENCH
     BINDINGS: ClassVar[list[BindingType]] = bindings(BENCH)
@@ -70,39 +70,39 @@ class BenchScreen(StationScreen):
         self._positions: Mapping[str, float] = {}
         self._wire_shown: tuple[str, list[str]] = ("", [])
         self._axis, self._step, self._wire = 0, 2, 0
-        self._taken = ""
-        self._said = ""
+        self._busy = ""
+        self._message = ""
 
     def body(self) -> ComposeResult:
-        """Devices, axes, wire, and what came of the last command."""
+        """Devices, axes, wire, and the outcome of the last command."""
         yield Part(id="rows")
         with Horizontal(id="hand"):
             yield Part(id="axes")
             yield Part(id="wire")
-        yield Part(id="said")
+        yield Part(id="message")
 
     def on_mount(self) -> None:
-        """Look at the wire now and then."""
+        """Poll the wire."""
         super().on_mount()
         self.set_interval(WIRE_EVERY_S, self._show_wire)
         self._show()
 
     @property
     def bench(self) -> Bench | None:
-        """The application's."""
-        found: Bench | None = self.app.bench  # type: ignore[attr-defined]
-        return found
+        """The application's bench."""
+        bench: Bench | None = self.app.bench  # type: ignore[attr-defined]
+        return bench
 
     def can(self, command: type[Command]) -> bool:
-        """Nothing without a bench, nothing but looking while a run has it."""
+        """No commands without a bench; only display during a run."""
         if command is NextWire:
             return self.bench is not None
         return self.bench is not None and not self.app.bench_taken  # type: ignore[attr-defined]
 
-    # --- what is told
+    # --- display
 
     def refresh_frame(self) -> None:
-        """The devices may have been connected, or be in another state."""
+        """Update devices and positions."""
         super().refresh_frame()
         if self.is_mounted:
             self._positions = {**self._positions, **self.app.places}  # type: ignore[attr-defined]
@@ -110,43 +110,43 @@ class BenchScreen(StationScreen):
             self._show()
 
     def done(self, finished: Finished) -> None:
-        """What came of a command."""
+        """Show the outcome of a command."""
         if finished.job.name != "by hand":
             return
         if finished.problem is not None:
             self._say(f"{finished.problem.reason}. {finished.problem.remedy}.")
-        elif isinstance(finished.value, Said):
+        elif isinstance(finished.value, CommandOutcome):
             self._positions = finished.value.positions
             self._say(finished.value.words)
         self._show()
 
     def _say(self, words: str) -> None:
-        self._said = words
-        self.query_one("#said", Part).update(literal(words, "bold"))
+        self._message = words
+        self.query_one("#message", Part).update(literal(words, "bold"))
 
     def _show(self) -> None:
         glyphs = self.query_one("#rows", Part).glyphs
         known: Sequence[DeviceRow] = self.app.rows  # type: ignore[attr-defined]
         rows = [row_in_words(row, self._condition(row), glyphs.good, glyphs.bad) for row in known]
         self.query_one("#rows", Part).update(lines_of(*(rows or ["" if self.bench else self._without()])))
-        lines = [f"Move by hand, in steps of {STEPS[self._step]:g}"]
+        lines = [f"Manual moves, in steps of {STEPS[self._step]:g}"]
         for i, axis in enumerate(self._axes):
             at = f"{self._positions[axis.name]:z.3f}" if axis.name in self._positions else "?"
             mark = glyphs.now if i == self._axis else " " * len(glyphs.now)
             lines.append(f"{mark} {axis.name:10} {at:>10}  ({axis.low:.4g} to {axis.high:.4g})")
         self.query_one("#axes", Part).update(lines_of(*lines))
-        if self.app.bench_taken != self._taken:  # type: ignore[attr-defined]
-            before, self._taken = self._taken, self.app.bench_taken  # type: ignore[attr-defined]
-            if self._taken or self._said == before:  # what a command has said meanwhile stays
-                self._say(self._taken)
+        if self.app.bench_taken != self._busy:  # type: ignore[attr-defined]
+            before, self._busy = self._busy, self.app.bench_taken  # type: ignore[attr-defined]
+            if self._busy or self._message == before:  # keep the outcome of a later command
+                self._say(self._busy)
         self._show_wire()
 
     def _without(self) -> str:
-        """Why there is no bench."""
+        """The reason why there is no bench."""
         return str(self.app.why_no_bench)  # type: ignore[attr-defined]
 
     def _condition(self, row: DeviceRow) -> Condition:
-        """How the device is now, rather than when it was connected."""
+        """The current condition of a device."""
         return self.app.conditions.get(row.name, row.condition)  # type: ignore[attr-defined,no-any-return]
 
     def _show_wire(self) -> None:
@@ -155,8 +155,8 @@ class BenchScreen(StationScreen):
         if not wires or not self.is_active:
             return
         name = list(wires)[self._wire % len(wires)]
-        passed = wires[name].last(max(1, part.size.height - 1))
-        lines = [f"{p.time_s:9.3f} {p.way} {p.data!r}"[: max(20, part.size.width)] for p in passed]
+        messages = wires[name].last(max(1, part.size.height - 1))
+        lines = [f"{p.time_s:9.3f} {p.way} {p.data!r}"[: max(20, part.size.width)] for p in messages]
         if (name, lines) != self._wire_shown:
             self._wire_shown = name, lines
             part.update(lines_of(literal(f"Wire of {name} (W: next)", "bold"), *lines))
@@ -184,21 +184,23 @@ class BenchScreen(StationScreen):
         if self.bench is None or self.app.bench_taken:  # type: ignore[attr-defined]
             self._do("", _home)
             return
-        question = f"Homing: {', '.join(axis.name for axis in self._axes)} each go to a switch. Clear? F12 stops."
+        question = (
+            f"Homing: {', '.join(axis.name for axis in self._axes)} each move to a switch. Is the way clear? F12 stops."
+        )
         self.app.push_screen(Choose(question, ("home now", "not now"), moves=True), self._home_or_not)
 
     def _home_or_not(self, answer: int | None) -> None:
         if answer == 0:
-            self._do("Homing: keep clear of everything that moves.", _home)
+            self._do("Homing: keep clear of all moving parts.", _home)
 
     @on(JogBack)
     def jog_back(self) -> None:
-        """One step down."""
+        """Move one step down."""
         self._jog(-STEPS[self._step])
 
     @on(JogForward)
     def jog_forward(self) -> None:
-        """One step up."""
+        """Move one step up."""
         self._jog(STEPS[self._step])
 
     def _jog(self, by: float) -> None:
@@ -208,47 +210,47 @@ class BenchScreen(StationScreen):
 
     @on(AxisBefore)
     def axis_before(self) -> None:
-        """The axis above."""
+        """Choose the axis above."""
         self._axis = max(0, self._axis - 1)
         self._show()
 
     @on(AxisAfter)
     def axis_after(self) -> None:
-        """The axis below."""
+        """Choose the axis below."""
         self._axis = max(0, min(self._axis + 1, len(self._axes) - 1))
         self._show()
 
     @on(StepSmaller)
     def step_smaller(self) -> None:
-        """A tenth."""
+        """Reduce the step to a tenth."""
         self._step = max(0, self._step - 1)
         self._show()
 
     @on(StepLarger)
     def step_larger(self) -> None:
-        """Ten times."""
+        """Increase the step ten times."""
         self._step = min(self._step + 1, len(STEPS) - 1)
         self._show()
 
     @on(Darker)
     def darker(self) -> None:
-        """Less light."""
+        """Dim the lamp."""
         self._do("Dimming.", lambda bench: _light(bench, -LIGHT_STEP))
 
     @on(Brighter)
     def brighter(self) -> None:
-        """More light."""
+        """Brighten the lamp."""
         self._do("Brightening.", lambda bench: _light(bench, LIGHT_STEP))
 
     @on(NextWire)
     def next_wire(self) -> None:
-        """The next device's wire."""
+        """Show the next device's wire."""
         self._wire += 1
         self._show_wire()
 
 
 def row_in_words(row: DeviceRow, now: Condition, good: str, bad: str) -> str:
-    """A device: what answered and how it is, or what is wrong and what to do."""
+    """A device with its identity and condition, or the problem and its remedy."""
     mark = good if now.usable else bad
     who = f"{row.identity.model} {row.identity.firmware}".strip() if row.identity else "no answer"
     words = f"{mark} {row.name:12} {row.driver:8} {who}: {brief(now)}"
@@ -261,41 +263,41 @@ def row_in_words(row: DeviceRow, now: Condition, good: str, bad: str) -> str:
 
 
 @dataclass(frozen=True)
-class Said:
-    """What came of a command, and where the axes are."""
+class CommandOutcome:
+    """Outcome of a command, and the positions of the axes."""
 
     words: str
     positions: Mapping[str, float]
 
 
 def _axes(bench: Bench) -> list[Axis]:
-    """The axes of stages that have been connected."""
-    found = []
+    """The axes of connected stages."""
+    axes = []
     for device, stage in bench.devices.items():
         if hasattr(stage, "move_to") and device in bench.identities:
-            found += [Axis(device, name, one.low, one.high) for name, one in cast(Any, stage).travel().items()]
-    return found
+            axes += [Axis(device, name, travel.low, travel.high) for name, travel in cast(Any, stage).travel().items()]
+    return axes
 
 
-def _home(bench: Bench) -> Said:
+def _home(bench: Bench) -> CommandOutcome:
     stops = bench.stops
     for name, device in bench.devices.items():
         if hasattr(device, "home"):
             bench.motions.home(name, lambda: bench.check_stops(stops))
-    return Said("Every stage has found its reference.", _positions(bench))
+    return CommandOutcome("Every stage is homed.", _positions(bench))
 
 
-def _jog(bench: Bench, axis: Axis, by: float) -> Said:
+def _jog(bench: Bench, axis: Axis, by: float) -> CommandOutcome:
     stage: Any = bench.devices[axis.device]
     target = stage.position()[axis.name] + by
     bench.motions.move(axis.device, {axis.name: target})
-    return Said(f"{axis.name} is at {stage.position()[axis.name]:z.3f} {axis.unit}.", _positions(bench))
+    return CommandOutcome(f"{axis.name} is at {stage.position()[axis.name]:z.3f} {axis.unit}.", _positions(bench))
 
 
-def _light(bench: Bench, by: float) -> Said:
+def _light(bench: Bench, by: float) -> CommandOutcome:
     level = min(max(bench.light.level() + by, 0.0), 1.0)
     bench.light.set_level(level)
-    return Said(f"The lamp is at {100 * level:.0f} %.", _positions(bench))
+    return CommandOutcome(f"The lamp is at {100 * level:.0f} %.", _positions(bench))
 
 
 def _positions(bench: Bench) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Help, and the questions that must be answered before anything else."""
+"""Help, and modal questions."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ GLOSSARY = "glossary"
 """The manual's page that help ends with."""
 HEAD = "Help: Escape closes this, the arrows scroll it"
 INTRODUCTION = """\
-The guide (F2) leads from the printed chart to the report, one step at a time. The box always says what to do next; \
-Enter says that it is done. The rail on the left shows which steps are done and what they gave, which one is now, \
-which are to do.
-F12 stops everything, on every screen. It is a convenience, not a safety device: fit a switch that cuts the motors' \
-power.
-Everything that was photographed is kept at once; the program may be ended at any moment and go on later."""
+The guide (F2) leads from the printed chart to the report, one step at a time. The box always shows what to do next; \
+press Enter when it is done. The list on the left shows the completed steps with their values, the current step, and \
+the steps to do.
+F12 stops every device, on every screen. It is a convenience, not a safety device: install a switch that cuts the \
+motors' power.
+Every photograph is stored at once; you can quit the program at any time and continue later."""
 
 
 class Dialog(ModalScreen[int | None]):
@@ -33,20 +33,20 @@ class Dialog(ModalScreen[int | None]):
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "close", show=False)]
 
     def close(self, answer: int | None) -> None:
-        """Give the answer and go; once, and not from below another dialog: keys come faster than screens leave."""
+        """Return the answer and close, once, and only if this dialog is on top: keys may be faster than screens."""
         if self.is_current and not self._left:
             self._left = True
             self.dismiss(answer)
 
     def action_close(self) -> None:
-        """Without an answer."""
+        """Close without an answer."""
         self.close(None)
 
     _left = False
 
 
 class Help(Dialog):
-    """What the keys do, and what the words of the screens mean."""
+    """The keys, and the glossary."""
 
     def __init__(self, commands: Sequence[type[Command]]) -> None:
         super().__init__()
@@ -62,7 +62,7 @@ class Help(Dialog):
         self._lines = keys
 
     def on_mount(self) -> None:
-        """Fill it in."""
+        """Fill in the texts."""
         paragraphs = INTRODUCTION.split("\n")
         self.query_one("#introduction", Part).update(lines_of(literal(HEAD, "bold"), *paragraphs, ""))
         self.query_one("#help-keys", Part).update(lines_of(*self._lines, ""))
@@ -71,7 +71,7 @@ class Help(Dialog):
 
 
 def paragraphs_of(markdown: str) -> list[str]:
-    """A page of headings, paragraphs and drawings without its marks: each paragraph one line, drawings as they are."""
+    """A page of Markdown as lines without markup: one per paragraph, drawings unchanged."""
     lines: list[str] = []
     drawn = goes_on = False
     for line in markdown.splitlines():
@@ -88,9 +88,9 @@ def paragraphs_of(markdown: str) -> list[str]:
 
 
 class Choose(Dialog):
-    """A question with a few answers; gives the place of the one that was taken.
+    """A question with a few answers; gives the index of the chosen one.
 
-    moves : whether an answer begins a movement; an emergency stop takes such a question back
+    moves : whether an answer starts a movement; an emergency stop closes such a question
     """
 
     def __init__(self, question: str, answers: Sequence[str], *, moves: bool = False) -> None:
@@ -104,9 +104,9 @@ class Choose(Dialog):
             yield Choices(self._answers, id="answers")
 
     def on_mount(self) -> None:
-        """The answers have the keyboard."""
+        """Focus the answers."""
         self.query_one(Choices).focus()
 
     def on_choices_chosen(self, event: Choices.Chosen) -> None:
-        """Taken."""
+        """Return the chosen answer."""
         self.close(event.index)

@@ -1,4 +1,4 @@
-"""Live focus: how sharp every photograph is that comes, the best so far, and which way to turn the ring."""
+"""Live focus: sharpness of every new photograph, the best so far, and which way to turn the ring."""
 
 from __future__ import annotations
 
@@ -37,44 +37,44 @@ if TYPE_CHECKING:
 
 SIMULATED, CAMERA, FOLDER = "the simulated camera", "the bench's camera", "a folder"
 WORDS = {
-    SIMULATED: "the simulated camera, whose ring the arrow keys turn",
-    CAMERA: "the bench's camera, one exposure after the other",
+    SIMULATED: "the simulated camera; the arrow keys turn its ring",
+    CAMERA: "the bench's camera, with repeated exposures",
     FOLDER: "a folder in which photographs arrive",
 }
-WHENCE = "Live focus. Where do the photographs of the chart come from?"
-NAMED = Ask("folder", "In which folder do they arrive?", "text")
-HOMES = Ask(MOVE, "The simulated stages home, each axis to its switch, then go to the middle of their travel.")
+SOURCE = "Live focus. Where do the photographs of the chart come from?"
+NAMED = Ask("folder", "Folder in which the photographs arrive?", "text")
+HOMES = Ask(MOVE, "The simulated stages home, each axis to its switch, then move to the middle of their travel.")
 SIGNS = {Way.TRY: "?", Way.ON: ">", Way.BACK: "<", Way.STAY: "="}
-"""Beside the number: go on, turn back, stay."""
-Coming = Callable[[PhotographSource], Iterator[LiveFrame]]
+"""Sign after the number: continue, turn back, stay."""
+FrameSource = Callable[[PhotographSource], Iterator[LiveFrame]]
 
 
 class FocusScreen(StationScreen):
-    """One photograph after the other."""
+    """Sharpness of successive photographs."""
 
     COMMANDS_HERE = FOCUS
     BINDINGS: ClassVar[list[BindingType]] = bindings(FOCUS)
 
     class Measured(Message):
-        """A photograph was measured; in the thread."""
+        """A photograph was measured; posted from the thread."""
 
-        def __init__(self, seen: FocusReading, picture: Thumbnail | None) -> None:
+        def __init__(self, reading: FocusReading, picture: Thumbnail | None) -> None:
             super().__init__()
-            self.seen, self.picture = seen, picture
+            self.reading, self.picture = reading, picture
 
     def __init__(self) -> None:
         super().__init__()
-        self._offers: Sequence[str] = ()
-        self._from = ""
-        self._at_work = False
+        self._sources: Sequence[str] = ()
+        self._source = ""
+        self._measuring = False
         self._ended = threading.Event()
         self._turns: queue.Queue[float | None] = queue.Queue()
 
     def body(self) -> ComposeResult:
-        """What to do, the number with its sign, what else is known, the trend, the picture."""
+        """Source, instruction, the number with its sign, further numbers, trend and image."""
         yield Part(id="source")
         yield AnswerBox(id="answer")
-        with Horizontal(id="told"):
+        with Horizontal(id="reading"):
             yield BigText(id="big")
             yield Part(id="numbers")
         with Horizontal(id="sight"):
@@ -82,45 +82,45 @@ class FocusScreen(StationScreen):
             yield Picture(drawings.FOCUS, id="picture")
 
     def on_mount(self) -> None:
-        """Ask where photographs come from."""
+        """Ask for the source of photographs."""
         super().on_mount()
-        self._ask_whence()
+        self._ask_source()
 
     def on_unmount(self) -> None:
-        """Nothing goes on behind a closed screen."""
+        """End the measurement with the screen."""
         self._end()
 
     def refresh_frame(self) -> None:
-        """The bench may have been opened meanwhile."""
+        """Update the sources when the bench has been opened."""
         super().refresh_frame()
-        if self.is_mounted and not self._at_work and not self._from and self._offers != self._offered():
-            self._ask_whence()
+        if self.is_mounted and not self._measuring and not self._source and self._sources != self._available_sources():
+            self._ask_source()
 
     def can(self, command: type[Command]) -> bool:
-        """The ring turns where it is simulated."""
+        """The ring can be turned where it is simulated."""
         if command is EndFocus:
-            return bool(self._from)
-        return self._at_work and self._from == SIMULATED
+            return bool(self._source)
+        return self._measuring and self._source == SIMULATED
 
     # --- where photographs come from
 
     @property
     def bench(self) -> Bench | None:
-        """The application's."""
-        found: Bench | None = self.app.bench  # type: ignore[attr-defined]
-        return found
+        """The application's bench."""
+        bench: Bench | None = self.app.bench  # type: ignore[attr-defined]
+        return bench
 
-    def _offered(self) -> Sequence[str]:
+    def _available_sources(self) -> Sequence[str]:
         if self.bench is None or "camera" not in self.bench.devices:
             return (FOLDER,)
         return (SIMULATED if self.bench.surroundings.hands is not None else CAMERA, FOLDER)
 
-    def _ask_whence(self) -> None:
-        self._offers, self._from = self._offered(), ""
-        self.query_one("#source", Part).update(literal("Nothing is measured yet."))
-        choices = tuple(WORDS[one] for one in self._offers)
-        self.query_one(AnswerBox).ask(Ask("whence", WHENCE, "choice", choices=choices))
-        self.query_one("#told").display = False
+    def _ask_source(self) -> None:
+        self._sources, self._source = self._available_sources(), ""
+        self.query_one("#source", Part).update(literal("No measurement yet."))
+        choices = tuple(WORDS[name] for name in self._sources)
+        self.query_one(AnswerBox).ask(Ask("source", SOURCE, "choice", choices=choices))
+        self.query_one("#reading").display = False
         self.query_one(CurveView).display = False
         self.query_one(Picture).display = True
         self.query_one(Picture).show(None)
@@ -129,25 +129,25 @@ class FocusScreen(StationScreen):
     def _given(self, message: AnswerBox.Given) -> None:
         message.stop()
         answers = self.query_one(AnswerBox)
-        if not self._from:
-            self._from = next(one for one in self._offers if WORDS[one] == message.fact)
-            if self._from == CAMERA:
-                self._begin(lambda source: source.tethered(self._bench_there()))
+        if not self._source:
+            self._source = next(name for name in self._sources if WORDS[name] == message.fact)
+            if self._source == CAMERA:
+                self._begin(lambda source: source.tethered(self._required_bench()))
             else:
-                answers.ask(NAMED if self._from == FOLDER else HOMES)
-        elif self._from == FOLDER:
+                answers.ask(NAMED if self._source == FOLDER else HOMES)
+        elif self._source == FOLDER:
             folder = Path(str(message.fact)).expanduser()
             self._begin(lambda source: source.watched(folder, self._ended.wait))
         else:
-            self._begin(lambda source: source.simulated(self._bench_there(), self._places()))
+            self._begin(lambda source: source.simulated(self._required_bench(), self._places()))
         self.refresh_frame()
 
-    def _bench_there(self) -> Bench:
-        assert self.bench is not None  # what needs it is offered where it is
+    def _required_bench(self) -> Bench:
+        assert self.bench is not None  # such sources are offered only with a bench
         return self.bench
 
     def _places(self) -> Iterator[float]:
-        """Where the simulated ring is turned to, as its keys are pressed; ends with the work."""
+        """Settings of the simulated ring as its keys are pressed; ends with the measurement."""
         place = 0.0
         while True:
             yield place
@@ -156,107 +156,111 @@ class FocusScreen(StationScreen):
                 return
             place += turn
 
-    # --- at work
+    # --- measurement
 
-    def _begin(self, coming: Coming) -> None:
+    def _begin(self, source: FrameSource) -> None:
         self._ended, self._turns = threading.Event(), queue.Queue()
-        app, on_bench = self.app, self._from != FOLDER
-        if on_bench and (taken := app.bench_taken):  # type: ignore[attr-defined]
-            self._broke_off(taken)
+        app, on_bench = self.app, self._source != FOLDER
+        if on_bench and (busy := app.bench_taken):  # type: ignore[attr-defined]
+            self._end_with(busy)
             return
-        self._at_work = True
-        self.query_one("#source", Part).update(literal(f"Photographs come from {self._from}."))
-        self.query_one(AnswerBox).tell("Waiting for the first photograph." if on_bench else "Take a photograph.")
-        frames = coming(PhotographSource(self._ended.is_set))
+        self._measuring = True
+        self.query_one("#source", Part).update(literal(f"Photographs come from {self._source}."))
+        self.query_one(AnswerBox).show_sentence(
+            "Waiting for the first photograph." if on_bench else "Take a photograph."
+        )
+        frames = source(PhotographSource(self._ended.is_set))
         app.focus(partial(self._work, frames), self._end, on_bench=on_bench)  # type: ignore[attr-defined]
 
     def _work(self, frames: Iterator[LiveFrame]) -> None:
-        """Measure what comes; in a thread."""
+        """Measure the photographs; in a thread."""
         live = LiveFocus(Chart.from_seed())
         for frame in frames:
-            seen = live.see(frame)
-            with suppress(RuntimeError):  # the loop is closed: nobody is there to see
-                self.post_message(self.Measured(seen, _glimpse(seen)))
+            reading = live.see(frame)
+            with suppress(RuntimeError):  # the loop is closed
+                self.post_message(self.Measured(reading, _preview(reading)))
 
     def _end(self) -> None:
-        """Measure no more; from any thread."""
+        """End the measurement; from any thread."""
         self._ended.set()
         self._turns.put(None)
 
     @on(TurnNear)
     def turn_near(self) -> None:
-        """One step."""
+        """Turn the ring by one step."""
         self._turns.put(-1.0)
 
     @on(TurnFar)
     def turn_far(self) -> None:
-        """One step."""
+        """Turn the ring by one step."""
         self._turns.put(1.0)
 
     @on(EndRun)
     @on(EndFocus)
     def end_focus(self, message: Message) -> None:
-        """End it, or go back to the question before."""
-        if self._at_work:
+        """End the measurement, or return to the previous question."""
+        if self._measuring:
             message.stop()
             self._end()
-            self.query_one(AnswerBox).tell("Ending after this photograph.")
+            self.query_one(AnswerBox).show_sentence("Ending after this photograph.")
         elif isinstance(message, EndFocus):
-            self._ask_whence()
+            self._ask_source()
             self.refresh_frame()
 
     def done(self, finished: Finished) -> None:
-        """The work has ended."""
+        """Show the end of the measurement."""
         if finished.job.name == "focus":
             problem = finished.problem
-            self._broke_off(f"{problem.reason}. {problem.remedy}." if problem is not None else "Ended.")
+            self._end_with(f"{problem.reason}. {problem.remedy}." if problem is not None else "Ended.")
 
-    def _broke_off(self, words: str) -> None:
-        self._at_work = False
-        self._ask_whence()
+    def _end_with(self, words: str) -> None:
+        self._measuring = False
+        self._ask_source()
         self.query_one("#source", Part).update(literal(words, "bold"))
         self.refresh_frame()
 
-    # --- what is shown
+    # --- display
 
     @on(Measured)
     def _measured(self, message: Measured) -> None:
-        seen = message.seen
-        self.query_one("#told").display = self.query_one(CurveView).display = True
-        self.query_one("#source", Part).update(literal(_took(seen)))
-        found = seen.found.value
-        why = f"This photograph tells nothing: {seen.found.reason}. What to do: {seen.found.remedy}."
-        self.query_one(AnswerBox).tell(seen.say if found is not None else why)
-        self.query_one(BigText).show(f"{found.mtf50.value:.3f}{SIGNS[seen.way]}" if found is not None else "-.---?")
+        reading = message.reading
+        self.query_one("#reading").display = self.query_one(CurveView).display = True
+        self.query_one("#source", Part).update(literal(_took(reading)))
+        found = reading.found.value
+        why = f"This photograph cannot be measured: {reading.found.reason}. What to do: {reading.found.remedy}."
+        self.query_one(AnswerBox).show_sentence(reading.say if found is not None else why)
+        self.query_one(BigText).show(f"{found.mtf50.value:.3f}{SIGNS[reading.way]}" if found is not None else "-.---?")
         glyphs = self.query_one(BigText).glyphs
-        self.query_one("#numbers", Part).update(lines_of(*(glyphs.spelt(line) for line in numbers_of(seen))))
-        self.query_one(CurveView).show(_curve(seen))
+        self.query_one("#numbers", Part).update(lines_of(*(glyphs.spelt(line) for line in numbers_of(reading))))
+        self.query_one(CurveView).show(_curve(reading))
         self.query_one(Picture).display = self.app.size.width >= WIDE
         self.query_one(Picture).show(message.picture)
-        if found is not None and seen.best == seen.number:
+        if found is not None and reading.best == reading.number:
             self.query_one(BigText).add_class("-best")
         else:
             self.query_one(BigText).remove_class("-best")
 
 
 WIDE = 110
-"""Columns from which on the photograph is shown beside the trend."""
+"""Columns from which the photograph is shown next to the trend."""
 
 
-def _glimpse(seen: FocusReading) -> Thumbnail | None:
+def _preview(reading: FocusReading) -> Thumbnail | None:
     """The photograph with the chart's marks."""
-    if seen.frame.plane.value is None:
+    if reading.frame.plane.value is None:
         return None
-    return thumbnail(seen.frame.plane.value, () if seen.found.value is None else marks_of(seen.found.value.sighting))
+    return thumbnail(
+        reading.frame.plane.value, () if reading.found.value is None else marks_of(reading.found.value.sighting)
+    )
 
 
-def _took(seen: FocusReading) -> str:
-    return f"Photograph {seen.number}, {seen.frame.path.name}: measured {seen.took_s:.2f} s after it came."
+def _took(reading: FocusReading) -> str:
+    return f"Photograph {reading.number}, {reading.frame.path.name}: measured {reading.took_s:.2f} s after its arrival."
 
 
-def numbers_of(seen: FocusReading) -> list[str]:
-    """What one photograph gave, and the best so far."""
-    found, lines = seen.found.value, []
+def numbers_of(reading: FocusReading) -> list[str]:
+    """Numbers of one photograph, and the best so far."""
+    found, lines = reading.found.value, []
     if found is not None:
         lines = [
             f"MTF50 {stated(found.mtf50.value, found.mtf50.uncertainty)}",
@@ -265,17 +269,17 @@ def numbers_of(seen: FocusReading) -> list[str]:
             f"astigmatism {stated(*found.astigmatism)}",
             "s/t {:.2f} (best: {:g} to {:g})".format(found.s_over_t, *BEST_S_OVER_T),
         ]
-    if seen.best is not None:
-        lines.append(f"best {seen.scores[seen.best - 1]:.3f}, photograph {seen.best}")
-    if seen.peak is not None:
-        beyond = "" if seen.peak.inside else ", beyond what was tried"
-        lines.append(f"top at {stated(seen.peak.place, seen.peak.place_uncertainty)} steps{beyond}")
+    if reading.best is not None:
+        lines.append(f"best {reading.scores[reading.best - 1]:.3f}, photograph {reading.best}")
+    if reading.peak is not None:
+        beyond = "" if reading.peak.inside else ", outside the range tried"
+        lines.append(f"maximum at {stated(reading.peak.place, reading.peak.place_uncertainty)} steps{beyond}")
     return lines
 
 
-def _curve(seen: FocusReading) -> Callable[[int, int, bool], list[str]]:
-    """The scores over the settings where they are known, else in the order of the photographs."""
-    known = all(place == place for place in seen.places)
-    places = seen.places if known else tuple(range(1, seen.number + 1))
-    best = None if seen.best is None else seen.scores[seen.best - 1]
-    return trend(places, seen.scores, f"MTF50 over {'steps of the ring' if known else 'photographs'}", best)
+def _curve(reading: FocusReading) -> Callable[[int, int, bool], list[str]]:
+    """The scores by setting where it is known, else by photograph."""
+    known = all(place == place for place in reading.places)
+    places = reading.places if known else tuple(range(1, reading.number + 1))
+    best = None if reading.best is None else reading.scores[reading.best - 1]
+    return trend(places, reading.scores, f"MTF50 over {'steps of the ring' if known else 'photographs'}", best)

@@ -1,4 +1,4 @@
-"""The guide: the rail of steps, the step's instruction, what to do next, the picture and the live numbers."""
+"""The guide: list of steps, instruction, next action, image and live numbers."""
 
 from __future__ import annotations
 
@@ -49,20 +49,20 @@ if TYPE_CHECKING:
     from station.app.screens.result_view import Plotted
     from station.drawing.glyphs import Glyphs
 
-AT_WORK = "Nothing to do now: the station is at work."
+AT_WORK = "Please wait: the station is working."
 ENDINGS = {
     "finished": "Done.",
-    "stopped": "The run was ended. What was taken is kept.",
-    "emergency": "Everything was stopped. Look at the bench first. Going on homes the stages.",
+    "stopped": "The run was ended. All photographs are kept.",
+    "emergency": "Every device was stopped. Check the bench first. Continuing homes the stages.",
 }
-AFTER_THE_END: dict[str, type[Command]] = {"see the results": ShowResults, "another session": NewSession}
-AFTER_A_STOP: dict[str, type[Command]] = {"go on where it stopped": GoOn, "another session": NewSession}
+AFTER_THE_END: dict[str, type[Command]] = {"show the results": ShowResults, "new session": NewSession}
+AFTER_A_STOP: dict[str, type[Command]] = {"continue where it stopped": GoOn, "new session": NewSession}
 
 
 class GuideScreen(StationScreen):
     """One step at a time."""
 
-    AUTO_FOCUS = ""  # what is asked has the focus
+    AUTO_FOCUS = ""  # the question takes the focus
     COMMANDS_HERE = GUIDE
     BINDINGS: ClassVar[list[BindingType]] = bindings(GUIDE)
 
@@ -71,12 +71,12 @@ class GuideScreen(StationScreen):
         self._began: RunBegan | None = None
         self._done: dict[str, str] = {}
         self._now: str | None = None
-        self._at_rest = False
+        self._stopped = False
         self._doing_last = False
         self._verdict: tuple[str, ...] = ()
 
     def body(self) -> ComposeResult:
-        """Rail, step with what to do next beside it, progress."""
+        """List of steps, current step, progress."""
         with Horizontal(id="middle"):
             yield Rail(id="rail")
             with Vertical(id="main"):
@@ -92,21 +92,21 @@ class GuideScreen(StationScreen):
 
     @property
     def whole(self) -> bool:
-        """Whether its parts are there: not any more while the screens are taken down."""
+        """Whether its widgets exist; false while the screens are being removed."""
         return bool(self.query(ProgressLine))
 
     @property
     def answers(self) -> AnswerBox:
-        """The box below the instruction."""
+        """The answer box."""
         return self.query_one(AnswerBox)
 
     def can(self, command: type[Command]) -> bool:
-        """A run is gone on with when it rests, stepped back in when there is a step before."""
+        """Continue only after a stop, step back only after a completed step."""
         if command is GoOn:
-            return self._at_rest and not self.finished
+            return self._stopped and not self.finished
         if command is StepBack:
             return self.step_before is not None
-        return command is not NewSession or self._at_rest
+        return command is not NewSession or self._stopped
 
     @property
     def finished(self) -> bool:
@@ -115,30 +115,30 @@ class GuideScreen(StationScreen):
 
     @property
     def step_before(self) -> str | None:
-        """The step that was done last."""
+        """The step completed last."""
         return next(reversed(self._done), None)
 
     def _before(self, name: str) -> dict[str, str]:
-        """The steps that are done before this one: those after it are to be done again."""
+        """The completed steps before this one; later ones must be repeated."""
         steps = [step.name for step in self._began.plan.steps] if self._began is not None else []
         before = steps[: steps.index(name)] if name in steps else steps
-        return {one: gave for one, gave in self._done.items() if one in before}
+        return {step: gave for step, gave in self._done.items() if step in before}
 
     def on_key(self, event: Key) -> None:
-        """What nothing else has use for may be meant for a question that is about to come."""
+        """Store unused keys as type-ahead for the next question."""
         if self.whole:
             self.answers.type_ahead(event)
 
-    # --- what the run tells
+    # --- events of the run
 
     @singledispatchmethod
-    def show(self, news: MailboxEntry) -> None:
-        """Show what the run tells."""
-        raise TypeError(f"no run tells {news!r}")
+    def show(self, entry: MailboxEntry) -> None:
+        """Show an event or a question."""
+        raise TypeError(f"unknown event: {entry!r}")
 
     @show.register
     def _(self, began: RunBegan) -> None:
-        self._began, self._now, self._at_rest = began, None, False
+        self._began, self._now, self._stopped = began, None, False
         self._done = {name: began.gave.get(name, "") for name in began.done}
         self.query_one("#trouble", Part).say("")
         self._show_rail()
@@ -160,7 +160,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, ended: StepEnded) -> None:
         self._now = None
-        self._done.pop(ended.step.name, None)  # it comes last
+        self._done.pop(ended.step.name, None)  # to the end
         self._done[ended.step.name] = ended.gave
         self._show_rail()
 
@@ -169,32 +169,32 @@ class GuideScreen(StationScreen):
         self.query_one(ProgressLine).show(doing)
         self._doing_last = doing.lasts
         if not self.answers.open:
-            self.answers.tell(AT_WORK)
+            self.answers.show_sentence(AT_WORK)
 
     @show.register
-    def _(self, seen: FramePreview) -> None:
+    def _(self, preview: FramePreview) -> None:
         self._doing_last, self._verdict = False, ()
         self.remove_class("-verdict")
-        self.query_one(Picture).show(seen.picture)
-        self._show_readings(seen.advice.readings)
+        self.query_one(Picture).show(preview.picture)
+        self._show_readings(preview.advice.readings)
         if not self.answers.open:
-            self.answers.tell(seen.advice.say or AT_WORK)
+            self.answers.show_sentence(preview.advice.say or AT_WORK)
 
     @show.register
     def _(self, curve: ScanEvent) -> None:
         self._show_curve(trend(curve.places, curve.scores, f"sharpness by {label(curve.axis)}"))
 
     @show.register
-    def _(self, shown: DiagramEvent) -> None:
+    def _(self, event: DiagramEvent) -> None:
         steps = self._began.plan.steps if self._began is not None else ()
         title = [literal(step.title, "bold") for step in steps if step.name == self._now]
-        self.query_one("#instruction", Part).update(lines_of(*title, shown.diagram.say))
-        self._show_curve(partial(drawn, shown.diagram))
+        self.query_one("#instruction", Part).update(lines_of(*title, event.diagram.say))
+        self._show_curve(partial(drawn, event.diagram))
 
     @show.register
-    def _(self, trouble: ProblemEvent) -> None:
+    def _(self, problem: ProblemEvent) -> None:
         self._doing_last = False
-        self._complain(trouble.reason, trouble.remedy)
+        self._complain(problem.reason, problem.remedy)
 
     @show.register
     def _(self, result: Result) -> None:
@@ -219,7 +219,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, question: Question) -> None:
         progress = self.query_one(ProgressLine)
-        if self._doing_last and question.ask.key != MOVE:  # it was said for this question: where the file to print lies
+        if self._doing_last and question.ask.key != MOVE:  # a note for this question
             progress.hold()
         else:
             progress.show(None)
@@ -229,41 +229,43 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, ended: RunEnded) -> None:
         report = f" The report is {ended.report}." if ended.report else ""
-        report += f" Beside it lies {ended.certificate.name}." if ended.certificate else ""
+        report += f" The certificate is {ended.certificate.name} in the same folder." if ended.certificate else ""
         finished = ended.how == "finished"
         self.rest(ENDINGS.get(ended.how, "The run has ended.") + report, AFTER_THE_END if finished else AFTER_A_STOP)
         if finished:
             self.app.bell()
 
     def fail(self, problem: Problem) -> None:
-        """The run could not begin, or broke off."""
+        """Show that the run could not begin, or failed."""
         self._complain(problem.reason, problem.remedy)
-        self.rest("The run broke off. What was taken is kept.", AFTER_A_STOP)
+        self.rest("The run failed. All photographs are kept.", AFTER_A_STOP)
 
     def rest(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
-        """Nothing runs: what can be done next."""
-        self._now, self._at_rest = None, True
+        """Show the commands available after the end of a run."""
+        self._now, self._stopped = None, True
         self.query_one(ProgressLine).show(None)
         self.answers.offer(sentence, offers)
         self._show_rail()
         self.refresh_frame()
 
     def begin(self, words: str) -> None:
-        """A run is about to begin."""
-        self._at_rest = False
+        """Show that a run begins."""
+        self._stopped = False
         self.query_one("#trouble", Part).say("")
-        self.answers.tell(words)
+        self.answers.show_sentence(words)
         self.refresh_frame()
 
     def ending(self) -> None:
-        """The operator has asked to end the run."""
-        self.answers.tell(f"Ending after this exposure. {EndRun.key_name()} again: end now, stopping every device.")
+        """Show that the run is ending."""
+        self.answers.show_sentence(
+            f"Ending after this exposure. {EndRun.key_name()} again: stop every device and end now."
+        )
 
     # --- parts
 
     @property
     def glyphs(self) -> Glyphs:
-        """The application's."""
+        """The application's glyphs."""
         return self.query_one(Rail).glyphs
 
     def _complain(self, reason: str, remedy: str) -> None:
@@ -284,13 +286,13 @@ class GuideScreen(StationScreen):
         self._make_room()
 
     def _make_room(self) -> None:
-        """Where there are neither numbers nor curves, the picture has their room; a drawing leaves them its own."""
-        shown = bool(self.query_one(Readings).display or self.query_one(CurveView).display)
-        self.query_one("#numbers").display = shown
-        self.set_class(shown and self.query_one(Picture).picture is None, "-drawing")
+        """Adapt the layout: the image takes the space of missing numbers and curves, and a drawing gives its own."""
+        visible = bool(self.query_one(Readings).display or self.query_one(CurveView).display)
+        self.query_one("#numbers").display = visible
+        self.set_class(visible and self.query_one(Picture).picture is None, "-drawing")
 
 
 def sentences(reason: str, remedy: str) -> str:
-    """What is wrong, and what to do: "The chart is dark. Light it more."."""
-    told = (text.removesuffix(".") for text in (reason, remedy[:1].upper() + remedy[1:]) if text)
-    return " ".join(f"{text}." for text in told)
+    """Reason and remedy as sentences: "The chart is dark. Add light."."""
+    parts = (text.removesuffix(".") for text in (reason, remedy[:1].upper() + remedy[1:]) if text)
+    return " ".join(f"{text}." for text in parts)

@@ -1,4 +1,4 @@
-"""What the screens share: their frame, choices by key, and the box where the guide's questions are answered."""
+"""Common parts of the screens: the frame, choices by key, and the box for the guide's questions."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ if TYPE_CHECKING:
 
 
 DONE = "done: press Enter"
-READ_S = 0.4
-"""A question before a move is not answered sooner than it can have been read: Enter may have been held down."""
-MOVES = "clear: Enter moves, F12 stops"
-AHEAD_S = 1.0
-"""So long before a question, what is typed is meant for it: half a number would be another number."""
-OF_NUMBERS = "0123456789.,-"
+MIN_READ_S = 0.4
+"""Earlier answers to a question before a move are ignored: Enter may have been held down."""
+MOVES = "clear: press Enter to move; F12 stops"
+TYPE_AHEAD_S = 1.0
+"""Digits typed within this time before a question belong to its answer."""
+NUMBER_CHARACTERS = "0123456789.,-"
 
 
 class StationScreen(Screen[None]):
-    """A screen with the devices, the emergency stop and the keys always in sight."""
+    """A screen that always shows the devices, the emergency stop and the keys."""
 
     COMMANDS_HERE: ClassVar[tuple[type[Command], ...]] = ()
 
     class Ready(Message):
-        """Its parts are there: it can be told what to show."""
+        """The screen is mounted and can show entries."""
 
         def __init__(self, screen: StationScreen) -> None:
             super().__init__()
             self.screen = screen
 
     def body(self) -> ComposeResult:
-        """What is between title and devices."""
+        """Widgets between title and devices."""
         raise NotImplementedError
 
     def compose(self) -> ComposeResult:
@@ -56,28 +56,28 @@ class StationScreen(Screen[None]):
         yield KeyLine(id="keys")
 
     def on_mount(self) -> None:
-        """Show what the application knows already."""
+        """Show the current state."""
         self.refresh_frame()
         self.post_message(self.Ready(self))
 
     def on_screen_resume(self) -> None:
-        """Show what has changed while another screen was shown."""
+        """Show changes made while another screen was open."""
         self.refresh_frame()
 
     def refresh_frame(self) -> None:
-        """Devices, title and keys as they are now."""
+        """Update devices, title and keys."""
         self.app.fill_frame(self)  # type: ignore[attr-defined]
 
     def can(self, command: type[Command]) -> bool:
-        """Whether a command of this screen can be given now."""
+        """Whether a command of this screen is available."""
         return True
 
     def done(self, finished: Finished) -> None:
-        """What came of work on a screen's behalf."""
+        """Handle the end of a job of the screen."""
 
 
 class Choices(Part, can_focus=True):
-    """A few lines, one of them chosen: by arrows and Enter, or by its number."""
+    """A list of lines, chosen by arrows and Enter, or by number."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,left", "move(-1)", show=False),
@@ -88,21 +88,21 @@ class Choices(Part, can_focus=True):
     ]
 
     class Chosen(Message):
-        """One was taken: its place in the list."""
+        """A line was chosen, by its index."""
 
         def __init__(self, choices: Choices, index: int) -> None:
             super().__init__()
             self.choices, self.index = choices, index
 
     class Beyond(Message):
-        """An arrow was pressed at the end of the list: by how much it would have led beyond."""
+        """An arrow was pressed at the end of the list; `by` is its direction."""
 
         def __init__(self, by: int) -> None:
             super().__init__()
             self.by = by
 
     class Moved(Message):
-        """Another one is chosen, and not taken yet."""
+        """Another line is highlighted."""
 
         def __init__(self, index: int) -> None:
             super().__init__()
@@ -112,60 +112,60 @@ class Choices(Part, can_focus=True):
         super().__init__("", **options)
         self.lines, self.at = list(lines), 0
         self.by_enter_alone = False
-        """Whether neither the space bar nor a number takes a line: what follows must be meant."""
+        """Whether only Enter chooses a line, not the space bar or a number, to avoid accidental moves."""
         self.pressed_s = 0.0
-        """When the last key was pressed, which may be some time before it is heard."""
+        """Time at which the last key was pressed, which may be earlier than its handling."""
 
     def on_mount(self) -> None:
-        """Show them."""
+        """Show the lines."""
         self.set_lines(self.lines)
 
     def set_lines(self, lines: Sequence[str], at: int = 0, *, by_enter_alone: bool = False) -> None:
-        """Other lines, with the one at `at` chosen."""
+        """Show other lines, with the one at index `at` highlighted."""
         self.lines, self.at, self.by_enter_alone = list(lines), at, by_enter_alone
         self._show()
 
     def _show(self) -> None:
         several = len(self.lines) > 1
-        shown = []
+        rows = []
         for i, line in enumerate(self.lines):
             mark = self.glyphs.now if i == self.at else " " * len(self.glyphs.now)
             number = f"{i + 1}{SPACE}" if several and i < 9 else ""
             style = "bold reverse" if i == self.at and self.has_focus else ""
-            shown.append(literal(f"{mark}{SPACE}{number}{line}", style))
-        self.update(lines_of(*shown))
+            rows.append(literal(f"{mark}{SPACE}{number}{line}", style))
+        self.update(lines_of(*rows))
 
     def on_key(self, event: Key) -> None:
-        """Note when it was pressed."""
+        """Record the time of the key."""
         self.pressed_s = event.time
 
     def on_focus(self) -> None:
-        """Make it seen."""
+        """Update the highlight."""
         self._show()
 
     def on_blur(self) -> None:
-        """Make it seen."""
+        """Update the highlight."""
         self._show()
 
     def action_move(self, by: int) -> None:
-        """Up and down, staying at the ends."""
+        """Move up or down within the list."""
         before, self.at = self.at, min(max(self.at + by, 0), max(len(self.lines) - 1, 0))
         self._show()
         self.scroll_visible(animate=False)
         self.post_message(self.Moved(self.at) if self.at != before else self.Beyond(by))
 
     def action_take(self) -> None:
-        """The one that is chosen."""
+        """Choose the highlighted line."""
         if self.lines:
             self.post_message(self.Chosen(self, self.at))
 
     def action_take_lightly(self) -> None:
-        """The one that is chosen, by the space bar."""
+        """Choose the highlighted line by the space bar."""
         if not self.by_enter_alone:
             self.action_take()
 
     def action_number(self, number: int) -> None:
-        """The one of that number."""
+        """Choose a line by its number."""
         if number <= len(self.lines) and not self.by_enter_alone:
             self.at = number - 1
             self._show()
@@ -173,23 +173,23 @@ class Choices(Part, can_focus=True):
 
 
 class Line(Input):
-    """A line to type into, which keeps what is typed when it is come back to."""
+    """An input line that keeps its text when it regains the focus."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(select_on_focus=False, **options)
         self.pressed_s = 0.0
-        """When the last key was pressed, which may be some time before it is heard."""
+        """Time at which the last key was pressed, which may be earlier than its handling."""
 
     def on_key(self, event: Key) -> None:
-        """Note when it was pressed."""
+        """Record the time of the key."""
         self.pressed_s = event.time
 
 
 class AnswerBox(Vertical):
-    """What to do next, in one sentence; below it, where a question is open, the means to answer it.
+    """The next instruction in one sentence, and below it the input for an open question.
 
-    What is asked has the focus at once, not when the loop comes to it: a key that came between would be lost. Digits
-    that were typed shortly before a number is asked for begin it; Enter pressed before it was asked for is no answer.
+    The input takes the focus immediately, so that no key is lost. Digits typed shortly before a question for a number
+    begin its answer; Enter pressed before the question is ignored.
     """
 
     class Given(Message):
@@ -206,44 +206,44 @@ class AnswerBox(Vertical):
     _offers: Sequence[type[Command]] = ()
 
     def compose(self) -> ComposeResult:
-        """The sentence, what is wrong with the answer, and both ways to answer."""
+        """The sentence, the error of the last answer, input line and choices."""
         yield Part(id="next")
         yield Part(id="wrong")
         yield Line(id="typed", compact=True)
         yield Choices(id="choices")
 
     def on_mount(self) -> None:
-        """Nothing is asked yet."""
+        """Begin without a question."""
         self.set_class(self.app.glyphs.ascii, "-ascii")  # type: ignore[attr-defined]
-        self.tell("")
+        self.show_sentence("")
 
     @property
     def open(self) -> bool:
-        """Whether a question waits."""
+        """Whether a question is open."""
         return self._ask is not None
 
     @property
     def question(self) -> str:
-        """The question that waits; empty where none does."""
+        """The open question, or ""."""
         return self._ask.question if self._ask is not None else ""
 
-    def tell(self, sentence: str) -> None:
-        """No question: a sentence only."""
+    def show_sentence(self, sentence: str) -> None:
+        """Show a sentence without a question."""
         self._ask, self._offers = None, ()
         self._show(sentence)
 
     def type_ahead(self, event: Key) -> None:
-        """A key that was pressed while nothing is asked."""
-        if not self.open and event.character is not None and event.character in OF_NUMBERS:
+        """Store a key pressed while no question is open."""
+        if not self.open and event.character is not None and event.character in NUMBER_CHARACTERS:
             self._ahead = (*self._ahead[-20:], event)
 
     def _typed_ahead(self) -> str:
-        """What was typed shortly before now."""
+        """The text typed shortly before the question."""
         ahead, self._ahead = self._ahead, ()
-        return "".join(key.character or "" for key in ahead if self._asked_s - key.time < AHEAD_S)
+        return "".join(key.character or "" for key in ahead if self._asked_s - key.time < TYPE_AHEAD_S)
 
     def ask(self, ask: Ask) -> None:
-        """A question, with its usual answer ready."""
+        """Show a question with its default answer."""
         from station.guide.answers import words
 
         self._ask, self._shown_s = ask, math.inf
@@ -258,7 +258,7 @@ class AnswerBox(Vertical):
             if begun:
                 box.action_end()
             else:
-                box.action_select_all()  # typing replaces what is proposed
+                box.action_select_all()  # typing replaces the default
         else:
             choices = self.query_one(Choices)
             from station.guide.frontend import MOVE
@@ -271,29 +271,29 @@ class AnswerBox(Vertical):
         self._shown_s = Message().time
 
     def offer(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
-        """What can be done next: commands, by what they are called here."""
+        """Show a sentence with commands as choices, by their labels."""
         self._ask, self._offers = None, list(offers.values())
         self._show(sentence, "#choices")
         lines = [f"{words} ({command.key_name()})" for words, command in offers.items()]
         self.query_one(Choices).set_lines(lines)
 
     def _show(self, sentence: str, means: str = "") -> None:
-        """A sentence, and the means to answer it by, which has the focus; none has it where there is none."""
-        self._asked_s = Message().time  # by the clock that keys are timed with
+        """Show a sentence and focus the widget for the answer, if any."""
+        self._asked_s = Message().time  # by the clock of the keys
         self.query_one("#next", Part).update(literal(sentence, "bold"))
         self.query_one("#wrong", Part).say("")
-        for one in (self.query_one(Line), self.query_one(Choices)):
-            one.display = f"#{one.id}" == means
+        for widget in (self.query_one(Line), self.query_one(Choices)):
+            widget.display = f"#{widget.id}" == means
         self.screen.set_focus(self.query_one(means) if means else None)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """What was typed."""
+        """Answer with the typed text."""
         event.stop()
         if self.query_one(Line).pressed_s >= self._asked_s:
             self._answer(event.value)
 
     def on_choices_chosen(self, event: Choices.Chosen) -> None:
-        """What was chosen."""
+        """Answer with the chosen line."""
         event.stop()
         if event.choices.pressed_s < self._asked_s:
             return
@@ -308,14 +308,14 @@ class AnswerBox(Vertical):
         from station.guide.answers import parse
         from station.guide.frontend import MOVE
 
-        if self._ask.key == MOVE and self.query_one(Choices).pressed_s - self._shown_s < READ_S:
-            return  # the key was meant for what stood there before
+        if self._ask.key == MOVE and self.query_one(Choices).pressed_s - self._shown_s < MIN_READ_S:
+            return  # the key was pressed before the question could be read
         try:
             fact = parse(self._ask, text)
         except ValueError as error:
             self.query_one("#wrong", Part).say(str(error))
             return
-        self.tell("One moment.")
+        self.show_sentence("One moment.")
         self.post_message(self.Given(fact))
 
 
@@ -328,8 +328,8 @@ def _wanted(ask: Ask) -> str:
     ends = [plain(end) for end in (ask.low, ask.high) if end is not None]
     if len(ends) == 1:
         ends.insert(0, "at most" if ask.low is None else "at least")
-        told = " ".join(ends)
+        limits = " ".join(ends)
     else:
-        told = " to ".join(ends)
-    told = f"{told} {ask.unit}".strip()
-    return f" ({told})" if told else ""
+        limits = " to ".join(ends)
+    limits = f"{limits} {ask.unit}".strip()
+    return f" ({limits})" if limits else ""

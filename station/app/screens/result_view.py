@@ -1,4 +1,4 @@
-"""Results in characters: MTF curves with their bands, verdicts, numbers, and two results side by side."""
+"""Results as text: MTF curves with uncertainty bands, verdicts, numbers, and the comparison of two results."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Plotted = Callable[[int, int, bool], list[str]]
 
 SHOWN = tuple((one, one.short) for one in in_group(Group.SCREEN))
 COVERAGE = 1.96
-"""Standard uncertainties that a band of 95 % reaches either way."""
+"""Half-width of a 95 % band in standard uncertainties."""
 LETTERS = "*o"
 
 
@@ -38,13 +38,13 @@ def mtf_plot(planes: Sequence[PlaneResult]) -> Plotted | None:
         )
     if not curves:
         return None
-    last = max(float(np.max(curve.x)) for curve in curves)
-    frame = TerminalFrame((0.0, last), (0.0, 1.05), f"MTF, {planes[0].unit}")
+    highest = max(float(np.max(curve.x)) for curve in curves)
+    frame = TerminalFrame((0.0, highest), (0.0, 1.05), f"MTF, {planes[0].unit}")
     return lambda width, height, ascii: plot(curves, frame, width, height, ascii=ascii)
 
 
 def specified(planes: Sequence[PlaneResult]) -> list[str]:
-    """How the planes stand to their specification together, and what is not met of which; nothing without one."""
+    """Joint verdict on the planes' specification, and the limits that are not met; empty without one."""
     judged = specification_verdict(planes)
     against = [f"{one.name}: {words}" for one in planes if one.specification for words in one.specification.against]
     return [f"Lens: {specification_words(judged)}", *against] if judged else []
@@ -66,28 +66,28 @@ def plane_in_words(plane: PlaneResult, glyphs: Glyphs) -> list[str]:
 
 
 def _causes_in_words(judged: Judged) -> list[str]:
-    """The most likely cause and its remedy, then the other possible ones."""
+    """The most likely cause with its remedy, then other possible ones."""
     others = [f"- {one.reason}; {one.remedy}" for one in judged.other_causes]
     lines = [text for text in (judged.reason, judged.remedy) if text]
     return lines + (["Other possible causes:", *others] if others else [])
 
 
 def restored_in_words(found: Restored, glyphs: Glyphs) -> list[str]:
-    """Verdict and causes, then how far the blur of the depth map goes."""
+    """Verdict and causes of a restoration, and the range of its depth map."""
     lines = [f"Restoration: {verdict_words(found.verdict, glyphs)}"]
     lines += _causes_in_words(found)
     return lines + ([f"w of the depth map: {found.w}"] if found.w else [])
 
 
 def changes_in_words(found: Sequence[Change], glyphs: Glyphs) -> list[str]:
-    """Both values of each number, and how far they are apart in standard uncertainties."""
+    """Both values of each number, and their difference in standard uncertainties."""
     by_name = {change.name: change for change in found}
     lines = []
     for key, words in SHOWN:
         if key in by_name:
             one = by_name[key]
             pair = " | ".join(stated(q.value, q.uncertainty) for q in (one.one, one.other))
-            apart = "" if np.isnan(one.sigmas) else f"  apart by {abs(one.sigmas):.1f} sigma"
+            apart = "" if np.isnan(one.sigmas) else f"  differ by {abs(one.sigmas):.1f} sigma"
             lines.append(f"{words:14} {pair.replace('±', glyphs.plus_minus)} {_unit(one.one)}{apart}")
     return lines
 

@@ -1,4 +1,4 @@
-"""The results: PSF picture, MTF curves with their bands, verdicts and numbers; two of them side by side."""
+"""The results: PSF image, MTF curves with uncertainty bands, verdicts and numbers; comparison of two."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from station.results.reader import ReadResult, changes, find_results, read_resul
 from station.results.restored import Restored
 
 EMPTY = "-empty"
-NONE_YET = "There is no result yet: the guide (F2) leads to one."
+NONE_YET = "There is no result yet: start a measurement with the guide (F2)."
 
 
 @dataclass(frozen=True)
 class ResultEntry:
-    """A result folder, and what is in it or why it cannot be shown."""
+    """A result folder with its contents, or why it cannot be shown."""
 
     folder: Path
     result: ReadResult | None = None
     wrong: str = ""
 
     def name(self) -> str:
-        """The session's name, and which of its results."""
+        """Name of the session and of the result."""
         return f"{self.folder.parent.parent.name}  {self.folder.name}"
 
 
@@ -49,13 +49,13 @@ def read_all(sessions: Path) -> list[ResultEntry]:
             entries.append(ResultEntry(folder, read_result(folder)))
         except ProcedureError as error:
             entries.append(ResultEntry(folder, wrong=str(error)))
-        except Exception as error:  # one damaged result must not hide the others, whatever is in it
+        except Exception as error:  # a damaged result must not hide the others
             entries.append(ResultEntry(folder, wrong=f"{folder} cannot be shown: {error!r}"))
     return entries
 
 
 class ResultsScreen(StationScreen):
-    """A list of results, and the one that is chosen."""
+    """The list of results and the chosen one."""
 
     COMMANDS_HERE = RESULTS
     BINDINGS: ClassVar[list[BindingType]] = bindings(RESULTS)
@@ -65,14 +65,14 @@ class ResultsScreen(StationScreen):
         self._sessions = sessions
         self._entries: Sequence[ResultEntry] = ()
         self._chosen: ResultEntry | None = None
-        self._beside: ResultEntry | None = None
+        self._compared: ResultEntry | None = None
         self._plane = ""
 
     def body(self) -> ComposeResult:
         """List, pictures, numbers."""
         with Horizontal(id="middle"):
             with VerticalScroll(id="list", can_focus=False):
-                yield Choices(id="found")
+                yield Choices(id="entries")
             with Vertical(id="shown"):
                 with Horizontal(id="pictures"):
                     yield Picture(id="psf")
@@ -87,17 +87,17 @@ class ResultsScreen(StationScreen):
         self.query_one(Choices).focus()
 
     def on_screen_resume(self) -> None:
-        """Read them again: a run may have added one."""
+        """Read the results again after another screen."""
         super().on_screen_resume()
         self.look_again()
 
     @on(Reload)
     def look_again(self) -> None:
         """Read the folders in a thread."""
-        BackgroundJob("results", lambda: read_all(self._sessions), self.app.tell).start()  # type: ignore[attr-defined]
+        BackgroundJob("results", lambda: read_all(self._sessions), self.app.report_finished).start()  # type: ignore[attr-defined]
 
     def show_entries(self, entries: Sequence[ResultEntry]) -> None:
-        """What was read; the one that was chosen stays chosen."""
+        """Show the results; the chosen one stays chosen."""
         self._entries = entries
         self.set_class(not entries, EMPTY)
         at = next((i for i, one in enumerate(entries) if self._chosen and one.folder == self._chosen.folder), 0)
@@ -106,7 +106,7 @@ class ResultsScreen(StationScreen):
             self._choose(entries[at])
 
     def _line(self, one: ResultEntry) -> str:
-        kept = " (kept to compare)" if self._beside and one.folder == self._beside.folder else ""
+        kept = " (kept to compare)" if self._compared and one.folder == self._compared.folder else ""
         return one.name() + kept
 
     @on(Choices.Moved)
@@ -121,7 +121,7 @@ class ResultsScreen(StationScreen):
 
     @on(NextPlane)
     def next_plane(self) -> None:
-        """The plane after this one."""
+        """Show the next plane."""
         result = self._chosen.result if self._chosen else None
         names = list(result.planes) if result else []
         if names:
@@ -130,12 +130,12 @@ class ResultsScreen(StationScreen):
 
     @on(Compare)
     def compare(self) -> None:
-        """Keep the chosen one, or nothing."""
-        self._beside = None if self._beside is not None else self._chosen
+        """Begin or end the comparison with the chosen result."""
+        self._compared = None if self._compared is not None else self._chosen
         self.show_entries(self._entries)
 
     def can(self, command: type[Command]) -> bool:
-        """Planes and comparison need a result."""
+        """Planes and comparison require a result."""
         return command is Reload or self._chosen is not None
 
     # --- showing
@@ -149,29 +149,29 @@ class ResultsScreen(StationScreen):
         return entry.result.planes[self._shown_plane(list(entry.result.planes))]
 
     def _show(self) -> None:
-        one, other = self._plane_of(self._chosen), self._plane_of(self._beside)
+        one, other = self._plane_of(self._chosen), self._plane_of(self._compared)
         restored = self._chosen.result.restored if self._chosen and self._chosen.result else None
         if restored is not None:
             self._show_restored(restored)
             return
         if self._chosen is not None and one is None:
-            self.query_one("#words", Part).update(lines_of(self._chosen.wrong or "it names no planes"))
+            self.query_one("#words", Part).update(lines_of(self._chosen.wrong or "the result has no planes"))
         if one is None:
             self._draw(None, ())
-        elif other is None or self._beside == self._chosen:
+        elif other is None or self._compared == self._chosen:
             self._draw(one, (one,))
             self.query_one("#words", Part).update(lines_of(*plane_in_words(one, self._glyphs)))
         else:
             self._draw(one, (other, one))
-            told = changes_in_words(changes(other, one), self._glyphs)
+            lines = changes_in_words(changes(other, one), self._glyphs)
             head = f"Plane {one.name}: kept (solid) | chosen (dashed)"
-            self.query_one("#words", Part).update(lines_of(head, *(told or ["they have no number in common"])))
+            self.query_one("#words", Part).update(lines_of(head, *(lines or ["the results have no number in common"])))
 
     def _show_restored(self, restored: Restored) -> None:
-        """The picture large, without curves."""
+        """Show a restored image without curves."""
         self._draw(None, ())
         if restored.sharp is not None:
-            self.query_one(Picture).show(picture_thumbnail(restored.sharp, "the sharp picture"))
+            self.query_one(Picture).show(picture_thumbnail(restored.sharp, "restored image"))
         self.query_one("#words", Part).update(lines_of(*restored_in_words(restored, self._glyphs)))
 
     def _draw(self, one: PlaneResult | None, curves: Sequence[PlaneResult]) -> None:

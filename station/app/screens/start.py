@@ -1,4 +1,4 @@
-"""The first screen: begin a new session, or go on with one. Enter begins with what is usual."""
+"""The first screen: begin a new session, or continue one. Enter accepts the defaults."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from station.guide.workspace import SessionSummary
 
 USUAL_PLAN = {"pattern": "the PSF from a printed noise chart"}
-"""What is offered until the plans have been loaded, as their catalogue has it."""
+"""Shown until the catalogue of plans has been loaded."""
 
-LIVE_FOCUS = f"live focus: which way to turn the ring, and no calibration ({ShowFocus.key_name()})"
+LIVE_FOCUS = f"live focus: which way to turn the ring, without a calibration ({ShowFocus.key_name()})"
 
 
 class StartScreen(StationScreen):
-    """Camera, lens, plan; below them the sessions there are."""
+    """Camera, lens and plan; below them the existing sessions."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("down", "app.focus_next", show=False),
@@ -37,14 +37,14 @@ class StartScreen(StationScreen):
     ]
 
     class Begin(Message):
-        """A new session is wanted."""
+        """Begin a new session."""
 
         def __init__(self, plan: str, camera: str, lens: str) -> None:
             super().__init__()
             self.plan, self.camera, self.lens = plan, camera, lens
 
     class Resume(Message):
-        """An old one is."""
+        """Continue a session."""
 
         def __init__(self, folder: Path) -> None:
             super().__init__()
@@ -61,36 +61,36 @@ class StartScreen(StationScreen):
         """The form."""
         camera, lens = self._names
         with VerticalScroll(id="form", can_focus=False):
-            yield Part("Calibrate a camera: choose what to measure. Arrows lead to camera and lens.")
+            yield Part("Calibrate a camera: choose what to measure. The arrow keys also lead to camera and lens.")
             for what, name in (("camera", camera), ("lens", lens)):
                 with Horizontal(classes="row"):
-                    yield Part(f"{what.capitalize()}, as you call it", classes="beside")
+                    yield Part(f"Name of the {what}", classes="label-left")
                     yield Input(name, id=what, compact=True, max_length=80)
             yield Part("What to measure: press Enter to begin", classes="label")
             yield Choices(self._plan_lines(), id="plans")
             yield Part(id="to-do", classes="label")
             with Vertical(id="old"):
-                yield Part("Or go on with a session (arrow down, then Enter)", classes="label", id="old-label")
+                yield Part("Or continue a session (arrow down, then Enter)", classes="label", id="old-label")
                 yield Choices(id="kept")
 
     def on_mount(self) -> None:
-        """Begin where a run is chosen; the sessions come when they have been read."""
+        """Focus the plans; the sessions are shown once they have been read."""
         super().on_mount()
         self.query_one("#old").display = False
         self.query_one("#plans").focus()
 
     def refresh_frame(self) -> None:
-        """Beside the frame, what to do about each device that cannot be used yet."""
+        """Update the frame, and the remedy for each device that cannot be used yet."""
         super().refresh_frame()
         if self.is_mounted:
             conditions: Mapping[str, Condition] = self.app.conditions  # type: ignore[attr-defined]
-            lines = [_to_do(name, one) for name, one in conditions.items() if not one.usable]
+            lines = [_remedy(name, condition) for name, condition in conditions.items() if not condition.usable]
             part = self.query_one("#to-do", Part)
             part.update(lines_of(*lines))
             part.display = bool(lines)
 
     def show_plans(self, plans: Mapping[str, str]) -> None:
-        """The plans, once they are loaded."""
+        """Show the plans once they are loaded."""
         self._plans = plans
         at = next((i for i, name in enumerate(plans) if name == self._plan), 0)
         self.query_one("#plans", Choices).set_lines(self._plan_lines(), at)
@@ -99,7 +99,7 @@ class StartScreen(StationScreen):
         return [*self._plans.values(), LIVE_FOCUS]
 
     def show_kept(self, kept: Sequence[SessionSummary]) -> None:
-        """The sessions; those that are not finished first."""
+        """Show the sessions, unfinished ones first."""
         self._kept = sorted(kept, key=lambda one: one.ended == "finished")
         if kept:
             self._propose(kept[0].camera, kept[0].lens)
@@ -107,7 +107,7 @@ class StartScreen(StationScreen):
         self.query_one("#kept", Choices).set_lines([kept_in_words(one) for one in self._kept])
 
     def _propose(self, *names: str) -> None:
-        """Camera and lens of the last session, unless something else was typed."""
+        """Propose camera and lens of the last session, unless something else was typed."""
         for part, usual, last in zip(("camera", "lens"), self._names, names, strict=True):
             box = self.query_one(f"#{part}", Input)
             if box.value == usual:
@@ -116,18 +116,18 @@ class StartScreen(StationScreen):
         self._names = (names[0], names[1])
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """To the next line."""
+        """Go to the next line."""
         self.focus_next()
 
     def on_choices_beyond(self, event: Choices.Beyond) -> None:
-        """To the line below or above."""
+        """Go to the line below or above."""
         if event.by > 0:
             self.focus_next()
         else:
             self.focus_previous()
 
     def on_choices_chosen(self, event: Choices.Chosen) -> None:
-        """Begin, or go on."""
+        """Begin or continue a session."""
         if event.choices.id == "kept":
             self.post_message(self.Resume(self._kept[event.index].folder))
             return
@@ -135,19 +135,19 @@ class StartScreen(StationScreen):
             self.post_message(ShowFocus())
             return
         if self._plan is not None and self._plans is USUAL_PLAN:
-            return  # the plan that was asked for has not been loaded yet
+            return  # the requested plan has not been loaded yet
         camera, lens = (self.query_one(f"#{name}", Input).value.strip() or name for name in ("camera", "lens"))
         self.post_message(self.Begin(list(self._plans)[event.index], camera, lens))
 
 
-def _to_do(name: str, one: Condition) -> str:
-    """What is wrong with a device and what to do: by the guide, which homes, or on the bench screen."""
+def _remedy(name: str, one: Condition) -> str:
+    """Condition of a device and its remedy, by the guide, which homes, or on the bench screen."""
     unhomed = "home" in one.remedy
-    return f"{name}: {brief(one)}: {'the guide homes it, or F3 and H' if unhomed else f'{one.remedy} (F3 shows it)'}"
+    return f"{name}: {brief(one)}: {'the guide homes it; or press F3, then H' if unhomed else f'{one.remedy} (see F3)'}"
 
 
 def kept_in_words(one: SessionSummary) -> str:
-    """A session on one line: when, what, how far."""
+    """A session on one line: date, subject, progress."""
     steps = f"{len(one.done)} step{'s' * (len(one.done) != 1)} done"
     state = "finished" if one.ended == "finished" else f"{steps}, {one.ended}" if one.ended else steps
     return f"{one.began[:16].replace('T', ' ')}  {one.camera}, {one.lens}, {one.plan}: {state}"

@@ -95,7 +95,7 @@ def in_haste(pressed: Sequence[str]) -> Iterator[None]:
     async def shortly(*_: float) -> None:
         await asyncio.sleep(0.001)
 
-    quickly = patch.object(parts, "READ_S", 0.03), patch.object(working_app, "SHOW_EVERY_S", 0.01)
+    quickly = patch.object(parts, "MIN_READ_S", 0.03), patch.object(working_app, "SHOW_EVERY_S", 0.01)
     with (
         quickly[0],
         quickly[1],
@@ -165,7 +165,7 @@ async def _one_application(folder: Path, rng: np.random.Generator, seen: Bystand
             seen.pressed.append(str(rng.choice(KEYS)))
             await app._press_keys(seen.pressed[-1:])  # without waiting until every widget has heard of it
             if rng.random() < RESTS:
-                await pilot.pause(1.5 * parts.READ_S)
+                await pilot.pause(1.5 * parts.MIN_READ_S)
         loop = app._task
         app.exit(0)
         if loop is not None:  # as in a terminal, the screens go when no key is heard any more

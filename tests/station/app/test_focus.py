@@ -14,7 +14,7 @@ from procedures.plan import Ask
 from procedures.raw import Plane
 from station.app.app import StationApp
 from station.app.screens import focus as screen
-from station.app.screens.parts import READ_S
+from station.app.screens.parts import MIN_READ_S
 from station.drawing.big_letters import big_lines
 from station.drawing.glyphs import ASCII
 from station.guide.focus import live
@@ -161,7 +161,7 @@ def test_the_simulated_ring_turns_by_keys_and_stages_move_by_enter_alone(tmp_pat
         await driver.until("clear: Enter moves")
         await driver.press("1", "space", "right")
         assert not lab.stage.homed
-        await driver.pilot.pause(1.25 * READ_S)
+        await driver.pilot.pause(1.25 * MIN_READ_S)
         await driver.press("enter")
         await driver.until("Photograph 1, 2.png")
         await driver.press("right")

@@ -13,7 +13,7 @@ from textual.events import Key
 from procedures.plan import Ask
 from station.app.app import Palette, StationApp
 from station.app.screens import parts
-from station.app.screens.parts import READ_S
+from station.app.screens.parts import MIN_READ_S
 from station.guide.frontend import MOVE, RunEnded
 
 from .driving import Driver, drive
@@ -31,7 +31,7 @@ def test_a_move_is_begun_by_enter_alone_once_it_can_have_been_read(tmp_path):
         await driver.until("clear: Enter moves, F12 stops")
         await driver.press("space", "1", "y", "escape")
         assert driver.app._guide.answers.open
-        await driver.pilot.pause(1.25 * READ_S)
+        await driver.pilot.pause(1.25 * MIN_READ_S)
         early = Key("enter", "\r")  # pressed before the question was there, and heard after
         early.time -= 10
         driver.app.post_message(early)
@@ -155,7 +155,7 @@ def test_a_number_begun_before_its_question_is_there_is_not_cut_short(tmp_path):
         await driver.press(*"01", "enter")
         await driver.until("another session")
 
-    with patch.object(parts, "AHEAD_S", 20.0):
+    with patch.object(parts, "TYPE_AHEAD_S", 20.0):
         drive(StationApp(lab), use)
     assert lab.runs[0].answers == [0.01]
 
@@ -169,7 +169,7 @@ def test_what_is_asked_has_the_focus_at_once_and_keeps_it(tmp_path):
         box = driver.app._guide.answers
 
         def ask_anew() -> None:
-            box.tell("One moment.")
+            box.show_sentence("One moment.")
             driver.app.screen._refresh_layout()  # the line hears late that it was hidden
             box.ask(FINE)
 

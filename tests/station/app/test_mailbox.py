@@ -1,4 +1,4 @@
-"""The desk between a run and its operator, and jobs."""
+"""The mailbox between a run and its operator, and jobs."""
 
 from __future__ import annotations
 
@@ -19,53 +19,53 @@ ASK = Ask("k", "?")
 
 def test_what_stands_now_replaces_its_forerunner_and_nothing_else_is_lost():
     rings: list[int] = []
-    desk = Mailbox(lambda: rings.append(1))
+    mailbox = Mailbox(lambda: rings.append(1))
     step = PLAN.steps[0]
-    desk.notify(StepBegan(step))
+    mailbox.notify(StepBegan(step))
     for i in range(50):
-        desk.notify(ProgressEvent("exposing", i, 50))
-        desk.notify(FrameEvent(plane(), Advice(True, f"frame {i}")))
-    desk.notify(StepEnded(step))
-    news = desk.take()
+        mailbox.notify(ProgressEvent("exposing", i, 50))
+        mailbox.notify(FrameEvent(plane(), Advice(True, f"frame {i}")))
+    mailbox.notify(StepEnded(step))
+    news = mailbox.take()
     assert [type(one) for one in news] == [StepBegan, ProgressEvent, FramePreview, StepEnded]
     assert news[1] == ProgressEvent("exposing", 49, 50)
-    assert desk.take() == []
+    assert mailbox.take() == []
     assert len(rings) == 1  # once until it is taken
 
 
 def test_an_answer_goes_to_whoever_asked():
     rung = threading.Event()
-    desk, answers = Mailbox(rung.set), []
-    asking = threading.Thread(target=lambda: answers.append(desk.answer(ASK)))
+    mailbox, answers = Mailbox(rung.set), []
+    asking = threading.Thread(target=lambda: answers.append(mailbox.answer(ASK)))
     asking.start()
     assert rung.wait(5)
-    assert desk.take() == [Question(ASK)]
-    desk.reply(3.5)
+    assert mailbox.take() == [Question(ASK)]
+    mailbox.reply(3.5)
     asking.join(5)
     assert answers == [3.5]
 
 
 def test_an_answer_given_before_the_question_does_not_count():
     rung = threading.Event()
-    desk, answers = Mailbox(rung.set), []
-    desk.reply("early")
-    asking = threading.Thread(target=lambda: answers.append(desk.answer(ASK)))
+    mailbox, answers = Mailbox(rung.set), []
+    mailbox.reply("early")
+    asking = threading.Thread(target=lambda: answers.append(mailbox.answer(ASK)))
     asking.start()
     assert rung.wait(5)
-    desk.reply("late")
+    mailbox.reply("late")
     asking.join(5)
     assert answers == ["late"]
 
 
 def test_stopping_ends_the_question_that_waits_and_all_that_follow():
-    desk = Mailbox(lambda: desk_stops())
+    mailbox = Mailbox(lambda: stop_soon())
 
-    def desk_stops() -> None:
-        threading.Thread(target=desk.stop).start()
+    def stop_soon() -> None:
+        threading.Thread(target=mailbox.stop).start()
 
     for _ in range(2):
         with pytest.raises(Stopped):
-            desk.answer(ASK)
+            mailbox.answer(ASK)
 
 
 def finished(job_of: object) -> Finished:
@@ -119,7 +119,7 @@ def test_a_run_that_was_asked_to_end_before_it_began_ends():
 
         def stop_now(self) -> None: ...
 
-    sitting = OperatorSession(lambda desk: Run(), lambda: None, lambda: None)  # type: ignore[arg-type,return-value]
-    sitting.ask()
-    sitting.work()
+    session = OperatorSession(lambda mailbox: Run(), lambda: None, lambda: None)  # type: ignore[arg-type,return-value]
+    session.ask()
+    session.work()
     assert calls == ["ask", "go"]
