@@ -1,7 +1,7 @@
 """A batch's procedure as a file says it: what to estimate, how, and what is good enough.
 
 ```toml
-procedure = "pattern"               # or "two-photo", "field", "edge", "series", "restore" (see `restoration_file`)
+procedure = "pattern"               # or "field", "series", "restore" (see `restoration_file`), another procedure
 planes = ["G1"]                     # or ["all"]; by default G1 of a RAW file, Y of a grey image
 specification = "lens.toml"         # beside this file; or the same [limits] and [[limit]] here
 unit = "cycles/pixel"               # of every frequency, here and in the results; or "lp/mm", "lw/ph"
