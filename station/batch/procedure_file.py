@@ -15,6 +15,9 @@ trust_typed = false                 # true: optics count against what the camera
 raw = "1920x1080,RGGB,u16le,64,1023"          # where the photographs are a sensor's samples without a header
 pairs = { near = "_near", far = "_far" }      # two-photo: how names of a pair end; or { table = "pairs.csv" }
 
+[settings]                          # the options of the command of any procedure but field and restore, by name
+sensor = "result.json"
+
 [limits]
 mtf50_horizontal = { min = 0.25 }
 energy_above_nyquist = { max = 0.05, planes = ["G1", "G2"] }
