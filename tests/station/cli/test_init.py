@@ -66,7 +66,7 @@ def test_procedure_asks_for_an_estimate_and_nothing_else(written):
     procedure = read_procedure(written / "procedure.toml")
     assert procedure.name == PATTERN
     assert procedure.terms == USUAL
-    assert procedure.settings == PatternSettings()
+    assert procedure.settings == PatternSettings(seed=1)
 
 
 def test_every_setting_of_the_procedure_is_known(written):
