@@ -1,7 +1,7 @@
 """A batch's procedure as a file says it: what to estimate, how, and what is good enough.
 
 ```toml
-procedure = "pattern"               # or "two-photo", "field", "edge", "series", "restore" (see `restoration_file`)
+procedure = "pattern"               # or "field", "series", "restore" (see `restoration_file`), another procedure
 planes = ["G1"]                     # or ["all"]; by default G1 of a RAW file, Y of a grey image
 specification = "lens.toml"         # beside this file; or the same [limits] and [[limit]] here
 unit = "cycles/pixel"               # of every frequency, here and in the results; or "lp/mm", "lw/ph"
@@ -14,6 +14,9 @@ physics = false                     # pattern, series: whether PSFs are explaine
 trust_typed = false                 # true: optics count against what the cameras noted in their files
 raw = "1920x1080,RGGB,u16le,64,1023"          # where the photographs are a sensor's samples without a header
 pairs = { near = "_near", far = "_far" }      # two-photo: how names of a pair end; or { table = "pairs.csv" }
+
+[settings]                          # the options of the command of any procedure but field and restore, by name
+sensor = "result.json"
 
 [limits]
 mtf50_horizontal = { min = 0.25 }

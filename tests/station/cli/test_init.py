@@ -10,6 +10,7 @@ from drivers.errors import BadConfiguration
 from procedures.outcome import BadParameter
 from station.batch.procedure_file import PATTERN, read_procedure
 from station.bench.opening import make_bench, read_config
+from station.procedure.builtin.pattern import PatternSettings
 from station.results.specification_file import read_specification
 from station.results.terms import USUAL
 
@@ -64,7 +65,8 @@ def test_every_device_of_the_example_can_be_made(written):
 def test_procedure_asks_for_an_estimate_and_nothing_else(written):
     procedure = read_procedure(written / "procedure.toml")
     assert procedure.name == PATTERN
-    assert (procedure.planes, dict(procedure.optics), procedure.terms) == ((), {}, USUAL)
+    assert procedure.terms == USUAL
+    assert procedure.settings == PatternSettings(seed=1)
 
 
 def test_every_setting_of_the_procedure_is_known(written):
@@ -72,8 +74,8 @@ def test_every_setting_of_the_procedure_is_known(written):
     assert {limit.number for limit in procedure.terms.specification.limits} == {
         "mtf50_horizontal", "mtf50_vertical", "energy_above_nyquist",
     }  # fmt: skip
-    assert procedure.layout is not None
-    assert set(procedure.optics) == {"pixel_pitch_um", "f_number", "wavelength_nm"}
+    assert procedure.settings.layout is not None
+    assert None not in procedure.settings.optics.values()
 
 
 def test_specification_sets_no_limit_until_it_is_filled_in(written):

@@ -3,10 +3,13 @@ from __future__ import annotations
 import hashlib
 import json
 
+import jsonschema
 import numpy as np
 import pytest
 
 from procedures.pattern import Chart
+from station.procedure.registry import procedure_named
+from station.procedure.schema import schema_of
 
 
 @pytest.fixture
@@ -76,6 +79,17 @@ def test_record_follows_the_schema(run, estimator, photograph, bits, tmp_path):
     assert plane["energy_outside_support"]["value"] == 0
     assert "numpy" in record["software"]["packages"]
     assert record["duration_s"] >= 0
+
+
+def test_record_follows_the_generated_schema(run, estimator, photograph, tmp_path):
+    limits = tmp_path / "limits.toml"
+    limits.write_text('unit = "lp/mm"\n[limits]\nmtf50_horizontal = { min = 9 }\n')
+    words = ("--unit", "lp/mm", "--pixel-pitch-um", 5, "--at", "20", "--specification", limits)
+    done = run("psf", "pattern", photograph, *words, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
+    jsonschema.validate(record, schema_of(procedure_named("pattern")))
+    assert record["specification"]["verdict"] == "meets"  # 9 lp/mm are 0.045 cycles/pixel
 
 
 def test_numbers_that_are_not_finite_are_null(run, estimator, photograph, tmp_path):

@@ -20,6 +20,7 @@ class Model(Settings, frozen=True, kw_only=True):
     pitch_um: Annotated[float, setting("Pitch.", least=0.1)] | None = None
     insist: Annotated[bool, setting("Insist.")] = False
     tile_px: Annotated[Literal[128, 256], setting("Side of a tile.")] | None = None
+    side: Annotated[int, setting("Samples.", least=3)] | Literal["auto"] = "auto"
 
 
 class Required(Settings, frozen=True, kw_only=True):
@@ -43,6 +44,8 @@ def test_a_table_becomes_the_model():
         ({"positions": "chart"}, "positions must be one of lens, set; it is 'chart'"),
         ({"distances_mm": [1, "far"]}, "distances_mm must be a list, each a number at least 1"),
         ({"distances_mm": [1, 0.5]}, "distances_mm must be a list, each a number at least 1"),
+        ({"side": 2.5}, r'side must be a whole number at least 3 or "auto"; it is .2\.5.'),
+        ({"side": "wide"}, r'side must be a whole number at least 3 or "auto"; it is .wide.'),
         ({"insist": 1}, "insist must be true or false"),
         ({"tile_px": 100}, "tile_px must be one of 128, 256; it is '100'"),
         ({"table": 4}, "table must be a path"),
@@ -67,12 +70,14 @@ def test_fields_carry_all_that_an_option_needs():
     assert by_name["distances_mm"].several
     assert by_name["distances_mm"].option == "--distances-mm"
     assert by_name["table"].kind is Path
+    assert (by_name["side"].kind, by_name["side"].word, by_name["side"].choices) == (int, "auto", ())
     assert fields_of(Required)[0].required
 
 
 def test_a_record_holds_what_was_set():
     assert to_record(Model(table=Path("a/b.csv"))) == {
         "width_mm": 300.0, "count": 3, "positions": "lens", "distances_mm": (), "table": "a/b.csv", "insist": False,
+        "side": "auto",
     }  # fmt: skip
 
 
