@@ -226,7 +226,7 @@ def test_a_door_is_a_sentence_and_trying_again_once_it_is_closed_goes_on(bench, 
     operator = Scripted({"trouble": close_and_try_again}, listen=listen)
     assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
     (trouble,) = events(operator, Trouble)
-    assert "stands at the door" in trouble.reason
+    assert "is paused at the door" in trouble.reason
     assert trouble.remedy == "close it and resume"
 
 

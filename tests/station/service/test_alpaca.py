@@ -197,7 +197,7 @@ def test_every_member_of_the_focuser(rail, served):
     once(lambda: not rail.IsMoving)
     assert rail.Position == pytest.approx(last, abs=1)
     for beyond in (-1, last + 1):
-        with pytest.raises(exceptions.InvalidValueException, match=f"between 0 and {last}, and {beyond} came"):
+        with pytest.raises(exceptions.InvalidValueException, match=f"between 0 and {last}; got {beyond}"):
             rail.Move(beyond)
     rail.Halt()
     assert {one["Name"]: one["Value"] for one in rail.DeviceState} == {"IsMoving": False, "Position": rail.Position}
@@ -207,12 +207,12 @@ def test_what_ended_a_move_is_told(rail, served, monkeypatch):
     from drivers.errors import MoveFailed
 
     def stall(name, target):
-        raise MoveFailed("z_mm came to rest at 3", "move again")
+        raise MoveFailed("z_mm stopped at 3", "move again")
 
     homed(rail)
     monkeypatch.setattr(served.bench.motions, "move", stall)
     rail.Move(10)
-    with pytest.raises(exceptions.DriverException, match="came to rest at 3; move again"):
+    with pytest.raises(exceptions.DriverException, match="stopped at 3; move again"):
         once(lambda: not rail.IsMoving)
 
 
@@ -240,7 +240,7 @@ def test_a_move_that_was_halted_has_not_failed(rail, served, monkeypatch):
 def test_a_run_keeps_clients_from_moving_and_clients_a_run(rail, client, served):
     homed(rail)
     with served.tenancy.held("a run of the plan short"):
-        with pytest.raises(exceptions.InvalidOperationException, match="taken by a run of the plan short; wait until"):
+        with pytest.raises(exceptions.InvalidOperationException, match="in use by a run of the plan short; wait until"):
             rail.Move(10)
         assert rail.Position >= 0
         rail.Halt()  # stopping is free
@@ -275,9 +275,9 @@ def test_every_member_of_the_switch(box, served):
     box.SetSwitch(1, False)
     with pytest.raises(NOT_IMPLEMENTED, match="distance is read only"):
         box.SetSwitchValue(4, 1.0)
-    with pytest.raises(exceptions.InvalidValueException, match=r"between 0 and 1 for light, and 1\.5 came"):
+    with pytest.raises(exceptions.InvalidValueException, match=r"between 0 and 1 for light; got 1\.5"):
         box.SetSwitchValue(0, 1.5)
-    with pytest.raises(exceptions.InvalidValueException, match="between 0 and 4, and 5 came"):
+    with pytest.raises(exceptions.InvalidValueException, match="between 0 and 4; got 5"):
         box.GetSwitch(5)
     for refused in (
         lambda: box.SetAsync(0, True), lambda: box.SetAsyncValue(0, 0.5), lambda: box.CancelAsync(0),

@@ -78,7 +78,7 @@ def test_a_photograph_is_the_sensors_numbers(camera, served):
     assert (camera.BayerOffsetX, camera.BayerOffsetY) == (0, 0)
     assert camera.LastExposureDuration == pytest.approx(0.02)
     assert camera.LastExposureStartTime.startswith("20")
-    with pytest.raises(exceptions.ValueNotSetException, match="do not tell the pixel pitch"):
+    with pytest.raises(exceptions.ValueNotSetException, match="do not give the pixel pitch"):
         _ = camera.PixelSizeX
     np.testing.assert_array_equal(np.array(camera.ImageArray), truth.T)
     info = camera.ImageArrayInfo
@@ -90,7 +90,7 @@ def test_a_photograph_is_the_sensors_numbers(camera, served):
     camera.StartX, camera.StartY, camera.NumX, camera.NumY = 10, 4, 20, 30
     np.testing.assert_array_equal(np.array(camera.ImageArray), truth[4:34, 10:30].T)
     camera.NumX = 87
-    with pytest.raises(exceptions.InvalidValueException, match=r"startx 10 and numx 87 must lie within 0 \.\. 96"):
+    with pytest.raises(exceptions.InvalidValueException, match=r"startx 10 and numx 87 must be within 0 \.\. 96"):
         camera.StartExposure(0.02, True)
 
 
@@ -125,7 +125,7 @@ def test_an_exposure_is_aborted_and_the_next_one_comes(camera, served, monkeypat
     begun.wait()
     assert camera.CameraState is alpaca_camera.CameraStates.cameraExposing
     assert camera.PercentCompleted == 0
-    with pytest.raises(exceptions.InvalidOperationException, match="taken by an exposure of"):
+    with pytest.raises(exceptions.InvalidOperationException, match="in use by an exposure of"):
         camera.StartExposure(0.02, True)
     camera.AbortExposure()
     go_on.set()

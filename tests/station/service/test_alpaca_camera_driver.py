@@ -64,7 +64,7 @@ def test_an_exposure_whose_failure_the_server_does_not_tell_ends_soon(camera, mo
 
     monkeypatch.setattr(Camera, "ImageReady", property(lambda self: False))
     monkeypatch.setattr(Camera, "CameraState", property(lambda self: CameraStates.cameraError))
-    with pytest.raises(FrameMissing, match="says that its exposure failed"):
+    with pytest.raises(FrameMissing, match="reports that its exposure failed"):
         camera.expose()
 
 

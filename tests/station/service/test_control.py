@@ -79,7 +79,7 @@ def test_the_stop_needs_no_token_and_ends_the_run(client, served):
     assert set(told["stops"][0]["after_ms"]) >= {"stage", "head", "shutter"}
     assert client.get("/run")[0] == 401
     served.runs.wait(30)
-    assert served.runs.told.ended == "emergency"
+    assert served.runs.status.ended == "emergency"
     assert not served.bench.stage.condition().usable
 
 
@@ -107,7 +107,7 @@ def test_a_second_run_is_refused(client):
     status, told = client.post("/run", UNATTENDED)
     assert status == 409
     assert told == {
-        "reason": "the bench is taken by a run of the plan short",
+        "reason": "the bench is in use by a run of the plan short",
         "remedy": "wait until that ends, or stop it",
     }
 
@@ -128,7 +128,7 @@ def test_the_newest_photograph_is_a_picture(client, served):
     [
         ([], "JSON object"),
         ({"plans": "pattern"}, "no 'plans'"),
-        ({"plan": 3}, "must be a str, and 3 came"),
+        ({"plan": 3}, "must be a str; got 3"),
         ({"answers": {"width": None}}, "answers to width"),
         ({"by_default": "yes"}, "must be a bool"),
     ],

@@ -17,7 +17,7 @@ from ..guide import benches
 from .serving import serving
 from .test_control import UNATTENDED
 
-SESSION_TELLS = "its session tells the files"
+SESSION_TELLS = "its session lists the files"
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def kept(shared_server):
     client.post("/run", UNATTENDED)
     served.runs.wait(30)
     served.lab._leave_session()
-    folder = served.lab.sessions / served.runs.told.session
+    folder = served.lab.sessions / served.runs.status.session
     return client, folder, result_of(folder)
 
 
@@ -117,7 +117,7 @@ def test_a_result_that_was_changed_is_not_given(client, copied):
     (copied / "derived" / "1" / "result.json").write_text("{}")
     status, told = client.get("/sessions/copied/result")
     assert status == 422
-    assert "is not what was written" in told["reason"]
+    assert "has been changed" in told["reason"]
 
 
 @pytest.mark.parametrize("file", ["nosuch", "../../session.toml", "..%2f..%2fsession.toml", "/etc/passwd"])
