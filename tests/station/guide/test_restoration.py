@@ -156,7 +156,7 @@ def test_a_shaker_that_comes_to_rest_too_early_is_told_and_the_photograph_is_kep
     assert ended.how == "finished"
     assert len(shots) == 2
     assert not any("shake" in shot.snapshot for shot in shots)
-    assert any(isinstance(one, Trouble) and "came to rest before its time" in one.reason for one in heard)
+    assert any(isinstance(one, Trouble) and "stopped too early" in one.reason for one in heard)
 
 
 def test_the_restoration_knows_the_commanded_path_before_what_was_felt():

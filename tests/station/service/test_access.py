@@ -50,7 +50,7 @@ def test_the_token_opens_and_nothing_else_does(client, headers, status):
         assert answer[1]["remedy"]
 
 
-def test_what_is_required_came_and_is_to_do_is_said(client):
+def test_what_is_required_came_and_is_to_do_is_reported(client):
     client.token = ""
     assert client.get("/status")[1]["reason"] == "the token is required; none was sent"
     client.token = "another"
@@ -74,9 +74,9 @@ def test_without_a_token_everybody_is_let_in_but_pages_of_others(tmp_path):
     with serving(tmp_path, token=None) as (client, _):
         assert client.get("/status")[0] == 200
         assert client.get("/status", Origin="http://elsewhere.example")[0] == 403
-        status, told = client.post("/run", **{"Content-Type": "text/plain"})
+        status, reply = client.post("/run", **{"Content-Type": "text/plain"})
         assert status == 400
-        assert "JSON is required" in told["reason"]
+        assert "JSON is required" in reply["reason"]
 
 
 def own_page(client, name="127.0.0.1"):

@@ -40,12 +40,12 @@ def box(client):
 # --- management ----------------------------------------------------------------------------------------------------
 
 
-def test_the_server_tells_its_devices(client):
+def test_the_server_reports_its_devices(client):
     assert management.apiversions(client.address) == [1]
     assert management.description(client.address)["ServerName"] == "Calibration station"
     devices = management.configureddevices(client.address)
-    told = [(one["DeviceType"], one["DeviceNumber"], one["DeviceName"]) for one in devices]
-    assert told == [
+    reply = [(one["DeviceType"], one["DeviceNumber"], one["DeviceName"]) for one in devices]
+    assert reply == [
         ("Camera", 0, "camera"), ("Focuser", 0, "stage z_mm"), ("Focuser", 1, "stage x_mm"),
         ("Focuser", 2, "stage y_mm"), ("Switch", 0, "lamp, shutter and laser"),
     ]  # fmt: skip
@@ -106,7 +106,7 @@ def test_the_emergency_stop_is_an_action_of_every_device(camera, rail, box, serv
         assert served.bench.stops == number
 
 
-def translated_errors(client, method, member, number, form=""):
+def requested(client, method, member, number, form=""):
     """Error number and value of a member of focuser 0, asked as the client of that number."""
     path, form = f"/api/v1/focuser/0/{member}", f"ClientID={number}&{form}"
     if method == "GET":
@@ -114,21 +114,21 @@ def translated_errors(client, method, member, number, form=""):
     else:
         headers = {"Content-Type": "application/x-www-form-urlencoded"}
         _, _, body = client.request("PUT", path, form.encode(), **headers)
-    told = json.loads(body)
-    return told["ErrorNumber"], told.get("Value")
+    reply = json.loads(body)
+    return reply["ErrorNumber"], reply.get("Value")
 
 
 def test_a_client_that_disconnects_takes_the_device_from_nobody_else(client):
     for number in (1, 2):
-        assert translated_errors(client, "PUT", "connected", number, "Connected=True") == (0, None)
-    translated_errors(client, "PUT", "connected", 2, "Connected=False")
-    assert translated_errors(client, "GET", "connected", 2) == (0, False)
-    assert translated_errors(client, "GET", "connected", 1) == (0, True)
-    assert translated_errors(client, "GET", "ismoving", 1) == (0, False)
-    translated_errors(client, "PUT", "disconnect", 2)
-    assert translated_errors(client, "GET", "ismoving", 1) == (0, False)
-    translated_errors(client, "PUT", "disconnect", 1)
-    assert translated_errors(client, "GET", "ismoving", 1)[0] == 0x407
+        assert requested(client, "PUT", "connected", number, "Connected=True") == (0, None)
+    requested(client, "PUT", "connected", 2, "Connected=False")
+    assert requested(client, "GET", "connected", 2) == (0, False)
+    assert requested(client, "GET", "connected", 1) == (0, True)
+    assert requested(client, "GET", "ismoving", 1) == (0, False)
+    requested(client, "PUT", "disconnect", 2)
+    assert requested(client, "GET", "ismoving", 1) == (0, False)
+    requested(client, "PUT", "disconnect", 1)
+    assert requested(client, "GET", "ismoving", 1)[0] == 0x407
 
 
 def test_each_client_that_connects_beside_hears_how_its_own_attempt_went(client, served, monkeypatch):
@@ -141,14 +141,14 @@ def test_each_client_that_connects_beside_hears_how_its_own_attempt_went(client,
 
     monkeypatch.setattr(served.bench.stage, "condition", lambda: Condition("not connected", False))
     monkeypatch.setattr(served.bench.stage, "connect", connect)
-    assert translated_errors(client, "PUT", "connect", 1) == (0, None)
+    assert requested(client, "PUT", "connect", 1) == (0, None)
     begun.wait()
-    assert translated_errors(client, "GET", "connecting", 1) == (0, True)
-    assert translated_errors(client, "GET", "connecting", 2) == (0, False)
+    assert requested(client, "GET", "connecting", 1) == (0, True)
+    assert requested(client, "GET", "connecting", 2) == (0, False)
     go_on.set()
-    once(lambda: translated_errors(client, "GET", "connecting", 1)[0])
-    assert translated_errors(client, "GET", "connecting", 1) == (0, False)
-    assert translated_errors(client, "GET", "connected", 1) == (0, False)
+    once(lambda: requested(client, "GET", "connecting", 1)[0])
+    assert requested(client, "GET", "connecting", 1) == (0, False)
+    assert requested(client, "GET", "connected", 1) == (0, False)
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_every_member_of_the_focuser(rail, served):
     assert {one["Name"]: one["Value"] for one in rail.DeviceState} == {"IsMoving": False, "Position": rail.Position}
 
 
-def test_what_ended_a_move_is_told(rail, served, monkeypatch):
+def test_what_ended_a_move_is_reported(rail, served, monkeypatch):
     from drivers.errors import MoveFailed
 
     def stall(name, target):
@@ -327,7 +327,7 @@ def test_transactions_are_numbered_and_strangers_are_turned_away(shared_server):
     assert requests.get(url, timeout=30).status_code == 401
 
 
-def test_discovery_tells_the_port():
+def test_discovery_reports_the_port():
     with closing(Discovery(4711, "127.0.0.1", 0)) as answering, socket.socket(type=socket.SOCK_DGRAM) as asker:
         asker.settimeout(30)
         asker.sendto(b"something else", ("127.0.0.1", answering.port))

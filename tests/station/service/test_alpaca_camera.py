@@ -68,7 +68,7 @@ def test_every_member_of_the_camera_before_a_photograph(camera):
 
 
 def test_a_photograph_is_the_sensors_numbers(camera, served):
-    camera.StartExposure(0.02, True)  # as the frames of this bench tell
+    camera.StartExposure(0.02, True)  # as in the frames of this bench
     once(lambda: camera.ImageReady)
     (path,) = served.bench.simulated.folder.iterdir()
     truth = sensor_image(list(read_frame(path).planes.values())).levels
@@ -84,8 +84,8 @@ def test_a_photograph_is_the_sensors_numbers(camera, served):
     info = camera.ImageArrayInfo
     assert (info.Rank, info.Dimension1, info.Dimension2) == (2, 96, 64)
     np.testing.assert_array_equal(np.array(camera.ImageArrayRaw).reshape(96, 64), truth.T)
-    told = requests.get(camera.base_url + "/imagearray", timeout=30).json()
-    assert (told["Type"], told["Rank"], told["Value"]) == (2, 2, nested(truth))
+    reply = requests.get(camera.base_url + "/imagearray", timeout=30).json()
+    assert (reply["Type"], reply["Rank"], reply["Value"]) == (2, 2, nested(truth))
     assert served.picture.number == 1
     camera.StartX, camera.StartY, camera.NumX, camera.NumY = 10, 4, 20, 30
     np.testing.assert_array_equal(np.array(camera.ImageArray), truth[4:34, 10:30].T)
