@@ -28,7 +28,7 @@ def test_a_port_that_is_taken_is_refused(run):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--token", "short"), "a token of 12 ASCII characters or more is needed, without spaces; 5 came"),
+        (("--token", "short"), "a token must have 12 ASCII characters or more, without spaces; got 5"),
         (("--token", "long-enough-to-be-one", "--no-token"), "contradict each other"),
         (("--host", "no such host"), "is not an address of this machine"),
     ],
