@@ -102,9 +102,7 @@ def run_record(status: RunStatus) -> dict[str, Any]:
         "instruction": status.instruction,
         "doing": {"say": status.doing, "done": status.done, "total": status.total},
         "advice": status.advice.say if status.advice is not None else "",
-        "readings": [
-            {**asdict(reading), "good": reading.good} for reading in (status.advice.readings if status.advice else ())
-        ],
+        "readings": [{**asdict(r), "good": r.good} for r in (status.advice.readings if status.advice else ())],
         "trouble": asdict(status.trouble) if status.trouble is not None else None,
         "question": question_record(status.question) if status.question is not None else None,
         "result": {"verdict": result.verdict, "reason": result.reason, "remedy": result.remedy} if result else None,

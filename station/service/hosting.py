@@ -28,9 +28,8 @@ def listen(host: str, port: int) -> socket.socket:
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except socket.gaierror as error:
-        raise BadParameter(
-            f"{host!r} is not an address of this machine: {error}", "use 127.0.0.1, or 0.0.0.0"
-        ) from error
+        reason = f"{host!r} is not an address of this machine: {error}"
+        raise BadParameter(reason, "use 127.0.0.1 or 0.0.0.0") from error
     listening = socket.socket(family, socket.SOCK_STREAM)
     try:
         if hasattr(socket, "SO_REUSEPORT"):  # POSIX: a port may be reused at once after its program ended

@@ -138,9 +138,8 @@ def after(status: RunStatus, event: Event) -> RunStatus:
         case RunBegan(plan, session, _, gave):
             return RunStatus(session=session.name, plan=plan.name, gave=gave)
         case StepBegan(step):
-            return replace(
-                status, step=step.title, instruction=step.instruction, trouble=None, doing="", done=0, total=0
-            )
+            begun = replace(status, step=step.title, instruction=step.instruction)
+            return replace(begun, trouble=None, doing="", done=0, total=0)
         case StepEnded(step, gave):
             return replace(status, gave={**status.gave, step.name: gave})
         case Doing(say, done, total):

@@ -96,9 +96,7 @@ class AlpacaServer:
         if work.done():
             return work.result()
         work.cancel()  # nobody waits for it any more; work in progress is completed
-        return refused(
-            503, f"the server is shutting down, and {device.name} has not answered", "ask again once it runs"
-        )
+        return refused(503, f"the server shut down before {device.name} answered", "ask again once it runs")
 
     def _answered(self, given: Parameters, make: Callable[[int], Response]) -> Response:
         """The answer of `make` to the client's number; an error becomes its number and message."""
