@@ -57,7 +57,7 @@ class Number:
 
 
 @dataclass(frozen=True)
-class WholeNumber:
+class Integer:
     """An integer between two limits, both included."""
 
     example: str
@@ -162,7 +162,7 @@ class Options:
 
 PORT = Option(Quoted('"/dev/ttyUSB0"', "the name of a port in quotes"), required=True)
 MAYBE_PORT = Option(PORT.rule)
-BAUD = Option(WholeNumber("115200", 300, 4_000_000))
+BAUD = Option(Integer("115200", 300, 4_000_000))
 NAME = Option(Quoted('"z_mm"', "a name that ends in its unit, _mm or _deg", r"[a-z][a-z0-9_]*_(mm|deg)"), required=True)
 FOLDER = Option(Quoted('"incoming"', "the name of a folder in quotes"), required=True)
 DEVICE = Quoted('"stage"', "the name of a device in quotes")
@@ -191,7 +191,7 @@ SERVER = {
         Quoted('"STATION_TOKEN"', "the name of a variable of the environment", r"[A-Za-z_]\w*")
     ),
 }
-COUNTED = WholeNumber("0", 0, 2**16)
+COUNTED = Integer("0", 0, 2**16)
 ALPACA = {**SERVER, "device": Option(COUNTED)}
 PATIENCE = Option(Number("60", 0.0, above=True))
 
@@ -213,8 +213,8 @@ OPTIONS: dict[str, Options] = {
         {**LINE, "poll_s": POLL},
         {
             "name": NAME,
-            "device": Option(WholeNumber("1", 1, 99), required=True),
-            "axis": Option(WholeNumber("1", 1, 9)),
+            "device": Option(Integer("1", 1, 99), required=True),
+            "axis": Option(Integer("1", 1, 9)),
             "unit_per_step": Option(Number("0.000234375", 0.0, above=True), required=True),
             "zero": Option(Number("0.0")),
             "speed_per_s": Option(Number("10", 0.0, above=True)),
@@ -226,14 +226,14 @@ OPTIONS: dict[str, Options] = {
             **LINE,
             "poll_s": POLL,
             "patience_s": Option(Number("60", 0.0, above=True)),
-            "variable": Option(WholeNumber("55", 0, 255)),
+            "variable": Option(Integer("55", 0, 255)),
         },
         {
             "name": NAME,
-            "motor": Option(WholeNumber("0", 0, 15), required=True),
+            "motor": Option(Integer("0", 0, 15), required=True),
             "travel": Option(Interval("[0.0, 300.0]"), required=True),
             "unit_per_step": Option(Number("0.003125", 0.0, above=True), required=True),
-            "module": Option(WholeNumber("1", 1, 255)),
+            "module": Option(Integer("1", 1, 255)),
             "zero": Option(Number("0.0")),
             "direction": Option(OneOf((1, -1))),
         },
@@ -332,7 +332,7 @@ OPTIONS: dict[str, Options] = {
     ),
     "jrt": Options(LINE),
     "bosch": Options(LINE),
-    "dmx": Options({"port": PORT, "channels": Option(ListOf(WholeNumber("1", 1, 512))), **LAMP}),
+    "dmx": Options({"port": PORT, "channels": Option(ListOf(Integer("1", 1, 512))), **LAMP}),
     "grbl_light": Options({**ON_A_STAGE, **LAMP}),
 }
 STAGES, SHUTTERS = ("grbl",), ("strig", "rts", "relay", "micromanager_shutter", "alpaca_shutter")

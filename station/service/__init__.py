@@ -1,1 +1,1 @@
-"""The bench for other programs, over HTTP: sessions and results, runs, growing journals, Alpaca, a phone's page."""
+"""The bench over HTTP: sessions and results, runs, live journals, Alpaca, a page for phones."""

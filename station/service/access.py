@@ -1,7 +1,7 @@
-"""Who may ask what: the token, and no web page but this server's own.
+"""Access control: the token, and the origin of requests.
 
-Stopping needs no token: whoever sees that something goes wrong may stop it. A web page is another matter: what a
-browser sends for a page of another site is refused, the stop too, as nobody at the bench has asked for it.
+A stop needs no token: anybody who sees a problem may stop the bench. Requests that a browser sends for a page of
+another site are refused, including the stop, as nobody at the bench has made them.
 """
 
 from __future__ import annotations
@@ -21,37 +21,37 @@ from procedures.outcome import BadParameter
 
 COOKIE = "station_token"
 SHORTEST = 12
-"""Characters of a token that a person chose: fewer are guessed in a day over a local network."""
+"""Smallest length of a chosen token: shorter ones can be guessed within a day over a local network."""
 NAMES_OF_LOOPBACK = frozenset(("localhost", "127.0.0.1", "::1"))
 API = "/station/v1"
 STOP = "/stop"
 FREE = ("/", API + STOP)
-"""What needs no token: the page, which shows nothing without it, and the stop."""
+"""Paths without token: the page, which shows nothing without it, and the stop."""
 SEALED = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'"
-"""The policy of every answer that has none of its own: reports and other files of sessions run no script, and are not
+"""The default policy of answers: reports and other files of sessions run no script, and are not
 pages of this server to a browser."""
 
 
 def new_token() -> str:
-    """A token that nobody guesses."""
+    """A random token."""
     return secrets.token_urlsafe(16)
 
 
 def check_token(token: str) -> str:
-    """The token, where it will do. Raises BadParameter."""
+    """The token, if it is valid. Raises BadParameter."""
     if len(token) < SHORTEST or not token.isascii() or not token.isprintable() or " " in token:
-        reason = f"a token of {SHORTEST} ASCII characters or more is needed, without spaces; {len(token)} came"
-        raise BadParameter(reason, "leave --token out, and one is made")
+        reason = f"a token must have {SHORTEST} ASCII characters or more, without spaces; got {len(token)}"
+        raise BadParameter(reason, "omit --token to have one made")
     return token
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches that address."""
+    """Whether only this machine can reach the address."""
     return ipaddress.ip_address(host).is_loopback if is_address(host) else host == "localhost"
 
 
 def is_address(host: str) -> bool:
-    """Whether it is an IP address, no name."""
+    """Whether it is an IP address, not a name."""
     try:
         ipaddress.ip_address(host)
     except ValueError:
@@ -60,31 +60,31 @@ def is_address(host: str) -> bool:
 
 
 def names_of(host: str) -> frozenset[str]:
-    """The names by which a page may call the server at this address.
+    """Names by which a page may address the server at this address.
 
-    Any site can have a name of its own lead to this machine, and its pages then pass for pages of this server
-    (DNS rebinding): only names that others cannot give are taken.
+    Any site can let a name of its own resolve to this machine, and its pages would then pass for pages of this server
+    (DNS rebinding): only names that others cannot assign are accepted.
     """
     if is_loopback(host):
         return NAMES_OF_LOOPBACK | {host.lower()}
-    own = socket.gethostname().lower()
-    short = own.partition(".")[0]
-    return NAMES_OF_LOOPBACK | {host.lower(), own, short, f"{short}.local"}
+    hostname = socket.gethostname().lower()
+    short = hostname.partition(".")[0]
+    return NAMES_OF_LOOPBACK | {host.lower(), hostname, short, f"{short}.local"}
 
 
 def answered_beyond_limits(path: str) -> bool:
-    """Whether a path is the page or a stop, which are answered where too many connections are open."""
+    """Whether a path is the page or a stop, which are answered even with too many open connections."""
     return path in FREE or path.rpartition("/")[2] in ("halt", "abortexposure", "action")
 
 
 class Gate:
-    """Lets requests through that may pass, and seals the answers.
+    """Passes permitted requests, and adds the security headers to answers.
 
     Parameters
     ----------
-    token : what must come as `Authorization: Bearer`, as the password of basic authentication, or as a cookie; None
-        lets everybody in
-    host : the address that is listened at
+    token : required as `Authorization: Bearer`, as the password of basic authentication, or as a cookie; None
+        disables the check
+    host : the address of the server
     """
 
     def __init__(self, app: ASGIApp, token: str | None, host: str) -> None:
@@ -111,32 +111,32 @@ class Gate:
         return self._foreign(headers) or (None if free else self._unknown(headers))
 
     def _foreign(self, headers: Headers) -> JSONResponse | None:
-        """Refuses what a browser sends for a page of another site, and a name that is not this server's."""
+        """Refuse requests of a browser for a page of another site, and names that are not this server's."""
         host, origin = headers.get("host", "").lower(), headers.get("origin")
         if origin is not None and origin.partition("://")[2].lower() != host:
-            reason = f"a request must come from this server's own page, and it came from a page of {origin}"
-            return refused(403, reason, "open this server's page, or use a program that is no browser")
+            reason = f"a request must come from this server's own page; it came from a page of {origin}"
+            return refused(403, reason, "open this server's page, or use a program other than a browser")
         name = name_of(host)
         if name in self._names or (not self._local and (origin is None or is_address(name))):
             return None
         names = " or ".join(sorted(self._names))
-        return refused(403, f"this server is called {names}, and the request was to {host!r}", f"ask for {names}")
+        return refused(403, f"this server is called {names}; the request was to {host!r}", f"request {names}")
 
     def _unknown(self, headers: Headers) -> JSONResponse | None:
-        """Refuses what comes without the token."""
-        if self._token is None or any(secrets.compare_digest(self._token.encode(), one) for one in tokens_in(headers)):
+        """Refuse requests without the token."""
+        if self._token is None or any(secrets.compare_digest(self._token.encode(), t) for t in tokens_in(headers)):
             return None
-        given = "another one came" if tokens_in(headers) else "none came"
+        given = "a wrong one was sent" if tokens_in(headers) else "none was sent"
         return refused(
             401,
-            f"the token is required, and {given}",
+            f"the token is required; {given}",
             "send `Authorization: Bearer TOKEN` with the token that `station serve` printed; Alpaca clients give it as "
             "password: any:TOKEN@host:port",
         )
 
 
 def refused(status: int, reason: str, remedy: str) -> JSONResponse:
-    """An answer that says what was required, what came, and what to do."""
+    """An error answer: what was required, what was received, the remedy."""
     headers = {"WWW-Authenticate": "Bearer"} if status == 401 else None
     return JSONResponse({"reason": reason, "remedy": remedy}, status, headers)
 
@@ -149,24 +149,24 @@ def name_of(host: str) -> str:
 
 
 def tokens_in(headers: Headers) -> list[bytes]:
-    """Every token that a request tells."""
-    kind, _, told = headers.get("authorization", "").partition(" ")
-    found = []
+    """All tokens in a request."""
+    kind, _, value = headers.get("authorization", "").partition(" ")
+    tokens = []
     if kind.lower() == "bearer":
-        found.append(told.strip().encode())
+        tokens.append(value.strip().encode())
     elif kind.lower() == "basic":
-        found.append(_password(told))
+        tokens.append(_password(value))
     try:
         cookie = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
     except CookieError:
         cookie = None
     if cookie is not None:
-        found.append(cookie.value.encode())
-    return [one for one in found if one]
+        tokens.append(cookie.value.encode())
+    return [token for token in tokens if token]
 
 
-def _password(told: str) -> bytes:
+def _password(encoded: str) -> bytes:
     try:
-        return base64.b64decode(told, validate=True).partition(b":")[2]
+        return base64.b64decode(encoded, validate=True).partition(b":")[2]
     except (binascii.Error, ValueError):
         return b""

@@ -1,4 +1,4 @@
-"""How the bench is now, for whoever asks: devices, axes, the run, the newest picture; and its stop."""
+"""State of the bench for its clients: devices, axes, run, newest picture; and its emergency stop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from station.bench.opening import Bench
 from station.bench.stage_watch import DeviceState, StageWatch
 from station.guide.workspace import StationLab
 from station.service.pictures import LatestPicture
-from station.service.remote_operator import Told
+from station.service.remote_operator import RunStatus
 from station.service.runs import Runs
 from station.service.tenancy import Tenancy
 
@@ -21,7 +21,7 @@ STOPPERS = 512
 
 
 class ServedBench:
-    """A lab that is served: its bench, who has it, its runs and pictures. Any thread may call."""
+    """A served lab: bench, tenancy, runs and pictures. Thread-safe."""
 
     def __init__(self, lab: StationLab) -> None:
         self.lab = lab
@@ -33,43 +33,43 @@ class ServedBench:
         self.runs = Runs(lab, self.tenancy, self.picture)
         self._executors: list[ThreadPoolExecutor] = []
         self.stopper = self.threads(STOPPERS, "stop")
-        """Threads for stops alone: more than there are connections, so that no stop waits for another."""
+        """Threads for stops only: more than connections, so that no stop waits for another."""
         self._watch = StageWatch(self.bench) if self.bench is not None else None
         self._looking = threading.Lock()
-        self._seen: list[DeviceState] = []
+        self._last_states: list[DeviceState] = []
         self.states()
 
     def threads(self, most: int, name: str) -> ThreadPoolExecutor:
-        """At most so many threads for one kind of request, until the bench is closed."""
+        """A pool with this many threads for one kind of request, until the bench is closed."""
         self._executors.append(ThreadPoolExecutor(most, name))
         return self._executors[-1]
 
     def states(self) -> list[DeviceState]:
-        """Every device as it is; while another request still waits for a device's answer, as it was last."""
+        """Every device's state; the last one while another request still waits for a device."""
         if self._watch is not None and self._looking.acquire(blocking=False):
             try:
-                self._seen = list(self._watch.look())
+                self._last_states = list(self._watch.look())
             finally:
                 self._looking.release()
-        return self._seen
+        return self._last_states
 
     def status(self) -> dict[str, Any]:
-        """All of it, for a page that asks twice a second."""
-        told = self.runs.told
+        """The whole state, for a page that polls twice a second."""
+        run = self.runs.status
         return {
-            "devices": [_device(one) for one in self.states()],
+            "devices": [_device(state) for state in self.states()],
             "tenant": self.tenancy.tenant,
-            "run": run_record(told) if told is not None else None,
+            "run": run_record(run) if run is not None else None,
             "picture": self.picture.number,
             "stops": self.bench.stops if self.bench is not None else 0,
         }
 
     def stop(self) -> dict[str, Any]:
-        """Stop everything; when it was on which wire, after how many milliseconds. Never raises."""
+        """Stop everything; returns the delay on each line in milliseconds. Never raises."""
         before = self.bench.stops if self.bench is not None else 0
         self.runs.stop()
         stops = self.bench.stops_since(before) if self.bench is not None else []
-        return {"stopped": self.bench is not None, "stops": [one.record() for one in stops]}
+        return {"stopped": self.bench is not None, "stops": [stop.record() for stop in stops]}
 
     def close(self, patience_s: float) -> None:
         """Stop, and let the run write its last line."""
@@ -79,39 +79,39 @@ class ServedBench:
             executor.shutdown(wait=False, cancel_futures=True)
 
 
-def _device(one: DeviceState) -> dict[str, Any]:
-    told = one.condition
+def _device(state: DeviceState) -> dict[str, Any]:
+    condition = state.condition
     return {
-        "name": one.name,
-        "state": told.word,
-        "usable": told.usable,
-        "remedy": told.remedy,
-        "doubt": asdict(told.caveat) if told.caveat is not None else None,
-        "moving": one.moving,
-        "places": dict(one.places),
+        "name": state.name,
+        "state": condition.word,
+        "usable": condition.usable,
+        "remedy": condition.remedy,
+        "doubt": asdict(condition.caveat) if condition.caveat is not None else None,
+        "moving": state.moving,
+        "places": dict(state.places),
     }
 
 
-def run_record(told: Told) -> dict[str, Any]:
-    """How a run stands, for programs."""
-    result = told.result
+def run_record(status: RunStatus) -> dict[str, Any]:
+    """The status of a run, as a record."""
+    result = status.result
     return {
-        "session": told.session,
-        "plan": told.plan,
-        "step": told.step,
-        "instruction": told.instruction,
-        "doing": {"say": told.doing, "done": told.done, "total": told.total},
-        "advice": told.advice.say if told.advice is not None else "",
-        "readings": [{**asdict(one), "good": one.good} for one in (told.advice.readings if told.advice else ())],
-        "trouble": asdict(told.trouble) if told.trouble is not None else None,
-        "question": question_record(told.question) if told.question is not None else None,
+        "session": status.session,
+        "plan": status.plan,
+        "step": status.step,
+        "instruction": status.instruction,
+        "doing": {"say": status.doing, "done": status.done, "total": status.total},
+        "advice": status.advice.say if status.advice is not None else "",
+        "readings": [{**asdict(r), "good": r.good} for r in (status.advice.readings if status.advice else ())],
+        "trouble": asdict(status.trouble) if status.trouble is not None else None,
+        "question": question_record(status.question) if status.question is not None else None,
         "result": {"verdict": result.verdict, "reason": result.reason, "remedy": result.remedy} if result else None,
-        "gave": dict(told.gave),
-        "ended": told.ended,
+        "gave": dict(status.gave),
+        "ended": status.ended,
     }
 
 
 def question_record(ask: Ask) -> Mapping[str, Any]:
-    """A question, for programs."""
+    """A question, as a record."""
     names = ("key", "question", "kind", "unit", "default", "low", "high", "choices")
     return {name: getattr(ask, name) for name in names}

@@ -1,8 +1,8 @@
-"""A server's connections are limited in number and time, so that a stop always gets through.
+"""Limits on the number and duration of a server's connections, so that a stop always gets through.
 
-A client owes a request from its connection on, or from the last answer, until the request has arrived whole. Whoever
-owes one for too long is disconnected, and where there are too many connections the one that has owed longest gives way
-to the new one. Connections that are being answered stay; beyond the limit, only stops are answered.
+A request is due from the connection, or the last answer, until it has arrived completely. A client whose request is
+overdue is disconnected; with too many connections, the one whose request has been due longest is replaced by
+the new one. Connections that are being answered stay; beyond the limit, only stops are answered.
 """
 
 from __future__ import annotations
@@ -18,20 +18,19 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from station.service.access import answered_beyond_limits, refused
 
 REQUEST_S = 10.0
-"""How long a client may owe a request."""
+"""How long a request may be due."""
 MOST, FEWEST = 320, 16
-"""Connections at the most, and where few files may be open."""
+"""Largest number of connections, and if the system allows few open files."""
 SHARE_OF_FILES = 3
-"""One in so many of the files that this program may have open is a connection at the most: the rest is for devices,
-sessions and photographs."""
+"""Number of permitted open files per connection: the rest is for devices, sessions and photographs."""
 FOR_STOPS = 32
 """Connections beyond the limit on which stops are answered."""
 ACCEPTED_AT_ONCE = 32
-"""Connections that are accepted before those too many are closed."""
+"""Connections accepted before the excess ones are closed."""
 
 
 def most_connections() -> int:
-    """How many connections this program may have by the number of files that it may have open."""
+    """The number of connections permitted by the limit of open files."""
     try:
         from resource import RLIM_INFINITY, RLIMIT_NOFILE, getrlimit
     except ImportError:  # Windows
@@ -41,7 +40,7 @@ def most_connections() -> int:
 
 
 class LimitedConnection(H11Protocol):
-    """One connection of a server; uvicorn makes one for each that it accepts."""
+    """One connection of a server, created by uvicorn."""
 
     def __init__(self, *given: Any, **named: Any) -> None:
         super().__init__(*given, **named)
@@ -59,7 +58,7 @@ class LimitedConnection(H11Protocol):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """A part of a request came."""
+        """A part of a request was received."""
         super().data_received(data)
         if not self.owes_request:
             self._cancel_deadline()
@@ -72,7 +71,7 @@ class LimitedConnection(H11Protocol):
 
     @property
     def owes_request(self) -> bool:
-        """Whether the client is to send a request, or the rest of one."""
+        """Whether a request, or the rest of one, is due."""
         return self.conn.their_state in (h11.IDLE, h11.SEND_BODY)
 
     @property
@@ -90,18 +89,18 @@ class LimitedConnection(H11Protocol):
             self._deadline = None
 
     def _disconnect(self) -> None:
-        """End it at once; it counts no more."""
+        """End the connection at once; it no longer counts."""
         self._cancel_deadline()
         self.connections.discard(self)
         self.transport.abort()
 
     def _find_room(self) -> None:
-        """Let those give way that owe a request; where none does, answer only stops here."""
+        """Replace connections with a due request; if there is none, answer only stops here."""
         most = most_connections()
         if len(self.connections) <= most * 3 // 4:
             return
-        everybody = [one for one in self.connections if isinstance(one, LimitedConnection)]
-        neighbours = [one for one in everybody if one._address == self._address]
+        everybody = [other for other in self.connections if isinstance(other, LimitedConnection)]
+        neighbours = [other for other in everybody if other._address == self._address]
         if not (self._has_room(neighbours, most * 3 // 4) and self._has_room(everybody, most)):
             self.app = OnlyStops(self.app, most)
         if len(self.connections) > most + FOR_STOPS:
@@ -112,11 +111,11 @@ class LimitedConnection(H11Protocol):
         return self.client[0] if self.client else ""
 
     def _has_room(self, crowd: Iterable[LimitedConnection], most: int) -> bool:
-        """Whether at most so many of these are open, after the one that has owed its request longest was closed."""
-        others = [one for one in crowd if one is not self and one in self.connections]
+        """Whether at most this many are open, after closing the one whose request has been due longest."""
+        others = [other for other in crowd if other is not self and other in self.connections]
         if len(others) < most:
             return True
-        oldest = min((one for one in others if one.owes_request), key=lambda one: one.due_s, default=None)
+        oldest = min((other for other in others if other.owes_request), key=lambda other: other.due_s, default=None)
         if oldest is not None:
             oldest._disconnect()
         return oldest is not None
@@ -134,6 +133,6 @@ class OnlyStops:
             await self._app(scope, receive, send)
             return
         reason = f"at most {self._most} connections are answered at a time, three quarters of them from one address"
-        busy = refused(503, f"{reason}, and all are in use", "close some, or wait; stops are answered all the same")
+        busy = refused(503, f"{reason}, and all are in use", "close some, or wait; stops are still answered")
         busy.headers["Connection"] = "close"
         await busy(scope, receive, send)

@@ -1,4 +1,4 @@
-"""The bench asked and ordered: its state, its picture, runs that begin and are answered, and the stop."""
+"""The bench's interface: its state, its picture, runs and their answers, and the stop."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from station.service.runs import read_order
 
 @dataclass(frozen=True)
 class Control:
-    """What is asked of the bench."""
+    """Requests concerning the bench."""
 
     served: ServedBench
 
     def routes(self) -> list[Route]:
-        """Where it is asked."""
+        """The routes of the interface."""
         return [
             Route("/status", self.status),
             Route("/picture", self.picture),
@@ -46,30 +46,30 @@ class Control:
 
     def picture(self, request: Request) -> Response:
         """The newest photograph, a JPEG."""
-        found = self.served.picture.take()
-        if found is None:
+        picture = self.served.picture.take()
+        if picture is None:
             raise NotThere("no photograph was taken yet", "start a run, or an exposure")
-        headers = {"Cache-Control": "no-store", "X-Caption": found.caption, "X-Number": str(found.number)}
-        return Response(found.jpeg, media_type="image/jpeg", headers=headers)
+        headers = {"Cache-Control": "no-store", "X-Caption": picture.caption, "X-Number": str(picture.number)}
+        return Response(picture.jpeg, media_type="image/jpeg", headers=headers)
 
     def plans(self, request: Request) -> Response:
-        """The plans there are."""
+        """The available plans."""
         return answer({"plans": dict(self._lab.plans())})
 
     def run(self, request: Request) -> Response:
-        """The run that was started last."""
-        told = self.served.runs.told
-        if told is None:
+        """The run started last."""
+        status = self.served.runs.status
+        if status is None:
             raise NotThere("no run was started yet", "POST /station/v1/run starts one")
-        return answer(run_record(told))
+        return answer(run_record(status))
 
     async def start(self, request: Request) -> Response:
         """Start a run in a new session."""
         order = read_order(await json_of(request), self._lab.names)
         await asyncio.to_thread(self.served.runs.start, order)
-        told = self.served.runs.told
-        assert told is not None
-        return answer(run_record(told), 201)
+        status = self.served.runs.status
+        assert status is not None
+        return answer(run_record(status), 201)
 
     async def reply(self, request: Request) -> Response:
         """Answer the run's open question."""
@@ -83,11 +83,11 @@ class Control:
         return answer({})
 
     async def end(self, request: Request) -> Response:
-        """Let the run end after what it is at."""
+        """End the run after its present operation."""
         await asyncio.to_thread(self.served.runs.end)
         return answer({})
 
     async def stop(self, request: Request) -> Response:
-        """Stop every device now, by the way that signals take. Needs no token."""
+        """Stop every device now, in the same way as signals. Needs no token."""
         loop = asyncio.get_running_loop()
         return answer(await loop.run_in_executor(self.served.stopper, self.served.stop))

@@ -1,4 +1,4 @@
-"""A server in a thread of its own, on a port that was taken before it began."""
+"""A server in a thread of its own, on a port that is reserved in advance."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ from procedures.outcome import BadParameter
 from station.service.connection_limits import ACCEPTED_AT_ONCE, LimitedConnection
 
 QUEUE = 1024
-"""Connections that the system keeps waiting until they are accepted."""
+"""Connections queued by the system until they are accepted."""
 ENDED_S = 3
-"""How long the end of the server waits for answers that are under way."""
+"""How long shutting down waits for answers in progress."""
 
 
 class PortTaken(BadParameter):
-    """Another program listens there."""
+    """Another program listens on the port."""
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """A socket that listens there; port 0 takes a free one. Raises BadParameter, PortTaken."""
+    """A listening socket; port 0 selects a free one. Raises BadParameter, PortTaken."""
     try:
         family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except socket.gaierror as error:
-        raise BadParameter(f"{host!r} is no address of this machine: {error}", "use 127.0.0.1, or 0.0.0.0") from error
+        reason = f"{host!r} is not an address of this machine: {error}"
+        raise BadParameter(reason, "use 127.0.0.1 or 0.0.0.0") from error
     listening = socket.socket(family, socket.SOCK_STREAM)
     try:
-        if hasattr(socket, "SO_REUSEPORT"):  # POSIX: a port may be taken again at once after its program ended
+        if hasattr(socket, "SO_REUSEPORT"):  # POSIX: a port may be reused at once after its program ended
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind(address)
         listening.listen()
@@ -42,19 +43,19 @@ def listen(host: str, port: int) -> socket.socket:
 
 
 def bad_address(host: str, port: int, error: OSError) -> BadParameter:
-    """Why an address cannot be listened at, and what to do."""
+    """The error for an address on which listening is impossible."""
     if error.errno == errno.EADDRINUSE:
         remedy = "end that program, or choose another port: --port 0 takes a free one"
-        return PortTaken(f"port {port} of {host} is needed, and another program has it", remedy)
-    reason = f"cannot listen at {host}, port {port}: {error.strerror}"
+        return PortTaken(f"port {port} of {host} is required, but another program uses it", remedy)
+    reason = f"cannot listen on {host}, port {port}: {error.strerror}"
     return BadParameter(reason, "use an address of this machine, and a port above 1023")
 
 
 class Server(uvicorn.Server):
-    """A server that accepts few connections at once, while many may wait for that."""
+    """A server that accepts few connections at once from a long queue."""
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to answer."""
+        """Start answering."""
         await super().startup(sockets)
         for listening in sockets or ():
             listening.listen(QUEUE)
@@ -62,7 +63,7 @@ class Server(uvicorn.Server):
 
 @dataclass
 class Hosting:
-    """An application that is being served until `end`."""
+    """An application that is served until `end`."""
 
     app: ASGIApp
     listening: socket.socket
@@ -81,16 +82,16 @@ class Hosting:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """The port it listens on."""
         number: int = self.listening.getsockname()[1]
         return number
 
     def begin(self) -> None:
-        """Answer from now on: what comes before is kept waiting by the system."""
+        """Start answering: earlier connections are queued by the system."""
         self._thread.start()
 
     def end(self) -> None:
-        """Answer no more; streams end, and answers that are under way are waited for."""
+        """Stop answering; streams end, and answers in progress are completed."""
         self.closing.set()
         self._server.should_exit = True
         self._thread.join(ENDED_S + 1)

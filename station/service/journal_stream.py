@@ -1,4 +1,4 @@
-"""A session's journal as server-sent events: its own lines, as they come, each checked against the one before."""
+"""A session's journal as server-sent events: its lines as they are written, each verified against the previous one."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from station.sessions.journal import parse
 from station.sessions.layout import JOURNAL, check_layout, read_config
 
 LOOK_S = 0.25
-"""How often the journal is looked at: whatever program writes it."""
+"""Polling interval of the journal, which any program may write."""
 ALIVE_S = 15.0
-"""How often a stream in which nothing happens says that it is there."""
+"""Interval of keep-alive comments in a silent stream."""
 
 
 def lines_of(folder: Path) -> Sequence[bytes]:
-    """The whole lines of a session's journal, checked. Raises BadInput, Damaged."""
+    """The complete lines of a session's journal, verified. Raises BadInput, Damaged."""
     check_layout(folder)
     _, first_sum = read_config(folder)
     path = folder / JOURNAL
@@ -29,7 +29,7 @@ def lines_of(folder: Path) -> Sequence[bytes]:
 async def events(
     folder: Path, lines: Sequence[bytes], after: int, *, follow: bool, closing: threading.Event
 ) -> AsyncIterator[bytes]:
-    """The lines beyond number `after`, then those that come, until `closing` or the end of the journal's folder."""
+    """The lines after number `after`, then new ones, until `closing` or the end of the journal's folder."""
     silent_s = 0.0
     size = 0
     while True:

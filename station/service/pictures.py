@@ -12,16 +12,16 @@ import numpy.typing as npt
 from procedures.raw import Plane
 
 LONGEST_SIDE = 800
-"""Pixels of the picture at most: more than a phone's width."""
+"""Largest side of the picture in pixels: more than a phone's width."""
 LEAST_WHITE = 0.05
-"""What is shown as white at the darkest: a frame of the lens cap shall not look like a picture."""
+"""Lower limit of the white level: a frame with the lens cap on must not look like a picture."""
 GAMMA = 2.2
 QUALITY = 85
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A JPEG file, its number since the program began, and what it shows."""
+    """A JPEG file, its number since the start of the program, and its caption."""
 
     number: int
     jpeg: bytes
@@ -29,7 +29,7 @@ class Picture:
 
 
 class LatestPicture:
-    """The newest frame that was seen; it is encoded when somebody asks."""
+    """The newest frame; encoded on request."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -38,12 +38,12 @@ class LatestPicture:
         self.number = 0
 
     def show(self, plane: Plane) -> None:
-        """This is the newest one. From any thread; returns at once."""
+        """Set the newest frame. From any thread; returns at once."""
         with self._lock:
             self._plane, self._encoded, self.number = plane, None, self.number + 1
 
     def take(self) -> Picture | None:
-        """The newest, None before there is one."""
+        """The newest picture, None before the first."""
         with self._lock:
             if self._encoded is None and self._plane is not None:
                 rows, columns = self._plane.samples.shape
@@ -53,7 +53,7 @@ class LatestPicture:
 
 
 def jpeg_of(samples: npt.NDArray[np.float32]) -> bytes:
-    """A linear plane (rows, columns) as it would look, its brightest parts white, no side above LONGEST_SIDE."""
+    """A linear plane (rows, columns) as a JPEG, its brightest parts white, no side above LONGEST_SIDE."""
     rows, columns = samples.shape
     scale = min(1.0, LONGEST_SIDE / max(rows, columns))
     size = (max(1, round(columns * scale)), max(1, round(rows * scale)))

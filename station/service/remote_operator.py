@@ -1,4 +1,4 @@
-"""An operator at the other end of a line: what a run tells is kept for whoever asks, what it asks waits."""
+"""An operator reached over the network: events of a run are kept for clients, and questions wait for an answer."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from station.guide.frontend import (
 )
 
 NEVER_BY_DEFAULT = (MOVE, "trouble", "look", "contradiction")
-"""What a person must say: that something may move, and what to do where something is wrong."""
+"""Questions that a person must answer: consent to motion, and how to continue after an error."""
 
 
 @dataclass(frozen=True)
-class Told:
-    """How a run stands.
+class RunStatus:
+    """The status of a run.
 
     Attributes
     ----------
-    session, plan : of which session, by which plan
-    step, instruction : the step it is at
-    doing, done, total : what happens now, with its countable parts
-    advice : what the last look at a frame said
-    trouble : what went wrong last in this step
-    question : what waits for an answer
+    session, plan : of the run
+    step, instruction : the present step
+    doing, done, total : the present operation, with its countable parts
+    advice : from the last frame examined
+    trouble : the last error in this step
+    question : the question that waits for an answer
     result : the estimate
-    ended : "finished", "stopped", "emergency", "failed"; None while it goes on
+    ended : "finished", "stopped", "emergency", "failed"; None while it is running
     """
 
     session: str = ""
@@ -61,37 +61,37 @@ class Told:
 
 
 class RemoteOperator:
-    """Answers what it was given answers for, or what has a default; everything else waits for `reply`.
+    """Answers by given answers or by defaults; all other questions wait for `reply`.
 
     Parameters
     ----------
     answers : by key
-    by_default : whether a question that has a default is answered by it, unless it is one that a person must answer
+    by_default : whether a question with a default is answered by it, unless a person must answer
     """
 
     def __init__(self, answers: Mapping[str, Fact], by_default: bool, show: Callable[[Plane], None]) -> None:
         self._answers, self._by_default, self._show = dict(answers), by_default, show
         self._lock = threading.Condition()
-        self._told = Told()
+        self._status = RunStatus()
         self._reply: list[Fact] = []
         self._stopped = False
 
     @property
-    def told(self) -> Told:
-        """How the run stands now."""
+    def status(self) -> RunStatus:
+        """The present status of the run."""
         with self._lock:
-            return self._told
+            return self._status
 
-    def notify(self, event: Event) -> None:
-        """Keep what an event tells."""
-        if isinstance(event, FrameEvent):
+    def hear(self, event: Event) -> None:
+        """Update the status by an event."""
+        if isinstance(event, Seen):
             self._show(event.plane)
         with self._lock:
-            self._told = after(self._told, event)
+            self._status = after(self._status, event)
 
     def answer(self, ask: Ask) -> Fact:
-        """What is written down, or somebody's reply. Raises Stopped."""
-        with suppress(KeyError, ValueError):  # what was written down and is no answer to this: a person is asked
+        """The given answer, or a client's reply. Raises Stopped."""
+        with suppress(KeyError, ValueError):  # an invalid given answer: a person is asked
             return parse(ask, str(self._answers[ask.key]))
         if self._by_default and ask.key not in NEVER_BY_DEFAULT:
             if ask.default is not None:
@@ -103,52 +103,53 @@ class RemoteOperator:
     def _wait(self, ask: Ask) -> Fact:
         with self._lock:
             self._reply.clear()
-            self._told = replace(self._told, question=ask)
+            self._status = replace(self._status, question=ask)
             try:
                 self._lock.wait_for(lambda: self._reply or self._stopped)
             finally:
-                self._told = replace(self._told, question=None)
+                self._status = replace(self._status, question=None)
             if self._stopped:
                 raise Stopped
             return self._reply.pop()
 
     def reply(self, key: str, words: str) -> None:
-        """Answer the open question, as one types it. Raises BadParameter where that is none of its answers."""
+        """Answer the open question by a text. Raises BadParameter if it is not a valid answer."""
         with self._lock:
-            ask = self._told.question
+            ask = self._status.question
             if ask is None or ask.key != key:
                 open_one = f"the open question is {ask.key!r}" if ask else "no question is open"
-                raise BadParameter(f"an answer to {key!r} came, and {open_one}", "ask for the run, then answer that")
+                raise BadParameter(f"an answer to {key!r} was sent, but {open_one}", "query the run, then answer that")
             try:
                 self._reply[:] = [parse(ask, words)]
             except ValueError as error:
-                raise BadParameter(f"{words!r} is no answer to {key!r}", str(error)) from error
+                raise BadParameter(f"{words!r} is not an answer to {key!r}", str(error)) from error
             self._lock.notify_all()
 
     def stop(self) -> None:
-        """Answer no more: whoever asks hears that the operator stopped."""
+        """Stop answering: open questions raise Stopped."""
         with self._lock:
             self._stopped = True
             self._lock.notify_all()
 
 
-def after(told: Told, event: Event) -> Told:
-    """How a run stands after one more event."""
+def after(status: RunStatus, event: Event) -> RunStatus:
+    """The status of a run after one more event."""
     match event:
         case RunBegan(plan, session, _, gave):
-            return Told(session=session.name, plan=plan.name, gave=gave)
+            return RunStatus(session=session.name, plan=plan.name, gave=gave)
         case StepBegan(step):
-            return replace(told, step=step.title, instruction=step.instruction, trouble=None, doing="", done=0, total=0)
+            begun = replace(status, step=step.title, instruction=step.instruction)
+            return replace(begun, trouble=None, doing="", done=0, total=0)
         case StepEnded(step, gave):
-            return replace(told, gave={**told.gave, step.name: gave})
-        case ProgressEvent(say, done, total):
-            return replace(told, doing=say, done=done, total=total)
-        case FrameEvent(_, advice):
-            return replace(told, advice=advice)
-        case ProblemEvent():
-            return replace(told, trouble=event)
+            return replace(status, gave={**status.gave, step.name: gave})
+        case Doing(say, done, total):
+            return replace(status, doing=say, done=done, total=total)
+        case Seen(_, advice):
+            return replace(status, advice=advice)
+        case Trouble():
+            return replace(status, trouble=event)
         case Result():
-            return replace(told, result=event)
+            return replace(status, result=event)
         case RunEnded(how):
-            return replace(told, ended=how, question=None)
-    return told
+            return replace(status, ended=how, question=None)
+    return status

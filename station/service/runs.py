@@ -14,13 +14,13 @@ from station.common.errors import ExplainedError
 from station.guide.frontend import ProblemEvent
 from station.guide.workspace import Running, StationLab
 from station.service.pictures import LatestPicture
-from station.service.remote_operator import RemoteOperator, Told
+from station.service.remote_operator import RemoteOperator, RunStatus
 from station.service.tenancy import Tenancy
 
 
 @dataclass(frozen=True)
 class RunOrder:
-    """Which run is asked for; `by_default` answers by defaults what need not wait for a person."""
+    """The run to start; with `by_default`, questions that need no person are answered by defaults."""
 
     plan: str
     camera: str
@@ -30,27 +30,27 @@ class RunOrder:
 
 
 def read_order(data: Any, names: tuple[str, str]) -> RunOrder:
-    """The order that a client's JSON is; camera and lens are `names` where it tells none. Raises BadParameter."""
+    """Parse a client's order; camera and lens are `names` if it gives none. Raises BadParameter."""
     from station.guide.catalogue import DEFAULT
 
     remedy = 'send {"plan": "pattern", "camera": "...", "lens": "...", "answers": {}, "by_default": false}'
     kinds: dict[str, type] = {"plan": str, "camera": str, "lens": str, "answers": dict, "by_default": bool}
     if not isinstance(data, Mapping):
-        raise BadParameter("a run is started with a JSON object, and something else came", remedy)
+        raise BadParameter("a run is started by a JSON object; something else was sent", remedy)
     for name, value in data.items():
         if name not in kinds:
-            raise BadParameter(f"there is no {name!r} in a run's order", remedy)
+            raise BadParameter(f"a run's order has no {name!r}", remedy)
         if not isinstance(value, kinds[name]):
-            raise BadParameter(f"{name!r} must be a {kinds[name].__name__}, and {value!r} came", remedy)
+            raise BadParameter(f"{name!r} must be a {kinds[name].__name__}; got {value!r}", remedy)
     answers = data.get("answers", {})
-    if wrong := [key for key, one in answers.items() if not isinstance(one, str | int | float | bool)]:
-        raise BadParameter(f"the answers to {', '.join(wrong)} are no text, number, true or false", remedy)
+    if wrong := [key for key, value in answers.items() if not isinstance(value, str | int | float | bool)]:
+        raise BadParameter(f"the answers to {', '.join(wrong)} must be text, a number, true or false", remedy)
     about = {"plan": DEFAULT, "camera": names[0], "lens": names[1], **data}
     return RunOrder(about["plan"], about["camera"], about["lens"], answers, about.get("by_default", False))
 
 
 class Runs:
-    """The runs of one lab. Any thread may call."""
+    """The runs of one lab; thread-safe."""
 
     def __init__(self, lab: StationLab, tenancy: Tenancy, picture: LatestPicture) -> None:
         self._lab, self._tenancy, self._picture = lab, tenancy, picture
@@ -60,15 +60,15 @@ class Runs:
         self._failed = ""
 
     @property
-    def told(self) -> Told | None:
-        """How the run that was started last stands; None before the first."""
+    def status(self) -> RunStatus | None:
+        """The status of the run started last; None before the first."""
         if self._operator is None:
             return None
-        told = self._operator.told
-        return replace(told, ended="failed", trouble=ProblemEvent(self._failed, "")) if self._failed else told
+        status = self._operator.status
+        return replace(status, ended="failed", trouble=Trouble(self._failed, "")) if self._failed else status
 
     def start(self, order: RunOrder) -> None:
-        """Begin a run in a new session. Raises ProcedureError, InUse where something has the bench."""
+        """Start a run in a new session. Raises ProcedureError, InUse if the bench is taken."""
         from station.guide.catalogue import entry_named
 
         entry_named(order.plan)
@@ -86,19 +86,19 @@ class Runs:
     def _go(self, running: Running) -> None:
         try:
             running.go()
-        except Exception as error:  # whatever it is, the client reads a sentence
+        except Exception as error:  # any error is reported to the client as a sentence
             self._failed = error.reason if isinstance(error, ExplainedError) else f"{type(error).__name__}: {error}"
         finally:
             self._tenancy.leave()
 
     def end(self) -> None:
-        """Let the run end after this exposure or move; an open question is not answered any more."""
+        """End the run after this exposure or move; an open question is no longer answered."""
         if self._running is not None:
             self._running.ask_to_stop()
         self._silence()
 
     def stop(self) -> None:
-        """Stop every device at once, by the way that signals take, and end the run if there is one. Never raises."""
+        """Stop every device at once, in the same way as signals, and end any run. Never raises."""
         self._lab.stop_run()
         self._silence()
 
@@ -109,11 +109,11 @@ class Runs:
     def reply(self, key: str, words: str) -> None:
         """Answer the run's open question. Raises BadParameter."""
         if self._operator is None:
-            raise BadParameter(f"an answer to {key!r} came, and no run was started", "start one first")
+            raise BadParameter(f"an answer to {key!r} was sent, but no run was started", "start one first")
         self._operator.reply(key, words)
 
     def wait(self, timeout_s: float) -> None:
-        """Wait for the end of the run, at most so long."""
+        """Wait for the end of the run, at most this long."""
         if self._thread is not None:
             with suppress(RuntimeError):
                 self._thread.join(timeout_s)

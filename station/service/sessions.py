@@ -1,4 +1,4 @@
-"""Sessions, their results, reports and journals, read only."""
+"""Sessions with their results, reports and journals, read only."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ REPORT = "report.html"
 
 @dataclass(frozen=True)
 class Sessions:
-    """What is asked about the sessions in a folder."""
+    """Requests concerning the sessions in a folder."""
 
     root: Path
     closing: Event
 
     def routes(self) -> list[Route]:
-        """Where it is asked."""
+        """The routes of the interface."""
         return [
             Route("/sessions", self.everything),
             Route("/sessions/{name}", self.one),
@@ -44,7 +44,7 @@ class Sessions:
         ]
 
     def _folder(self, request: Request) -> Path:
-        """The session that the path names. Raises NotThere."""
+        """The session named in the path. Raises NotThere."""
         name = request.path_params["name"]
         for folder in sessions_in(self.root):
             if folder.name == name:
@@ -57,30 +57,30 @@ class Sessions:
             return answer({"schema": "station/sessions/1", "sessions": []})
         with Index(self.root) as index:
             entries = index.sessions()
-        return answer({"schema": "station/sessions/1", "sessions": [one.record() for one in entries]})
+        return answer({"schema": "station/sessions/1", "sessions": [entry.record() for entry in entries]})
 
     def one(self, request: Request) -> Response:
-        """One session: its facts, shots and results, as `station session show --json`."""
+        """One session: facts, shots and results, as in `station session show --json`."""
         return answer(read_session(self._folder(request)).record())
 
     def result(self, request: Request) -> Response:
-        """The record of its last result, byte for byte."""
+        """The record of its last result, unchanged."""
         folder = self._folder(request)
         results = read_session(folder).state.results
         if not results:
-            raise NotThere(f"{folder.name} has no result yet", "carry its plan out, or ask for another session")
+            raise NotThere(f"{folder.name} has no result yet", "carry out its plan, or request another session")
         return _file(folder, results[-1], RECORD)
 
     def file(self, request: Request) -> Response:
         """One file of one result: `psf_G1.npy` of result 1."""
         folder, number, name = self._folder(request), request.path_params["number"], request.path_params["file"]
-        for one in read_session(folder).state.results:
-            if one.folder.endswith(f"/{number}") and name in one.files:
-                return _file(folder, one, name)
-        raise NotThere(f"{folder.name} has no file {name!r} in a result {number}", "its session tells the files")
+        for result in read_session(folder).state.results:
+            if result.folder.endswith(f"/{number}") and name in result.files:
+                return _file(folder, result, name)
+        raise NotThere(f"{folder.name} has no file {name!r} in a result {number}", "its session lists the files")
 
     def report(self, request: Request) -> Response:
-        """Its report, a page."""
+        """Its report, an HTML page."""
         folder = self._folder(request)
         results = read_session(folder).state.results
         if results and REPORT in results[-1].files:
@@ -90,20 +90,20 @@ class Sessions:
         return Response(inside(folder, REPORT).read_bytes(), media_type="text/html")
 
     async def journal(self, request: Request) -> Response:
-        """Its journal as server-sent events: what there is, then what comes; from `Last-Event-ID` on."""
+        """Its journal as server-sent events, from `Last-Event-ID` on, including new lines."""
         folder = await asyncio.to_thread(self._folder, request)
-        told = request.headers.get("last-event-id", request.query_params.get("after", "0"))
+        last = request.headers.get("last-event-id", request.query_params.get("after", "0"))
         follow = request.query_params.get("follow", "true") != "false"
         lines = await asyncio.to_thread(lines_of, folder)
-        after = int(told) if told.isascii() and told.isdigit() and len(told) < 10 else 0
+        after = int(last) if last.isascii() and last.isdigit() and len(last) < 10 else 0
         stream = events(folder, lines, after, follow=follow, closing=self.closing)
         return StreamingResponse(stream, media_type="text/event-stream", headers={"Cache-Control": "no-store"})
 
 
 def _file(folder: Path, result: DerivedResult, name: str) -> Response:
-    """A result's file, if it is what the journal says. Raises Damaged."""
+    """A result's file, if it matches the journal. Raises Damaged."""
     path = inside(folder, f"{result.folder}/{name}")
     if sha256_of(path) != result.files.get(name):
-        raise Damaged(f"{path} is not what was written", "bring it back from a copy")
+        raise Damaged(f"{path} has been changed", "bring it back from a copy")
     kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
     return Response(path.read_bytes(), media_type=kind)

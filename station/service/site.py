@@ -1,4 +1,4 @@
-"""What is served where: one application of the page, the interface for programs, and Alpaca."""
+"""The served application: the page, the interface for programs, and Alpaca."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PAGE_POLICY = "default-src 'self'; script-src 'unsafe-inline'; style-src 'unsafe
 
 
 def site(served: ServedBench, *, host: str, token: str | None, closing: threading.Event) -> Starlette:
-    """The application; `host` is the address it is served at."""
+    """The application; `host` is the address of the server."""
     programs = [*Control(served).routes(), *Sessions(served.lab.sessions, closing).routes()]
     return Starlette(
         routes=[Route("/", page), Mount(API, routes=programs), *AlpacaServer(served).routes()],

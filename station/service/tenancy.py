@@ -1,4 +1,4 @@
-"""One at a time has the bench: a run, or a client's exposure or move. Asking is free, and so is stopping."""
+"""Exclusive use of the bench by a run, or a client's exposure or move. Queries and stops are always allowed."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ Work = Callable[[], None]
 
 
 class InUse(ProcedureError):
-    """Somebody else has the bench; or what is asked for is going on already."""
+    """The bench is in use, or the requested operation is in progress."""
 
     exit_code = 75
 
 
 class Tenancy:
-    """Who has the bench now. Any thread may ask."""
+    """The present user of the bench; thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -26,24 +26,24 @@ class Tenancy:
 
     @property
     def tenant(self) -> str:
-        """In a few words; "" for nobody."""
+        """Its description; "" if none."""
         return self._tenant
 
     def take(self, tenant: str) -> None:
-        """Have the bench until `leave`. Raises InUse."""
+        """Reserve the bench until `leave`. Raises InUse."""
         with self._lock:
             if self._tenant:
-                raise InUse(f"the bench is taken by {self._tenant}", "wait until that ends, or stop it")
+                raise InUse(f"the bench is in use by {self._tenant}", "wait until that ends, or stop it")
             self._tenant = tenant
 
     def leave(self) -> None:
-        """Let others have it."""
+        """Release the bench."""
         with self._lock:
             self._tenant = ""
 
     @contextmanager
     def held(self, tenant: str) -> Iterator[None]:
-        """Within, the bench is this tenant's. Raises InUse."""
+        """Context in which the bench is reserved. Raises InUse."""
         self.take(tenant)
         try:
             yield
@@ -51,7 +51,7 @@ class Tenancy:
             self.leave()
 
     def begin(self, tenant: str, work: Work) -> threading.Thread:
-        """Do this in a thread of its own that has the bench. Raises InUse."""
+        """Run this in a new thread that reserves the bench. Raises InUse."""
         self.take(tenant)
 
         def run() -> None:

@@ -25,7 +25,7 @@ Options = Callable[[str], Any]
 
 
 class CabledGrbl:
-    """A twin, or a firmware in simavr, at the end of a cable; `places` tells where its axes are."""
+    """A twin, or a firmware in simavr, at the end of a cable; `places` gives where its axes are."""
 
     line_stays = True
 
@@ -48,9 +48,9 @@ class CabledGrbl:
 
     def standing(self) -> tuple[float, ...]:
         """Where its axes are."""
-        told: list[tuple[float, ...]] = []
-        self._cable.happen(lambda now_s: told.append(self._places(now_s)))
-        return told[0]
+        reported: list[tuple[float, ...]] = []
+        self._cable.happen(lambda now_s: reported.append(self._places(now_s)))
+        return reported[0]
 
 
 def _simavr(options: Options, folder: Path) -> Iterator[Rig]:

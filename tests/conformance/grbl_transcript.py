@@ -123,16 +123,16 @@ def firmware(elf: Path, box: Path) -> Iterator[Exchange]:
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdin is not None
-        told, heard = process.stdin, process.stdout
+        stdin, stdout = process.stdin, process.stdout
 
         def run(order: str, wait_s: float) -> bytes:
-            told.write(f"{order}\nrun {1000 * wait_s}\n")
-            told.flush()
-            return bytes.fromhex(next(line for line in heard if line.startswith("said ")).split(" ")[1])
+            stdin.write(f"{order}\nrun {1000 * wait_s}\n")
+            stdin.flush()
+            return bytes.fromhex(next(line for line in stdout if line.startswith("said ")).split(" ")[1])
 
         run("", 3.0)  # it finds no settings, and writes its own
         yield lambda step: run("send " + step.data.hex() if step.sends else step.row[2:], step.wait_s)
-        told.close()
+        stdin.close()
 
 
 def twin(variant: str = "GRBL") -> Exchange:
@@ -170,8 +170,8 @@ GRBLHAL: dict[int, float] = {0: 5, 4: 7, 10: 511}
 
 def differences(steps: list[Step], exchange: Exchange) -> list[tuple[Step, tuple[str, ...]]]:
     """The steps that are answered otherwise than the transcript has it, and how."""
-    told = [tuple(lines(exchange(step))) for step in steps]
-    return [(step, answer) for step, answer in zip(steps, told, strict=True) if answer != step.answer]
+    reported = [tuple(lines(exchange(step))) for step in steps]
+    return [(step, answer) for step, answer in zip(steps, reported, strict=True) if answer != step.answer]
 
 
 def _record(arguments: Any) -> None:

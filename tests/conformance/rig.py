@@ -12,7 +12,7 @@ from simulators.world.clock import VirtualClock
 
 
 class Machine(Protocol):
-    """A controller with its motors, as one who stands beside it has it."""
+    """A controller with its motors, as accessible to a person beside it."""
 
     line_stays: bool
     """Whether its power can fail without its line."""
@@ -26,7 +26,7 @@ class Machine(Protocol):
         ...
 
     def standing(self) -> tuple[float, ...]:
-        """Where its axes are, whatever it believes itself; () where nobody can tell."""
+        """Where its axes are, whatever it assumes itself; () if unknown."""
         ...
 
 
@@ -34,7 +34,7 @@ class Machine(Protocol):
 class Rig:
     """A device under test, its clock, the simulated bench behind it (None at a real port).
 
-    `carried` tells where a shaker has the camera; `places` are where a stage is sent, as parts of its travel;
+    `carried` gives the position of the camera on a shaker; `places` are where a stage is sent, as parts of its travel;
     `pulse_error_s` is what a shutter is held to: across a network its server's answers are part of it.
     `machine` is what a person can do to a GRBL, and see of it, without its line.
     """

@@ -39,7 +39,7 @@ def test_a_second_owner_of_the_line_is_refused(device_rig, request):
         SerialTransport(device.address, NullParser, clock=device_rig.clock).open(lambda event, host_s: None)
 
 
-def test_an_unplugged_cable_is_said_and_mended_by_connecting_again(device_rig, request):
+def test_an_unplugged_cable_is_reported_and_repaired_by_connecting_again(device_rig, request):
     if device_rig.bench is None or "camera" in request.node.name:
         pytest.skip("only cables of the simulated bench are pulled here")
     device, clock = device_rig.device, device_rig.clock

@@ -38,14 +38,14 @@ def while_it_moves(rig, happens):
 
 
 @pytest.mark.parametrize(
-    ("off_s", "with_line", "error", "told"),
+    ("off_s", "with_line", "error", "reported"),
     [
         (0.5, False, WasReset, "restarted; home the stage"),
         (40.0, False, NoAnswer, "did not answer .* check power and cable, then connect again"),
         (2.0, True, LineLost, "went away: .* connect again"),
     ],
 )
-def test_power_that_fails_in_mid_move_leaves_no_trust(homed, grbl_rig, off_s, with_line, error, told):
+def test_power_that_fails_in_mid_move_leaves_no_trust(homed, grbl_rig, off_s, with_line, error, reported):
     machine = grbl_rig.machine
     if machine is None:
         pytest.skip("nobody switches a real device off here")
@@ -53,7 +53,7 @@ def test_power_that_fails_in_mid_move_leaves_no_trust(homed, grbl_rig, off_s, wi
         pytest.skip("its line goes with it")
     moved = while_it_moves(grbl_rig, lambda: machine.cut_power(off_s, with_line))
     assert isinstance(moved, error), repr(moved)
-    with pytest.raises(error, match=told):
+    with pytest.raises(error, match=reported):
         raise moved
     assert not homed.condition().usable
     assert stands(grbl_rig, off_s + 3.0)
@@ -76,7 +76,7 @@ def test_a_door_that_opens_in_mid_move_is_named(homed, grbl_rig):
     assert stands(grbl_rig, 2.0)
     if homed.condition().usable:
         homed.resume()
-    else:  # where the reports tell nothing of the door
+    else:  # the reports do not show the door
         assert homed.condition().remedy == "close it, then home the stage"
         homed.home()
     homed.move_to(**middle(homed))

@@ -26,7 +26,7 @@ class Sender:
             time.sleep(0.02)
 
     def settle(self):
-        """Until nothing more comes: an answer left over would be counted for another line."""
+        """Until nothing more comes: a remaining answer would be counted for another line."""
         count = -1
         while count != len(self.events):
             count = len(self.events)
@@ -68,6 +68,6 @@ def test_a_job_streamed_by_counting_characters_ends_where_it_should(bench, sende
     assert there == pytest.approx([500.0, 250.0, 180.0])
 
 
-def test_before_homing_it_is_locked_and_says_so(sender):
+def test_before_homing_it_is_locked_and_reports_it(sender):
     sender.sender.send_immediately("G0 X-10")
     sender.until(lambda event, data: event == "on_error" and data[0] == "error:9")

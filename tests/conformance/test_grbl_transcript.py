@@ -27,16 +27,16 @@ def test_the_twin_answers_as_the_firmware_did(transcript):
     steps = transcript.read(HERE / "grbl_1.1h.txt")
     wrong = transcript.differences(steps, transcript.twin())
     other = [(step.row.split(" ", 2)[2], step.answer, answer) for step, answer in wrong]
-    told = [REASONS.get(sent) for sent, _, _ in other]
-    assert None not in told, other
+    reported = [REASONS.get(sent) for sent, _, _ in other]
+    assert None not in reported, other
     # of 191 lines 185 were asked for: 96.9 %
     assert len(steps) >= 191
     assert len(other) <= 6
-    assert told.count(SWITCH) == 1
+    assert reported.count(SWITCH) == 1
 
 
 def test_the_twin_answers_as_grblhal_did(transcript):
     steps = transcript.read(HERE / "grblhal_1.1f.txt")
     wrong = transcript.differences(steps, transcript.twin("grblHAL"))
-    # it tells anew what is homed when it is held; the twin when that changes
+    # it repeats what is homed when it is held; the twin reports changes only
     assert [(step.answer[0].endswith("|H:0>"), answer[0].endswith("|A:>")) for step, answer in wrong] == [(True, True)]

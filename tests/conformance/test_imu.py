@@ -23,7 +23,7 @@ def test_it_streams_at_the_rate_asked_for(imu):
     # two seconds of a stream that is handed over in batches of up to 32 ms
     assert len(block.device_s) == pytest.approx(200, abs=5)
     assert block.lost == 0
-    np.testing.assert_allclose(np.diff(block.device_s), 0.01, atol=0.0011)  # WitMotion tells whole milliseconds
+    np.testing.assert_allclose(np.diff(block.device_s), 0.01, atol=0.0011)  # WitMotion reports whole milliseconds
 
 
 def test_both_clocks_run_alike(imu, imu_rig):

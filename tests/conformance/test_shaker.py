@@ -39,17 +39,17 @@ def test_it_says_what_it_is_and_how_far_it_goes(shaker_rig):
 
 def test_it_plays_the_path_as_it_says_until_it_is_stopped(shaker, shaker_rig):
     path = around(shaker)
-    told = shaker.start(path)
-    assert told.interval_s == pytest.approx(path.interval_s, abs=1e-6)
+    reported = shaker.start(path)
+    assert reported.interval_s == pytest.approx(path.interval_s, abs=1e-6)
     for name, values in path.offsets.items():
-        assert told.offsets[name] == pytest.approx(values, abs=STEP)
+        assert reported.offsets[name] == pytest.approx(values, abs=STEP)
     clock, began_s = shaker_rig.clock, shaker.began_s()
     assert abs(began_s - clock.now_s()) < 0.5
     for _ in range(5):
         clock.sleep(0.0173)
         if shaker_rig.carried is not None:
-            points = list(zip(*told.offsets.values(), strict=True))
-            at = (clock.now_s() - began_s) / told.interval_s
+            points = list(zip(*reported.offsets.values(), strict=True))
+            at = (clock.now_s() - began_s) / reported.interval_s
             # at a point or half way between two, as smoothly as the channels go; and clocks are compared to a point
             near = [points[(math.floor(at) + i) % len(points)] for i in (-1, 0, 1)]
             assert min(math.dist(shaker_rig.carried(), point) for point in near) < 0.16
@@ -70,9 +70,9 @@ def test_it_ends_with_its_round(shaker, shaker_rig):
 def test_another_path_takes_the_place_of_the_first(shaker, shaker_rig):
     shaker.start(around(shaker))
     second = around(shaker, 0.25, 40)
-    told = shaker.start(second)
+    reported = shaker.start(second)
     for name, values in second.offsets.items():
-        assert told.offsets[name] == pytest.approx(values, abs=STEP)
+        assert reported.offsets[name] == pytest.approx(values, abs=STEP)
     shaker.stop()
 
 
@@ -98,7 +98,7 @@ def test_it_refuses_an_axis_it_has_not(shaker):
         shaker.start(ShakePath(0.01, {"nowhere_mm": (0.0, 0.1)}))
 
 
-def test_an_emergency_stop_lets_it_rest_at_once_and_is_told(shaker, shaker_rig):
+def test_an_emergency_stop_lets_it_rest_at_once_and_is_reported(shaker, shaker_rig):
     shaker.start(around(shaker))
     shaker_rig.clock.sleep(0.03)
     shaker.emergency_stop()

@@ -34,14 +34,14 @@ def test_it_closes_for_as_long_as_asked_and_says_when(shutter, shutter_rig, puls
     assert times.released_s <= shutter_rig.clock.now_s() + slack_s
 
 
-def test_the_body_exposed_when_it_says_so(shutter, shutter_rig):
+def test_the_body_exposed_when_it_reports_it(shutter, shutter_rig):
     if shutter_rig.bench is None:
         pytest.skip("the truth about a real body is not known")
     times = [shutter.fire(0.1) for _ in range(3)]
     lag_s = shutter_rig.bench.body.settings.lag_s
-    for told, opening in zip(times, shutter_rig.bench.body.openings, strict=True):
-        assert told.closed_s + lag_s == pytest.approx(opening.begin_s, abs=0.002)
-        assert told.flash_s is None or told.flash_s == pytest.approx(opening.begin_s, abs=0.002)
+    for reported, opening in zip(times, shutter_rig.bench.body.openings, strict=True):
+        assert reported.closed_s + lag_s == pytest.approx(opening.begin_s, abs=0.002)
+        assert reported.flash_s is None or reported.flash_s == pytest.approx(opening.begin_s, abs=0.002)
 
 
 def test_focus_works_or_is_refused_by_name(shutter, request):

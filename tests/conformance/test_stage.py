@@ -37,8 +37,8 @@ def test_it_says_who_it_is(stage_rig):
     assert identity.address == stage_rig.device.address
 
 
-def told(stage):
-    """Where it is, or that it tells no place before it is homed."""
+def reported(stage):
+    """Its position, or that it reports none before homing."""
     try:
         return stage.position()
     except Rejected as refused:
@@ -46,11 +46,11 @@ def told(stage):
 
 
 def test_it_does_not_move_before_homing(stage):
-    before = told(stage)
+    before = reported(stage)
     with pytest.raises(NotHomed, match="not homed"):
         stage.move_to(**middle(stage))
     assert not stage.moving()
-    assert told(stage) == before
+    assert reported(stage) == before
     assert not stage.condition().usable
 
 

@@ -208,7 +208,7 @@ def test_without_a_heartbeat_for_100_ms_the_motors_are_released_until_they_are_e
     script = [*BEATS, (2.2, "BEAT"), (2.25, "BEAT"), (2.3, "ENABLE 1"), (2.35, "BEAT")]
     ours, theirs, outputs, twin = told_the_same(library, script)
     compare(ours, theirs)
-    release = ["EVT RELEASE 1 2150000"] * 3  # and each late heartbeat is told again
+    release = ["EVT RELEASE 1 2150000"] * 3  # and each late heartbeat is reported again
     assert ours == ["OK 1", *release, "OK 2", "EVT RELEASE 2 2450000"]
     assert motors(outputs) == [True, False, True, False]
     assert [on for on, _ in twin.motors] == motors(outputs)
@@ -241,7 +241,7 @@ def test_late_heartbeats_are_found_by_a_board_that_waits_for_room_to_send(librar
     assert motors(firmware.said()[1]) == [True, False]
 
 
-def test_the_greeting_tells_the_version(library):
+def test_the_greeting_reports_the_version(library):
     library.host_begin(True)
     assert library.host_said().splitlines()[-1] == b"STRIG/3 simulated 3.0 SIM-1"
 

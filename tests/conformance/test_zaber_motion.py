@@ -62,8 +62,8 @@ def test_it_refuses_to_leave_its_travel(axis):
 
 
 def test_it_says_that_it_has_no_inputs_and_outputs(chain):
-    told = chain.get_device(1).io.get_channels_info()
-    assert told.number_analog_outputs == told.number_digital_outputs == 0
+    reported = chain.get_device(1).io.get_channels_info()
+    assert reported.number_analog_outputs == reported.number_digital_outputs == 0
 
 
 def test_a_parked_axis_keeps_its_place_over_a_reset_and_refuses_to_move(chain, axis):

@@ -100,7 +100,7 @@ def test_numbers_too_large_for_the_file_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("orientation", "flip"), [(1, 0), (3, 3), (6, 6), (8, 5)])
-def test_a_turned_camera_says_so_and_keeps_its_numbers(tmp_path, rng, orientation, flip):
+def test_a_turned_camera_reports_it_and_keeps_its_numbers(tmp_path, rng, orientation, flip):
     mosaic = rng.integers(0, 4096, (400, 500), dtype=np.uint16)
     write_dng(tmp_path / "a.dng", mosaic, SHOT, cfa="RGGB", black=BLACK, white=4095, orientation=orientation)
     with rawpy.imread(str(tmp_path / "a.dng")) as raw:

@@ -128,7 +128,7 @@ def test_in_bulb_the_contact_is_held_for_the_exposure(bench, shutter):
     assert bench.body.openings[0].exposure_s == pytest.approx(3.0, abs=1e-3)
 
 
-def test_a_folder_that_is_not_there_is_said(bench, shutter):
+def test_a_folder_that_is_not_there_is_reported(bench, shutter):
     with pytest.raises(LineLost, match="there is no folder"):
         FolderCamera(bench.folder / "nowhere", shutter, inspect, clock=bench.clock).connect()
 

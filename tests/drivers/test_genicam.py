@@ -52,8 +52,8 @@ def small(camera, columns=64, rows=48):
 
 def comment_of(path):
     with path.open("rb") as file:
-        told = exifread.process_file(file, details=True)["EXIF UserComment"].values
-    return json.loads(told if isinstance(told, str) else bytes(told).removeprefix(b"ASCII\0\0\0"))
+        reported = exifread.process_file(file, details=True)["EXIF UserComment"].values
+    return json.loads(reported if isinstance(reported, str) else bytes(reported).removeprefix(b"ASCII\0\0\0"))
 
 
 def test_it_says_who_it_is_and_connects_again(make):
@@ -70,7 +70,7 @@ def test_it_says_who_it_is_and_connects_again(make):
 
 
 @pytest.mark.slow  # Aravis asks the whole network for a second
-def test_a_camera_that_is_not_there_says_so(make):
+def test_a_camera_that_is_not_there_reports_it(make):
     with pytest.raises(LineLost, match="check power, cable and address"):
         make(name="No-Such-Camera").connect()
 
@@ -87,9 +87,14 @@ def test_a_frame_is_a_dng_with_its_exposure_record(make, name, planes, white):
     frame = read_frame(taken.path)
     assert set(frame.planes) == planes
     assert {plane.white for plane in frame.planes.values()} == {white}
-    told = frame.exposure
-    assert (told.exposure_s, told.f_number, told.focal_length_mm, told.lens) == (0.0125, 2.8, 16.0, "Fixed 16")
-    assert (told.camera, told.iso) == ("Aravis Fake", None)
+    reported = frame.exposure
+    assert (reported.exposure_s, reported.f_number, reported.focal_length_mm, reported.lens) == (
+        0.0125,
+        2.8,
+        16.0,
+        "Fixed 16",
+    )
+    assert (reported.camera, reported.iso) == ("Aravis Fake", None)
     assert taken.settings == CameraSettings(0.0125, None, 2.8)
     assert taken.sha256 == frame.sha256
     comment = comment_of(taken.path)
@@ -127,8 +132,8 @@ def test_a_hundred_frames_none_lost_each_with_its_record(make):
     assert set(np.diff(numbers) % 65535) == {1}
     assert {comment["gain_db"] for comment in comments} == {2.0}
     # the camera counts microseconds, the file millionths: half of one each
-    told = [inspect_raw(taken.path).exposure_s for taken in frames]
-    np.testing.assert_allclose(told, times, atol=1.5e-6)
+    reported = [inspect_raw(taken.path).exposure_s for taken in frames]
+    np.testing.assert_allclose(reported, times, atol=1.5e-6)
     statistics = camera._stream.get_statistics()
     assert statistics.n_missing_packets == 0
 

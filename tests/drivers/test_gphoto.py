@@ -104,19 +104,19 @@ def test_what_does_not_decode_is_an_error(camera):
         camera.expose()
 
 
-def test_settings_the_body_cannot_be_told_are_checked_in_the_file(camera):
+def test_settings_the_body_cannot_be_reported_are_checked_in_the_file(camera):
     camera.configure(CameraSettings(exposure_s=1.0))
     with pytest.raises(FrameWrong, match="instead of 1 s"):
         camera.expose()
 
 
-def test_a_body_that_cannot_be_triggered_is_said(camera):
+def test_a_body_that_cannot_be_triggered_is_reported(camera):
     camera._shutter = None
     with pytest.raises(DeviceError):
         camera.expose()
 
 
-def test_a_body_that_is_not_there_is_said(tmp_path, body):
+def test_a_body_that_is_not_there_is_reported(tmp_path, body):
     camera = GphotoCamera(tmp_path, lambda path: Facts(), model="Canon EOS 5D Mark IV", port="usb:")
     with pytest.raises(LineLost):
         camera.connect()
@@ -131,7 +131,7 @@ def test_without_the_library_it_says_how_to_get_it(tmp_path, monkeypatch):
 
 
 class Talkative:
-    """A body that tells events as real ones do: JPEG and RAW in any order, then silence."""
+    """A body that reports events as real ones do: JPEG and RAW in any order, then silence."""
 
     def __init__(self, gp, names):
         self.gp, self.names, self.fired = gp, list(names), False
@@ -152,13 +152,13 @@ class Talkative:
     "names", [["A.JPG", "A.CR3", "complete"], ["complete", "A.CR3", "A.JPG"], ["A.JPG", "complete", "A.CR3"]]
 )
 def test_the_raw_file_is_found_among_the_events(camera, names):
-    # libgphoto2's folder camera tells no events: these are played
+    # libgphoto2's folder camera reports no events: these are played
     camera._camera = Talkative(camera._gp, names)
     assert camera._triggered() == Place("/store", "A.CR3")
     camera._camera = None
 
 
-def test_a_body_set_to_jpeg_is_said(camera):
+def test_a_body_set_to_jpeg_is_reported(camera):
     camera._camera = Talkative(camera._gp, ["A.JPG", "complete"])
     with pytest.raises(FrameMissing, match=r"files: A.JPG\); set the body to RAW"):
         camera._triggered()
@@ -173,7 +173,7 @@ def test_choices_are_read(text, value):
 
 
 class Widget:
-    """One setting of a body, which takes what it is told, or not."""
+    """One setting of a body, which accepts a value, or not."""
 
     def __init__(self, choices, value, *, takes=True, fixed=False):
         self.choices, self.value, self.takes, self.fixed = choices, value, takes, fixed
@@ -258,19 +258,19 @@ from drivers.frames import Facts
 from drivers.interfaces import CameraSettings
 saved = Path(sys.argv[1])
 camera = gphoto.GphotoCamera(saved, lambda path: Facts(exposure_s=0.02), patience_s=5.0)
-told = {"model": camera.connect().model}
+reported = {"model": camera.connect().model}
 camera.configure(CameraSettings(exposure_s=0.02, f_number=5.6))
 config = camera._do(camera._camera.get_config)
-told["set"] = [config.get_child_by_name(name).get_value() for name in ("shutterspeed", "f-number")]
+reported["set"] = [config.get_child_by_name(name).get_value() for name in ("shutterspeed", "f-number")]
 try:
     camera.expose()
 except DeviceError as error:
-    told["jpeg"] = error.reason
+    reported["jpeg"] = error.reason
 gphoto.is_raw = lambda path: path.suffix == ".JPG"  # this body knows nothing else
 exposures = [camera.expose() for _ in range(2)]
-told["frames"] = [(one.path.name, one.size_bytes, one.sha256) for one in exposures]
+reported["frames"] = [(one.path.name, one.size_bytes, one.sha256) for one in exposures]
 camera.close()
-print(json.dumps(told))
+print(json.dumps(reported))
 """
 
 
@@ -288,10 +288,10 @@ def test_libgphoto2s_own_ptp_body_is_set_triggered_and_fetched(tmp_path):
     command = [sys.executable, "-c", PTP_BODY, str(saved)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=env, timeout=60.0)
     assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert told["model"] == "Nikon DSC D750"
-    assert told["set"] == ["0.0200s", "f/5.6"]
-    assert "no RAW file came" in told["jpeg"]
-    assert ".JPG" in told["jpeg"]
-    assert len({name for name, _, _ in told["frames"]}) == 2
-    assert all(rest == [len(picture), hashlib.sha256(picture).hexdigest()] for _, *rest in told["frames"])
+    reported = json.loads(done.stdout)
+    assert reported["model"] == "Nikon DSC D750"
+    assert reported["set"] == ["0.0200s", "f/5.6"]
+    assert "no RAW file came" in reported["jpeg"]
+    assert ".JPG" in reported["jpeg"]
+    assert len({name for name, _, _ in reported["frames"]}) == 2
+    assert all(rest == [len(picture), hashlib.sha256(picture).hexdigest()] for _, *rest in reported["frames"])

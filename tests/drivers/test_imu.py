@@ -1,4 +1,4 @@
-"""Loss is counted, whichever way the device tells it."""
+"""Loss is counted, whichever way the device reports it."""
 
 from __future__ import annotations
 

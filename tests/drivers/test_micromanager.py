@@ -142,7 +142,7 @@ def test_it_refuses_to_leave_its_travel(homed, target):
         homed.move_to(w_mm=0.0)
 
 
-def test_what_cannot_home_says_so(core):
+def test_what_cannot_home_reports_it(core):
     stage = MicroManagerStage(core, [MicroManagerAxis("z_mm", "Focus", (-0.1, 0.1))])
     stage.connect()
     with pytest.raises(Rejected, match=r"Unsupported device command.*homes = false"):
@@ -151,7 +151,7 @@ def test_what_cannot_home_says_so(core):
     stage.close()
 
 
-def test_what_stands_outside_its_travel_is_not_believed(core):
+def test_what_stands_outside_its_travel_is_not_trusted(core):
     stage = MicroManagerStage(core, [MicroManagerAxis("z_mm", "Focus", (1.0, 2.0), homes=False)])
     stage.connect()
     with pytest.raises(MoveFailed, match=r"is at 0.0000, outside its travel 1 .. 2"):
@@ -244,7 +244,7 @@ def test_a_missing_device_is_named_with_those_that_are_there(core):
         camera.connect()
 
 
-def test_a_configuration_that_does_not_load_is_told_in_the_cores_words(tmp_path):
+def test_a_configuration_that_does_not_load_is_reported_in_the_cores_words(tmp_path):
     stage = MicroManagerStage(Core(tmp_path / "no.cfg"), AXES)
     with pytest.raises(BadConfiguration, match=r"no.cfg does not exist"):
         stage.connect()
@@ -270,11 +270,11 @@ def test_a_photograph_is_a_dng_of_the_pixels_that_the_core_read(camera, truth):
     assert taken.sha256 == frame.sha256
     assert taken.settings == CameraSettings(0.004, None, 4.0)
     assert taken.requested_s <= taken.shutter.closed_s < taken.shutter.released_s <= taken.received_s
-    plane, told = frame.planes["Y"], frame.exposure
+    plane, reported = frame.planes["Y"], frame.exposure
     # black 100, white 65535: single precision over 16 bits
     np.testing.assert_allclose(plane.samples * 65435 + 100, truth.getImage(), atol=0.01)
-    assert (told.exposure_s, told.f_number, told.focal_length_mm, told.iso) == (0.004, 4.0, 25.0, None)
-    assert told.pixel_pitch_um == pytest.approx(3.45)
+    assert (reported.exposure_s, reported.f_number, reported.focal_length_mm, reported.iso) == (0.004, 4.0, 25.0, None)
+    assert reported.pixel_pitch_um == pytest.approx(3.45)
 
 
 def test_photographs_are_numbered_on(camera):
@@ -308,7 +308,7 @@ def test_what_the_camera_cannot_set_is_an_error(camera):
         camera.configure(CameraSettings(exposure_s=1e-7))
 
 
-def test_a_frame_that_an_emergency_stop_overtook_is_kept_and_told(camera, truth, tmp_path):
+def test_a_frame_that_an_emergency_stop_overtook_is_kept_and_reported(camera, truth, tmp_path):
     camera.configure(CameraSettings(exposure_s=0.2))
     timer = threading.Timer(0.05, camera.emergency_stop)
     timer.start()

@@ -73,7 +73,7 @@ def test_a_picture_that_is_too_short_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "reported"),
     [
         ("Mono8", PixelFormat("Mono8", 8)),
         ("Mono12Packed", PixelFormat("Mono12Packed", 12, "Packed")),
@@ -85,8 +85,8 @@ def test_a_picture_that_is_too_short_is_refused():
         ),
     ],
 )
-def test_names_tell_bits_packing_and_colours(name, told):
-    assert pixel_format(name) == told
+def test_names_report_bits_packing_and_colours(name, reported):
+    assert pixel_format(name) == reported
 
 
 def test_the_deepest_raw_format_is_chosen():

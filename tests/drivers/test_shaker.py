@@ -1,4 +1,4 @@
-"""The shaker at its twin: the world's camera goes where it is told, by the same clock as the shot."""
+"""The shaker at its twin: the world's camera follows the commanded path, by the same clock as the shot."""
 
 from __future__ import annotations
 
@@ -48,29 +48,29 @@ def quiet(bench):
 
 
 def test_the_camera_goes_around_the_path_until_it_rests(shaker, quiet):
-    told = shaker.start(CIRCLE)
+    reported = shaker.start(CIRCLE)
     began_s = shaker.began_s()
     quiet.clock.sleep(0.5)
-    # the points in two rounds, told in whole steps: what is told and what the world does are the same numbers
+    # the points of two rounds, in whole steps: reported path and motion in the world are equal
     at_s = began_s + 0.2 + 0.005 * np.arange(40)
-    truth = np.column_stack([told.offsets["x_mm"], told.offsets["y_mm"]])
+    truth = np.column_stack([reported.offsets["x_mm"], reported.offsets["y_mm"]])
     # of the comparison of clocks some microseconds stay: at 10 Hz and 1.5 mm a tenth of a micrometre each
     np.testing.assert_allclose(carried(quiet, at_s), truth, atol=0.002)
-    for name in told.offsets:
-        np.testing.assert_allclose(told.offsets[name], CIRCLE.offsets[name], atol=STEP_MM / 2 + 1e-12)
+    for name in reported.offsets:
+        np.testing.assert_allclose(reported.offsets[name], CIRCLE.offsets[name], atol=STEP_MM / 2 + 1e-12)
     shaker.stop()
     np.testing.assert_array_equal(carried(quiet, quiet.clock.now_s()), [[0.0, 0.0]])
 
 
-def test_path_and_shot_are_told_by_one_clock(shaker, box, quiet):
+def test_path_and_shot_are_reported_by_one_clock(shaker, box, quiet):
     quiet.body.settings.exposure_s = 0.2
-    told = shaker.start(CIRCLE)
+    reported = shaker.start(CIRCLE)
     quiet.clock.sleep(1.0)
     times = box.fire(0.1)
     since = times.flash_s - shaker.began_s()
     opened_s = quiet.body.openings[0].begin_s
     # where in the round the shutter opened, to 0.1 ms: 20 mm a round of 0.2 s would be 10 um
-    x_mm = np.interp(since % 0.2, 0.005 * np.arange(41), [*told.offsets["x_mm"], told.offsets["x_mm"][0]])
+    x_mm = np.interp(since % 0.2, 0.005 * np.arange(41), [*reported.offsets["x_mm"], reported.offsets["x_mm"][0]])
     assert carried(quiet, opened_s)[0, 0] == pytest.approx(x_mm, abs=0.02)
     shaker.stop()
 
@@ -78,8 +78,8 @@ def test_path_and_shot_are_told_by_one_clock(shaker, box, quiet):
 def test_an_axis_that_is_not_driven_rests_and_a_turned_one_goes_the_other_way(box, quiet):
     shaker = StrigShaker(box, [ShakerAxis("x_mm", 0, 2.0, direction=-1)], clock=quiet.clock)
     shaker.connect()
-    told = shaker.start(ShakePath(0.05, {"x_mm": (0.5, 1.0, 0.5, 0.0)}))
-    assert told.offsets["x_mm"] == pytest.approx((0.5, 1.0, 0.5, 0.0), abs=STEP_MM)
+    reported = shaker.start(ShakePath(0.05, {"x_mm": (0.5, 1.0, 0.5, 0.0)}))
+    assert reported.offsets["x_mm"] == pytest.approx((0.5, 1.0, 0.5, 0.0), abs=STEP_MM)
     np.testing.assert_allclose(carried(quiet, shaker.began_s() + 0.05), [[-1.0, 0.0]], atol=0.003)
 
 
@@ -92,7 +92,7 @@ def test_the_imu_feels_it(shaker, quiet):
 
 
 @pytest.mark.parametrize("ended", ["emergency_stop", "abort"])
-def test_a_stop_lets_it_rest_at_once_and_is_told(shaker, box, quiet, ended):
+def test_a_stop_lets_it_rest_at_once_and_is_reported(shaker, box, quiet, ended):
     shaker.start(CIRCLE)
     quiet.clock.sleep(0.33)
     (shaker.emergency_stop if ended == "emergency_stop" else box.abort)()
@@ -105,7 +105,7 @@ def test_a_stop_lets_it_rest_at_once_and_is_told(shaker, box, quiet, ended):
 
 
 @pytest.mark.parametrize(
-    ("path", "error", "told"),
+    ("path", "error", "reported"),
     [
         (ShakePath(0.01, {"x_mm": (0.0, 2.1)}), OutsideTravel, "x_mm goes 2 from rest, not 2.1"),
         (ShakePath(0.01, {"x_mm": (0.0, float("nan"))}), OutsideTravel, "x_mm goes 2 from rest"),
@@ -115,13 +115,13 @@ def test_a_stop_lets_it_rest_at_once_and_is_told(shaker, box, quiet, ended):
         (ShakePath(0.0005, {"x_mm": (0.0, 1.0)}), BadConfiguration, "give an interval from 0.001 to 1 s"),
     ],
 )
-def test_what_cannot_be_played_is_refused_before_it_is_told(shaker, quiet, path, error, told):
-    with pytest.raises(error, match=told):
+def test_what_cannot_be_played_is_refused_before_it_is_reported(shaker, quiet, path, error, reported):
+    with pytest.raises(error, match=reported):
         shaker.start(path)
     np.testing.assert_array_equal(carried(quiet, quiet.clock.now_s()), [[0.0, 0.0]])
 
 
-def test_a_box_without_one_says_so(box, bench):
+def test_a_box_without_one_reports_it(box, bench):
     bench.devices["shutter"].actuators = None
     shaker = StrigShaker(box, AXES, clock=bench.clock)
     with pytest.raises(Rejected, match="no shaker; wire a shaker to the box"):

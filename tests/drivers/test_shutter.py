@@ -24,7 +24,7 @@ def test_the_clocks_differ_by_drift_and_start_alone(box, bench):
     assert bench.body.openings[0].begin_s - bench.body.settings.lag_s == pytest.approx(times.closed_s, abs=1e-4)
 
 
-def test_a_busy_box_is_said(box, bench):
+def test_a_busy_box_is_reported(box, bench):
     def second():
         bench.clock.sleep(0.5)
         box.command("SHOT 0 100")
@@ -57,7 +57,7 @@ def test_a_silent_host_lets_go_of_the_contact(box, bench):
     assert box._contacts[1, "WATCHDOG"] - box._contacts[1, "SHUTTER"] == pytest.approx(5e6, rel=1e-3)
 
 
-def test_a_flash_tells_the_true_exposure(box, bench):
+def test_a_flash_reports_the_true_exposure(box, bench):
     times = box.fire(0.2)
     assert times.flash_s - times.closed_s == pytest.approx(bench.body.settings.lag_s, abs=1e-4)
 

@@ -91,7 +91,7 @@ def test_a_deadline_without_reply_is_an_error_that_says_what_to_do(loop):
         loop.request(b"hello\n", lambda event: None, 0.05)
 
 
-def test_silence_is_told_apart_from_noise(bench):
+def test_silence_is_distinguished_from_noise(bench):
     transport = SerialTransport(bench.address("head"), Lines, clock=bench.clock)
     transport.open(nobody)
     with pytest.raises(NoAnswer, match=r"did not answer .* check power and cable"):
@@ -116,7 +116,7 @@ def test_requests_of_several_threads_do_not_mix(loop):
     assert not mixed
 
 
-def test_a_shout_passes_a_waiting_request_and_ends_it(loop):
+def test_a_stop_passes_a_waiting_request_and_ends_it(loop):
     outcome = []
 
     def wait():
@@ -136,7 +136,7 @@ def test_a_shout_passes_a_waiting_request_and_ends_it(loop):
     assert any(p.way == "!" and p.data == b"!" for p in loop.transcript.last())
 
 
-def test_a_shout_between_an_order_and_the_wait_for_its_answer_is_not_missed(loop):
+def test_a_stop_between_an_order_and_the_wait_for_its_answer_is_not_missed(loop):
     stop = EmergencyStopped("stop", "home")
     write = loop.write
 
@@ -149,7 +149,7 @@ def test_a_shout_between_an_order_and_the_wait_for_its_answer_is_not_missed(loop
         loop.request(b"order\n", lambda event: None, 30.0)
 
 
-def test_after_a_shout_requests_work_again(loop):
+def test_after_a_stop_requests_work_again(loop):
     loop.preempt(b"\n", EmergencyStopped("stop", "home"))
     assert loop.request(b"hello\n", echo, 1.0) == b"hello"
 
@@ -165,7 +165,7 @@ def test_closing_ends_the_reader_and_every_wait():
         transport.request(b"x\n", echo, 1.0)
 
 
-def test_a_port_that_is_not_there_is_said():
+def test_a_port_that_is_not_there_is_reported():
     with pytest.raises(LineLost, match="cannot open /dev/nowhere"):
         SerialTransport("/dev/nowhere", Lines).open(nobody)
 
@@ -221,7 +221,7 @@ def heard(master):
     return found
 
 
-def test_a_shout_comes_first_where_the_port_is_clogged(terminal):
+def test_a_stop_comes_first_where_the_port_is_clogged(terminal):
     transport, master = terminal
     clog(transport)
     # the order ends by the stop, not by having waited
@@ -247,7 +247,7 @@ def test_a_port_that_takes_no_bytes_is_named_and_stays_open_for_a_stop(terminal)
     assert heard(master).endswith(b"stop")
 
 
-def test_a_shout_into_a_line_that_is_gone_says_so_and_raises_nothing(terminal):
+def test_a_stop_into_a_line_that_is_gone_reports_it_and_raises_nothing(terminal):
     transport, _ = terminal
     transport._port.close()
     transport.preempt(b"stop", EmergencyStopped("stop", "home"))

@@ -108,7 +108,7 @@ def test_an_axis_that_moves_stops_100_ms_after_the_last_heartbeat(lab):
     assert LOST in moved.reason
 
 
-def test_after_a_release_the_stage_says_so_until_it_has_homed_again(lab):
+def test_after_a_release_the_stage_reports_it_until_it_has_homed_again(lab):
     lab.stage.home()
     lab.suspend()
     lab.clock.sleep(5.0)
@@ -136,7 +136,7 @@ def test_axes_that_stand_may_miss_heartbeats_for_a_second(lab):
     assert len(lab.releases) == 1
 
 
-def test_a_host_that_goes_on_before_its_release_was_reported_is_told_again(lab):
+def test_a_host_that_goes_on_before_its_release_was_reported_is_reported_again(lab):
     lab.stage.home()
     faults = lab.bench.cables["shutter"].faults
     faults.spoil_reply = lambda data, at_s: b"" if b"RELEASE" in data else data

@@ -64,7 +64,7 @@ def test_after_a_stop_the_other_axis_is_not_sent(homed, monkeypatch):
     assert homed.position()[second] == before[second]
 
 
-def test_an_axis_that_is_not_where_it_was_sent_is_stopped_before_that_is_told(homed, bench, monkeypatch):
+def test_an_axis_that_is_not_where_it_was_sent_is_stopped_before_that_is_reported(homed, bench, monkeypatch):
     monkeypatch.setattr(homed, "_finish", lambda axes, limit_s: None)  # as if it had said IDLE too early
     with pytest.raises(MoveFailed, match="pan_deg stopped"):
         homed.move_to(pan_deg=20.0)
@@ -135,7 +135,7 @@ def test_somebody_elses_move_is_noticed(homed, bench, chain):
     assert isinstance(moved, MoveFailed)
 
 
-def test_an_answer_without_checksum_is_not_believed_once_they_are_on(homed, chain):
+def test_an_answer_without_checksum_is_not_trusted_once_they_are_on(homed, chain):
     chain.devices[1].checksum = False
     with pytest.raises(NoAnswer):
         homed.position()

@@ -1,4 +1,4 @@
-"""The bench's camera as Alpaca's: whole sensor or a part of it, unbinned, the numbers as the RAW file has them."""
+"""The bench's camera as an Alpaca camera: full sensor or a subframe, unbinned, numbers as in the RAW file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MONOCHROME, RGGB = 0, 2
 
 @dataclass(frozen=True)
 class Taken:
-    """A photograph: what it shows, its record, when it was begun."""
+    """A photograph: its sensor image, its record, its start."""
 
     image: SensorImage
     frame: RawFrame
@@ -32,7 +32,7 @@ class Taken:
 
 
 class BenchCamera(AlpacaDevice):
-    """ICameraV4. The sensor's size, type and pixels are known once a photograph was taken."""
+    """ICameraV4. The sensor's size, type and pixels are known after the first photograph."""
 
     def __init__(self, served: ServedBench, number: int) -> None:
         assert served.bench is not None
@@ -87,16 +87,16 @@ class BenchCamera(AlpacaDevice):
         return members | absent(*NEITHER, "pulseguide", "stopexposure")
 
     def state(self) -> Mapping[str, Any]:
-        """What it is at, and whether there is an image."""
+        """Camera state, and whether there is an image."""
         return {"CameraState": self._state(), "ImageReady": self._ready}
 
     # --- exposures
 
     def _start(self, given: Parameters) -> None:
         duration_s = given.number("Duration")
-        given.flag("Light")  # a body has no shutter that stays shut on order: every frame is one of light
+        given.flag("Light")  # a body cannot keep its shutter closed: every frame is a light frame
         if not 0 <= duration_s <= LONGEST_S:
-            message = f"Duration must lie between 0 and {LONGEST_S:g} s, and {duration_s:g} came"
+            message = f"Duration must be between 0 and {LONGEST_S:g} s; got {duration_s:g}"
             raise AlpacaError(INVALID_VALUE, message)
         if self._taken is not None:
             self._check_part(self._taken.image.levels)
@@ -136,7 +136,7 @@ class BenchCamera(AlpacaDevice):
     # --- the image
 
     def _shown_part(self) -> Mosaic:
-        """The numbers of the part that is asked for. Raises AlpacaError where there is no image."""
+        """The numbers of the requested subframe. Raises AlpacaError if there is no image."""
         if not self._image_ready():
             raise refuse_operation("there is no image; begin with StartExposure, and wait for ImageReady")
         levels = self._last.image.levels
@@ -146,7 +146,7 @@ class BenchCamera(AlpacaDevice):
         return levels[y : y + rows, x : x + columns]
 
     def _wanted(self, number: str, size: int) -> int:
-        """How much of a side of this size is asked for."""
+        """The requested extent along a side of this size."""
         return self._part.get(number, size)
 
     def _check_part(self, levels: Mosaic) -> None:
@@ -154,16 +154,16 @@ class BenchCamera(AlpacaDevice):
         for start, number, size in (("startx", "numx", columns), ("starty", "numy", rows)):
             first, count = self._part[start], self._wanted(number, size)
             if not (first >= 0 and count >= 1 and first + count <= size):
-                message = f"{start} {first} and {number} {count} must lie within 0 .. {size}"
+                message = f"{start} {first} and {number} {count} must be within 0 .. {size}"
                 raise AlpacaError(INVALID_VALUE, message)
 
     def _set_part(self, given: Parameters, name: str) -> None:
         value = given.whole(name)
         if value < (1 if name.startswith("Num") else 0):
-            raise AlpacaError(INVALID_VALUE, f"{name} must not be below 0, nor a size 0, and {value} came")
+            raise AlpacaError(INVALID_VALUE, f"{name} must not be below 0, nor a size 0; got {value}")
         self._part[name.lower()] = value
 
-    # --- what the last photograph told
+    # --- properties of the last photograph
 
     @property
     def _sensor(self) -> Taken:
@@ -190,17 +190,17 @@ class BenchCamera(AlpacaDevice):
         return red
 
     def _last_duration(self) -> float:
-        told = self._last.frame.exposure.exposure_s
-        asked = self._last.exposure.settings.exposure_s
-        if told is None and asked is None:
-            raise AlpacaError(VALUE_NOT_SET, "neither client nor file tell the exposure time; give a Duration above 0")
-        return told if told is not None else cast(float, asked)
+        recorded = self._last.frame.exposure.exposure_s
+        requested = self._last.exposure.settings.exposure_s
+        if recorded is None and requested is None:
+            raise AlpacaError(VALUE_NOT_SET, "neither client nor file give the exposure time; send a Duration above 0")
+        return recorded if recorded is not None else cast(float, requested)
 
     def _pitch_um(self) -> float:
-        told = self._sensor.frame.exposure.pixel_pitch_um
-        if told is None:
-            raise AlpacaError(VALUE_NOT_SET, "the camera's files do not tell the pixel pitch; look it up in its data")
-        return told
+        pitch_um = self._sensor.frame.exposure.pixel_pitch_um
+        if pitch_um is None:
+            raise AlpacaError(VALUE_NOT_SET, "the camera's files do not give the pixel pitch; look it up in its data")
+        return pitch_um
 
 
 CONSTANTS: Mapping[str, Member] = {
@@ -228,7 +228,7 @@ CONSTANTS: Mapping[str, Member] = {
     }.items()
 }
 NEITHER = ("cooleron", "fastreadout", "gain", "offset", "setccdtemperature", "subexposureduration")
-"""Members that cannot be read nor written."""
+"""Members that can be neither read nor written."""
 ONLY_READ = (
     "ccdtemperature", "coolerpower", "electronsperadu", "fullwellcapacity", "gainmax", "gainmin", "gains",
     "heatsinktemperature", "offsetmax", "offsetmin", "offsets",
@@ -237,7 +237,7 @@ ONLY_READ = (
 
 
 def only(given: Parameters, name: str, value: int) -> None:
-    """Raises AlpacaError where another value comes than the only one there is."""
-    came = given.whole(name)
-    if came != value:
-        raise AlpacaError(INVALID_VALUE, f"{name} can be {value} only, and {came} came")
+    """Raises AlpacaError unless the value is the only possible one."""
+    received = given.whole(name)
+    if received != value:
+        raise AlpacaError(INVALID_VALUE, f"{name} can be {value} only; got {received}")

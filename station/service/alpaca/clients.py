@@ -1,4 +1,4 @@
-"""Which clients have a device connected: one that disconnects takes it from nobody else."""
+"""Connection state of a device by client: a client that disconnects does not affect the others."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from station.service.alpaca.errors import as_alpaca
 
 
 class ConnectedClients:
-    """The clients of one device by ClientID, 0 for those that give none. Any thread may call.
+    """The clients of one device by ClientID, 0 for those without. Thread-safe.
 
-    `connect` connects the hardware where it is not, and raises DeviceError or InUse.
+    `connect` connects the hardware if necessary, and raises DeviceError or InUse.
     """
 
     def __init__(self, connect: Callable[[], None]) -> None:
@@ -38,7 +38,7 @@ class ConnectedClients:
         self._clients.discard(client)
 
     def begin(self, client: int) -> None:
-        """Connect for this client in a thread of its own; `connecting` raises what went wrong."""
+        """Connect for this client in a new thread; `connecting` raises its error."""
         if self._is_connecting(client):
             return
         self._failures.pop(client, None)
@@ -49,7 +49,7 @@ class ConnectedClients:
     def _add_beside(self, client: int) -> None:
         try:
             self.add(client)
-        except Exception as error:  # raised to the client when it asks
+        except Exception as error:  # raised when the client polls
             self._failures[client] = error
 
     def _is_connecting(self, client: int) -> bool:
@@ -57,7 +57,7 @@ class ConnectedClients:
         return thread is not None and thread.is_alive()
 
     def connecting(self, client: int) -> bool:
-        """Whether what this client began goes on. Raises AlpacaError where it failed, once."""
+        """Whether this client's connecting is in progress. Raises AlpacaError if it failed, once."""
         if self._is_connecting(client):
             return True
         self._connecting.pop(client, None)

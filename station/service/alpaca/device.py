@@ -1,4 +1,4 @@
-"""What every Alpaca device has: names, versions, connections; and members by their names."""
+"""Common members of all Alpaca devices: names, versions, connections; and dispatch of members by name."""
 
 from __future__ import annotations
 
@@ -32,23 +32,23 @@ ALWAYS = frozenset((
 """Members that answer before the device is connected."""
 STOP = "EmergencyStop"
 STOPS = frozenset(("halt", "abortexposure"))
-"""Members that stop something."""
+"""Members that stop a motion or exposure."""
 POLLS = 2
-"""Requests to one device that are answered at a time; others wait."""
+"""Concurrent requests to one device; others wait."""
 HALT_S = 0.02
-"""How long a halt is waited for: its bytes are on the wire by then, and whether the axis stands `IsMoving` asks it."""
+"""How long a halt is awaited: its bytes are on the line by then; `IsMoving` reports whether the axis stands."""
 HALTED_S = 3.0
-"""How long a driver may take to tell that its move has ended, after the axis stands. Clients wait five seconds."""
+"""Time for a driver to report the end of its move after the axis stands. Clients wait five seconds."""
 NOT_AT_ALL: Mapping[str, Member] = {}
 
 
 def not_implemented(what: str) -> AlpacaError:
-    """This device has not got that."""
+    """The error for a member that this device does not have."""
     return AlpacaError(NOT_IMPLEMENTED, f"{what} is not implemented: this device has none")
 
 
 def absent(*names: str) -> dict[str, Member]:
-    """Members that the standard has and this device has not."""
+    """Members of the standard that this device does not have."""
 
     def refusing(name: str) -> Member:
         def refuse(given: Parameters) -> Any:
@@ -60,23 +60,23 @@ def absent(*names: str) -> dict[str, Member]:
 
 
 def constant(value: Any) -> Member:
-    """A member that always answers this."""
+    """A member with a constant value."""
     return lambda given: value
 
 
 def is_stop(member: str, given: Parameters) -> bool:
-    """Whether this member, called so, stops something: such a call waits for no other and is never refused."""
+    """Whether this call stops something: it then waits for no other and is never refused."""
     action = given.given.get("Action", "") if member == "action" else ""
     return member in STOPS or action.lower() == STOP.lower()
 
 
 class AlpacaDevice:
-    """A device of the bench as Alpaca knows it.
+    """A device of the bench as an Alpaca device.
 
     Parameters
     ----------
     kind, number : "camera", "focuser", "switch"; counted from 0 in its kind
-    devices : those of the bench that must answer, by name
+    devices : devices of the bench that must be connected, by name
     """
 
     interface_version = 4
@@ -91,25 +91,25 @@ class AlpacaDevice:
         self.puts = {**self._common_puts(), **self.writable()}
 
     def readable(self) -> Mapping[str, Member]:
-        """The members of its kind that are read."""
+        """Members of its kind that are read."""
         return NOT_AT_ALL
 
     def writable(self) -> Mapping[str, Member]:
-        """The members of its kind that are written or called."""
+        """Members of its kind that are written or called."""
         return NOT_AT_ALL
 
     def state(self) -> Mapping[str, Any]:
-        """The operational state, by the members' names; what cannot be told is left out."""
+        """The operational state by members' names; unknown values are omitted."""
         return {}
 
     @property
     def unique_id(self) -> str:
-        """The same in every run of a bench with these addresses."""
+        """Identical in every run of a bench with these addresses."""
         addresses = "/".join(device.address for device in self.devices.values())
         return str(uuid.uuid5(uuid.NAMESPACE_URL, f"{addresses}/{self.kind}/{self.name}"))
 
     def answer(self, method: str, member: str, given: Parameters) -> Any:
-        """The value of a member. Raises AlpacaError, BadRequest, and what the bench raises."""
+        """The value of a member. Raises AlpacaError, BadRequest, and errors of the bench."""
         table = self.gets if method == "GET" else self.puts
         if member not in table:
             raise BadRequest(f"a {self.kind} has no {method} of {member!r}")
@@ -150,14 +150,14 @@ class AlpacaDevice:
             raise AlpacaError(ACTION_NOT_IMPLEMENTED, f"there is no action {name!r}; there are {offered}")
         return known[name.lower()](words)
 
-    # --- connections: the bench keeps its lines; a device answers while at least one client is connected
+    # --- connections: the bench keeps its lines open; a device answers while at least one client is connected
 
     def _set_connected(self, given: Parameters) -> None:
         change = self.clients.add if given.flag("Connected") else self.clients.remove
         change(given.client())
 
     def _connect(self) -> None:
-        """Connect what is not. Raises InUse, DeviceError."""
+        """Connect missing devices. Raises InUse, DeviceError."""
         missing = [one for one in self.devices.values() if one.condition().word == "not connected"]
         if missing:
             with self.served.tenancy.held(f"the connecting of {self.name}"):
@@ -166,7 +166,7 @@ class AlpacaDevice:
 
 
 class Task:
-    """What a device does beside its answers: one thing at a time, whose failure is told to whoever asks how it went."""
+    """An asynchronous operation of a device: one at a time; its error is reported to the clients that poll it."""
 
     def __init__(self, served: ServedBench) -> None:
         self._served = served
@@ -176,33 +176,33 @@ class Task:
         self._halting: Future[None] | None = None
 
     def halt(self, stop: Callable[[], None]) -> None:
-        """End what is under way by `stop`, which goes on beside if it takes longer than HALT_S. Raises what it does."""
+        """End the operation by `stop`, which continues in the background after HALT_S. Raises what it does."""
         self.halted()
         self._halting = self._served.stopper.submit(stop)
         with suppress(TimeoutError):
             self._halting.result(HALT_S)
 
     def halted(self) -> None:
-        """Whoever asked for what is under way has it ended: that is no failure."""
+        """Mark the operation as ended on request, which is not a failure."""
         self._halted = True
 
     @property
     def was_halted(self) -> bool:
-        """Whether what was begun last was ended by who asked for it."""
+        """Whether the last operation was ended on request."""
         return self._halted
 
     @property
     def running(self) -> bool:
-        """Whether it goes on."""
+        """Whether it is in progress."""
         return self._thread is not None and self._thread.is_alive()
 
     def check(self) -> None:
-        """Raises what ended the last one."""
+        """Raises the error that ended the last one."""
         if not self.running and self.failure is not None:
             raise as_alpaca(self.failure)
 
     def begin(self, what: str, work: Callable[[], None]) -> None:
-        """Do this beside; nothing begins while something goes on, but what was halted is waited for. Raises InUse."""
+        """Start an operation in the background, after one that was halted. Raises InUse during another one."""
         if self._halted and self._thread is not None:
             self._thread.join(HALTED_S)
         if self._halting is not None:
@@ -214,7 +214,7 @@ class Task:
                 if self._served.bench is not None:
                     self._served.bench.check_stops(stops)
                 work()
-            except Exception as error:  # told to whoever asks how it went
+            except Exception as error:  # reported to the clients that poll
                 self.failure = None if self._halted else error
 
         self.failure, self._halted = None, False
@@ -222,7 +222,7 @@ class Task:
 
 
 def program_version() -> str:
-    """Of this program."""
+    """Version of this program."""
     try:
         return version("calibration-station")
     except PackageNotFoundError:
@@ -230,5 +230,5 @@ def program_version() -> str:
 
 
 def refuse_operation(message: str) -> AlpacaError:
-    """Not now."""
+    """The error for an operation that is not possible at present."""
     return AlpacaError(INVALID_OPERATION, message)

@@ -1,4 +1,4 @@
-"""Alpaca's discovery: a datagram asks who is there, the answer is the server's port (version 1)."""
+"""Alpaca's discovery protocol: a datagram asks for servers, the answer is the server's port (version 1)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ QUESTION = b"alpacadiscovery1"
 
 
 class Discovery:
-    """Answers while it is not closed; other servers of this machine may listen beside it.
+    """Answers until closed; other servers on this machine may listen, too.
 
     Raises
     ------
     BadParameter
-        If the port cannot be listened at.
+        If it cannot listen on the port.
     """
 
     def __init__(self, served_port: int, host: str = "0.0.0.0", port: int = PORT) -> None:
@@ -34,7 +34,7 @@ class Discovery:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """The port it listens on."""
         number: int = self._socket.getsockname()[1]
         return number
 
@@ -46,12 +46,12 @@ class Discovery:
                     return
                 if data.startswith(QUESTION):
                     self._socket.sendto(self._answer, asker)
-            except OSError:  # closed; or an asker that is gone already
+            except OSError:  # closed, or the client is gone already
                 if self._socket.fileno() < 0:
                     return
 
     def close(self) -> None:
-        """Answer no more."""
+        """Stop answering."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as waker:
             waker.sendto(b"", ("127.0.0.1", self.port))
         self._socket.close()

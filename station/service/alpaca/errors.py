@@ -1,4 +1,4 @@
-"""What an Alpaca device cannot do, by the standard's numbers; a request that is none is an HTTP error."""
+"""Errors of Alpaca devices, by the standard's numbers; an invalid request is an HTTP error."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ KINDS: tuple[tuple[type[Exception], int], ...] = (
     (LineLost, NOT_CONNECTED),
     (NotConnected, NOT_CONNECTED),
 )
-"""Errors of ours that the standard has a number for; all others are the driver's own."""
+"""Errors for which the standard has a number; all others are the driver's own."""
 
 
 class AlpacaError(Exception):
-    """An answer with an error number, and what was required, what came, what to do."""
+    """An answer with an error number, and what was required, what was received, the remedy."""
 
     def __init__(self, number: int, message: str) -> None:
         super().__init__(message)
@@ -28,11 +28,11 @@ class AlpacaError(Exception):
 
 
 class BadRequest(Exception):
-    """No request that this interface has: an unknown device or member, a parameter that is missing or unreadable."""
+    """A request outside this interface: an unknown device or member, a missing or invalid parameter."""
 
 
 def as_alpaca(error: Exception) -> AlpacaError:
-    """An error as the standard tells it."""
+    """Convert an error to the standard's form."""
     if isinstance(error, AlpacaError):
         return error
     number = next((number for kind, number in KINDS if isinstance(error, kind)), DRIVER)

@@ -17,7 +17,7 @@ STEPS_PER_MM = 1000.0 / STEP_UM
 
 
 class AxisFocuser(AlpacaDevice):
-    """One axis, `z_mm` or the like, of a stage of the bench; its action Home homes the whole stage."""
+    """One axis of a stage of the bench, such as `z_mm`; its action Home homes the whole stage."""
 
     def __init__(self, served: ServedBench, number: int, stage: str, axis: str) -> None:
         assert served.bench is not None
@@ -50,13 +50,13 @@ class AxisFocuser(AlpacaDevice):
         }
 
     def state(self) -> Mapping[str, Any]:
-        """Position, where it is known, and whether it moves."""
-        told: dict[str, Any] = {"IsMoving": self._task.running}
+        """Position, if known, and whether it moves."""
+        state: dict[str, Any] = {"IsMoving": self._task.running}
         try:
-            told["Position"] = self._position()
+            state["Position"] = self._position()
         except (AlpacaError, DeviceError):
-            return told
-        return told
+            return state
+        return state
 
     @property
     def _travel(self) -> Travel:
@@ -68,7 +68,7 @@ class AxisFocuser(AlpacaDevice):
 
     def _is_moving(self) -> bool:
         self._task.check()
-        if self._task.was_halted:  # the axis stands before its driver has told that the move is over
+        if self._task.was_halted:  # the axis stands before its driver has reported the end of the move
             return self._stage.moving()
         return self._task.running or self._bench.motions.motion_of(self._stage_name) is not None
 
@@ -76,7 +76,7 @@ class AxisFocuser(AlpacaDevice):
         motion = self._bench.motions.motion_of(self._stage_name)
         condition = self._stage.condition()
         if motion is not None and not motion.target:
-            raise refuse_operation(f"{self._stage_name} is homing, and tells no position meanwhile; wait for IsMoving")
+            raise refuse_operation(f"{self._stage_name} is homing and has no position; wait for IsMoving")
         if not condition.usable:
             raise refuse_operation(f"{condition.word}; {condition.remedy}: the action Home does that")
         return round((self._stage.position()[self._axis] - self._travel.low) * STEPS_PER_MM)
@@ -84,7 +84,7 @@ class AxisFocuser(AlpacaDevice):
     def _move(self, given: Parameters) -> None:
         step = given.whole("Position")
         if not 0 <= step <= self._last_step:
-            raise AlpacaError(INVALID_VALUE, f"Position must lie between 0 and {self._last_step}, and {step} came")
+            raise AlpacaError(INVALID_VALUE, f"Position must be between 0 and {self._last_step}; got {step}")
         condition = self._stage.condition()
         if not condition.usable:
             raise refuse_operation(f"{condition.word}; {condition.remedy}: the action Home does that")

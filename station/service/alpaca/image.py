@@ -1,4 +1,4 @@
-"""A photograph as Alpaca sends it: the sensor's numbers, columns first, as JSON or as bytes (ImageBytes, version 1)."""
+"""A photograph in Alpaca's form: the sensor's numbers, columns first, as JSON or as bytes (ImageBytes, version 1)."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ Mosaic = npt.NDArray[np.uint16]
 BYTES = "application/imagebytes"
 HEADER = struct.Struct("<11i")
 INT32, UINT16 = 2, 8
-"""Element types of the standard: what the numbers mean, what they are sent as."""
+"""Element types of the standard: of the numbers, and of their transmission."""
 
 
 @dataclass(frozen=True)
 class SensorImage:
-    """The numbers of a whole sensor (rows, columns), its white level, and where its first red pixel lies (x, y).
+    """The numbers of a full sensor (rows, columns), its white level, and its first red pixel (x, y).
 
-    `red` is None for a sensor without colours.
+    `red` is None for a monochrome sensor.
     """
 
     levels: Mosaic
@@ -31,7 +31,7 @@ class SensorImage:
 
 
 def sensor_image(planes: Sequence[Plane]) -> SensorImage:
-    """The planes of a photograph put together again as the sensor gave them."""
+    """Reassemble the planes of a photograph to the sensor's mosaic."""
     first = planes[0]
     white = round(first.white)
     if first.name == GREY_PLANE:
@@ -53,18 +53,18 @@ def _levels(plane: Plane) -> Mosaic:
 
 
 def nested(levels: Mosaic) -> list[list[int]]:
-    """The numbers as JSON's: a list of columns."""
+    """The numbers as nested lists, by column."""
     columns: list[list[int]] = levels.T.tolist()
     return columns
 
 
 def image_bytes(levels: Mosaic, client: int, server: int) -> bytes:
-    """The numbers as bytes: a head of eleven words, then column by column, two bytes each."""
+    """The numbers as bytes: a header of eleven words, then column by column, two bytes each."""
     rows, columns = levels.shape
     head = HEADER.pack(1, 0, _signed(client), _signed(server), HEADER.size, INT32, UINT16, 2, columns, rows, 0)
     return head + np.ascontiguousarray(levels.T, dtype="<u2").tobytes()
 
 
 def _signed(number: int) -> int:
-    """The same 32 bits as a signed word."""
+    """Reinterpret 32 bits as a signed integer."""
     return number - 2**32 if number >= 2**31 else number

@@ -34,7 +34,7 @@ def devices_of(served: ServedBench) -> list[AlpacaDevice]:
     bench = served.bench
     if bench is None:
         return []
-    found: list[AlpacaDevice] = [BenchCamera(served, 0)] if "camera" in bench.devices else []
+    devices: list[AlpacaDevice] = [BenchCamera(served, 0)] if "camera" in bench.devices else []
     axes = [
         (name, axis)
         for name, device in bench.devices.items()
@@ -42,30 +42,30 @@ def devices_of(served: ServedBench) -> list[AlpacaDevice]:
         for axis in cast(Stage, device).travel()
         if axis.endswith("_mm")
     ]
-    found += [AxisFocuser(served, number, stage, axis) for number, (stage, axis) in enumerate(axes)]
-    return [*found, *([BenchSwitch(served, 0)] if lines_of(bench) else [])]
+    devices += [AxisFocuser(served, number, stage, axis) for number, (stage, axis) in enumerate(axes)]
+    return [*devices, *([BenchSwitch(served, 0)] if lines_of(bench) else [])]
 
 
 class AlpacaServer:
-    """What answers Alpaca's clients."""
+    """Answers the requests of Alpaca clients."""
 
     def __init__(self, served: ServedBench) -> None:
         self._served = served
-        self._devices = {(one.kind, one.number): one for one in devices_of(served)}
+        self._devices = {(device.kind, device.number): device for device in devices_of(served)}
         self._transactions = itertools.count(1)
 
     def routes(self) -> list[Route]:
-        """Where it is asked."""
+        """The routes of the interface."""
         return [
-            Route("/management/apiversions", self._told([1])),
-            Route("/management/v1/description", self._told(DESCRIPTION)),
-            Route("/management/v1/configureddevices", self._told([listed(one) for one in self._devices.values()])),
+            Route("/management/apiversions", self._constant([1])),
+            Route("/management/v1/description", self._constant(DESCRIPTION)),
+            Route("/management/v1/configureddevices", self._constant([listed(one) for one in self._devices.values()])),
             Route("/setup", to_page),
             Route("/setup/v1/{kind}/{number:int}/setup", to_page),
             Route("/api/v1/{kind}/{number}/{member}", self.device, methods=["GET", "PUT"]),
         ]
 
-    def _told(self, value: Any) -> Callable[[Request], Response]:
+    def _constant(self, value: Any) -> Callable[[Request], Response]:
         return lambda request: self._answered(
             Parameters.of_query(request.url.query), lambda client: self._framed(client, Value=value)
         )
@@ -89,31 +89,31 @@ class AlpacaServer:
 
         threads = self._served.stopper if not reading and is_stop(member, given) else device.polls
         work = asyncio.get_running_loop().run_in_executor(threads, self._answered, given, make)
-        left = asyncio.ensure_future(request.receive())  # the request is whole: what comes next is the client's end
-        with suppress(asyncio.CancelledError):  # the server ends
+        left = asyncio.ensure_future(request.receive())  # the request is complete: the next event is a disconnection
+        with suppress(asyncio.CancelledError):  # the server shuts down
             await asyncio.wait((work, left), return_when=asyncio.FIRST_COMPLETED)
         left.cancel()
         if work.done():
             return work.result()
-        work.cancel()  # nobody waits for it any more; what has begun is finished
-        return refused(503, f"the server ends, and {device.name} has not answered", "ask again once it runs")
+        work.cancel()  # nobody waits for it any more; work in progress is completed
+        return refused(503, f"the server shut down before {device.name} answered", "ask again once it runs")
 
     def _answered(self, given: Parameters, make: Callable[[int], Response]) -> Response:
-        """What `make` makes of the client's number; what goes wrong as its number and a sentence."""
+        """The answer of `make` to the client's number; an error becomes its number and message."""
         client = 0
         try:
             client = given.transaction()
             return make(client)
         except BadRequest as error:
             return bad_request(str(error))
-        except Exception as error:  # whatever it is, the client hears it
-            told = as_alpaca(error)
-            return self._framed(client, ErrorNumber=told.number, ErrorMessage=told.message)
+        except Exception as error:  # any error is reported to the client
+            failure = as_alpaca(error)
+            return self._framed(client, ErrorNumber=failure.number, ErrorMessage=failure.message)
 
-    def _framed(self, client: int, **told: Any) -> Response:
-        """An answer in the standard's frame; an image that fails is told so too, which all clients take."""
+    def _framed(self, client: int, **fields: Any) -> Response:
+        """An answer in the standard's frame; also used for a failed image, which all clients accept."""
         ids = {"ClientTransactionID": client, "ServerTransactionID": next(self._transactions)}
-        return Response(json.dumps({"ErrorNumber": 0, "ErrorMessage": "", **ids, **told}), media_type=JSON)
+        return Response(json.dumps({"ErrorNumber": 0, "ErrorMessage": "", **ids, **fields}), media_type=JSON)
 
     def _image(self, levels: Mosaic, client: int, as_bytes: bool) -> Response:
         if as_bytes:
@@ -129,17 +129,17 @@ DESCRIPTION = {
 }
 
 
-def listed(one: AlpacaDevice) -> dict[str, Any]:
-    """A device in the list of all."""
-    names = {"DeviceName": one.name, "DeviceType": one.kind.capitalize()}
-    return {**names, "DeviceNumber": one.number, "UniqueID": one.unique_id}
+def listed(device: AlpacaDevice) -> dict[str, Any]:
+    """A device's entry in the list of devices."""
+    names = {"DeviceName": device.name, "DeviceType": device.kind.capitalize()}
+    return {**names, "DeviceNumber": device.number, "UniqueID": device.unique_id}
 
 
 def bad_request(message: str) -> Response:
-    """The answer to what is no request of Alpaca."""
+    """The answer to an invalid request."""
     return PlainTextResponse(message, 400)
 
 
 def to_page(request: Request) -> Response:
-    """There is nothing to set up here: the page shows the bench."""
+    """Redirect to the page, which shows the bench: there is nothing to set up here."""
     return RedirectResponse("/", 303)

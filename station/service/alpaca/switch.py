@@ -1,4 +1,4 @@
-"""What is switched and read on the bench, as one Alpaca switch: lamp, release contact, laser, distance."""
+"""Lamp, release contact, laser and distance of the bench as one Alpaca switch device."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from station.service.alpaca.parameters import Parameters
 from station.service.bench_state import ServedBench
 
 PULSE_S = 0.1
-"""How long the contact is closed for one photograph."""
+"""Contact time of one photograph."""
 FARTHEST_MM = 1e5
 
 
 @dataclass(frozen=True)
 class Line:
-    """One switch of it: its range, how it is read, how it is set (None: it is read only)."""
+    """One switch: its range, reading, and writing (None: read only)."""
 
     name: str
     description: str
@@ -31,7 +31,7 @@ class Line:
 
 
 class BenchSwitch(AlpacaDevice):
-    """ISwitchV3 over what the bench has."""
+    """ISwitchV3 of the bench's devices."""
 
     interface_version = 3
 
@@ -39,7 +39,7 @@ class BenchSwitch(AlpacaDevice):
         assert served.bench is not None
         self._lines = lines_of(served.bench)
         has = ("light", "shutter", "rangefinder")
-        devices: dict[str, Device] = {one: served.bench.devices[one] for one in has if one in served.bench.devices}
+        devices: dict[str, Device] = {name: served.bench.devices[name] for name in has if name in served.bench.devices}
         super().__init__(served, "switch", number, "lamp, shutter and laser", devices)
 
     def readable(self) -> Mapping[str, Member]:
@@ -72,7 +72,7 @@ class BenchSwitch(AlpacaDevice):
     def _line(self, given: Parameters) -> Line:
         number = given.whole("Id")
         if not 0 <= number < len(self._lines):
-            raise AlpacaError(INVALID_VALUE, f"Id must lie between 0 and {len(self._lines) - 1}, and {number} came")
+            raise AlpacaError(INVALID_VALUE, f"Id must be between 0 and {len(self._lines) - 1}; got {number}")
         return self._lines[number]
 
     def _of(self, ask: Callable[[Line], Any]) -> Member:
@@ -90,27 +90,27 @@ class BenchSwitch(AlpacaDevice):
             raise AlpacaError(NOT_IMPLEMENTED, f"{line.name} is read only")
         if not 0 <= value <= line.highest:
             raise AlpacaError(
-                INVALID_VALUE, f"Value must lie between 0 and {line.highest:g} for {line.name}, and {value:g} came"
+                INVALID_VALUE, f"Value must be between 0 and {line.highest:g} for {line.name}; got {value:g}"
             )
         with self.served.tenancy.held(f"the switching of {line.name}"):
             line.write(value)
 
 
 def lines_of(bench: Bench) -> Sequence[Line]:
-    """The switches of a bench, in their order: those of the devices that it has."""
-    found: list[Line] = []
+    """The switches of a bench, in order, for the devices it has."""
+    lines: list[Line] = []
     if "light" in bench.devices:
         lamp = cast(Light, bench.devices["light"])
-        found.append(Line("light", "level of the lamp, 1 is full light", 1.0, 0.01, lamp.level, lamp.set_level))
+        lines.append(Line("light", "level of the lamp, 1 is full light", 1.0, 0.01, lamp.level, lamp.set_level))
     if "shutter" in bench.devices:
-        found += contacts_of(cast(Shutter, bench.devices["shutter"]))
+        lines += contacts_of(cast(Shutter, bench.devices["shutter"]))
     if "rangefinder" in bench.devices:
-        found += laser_of(cast(Rangefinder, bench.devices["rangefinder"]))
-    return found
+        lines += laser_of(cast(Rangefinder, bench.devices["rangefinder"]))
+    return lines
 
 
 def contacts_of(shutter: Shutter) -> list[Line]:
-    """The release contact, which opens by itself again, and the half-press."""
+    """The release contact, which opens by itself, and the half-press."""
     pressed = [0.0]
 
     def release(value: float) -> None:
@@ -131,7 +131,7 @@ def contacts_of(shutter: Shutter) -> list[Line]:
 
 
 def laser_of(laser: Rangefinder) -> list[Line]:
-    """The spot, and the distance, which every reading measures anew."""
+    """The laser spot, and the distance, which every read measures."""
     shining = [0.0]
 
     def shine(value: float) -> None:
@@ -140,5 +140,5 @@ def laser_of(laser: Rangefinder) -> list[Line]:
 
     return [
         Line("laser", "the rangefinder's spot, for aiming", 1.0, 1.0, lambda: shining[0], shine),
-        Line("distance", "millimetres, measured anew", FARTHEST_MM, 0.1, lambda: laser.measure().distance_mm),
+        Line("distance", "millimetres, measured on each read", FARTHEST_MM, 0.1, lambda: laser.measure().distance_mm),
     ]

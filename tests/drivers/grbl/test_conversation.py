@@ -19,7 +19,7 @@ from .axes import AXES
 
 
 @pytest.mark.parametrize("variant", ["GRBL", "grblHAL", "FluidNC"])
-def test_the_firmware_is_told_by_greeting_and_questions(make, twin, variant):
+def test_the_firmware_is_reported_by_greeting_and_questions(make, twin, variant):
     twin.variant = variant
     axes = [GrblAxis("z_mm", "X", 3000.0, travel=1500.0)]
     assert make(axes).connect().model == variant
@@ -52,7 +52,7 @@ def test_an_axis_the_controller_has_not_is_refused(make, letter):
         make([GrblAxis("pan_deg", letter, 100.0, travel=10.0)]).connect()
 
 
-def test_settings_are_believed_when_they_were_told_twice_alike(make, bench, twin):
+def test_settings_are_trusted_when_they_were_reported_twice_alike(make, bench, twin):
     faults = bench.cables["stage"].faults
     once = [lambda data: data.replace(b"$130=1500", b"$130=9500")]
     spoil = faults.spoil_reply
@@ -69,7 +69,7 @@ def test_reports_in_inches_and_work_coordinates_are_understood(homed, twin, benc
     twin.settings[10] = 0
     twin.offset(-10.0, 5.0, 0.0)
     homed.link._settings[13] = 1.0
-    for _ in range(40):  # the offset is told in some reports only
+    for _ in range(40):  # the offset is reported in some reports only
         homed.link._transport.write(b"?")
     bench.clock.sleep(0.1)
     assert homed.position() == pytest.approx({"z_mm": 508.0, "x_mm": 100.0}, abs=0.03)  # 0.001 inch
@@ -94,7 +94,7 @@ def test_along_a_slanted_line_no_axis_exceeds_its_feed(homed, bench):
     moments = [begin_s + i / 10 for i in range(int(10 * (bench.clock.now_s() - begin_s)))]
     for name, feed in (("z_mm", 3000.0), ("x_mm", 1500.0)):
         fastest = max(abs(bench.world.axes[name].velocity(t)) for t in moments) * 60
-        assert fastest <= feed * 1.001  # the feed is told to a tenth of a millimetre per minute
+        assert fastest <= feed * 1.001  # the feed is reported to a tenth of a millimetre per minute
     assert fastest == pytest.approx(1500.0, rel=0.001)
 
 

@@ -107,7 +107,7 @@ def test_the_place_of_homing_is_in_the_travel_where_it_is_the_origin_of_hard_lim
 
 def test_a_space_that_homing_contradicts_is_refused_and_can_be_configured(make, bench):
     twin = rebuilt(bench, settings={23: 7, 27: 0})
-    twin.motion.forced_origin = True  # and does not tell
+    twin.motion.forced_origin = True  # and does not report it
     stage = make([GrblAxis("z_mm", "X", 3000.0, travel=1500.0, space=(-1500.0, -1.0))])
     stage.connect()
     with pytest.raises(BadConfiguration, match=r"z_mm stands at machine position 0 after homing.*set `space`"):
@@ -117,7 +117,7 @@ def test_a_space_that_homing_contradicts_is_refused_and_can_be_configured(make, 
     goes_everywhere(make([GrblAxis("z_mm", "X", 3000.0, space=(0.0, 1500.0))]), bench)
 
 
-def test_fluidnc_tells_its_ends_in_its_configuration(make, bench):
+def test_fluidnc_reports_its_ends_in_its_configuration(make, bench):
     twin = rebuilt(bench, variant="FluidNC", options="Z", settings={23: 7, 27: 0, 1: 25})
     twin.job = "SD:12.50,/jobs/a part.nc"
     stage = make()
@@ -126,7 +126,7 @@ def test_fluidnc_tells_its_ends_in_its_configuration(make, bench):
     assert "let go 25 ms" in stage.condition().caveat.reason
 
 
-def test_a_lamp_that_a_reset_has_switched_off_says_so(make, bench):
+def test_a_lamp_that_a_reset_has_switched_off_reports_it(make, bench):
     rebuilt(bench)
     stage = make()
     stage.connect()
@@ -149,7 +149,7 @@ def test_a_lamp_that_a_reset_has_switched_off_says_so(make, bench):
 @pytest.mark.parametrize(
     ("settings", "needed_s"),
     [
-        # Y goes as slowly as X, with which it homes; a switch is looked for in 1.5 travels
+        # Y goes as slowly as X, with which it homes; a switch is searched for in 1.5 travels
         ({110: 100.0}, 1.5 * 1000 / 100 * 60),
         # on grblHAL Z does, too; three slow searches, each of ten pull-offs
         ({44: 7.0, 110: 100.0, 24: 10.0, 27: 2.0, 43: 3.0}, 1.5 * 1000 / 100 * 60 + 3 * 10 * 2 / 10 * 60),

@@ -61,7 +61,7 @@ def test_an_alarm_is_named_and_homing_recovers_from_it(homed, bench, twin, code,
 
 
 def test_a_move_beyond_its_time_is_stopped(homed, twin):
-    twin.settings[110] = 60.0  # fifty times slower than the driver was told
+    twin.settings[110] = 60.0  # fifty times slower than the driver assumes
     with pytest.raises(NoAnswer, match="still moves after"):
         homed.move_to(z_mm=1000.0)
     assert not homed.moving()
@@ -135,7 +135,7 @@ def test_no_order_follows_an_emergency_stop_that_came_between(homed, twin):
     assert not any(b"$J" in p.data for p in homed.link._transport.transcript.last())
 
 
-def test_motors_that_let_go_between_moves_are_doubted(make, twin):
+def test_motors_that_let_go_between_moves_are_flagged(make, twin):
     stage = make()
     stage.connect()
     assert stage.condition().caveat is None
@@ -168,7 +168,7 @@ def test_a_door_is_named_and_the_move_goes_on_from_where_it_stood(homed, bench, 
     assert homed.position()["z_mm"] == pytest.approx(100.0)
 
 
-def test_a_door_is_named_where_reports_tell_of_a_jog_that_goes_on(homed, bench, twin):
+def test_a_door_is_named_where_reports_report_of_a_jog_that_goes_on(homed, bench, twin):
     # grblHAL's simulator, 2026: neither hold nor cancelling ends it, and resuming makes it a program
     twin.variant = "grblHAL"
 
@@ -197,7 +197,7 @@ def test_a_feed_hold_is_named(homed, bench):
 @pytest.mark.slow
 def test_a_feed_override_is_named_and_waited_for(homed, twin, bench):
     twin.feed_override = 40
-    for _ in range(20):  # told in some reports only
+    for _ in range(20):  # reported in some reports only
         homed.link._transport.write(b"?")
     bench.clock.sleep(0.1)
     assert "the feed override is 40 %" in homed.condition().word

@@ -50,7 +50,7 @@ def test_a_move_is_awaited_at_the_modules_own_pace(homed, module, bench):
     assert bench.clock.now_s() - begin_s == pytest.approx(3.0 / 1.4305, abs=0.2)
 
 
-def test_a_module_without_dividers_tells_microsteps_a_second(make, module):
+def test_a_module_without_dividers_reports_microsteps_a_second(make, module):
     for motor in module.motors:
         del motor.settings[153], motor.settings[154]
     stage = make()
@@ -62,7 +62,7 @@ def test_a_module_without_dividers_tells_microsteps_a_second(make, module):
     ("number", "value", "words"),
     [(7, 0, "z_mm releases its motor"), (12, 1, "does not stop z_mm"), (13, 1, "does not stop z_mm")],
 )
-def test_what_makes_a_position_doubtful_is_said(homed, module, number, value, words):
+def test_what_makes_a_position_doubtful_is_reported(homed, module, number, value, words):
     assert homed.condition().caveat is None
     module.motors[0].settings[number] = value
     homed.connect()
@@ -133,7 +133,7 @@ def test_a_move_that_was_not_answered_is_stopped(homed, bench, module, monkeypat
     assert 10.0 < homed.position()["z_mm"] <= 100.0
 
 
-def test_an_axis_that_homed_to_a_place_outside_its_travel_is_stopped_before_that_is_told(make, bench, monkeypatch):
+def test_an_axis_that_homed_to_a_place_outside_its_travel_is_stopped_before_that_is_reported(make, bench, monkeypatch):
     stage = make([TmclAxis("z_mm", 0, (-200.0, -100.0), STEP)])
     stage.connect()
     monkeypatch.setattr(stage, "_wait_for_searches", lambda: None)  # as if it had said too early that it is done
@@ -143,7 +143,7 @@ def test_an_axis_that_homed_to_a_place_outside_its_travel_is_stopped_before_that
     assert not stage.moving()
 
 
-def test_an_axis_that_stands_still_on_its_way_is_stopped_before_that_is_told(homed, module, monkeypatch):
+def test_an_axis_that_stands_still_on_its_way_is_stopped_before_that_is_reported(homed, module, monkeypatch):
     parameter = module.motors[0].parameter
     frozen = {1: 32_000, 3: 0}  # where it was, and no speed
     monkeypatch.setattr(
@@ -205,7 +205,7 @@ def test_a_power_cycle_between_the_orders_of_a_move_is_noticed_before_the_next_o
     assert not homed.moving()
 
 
-def test_no_position_is_told_after_a_power_cycle(homed, bench, module):
+def test_no_position_is_reported_after_a_power_cycle(homed, bench, module):
     restart(bench, module)
     with pytest.raises(WasReset):
         homed.position()
@@ -213,7 +213,7 @@ def test_no_position_is_told_after_a_power_cycle(homed, bench, module):
     assert homed.position()["z_mm"] == 0.0  # what the module says, of a stage that is not homed
 
 
-def test_a_module_that_keeps_no_variables_is_doubted(make, module):
+def test_a_module_that_keeps_no_variables_is_flagged(make, module):
     stage = make(variable=200)
     stage.connect()
     stage.home()

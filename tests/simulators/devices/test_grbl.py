@@ -166,13 +166,13 @@ def test_reports_carry_their_fields_now_and_then(homed):
     assert all("FS:" in report for report in reports)
 
 
-def test_settings_are_told_and_kept(grbl):
+def test_settings_are_reported_and_kept(grbl):
     assert "$130=200.000" in grbl.ask(b"$$\n")
     assert grbl.ask(b"$130=150\n") == ["ok"]
     assert "$130=150.000" in grbl.ask(b"$$\n")
 
 
-def test_a_dedicated_line_tells_modes_and_offsets(grbl):
+def test_a_dedicated_line_reports_modes_and_offsets(grbl):
     assert grbl.ask(b"$G\n")[0].startswith("[GC:")
     assert grbl.ask(b"$#\n")[0] == "[G54:0.000,0.000]"
 

@@ -1,4 +1,4 @@
-"""A stage taken into service at the simulated bench: consent, what is told, what is to be changed, the table."""
+"""Commissioning of a stage at the simulated bench: consent, reported settings, recommended changes, the table."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class ScriptedOperator:
 
     def __init__(self, agreed=(), lengths=()):
         self.agreed, self.lengths = agreed, dict(lengths)
-        self.told = []
+        self.reported = []
 
     def show(self, words):
-        self.told.append(words)
+        self.reported.append(words)
 
     def agrees(self, question):
         return any(word in question for word in self.agreed)
@@ -31,7 +31,7 @@ class ScriptedOperator:
 
     @property
     def text(self):
-        return "\n".join(self.told)
+        return "\n".join(self.reported)
 
 
 @pytest.fixture
@@ -89,11 +89,11 @@ def test_what_the_controller_cannot_do_is_written_as_it_can(take):
     assert table["axes"][0]["feed_per_min"] == 500.0
 
 
-@pytest.mark.parametrize(("homing", "told"), [(17.0, True), (21.0, False)])
-def test_a_grblhal_that_moves_unhomed_is_to_be_locked(take, homing, told):
-    operator = ScriptedOperator()
+@pytest.mark.parametrize(("homing", "reported"), [(17.0, True), (21.0, False)])
+def test_a_grblhal_that_moves_unhomed_is_to_be_locked(take, homing, reported):
+    operator = Scripted()
     take(operator, {22: homing, 44: 4.0})
-    assert ("set $22=21, which locks it until it is homed" in operator.text) == told
+    assert ("set $22=21, which locks it until it is homed" in operator.text) == reported
 
 
 def test_a_ruler_corrects_the_steps_per_millimetre(take):
@@ -135,11 +135,11 @@ def test_a_tmcl_stage_is_taken_too(bench, tmp_path):
     own.connect()
     operator = ScriptedOperator(("Homing", "z_mm"), {"z_mm": 99.0})
     try:
-        told = tomllib.loads(commission("stage", own.stage, table, operator, bench.clock))["devices"]["stage"]
+        reported = tomllib.loads(commission("stage", own.stage, table, operator, bench.clock))["devices"]["stage"]
     finally:
         own.close()
         unplug("commission/stage")
-    assert told == table
+    assert reported == table
     # 16 MHz * 1500 / 2^19 and (16 MHz)^2 * 900 / 2^37 microsteps, 320 of them a millimetre
     assert "z_mm: 143.051 per s, 5238.69 per s^2, end switches on" in operator.text
     assert "z_mm releases its motor between moves (parameter 7 is 0): set a standby current" in operator.text

@@ -252,7 +252,7 @@ def test_the_good_file_is_good(tmp_path):
     assert set(bench.devices) == set(GOOD)
 
 
-def test_every_driver_has_its_options_told():
+def test_every_driver_has_its_options_reported():
     assert set(MAKERS) == set(OPTIONS)
 
 
@@ -312,19 +312,19 @@ def test_a_file_that_lacks_or_muddles_something(tmp_path, text, complaint):
 
 
 @pytest.mark.parametrize(
-    ("key", "value", "told"),
+    ("key", "value", "reported"),
     [("name", '"z_mm"', 'name = "z_mm" is given to two axes'), ("letter", '"X"', 'letter = "X" is given to two axes')],
 )
-def test_two_axes_are_not_one(tmp_path, key, value, told):
+def test_two_axes_are_not_one(tmp_path, key, value, reported):
     second = {"name": '"x_mm"', "letter": '"Y"', "feed_per_min": "1"} | {key: value}
     axis = "{ " + ", ".join(f"{k} = {v}" for k, v in second.items()) + " }"
     first = '{ name = "z_mm", letter = "X", feed_per_min = 1 }'
     text = f'[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = [\n  {first},\n  {axis},\n]\n'
     error = refusal(tmp_path, text)
-    assert error.reason == f"station.toml, line 6: devices.stage.axes[2].{key}: {told}"
+    assert error.reason == f"station.toml, line 6: devices.stage.axes[2].{key}: {reported}"
 
 
-def test_the_command_tells_it_without_a_traceback(tmp_path):
+def test_the_command_reports_it_without_a_traceback(tmp_path):
     path = tmp_path / "station.toml"
     path.write_text(spoilt("stage", ("axes", "feed_per_min"), "0"))
     done = CliRunner().invoke(main, ["devices", "--config", str(path)])

@@ -48,7 +48,7 @@ def test_a_whole_measurement_through_interfaces_alone(bench):
     assert bench.rangefinder.measure().distance_mm == pytest.approx(800 + 750 + 120, abs=4.0)
 
 
-def test_what_passes_on_each_wire_goes_into_a_file_until_it_is_told_otherwise(bench, tmp_path):
+def test_what_passes_on_each_wire_goes_into_a_file_until_it_is_reported_otherwise(bench, tmp_path):
     folder = tmp_path / "wire"
     folder.mkdir()
     bench.log_wires(folder)
@@ -140,38 +140,38 @@ def test_every_byte_is_logged_where_one_asks_for_it(bench, tmp_path):
 
 
 def test_every_interrupt_stops_and_the_first_asks_what_runs_to_end():
-    told, stopped = [], threading.Event()
-    with guarded(stopped.set, lambda: told.append("ask")):
+    reported, stopped = [], threading.Event()
+    with guarded(stopped.set, lambda: reported.append("ask")):
         os.kill(os.getpid(), signal.SIGINT)
         assert stopped.wait(10.0)
-        assert told == ["ask"]
+        assert reported == ["ask"]
         stopped.clear()
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGINT)
         assert stopped.wait(10.0)
-    assert told == ["ask"]
+    assert reported == ["ask"]
 
 
 @pytest.mark.parametrize("number", [number for number in ENDING if number != signal.SIGINT])
 def test_every_other_end_stops_and_ends_with_the_device_code(number):
-    told = []
-    with pytest.raises(SystemExit) as ended, guarded(lambda: told.append("stop"), lambda: None):
+    reported = []
+    with pytest.raises(SystemExit) as ended, guarded(lambda: reported.append("stop"), lambda: None):
         os.kill(os.getpid(), number)
-    assert "stop" in told
+    assert "stop" in reported
     assert ended.value.code == 3
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGTSTP"), reason="programs are not suspended here")
 def test_what_is_suspended_stops_first(monkeypatch):
-    told = []
-    monkeypatch.setattr(signal, "raise_signal", lambda number: told.append(signal.getsignal(number)))
+    reported = []
+    monkeypatch.setattr(signal, "raise_signal", lambda number: reported.append(signal.getsignal(number)))
     before = signal.getsignal(signal.SIGTSTP)
-    with guarded(lambda: told.append("stop"), lambda: None):
+    with guarded(lambda: reported.append("stop"), lambda: None):
         os.kill(os.getpid(), signal.SIGTSTP)
-        assert told[0] == "stop"
-        assert signal.SIG_DFL in told  # suspended by the system's own handler, after the stop
+        assert reported[0] == "stop"
+        assert signal.SIG_DFL in reported  # suspended by the system's own handler, after the stop
         os.kill(os.getpid(), signal.SIGTSTP)  # and again after it goes on
-        assert told.count(signal.SIG_DFL) == 2
+        assert reported.count(signal.SIG_DFL) == 2
     assert signal.getsignal(signal.SIGTSTP) == before
 
 
@@ -186,29 +186,29 @@ def test_a_stop_waits_for_no_search_for_garbage_among_all_that_is_loaded():
 @pytest.mark.slow
 def test_a_stop_waits_for_no_computation_of_the_main_thread():
     # one long call in which the main thread takes no step of Python's, and so runs no handler of its own
-    told = []
+    reported = []
 
     def compute():
         threading.Timer(0.05, lambda: os.kill(os.getpid(), signal.SIGTERM)).start()
         try:
             hashlib.pbkdf2_hmac("sha256", b"", b"", 1_000_000)
         finally:
-            told.append("computed")
+            reported.append("computed")
 
-    with pytest.raises(SystemExit), guarded(lambda: told.append("stop"), lambda: None):
+    with pytest.raises(SystemExit), guarded(lambda: reported.append("stop"), lambda: None):
         compute()
-    assert told[:2] == ["stop", "computed"]
+    assert reported[:2] == ["stop", "computed"]
 
 
 def test_an_exception_that_ends_the_program_stops():
-    told = []
-    with pytest.raises(ZeroDivisionError), guarded(lambda: told.append("stop"), lambda: None):
+    reported = []
+    with pytest.raises(ZeroDivisionError), guarded(lambda: reported.append("stop"), lambda: None):
         raise ZeroDivisionError
-    assert told == ["stop"]
+    assert reported == ["stop"]
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no terminals that hang up here")
-def test_a_program_that_was_told_not_to_mind_its_terminal_does_not():
+def test_a_program_that_was_reported_not_to_mind_its_terminal_does_not():
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         with guarded(lambda: pytest.fail("stopped"), lambda: None):

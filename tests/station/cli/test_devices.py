@@ -51,7 +51,7 @@ def test_commissioning_asks_first_and_writes_the_tables(tmp_path):
     output = tmp_path / "stages.toml"
     told = CliRunner().invoke(main, ["devices", "--simulate", "--commission", "--output", str(output)], input="n\n\n")
     assert told.exit_code == 0, told.output
-    assert told.stderr.count("Is the way free, and the emergency stop at hand? [y/N]") == 2
+    assert told.stderr.count("Is the way free and the emergency stop at hand? [y/N]") == 2
     tables = tomllib.loads(output.read_text())["devices"]
     assert [axis["name"] for axis in tables["stage"]["axes"]] == ["z_mm", "x_mm", "y_mm"]
     assert tables["head"]["driver"] == "zaber"

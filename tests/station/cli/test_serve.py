@@ -21,16 +21,16 @@ def test_a_port_that_is_taken_is_refused(run):
         port = taken.getsockname()[1]
         done = run("serve", "--simulate", "--port", port)
     assert done.exit_code == 2
-    assert f"port {port} of 127.0.0.1 is needed, and another program has it" in done.stderr
+    assert f"port {port} of 127.0.0.1 is required, but another program uses it" in done.stderr
     assert "--port 0 takes a free one" in done.stderr
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--token", "short"), "a token of 12 ASCII characters or more is needed, without spaces; 5 came"),
+        (("--token", "short"), "a token must have 12 ASCII characters or more, without spaces; got 5"),
         (("--token", "long-enough-to-be-one", "--no-token"), "contradict each other"),
-        (("--host", "no such host"), "is no address of this machine"),
+        (("--host", "no such host"), "is not an address of this machine"),
     ],
 )
 def test_options_that_cannot_be_meant_are_refused(run, options, words):

@@ -54,8 +54,14 @@ def test_usage_errors_stay_clicks_own():
 
 def test_error_is_an_object_where_logs_are_json():
     entry = json.loads(failing(BadInput("it is empty", "copy it again"), "--log-json").stderr)
-    told = {"level": "error", "event": "failed", "message": "it is empty", "remedy": "copy it again", "exit_code": 4}
-    assert entry.items() >= told.items()
+    reported = {
+        "level": "error",
+        "event": "failed",
+        "message": "it is empty",
+        "remedy": "copy it again",
+        "exit_code": 4,
+    }
+    assert entry.items() >= reported.items()
 
 
 def test_facts_that_are_not_finite_are_null():

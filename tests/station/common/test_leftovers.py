@@ -84,7 +84,7 @@ def test_a_folder_that_a_person_called_so_stays(tmp_path, monkeypatch):
     assert sorted(one.name for one in tmp_path.glob("*/photo.dng")) == ["photo.dng"] * 2
 
 
-def test_all_that_a_result_leaves_is_its_owners_alone_where_umask_says_so(tmp_path):
+def test_all_that_a_result_leaves_is_its_owners_alone_where_umask_reports_it(tmp_path):
     before = os.umask(0o077)
     try:
         with ResultFolder(tmp_path / "out") as folder:

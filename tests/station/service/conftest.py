@@ -53,6 +53,6 @@ def camera(client):
 
 @pytest.fixture
 def at(client, monkeypatch):
-    """The server as a driver is told of it, with its password in the environment."""
+    """The server as configured in a driver, with its password in the environment."""
     monkeypatch.setenv("BENCH_TOKEN", TOKEN)
     return AlpacaServer(f"127.0.0.1:{client.port}", "BENCH_TOKEN")

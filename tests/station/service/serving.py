@@ -36,10 +36,10 @@ class Client:
     def request(self, method, path, data=None, **headers):
         """Status, headers and body of an answer."""
         connection = HTTPConnection("127.0.0.1", self.port, timeout=ENDS_S)
-        told = {"Authorization": f"Bearer {self.token}"} if self.token else {}
+        credentials = {"Authorization": f"Bearer {self.token}"} if self.token else {}
         if data is not None and not isinstance(data, bytes):
-            data, told["Content-Type"] = json.dumps(data), "application/json"
-        connection.request(method, path, data, {**told, **headers})
+            data, credentials["Content-Type"] = json.dumps(data), "application/json"
+        connection.request(method, path, data, {**credentials, **headers})
         reply = connection.getresponse()
         body = reply.read()
         connection.close()

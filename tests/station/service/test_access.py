@@ -50,11 +50,11 @@ def test_the_token_opens_and_nothing_else_does(client, headers, status):
         assert answer[1]["remedy"]
 
 
-def test_what_is_required_came_and_is_to_do_is_said(client):
+def test_what_is_required_came_and_is_to_do_is_reported(client):
     client.token = ""
-    assert client.get("/status")[1]["reason"] == "the token is required, and none came"
+    assert client.get("/status")[1]["reason"] == "the token is required; none was sent"
     client.token = "another"
-    assert client.get("/status")[1]["reason"] == "the token is required, and another one came"
+    assert client.get("/status")[1]["reason"] == "the token is required; a wrong one was sent"
 
 
 def test_the_page_takes_the_token_out_of_its_address(client):
@@ -74,9 +74,9 @@ def test_without_a_token_everybody_is_let_in_but_pages_of_others(tmp_path):
     with serving(tmp_path, token=None) as (client, _):
         assert client.get("/status")[0] == 200
         assert client.get("/status", Origin="http://elsewhere.example")[0] == 403
-        status, told = client.post("/run", **{"Content-Type": "text/plain"})
+        status, reply = client.post("/run", **{"Content-Type": "text/plain"})
         assert status == 400
-        assert "JSON is required" in told["reason"]
+        assert "JSON is required" in reply["reason"]
 
 
 def own_page(client, name="127.0.0.1"):
@@ -128,17 +128,17 @@ def test_a_site_whose_name_leads_here_is_refused(tmp_path):
 
 @pytest.mark.parametrize("token", ["short", "", "with a space in it", "not-ascii-ä-ö-ü-ß"])
 def test_a_token_that_is_soon_guessed_or_sent_wrong_is_refused(token):
-    with pytest.raises(BadParameter, match=r"12 ASCII characters or more is needed"):
+    with pytest.raises(BadParameter, match=r"12 ASCII characters or more"):
         check_token(token)
 
 
 def test_a_port_that_is_taken_is_named():
     with listen("127.0.0.1", 0) as one:
         port = one.getsockname()[1]
-        with pytest.raises(PortTaken, match=rf"port {port} of 127.0.0.1 is needed, and another program has it"):
+        with pytest.raises(PortTaken, match=rf"port {port} of 127.0.0.1 is required, but another program uses it"):
             listen("127.0.0.1", port)
 
 
 def test_an_address_of_another_machine_is_refused():
-    with pytest.raises(BadParameter, match=r"cannot listen at 192\.0\.2\.1"):
+    with pytest.raises(BadParameter, match=r"cannot listen on 192\.0\.2\.1"):
         listen("192.0.2.1", 0)

@@ -40,12 +40,12 @@ def box(client):
 # --- management ----------------------------------------------------------------------------------------------------
 
 
-def test_the_server_tells_its_devices(client):
+def test_the_server_reports_its_devices(client):
     assert management.apiversions(client.address) == [1]
     assert management.description(client.address)["ServerName"] == "Calibration station"
     devices = management.configureddevices(client.address)
-    told = [(one["DeviceType"], one["DeviceNumber"], one["DeviceName"]) for one in devices]
-    assert told == [
+    reply = [(one["DeviceType"], one["DeviceNumber"], one["DeviceName"]) for one in devices]
+    assert reply == [
         ("Camera", 0, "camera"), ("Focuser", 0, "stage z_mm"), ("Focuser", 1, "stage x_mm"),
         ("Focuser", 2, "stage y_mm"), ("Switch", 0, "lamp, shutter and laser"),
     ]  # fmt: skip
@@ -106,7 +106,7 @@ def test_the_emergency_stop_is_an_action_of_every_device(camera, rail, box, serv
         assert served.bench.stops == number
 
 
-def translated_errors(client, method, member, number, form=""):
+def requested(client, method, member, number, form=""):
     """Error number and value of a member of focuser 0, asked as the client of that number."""
     path, form = f"/api/v1/focuser/0/{member}", f"ClientID={number}&{form}"
     if method == "GET":
@@ -114,21 +114,21 @@ def translated_errors(client, method, member, number, form=""):
     else:
         headers = {"Content-Type": "application/x-www-form-urlencoded"}
         _, _, body = client.request("PUT", path, form.encode(), **headers)
-    told = json.loads(body)
-    return told["ErrorNumber"], told.get("Value")
+    reply = json.loads(body)
+    return reply["ErrorNumber"], reply.get("Value")
 
 
 def test_a_client_that_disconnects_takes_the_device_from_nobody_else(client):
     for number in (1, 2):
-        assert translated_errors(client, "PUT", "connected", number, "Connected=True") == (0, None)
-    translated_errors(client, "PUT", "connected", 2, "Connected=False")
-    assert translated_errors(client, "GET", "connected", 2) == (0, False)
-    assert translated_errors(client, "GET", "connected", 1) == (0, True)
-    assert translated_errors(client, "GET", "ismoving", 1) == (0, False)
-    translated_errors(client, "PUT", "disconnect", 2)
-    assert translated_errors(client, "GET", "ismoving", 1) == (0, False)
-    translated_errors(client, "PUT", "disconnect", 1)
-    assert translated_errors(client, "GET", "ismoving", 1)[0] == 0x407
+        assert requested(client, "PUT", "connected", number, "Connected=True") == (0, None)
+    requested(client, "PUT", "connected", 2, "Connected=False")
+    assert requested(client, "GET", "connected", 2) == (0, False)
+    assert requested(client, "GET", "connected", 1) == (0, True)
+    assert requested(client, "GET", "ismoving", 1) == (0, False)
+    requested(client, "PUT", "disconnect", 2)
+    assert requested(client, "GET", "ismoving", 1) == (0, False)
+    requested(client, "PUT", "disconnect", 1)
+    assert requested(client, "GET", "ismoving", 1)[0] == 0x407
 
 
 def test_each_client_that_connects_beside_hears_how_its_own_attempt_went(client, served, monkeypatch):
@@ -141,14 +141,14 @@ def test_each_client_that_connects_beside_hears_how_its_own_attempt_went(client,
 
     monkeypatch.setattr(served.bench.stage, "condition", lambda: Condition("not connected", False))
     monkeypatch.setattr(served.bench.stage, "connect", connect)
-    assert translated_errors(client, "PUT", "connect", 1) == (0, None)
+    assert requested(client, "PUT", "connect", 1) == (0, None)
     begun.wait()
-    assert translated_errors(client, "GET", "connecting", 1) == (0, True)
-    assert translated_errors(client, "GET", "connecting", 2) == (0, False)
+    assert requested(client, "GET", "connecting", 1) == (0, True)
+    assert requested(client, "GET", "connecting", 2) == (0, False)
     go_on.set()
-    once(lambda: translated_errors(client, "GET", "connecting", 1)[0])
-    assert translated_errors(client, "GET", "connecting", 1) == (0, False)
-    assert translated_errors(client, "GET", "connected", 1) == (0, False)
+    once(lambda: requested(client, "GET", "connecting", 1)[0])
+    assert requested(client, "GET", "connecting", 1) == (0, False)
+    assert requested(client, "GET", "connected", 1) == (0, False)
 
 
 @pytest.mark.parametrize(
@@ -197,22 +197,22 @@ def test_every_member_of_the_focuser(rail, served):
     once(lambda: not rail.IsMoving)
     assert rail.Position == pytest.approx(last, abs=1)
     for beyond in (-1, last + 1):
-        with pytest.raises(exceptions.InvalidValueException, match=f"between 0 and {last}, and {beyond} came"):
+        with pytest.raises(exceptions.InvalidValueException, match=f"between 0 and {last}; got {beyond}"):
             rail.Move(beyond)
     rail.Halt()
     assert {one["Name"]: one["Value"] for one in rail.DeviceState} == {"IsMoving": False, "Position": rail.Position}
 
 
-def test_what_ended_a_move_is_told(rail, served, monkeypatch):
+def test_what_ended_a_move_is_reported(rail, served, monkeypatch):
     from drivers.errors import MoveFailed
 
     def stall(name, target):
-        raise MoveFailed("z_mm came to rest at 3", "move again")
+        raise MoveFailed("z_mm stopped at 3", "move again")
 
     homed(rail)
     monkeypatch.setattr(served.bench.motions, "move", stall)
     rail.Move(10)
-    with pytest.raises(exceptions.DriverException, match="came to rest at 3; move again"):
+    with pytest.raises(exceptions.DriverException, match="stopped at 3; move again"):
         once(lambda: not rail.IsMoving)
 
 
@@ -240,7 +240,7 @@ def test_a_move_that_was_halted_has_not_failed(rail, served, monkeypatch):
 def test_a_run_keeps_clients_from_moving_and_clients_a_run(rail, client, served):
     homed(rail)
     with served.tenancy.held("a run of the plan short"):
-        with pytest.raises(exceptions.InvalidOperationException, match="taken by a run of the plan short; wait until"):
+        with pytest.raises(exceptions.InvalidOperationException, match="in use by a run of the plan short; wait until"):
             rail.Move(10)
         assert rail.Position >= 0
         rail.Halt()  # stopping is free
@@ -275,9 +275,9 @@ def test_every_member_of_the_switch(box, served):
     box.SetSwitch(1, False)
     with pytest.raises(NOT_IMPLEMENTED, match="distance is read only"):
         box.SetSwitchValue(4, 1.0)
-    with pytest.raises(exceptions.InvalidValueException, match=r"between 0 and 1 for light, and 1\.5 came"):
+    with pytest.raises(exceptions.InvalidValueException, match=r"between 0 and 1 for light; got 1\.5"):
         box.SetSwitchValue(0, 1.5)
-    with pytest.raises(exceptions.InvalidValueException, match="between 0 and 4, and 5 came"):
+    with pytest.raises(exceptions.InvalidValueException, match="between 0 and 4; got 5"):
         box.GetSwitch(5)
     for refused in (
         lambda: box.SetAsync(0, True), lambda: box.SetAsyncValue(0, 0.5), lambda: box.CancelAsync(0),
@@ -327,7 +327,7 @@ def test_transactions_are_numbered_and_strangers_are_turned_away(shared_server):
     assert requests.get(url, timeout=30).status_code == 401
 
 
-def test_discovery_tells_the_port():
+def test_discovery_reports_the_port():
     with closing(Discovery(4711, "127.0.0.1", 0)) as answering, socket.socket(type=socket.SOCK_DGRAM) as asker:
         asker.settimeout(30)
         asker.sendto(b"something else", ("127.0.0.1", answering.port))

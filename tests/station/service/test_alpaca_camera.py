@@ -68,7 +68,7 @@ def test_every_member_of_the_camera_before_a_photograph(camera):
 
 
 def test_a_photograph_is_the_sensors_numbers(camera, served):
-    camera.StartExposure(0.02, True)  # as the frames of this bench tell
+    camera.StartExposure(0.02, True)  # as in the frames of this bench
     once(lambda: camera.ImageReady)
     (path,) = served.bench.simulated.folder.iterdir()
     truth = sensor_image(list(read_frame(path).planes.values())).levels
@@ -78,19 +78,19 @@ def test_a_photograph_is_the_sensors_numbers(camera, served):
     assert (camera.BayerOffsetX, camera.BayerOffsetY) == (0, 0)
     assert camera.LastExposureDuration == pytest.approx(0.02)
     assert camera.LastExposureStartTime.startswith("20")
-    with pytest.raises(exceptions.ValueNotSetException, match="do not tell the pixel pitch"):
+    with pytest.raises(exceptions.ValueNotSetException, match="do not give the pixel pitch"):
         _ = camera.PixelSizeX
     np.testing.assert_array_equal(np.array(camera.ImageArray), truth.T)
     info = camera.ImageArrayInfo
     assert (info.Rank, info.Dimension1, info.Dimension2) == (2, 96, 64)
     np.testing.assert_array_equal(np.array(camera.ImageArrayRaw).reshape(96, 64), truth.T)
-    told = requests.get(camera.base_url + "/imagearray", timeout=30).json()
-    assert (told["Type"], told["Rank"], told["Value"]) == (2, 2, nested(truth))
+    reply = requests.get(camera.base_url + "/imagearray", timeout=30).json()
+    assert (reply["Type"], reply["Rank"], reply["Value"]) == (2, 2, nested(truth))
     assert served.picture.number == 1
     camera.StartX, camera.StartY, camera.NumX, camera.NumY = 10, 4, 20, 30
     np.testing.assert_array_equal(np.array(camera.ImageArray), truth[4:34, 10:30].T)
     camera.NumX = 87
-    with pytest.raises(exceptions.InvalidValueException, match=r"startx 10 and numx 87 must lie within 0 \.\. 96"):
+    with pytest.raises(exceptions.InvalidValueException, match=r"startx 10 and numx 87 must be within 0 \.\. 96"):
         camera.StartExposure(0.02, True)
 
 
@@ -125,7 +125,7 @@ def test_an_exposure_is_aborted_and_the_next_one_comes(camera, served, monkeypat
     begun.wait()
     assert camera.CameraState is alpaca_camera.CameraStates.cameraExposing
     assert camera.PercentCompleted == 0
-    with pytest.raises(exceptions.InvalidOperationException, match="taken by an exposure of"):
+    with pytest.raises(exceptions.InvalidOperationException, match="in use by an exposure of"):
         camera.StartExposure(0.02, True)
     camera.AbortExposure()
     go_on.set()

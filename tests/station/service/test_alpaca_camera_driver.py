@@ -47,24 +47,24 @@ def test_an_exposure_is_a_file_with_the_sensors_numbers_and_its_record(camera, s
     np.testing.assert_array_equal(ours.levels, theirs.levels)
     assert ours.red == theirs.red
     assert ours.white == theirs.white
-    told = read_frame(exposure.path).exposure
-    assert told.exposure_s == pytest.approx(0.02)
-    assert told.f_number == 5.6
+    reply = read_frame(exposure.path).exposure
+    assert reply.exposure_s == pytest.approx(0.02)
+    assert reply.f_number == 5.6
     assert exposure.requested_s < exposure.received_s
 
 
-def test_an_exposure_that_fails_at_the_server_is_told(camera):
+def test_an_exposure_that_fails_at_the_server_is_reported(camera):
     camera.configure(CameraSettings(exposure_s=0.5))
     with pytest.raises(FrameMissing, match=r"taken at 0\.02 s instead of 0\.5 s; set the body, repeat"):
         camera.expose()
 
 
-def test_an_exposure_whose_failure_the_server_does_not_tell_ends_soon(camera, monkeypatch):
+def test_an_exposure_whose_failure_the_server_does_not_report_ends_soon(camera, monkeypatch):
     from alpaca.camera import Camera, CameraStates
 
     monkeypatch.setattr(Camera, "ImageReady", property(lambda self: False))
     monkeypatch.setattr(Camera, "CameraState", property(lambda self: CameraStates.cameraError))
-    with pytest.raises(FrameMissing, match="says that its exposure failed"):
+    with pytest.raises(FrameMissing, match="reports that its exposure failed"):
         camera.expose()
 
 

@@ -47,12 +47,12 @@ def homed(stage):
 @pytest.fixture
 def held_up(served, monkeypatch):
     """The bench's stage moves and does not arrive until it is let go or stopped."""
-    moving, go_on, translated_errors = threading.Event(), threading.Event(), []
+    moving, go_on, requested = threading.Event(), threading.Event(), []
     stage = served.bench.stage
     stop = stage.stop
 
     def move(**target):
-        translated_errors.append(target)
+        requested.append(target)
         moving.set()
         go_on.wait()
         raise MoveFailed("z_mm was stopped on its way", "move again")
@@ -63,7 +63,7 @@ def held_up(served, monkeypatch):
 
     monkeypatch.setattr(stage, "move_to", move)
     monkeypatch.setattr(stage, "stop", halt)
-    yield SimpleNamespace(moving=moving, halted=go_on, translated_errors=translated_errors)
+    yield SimpleNamespace(moving=moving, halted=go_on, requested=requested)
     go_on.set()
 
 
@@ -112,7 +112,7 @@ def test_after_a_stop_the_other_axis_is_not_sent(homed, held_up):
     homed.stop()
     thread.join()
     assert isinstance(outcome[0], DeviceError)
-    assert len(held_up.translated_errors) == 1
+    assert len(held_up.requested) == 1
 
 
 def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, held_up):
@@ -127,10 +127,10 @@ def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, held_up):
     assert homed.condition().usable
 
 
-def test_an_axis_that_is_not_where_it_was_sent_is_halted_before_that_is_told(homed, held_up, monkeypatch):
+def test_an_axis_that_is_not_where_it_was_sent_is_halted_before_that_is_reported(homed, held_up, monkeypatch):
     # as if it said too early that it stands
     monkeypatch.setattr(homed, "_finish", lambda parts, epoch: held_up.moving.wait())
-    with pytest.raises(MoveFailed, match="z_mm came to rest"):
+    with pytest.raises(MoveFailed, match="z_mm stopped"):
         homed.move_to(z_mm=400.0)
     assert held_up.halted.is_set()
 
@@ -172,12 +172,12 @@ def test_a_stop_is_sent_again_where_it_was_not_answered(monkeypatch):
     assert sent == [("PUT", "halt")] * 3
 
 
-def test_what_a_server_says_no_to_is_told(homed, served):
-    with served.tenancy.held("a run"), pytest.raises(Rejected, match="taken by a run; wait until"):
+def test_what_a_server_says_no_to_is_reported(homed, served):
+    with served.tenancy.held("a run"), pytest.raises(Rejected, match="in use by a run; wait until"):
         homed.move_to(z_mm=400.0)
 
 
-def test_positions_are_believed_where_nothing_homes(at, homed):
+def test_positions_are_trusted_where_nothing_homes(at, homed):
     believing = AlpacaStage(at, [AlpacaAxis("z_mm", 0)])
     believing.connect()
     believing.home()
@@ -199,14 +199,15 @@ def test_a_server_that_is_not_there_is_named():
 
 
 @pytest.mark.parametrize(
-    ("variable", "words"), [("", "wants a password"), ("NO_SUCH_TOKEN", "NO_SUCH_TOKEN in the environment is to hold")]
+    ("variable", "words"),
+    [("", "requires a password"), ("NO_SUCH_TOKEN", "NO_SUCH_TOKEN in the environment must hold")],
 )
-def test_a_password_that_is_missing_is_said(at, variable, words):
+def test_a_password_that_is_missing_is_reported(at, variable, words):
     with pytest.raises(BadConfiguration, match=words):
         AlpacaLink(AlpacaServer(at.address, variable), "focuser", 0).open()
 
 
-def test_a_device_that_is_not_there_is_said(at):
+def test_a_device_that_is_not_there_is_reported(at):
     with pytest.raises(Rejected, match="there is no device focuser/7; there are camera/0"):
         AlpacaLink(at, "focuser", 7).open()
 
@@ -220,7 +221,7 @@ def test_a_light_on_a_switch(at, served):
     for level in (0.25, 1.0, 0.0):
         light.set_level(level)
         assert light.level() == served.bench.light.level() == level
-    with pytest.raises(BadConfiguration, match=r"outside 0 \.\. 1"):
+    with pytest.raises(BadConfiguration, match=r"must be in 0 \.\. 1"):
         light.set_level(1.5)
     light.emergency_stop()
     assert light.condition().usable
@@ -229,24 +230,24 @@ def test_a_light_on_a_switch(at, served):
 def test_a_shutter_on_a_switch(at, served):
     shutter = AlpacaShutter(AlpacaSwitch(at, 0, 2))  # the half-press: a contact that stays as it is set
     shutter.connect()
-    told = []
+    reply = []
     contact = served.bench.shutter
-    press, contact.focus = contact.focus, lambda pressed: (told.append(pressed), press(pressed))
+    press, contact.focus = contact.focus, lambda pressed: (reply.append(pressed), press(pressed))
     times = shutter.fire(0.05)
-    assert told == [True, False]
+    assert reply == [True, False]
     assert times.released_s - times.closed_s >= 0.05
     thread, outcome = beside(lambda: shutter.fire(60.0))
-    while told.count(True) < 2:
+    while reply.count(True) < 2:
         threading.Event().wait(0.005)
     shutter.emergency_stop()
     thread.join()
     assert isinstance(outcome[0], EmergencyStopped)
-    assert told[-1] is False
+    assert reply[-1] is False
     with pytest.raises(Rejected, match="no focus contact"):
         shutter.focus(True)
 
 
-@pytest.mark.parametrize(("switch", "words"), [(4, "distance at .* is read only"), (5, "has 5 switches, and number 5")])
+@pytest.mark.parametrize(("switch", "words"), [(4, "distance at .* is read only"), (5, "has 5 switches; number 5")])
 def test_a_switch_that_cannot_be_one_is_refused(at, switch, words):
     with pytest.raises(BadConfiguration, match=words):
         AlpacaLight(AlpacaSwitch(at, 0, switch)).connect()

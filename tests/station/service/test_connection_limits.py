@@ -131,9 +131,9 @@ def test_beyond_the_limit_only_stops_are_answered(tmp_path, monkeypatch):
         streams = [iter(client.lines(f"/sessions/{name}/journal")) for _ in range(6)]
         for one in streams:
             next(one)  # each is being answered
-        status, told = client.get("/status")
+        status, reply = client.get("/status")
         assert status == 503
-        assert "at most 8 connections are answered at a time" in told["reason"]
+        assert "at most 8 connections are answered at a time" in reply["reason"]
         assert client.post("/stop")[0] == 200
         assert client.request("GET", "/")[0] == 200
         form = {"Content-Type": "application/x-www-form-urlencoded"}

@@ -1,4 +1,4 @@
-"""Runs are started, answered and stopped by other programs; the bench tells how it is."""
+"""Runs are started, answered and stopped by other programs; the bench reports its state."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def test_a_run_waits_for_answers_that_have_no_default(client):
     client.post("/run", {"plan": "short", "answers": {"width": 300}})  # beyond what may be answered
     question = wait_for(client, lambda run: run["question"])["question"]
     assert (question["key"], question["unit"], question["low"], question["high"]) == ("width", "mm", 1.0, 9.0)
-    status, told = client.post("/run/answer", {"key": "width", "answer": 300})
-    assert (status, told["remedy"]) == (400, "It must lie between 1 and 9 mm.")
+    status, reply = client.post("/run/answer", {"key": "width", "answer": 300})
+    assert (status, reply["remedy"]) == (400, "It must lie between 1 and 9 mm.")
     assert client.post("/run/end")[0] == 200
     assert wait_for(client, lambda run: run["ended"])["ended"] == "stopped"
 
@@ -73,13 +73,13 @@ def test_the_stop_needs_no_token_and_ends_the_run(client, served):
     client.post("/run", {**UNATTENDED, "answers": {}})
     wait_for(client, lambda run: run["question"])
     client.token = ""
-    status, told = client.post("/stop")
+    status, reply = client.post("/stop")
     assert status == 200
-    assert told["stopped"]
-    assert set(told["stops"][0]["after_ms"]) >= {"stage", "head", "shutter"}
+    assert reply["stopped"]
+    assert set(reply["stops"][0]["after_ms"]) >= {"stage", "head", "shutter"}
     assert client.get("/run")[0] == 401
     served.runs.wait(30)
-    assert served.runs.told.ended == "emergency"
+    assert served.runs.status.ended == "emergency"
     assert not served.bench.stage.condition().usable
 
 
@@ -104,10 +104,10 @@ def test_one_request_waits_for_a_device_that_does_not_answer_and_all_others_do_n
 
 def test_a_second_run_is_refused(client):
     client.post("/run", {**UNATTENDED, "answers": {}})
-    status, told = client.post("/run", UNATTENDED)
+    status, reply = client.post("/run", UNATTENDED)
     assert status == 409
-    assert told == {
-        "reason": "the bench is taken by a run of the plan short",
+    assert reply == {
+        "reason": "the bench is in use by a run of the plan short",
         "remedy": "wait until that ends, or stop it",
     }
 
@@ -128,7 +128,7 @@ def test_the_newest_photograph_is_a_picture(client, served):
     [
         ([], "JSON object"),
         ({"plans": "pattern"}, "no 'plans'"),
-        ({"plan": 3}, "must be a str, and 3 came"),
+        ({"plan": 3}, "must be a str; got 3"),
         ({"answers": {"width": None}}, "answers to width"),
         ({"by_default": "yes"}, "must be a bool"),
     ],
@@ -139,7 +139,7 @@ def test_an_order_that_cannot_be_meant_is_refused(order, reason):
 
 
 def test_an_unknown_plan_is_refused_and_leaves_the_bench_free(client):
-    status, told = client.post("/run", {"plan": "patern"})
+    status, reply = client.post("/run", {"plan": "patern"})
     assert status == 400
-    assert "choose one of pattern" in told["remedy"]
+    assert "choose one of pattern" in reply["remedy"]
     assert client.get("/status")[1]["tenant"] == ""

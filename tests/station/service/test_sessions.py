@@ -17,7 +17,7 @@ from ..guide import benches
 from .serving import serving
 from .test_control import UNATTENDED
 
-SESSION_TELLS = "its session tells the files"
+SESSION_TELLS = "its session lists the files"
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def kept(shared_server):
     client.post("/run", UNATTENDED)
     served.runs.wait(30)
     served.lab._leave_session()
-    folder = served.lab.sessions / served.runs.told.session
+    folder = served.lab.sessions / served.runs.status.session
     return client, folder, result_of(folder)
 
 
@@ -100,9 +100,9 @@ def test_lines_come_as_they_are_written(tmp_path):
 def test_an_altered_journal_is_not_streamed(client, copied):
     path = copied / "journal.jsonl"
     path.write_bytes(path.read_bytes().replace(b'"camera":"C"', b'"camera":"D"'))
-    status, told = client.get("/sessions/copied/journal")
+    status, reply = client.get("/sessions/copied/journal")
     assert status == 422
-    assert "line 1 is not what was written" in told["reason"]
+    assert "line 1 is not what was written" in reply["reason"]
 
 
 def test_a_result_is_given_byte_for_byte(client, session, derived):
@@ -115,9 +115,9 @@ def test_a_result_is_given_byte_for_byte(client, session, derived):
 
 def test_a_result_that_was_changed_is_not_given(client, copied):
     (copied / "derived" / "1" / "result.json").write_text("{}")
-    status, told = client.get("/sessions/copied/result")
+    status, reply = client.get("/sessions/copied/result")
     assert status == 422
-    assert "is not what was written" in told["reason"]
+    assert "has been changed" in reply["reason"]
 
 
 @pytest.mark.parametrize("file", ["nosuch", "../../session.toml", "..%2f..%2fsession.toml", "/etc/passwd"])
@@ -131,7 +131,7 @@ def test_what_is_no_session_is_not_there(client, name):
         assert client.request("GET", f"/station/v1/sessions/{name}{what}")[0] == 404
 
 
-def test_what_a_session_has_not_is_said(client, session):
+def test_what_a_session_has_not_is_reported(client, session):
     missing = client.get(f"/sessions/{session}/results/2/result.json")
     assert missing == (404, {"reason": f"{session} has no file 'result.json' in a result 2", "remedy": SESSION_TELLS})
     assert "station session report" in client.get(f"/sessions/{session}/report")[1]["remedy"]
@@ -190,6 +190,6 @@ def test_the_page_shows_names_as_text(client):
         assert way not in body
 
 
-def test_sums_are_told_so_that_a_client_can_check_the_chain(client, session):
+def test_sums_are_reported_so_that_a_client_can_check_the_chain(client, session):
     line = next(line for line in client.lines(f"/sessions/{session}/journal?follow=false") if b"data" in line)
     assert SUM in line

@@ -62,8 +62,8 @@ def stop_ms(client, served, way, how):
     status, _, body = WAYS[way](client)
     answered_s = time.monotonic()
     assert status == 200
-    told = json.loads(body)
-    assert told.get("stopped") or told["ErrorNumber"] == 0
+    reply = json.loads(body)
+    assert reply.get("stopped") or reply["ErrorNumber"] == 0
 
     def sent_s(name):
         passed = served.bench.transcripts[name].last()

@@ -90,7 +90,7 @@ def ends(whole: Path) -> list[int]:
 
 
 @pytest.mark.slow
-def test_cut_at_any_line_is_said_and_nothing_is_written_over(finished, tmp_path):
+def test_cut_at_any_line_is_reported_and_nothing_is_written_over(finished, tmp_path):
     before = precious(finished)
     for number, length in enumerate(ends(finished), 1):
         folder = cut(finished, tmp_path, length)
@@ -115,7 +115,7 @@ def test_cut_of_an_earlier_version_writes_nothing_over_and_names_what_the_journa
 
 
 @pytest.mark.slow
-def test_cut_at_any_byte_of_the_last_ten_lines_is_said_and_nothing_is_written_over(finished, tmp_path):
+def test_cut_at_any_byte_of_the_last_ten_lines_is_reported_and_nothing_is_written_over(finished, tmp_path):
     whole = (finished / "journal.jsonl").read_bytes()
     lines = list(pairwise([*ends(finished)[-10:], len(whole)]))
     read = cut(finished, tmp_path / "read", len(whole))
@@ -202,7 +202,7 @@ def test_name_that_is_taken_is_never_replaced(tmp_path, monkeypatch, links):
 # --- damage to the head itself
 
 
-def test_any_altered_byte_of_the_head_is_said(finished, tmp_path):
+def test_any_altered_byte_of_the_head_is_reported(finished, tmp_path):
     folder = cut(finished, tmp_path, (finished / "journal.jsonl").stat().st_size)
     head = folder / "journal.head"
     whole = head.read_bytes()
@@ -222,7 +222,7 @@ def test_any_altered_byte_of_the_head_is_said(finished, tmp_path):
     ],
     ids=["deleted", "emptied", "blank"],
 )
-def test_head_that_is_gone_is_said_and_made_anew_by_whoever_resumes(finished, tmp_path, spoil, said):
+def test_head_that_is_gone_is_reported_and_made_anew_by_whoever_resumes(finished, tmp_path, spoil, said):
     folder = cut(finished, tmp_path, (finished / "journal.jsonl").stat().st_size)
     spoil(folder / "journal.head")
     assert said in read_session(folder).lost
@@ -231,7 +231,7 @@ def test_head_that_is_gone_is_said_and_made_anew_by_whoever_resumes(finished, tm
     check(folder, precious(finished))
 
 
-def test_head_of_another_journal_is_said(finished, earlier, tmp_path):
+def test_head_of_another_journal_is_reported(finished, earlier, tmp_path):
     folder = cut(finished, tmp_path, (finished / "journal.jsonl").stat().st_size)
     shutil.copytree(earlier, other := tmp_path / "other")
     take_one(other, noise="")

@@ -82,7 +82,7 @@ def test_damaged_result_is_named_by_list_and_by_whoever_resumes(finished, tmp_pa
 
 
 @pytest.mark.parametrize("spoil", SPOILS)
-def test_sealed_result_tells_which_of_its_files_is_not_what_was_written(finished, tmp_path, spoil):
+def test_sealed_result_reports_which_of_its_files_is_not_what_was_written(finished, tmp_path, spoil):
     folder = finished / "derived" / "1"
     assert damage(folder) == ()
     assert is_sealed(folder)

@@ -63,8 +63,8 @@ def session(tmp_path, about):
 @pytest.mark.parametrize("name", NAMES)
 def test_session_of_any_name_lies_in_its_root(tmp_path, about, outside, name):
     root = tmp_path / "sessions"
-    told = {**about, "plan": name, "camera": name, "lens": name, "config": {"name": name, "names": {"x": [name]}}}
-    with Session.create(root, **told) as session:
+    reported = {**about, "plan": name, "camera": name, "lens": name, "config": {"name": name, "names": {"x": [name]}}}
+    with Session.create(root, **reported) as session:
         session.learn({"name": name})
         session.note("typed", text=name)
         assert session.folder.parent == root

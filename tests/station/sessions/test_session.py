@@ -111,7 +111,7 @@ def test_known_facts_are_not_written_again(session):
 
 def test_session_that_nothing_but_an_emergency_touched_is_kept_for_its_times(session):
     session.note("halted", asked_s=1.0, on_the_wire_s={"stage": 1.001}, after_ms={"stage": 1.0})
-    session.end("stopped")  # by a Ctrl-C at the first question: the devices were told, and nothing moved
+    session.end("stopped")  # by a Ctrl-C at the first question: the devices were listed, and nothing moved
     assert session.state.empty
     session.end("emergency")
     assert not session.state.empty
@@ -149,7 +149,7 @@ def test_file_that_changed_since_it_was_exposed_is_not_taken(session, camera):
     assert "taken again" in session.state.notices[0]
 
 
-def test_exposure_without_a_photograph_is_told_to_whoever_resumes(session):
+def test_exposure_without_a_photograph_is_reported_to_whoever_resumes(session):
     session.expect("shots", "frame")
     with again(session) as reopened:
         (notice,) = reopened.state.notices
@@ -161,7 +161,7 @@ def test_exposure_without_a_photograph_is_told_to_whoever_resumes(session):
         assert reopened.state.notices == ()
 
 
-def test_trials_of_a_step_that_was_not_finished_are_said_to_be_repeated(session, camera):
+def test_trials_of_a_step_that_was_not_finished_are_reported_to_be_repeated(session, camera):
     session.begin_step("focus")
     session.judge(take(session, camera, step="focus"), False, "a trial")
     with again(session) as reopened:
@@ -246,7 +246,7 @@ def test_wire_transcripts_of_each_opening_have_a_folder_of_their_own(session):
         assert reopened.wire_folder().parent == session.folder / "wire"
 
 
-def test_files_that_answers_name_are_kept_with_their_hashes_and_told_when_they_are_missing(session, tmp_path):
+def test_files_that_answers_name_are_kept_with_their_hashes_and_reported_when_they_are_missing(session, tmp_path):
     (tmp_path / "psf one.npy").write_bytes(b"1")
     (tmp_path / "result.json").write_bytes(b"{}")
     assert session.give([tmp_path / "psf one.npy", tmp_path / "result.json"]) == (

@@ -1,4 +1,4 @@
-"""A session's specification: frozen when it begins, held against every result, told in words and exit code."""
+"""A session's specification: frozen when it begins, compared with every result, reported as text and exit code."""
 
 from __future__ import annotations
 
@@ -72,14 +72,14 @@ def plane():
     return PlaneResult.of("G1", Verdict.PASS, psf, taken_apart(quality, parts), pitch=2)
 
 
-def test_mtf_that_is_limited_is_told_with_all_terms_of_its_uncertainty(tmp_path, specification):
+def test_mtf_that_is_limited_is_reported_with_all_terms_of_its_uncertainty(tmp_path, specification):
     folder = begun(tmp_path / "sessions", **{KEY: frozen(specification)})
     found = in_terms(plane(), terms_of_session(folder), Pixels(2, 4.0))
     own = assess(plane().psf, n=9, at=(0.2,)).numbers["mtf_at_0.2_horizontal"]
-    told = found.numbers["mtf_at_0.2_horizontal"]  # 25 lp/mm of a pitch of two times 4 um
-    assert told.value == own.value
+    reported = found.numbers["mtf_at_0.2_horizontal"]  # 25 lp/mm of a pitch of two times 4 um
+    assert reported.value == own.value
     # twice the noise in what the model leaves over: the root of 1 + 4 times as uncertain, but for the choice
-    assert told.uncertainty == pytest.approx(own.uncertainty * 5**0.5, rel=0.02)
+    assert reported.uncertainty == pytest.approx(own.uncertainty * 5**0.5, rel=0.02)
     assert found.specification.judged == "meets"
 
 
@@ -97,13 +97,13 @@ def test_plain_guide_returns_whether_the_specification_is_met(judged, code):
     assert exit_code(RunEnded("finished"), result) == code
 
 
-def test_session_tells_frequencies_in_the_unit_that_it_was_begun_with(tmp_path):
+def test_session_reports_frequencies_in_the_unit_that_it_was_begun_with(tmp_path):
     terms = terms_of_session(begun(tmp_path, **{UNIT: "lp/mm"}))
-    before, told = plane(), in_terms(plane(), terms, Pixels(2, 4.0))
-    one = told.numbers["mtf50_horizontal"]
+    before, reported = plane(), in_terms(plane(), terms, Pixels(2, 4.0))
+    one = reported.numbers["mtf50_horizontal"]
     # a pixel of the plane is two of 4 um: 125 lp/mm for a cycle per pixel
     assert (one.value, one.unit) == (pytest.approx(125 * before.numbers["mtf50_horizontal"].value), "lp/mm")
-    np.testing.assert_allclose(told.curves["frequency"], 125 * before.curves["frequency"])
+    np.testing.assert_allclose(reported.curves["frequency"], 125 * before.curves["frequency"])
     unknown = in_terms(plane(), terms, Pixels(2)).numbers["mtf50_horizontal"]
     assert (unknown.value, unknown.unit) == (before.numbers["mtf50_horizontal"].value, "cycles/pixel")
 

@@ -55,7 +55,7 @@ def exposure_of(path: Path) -> ExposedFile:
 
 @dataclass
 class Work:
-    """What a run did and was told; `kept` are the shots that it was told are kept."""
+    """What a run did and was notified of; `stored` are the shots confirmed as kept."""
 
     root: Path
     camera: Camera
