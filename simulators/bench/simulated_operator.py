@@ -155,8 +155,8 @@ class Hands:
             self._stop_down(LENS_AND_MOTIONS[key])
         match key:
             case "printed":
-                width_mm = float(facts.get("chart_width_mm") or self._person.width_mm or Person.width_mm)
-                view.cell_mm = width_mm / 320 * self._person.printer
+                ordered_mm = facts.get("chart_width_mm", self._person.width_mm or Person.width_mm)
+                view.cell_mm = float(ordered_mm or 0.0) / 320 * self._person.printer
             case "mounted":
                 view.sheets = ()  # a panel that was before the lens is put away
                 view.mount = self._mount()

@@ -82,9 +82,9 @@ class RemoteOperator:
         with self._lock:
             return self._status
 
-    def hear(self, event: Event) -> None:
+    def notify(self, event: Event) -> None:
         """Update the status by an event."""
-        if isinstance(event, Seen):
+        if isinstance(event, FrameEvent):
             self._show(event.plane)
         with self._lock:
             self._status = after(self._status, event)
@@ -142,11 +142,11 @@ def after(status: RunStatus, event: Event) -> RunStatus:
             return replace(begun, trouble=None, doing="", done=0, total=0)
         case StepEnded(step, gave):
             return replace(status, gave={**status.gave, step.name: gave})
-        case Doing(say, done, total):
+        case ProgressEvent(say, done, total):
             return replace(status, doing=say, done=done, total=total)
-        case Seen(_, advice):
+        case FrameEvent(_, advice):
             return replace(status, advice=advice)
-        case Trouble():
+        case ProblemEvent():
             return replace(status, trouble=event)
         case Result():
             return replace(status, result=event)

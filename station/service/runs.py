@@ -65,7 +65,7 @@ class Runs:
         if self._operator is None:
             return None
         status = self._operator.status
-        return replace(status, ended="failed", trouble=Trouble(self._failed, "")) if self._failed else status
+        return replace(status, ended="failed", trouble=ProblemEvent(self._failed, "")) if self._failed else status
 
     def start(self, order: RunOrder) -> None:
         """Start a run in a new session. Raises ProcedureError, InUse if the bench is taken."""

@@ -98,6 +98,8 @@ def test_an_f_number_that_the_camera_does_not_note_is_held_against_the_far_tail(
     session.close()
     bench.close()
     reasons = [event.reason for event in operator.heard if isinstance(event, ProblemEvent)]
-    assert [f"f/{factor * 8:g}" in reason and "given" in reason for reason in reasons] == ([] if factor == 1 else [True])
+    assert [f"f/{factor * 8:g}" in reason and "given" in reason for reason in reasons] == (
+        [] if factor == 1 else [True]
+    )
     assert ("focus" in state.done) == (factor == 1)
     assert sum(shot.step == "focus" for shot in state.shots) == 1

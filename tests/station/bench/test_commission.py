@@ -91,7 +91,7 @@ def test_what_the_controller_cannot_do_is_written_as_it_can(take):
 
 @pytest.mark.parametrize(("homing", "reported"), [(17.0, True), (21.0, False)])
 def test_a_grblhal_that_moves_unhomed_is_to_be_locked(take, homing, reported):
-    operator = Scripted()
+    operator = ScriptedOperator()
     take(operator, {22: homing, 44: 4.0})
     assert ("set $22=21, which locks it until it is homed" in operator.text) == reported
 

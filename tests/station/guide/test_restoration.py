@@ -156,7 +156,7 @@ def test_a_shaker_that_stops_too_early_is_reported_and_the_photograph_is_kept(tm
     assert ended.how == "finished"
     assert len(shots) == 2
     assert not any("shake" in shot.snapshot for shot in shots)
-    assert any(isinstance(one, Trouble) and "stopped too early" in one.reason for one in heard)
+    assert any(isinstance(one, ProblemEvent) and "stopped too early" in one.reason for one in heard)
 
 
 def test_the_restoration_prefers_the_commanded_path_to_the_imu_record():

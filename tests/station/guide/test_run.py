@@ -235,7 +235,7 @@ def test_an_open_door_is_reported_and_a_retry_after_closing_it_continues(bench, 
 
     operator = ScriptedOperator({"trouble": close_and_try_again}, listen=listen)
     assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
-    (trouble,) = events(operator, Trouble)
+    (trouble,) = events(operator, ProblemEvent)
     assert "is paused at the door" in trouble.reason
     assert trouble.remedy == "close it and resume"
 
