@@ -1,4 +1,4 @@
-"""Bessel functions beside SciPy's, which are made in another way."""
+"""Bessel functions compared with SciPy's, computed by other methods."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from procedures.numerics.bessel import integral_of_j0, j0, j1
 X = np.concatenate([[0.0, 1e-9], np.linspace(-30, 30, 301), [123.4, 1000.7]])
 
 
-def test_j0_and_j1_are_those_of_another_method():
+def test_j0_and_j1_agree_with_scipy():
     np.testing.assert_allclose(j0(X), scipy.special.j0(X), atol=2e-14)
     np.testing.assert_allclose(j1(X), scipy.special.j1(X), atol=2e-14)
     assert j0(0.0) == 1
 
 
-def test_integral_of_j0_has_j0_for_its_slope_and_scipy_s_values():
+def test_derivative_of_the_integral_is_j0_and_values_agree_with_scipy():
     np.testing.assert_allclose(integral_of_j0(np.abs(X)), scipy.special.itj0y0(np.abs(X))[0], atol=1e-9)
     h = 1e-4
     slope = (integral_of_j0(X + h) - integral_of_j0(X - h)) / (2 * h)
