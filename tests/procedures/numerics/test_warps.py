@@ -76,8 +76,8 @@ def test_displaced_map_moves_by_its_columns_and_keeps_its_mean(bent: CubicWarp, 
     monomials = bent.monomials(points)
     moves = np.stack([displacement_columns(np.eye(2)[[axis] * 200], monomials) @ change.ravel() for axis in (0, 1)], 1)
     # back in the source's units; the map's own displacement bends the moves by a hundredth
-    moves = bent.displaced(change, monomials).forward(points) - bent.forward(points)
-    local = np.linalg.solve(bent.derivative(points), moves[..., None])[..., 0]
+    shift = bent.displaced(change, monomials).forward(points) - bent.forward(points)
+    local = np.linalg.solve(bent.derivative(points), shift[..., None])[..., 0]
     assert np.abs(local - moves).max() < 0.05 * np.abs(moves).max()
     assert np.abs(moves.mean(axis=0)).max() < 1e-12
 
