@@ -143,7 +143,7 @@ class Procedure:
         physics = {"physics": True} if self.physics else {}
         sampling = {} if self.parameters is None else self.parameters.told()
         if self.restoration is not None:
-            sampling = self.restoration.told
+            sampling = self.restoration.entries
         if self.settings is not None:
             sampling = to_record(self.settings)
         return {**sampling, **physics, **chart, **self.optics, **layout, **trust, **self.terms.parameters()}

@@ -1,4 +1,4 @@
-"""A rig that shifts and turns: poses from what a unit on it feels, and the blur that they make over the frame."""
+"""A rig that translates and rotates: poses from an inertial unit on it, and the resulting blur over the frame."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def truth(t):
 
 
 def ideal(t):
-    """What a unit on it feels, in the unit's axes, and its velocity along the camera's: by differences of the truth."""
+    """Measurements of an ideal unit, in its axes, and the camera's velocity: by differences of the truth."""
     h = 1e-4
     before, now, after = (truth(t + d) for d in (-h, 0.0, h))
     turn, earlier, later = (Rotation.from_rotvec(one[1]) for one in (now, before, after))
@@ -43,12 +43,12 @@ def ideal(t):
 
 
 def record(zero=0.0):
-    """The same as a real one tells it, at 200 Hz, with zero errors."""
-    felt, _ = ideal(np.arange(-0.3, 0.5, 0.005))
+    """The record of a real unit at 200 Hz, with offsets."""
+    ideal_record, _ = ideal(np.arange(-0.3, 0.5, 0.005))
     return Felt(
-        felt.time_s,
-        felt.acceleration_m_s2 + zero * np.array([0.3, -0.1, 0.2]),
-        felt.rotation_rad_s + zero * np.array([0.01, 0.02, -0.03]),
+        ideal_record.time_s,
+        ideal_record.acceleration_m_s2 + zero * np.array([0.3, -0.1, 0.2]),
+        ideal_record.rotation_rad_s + zero * np.array([0.01, 0.02, -0.03]),
     )
 
 
@@ -57,50 +57,50 @@ def poses():
     return c.poses_of(record(zero=1.0), OPEN_S)
 
 
-def test_poses_come_back_from_what_the_unit_feels(poses):
+def test_poses_are_recovered_from_the_unit_s_record(poses):
     position, turn = truth(np.linspace(0, OPEN_S, c.INSTANTS))
-    # a line and a parabola, fitted where eight periods count most, take some hundredths of the motion with them
+    # the fitted line and parabola remove some hundredths of the motion
     assert np.abs(poses.turn_rad - turn).max() < 0.01 * np.abs(turn).max()
     assert np.abs(poses.position_m - position).max() < 0.03 * np.abs(position).max()
 
 
-def test_curves_are_those_of_the_velocity_field(poses):
+def test_curves_agree_with_the_velocity_field(poses):
     # (5.1) integrated step by step over the same motion
     t = np.linspace(-0.05, OPEN_S, 1001)
-    felt, speed = ideal(t)
+    record, speed = ideal(t)
     x, y, inverse = 0.06, -0.04, 0.8
     exposure = Exposure(0.0, OPEN_S, reference_s=0.0)
     count = int(np.sum((t >= -1e-9) & (t <= OPEN_S)))
-    projected = c.drawn(c.Poses(*truth(np.linspace(0, OPEN_S, count))), x, y, np.array([inverse]))[0]
+    projected = c.image_curves(c.Poses(*truth(np.linspace(0, OPEN_S, count))), x, y, np.array([inverse]))[0]
     first = projected[0] + (x, y)
     stepped = curve(
-        Motion(t, speed, felt.rotation_rad_s * c.FLIPPED), *first, 1 / inverse, steps=1001, exposure=exposure
+        Motion(t, speed, record.rotation_rad_s * c.FLIPPED), *first, 1 / inverse, steps=1001, exposure=exposure
     )
     # midpoint rule; the depth at the first instant is that at rest to 2e-3
     assert np.abs(projected + np.array([x, y]) - stepped).max() < 0.005 * np.abs(projected).max()
 
 
-def test_poses_that_are_told_are_taken_as_they_are():
+def test_given_poses_are_unchanged():
     t = np.linspace(0.0, OPEN_S, 4001)
     position, turn = truth(t)
-    told = c.poses_at(t, position * c.FLIPPED, turn * c.FLIPPED)
+    given = c.poses_at(t, position * c.FLIPPED, turn * c.FLIPPED)
     expected = truth(np.linspace(0, OPEN_S, c.INSTANTS))
-    # straight between 4001 instants of two periods: (omega dt)^2 / 8
-    np.testing.assert_allclose(told.position_m, expected[0], atol=2e-6 * np.abs(SHIFT_M).max())
-    np.testing.assert_allclose(told.turn_rad, expected[1], atol=2e-6 * np.abs(TURN).max())
+    # linear between 4001 instants of two periods: (omega dt)^2 / 8
+    np.testing.assert_allclose(given.position_m, expected[0], atol=2e-6 * np.abs(SHIFT_M).max())
+    np.testing.assert_allclose(given.turn_rad, expected[1], atol=2e-6 * np.abs(TURN).max())
 
 
 @pytest.mark.parametrize(
     ("times", "turn", "complaint"),
     [([0.0], 0.0, "two times"), ([0.0, 0.0], 0.0, "two times"), ([0.0, 0.1], 45.0, "half a turn")],
 )
-def test_poses_that_are_none_are_refused(times, turn, complaint):
-    still = np.zeros((len(times), 3))
+def test_invalid_poses_are_refused(times, turn, complaint):
+    resting = np.zeros((len(times), 3))
     with pytest.raises(BadInput, match=complaint):
-        c.poses_at(np.array(times), still, np.linspace([0, 0, 0], [0, 0, turn], len(times)))
+        c.poses_at(np.array(times), resting, np.linspace([0, 0, 0], [0, 0, turn], len(times)))
 
 
-def test_a_rig_that_only_rolls_blurs_the_corners_and_not_the_middle():
+def test_rolling_blurs_the_corners_and_not_the_centre():
     n = 200
     roll = np.column_stack([np.zeros((n, 2)), 0.02 * np.sin(np.linspace(0, 2 * np.pi, n))])
     shift = np.column_stack([2e-3 * np.cos(np.linspace(0, 2 * np.pi, n)), np.zeros((n, 2))])
@@ -111,42 +111,43 @@ def test_a_rig_that_only_rolls_blurs_the_corners_and_not_the_middle():
     t = np.arange(-field.R, field.R + 1)
     spread = np.sqrt((far.sum(axis=1) @ t**2) + (far.sum(axis=0) @ t**2))
     distance = np.hypot(rows[0] - (SHAPE[0] - 1) / 2, columns[0] - (SHAPE[1] - 1) / 2)
-    # a sine's standard deviation is its amplitude's over the root of 2; the pixel's softness adds 0.3^2 and shares 1/3
+    # a sine's standard deviation is its amplitude over the root of 2; the pixel's softness adds 0.3^2, interpolation
+    # 1/3
     assert spread == pytest.approx(0.02 * distance / 2**0.5, rel=0.25)
     assert blur.px_per_inverse_m == pytest.approx(2e-3 * FOCAL, rel=0.03)
     assert blur.unit.per_pixel == pytest.approx(1 / blur.px_per_inverse_m)
 
 
-def test_a_rig_that_does_not_turn_needs_one_place():
+def test_a_rig_without_rotation_needs_one_node():
     shift = 2e-3 * np.column_stack([np.cos(np.linspace(0, 6, 99)), np.sin(np.linspace(0, 6, 99)), np.zeros(99)])
     assert c.motion_blur([c.Poses(shift, np.zeros((99, 3)))], FOCAL, SHAPE, 1.0).fields[0].grid == (1, 1)
 
 
-def spoilt():
-    felt = record()
-    t = felt.time_s
+def spoiled():
+    good = record()
+    t = good.time_s
     return {
-        "late": (replace(felt, time_s=t + 0.4), "cover the exposure"),
-        "order": (replace(felt, time_s=t[::-1]), "increase"),
-        "few": (Felt(t[:5], felt.acceleration_m_s2[:5], felt.rotation_rad_s[:5]), "16 samples"),
-        "nan": (replace(felt, acceleration_m_s2=felt.acceleration_m_s2 * np.nan), "not numbers"),
-        "degrees": (replace(felt, rotation_rad_s=np.degrees(felt.rotation_rad_s)), "turned by"),
+        "late": (replace(good, time_s=t + 0.4), "cover the exposure"),
+        "order": (replace(good, time_s=t[::-1]), "increase"),
+        "few": (Felt(t[:5], good.acceleration_m_s2[:5], good.rotation_rad_s[:5]), "16 samples"),
+        "nan": (replace(good, acceleration_m_s2=good.acceleration_m_s2 * np.nan), "not numbers"),
+        "degrees": (replace(good, rotation_rad_s=np.degrees(good.rotation_rad_s)), "may rotate by up to"),
     }
 
 
 @pytest.mark.parametrize("kind", ["late", "order", "few", "nan", "degrees"])
-def test_records_that_cannot_be_meant_are_refused(kind):
-    felt, complaint = spoilt()[kind]
+def test_invalid_records_are_refused(kind):
+    record, complaint = spoiled()[kind]
     with pytest.raises(BadInput, match=complaint) as refusal:
-        c.poses_of(felt, OPEN_S)
+        c.poses_of(record, OPEN_S)
     assert refusal.value.remedy
 
 
-def test_motion_that_tells_nothing_is_refused(poses):
-    still = c.Poses(np.zeros((9, 3)), poses.turn_rad[:9])
-    with pytest.raises(Refused, match="must move along"):
-        c.motion_blur([still], FOCAL, SHAPE, 1.0)
-    with pytest.raises(Refused, match="no depth shows"):
+def test_insufficient_motion_is_refused(poses):
+    resting = c.Poses(np.zeros((9, 3)), poses.turn_rad[:9])
+    with pytest.raises(Refused, match="must move parallel"):
+        c.motion_blur([resting], FOCAL, SHAPE, 1.0)
+    with pytest.raises(Refused, match="too little to determine depth"):
         c.motion_blur([poses], FOCAL, SHAPE, 0.05)
     with pytest.raises(BadParameter, match="must be positive"):
         c.motion_blur([poses], 0.0, SHAPE, 1.0)
@@ -154,34 +155,34 @@ def test_motion_that_tells_nothing_is_refused(poses):
         c.motion_blur([poses], FOCAL, SHAPE, 40.0)
 
 
-def test_a_unit_at_rest_feels_gravity_and_no_motion():
+def test_a_unit_at_rest_measures_gravity_and_no_motion():
     t = np.arange(-0.1, 0.4, 0.005)
-    still = c.poses_of(Felt(t, np.tile([0.3, 9.8, -0.2], (len(t), 1)), np.zeros((len(t), 3))), OPEN_S)
-    assert np.abs(still.position_m).max() < 1e-12
+    resting = c.poses_of(Felt(t, np.tile([0.3, 9.8, -0.2], (len(t), 1)), np.zeros((len(t), 3))), OPEN_S)
+    assert np.abs(resting.position_m).max() < 1e-12
 
 
 def commanded(since_s=0.0):
-    """The shifts of the same rig, as a shaker is told them: 64 points of a round of 0.1 s."""
+    """The translations of the same rig, as commanded to a shaker: 64 points of a round of 0.1 s."""
     t = np.arange(64) * (0.1 / 64)
     return Carried(truth(t)[0] * c.FLIPPED, 0.1 / 64, since_s)
 
 
 @pytest.mark.parametrize("since_s", [0.0, 0.033, 7.55])
-def test_poses_are_those_of_the_path_that_was_commanded(since_s):
-    found = c.poses_on(commanded(since_s), OPEN_S)
-    at = since_s + np.linspace(0, OPEN_S, len(found.position_m))
-    # what a cubic spline through 64 points of a sine leaves out: h^4 / 384 of its fourth derivative, 1e-6 of it
-    np.testing.assert_allclose(found.position_m, truth(at)[0], atol=1e-8)
-    assert not found.turn_rad.any()
+def test_poses_are_those_of_the_commanded_path(since_s):
+    poses = c.poses_on(commanded(since_s), OPEN_S)
+    at = since_s + np.linspace(0, OPEN_S, len(poses.position_m))
+    # error of a cubic spline through 64 points of a sine: h^4 / 384 of its fourth derivative, 1e-6 of it
+    np.testing.assert_allclose(poses.position_m, truth(at)[0], atol=1e-8)
+    assert not poses.turn_rad.any()
 
 
-def test_where_a_whole_round_was_begun_does_not_matter():
-    told, unknown = (c.poses_on(commanded(since_s), 0.1) for since_s in (0.04, None))
-    blurs = [c.planar_stacks([one.planar_path, one.planar_path], 4.0)[0] for one in (told, unknown)]
+def test_the_start_of_a_whole_round_does_not_matter():
+    given, unknown = (c.poses_on(commanded(since_s), 0.1) for since_s in (0.04, None))
+    blurs = [c.planar_stacks([one.planar_path, one.planar_path], 4.0)[0] for one in (given, unknown)]
     first, second = (stack.masks[-1] for stack in blurs)
     np.testing.assert_allclose(first, second, atol=0.02 * first.max())
 
 
-def test_a_part_of_a_round_must_be_told_where_it_began():
-    with pytest.raises(BadInput, match=r"0.13 s is no whole round of 0.1 s, and nobody told where it began"):
+def test_the_start_of_a_partial_round_is_required():
+    with pytest.raises(BadInput, match=r"0.13 s is no whole number of rounds of 0.1 s, and its start is not known"):
         c.poses_on(commanded(None), 0.13)
