@@ -127,8 +127,6 @@ def _unprocessed(place: Place, frame: RawFrame, noise: Mapping[str, Noise]) -> P
 
 @dataclass(frozen=True, eq=False)
 class _Planes:
-    """Planes, noise, light and shifts gathered so far."""
-
     planes: dict[str, Plane]
     noise: dict[str, Noise]
     light: dict[str, float]
@@ -198,7 +196,6 @@ _ELSEWHERE = ("it shows another scene, or the scene from another place", "omit i
 
 
 def _set_aside(light: float, residual: float, over_noise: float, change: float) -> tuple[str, str]:
-    """Reason and remedy, both empty if the photograph is used."""
     if residual > NOTHING_ALIKE:
         return _ELSEWHERE
     if residual > MAX_RESIDUAL and over_noise > MAX_OVER_NOISE:

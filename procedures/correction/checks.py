@@ -145,6 +145,5 @@ def checks_of(planes: Mapping[str, Plane], noise: Mapping[str, Noise]) -> list[C
 
 
 def _resolved(plane: Plane, noise: Noise) -> bool:
-    """Whether the noise exceeds the quantisation."""
     usual = float(noise.variance_at(plane.samples[::16, ::16]).mean())
     return bool(usual**0.5 > RESOLVED_NOISE * plane.quantisation)

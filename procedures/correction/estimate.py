@@ -185,8 +185,6 @@ def _smoothed(prediction: Prediction, scale: int = 1) -> Check:
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """The photographs' tiles, and their restoration."""
-
     mosaic: Mosaic
     optics: Optics
     grid: Grid
@@ -234,7 +232,6 @@ class _Work:
         return out
 
     def _tile(self, start: tuple[int, int]) -> tuple[Tile, Single]:
-        """Data of a tile, and an initial picture of it."""
         n = self.grid.rows.n
         x, y = self.grid.centre(start)
         z, weight = self.mosaic.cut(start, n, self.optics.ring, self.optics.whole(x, y))
@@ -242,7 +239,6 @@ class _Work:
         return tile, self.mosaic.first(z, weight)
 
     def _lay(self, out: Single, start: tuple[int, int], u: Single) -> None:
-        """Add a tile's part of the picture."""
         window = np.outer(self.grid.rows.window(start[0]), self.grid.columns.window(start[1]))
         (y, ys), (x, xs) = (_overlap(at, len(window), size) for at, size in zip(start, out.shape[1:], strict=True))
         out[:, y, x] += window[ys, xs] * u[:, ys, xs]

@@ -92,7 +92,6 @@ class Mosaic:
         return z, weight
 
     def _lay(self, key: str, start: tuple[int, int], z: Single, weight: Single) -> None:
-        """Put a plane's samples at their positions in the tile (n, n)."""
         import cv2
 
         plane, noise, n = self.planes[key], self.noise[key], len(z)
@@ -141,7 +140,6 @@ def _span(start: int, n: int, origin: int, pitch: int, size: int) -> tuple[slice
 
 
 def _gains(planes: Mapping[str, Plane]) -> Single:
-    """Mean of each colour relative to green, without clipped samples."""
     colours = [COLOURS[plane.name] for plane in planes.values()]
     channels = max(colours) + 1
     if channels == 1:

@@ -42,7 +42,6 @@ def affine_between(first: Single, second: Single, clear: npt.NDArray[np.bool_]) 
 
 
 def _shift_between(first: Single, second: Single, factor: float) -> Single:
-    """A translation by whole pixels, from reduced copies."""
     import cv2
 
     a, b = (cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA) for image in (first, second))

@@ -72,7 +72,6 @@ def inverse_lower(L: Matrix) -> Matrix:
 
 @vectorised
 def _inverted(L: Matrix) -> Matrix:  # pragma: no cover - compiled
-    """`inverse_lower` row by row."""
     X = np.zeros_like(L)
     for i in range(len(L)):
         row = X[i]

@@ -140,7 +140,6 @@ def _physics(data: WhitenedPsf, fit: ModelFit, tried: list[ModelFit], numbers: M
 
 
 def _words(fit: ModelFit) -> str:
-    """Description of a model."""
     free = [TERMS[i].replace("_", " ") for i in fit.parts.aberrations]
     lens = "all aberrations" if len(free) == len(TERMS) else " and ".join(free) or "no aberrations"
     charge = ", diffusion" if fit.parts.diffusion else ""
@@ -148,7 +147,6 @@ def _words(fit: ModelFit) -> str:
 
 
 def _numbers(data: WhitenedPsf, fit: ModelFit) -> dict[str, Quantity]:
-    """The parameters and the derived numbers, each with its uncertainty."""
     names, n = names_of(fit.parts), data.rank
     sign = _sign(fit, names)
     spread = np.sqrt(np.maximum(np.diag(fit.covariance), 0))
@@ -185,6 +183,5 @@ def _numbers(data: WhitenedPsf, fit: ModelFit) -> dict[str, Quantity]:
 
 
 def _sign(fit: ModelFit, names: tuple[str, ...]) -> float:
-    """Factor of the even aberrations that makes the largest one positive."""
     even = [value for name, value in zip(names, fit.p, strict=True) if name in EVEN]
     return -1.0 if even and max(even, key=abs) < 0 else 1.0

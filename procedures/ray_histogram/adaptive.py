@@ -37,7 +37,6 @@ def allot(film: Film, similar: npt.NDArray[np.float32], budget: int) -> Ints:
 
 
 def _fill(need: Doubles, level: Doubles, budget: float) -> Doubles:
-    """max(0, x need - level), x such that the sum is the budget."""
     # pixels in the order of the x from which on they get samples, so that their sums are prefix sums
     order = np.argsort(level / need, axis=None)
     needs, levels = np.cumsum(need.ravel()[order]), np.cumsum(level.ravel()[order])

@@ -188,14 +188,12 @@ def fuse_scale(
 
 
 def _compared(frame: Samples, parameters: FilterParameters) -> Floats:
-    """The frame's means, or an empty array if means are not compared."""
     if frame.means is None or parameters.welch == 0:
         return np.empty((*frame.count.shape, 0), np.float32)
     return frame.means
 
 
 def _stacked(arrays: list[Floats]) -> Floats:
-    """The arrays stacked; a single array is not copied."""
     if len(arrays) == 1:
         return np.ascontiguousarray(arrays[0], np.float32)[None]
     return np.ascontiguousarray(np.stack(arrays), np.float32)

@@ -197,7 +197,6 @@ def _gaussian_rows(n: int, s: int) -> _Blend:
 
 
 def _bicubic_rows(n: int) -> _Blend:
-    """Weights of sum 1 from ceil(n / 2) to n rows."""
     before = np.arange(n) // 2
     t = np.arange(n) / 2 - before
     near, far = np.stack([t, 1 - t]), np.stack([1 + t, 2 - t])
@@ -208,7 +207,6 @@ def _bicubic_rows(n: int) -> _Blend:
 
 
 def _mirrored(indices: npt.NDArray[np.int64], weights: npt.NDArray[np.float64], n: int) -> _Blend:
-    """Weights with indices (rows, k) mirrored at the rim of the n old rows."""
     mirrored = indices % (2 * n)
     mirrored = np.where(mirrored < n, mirrored, 2 * n - 1 - mirrored)
     return _Blend(mirrored, np.broadcast_to(weights, indices.shape).astype(np.float32))

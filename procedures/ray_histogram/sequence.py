@@ -74,7 +74,6 @@ def _filtered(films: Iterable[Film], parameters: FilterParameters, reach: int, t
 
 
 def _windows(frames: Iterable[T], reach: int) -> Iterator[tuple[T, list[T]]]:
-    """Each frame with those up to `reach` before and after it."""
     window: deque[T | None] = deque([None] * (2 * reach + 1), maxlen=2 * reach + 1)
     for frame in chain(frames, [None] * reach):
         window.append(frame)

@@ -126,9 +126,6 @@ def check_ground_truth(photographs: Sequence[Planes], truth: Planes) -> None:
             raise BadInput(f"the ground truth is photograph {n}", "give a sharp photograph")
 
 
-# --- alignment -----------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, eq=False)
 class _Aligned:
     """A picture (C, H, W), and the ground truth aligned in position and light; valid : (H, W), where both are known."""
@@ -192,7 +189,6 @@ def _before(photograph: Planes, truth: Planes, s: GroundTruthLimits) -> float:
 
 
 def _softer(aligned: _Aligned) -> float:
-    """Standard deviation of the Gaussian, in pixels, after which the picture is closest to the ground truth."""
     part = aligned.centre()
     if not part.valid.any():
         part = aligned
@@ -211,9 +207,6 @@ def _psnr(error: Array) -> float:
 
 def _without_noise(error: Array, noise: float) -> float:
     return float(np.sqrt(max(float(np.mean(error.astype(np.float64) ** 2)) - noise**2, 0.0)))
-
-
-# --- a picture on its planes' grids --------------------------------------------------------------------------------
 
 
 def _stack(planes: Planes) -> Array:
@@ -235,7 +228,6 @@ def _on_planes(image: NDArray[T], planes: Planes) -> NDArray[T]:
 
 
 def _sampled(picture: NDArray[T], plane: Plane) -> NDArray[T]:
-    """The pixels of a plane of the mosaic from a picture on the sensor's grid."""
     rows, columns = plane.samples.shape
     (x, y), pitch = plane.origin, plane.pitch
     return picture[y % pitch :: pitch, x % pitch :: pitch][:rows, :columns]

@@ -55,9 +55,6 @@ Size = tuple[int, int]
 Finding = Prototypes | MotionShapes | FreeKernels
 
 
-# --- specification ---------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class KnownShapes:
     """A shape for each photograph: of the aperture, or of the motion's path.
@@ -128,9 +125,6 @@ class BlurSpec:
     source: KnownShapes | RecordedMotion | UnknownMotion
     max_w: float | None = None
     defocus: AdditionalDefocus | None = None
-
-
-# --- masks -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -205,9 +199,6 @@ def blur_of(spec: BlurSpec, photographs: Sequence[Array], report: Callable[[Find
     return blur if spec.defocus is None else _spread(blur, spec.defocus, shape)
 
 
-# --- shapes ------------------------------------------------------------------------------------------------------
-
-
 def _shaped(source: KnownShapes, max_w: float | None, photographs: Sequence[Array], shape: Size) -> SceneBlur:
     shapes = source.shapes
     measured = [one.half_width_px + 1 for one in shapes if isinstance(one, MeasuredShape)]
@@ -237,7 +228,6 @@ def _ratio(first: Shape, other: Shape) -> float:
 def _masks_of_shapes(
     shapes: Sequence[Shape], ratios: Sequence[float], offsets: Sequence[float], max_w: float, shape: Size, n: int
 ) -> Sequence[Masks]:
-    """Masks on pixels n times as fine."""
     shifts, frame = [n * one for one in offsets], (n * shape[0], n * shape[1])
     arrays = _arrays(shapes)
     if len(arrays) == len(shapes):
@@ -253,7 +243,6 @@ def _masks_of_shapes(
 
 
 def _spread(motion: SceneBlur, defocus: AdditionalDefocus, shape: Size) -> SceneBlur:
-    """The blur of motion and defocus together."""
     fields = [one if isinstance(one, ShapeField) else ShapeField(((one,),)) for one in defocus.shapes]
     slopes = [one * motion.unit.per_pixel for one in defocus.ratios]
 
@@ -263,9 +252,6 @@ def _spread(motion: SceneBlur, defocus: AdditionalDefocus, shape: Size) -> Scene
         return convolved
 
     return replace(motion, masks=spread(motion.masks, 1), finer=lambda n: spread(motion.finer(n), n))
-
-
-# --- motion ------------------------------------------------------------------------------------------------------
 
 
 def _recorded(source: RecordedMotion, max_w: float, shape: Size) -> SceneBlur:
@@ -294,7 +280,6 @@ def _recorded(source: RecordedMotion, max_w: float, shape: Size) -> SceneBlur:
 def _estimated(
     source: UnknownMotion, max_w: float, photographs: Sequence[Array], shape: Size, report: Callable[[Finding], None]
 ) -> SceneBlur:
-    """Blur of motion estimated from the photographs."""
     check_extent(reach_of_masks(max_w), shape)
     motion = _motion_in(source, max_w, photographs, report)
     ratios = source.ratios or (1.0,) * len(motion.shapes)
@@ -308,7 +293,6 @@ def _of_flat_scene(
     shape: Size,
     report: Callable[[Finding], None],
 ) -> SceneBlur:
-    """Blur of motion of any form, constant over the frame."""
     if source.kernels:
         motion = given_kernels(source.kernels, len(photographs), source.doubt)
     else:
@@ -339,7 +323,6 @@ def flat_scene_parameters(parameters: RestorationParameters, w: float) -> Restor
 def _motion_in(
     source: UnknownMotion, max_w: float, photographs: Sequence[Array], report: Callable[[Finding], None]
 ) -> MotionShapes:
-    """The motions' shapes from the marked part, or from the first part that a pair of masks explains."""
     if isinstance(source.region, tuple):
         check_region(source.region, (photographs[0].shape[1], photographs[0].shape[2]))
         return _motion_of_part(source, source.region, max_w, photographs, report)

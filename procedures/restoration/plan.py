@@ -116,13 +116,9 @@ def truth_summary(facts: Facts) -> str:
 
 
 def _light_summary(which: str, facts: Facts) -> str:
-    """Brightness relative to the first."""
     levels = facts_as(RestorationFacts, facts).levels
     first, level = levels["first"], levels[which]
     return "" if first is None or level is None else f"light {100 * (level / first - 1):+.0f} %"
-
-
-# --- photographs -------------------------------------------------------------------------------------------------
 
 
 def shots(which: str, questions: tuple[Ask, ...], check: Mapping[str, Check]) -> tuple[Any, ...]:
@@ -165,9 +161,6 @@ def path(which: str, facts: Facts) -> Shake | None:
         x, y = loop if which == "first" else loop[::-1]
     round_s = max(known.first_exposure_s or 0.0, LEAST_ROUND_S)
     return Shake(round_s, {"x_mm": tuple(x.tolist()), "y_mm": tuple(y.tolist())})
-
-
-# --- estimate ----------------------------------------------------------------------------------------------------
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known, read: ReadShape = named_shape) -> Outcomes:

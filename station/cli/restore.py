@@ -50,7 +50,6 @@ class _OneEach(click.Command):
 
     @staticmethod
     def _leading(args: list[str]) -> list[str]:
-        """The arguments before the first option: the photographs."""
         for n, arg in enumerate(args):
             if arg.startswith("-"):
                 return args[:n]
@@ -264,5 +263,4 @@ def _report_ground_truth(truth: GroundTruth) -> None:
 
 
 def _taken(kind: type[BlurOptions | MetresOptions], options: dict[str, Any]) -> dict[str, Any]:
-    """The options of one kind, removed from the others."""
     return {option.name: options.pop(option.name) for option in fields(kind)}

@@ -116,7 +116,6 @@ def write_restoration(folder: ResultFolder, restored: Restored, head: RecordHead
 
 
 def _write_pictures(folder: ResultFolder, restoration: Restoration) -> None:
-    """Picture, depth, their uncertainties, and the estimated blur."""
     folder.write(
         "sharp.tiff", described_tiff(encoded(".tiff", picture(restoration.sharp).astype(np.float32)), SHARP_WORDS)
     )
@@ -141,7 +140,6 @@ def _write_pictures(folder: ResultFolder, restoration: Restoration) -> None:
 
 
 def _truth_entries(truth: GroundTruth) -> dict[str, Any]:
-    """Record entries of a ground truth; None for photographs that could not be aligned to it."""
     keys = {entry.name: entry.name for entry in fields(truth) if entry.name != "difference"}
     keys |= {"stated_error": "told", "compared": "seen"}
     before = [db if np.isfinite(db) else None for db in truth.before_db]
@@ -150,7 +148,6 @@ def _truth_entries(truth: GroundTruth) -> dict[str, Any]:
 
 
 def _distance_entries(distances: Distances) -> dict[str, Any]:
-    """Record entries of depth in metres; numbers over the frame are None where there is no distance."""
     known = distances.determined > 0
     return {
         "least": float(np.nanmin(distances.metres)) if known else None,

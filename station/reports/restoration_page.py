@@ -78,7 +78,6 @@ def restoration_page(
 
 
 def _maps(restoration: Restoration) -> dict[str, Markup]:
-    """Depth, its standard deviation, that of the picture, and the residual of photograph 1."""
     limit = psf_figures.RESIDUAL_LIMIT
     residual = restoration.residual[0].mean(axis=0) / max(restoration.diagnostics.noise, 1e-9)
     unit = restoration.unit
@@ -113,7 +112,6 @@ def _maps(restoration: Restoration) -> dict[str, Markup]:
 
 
 def _difference(restoration: Restoration) -> Markup | None:
-    """The picture less the ground truth, of all planes; None without a ground truth."""
     if restoration.ground_truth is None:
         return None
     off = _small(restoration.ground_truth.difference.mean(axis=0))
@@ -130,7 +128,6 @@ def _turns(restoration: Restoration) -> list[tuple[float, float]]:
 
 
 def _in_metres(restoration: Distances | None) -> dict[str, Any] | None:
-    """Maps of the distance and its standard uncertainty, and their numbers; None without distances."""
     if restoration is None or not restoration.determined:
         return None
     least, greatest = (float(each) for each in np.nanpercentile(restoration.metres, (0.5, 99.5)))
@@ -161,7 +158,6 @@ def _refocused(restoration: Restoration) -> list[tuple[str, Array]]:
 
 
 def _kernel(kernel: Array) -> str:
-    """A kernel's pixels as squares, its maximum white."""
     side = max(1, KERNEL_PX // len(kernel))
     return _uri(levels(np.kron(kernel, np.ones((side, side))), 0, float(kernel.max())))
 

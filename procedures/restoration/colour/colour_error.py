@@ -31,7 +31,6 @@ def error_of(data: MosaicTerm, u: Array, w: Array, sigma: float, residual: float
 
 
 def _once_more(data: MosaicTerm, scene: Array, w: Array, sigma: float, noise: float, rounds: int) -> Array:
-    """The picture restored from mosaics of a scene."""
     data.focus(w)
     samples = data.blur(scene)
     samples = samples + noise * np.random.default_rng(0).standard_normal(samples.shape).astype(samples.dtype)

@@ -80,7 +80,6 @@ def in_colour(
 
 
 def _on_sensor(plane: NDArray[Any]) -> NDArray[Any]:
-    """Values of a plane's pixels at the four pixels of the sensor each."""
     return np.repeat(np.repeat(plane, 2, axis=0), 2, axis=1)
 
 
@@ -123,7 +122,6 @@ def _wide(w: Array, term: MosaicTerm) -> Array:
 
 
 def _rgb(mosaic: Mosaics, u: Array, R: int) -> Array:
-    """Red, green, blue (3, H, W) of unknowns, in the photographs' units."""
     picture = np.tensordot(np.linalg.inv(mixing().astype(u.dtype)), u[:, R:-R, R:-R], axes=1)
     return np.asarray((picture * mosaic.gains[:, None, None]).astype(u.dtype))
 
@@ -134,7 +132,6 @@ def _residual(term: MosaicTerm, u: Array) -> Array:
 
 
 def _rms_residual(term: MosaicTerm, u: Array) -> float:
-    """Root mean square residual of a sample."""
     return float(np.sqrt(np.sum(term.residual(u) ** 2) / max(1, int(np.count_nonzero(term.trust)))))
 
 

@@ -49,7 +49,6 @@ class MosaicTerm(DataTerm):
         return self.trust * np.stack([np.tensordot(self._unmix, picture, axes=1) for picture in pictures])
 
     def _back(self, e: Array) -> list[Array]:
-        """The adjoint of `_to_rgb`."""
         return [np.ascontiguousarray(np.tensordot(self._unmix.T, one, axes=1)) for one in self.trust * e]
 
     def blur(self, u: Array) -> Array:

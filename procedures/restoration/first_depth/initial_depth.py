@@ -36,9 +36,6 @@ class DepthStart:
     trusted: NDArray[np.bool_]
 
 
-# ---- Algorithm II
-
-
 def polynomial_filters(N: int) -> tuple[Array, Array]:
     """Least-squares cubic fit over 2N + 1 samples: its value (7.7) and second derivative (7.8) at the middle."""
     n = np.arange(-N, N + 1, dtype=np.float64)
@@ -120,9 +117,6 @@ def _from_nearest(w: Array, clear: int) -> Array:
     return np.asarray(np.nan_to_num(w[tuple(nearest)]))
 
 
-# ---- Algorithm III
-
-
 def levels_of(stacks: Sequence[Masks], least: float, step: float = 0.15) -> Array:
     """Values of w to try, pixels."""
     return np.arange(least, min(s.max_w for s in stacks) - 0.05, step)
@@ -186,7 +180,6 @@ def cost_volume(
 
 
 def _windows(stacks: Sequence[MaskStack], levels: Array, window: int, even: float) -> list[int]:
-    """Side of each level's window."""
     reach = [sum(int(s.supports()[min(int(w / s.step) + 1, len(s.masks) - 1)]) for s in stacks) for w in levels]
     return [window + 2 * round(even * (reach[-1] - r) / 2) for r in reach]
 
@@ -266,7 +259,6 @@ def matched(
 
 
 def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array, m: MatchingSettings) -> DepthStart:
-    """The levels of minimal cost over the whole frame."""
     volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even)
     volume /= z.shape[1] * len(z) * (len(z) - 1) // 2
     confidence = confidence_of(volume)

@@ -92,7 +92,6 @@ def _costs(z: Array, stacks: Sequence[Masks], s: RegistrationSettings) -> Costs:
 
 
 def _common(costs: Sequence[Array]) -> Displacement:
-    """The common shift of all parts."""
     cost = np.sum(costs, axis=0)
     size = np.array(cost.shape)
     middle = size // 2
@@ -216,7 +215,6 @@ def similarities(z: Array, stacks: Sequence[Masks], settings: RegistrationSettin
 
 
 def _similarity(costs: Costs, shape: tuple[int, ...]) -> Similarity:
-    """Rotation and zoom, from the shift of every part of the frame."""
     each = [_common([cost]) for cost, _ in costs]
     shifts = np.array([[one.x, one.y] for one in each])
     return similarity([place for _, place in costs], shifts, (shape[0], shape[1]))
@@ -289,7 +287,6 @@ def relative_light(
 
 
 def _light(a: Array, b: Array) -> Light:
-    """Relative light from levels a and b."""
     constant, slope, bend = _curve(a, b)
     low, high = np.percentile(a, (2, 98))
     curvature = bend * (high - low) / max(abs(slope + bend * (high + low)), 1e-9)
@@ -306,12 +303,10 @@ def _residual(a: Array, b: Array, degree: int) -> float:
 
 
 def _factor(a: Array, b: Array) -> float:
-    """Ratio of levels b to levels a."""
     return float(np.vdot(a, b)) / max(float(np.vdot(a, a)), 1e-30)
 
 
 def _curve(a: Array, b: Array) -> tuple[float, float, float]:
-    """The parabola from levels a to levels b: constant, slope, bend."""
     constant, slope, bend = np.polynomial.polynomial.polyfit(a, b, 2)
     return float(constant), float(slope), float(bend)
 

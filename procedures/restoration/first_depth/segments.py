@@ -100,7 +100,6 @@ def _merged(w: Array, labels: Labels, least: float, doubt: int) -> Labels:
 
 
 def _meetings(labels: Labels, surface: Array) -> dict[tuple[int, int], Array]:
-    """For every two adjacent labels, the difference of their surfaces along the border."""
     differences: dict[tuple[int, int], list[Array]] = {}
     for before, after in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
         a, b, d = labels[before], labels[after], np.abs(surface[before] - surface[after])

@@ -247,7 +247,6 @@ def _restoration(
 
 
 def _rms(residual: Array, trust: Array) -> float:
-    """Root mean square residual, weighted by trust."""
     trusted = trust.mean() * residual.size
     return float(np.sqrt(np.sum(residual.astype(np.float64) ** 2) / max(trusted, 1.0)))
 
@@ -320,7 +319,6 @@ def _what_moved(result: Restoration) -> str:
 
 
 def _where(moved: Mask) -> str:
-    """Position of the motion; empty without motion."""
     if not moved.any():
         return ""
     rows, columns = largest(moved)

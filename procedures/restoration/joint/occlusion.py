@@ -71,6 +71,5 @@ def occlusion_of(w: Array, stacks: Sequence[Masks], s: OcclusionSettings | None 
 
 
 def _span(w: Array, reach: int) -> Array:
-    """Local maximum minus local minimum of w within so many pixels."""
     side = 2 * reach + 1
     return np.asarray(maximum_filter(w, side) - minimum_filter(w, side))

@@ -46,6 +46,5 @@ def _spread(motion: MaskField, shapes: ShapeField, ratio: float, offset: float, 
 
 
 def _convolved(first: MaskStack, second: MaskStack) -> MaskStack:
-    """The convolution of two stacks of one step, level by level."""
     masks = np.clip(fftconvolve(first.masks, second.masks, axes=(1, 2)), 0, None)
     return MaskStack(masks / masks.sum(axis=(1, 2), keepdims=True), first.step)

@@ -67,7 +67,6 @@ class BasinHopping:
         return best[1]
 
     def _bent(self, points: Array) -> Array:
-        """A curve (POINTS, 2) with one random bend at a random place."""
         at, width = self.rng.uniform(-0.1, 1.1), self.rng.uniform(*self.bends.wide)
         bump = np.exp(-(((np.linspace(0, 1, POINTS) - at) / width) ** 2) / 2)
         return np.asarray(points + bump[:, None] * self.rng.normal(0, self.bends.moved, 2))

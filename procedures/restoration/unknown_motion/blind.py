@@ -148,7 +148,6 @@ def _normalised(masks: Array) -> Array:
 
 
 def _picture(parts: Array, masks: Array, u: Array, weight: float) -> Array:
-    """The picture of the part and its surroundings, by total variation with one relinearisation."""
     n, first = [next_fast_len(size, True) for size in u.shape], masks.shape[1] - 1
     visible = (..., slice(first, u.shape[0]), slice(first, u.shape[1]))
     spectra, wide = rfft2(masks, n), np.zeros((2, *n))

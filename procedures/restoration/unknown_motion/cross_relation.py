@@ -41,7 +41,6 @@ class PlaceSettings:
         Weight of the places' evidence of masks: changes of depth leave three times the noise even with true masks.
     fewest : int
         Smallest number of pixels of a depth that determine its masks.
-        Pixels of a depth that tell anything of its masks.
     """
 
     limits: tuple[float, float] = (0.4, 2.0)

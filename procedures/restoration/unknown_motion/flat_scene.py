@@ -273,9 +273,6 @@ def _shrunk(z: Pictures, scale: float) -> Pictures:
     return np.stack([cv2.resize(one, (columns, rows), interpolation=cv2.INTER_LINEAR) for one in soft])
 
 
-# --- the part used -----------------------------------------------------------------------------------------------
-
-
 def _central_part(photographs: Array, R: int, settings: FreeKernelSettings) -> Pictures:
     """The middle of the photographs, with one mean and contrast, aligned where they are far apart."""
     z = photographs * (photographs[0].mean() / photographs.mean(axis=(1, 2), keepdims=True))

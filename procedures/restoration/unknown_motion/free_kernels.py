@@ -60,7 +60,6 @@ def about_middle(kernels: Kernels) -> Kernels:
 
 
 def _extents(kernels: Kernels) -> list[NDArray[np.intp]]:
-    """Rows and columns in which any kernel has light."""
     return [np.flatnonzero(kernels.sum(axis=axes)) for axes in ((0, 2), (0, 1))]
 
 

@@ -85,9 +85,6 @@ def masks_at(points: Array, half: float, w: float, R: int, instants: int = 400) 
     return np.stack([spline_mask(curve * (w / half), R, LINE * w, instants) for curve in points])
 
 
-# ---- tiles
-
-
 def filters(masks: Array, size: int, soft: float = 0.0) -> Array:
     """Filters that remove from both errors of a tile the part explained by a common picture, (2, size, size // 2 + 1).
 
@@ -167,9 +164,6 @@ def _depth_changes(patches: Array, slope: Array, filtering: Array) -> Array:
             for one, by in zip(slope, filtering, strict=True)
         )
     )
-
-
-# ---- curves
 
 
 def cost(evidence: Sequence[MaskEvidence], points: Array, half: float, instants: int = 200) -> float:

@@ -95,9 +95,6 @@ def shapes_of(points: Array) -> Array:
     return np.stack([path_shape(one, extent=float(np.abs(curves).max())) for one in curves])
 
 
-# ---- search of a curve
-
-
 def _cost(points: Array, target: Array, sigma: float, steady: float, instants: int) -> float:
     mask = spline_mask(points, len(target) // 2, sigma, instants)
     return float(np.sum((mask - target) ** 2) + steady * np.sum(points * (third_derivative_penalty() @ points)))
@@ -125,7 +122,6 @@ def fit_spline(points: Array, target: Array, sigma: float, steady: float, instan
 
 
 def _moments(target: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation of a mask's light along x and y, pixels."""
     R = len(target) // 2
     at = np.arange(-R, R + 1.0)
     along = np.stack([target.sum(axis=0), target.sum(axis=1)]) / target.sum()

@@ -42,7 +42,6 @@ def _compared_with(i: int, count: int) -> list[int]:
 
 
 def _correlation(a: Array, b: Array) -> float:
-    """Correlation of two pictures at their best relative shift."""
     import cv2
 
     window = cv2.createHanningWindow(a.shape[::-1], cv2.CV_64F)

@@ -167,7 +167,6 @@ def motion_of_scene(
 
 
 def _view(photographs: list[Array], region: Box, half: float, max_w: float, settings: PathSettings) -> _View:
-    """The frame around the flat part, as much of it as is used."""
     x, y, width, height = region
     H, W = photographs[0].shape[1:]
     margin = max(H, W)
@@ -213,9 +212,6 @@ def _origins(points: Array) -> list[Array]:
     return each[:1] if (each[0] == each[1]).all() else each
 
 
-# ---- the flat part
-
-
 def _starts(view: _View, found: Prototypes, known: Array | None, pools: list[list[Array]]) -> list[Array]:
     """Pairs of curves that draw the flat part's masks and that the surrounding frame contradicts least."""
     points = known
@@ -230,7 +226,6 @@ def _starts(view: _View, found: Prototypes, known: Array | None, pools: list[lis
 
 
 def _nearest(pool: list[Array], mask: Array) -> Array:
-    """The curve of a pool that best draws a mask."""
     R = len(mask) // 2
     return min(pool, key=lambda curve: float(np.sum((masks_at(curve[None], 1.0, 1.0, R)[0] - mask) ** 2)))
 
@@ -248,11 +243,7 @@ def _of_flat_part(view: _View, points: Array) -> tuple[Array, tuple[MaskEvidence
     return fit.points, fit.evidence
 
 
-# ---- the frame
-
-
 def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random.Generator) -> _Fit:
-    """The best fit of curves, picture and depth to the frame."""
     s, pools = view.settings, []
     if known is None:
         pools = [candidates(mask, found.half_width - 0.5, rng, s.beginnings) for mask in found.masks]
@@ -289,7 +280,6 @@ def _hop_repeatedly(view: _View, fit: _Fit, hopping: BasinHopping) -> _Fit:
 
 
 def _fresh(view: _View, points: Array, w: Array) -> _Fit:
-    """An initial fit with the photographs' mean as its picture."""
     R = view.R
     return _Fit(points, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32))
 
@@ -357,7 +347,6 @@ def _tile_starts(start: int, length: int) -> list[int]:
 
 
 def _level(w: Array) -> float:
-    """Representative level of a tile's depths."""
     return max(round(float(np.median(w)) / LEVEL) * LEVEL, 0.3)
 
 
@@ -391,7 +380,6 @@ def _energy(errors: list[float], doubt: float) -> float:
 
 
 def _judged(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
-    """The fit with its residual energy."""
     u, e = _errors(view, stacks, fit.w, fit.u)
     errors = [float(r @ r) / (TILE * view.sigma) ** 2 for _, r in _unexplained(view, stacks, fit.w, e)]
     return replace(fit, u=u, energy=_energy(errors, view.settings.doubt))

@@ -53,7 +53,6 @@ def kernels_of_rotated_scene(
 
 
 def _of_middle(photographs: Array, largest: int | None, s: FreeKernelSettings, refusal: Refused) -> FreeKernels:
-    """Kernels of the frame's middle. Raises the refusal for the whole frame if there are none."""
     try:
         return kernels_of_flat_scene(photographs, largest, replace(s, most_pixels=MIDDLE**2))
     except Refused as error:

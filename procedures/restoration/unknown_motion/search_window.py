@@ -55,14 +55,12 @@ def within(flat: Window, window: Window) -> Window:
 
 
 def _sizes(shape: tuple[int, int], pixels: int) -> set[tuple[int, int]]:
-    """Heights and widths of the windows that are compared."""
     H, W = shape
     heights = (min(max(int(part * pixels**0.5), pixels // W), H) for part in HEIGHTS)
     return {(h, min(pixels // h, W)) for h in heights}
 
 
 def _positions(flat: slice, length: int, size: int) -> list[int]:
-    """First positions of windows of this length that hold enough of the flat part."""
     least = min(FLAT, flat.stop - flat.start, length)
     places = [*range(0, size - length, STEP), size - length]
     return [at for at in places if min(at + length, flat.stop) - max(at, flat.start) >= least]

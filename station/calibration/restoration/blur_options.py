@@ -156,7 +156,6 @@ class BlurOptions:
         return BlurSpec(source, self.max_w, AdditionalDefocus(shapes, (*ratios,), (*offsets,)))
 
     def _source(self, frames: list[RawFrame], photographs: list[Array]) -> KnownShapes | RecordedMotion | UnknownMotion:
-        """The main cause of blur: motion, or defocus alone."""
         from procedures.restoration.flat_part import region_of
         from procedures.restoration.photograph_blur import KnownShapes, UnknownMotion
         from procedures.restoration.unknown_motion.recorded_paths import read_path
@@ -200,14 +199,10 @@ def _repeated(given: tuple[Any, ...], count: int) -> list[Any]:
 def _shapes(
     names: tuple[str, ...], frames: list[RawFrame], photographs: list[Array], samples_per_px: int | None
 ) -> tuple[Shape, ...]:
-    """A shape for each photograph."""
     from station.calibration.restoration.inputs import read_blur_shape
 
     plane, size = next(iter(frames[0].planes)), (photographs[0].shape[1], photographs[0].shape[2])
     return tuple(read_blur_shape(name, plane, size, samples_per_px) for name in _repeated(names, len(frames)))
-
-
-# --- reports -----------------------------------------------------------------------------------------------------
 
 
 def report_measured(spec: BlurSpec, report: Report) -> None:
@@ -266,7 +261,6 @@ def _of_source(spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
 
 
 def _measured(spec: BlurSpec) -> list[dict[str, Any]]:
-    """Record entries of measured shapes."""
     from procedures.restoration.masks.psf_shapes import MeasuredShape
     from procedures.restoration.photograph_blur import KnownShapes
 
@@ -283,7 +277,6 @@ def _measured(spec: BlurSpec) -> list[dict[str, Any]]:
 
 
 def _of_defocus(options: BlurOptions, spec: BlurSpec) -> dict[str, Any]:
-    """Record entries of defocus in addition to motion."""
     if spec.defocus is None:
         return {}
     names = _repeated(options.defocus_shapes, len(spec.defocus.shapes))
@@ -292,7 +285,6 @@ def _of_defocus(options: BlurOptions, spec: BlurSpec) -> dict[str, Any]:
 
 
 def _of_motion(blur: SceneBlur) -> dict[str, Any]:
-    """Record entries of estimated motion: half-width and paths in the flat part, pixels."""
     motion = blur.motion
     if motion is None:
         return {}

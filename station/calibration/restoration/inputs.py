@@ -37,9 +37,6 @@ ANY_SIZE = (240, 320)
 FIELD_SUFFIXES = (".h5", ".hdf5")
 
 
-# --- records of an IMU -------------------------------------------------------------------------------------------
-
-
 def read_imu(path: Path) -> Felt:
     """Read an IMU's record from a CSV file with the columns `COLUMNS`, named in its first row; `#` starts a comment.
 
@@ -67,7 +64,6 @@ def read_poses(path: Path) -> Poses:
 
 
 def _table(path: Path, columns: Sequence[str]) -> Array:
-    """The named columns of a CSV file, (rows, columns)."""
     lines = read_rows(path, f"give a CSV file of {','.join(columns)}")
     rows = [(n, row) for n, row in enumerate(lines, start=1) if _counts(row)]
     names = [name.strip() for name in rows[0][1]] if rows else []
@@ -118,9 +114,6 @@ def poses_of_records(files: Sequence[Path], exposures_s: Sequence[float | None])
     return tuple(poses_of(read_imu(file), float(one or 0)) for file, one in zip(files, exposures_s, strict=True))
 
 
-# --- shapes ------------------------------------------------------------------------------------------------------
-
-
 def read_blur_shape(name: str, plane: str | None, shape: Size | None, samples_per_px: int | None = None) -> Shape:
     """A shape over photographs (H, W): a model by its name, one from a file, or a measured PSF or field.
 
@@ -160,7 +153,6 @@ def doubt_of(names: Sequence[str]) -> str | None:
 
 
 def _result_array(path: Path, what: str) -> Array:
-    """A kernel or a shape from a result."""
     array = read_npy(path, what, f"give a {what}_N.npy of a result")
     check_real(array, str(path))
     return blur_models.check_shape(np.asarray(array, np.float64), str(path))
@@ -172,12 +164,10 @@ def _is_estimated_shape(path: Path) -> bool:
 
 
 def _is_kernel(path: Path) -> bool:
-    """Whether the file is a kernel that a restoration estimated."""
     return path.suffix.lower() == ".npy" and path.stem.startswith("kernel_") and "kernels" in _record_of(path)
 
 
 def _record_of(path: Path) -> dict[str, Any]:
-    """The record in a file's folder; empty if there is none."""
     try:
         record = read_json(path.parent / "result.json")
     except BadInput:

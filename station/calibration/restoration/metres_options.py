@@ -131,5 +131,4 @@ class MetresOptions:
 
 
 def _one(given: Sequence[float], n: int) -> float | None:
-    """The value for photograph n, from one for each or one for all."""
     return (given[0] if len(given) == 1 else given[n]) if given else None

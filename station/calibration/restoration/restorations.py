@@ -150,7 +150,6 @@ GIVE_ENCODING = "give the encoding of 16-bit colours, --encoding linear or srgb;
 
 
 def _parts(name: str) -> list[str]:
-    """The files in the name of a shape or record; none in that of a model."""
     return [] if named(name) is not None else files_in(name)
 
 
@@ -167,12 +166,12 @@ def read_photographs(
 
     Raises
     ------
+    BadInput
         If a file cannot be read, or the photographs do not belong together.
-        If a file cannot be read so, or the photographs do not go together.
     """
-    data: Sequence[bytes | None] = contents or [None] * len(images)
+    given: Sequence[bytes | None] = contents or [None] * len(images)
     chosen = plane if encoding else plane or default_plane(images[0], layout)
-    frames = [_read(image, chosen, layout, encoding, data) for image, data in zip(images, data, strict=True)]
+    frames = [_read(image, chosen, layout, encoding, data) for image, data in zip(images, given, strict=True)]
     photographs: list[Array] = [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]
     check_photographs(photographs)
     return frames, photographs

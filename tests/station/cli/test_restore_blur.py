@@ -31,7 +31,7 @@ def run(*arguments):
 
 @pytest.fixture(scope="module")
 def shaken(tmp_path_factory):
-    """Photographs of a rig that translates and rotates, its IMU's records, the sharp one, and the lens's focal length."""
+    """Photographs of a moving rig, its IMU's records, the sharp photograph, and the lens's focal length."""
     folder = tmp_path_factory.mktemp("shaken")
     bench = SimulatedBench(folder, Setup(seed=3, virtual_time=True))
     bench.show("depth")
