@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from procedures.restoration.first_depth.initial_depth import MatchingSettings
     from procedures.restoration.first_depth.registration import RegistrationSettings
     from procedures.restoration.first_depth.segments import SegmentSettings
-    from procedures.restoration.ground_truth import GroundTruthLimits, held_against
+    from procedures.restoration.ground_truth import GroundTruthLimits, compare_to_ground_truth
     from procedures.restoration.joint.depth_edges import EdgeSettings
     from procedures.restoration.joint.estimate import RestorationLimits, RestorationParameters, restore
     from procedures.restoration.joint.gauss_newton import PriorWeights
@@ -61,8 +61,8 @@ if TYPE_CHECKING:
     from procedures.restoration.masks.psf_shapes import MeasuredShape, measured_field, measured_shape
     from procedures.restoration.masks.shape_fields import ShapeField
     from procedures.restoration.photograph_blur import (
+        AdditionalDefocus,
         BlurSpec,
-        DefocusBeside,
         KnownShapes,
         RecordedMotion,
         SceneBlur,
@@ -75,13 +75,13 @@ if TYPE_CHECKING:
     from procedures.restoration.unknown_motion.flat_scene import (
         FreeKernels,
         FreeKernelSettings,
-        KernelBeginning,
+        KernelStart,
         kernels_of_flat_scene,
     )
     from procedures.restoration.unknown_motion.path_pairs import PairSettings
     from procedures.restoration.unknown_motion.path_refinement import MotionShapes
     from procedures.restoration.unknown_motion.path_settings import PathSettings
-    from procedures.restoration.unknown_motion.turned_scene import kernels_of_turned_scene
+    from procedures.restoration.unknown_motion.rotated_scene import kernels_of_rotated_scene
     from procedures.sensor.estimate import SensorResult, characterise
     from procedures.sensor.estimate import sensor_model as sensor_model_of
     from procedures.sensor.levels import LightLevel, measure_level
@@ -114,10 +114,24 @@ __all__ = [
     "estimate_edge", "estimate_edges", "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair",
     "estimate_vignetting", "filter_film", "filter_sequence", "find_chart", "gaussian", "held_against",
     "kernels_of_flat_scene",
-    "kernels_of_turned_scene", "measure_level",
-    "measure_stack", "measured_field", "measured_shape", "otf", "pillbox", "poses_at", "poses_of",
-    "read_camera_numbers", "read_field", "read_film", "read_frame", "restore", "sensor_model_of", "stacks_of",
-    "view_of", "views_of",
+    "kernels_of_rotated_scene",
+    "measure_level",
+    "measure_stack",
+    "measured_field",
+    "measured_shape",
+    "otf",
+    "pillbox",
+    "poses_at",
+    "poses_of",
+    "read_camera_numbers",
+    "read_field",
+    "read_film",
+    "read_frame",
+    "restore",
+    "sensor_model_of",
+    "stacks_of",
+    "view_of",
+    "views_of",
 ]  # fmt: skip
 
 # name -> the module under `procedures` that has it, and its name there where it is another: the same imports as above,
@@ -134,7 +148,7 @@ _PLACES = {
     "CoefficientModel": "psf_field",
     "Correction": "correction.estimate",
     "CorrectionParameters": "correction.estimate",
-    "DefocusBeside": "restoration.photograph_blur",
+    "AdditionalDefocus": "restoration.photograph_blur",
     "DepthUnit": "restoration.masks.blur_models",
     "Diffraction": "quality",
     "DumpLayout": "reading.sensor_dump",
@@ -155,7 +169,7 @@ _PLACES = {
     "GroundTruthLimits": "restoration.ground_truth",
     "JointRound": "restoration.joint.joint_descent",
     "JointSettings": "restoration.joint.joint_descent",
-    "KernelBeginning": "restoration.unknown_motion.flat_scene",
+    "KernelStart": "restoration.unknown_motion.flat_scene",
     "KnownShapes": "restoration.photograph_blur",
     "LightLevel": "sensor.levels",
     "MapLike": "field.estimate",
@@ -227,9 +241,9 @@ _PLACES = {
     "filter_sequence": "ray_histogram.sequence",
     "find_chart": "pattern_psf.chart_finding.detection",
     "gaussian": "restoration.masks.blur_models",
-    "held_against": "restoration.ground_truth",
+    "compare_to_ground_truth": "restoration.ground_truth",
     "kernels_of_flat_scene": "restoration.unknown_motion.flat_scene",
-    "kernels_of_turned_scene": "restoration.unknown_motion.turned_scene",
+    "kernels_of_rotated_scene": "restoration.unknown_motion.rotated_scene",
     "measure_level": "sensor.levels",
     "measure_stack": "sensor.stacks",
     "measured_field": "restoration.masks.psf_shapes",

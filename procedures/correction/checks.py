@@ -1,4 +1,4 @@
-"""Whether a photograph and a field belong together, and whether the photograph is still light as the sensor gave it."""
+"""Checks that a photograph and a field belong together, and that the photograph is unprocessed."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from procedures.psf_field import PsfField
 from procedures.raw import Exposure, Plane, unprocessed
 
 NEAR_APERTURE = 0.04
-"""Difference of f-numbers that is none."""
+"""Relative difference of f-numbers that is tolerated."""
 NEAR_MAGNIFICATION = 0.005
-"""Difference of the scale of the image, focal length over distance, within which a lens draws alike."""
+"""Tolerated difference of the image scale, focal length over distance."""
 NEAR_FOCAL = 0.02
 LEAST_WHITE = 0.35
-"""Of the noise's whiteness: less where neighbours were mixed, as demosaicking, denoising and change of size do."""
+"""Smallest whiteness of the noise: less where neighbours were mixed, as by demosaicking, denoising and resampling."""
 LEAST_RISE, USUAL_RISE = 0.7, 0.9
-"""Noise variance of the brightest over that of the darkest; of light itself it is 1 and more, under a curve of 1/2.4 it
-falls by a half over two decades of light."""
-SEEN_NOISE = 0.6
-"""Steps of the digital numbers that noise must have before its shape tells anything."""
+"""Noise variance of the brightest over that of the darkest levels: 1 or more for linear samples; under a curve of 1/2.4
+it falls by a half over two decades of light."""
+RESOLVED_NOISE = 0.6
+"""Least standard deviation of the noise, in steps of the digital numbers, for its shape to be estimated."""
 MOST_CLIPPED = 0.05
 
 
@@ -32,7 +32,7 @@ def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField]) ->
     BadInput
         If a plane has no field, or one of another size.
     Refused
-        If the photograph shows nothing.
+        If the photograph has no contrast.
     """
     for name, plane in planes.items():
         if name not in fields:
@@ -48,7 +48,7 @@ def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField]) ->
                 "give a whole photograph of the camera that the field was measured with",
             )
     if all(plane.samples.min() == plane.samples.max() for plane in planes.values()):
-        reason = "the photograph shows nothing: its samples are all alike"
+        reason = "the photograph has no contrast: all samples are equal"
         raise Refused(reason, "photograph a scene, neither all black nor all white")
 
 
@@ -64,25 +64,25 @@ def check_scale(planes: Mapping[str, Plane], fields: Mapping[str, PsfField], sca
         if scale * plane.pitch > fields[name].s:
             raise BadInput(
                 f"a picture {scale} times as fine as the sensor has {scale * plane.pitch} samples per pixel of plane "
-                f"{name}, the field's PSFs have {fields[name].s}",
+                f"{name}; the field's PSFs have {fields[name].s}",
                 f"{'lower --scale, or ' if scale > 1 else ''}measure the field with -s {scale * plane.pitch}",
             )
 
 
 def check_exposure(photograph: Exposure, field: Exposure | None) -> list[str]:
-    """Refuse a field of another camera, lens, aperture or focus; what cannot be told is returned, a phrase for each.
+    """Refuse a field of another camera, lens, aperture or focus; return what could not be compared.
 
     Parameters
     ----------
-    field : what the camera noted when the field was measured; None where its file does not tell
+    field : exposure data of the field's measurement; None if its file has none
 
     Raises
     ------
     Refused
-        If both tell, and differ.
+        If a known value differs.
     """
     if field is None:
-        return ["the field does not tell its camera"]
+        return ["the field does not name its camera"]
     unknown = []
     for words, ours, theirs in (("camera", photograph.camera, field.camera), ("lens", photograph.lens, field.lens)):
         if not ours or not theirs:
@@ -94,7 +94,7 @@ def check_exposure(photograph: Exposure, field: Exposure | None) -> list[str]:
     return unknown + _check_focus(photograph, field)
 
 
-_OTHER = "measure a field with the photograph's settings, or give the one that was"
+_OTHER = "measure a field with the photograph's settings, or give the one measured with them"
 
 
 def _check_number(ours: float | None, theirs: float | None, sign: str, words: str, near: float) -> list[str]:
@@ -112,39 +112,38 @@ def _check_focus(photograph: Exposure, field: Exposure) -> list[str]:
         return ["focus distance"]
     if abs(focal / ours - focal / theirs) > NEAR_MAGNIFICATION:
         raise Refused(
-            f"the field was focused at {theirs / 1000:.2f} m, the photograph at {ours / 1000:.2f} m: the lens draws "
-            f"otherwise where the image's scale differs by more than {NEAR_MAGNIFICATION:g}",
+            f"the field was focused at {theirs / 1000:.2f} m, the photograph at {ours / 1000:.2f} m: the lens's PSF "
+            f"changes where the image scale differs by more than {NEAR_MAGNIFICATION:g}",
             _OTHER,
         )
     return []
 
 
 def checks_of(planes: Mapping[str, Plane], noise: Mapping[str, Noise]) -> list[Check]:
-    """Whether the samples look like light on a sensor; each check has the worst plane's number."""
-    told = [one for name, one in noise.items() if _shows(planes[name], one)]
-    whiteness = min((one.whiteness for one in told), default=1.0)
-    rise = min((one.rise for one in told), default=1.0)
+    """Checks for linear, unprocessed samples; each has the worst plane's number."""
+    noises = [estimate for name, estimate in noise.items() if _resolved(planes[name], estimate)]
+    whiteness = min((estimate.whiteness for estimate in noises), default=1.0)
+    rise = min((estimate.rise for estimate in noises), default=1.0)
     clipped = max(float((plane.samples >= 0.998).mean()) for plane in planes.values())
     raw = all(plane.raw for plane in planes.values())
     linear = unprocessed(raw, "give the RAW file, or export it without a tone curve")
     return [
         Check("noise correlation", whiteness, LEAST_WHITE, Verdict.REFUSED,
-              f"the photograph was processed: its noise has {whiteness:.0%} of a sensor's at the finest scale, at "
+              f"the photograph was processed: its noise at the finest scale is {whiteness:.0%} of a sensor's, at "
               f"least {LEAST_WHITE:.0%} are needed",
               unprocessed(raw, "give the RAW file, or its plane exported without denoising, demosaicking or change of "
                           "size"), least=True),
         Check("linearity", rise, LEAST_RISE, Verdict.REFUSED,
-              f"the photograph is not linear in light: its noise variance where it is bright is {rise:.2f} times that "
-              "where it is dark, light has 1 or more", linear, least=True),
+              f"the photograph is not linear in light: the noise variance of its bright parts is {rise:.2f} times that "
+              "of its dark parts, and must be at least 1", linear, least=True),
         Check("linearity", rise, USUAL_RISE, Verdict.DOUBTFUL,
-              f"the noise does not grow with light, its variance is {rise:.2f} times as much where it is bright: the "
+              f"the noise does not grow with light, its variance is {rise:.2f} times as large in bright parts: the "
               "photograph may have a tone curve", linear, least=True),
         Check("clipping", clipped, MOST_CLIPPED, Verdict.DOUBTFUL,
-              f"{clipped:.0%} of the samples are clipped: their light is not known", "expose less"),
+              f"{clipped:.0%} of the samples are clipped", "expose less"),
     ]  # fmt: skip
 
 
-def _shows(plane: Plane, noise: Noise) -> bool:
-    """Whether the noise is more than the rounding of the numbers."""
+def _resolved(plane: Plane, noise: Noise) -> bool:
     usual = float(noise.variance_at(plane.samples[::16, ::16]).mean())
-    return bool(usual**0.5 > SEEN_NOISE * plane.quantisation)
+    return bool(usual**0.5 > RESOLVED_NOISE * plane.quantisation)

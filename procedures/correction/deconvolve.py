@@ -1,11 +1,11 @@
-"""The sharp picture of one tile from the samples of its planes: a convex problem, solved by splitting (ADMM).
+"""Deconvolution of one tile from the samples of its planes: a convex problem, solved by splitting (ADMM).
 
-The least of  sum_p sum_x w_p(x) (z_p(x) - (h_p * u_c(p))(x))^2 / 2  +  tau sum_x |M D u|(x)
+Minimise  sum_p sum_x w_p(x) (z_p(x) - (h_p * u_c(p))(x))^2 / 2  +  tau sum_x |M D u|(x)
 
 over the colours u_c of the picture. w_p is one over the variance of a sample, and 0 where plane p has none: where the
-mosaic has another colour, at clipped highlights, beyond the frame. So demosaicking, deblurring and going on beyond the
-rim are one problem. With copies v_p = h_p * u_c and y = M D u, what couples pixels is diagonal over frequencies, and
-what couples frequencies is a matter of each pixel.
+mosaic has another colour, at clipped highlights, and beyond the frame. Demosaicking, deblurring and extrapolation
+beyond the rim thus are one problem. With copies v_p = h_p * u_c and y = M D u, the part that couples pixels is diagonal
+over frequencies, and the part that couples frequencies is local to each pixel.
 
 References
 ----------
@@ -30,10 +30,10 @@ Spectrum = npt.NDArray[np.complex64]
 
 @dataclass(frozen=True)
 class Splitting:
-    """How the problem is solved: iterations, and how hard the copies are held to what they are copies of.
+    """Parameters of the solver: number of iterations, and penalties that tie the copies to their originals.
 
-    data : against weights of 1, which is their mean over all samples.
-    prior : of the strength tau over the picture's mean difference.
+    data : relative to weights of 1, which is their mean over all samples.
+    prior : relative to the strength tau over the picture's mean difference.
     """
 
     iterations: int = 25
@@ -43,7 +43,7 @@ class Splitting:
 
 @dataclass(frozen=True, eq=False)
 class Tile:
-    """What is known of a tile of n x n samples.
+    """Data of a tile of n x n samples.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Tile:
     otf : (P, n, n // 2 + 1) complex64
         Transfer functions of the planes' PSFs.
     channel : (P,)
-        Which colour each plane shows.
+        Colour of each plane.
     """
 
     z: Single
@@ -72,38 +72,39 @@ class Tile:
 
 
 def deconvolve(
-    tile: Tile, start: Single, prior: Prior, tau: float, gradient: float, how: Splitting | None = None
+    tile: Tile, start: Single, prior: Prior, tau: float, gradient: float, settings: Splitting | None = None
 ) -> Single:
-    """The picture (C, n, n) of least cost, from a first one.
+    """The picture (C, n, n) of minimal cost.
 
     Parameters
     ----------
     start : (C, n, n) float32
+        Initial picture.
     tau : float
         Strength of the prior.
     gradient : float
-        Mean length of the picture's differences, which sets the pace.
+        Mean length of the picture's differences, which scales the penalty.
     """
-    how = how or Splitting()
-    penalty = np.float32(how.prior * tau / gradient)
-    solver = _Solver.of(tile, prior, how.data, float(penalty))
+    settings = settings or Splitting()
+    penalty = np.float32(settings.prior * tau / gradient)
+    solver = _Solver.of(tile, prior, settings.data, float(penalty))
     M = prior.mixing(tile.channels).astype(np.float32)
     u, data_dual = start, np.zeros_like(tile.z)
     prior_dual = np.zeros((prior.kinds, *start.shape), dtype=np.float32)
-    seen = _transformed_back(tile.otf * scipy.fft.rfft2(start)[list(tile.channel)], tile.n)
-    for _ in range(how.iterations):
-        agree(seen, tile.z, tile.weight, data_dual, np.float32(how.data))
-        apart = differences(mixed(M, u), prior.second)
-        shrink(apart, prior_dual, np.float32(tau / penalty))
-        pulled = mixed(np.ascontiguousarray(M.T), divergence(apart, prior.second))
-        U = solver(scipy.fft.rfft2(seen), scipy.fft.rfft2(pulled))
+    predicted = _transformed_back(tile.otf * scipy.fft.rfft2(start)[list(tile.channel)], tile.n)
+    for _ in range(settings.iterations):
+        agree(predicted, tile.z, tile.weight, data_dual, np.float32(settings.data))
+        gradients = differences(mixed(M, u), prior.second)
+        shrink(gradients, prior_dual, np.float32(tau / penalty))
+        target = mixed(np.ascontiguousarray(M.T), divergence(gradients, prior.second))
+        U = solver(scipy.fft.rfft2(predicted), scipy.fft.rfft2(target))
         u = _transformed_back(U, tile.n)
-        seen = _transformed_back(tile.otf * U[list(tile.channel)], tile.n)
+        predicted = _transformed_back(tile.otf * U[list(tile.channel)], tile.n)
     return u
 
 
 def mean_difference(u: Single, prior: Prior) -> float:
-    """Mean length of a picture's differences (C, n, n) as the prior counts them."""
+    """Mean length of a picture's differences (C, n, n) in the metric of the prior."""
     M = prior.mixing(len(u)).astype(np.float32)
     return float(length(differences(mixed(M, np.ascontiguousarray(u)), prior.second)).mean())
 
@@ -114,7 +115,7 @@ def _transformed_back(F: Spectrum, n: int) -> Single:
 
 @dataclass(frozen=True, eq=False)
 class _Solver:
-    """The picture's spectrum that is nearest to all copies: over frequencies a diagonal and one rank more, inverted."""
+    """The picture's spectrum nearest to all copies: inverse of a diagonal plus rank-one matrix at each frequency."""
 
     conjugate: Spectrum
     channel: npt.NDArray[np.int64]
@@ -139,9 +140,9 @@ class _Solver:
             np.float32(penalty), np.float32(data),
         )  # fmt: skip
 
-    def __call__(self, seen: Spectrum, pulled: Spectrum) -> Spectrum:
+    def __call__(self, targets: Spectrum, pulled: Spectrum) -> Spectrum:
         out = np.empty_like(pulled)
         solve(
-            seen, self.conjugate, self.channel, pulled, self.inverse, self.coupled, self.data, self.penalty, out
+            targets, self.conjugate, self.channel, pulled, self.inverse, self.coupled, self.data, self.penalty, out
         )  # fmt: skip
         return out

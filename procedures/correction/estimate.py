@@ -1,4 +1,4 @@
-"""From the planes of photographs and their fields to the sharp picture: check, balance, restore by tiles, judge."""
+"""Correction of photographs by their fields: checks, balancing, restoration by tiles, verdict."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
 Progress = Callable[[int, int], None]
 Answer = tuple[tuple[int, int], Single]
-"""Where a tile begins, and its picture."""
+"""A tile's first sample, and its picture."""
 
 SAMPLE_TILES = 8
-"""Tiles in which the picture's mean difference is told before the whole is restored."""
-LEAST_TOLD = 0.5
-"""Share of a finer grid's waves that the photographs' places must tell."""
+"""Tiles for estimating the picture's mean difference before the whole is restored."""
+LEAST_RESOLVED = 0.5
+"""Smallest resolved fraction of the frequencies of a finer grid."""
 TAU = {"total-variation": 0.6, "second-order": 0.25}
-"""Strength of a prior, variance over mean difference: at which pictures of people and things come out best; twice the
-half is what differences of exponential distribution would ask of the most probable picture."""
+"""Strength of a prior, variance over mean difference, with the best results on pictures of people and things; twice the
+half would be the maximum a posteriori value for exponentially distributed differences."""
 
 
 @dataclass(frozen=True)
 class CorrectionParameters:
-    """How to correct.
+    """Parameters of a correction.
 
-    prior : what is believed of the picture; splitting : how the problem is solved; side : of the tiles in pixels of the
-    picture, None as the field varies; threads : None as many as there are cores; scale : pixels of the picture per
-    pixel of the sensor, along each side.
+    prior : of the picture; splitting : parameters of the solver; side : of the tiles in pixels of the picture, None to
+    follow the field's variation; threads : None for the number of cores; scale : pixels of the picture per pixel of the
+    sensor, along each side.
     """
 
     prior: Prior = field(default_factory=Prior)
@@ -59,25 +59,25 @@ class CorrectionParameters:
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """One photograph or several with their blur undone.
+    """One photograph or several, corrected.
 
     Attributes
     ----------
     picture : (C, H, W) float32
-        On the first photograph's grid, or `scale` times as fine; white = 1 as in it: grey, or red, green, blue of the
-        camera, not balanced.
+        On the first photograph's grid, or `scale` times as fine; white = 1: grey, or red, green, blue of the camera,
+        not balanced.
     noise : of each plane of the first photograph
     tau, difference : float
-        The prior's strength, and the mean length of the picture's differences that it comes from, balanced.
+        The prior's strength, and the mean length of the balanced picture's differences from which it derives.
     side : int
-        Of the tiles.
+        Side of the tiles.
     clipped : float
-        Share of the photograph's samples that are clipped.
-    prediction : what is gained, and what it costs
-    optics, mosaic, prior : what it was made with
-    places : how every further photograph lies to the first
+        Fraction of the photograph's samples that are clipped.
+    prediction : gain and cost
+    optics, mosaic, prior : as used
+    places : registration of every further photograph to the first
     told : float
-        Share of the waves of the finer grid that the photographs' places tell apart.
+        Fraction of the frequencies of the finer grid that the photographs' positions resolve.
     scale : int
         Pixels of the picture per pixel of the sensor.
     """
@@ -104,7 +104,7 @@ class Correction:
 
     @cached_property
     def field_error(self) -> FieldError:
-        """What the field's own uncertainty adds to the picture's error; takes some seconds when first asked for."""
+        """Error of the picture due to the field's uncertainty; computed on first access, in some seconds."""
         return field_error(self.optics, self.mosaic, self.prior, self.tau, self.difference, self.picture)
 
 
@@ -116,21 +116,21 @@ def correct(
     progress: Progress = lambda done, all: None,
     others: Sequence[RawFrame] = (),
 ) -> Outcome[Correction]:
-    """The picture that the lens saw, from one photograph or several and the field of their lens.
+    """Correct one photograph or several for the blur of their lens.
 
     Parameters
     ----------
     frame : the photograph, linear: a grey plane or the four of a mosaic
     fields : by plane
-    shifts : by plane, how far it lies from the reference one: lateral colour, which is undone
-    progress : called with the number of tiles done and of all
-    others : further photographs of the same scene, moved by some pixels; those that show another are set aside
+    shifts : by plane, its lateral colour relative to the reference plane, which is corrected
+    progress : called with the numbers of tiles done and in total
+    others : further photographs of the same scene, moved by some pixels; those of another scene are set aside
 
     Raises
     ------
     BadInput, Refused
-        If the field is not of such planes or not as fine as the picture is to be, photographs are of different cameras,
-        or one was processed (see `checks`).
+        If the field has other planes or is coarser than the picture, photographs are from different cameras, or one was
+        processed (see `checks`).
     """
     p = parameters or CorrectionParameters()
     check_fields(frame.planes, fields)
@@ -149,73 +149,71 @@ def correct(
     picture = work.restored(difference, progress)
     tau = work.tau(difference)
     prediction = predict(optics, mosaic, p.prior, tau, difference)
-    made = optics, mosaic, p.prior, burst.places, burst.told, p.scale
-    found = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, *made)
-    return verdict_of([*checks, _smoothed(prediction, p.scale), *_sampled(burst, p.scale)], found)
+    inputs = optics, mosaic, p.prior, burst.places, burst.told, p.scale
+    correction = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, *inputs)
+    return verdict_of([*checks, _smoothed(prediction, p.scale), *_sampled(burst, p.scale)], correction)
 
 
 def _sampled(burst: Burst, scale: int) -> Sequence[Check]:
-    """Checks on what photographs there are: most of them set aside, or a grid finer than the rest tells."""
+    """Checks of the number of photographs used and of the resolution of the finer grid."""
     aside = [f"photograph {i}: {place.reason}" for i, place in enumerate(burst.places, start=2) if place.reason]
     remedies = dict.fromkeys(place.remedy for place in burst.places if place.reason)
     return [
         Check("photographs", 2 * len(aside), len(burst.places), Verdict.DOUBTFUL,
-              f"most of the further photographs are set aside: {'; '.join(aside)}", "; ".join(remedies)),
-        Check("sampling", burst.told, LEAST_TOLD, Verdict.DOUBTFUL,
-              f"the photographs' places tell {burst.told:.0%} of the detail of a grid {scale} times as fine, at least "
-              f"{LEAST_TOLD:.0%} are needed: the rest is what the prior makes of it",
-              "add photographs that are moved by parts of a pixel against each other, or lower --scale",
+              f"most of the further photographs were set aside: {'; '.join(aside)}", "; ".join(remedies)),
+        Check("sampling", burst.told, LEAST_RESOLVED, Verdict.DOUBTFUL,
+              f"the photographs' positions resolve {burst.told:.0%} of the detail of a grid {scale} times as fine, at "
+              f"least {LEAST_RESOLVED:.0%} are needed: the rest comes from the prior",
+              "add photographs that are shifted by fractions of a pixel, or lower --scale",
               least=True, given=scale > 1),
     ]  # fmt: skip
 
 
 def _smoothed(prediction: Prediction, scale: int = 1) -> Check:
-    """Doubtful where noise asks for so strong a prior that more detail is lost than is won back."""
-    before, after = (scale * float(np.median(found)) for found in (prediction.before, prediction.after))
+    """Doubtful where noise requires so strong a prior that more detail is lost than recovered."""
+    before, after = (scale * float(np.median(mtf50)) for mtf50 in (prediction.before, prediction.after))
     return Check(
         "smoothing",
         before,
         after,
         Verdict.DOUBTFUL,
-        f"the scene has so little detail beside its noise that it is smoothed: MTF50 at edges goes from {before:.2f} "
-        f"to {after:.2f} cycles/pixel of the sensor",
+        f"the scene's detail is so weak relative to the noise that it is smoothed: MTF50 at edges goes from "
+        f"{before:.2f} to {after:.2f} cycles/pixel of the sensor",
         "lower --strength, or expose longer",
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """The photographs' tiles, and how each is restored."""
-
     mosaic: Mosaic
     optics: Optics
     grid: Grid
     how: CorrectionParameters
 
     def tau(self, difference: float) -> float:
-        """Strength of the prior where the picture's mean difference is so large.
+        """Strength of the prior for a mean difference of the picture.
 
-        A finer grid has more differences, which are no more independent: all together they count as on the sensor's.
+        A finer grid has more differences, which are not independent: together they weigh as much as on the sensor's.
         """
         strength = self.how.prior.strength * TAU[self.how.prior.name] / self.how.scale**2
         return strength * self.mosaic.variance / difference
 
     def difference(self) -> float:
-        """Mean difference of the picture, from some tiles restored twice."""
+        """Mean difference of the picture, from a sample of tiles restored twice."""
         starts = list(self.grid)
         at = np.linspace(0, len(starts) - 1, min(SAMPLE_TILES, len(starts)))
         chosen = [starts[round(float(k))] for k in at]
         tiles = [self._tile(start) for start in chosen]
         margin = self.grid.rows.margin
-        found = float(np.mean([mean_difference(first, self.how.prior) for _, first in tiles]))
+        estimate = float(np.mean([mean_difference(first, self.how.prior) for _, first in tiles]))
         for _ in range(2):
-            tau = self.tau(found)
+            tau = self.tau(estimate)
             pictures = [
-                deconvolve(tile, first, self.how.prior, tau, found, self.how.splitting) for tile, first in tiles
+                deconvolve(tile, first, self.how.prior, tau, estimate, self.how.splitting) for tile, first in tiles
             ]
             inner = [np.ascontiguousarray(u[:, margin:-margin, margin:-margin]) for u in pictures]
-            found = max(float(np.mean([mean_difference(u, self.how.prior) for u in inner])), 1e-6)
-        return found
+            estimate = max(float(np.mean([mean_difference(u, self.how.prior) for u in inner])), 1e-6)
+        return estimate
 
     def restored(self, difference: float, progress: Progress) -> Single:
         """The whole picture, in the photograph's units."""
@@ -223,18 +221,17 @@ class _Work:
         out = np.zeros((self.mosaic.channels, rows, columns), dtype=np.float32)
         tau, starts = self.tau(difference), list(self.grid)
 
-        def one(start: tuple[int, int]) -> Answer:
+        def restore(start: tuple[int, int]) -> Answer:
             tile, first = self._tile(start)
             return start, deconvolve(tile, first, self.how.prior, tau, difference, self.how.splitting)
 
-        for done, (start, u) in enumerate(_side_by_side(one, starts, self.how.threads), start=1):
+        for done, (start, u) in enumerate(_in_parallel(restore, starts, self.how.threads), start=1):
             self._lay(out, start, u)
             progress(done, len(starts))
         out *= self.mosaic.gains[:, None, None]
         return out
 
     def _tile(self, start: tuple[int, int]) -> tuple[Tile, Single]:
-        """What is known of the tile, and a first picture of it."""
         n = self.grid.rows.n
         x, y = self.grid.centre(start)
         z, weight = self.mosaic.cut(start, n, self.optics.ring, self.optics.whole(x, y))
@@ -242,22 +239,21 @@ class _Work:
         return tile, self.mosaic.first(z, weight)
 
     def _lay(self, out: Single, start: tuple[int, int], u: Single) -> None:
-        """Add a tile's part of the picture."""
         window = np.outer(self.grid.rows.window(start[0]), self.grid.columns.window(start[1]))
         (y, ys), (x, xs) = (_overlap(at, len(window), size) for at, size in zip(start, out.shape[1:], strict=True))
         out[:, y, x] += window[ys, xs] * u[:, ys, xs]
 
 
 def _overlap(start: int, n: int, size: int) -> tuple[slice, slice]:
-    """The part of n samples from a start on that lies in the frame: there, and in the tile."""
+    """The part of n samples from a start that lies in the frame: as a slice of the frame, and of the tile."""
     low, high = max(start, 0), min(start + n, size)
     return slice(low, high), slice(low - start, high - start)
 
 
-def _side_by_side(
+def _in_parallel(
     work: Callable[[tuple[int, int]], Answer], starts: list[tuple[int, int]], threads: int | None
 ) -> Iterable[Answer]:
-    """The answers in order, a few at a time: those that wait take memory."""
+    """The results in order, a few at a time to limit memory."""
     count = threads or os.cpu_count() or 1
     waiting = iter(starts)
     with ThreadPoolExecutor(count) as pool:

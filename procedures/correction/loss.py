@@ -1,14 +1,14 @@
-"""What the field's own error costs a corrected picture, told from the field's covariance.
+"""Error of a corrected picture due to the field's error, from the field's covariance.
 
-The picture is a filter of the samples, as in `prediction`: R = w H* / N with N = w |H|^2 + k |D|^2. Another PSF,
-H + dH, makes another filter, in first order
+The picture is a linear filter of the samples, as in `prediction`: R = w H* / N with N = w |H|^2 + k |D|^2. A PSF error
+dH changes the filter, to first order, by
 
     dR = w dH* / N - w^2 H* (H dH* + H* dH) / N^2
 
-and what comes out lies by dR H u from what the right filter gives. As far as R is the best filter of the picture for
-the field's PSF this adds to the other errors as independent ones do; where the prior takes more than the best filter
-would, dH of one sign makes up for some of that and of the other adds to it, which a covariance cannot tell. dH is
-linear in the PSF's parameters, whose covariance the field tells.
+and the result by dR H u. If R is the optimal filter of the picture for the field's PSF, this error is independent of
+the others. Under a stronger prior, dH of one sign compensates part of the prior's effect and dH of the other sign
+increases it, which a covariance cannot describe. dH is linear in the PSF's parameters, whose covariance the field
+provides.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ Single = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complexfloating]
 
 PLACES = (5, 7)
-"""Rows and columns of the map: the middles of so many parts of the frame."""
+"""Rows and columns of the map, at the centres of equal parts of the frame."""
 SIDE = 64
-"""Samples of a window of the picture, which has much light in long waves; the map takes time as the square."""
+"""Side of a window of the picture, whose power is mostly at low frequencies; time grows as its square."""
 WINDOWS = 6
-"""Windows along each side of a part, at most."""
+"""Maximum number of windows along each side of a part."""
 
 
 @dataclass(frozen=True, eq=False)
 class FieldError:
-    """How far a picture lies from that of the lens's own PSFs, of the plane that shows lightness.
+    """Error of a picture due to errors of the field, for the plane of lightness.
 
     Attributes
     ----------
     x : (m,), y : (n,) float64
-        Places, in pixels of the picture.
+        Positions, in pixels of the picture.
     noise, interpolation : (n, m) float64
-        Mean square error about each place, white = 1: of the measured PSFs, and of what lies between them.
+        Mean square error about each position, white = 1: due to the measured PSFs, and to the interpolation.
     """
 
     x: Array
@@ -53,67 +53,67 @@ class FieldError:
 
     @property
     def rms(self) -> float:
-        """Root mean square over the frame, of white."""
+        """Root mean square over the frame, white = 1."""
         return float(np.sqrt(np.mean(self.noise + self.interpolation)))
 
 
 def field_error(
     optics: Optics, mosaic: Measured, prior: Prior, tau: float, difference: float, picture: Single
 ) -> FieldError:
-    """The map, for a corrected picture (C, H, W), a prior of strength `tau` and the picture's mean difference."""
+    """Map of the error of a corrected picture (C, H, W), for a prior of strength `tau` and a mean difference."""
     rows, columns = mosaic.shape
     y, x = ((np.arange(n) + 0.5) * size / n - 0.5 for size, n in zip((rows, columns), PLACES, strict=True))
-    shown = 1 if mosaic.channels > 1 else 0
-    every = optics.showing(shown)
+    lightness = 1 if mosaic.channels > 1 else 0
+    every = optics.planes_of_colour(lightness)
     density = len(every) / optics.pitch**2
-    # of several photographs the fields are the same, and err alike
-    own = every[: len(every) // optics.photographs]
-    responses = {name: optics.responses(name, SIDE) for name in own}
+    # all photographs share the fields and their errors
+    planes = every[: len(every) // optics.photographs]
+    responses = {name: optics.responses(name, SIDE) for name in planes}
     stiff = tau / (EDGES * difference) * prior.power(SIDE).ravel()
     maps = np.zeros((2, len(y), len(x)))
     for i, j in np.ndindex(maps.shape[1:]):
-        power = _power(picture[shown], i, j)
-        for name in own:
+        power = _power(picture[lightness], i, j)
+        for name in planes:
             at = optics.in_plane(name, np.array([[x[j], y[i]]]))[0]
             field = optics.fields[name]
             H, each = _transfer(responses[name], field.parameters(at[None])[0])
-            # planes of one colour err each for itself by noise, alike between the nodes
-            shares = (1 / len(own) ** 2, 1 / len(own))
+            # planes of one colour have independent noise, and a common interpolation error
+            shares = (1 / len(planes) ** 2, 1 / len(planes))
             for kind, (error, share) in enumerate(zip((field.noise, field.interpolation), shares, strict=True)):
                 maps[kind, i, j] += share * _added(H, each, error(*at), density, stiff, power)
     return FieldError(x, y, *maps)
 
 
 def _transfer(responses: Spectrum, parameters: Array) -> tuple[Spectrum, Spectrum]:
-    """The transfer function (F,) of sum 1, and what each parameter changes of it, (p, F)."""
+    """The transfer function (F,) of sum 1, and its derivatives with respect to the parameters, (p, F)."""
     H = parameters @ responses
     light = H[0].real
     return H / light, ((responses - responses[:, :1] * (H / light)) / light).astype(np.complex64)
 
 
 def _added(H: Spectrum, each: Spectrum, covariance: Array, density: float, stiff: Array, power: Array) -> float:
-    """Mean square of what a filter's error of that covariance (p, p) makes of a picture of that power (F,)."""
-    # a real matrix times complex numbers: their parts, as numpy would make the matrix complex too
+    """Mean square error of a filter with covariance (p, p), applied to a picture of power (F,)."""
+    # real matrix times complex vectors, by parts, as NumPy would convert the matrix to complex
     spread = (covariance.astype(np.float32) @ each.view(np.float32)).view(np.complex64)
     variance, pseudo = np.sum(each.conj() * spread, axis=0).real, np.sum(each * spread, axis=0)
     N = np.maximum(density * np.abs(H) ** 2 + stiff, 1e-12)
-    of_conjugate = density / N - (density * np.abs(H) / N) ** 2
-    of_own = -((density * H.conj() / N) ** 2)
-    change = (np.abs(of_conjugate) ** 2 + np.abs(of_own) ** 2) * variance
-    change += 2 * np.real(of_own * of_conjugate * pseudo)
+    by_conjugate = density / N - (density * np.abs(H) / N) ** 2
+    by_itself = -((density * H.conj() / N) ** 2)
+    change = (np.abs(by_conjugate) ** 2 + np.abs(by_itself) ** 2) * variance
+    change += 2 * np.real(by_itself * by_conjugate * pseudo)
     return float(np.sum(change * np.abs(H) ** 2 * power))
 
 
 def _power(picture: Single, i: int, j: int) -> Array:
-    """Mean power of the windows of a part of the picture, (F,), its sum the mean square about their means; each
-    frequency of the half plane as often as it counts."""
+    """Mean power spectrum (F,) of the windows of a part of the picture; its sum is the mean square about the windows'
+    means, with both halves of the plane counted."""
     down, across = (_starts(k, size, n) for k, size, n in zip((i, j), picture.shape, PLACES, strict=True))
-    found = [_window_power(picture[top : top + SIDE, left : left + SIDE]) for top in down for left in across]
-    return np.asarray(np.mean(found, axis=0))
+    powers = [_window_power(picture[top : top + SIDE, left : left + SIDE]) for top in down for left in across]
+    return np.asarray(np.mean(powers, axis=0))
 
 
 def _starts(k: int, size: int, n: int) -> list[int]:
-    """Where windows begin along one axis of part k of n."""
+    """First samples of the windows along one axis of part k of n."""
     last = max(min((k + 1) * size // n, size) - SIDE, 0)
     first = min(k * size // n, last)
     count = int(np.clip((last - first) // (SIDE // 2) + 1, 1, WINDOWS))
@@ -123,7 +123,7 @@ def _starts(k: int, size: int, n: int) -> list[int]:
 def _window_power(part: Single) -> Array:
     window = np.outer(*(np.hanning(n + 2)[1:-1] for n in part.shape))
     window /= np.sqrt(np.mean(window**2))
-    counted = np.full((SIDE, SIDE // 2 + 1), 2.0)
-    counted[:, [0, -1]] = 1
+    multiplicity = np.full((SIDE, SIDE // 2 + 1), 2.0)
+    multiplicity[:, [0, -1]] = 1
     F = np.fft.rfft2((part - part.mean(dtype=np.float64)) * window, (SIDE, SIDE))
-    return np.asarray(counted * np.abs(F) ** 2).ravel() / SIDE**2 / part.size
+    return np.asarray(multiplicity * np.abs(F) ** 2).ravel() / SIDE**2 / part.size

@@ -1,4 +1,4 @@
-"""Photographs' samples where they lie on the picture's grid, balanced, with what each counts."""
+"""Photographs' samples at their positions on the picture's grid, colour-balanced, with weights."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
 
 AT_LEAST = np.float32(-1)
-"""Weight of a clipped sample: it says that there was as much light or more."""
+"""Weight that marks a clipped sample: its value is a lower bound."""
 LEVEL_PX = 5
-"""Samples of a plane over which the level is taken that its noise is told from."""
+"""Side of the mean filter whose level sets the noise of a sample."""
 MOST_GAIN = 8.0
 
 
@@ -31,15 +31,15 @@ class Mosaic:
     ----------
     planes, noise : by key
     light : by key
-        Of the photograph over the first's; 1 where it is not told.
+        Brightness of the photograph relative to the first; 1 if not given.
     shape : (int, int)
         Rows and columns of the picture.
     gains : (C,) float32
-        Mean of each colour over green's: what the samples are divided by, so that a grey scene is grey.
+        Mean of each colour relative to green: samples are divided by it, so that a grey scene is grey.
     variance : float
-        Of a usual sample, balanced; weights are 1 there.
+        Variance of a typical sample, balanced; weights are 1 there.
     clipped : float
-        Share of the samples that are clipped.
+        Fraction of the samples that are clipped.
     """
 
     planes: Mapping[str, Plane]
@@ -54,7 +54,7 @@ class Mosaic:
     def of(
         cls, planes: Mapping[str, Plane], noise: Mapping[str, Noise], light: Mapping[str, float] | None = None
     ) -> Mosaic:
-        """The mosaic of planes, those of the first photograph first."""
+        """The mosaic of planes, beginning with those of the first photograph."""
         pitch = next(iter(planes.values())).pitch
         ends = [np.array(plane.samples.shape) * pitch for plane in planes.values()]
         rows, columns = (int(end) for end in np.max(ends, axis=0))
@@ -73,26 +73,25 @@ class Mosaic:
 
     @property
     def channel(self) -> Sequence[int]:
-        """The colour that each plane shows."""
+        """Index of the colour of each plane."""
         return [COLOURS[plane.name] for plane in self.planes.values()]
 
     def cut(
         self, start: tuple[int, int], n: int, ring: int, moved: Mapping[str, tuple[int, int]]
     ) -> tuple[Single, Single]:
-        """Samples and weights (P, n, n) of a tile; a ring along its rim is not seen.
+        """Samples and weights (P, n, n) of a tile, with weights of 0 in a ring along its rim.
 
-        moved : by key, whole pixels (x, y) that a plane lies elsewhere there: its samples are laid so much back.
+        moved : by key, displacement of a plane in whole pixels (x, y), by which its samples are shifted back.
         """
         z, weight = np.zeros((2, len(self.planes), n, n), dtype=np.float32)
         for p, key in enumerate(self.planes):
             dx, dy = moved.get(key, (0, 0))
             self._lay(key, (start[0] + dy, start[1] + dx), z[p], weight[p])
-        for one in (weight[:, :ring], weight[:, -ring:], weight[:, :, :ring], weight[:, :, -ring:]):
-            one[...] = 0
+        for rim in (weight[:, :ring], weight[:, -ring:], weight[:, :, :ring], weight[:, :, -ring:]):
+            rim[...] = 0
         return z, weight
 
     def _lay(self, key: str, start: tuple[int, int], z: Single, weight: Single) -> None:
-        """Put a plane's samples in their places of the tile (n, n)."""
         import cv2
 
         plane, noise, n = self.planes[key], self.noise[key], len(z)
@@ -101,31 +100,31 @@ class Mosaic:
             _span(at, n, origin, pitch, size)
             for at, origin, size in zip(start, plane.origin[::-1], plane.samples.shape, strict=True)
         ]
-        (rows, own_rows), (columns, own_columns) = spans
-        samples = plane.samples[own_rows, own_columns]
+        (rows, plane_rows), (columns, plane_columns) = spans
+        samples = plane.samples[plane_rows, plane_columns]
         if samples.size == 0:
             return
         level = np.asarray(cv2.blur(samples, (LEVEL_PX, LEVEL_PX)), dtype=np.float32)
         counts = np.float32(self.variance * gain**2) / noise.variance_at(level)
         counts[samples >= NOMINAL] = AT_LEAST
-        for row, column in plane.bad_pixels - np.array([own_rows.start, own_columns.start]):
+        for row, column in plane.bad_pixels - np.array([plane_rows.start, plane_columns.start]):
             if 0 <= row < counts.shape[0] and 0 <= column < counts.shape[1]:
                 counts[row, column] = 0
         z[rows, columns] = samples / gain
         weight[rows, columns] = counts
 
     def first(self, z: Single, weight: Single) -> Single:
-        """A first picture (C, n, n): samples spread over their neighbours, mean light where there are none."""
+        """An initial picture (C, n, n): samples spread over their neighbours, the mean where there are none."""
         import cv2
 
         reach = max(2, next(iter(self.planes.values())).pitch)
         across = reach - np.abs(np.arange(1 - reach, reach))
         tent = np.outer(across, across).astype(np.float32)
-        seen = (weight != 0).astype(np.float32)
+        valid = (weight != 0).astype(np.float32)
         out = np.empty((self.channels, *z.shape[1:]), dtype=np.float32)
         for c in range(self.channels):
-            own = [p for p, colour in enumerate(self.channel) if colour == c]
-            light, share = sum(z[p] * seen[p] for p in own), sum(seen[p] for p in own)
+            planes = [p for p, colour in enumerate(self.channel) if colour == c]
+            light, share = sum(z[p] * valid[p] for p in planes), sum(valid[p] for p in planes)
             near, much = cv2.filter2D(light, -1, tent), cv2.filter2D(share, -1, tent)
             mean = float(np.sum(light) / max(float(np.sum(share)), 1.0))
             out[c] = np.where(much > 0, near / np.maximum(much, 1), mean)
@@ -133,7 +132,7 @@ class Mosaic:
 
 
 def _span(start: int, n: int, origin: int, pitch: int, size: int) -> tuple[slice, slice]:
-    """Where a plane's samples lie along one axis of a tile, and which of the plane's they are."""
+    """Slices of a plane's samples along one axis: in the tile, and in the plane."""
     first = max(0, -(-(start - origin) // pitch))
     last = min(size, -(-(start + n - origin) // pitch))
     at = first * pitch + origin - start
@@ -141,7 +140,6 @@ def _span(start: int, n: int, origin: int, pitch: int, size: int) -> tuple[slice
 
 
 def _gains(planes: Mapping[str, Plane]) -> Single:
-    """Mean light of each colour over green's, clipped samples left out."""
     colours = [COLOURS[plane.name] for plane in planes.values()]
     channels = max(colours) + 1
     if channels == 1:

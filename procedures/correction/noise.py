@@ -1,7 +1,7 @@
-"""How noisy the samples of a photograph are at every level, told from the photograph alone.
+"""Noise of a photograph's samples as a function of level, estimated from the photograph alone.
 
-Where a scene is flat, what varies from sample to sample is noise: variance = a + b level, of reading and of photons.
-Mixed second differences leave flat slopes out (Immerkaer 1996); of the blocks at one level the quietest are believed.
+In flat parts of a scene the variation is noise: variance = a + b level, of read-out and photons. Mixed second
+differences eliminate slopes (Immerkaer 1996); of the blocks at one level the quietest are used.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ Single = npt.NDArray[np.float32]
 BLOCK = 8
 """Samples along a block's side."""
 BANDS = 12
-"""Levels at which variance is told."""
+"""Number of levels at which the variance is estimated."""
 QUIET, QUIET_FACTOR = 0.1, 0.63
-"""Share of a level's blocks that lie under the variance taken, and that variance over the mean of white noise alone:
-of 66 000 simulated blocks."""
+"""Fraction of a level's blocks below the variance used, and that variance over the mean for white noise, from 66 000
+simulated blocks."""
 WHITE = 0.87
-"""Fourth differences' variance over second ones' in the quietest blocks of white noise, of the same simulation."""
+"""Variance of fourth over second differences in the quietest blocks of white noise, from the same simulation."""
 FINE = (1.0, -2.0, 1.0), (1.0, -4.0, 6.0, -4.0, 1.0)
-"""Differences whose variances are the same for white noise, once normalised."""
+"""Difference filters of equal variance for white noise, once normalised."""
 MOST_BLOCKS = 60_000
 BRIGHT = 0.97
-"""Levels of blocks from here on are left out: their brightest samples may be clipped."""
+"""Blocks above this level are excluded, as their brightest samples may be clipped."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Variance of the samples of a plane at their level: `read` + `slope` level, white = 1.
+    """Variance of a plane's samples as a function of level: `read` + `slope` level, white = 1.
 
     Attributes
     ----------
     read, slope : float
     whiteness : float
-        Variance of fourth differences in the quietest blocks over that of second ones, both as white noise has them:
-        1 for samples as a sensor gives them, less where neighbours were mixed.
+        Variance of fourth over second differences in the quietest blocks, relative to white noise: 1 for a sensor's
+        samples, less where neighbours were mixed.
     rise : float
-        Variance in the brightest quarter of the levels over that in the darkest: under 1 where a curve took light back.
+        Variance in the brightest quarter of the levels over that in the darkest: below 1 after a tone curve.
     """
 
     read: float
@@ -53,12 +53,12 @@ class Noise:
     rise: float
 
     def variance_at(self, level: npt.NDArray[np.floating]) -> Single:
-        """Variance at those levels."""
+        """Variance at given levels."""
         return np.asarray(self.read + self.slope * np.maximum(level, 0), dtype=np.float32)
 
 
 def noise_of(plane: Plane) -> Noise:
-    """The noise of a plane's samples; at least that of rounding to its digital numbers."""
+    """Noise of a plane's samples, at least that of quantisation."""
     level, second, fourth = _blocks(plane.samples)
     floor = plane.quantisation**2 / 12
     bands = np.array_split(np.argsort(level), min(BANDS, max(len(level) // 40, 1)))
@@ -74,21 +74,21 @@ def noise_of(plane: Plane) -> Noise:
 
 
 def _blocks(samples: Single) -> tuple[Array, Array, Array]:
-    """Of blocks over the plane: mean level, and mean squares of second and of fourth differences."""
+    """Mean level and mean squares of second and fourth differences of blocks over the plane."""
     import cv2
 
     second, fourth = (_normalised(FINE[0], FINE[0]), _normalised(FINE[1], FINE[1]))
     rows, columns = (size // BLOCK * BLOCK for size in samples.shape)
-    found = [samples[:rows, :columns]]
+    images = [samples[:rows, :columns]]
     for down, across in (second, fourth):
         fine = cv2.sepFilter2D(samples, cv2.CV_32F, across, down)[:rows, :columns]
-        found.append(fine * fine)
-    level, *powers = (_block_means(one)[1:-1, 1:-1].ravel() for one in found)
-    kept = np.flatnonzero((level < BRIGHT) & np.isfinite(level))
-    kept = kept[:: max(1, len(kept) // MOST_BLOCKS)]
-    if len(kept) == 0:
-        kept = np.arange(len(level))
-    return level[kept], powers[0][kept], powers[1][kept]
+        images.append(fine * fine)
+    level, *powers = (_block_means(image)[1:-1, 1:-1].ravel() for image in images)
+    used = np.flatnonzero((level < BRIGHT) & np.isfinite(level))
+    used = used[:: max(1, len(used) // MOST_BLOCKS)]
+    if len(used) == 0:
+        used = np.arange(len(level))
+    return level[used], powers[0][used], powers[1][used]
 
 
 def _normalised(down: tuple[float, ...], across: tuple[float, ...]) -> tuple[Array, Array]:

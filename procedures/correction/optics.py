@@ -1,4 +1,4 @@
-"""What blurs photographs on their picture's grid, at any place: the planes' PSFs, their shifts against each other."""
+"""Blur of photographs on their picture's grid at any position: the planes' PSFs and relative shifts."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from procedures.space_variant import SpaceVariantBlur
 Array = npt.NDArray[np.float64]
 Spectrum = npt.NDArray[np.complex64]
 Shift = Callable[[Array], Array]
-"""Shift (n, 2), in pixels of the picture, at points (n, 2) of a plane: how far it lies from the reference plane."""
+"""Shift (n, 2) from the reference plane, in pixels of the picture, at points (n, 2) of a plane."""
 
 COLOURS = {"R": 0, "G1": 1, "G2": 1, "B": 2, "Y": 0}
-"""Which colour of the picture a plane shows."""
+"""Index of the picture's colour for each plane."""
 CHANGE, MOVE_PX = 0.03, 0.1
-"""Change of the PSF within a tile, over its norm, and of lateral colour, that are let pass."""
+"""Tolerated changes within a tile: of the PSF, relative to its norm, and of lateral colour."""
 SIDES = (512, 384, 256, 192, 128)
-"""Of tiles, in pixels of the picture."""
+"""Sides of tiles, in pixels of the picture."""
 
 
 @dataclass(frozen=True, eq=False)
 class Optics:
-    """The fields of the planes of one photograph or of several, and the planes' places on the picture's grid.
+    """Fields of the planes of one photograph or several, with the planes' positions on the picture's grid.
 
     Attributes
     ----------
     fields : by plane, in the order of the photographs
-    channel : (P,), which colour of the picture each plane shows
-    photographs : how many there are; each has the same planes
+    channel : (P,), index of the picture's colour for each plane
+    photographs : their number; each has the same planes
     origins : (x, y) of each plane's first pixel
     pitch : pixels of the picture per pixel of a plane
-    shifts : of the planes that lie elsewhere: lateral colour, movement between photographs
+    shifts : of displaced planes: lateral colour, movement between photographs
     """
 
     fields: Mapping[str, PsfField]
@@ -52,16 +52,16 @@ class Optics:
 
     @classmethod
     def of(cls, planes: Mapping[str, Plane], fields: Mapping[str, PsfField], shifts: Mapping[str, Shift]) -> Optics:
-        """The optics of planes, whose fields are found by the planes' own names."""
+        """The optics of planes, with the fields of their names."""
         pitch = next(iter(planes.values())).pitch
         origins = {key: plane.origin for key, plane in planes.items()}
-        own = {key: fields[plane.name] for key, plane in planes.items()}
+        of_planes = {key: fields[plane.name] for key, plane in planes.items()}
         photographs = len(planes) // len({plane.name for plane in planes.values()})
-        return cls(own, [COLOURS[plane.name] for plane in planes.values()], photographs, origins, pitch, shifts)
+        return cls(of_planes, [COLOURS[plane.name] for plane in planes.values()], photographs, origins, pitch, shifts)
 
-    def showing(self, colour: int) -> Sequence[str]:
-        """The planes that show one of the picture's colours."""
-        return [key for key, own in zip(self.fields, self.channel, strict=True) if own == colour]
+    def planes_of_colour(self, colour: int) -> Sequence[str]:
+        """The planes of one of the picture's colours."""
+        return [key for key, channel in zip(self.fields, self.channel, strict=True) if channel == colour]
 
     @cached_property
     def _blurs(self) -> dict[str, SpaceVariantBlur]:
@@ -69,28 +69,28 @@ class Optics:
         return {name: made[id(field)] for name, field in self.fields.items()}
 
     def otf(self, x: float, y: float, n: int) -> Spectrum:
-        """Transfer functions of all planes on n x n samples about a place of the picture, (P, n, n // 2 + 1), but for
-        `whole` pixels."""
+        """Transfer functions of all planes on n x n samples about a position of the picture, (P, n, n // 2 + 1),
+        without the shifts by `whole` pixels."""
         return np.stack([self._of_plane(name, x, y, n) for name in self.fields])
 
     def responses(self, name: str, n: int) -> Spectrum:
-        """What each parameter of a plane's PSFs adds to their transfer functions on n x n samples, not yet of sum 1;
-        (p, n (n // 2 + 1))."""
+        """Derivatives of a plane's transfer function on n x n samples with respect to the PSF's parameters, without
+        normalisation to sum 1; (p, n (n // 2 + 1))."""
         blur, field = self._blurs[name], self.fields[name]
-        each = np.eye(field.k**2 + field.q)
-        found = np.array([scipy.fft.rfft2(wrapped(blur.kernel(extended(one, field.k)), n)) for one in each])
+        unit = np.eye(field.k**2 + field.q)
+        spectra = np.array([scipy.fft.rfft2(wrapped(blur.kernel(extended(row, field.k)), n)) for row in unit])
         if field.q:
-            found[field.k**2] += self._far(field, n)
-        return np.asarray(found, dtype=np.complex64).reshape(len(each), -1)
+            spectra[field.k**2] += self._far(field, n)
+        return np.asarray(spectra, dtype=np.complex64).reshape(len(unit), -1)
 
     def whole(self, x: float, y: float) -> dict[str, tuple[int, int]]:
-        """By how many whole pixels (x, y) the planes lie elsewhere about a place: there their samples are laid so much
-        back, `otf` tells the rest. Photographs that are turned lie otherwise in every tile."""
+        """Displacement of the planes about a position in whole pixels (x, y): their samples are shifted back by it, and
+        `otf` contains the rest. For rotated photographs it differs from tile to tile."""
         moved = {name: np.rint(self._moved(name, x, y)[1]).astype(int) for name in self.shifts}
         return {name: (int(dx), int(dy)) for name, (dx, dy) in moved.items()}
 
     def _moved(self, name: str, x: float, y: float) -> tuple[Array, Array]:
-        """The point (1, 2) of a plane that shows a place of the picture, and how far (2,) it lies elsewhere."""
+        """The point (1, 2) of a plane at a position of the picture, and its displacement (2,)."""
         place = np.array([[x, y]])
         there = self.in_plane(name, place)
         if name not in self.shifts:
@@ -111,8 +111,8 @@ class Optics:
         return np.asarray(F, dtype=np.complex64)
 
     def _far(self, field: PsfField, n: int) -> Array:
-        """Spectrum of the mean tail's light from beyond the reach, per amplitude, (n, n // 2 + 1). It is a veil over
-        all but the widest waves: without it every detail would be taken for a little less blurred than it is."""
+        """Spectrum of the mean tail's light from beyond the reach, per amplitude, (n, n // 2 + 1). It is a veil that
+        only the lowest frequencies pass: without it every detail would count as slightly less blurred than it is."""
         return _spectrum_of_far(field.k, n, self.pitch / field.s)
 
     def in_plane(self, name: str, points: Array) -> Array:
@@ -121,18 +121,18 @@ class Optics:
 
     @property
     def ring(self) -> int:
-        """Pixels of the picture that the supports reach."""
+        """Half-width of the supports in pixels of the picture."""
         return max(int(np.ceil(field.k / 2 / field.s * self.pitch)) for field in self.fields.values()) + 2
 
     def side(self, shape: tuple[int, int]) -> int:
-        """Side of the tiles, in pixels of the picture, within which the PSFs hardly change."""
+        """Side of the tiles, in pixels of the picture, within which the PSFs change little."""
         for n in SIDES:
             if self._change(shape, n / 2) <= CHANGE and self._move(shape, n / 2) <= MOVE_PX:
                 return n
         return SIDES[-1]
 
     def _change(self, shape: tuple[int, int], reach: float) -> float:
-        """Root mean square change of the supports over a quarter of a tile's side, of their norm."""
+        """Root mean square change of the supports over a quarter of a tile's side, relative to their norm."""
         name, field = next(iter(self.fields.items()))
         here, *moved = (field.samples(self.in_plane(name, places)) for places in _places(shape, reach / 2))
         return float(np.sqrt(max(np.sum((other - here) ** 2) for other in moved) / np.sum(here**2)))
@@ -147,7 +147,7 @@ class Optics:
 
 
 def _mean_tail(field: PsfField, place: Array) -> float:
-    """Amplitude of the mean tail at a place (1, 2), over the light within the tail's reach."""
+    """Amplitude of the mean tail at a position (1, 2), over the light within the tail's reach."""
     samples, amplitudes = np.split(field.parameters(place)[0], [field.k**2])
     within = samples.sum() + amplitudes @ tail_kernels(field.k)[: field.q].sum(axis=(1, 2))
     return float(amplitudes[0] / within)
@@ -155,13 +155,13 @@ def _mean_tail(field: PsfField, place: Array) -> float:
 
 @lru_cache(maxsize=8)
 def _spectrum_of_far(k: int, n: int, ratio: float) -> Array:
-    """The same, for `ratio` samples of the picture per sample of the PSFs."""
+    """`_far` for `ratio` samples of the picture per sample of the PSFs."""
     f = np.hypot(np.fft.fftfreq(n)[:, None], np.arange(n // 2 + 1) / n)
     return spectrum_beyond(f.ravel() * ratio, k).reshape(f.shape)
 
 
 def wrapped(kernel: Array, n: int) -> Array:
-    """A kernel about sample 0 of n x n; what reaches beyond them comes back on the other side."""
+    """A kernel centred on sample 0 of n x n, with periodic boundary."""
     wrapped = np.zeros((n, n))
     at = (np.arange(len(kernel)) - len(kernel) // 2) % n
     np.add.at(wrapped, np.ix_(at, at), kernel)
@@ -169,7 +169,7 @@ def wrapped(kernel: Array, n: int) -> Array:
 
 
 def _places(shape: tuple[int, int], step: float) -> tuple[Array, Array, Array]:
-    """Places over the frame, and those a step to the right and below."""
+    """Positions over the frame, and those a step to the right and below."""
     rows, columns = shape
     x, y = np.meshgrid(np.linspace(0, columns - 1 - step, 8), np.linspace(0, rows - 1 - step, 8))
     places = np.column_stack([x.ravel(), y.ravel()])

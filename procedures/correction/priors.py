@@ -1,4 +1,4 @@
-"""What is believed of a sharp picture: which differences are few and large rather than many and small."""
+"""Priors of a sharp picture: which differences are few and large rather than many and small."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from procedures.outcome import BadParameter
 Array = npt.NDArray[np.float64]
 
 CHROMA = 3.0
-"""How much rarer differences of colour are than differences of lightness, in a balanced picture."""
+"""Weight of differences of colour relative to differences of lightness, in a balanced picture."""
 
 
 @dataclass(frozen=True)
 class Prior:
-    """A penalty on the lengths of differences, of all colours together as in (6.11) of the thesis.
+    """A penalty on the lengths of differences, of all colours jointly as in (6.11) of the thesis.
 
     Attributes
     ----------
     name : str
-        "total-variation": differences of neighbours; "second-order": second differences, which leave slopes alone.
+        "total-variation": differences of neighbours; "second-order": second differences, which do not penalise slopes.
     chroma : float
-        What differences between the colours count more than those of lightness.
+        Weight of differences between the colours relative to those of lightness.
     strength : float
-        1 is what the photograph's own noise and differences ask for.
+        Factor of the strength derived from the photograph's noise and differences.
     """
 
     name: str = "total-variation"
@@ -39,21 +39,21 @@ class Prior:
         if not (self.chroma >= 1 and self.strength > 0):
             raise BadParameter(
                 f"a prior needs a chroma of 1 or more and a positive strength; got {self.chroma:g}, {self.strength:g}",
-                "leave them out",
+                "use the defaults",
             )
 
     @property
     def second(self) -> bool:
-        """Whether second differences are meant."""
+        """Whether the differences are of second order."""
         return self.name == "second-order"
 
     @property
     def kinds(self) -> int:
-        """Differences at one place: down and across; or down, across and mixed."""
+        """Number of differences per pixel: down and across; or down, across and mixed."""
         return 3 if self.second else 2
 
     def mixing(self, channels: int) -> Array:
-        """Lightness and weighted colour differences from red, green and blue, (C, C); 1 for a single channel."""
+        """Matrix from red, green and blue to lightness and weighted colour differences, (C, C)."""
         if channels == 1:
             return np.ones((1, 1))
         lightness = np.ones(3) / np.sqrt(3)

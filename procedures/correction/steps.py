@@ -1,4 +1,4 @@
-"""The pointwise steps of the splitting, one pass over the samples each; neighbours go round the tile's rim."""
+"""Pointwise steps of the splitting, each one pass over the samples; the tile is periodic."""
 
 from __future__ import annotations
 
@@ -39,25 +39,25 @@ def length(d: Single) -> Single:
     return np.asarray(np.sqrt(np.sum(d**2, axis=(0, 1))))
 
 
-def agree(seen: Single, z: Single, weight: Single, dual: Single, rho: np.float32) -> None:
-    """The copies of the blurred planes, pulled to the samples: their targets in place of `seen`, and their duals."""
-    _agree(seen.reshape(-1), z.reshape(-1), weight.reshape(-1), dual.reshape(-1), rho)
+def agree(copies: Single, z: Single, weight: Single, dual: Single, rho: np.float32) -> None:
+    """Update the copies of the blurred planes by the data: their targets in place of `seen`, and their duals."""
+    _agree(copies.reshape(-1), z.reshape(-1), weight.reshape(-1), dual.reshape(-1), rho)
 
 
 def shrink(d: Single, dual: Single, threshold: np.float32) -> None:
-    """The copies of the differences (K, C, n, n), their common length less the threshold; in place as `agree`."""
+    """Soft-threshold the copies of the differences (K, C, n, n) by their common length; in place as `agree`."""
     flat = (d.shape[0] * d.shape[1], -1)
     _shrink(d.reshape(flat), dual.reshape(flat), threshold)
 
 
 def solve(
-    seen: Spectrum, conjugate: Spectrum, channel: npt.NDArray[np.int64], pulled: Spectrum, inverse: Single,
+    copies: Spectrum, conjugate: Spectrum, channel: npt.NDArray[np.int64], pulled: Spectrum, inverse: Single,
     coupled: Single, data: np.float32, penalty: np.float32, out: Spectrum,
 ) -> None:  # fmt: skip
     """The normal equations at every frequency: (1 / inverse - c) out = data sum conj(H) seen + penalty pulled."""
-    P, C = len(seen), len(pulled)
+    P, C = len(copies), len(pulled)
     _solve(
-        seen.view(np.float32).reshape(P, -1), conjugate.view(np.float32).reshape(P, -1), channel,
+        copies.view(np.float32).reshape(P, -1), conjugate.view(np.float32).reshape(P, -1), channel,
         pulled.view(np.float32).reshape(C, -1), inverse.reshape(C, -1), coupled.reshape(-1), data, penalty,
         out.view(np.float32).reshape(C, -1),
     )  # fmt: skip
@@ -74,13 +74,13 @@ def _mix(M: Single, u: Single, out: Single) -> None:
 
 
 @vectorised
-def _agree(seen: Single, z: Single, weight: Single, dual: Single, rho: np.float32) -> None:
-    for i in range(seen.size):
-        q = seen[i] - dual[i]
-        # a clipped sample, marked by its weight, says: as much light or more
+def _agree(copies: Single, z: Single, weight: Single, dual: Single, rho: np.float32) -> None:
+    for i in range(copies.size):
+        q = copies[i] - dual[i]
+        # a negative weight marks a clipped sample, whose value is a lower bound
         v = max(q, z[i]) if weight[i] < 0 else (weight[i] * z[i] + rho * q) / (weight[i] + rho)
         dual[i] = v - q
-        seen[i] = v + v - q
+        copies[i] = v + v - q
 
 
 @vectorised
@@ -117,9 +117,9 @@ def _first_adjoint(d: Single, out: Single) -> None:
     C, n, m = out.shape
     for c in range(C):
         for i in range(n):
-            own, above, across, to = d[0, c, i], d[0, c, (i + n - 1) % n], d[1, c, i], out[c, i]
+            here, above, across, to = d[0, c, i], d[0, c, (i + n - 1) % n], d[1, c, i], out[c, i]
             for j in range(m):
-                to[j] = above[j] - own[j]
+                to[j] = above[j] - here[j]
             for j in range(1, m):
                 to[j] += across[j - 1] - across[j]
             to[0] += across[m - 1] - across[0]
@@ -156,10 +156,10 @@ def _second_adjoint(d: Single, out: Single) -> None:
 
 @vectorised
 def _solve(
-    seen: Single, conjugate: Single, channel: npt.NDArray[np.int64], pulled: Single, inverse: Single,
+    copies: Single, conjugate: Single, channel: npt.NDArray[np.int64], pulled: Single, inverse: Single,
     coupled: Single, data: np.float32, penalty: np.float32, out: Single,
 ) -> None:  # fmt: skip
-    P, C = seen.shape[0], pulled.shape[0]
+    P, C = copies.shape[0], pulled.shape[0]
     for f in range(coupled.size):
         re, im = 2 * f, 2 * f + 1
         for c in range(C):
@@ -167,7 +167,7 @@ def _solve(
             out[c, im] = penalty * pulled[c, im]
         for p in range(P):
             c = channel[p]
-            a, b, x, y = conjugate[p, re], conjugate[p, im], seen[p, re], seen[p, im]
+            a, b, x, y = conjugate[p, re], conjugate[p, im], copies[p, re], copies[p, im]
             out[c, re] += data * (a * x - b * y)
             out[c, im] += data * (a * y + b * x)
         real, imaginary = np.float32(0), np.float32(0)

@@ -1,4 +1,4 @@
-"""Tiles that cover a frame, each with a margin, and the windows that fade one into the next; they sum to 1."""
+"""Overlapping tiles that cover a frame, each with a margin, and blending windows that sum to 1."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Single = npt.NDArray[np.float32]
 FADE = 16
 """Samples over which one tile fades into the next."""
 DECAY = 12
-"""Samples after which the rim of a tile is no longer felt."""
+"""Distance in samples over which the influence of a tile's rim decays."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Axis:
     n : int
         Samples of a tile, even.
     margin : int
-        Samples at both ends of a tile that count in no window, even.
+        Samples at both ends of a tile that have no weight in any window, even.
     """
 
     size: int
@@ -35,17 +35,17 @@ class Axis:
 
     @property
     def step(self) -> int:
-        """Samples from one tile to the next; even, so that a mosaic lies alike in all tiles."""
+        """Samples from one tile to the next; even, so that a mosaic has the same phase in all tiles."""
         return self.n - 2 * self.margin - FADE
 
     @property
     def starts(self) -> list[int]:
-        """Where each tile begins, in samples of the frame; the first begins before it."""
+        """First sample of each tile in the frame; negative for the first tile."""
         count = max(1, -(-self.size // self.step))
         return [k * self.step - FADE // 2 - self.margin for k in range(count)]
 
     def window(self, start: int) -> Single:
-        """What each sample (n,) of the tile counts in the frame."""
+        """Weight of each sample (n,) of the tile in the frame."""
         at = np.arange(self.n) - self.margin
         rise = np.clip((at + 0.5) / FADE, 0, 1)
         fall = rise[::-1]
@@ -66,7 +66,7 @@ class Grid:
 
     @classmethod
     def over(cls, shape: tuple[int, int], n: int, ring: int) -> Grid:
-        """Tiles of n samples, of which a ring of that width is not seen and another fades its effect."""
+        """Tiles of n samples with a margin for a ring without data and for the decay of its influence."""
         margin = (ring + DECAY + 1) // 2 * 2
         return cls(Axis(shape[0], n, margin), Axis(shape[1], n, margin))
 

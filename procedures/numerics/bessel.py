@@ -1,9 +1,9 @@
-"""Bessel's functions J0 and J1 and the integral of J0, by Bessel's own integrals: SciPy's take longer to import.
+"""Bessel's functions J0 and J1 and the integral of J0, by Bessel's integrals: SciPy's take longer to import.
 
-J_n(x) is the mean over theta of cos(n theta - x sin theta) (NIST DLMF 10.9.2), its integral over x of the first that of
-sin(x sin theta) / sin theta. What is even about both axes of theta stays of them: a quarter of a turn has all of it.
-Over whole periods the trapezoidal rule errs by J_N(x) for N points, nothing from N = 2 x + 80 on (Trefethen and
-Weideman, SIAM Review 56, 2014).
+J_n(x) is the mean over theta of cos(n theta - x sin theta) (NIST DLMF 10.9.2), and the integral of J0 that of
+sin(x sin theta) / sin theta. Only the part even about both axes of theta contributes, so a quarter turn suffices. Over
+whole periods the trapezoidal rule with N points has an error of J_N(x), which vanishes from N = 2 x + 80 on (Trefethen
+and Weideman, SIAM Review 56, 2014).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 MORE_POINTS = 40
 LARGEST_BLOCK = 1 << 20
-"""Values of the integrand at a time."""
+"""Values of the integrand per block."""
 
 
 def j0(x: npt.ArrayLike) -> Array:
@@ -36,7 +36,7 @@ def integral_of_j0(x: npt.ArrayLike) -> Array:
 
 
 def _mean(x: npt.ArrayLike, integrand: Callable[[Array, Array], Array]) -> Array:
-    """Mean over theta of an integrand of x and sin theta, at points that are none of its removable poles."""
+    """Mean over theta of an integrand of x and sin theta, at points that avoid its removable poles."""
     values = np.asarray(x, dtype=np.float64)
     flat = values.ravel()
     points = (int(np.abs(flat).max(initial=0.0)) + MORE_POINTS) // 2 + 1

@@ -1,14 +1,14 @@
-"""How large, how wide and how smooth a kernel is, told by its own least-squares estimate and the noise of that.
+"""Size, width and smoothness of a kernel, estimated from its least-squares estimate and the covariance of that.
 
-A kernel h seen with errors e of known covariance E is drawn, before anything is known of its form, from a Gaussian
-process: of mean 0, of standard deviation
+The prior of a kernel h, observed with errors e of known covariance E, is a Gaussian process of mean 0 and standard
+deviation
 
     sigma(r) = a (1 + (r / R)^2)^(-3/2)
 
-at r from the centre, which falls as the mean far tail of every PSF does, and of neighbours that are alike over a length
-L (Matern's correlation of order 5/2: curves that have two derivatives and need no more). The three numbers are those
-under which the estimate h + e, of covariance C + E, is most likely: nothing is taken for smooth or narrow that is not
-seen to be so above the noise, and where the noise is low the prior is no more than a formality.
+at r from the centre, which falls as the mean far tail of every PSF does. Its correlation is Matern's of order 5/2 with
+length L: curves with two derivatives. a, R and L maximise the likelihood of the estimate h + e, of covariance C + E:
+smoothness and narrowness are assumed only as far as they show above the noise, and at low noise the prior has almost
+no effect.
 
 References
 ----------
@@ -29,17 +29,17 @@ from procedures.numerics.triangular import inverse_lower
 Array = npt.NDArray[np.float64]
 
 START_PX = (0.2, 0.9, 1.1)
-"""a per square pixel of a kernel of sum 1, R and L in pixels: where the search begins."""
+"""a per square pixel of a kernel of sum 1, R and L in pixels: starting values and prior medians."""
 START_SPREAD = 1.0
-"""Standard deviation of their logarithms about that: what the search is held by where the data say nothing."""
+"""Prior standard deviation of their logarithms, which regularises the search where the data are uninformative."""
 ROUGHNESS = 1e-4
-"""Share of the variance that no neighbour knows of: keeps the smoothest prior a matrix that can be inverted."""
-MIDDLES = (11, 17)
-"""Samples along the side of the squares that tell them, one after the other: the smaller one takes a tenth of the time
-and brings the search near. What lies beyond the larger is faint and would take most of the time."""
-STEPS, LONGEST, STILL = 10, 1.0, 0.05
-"""Steps of the search, the longest one and the one at which it ends, in logarithms: the answer changes by less than
-its noise."""
+"""Uncorrelated fraction of the variance: keeps the smoothest prior invertible."""
+CENTRAL_SIDES = (11, 17)
+"""Sides in samples of the central squares used, one after the other: the smaller one takes a tenth of the time and
+gives a good start. Samples beyond the larger are faint and would dominate the time."""
+MAX_ITERATIONS, MAX_STEP, TOLERANCE = 10, 1.0, 0.05
+"""Iterations of the search, its longest step and the step at which it ends, in logarithms: below that the result
+changes by less than its noise."""
 
 
 def prior_covariance(h: Array, errors: Array, s: int) -> Array:
@@ -48,7 +48,7 @@ def prior_covariance(h: Array, errors: Array, s: int) -> Array:
     Parameters
     ----------
     h : (n,) float64
-        The kernel's k x k values row by row, of a sum near 1, with errors.
+        The kernel's k x k values row by row, with errors, of a sum near 1.
     errors : (n, n) float64
         Their covariance.
     s : int
@@ -56,51 +56,51 @@ def prior_covariance(h: Array, errors: Array, s: int) -> Array:
     """
     k = round(len(h) ** 0.5)
     at = start = _start(s)
-    for side in MIDDLES:
+    for side in CENTRAL_SIDES:
         at = _most_likely(*_middle(h, errors, k, side), start, at)
     return _Prior.at(at, k).C
 
 
 def _start(s: int) -> Array:
-    """The logarithms of a, R and L, in samples, that are expected."""
+    """Prior medians of the logarithms of a, R and L, in samples."""
     a, radius, length = START_PX
     return np.log([a / s**2, radius * s, length * s])
 
 
 def _middle(h: Array, errors: Array, k: int, side: int) -> tuple[Array, Array]:
-    """The estimate's central side x side values at most, and their errors' covariance."""
+    """The estimate's central values, at most side x side, and their covariance."""
     rim = max(0, (k - side) // 2)
     inner = np.arange(k * k).reshape(k, k)[rim : k - rim, rim : k - rim].ravel()
     return h[inner], errors[np.ix_(inner, inner)]
 
 
 def _most_likely(h: Array, errors: Array, start: Array, at: Array) -> Array:
-    """The logarithms of a, R and L, in samples, under which the estimate is most likely; `start` is what they are
-    expected to be, `at` where the search begins."""
+    """The logarithms of a, R and L, in samples, of the highest posterior; `start` are the prior medians, `at` is where
+    the search begins."""
     k = round(len(h) ** 0.5)
-    held = 1 / START_SPREAD**2
+    precision = 1 / START_SPREAD**2
     best, pace = -np.inf, 1.0
     step: Array = np.zeros(3)
-    for _ in range(STEPS):
+    for _ in range(MAX_ITERATIONS):
         likelihood, score, information = _likelihood(_Prior.at(at + step, k), h, errors)
         away = at + step - start
-        likelihood -= float(held * away @ away) / 2
+        likelihood -= float(precision * away @ away) / 2
         if likelihood < best:
-            step, pace = step / 2, pace / 2  # the information is an average: where it is too small, steps are too long
+            step, pace = step / 2, pace / 2  # the average information is only approximate: the step was too long
         else:
             at, best = at + step, likelihood
-            step = np.asarray(np.linalg.solve(information + held * np.eye(3), score - held * away), dtype=np.float64)
-            step = step * min(pace, LONGEST / np.abs(step).max())
-        if np.abs(step).max() < STILL:
+            step = np.asarray(np.linalg.solve(information + precision * np.eye(3), score - precision * away))
+            step = step * min(pace, MAX_STEP / np.abs(step).max())
+        if np.abs(step).max() < TOLERANCE:
             break
     return at
 
 
 @dataclass(frozen=True)
 class _Prior:
-    """The covariance C (n, n) of a prior, and what changes it with the logarithms of a, R and L.
+    """The covariance C (n, n) of a prior, and its derivatives with respect to the logarithms of a, R and L.
 
-    By the first it is 2 C; by the second it is wide_i C_ij + C_ij wide_j; by the third it is `lengthened` (n, n).
+    The first is 2 C; the second is wide_i C_ij + C_ij wide_j; the third is `lengthened` (n, n).
     """
 
     C: Array
@@ -136,13 +136,13 @@ class _Prior:
 
 @lru_cache(maxsize=4)
 def _lags(k: int) -> npt.NDArray[np.intp]:
-    """Where the lag between two of the k x k values stands in a table of k x k lags: (k^2, k^2)."""
+    """Index of the lag between two of the k x k values in a table of k x k lags: (k^2, k^2)."""
     apart = np.abs(np.subtract.outer(np.arange(k), np.arange(k)))
     return (k * apart[:, None, :, None] + apart[None, :, None, :]).reshape(k * k, k * k)
 
 
 def _likelihood(prior: _Prior, h: Array, errors: Array) -> tuple[float, Array, Array]:
-    """Logarithm of the probability of the estimate, its slope (3,) and the average information (3, 3)."""
+    """Log likelihood of the estimate, its gradient (3,) and the average information (3, 3)."""
     inverse_factor = inverse_lower(np.linalg.cholesky(prior.C + errors))
     inverse = inverse_factor.T @ inverse_factor
     weighted = inverse @ h

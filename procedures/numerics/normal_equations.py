@@ -30,7 +30,7 @@ class NormalEquations:
     AZ : (n, p), ZZ : (p, p) float64
         A'Z and Z'Z.
     E : (p, n) float64
-        (Z'Z)^-1 Z'A: by what the nuisance parameters fall as the kernel grows.
+        (Z'Z)^-1 Z'A: the decrease of the nuisance parameters per unit of the kernel.
     t : (p,) float64
         (Z'Z)^-1 Z'r: the nuisance parameters without a kernel.
     """
@@ -56,20 +56,20 @@ class NormalEquations:
 
     @cached_property
     def inverse_where_known(self) -> Array:
-        """(A'A)^-1 (n, n): the covariance of h for unit noise where the nuisance parameters are known."""
-        through = self.inverse @ self.AZ  # A'A is G and a matrix of rank p: Woodbury's identity
+        """(A'A)^-1 (n, n): covariance of h for unit noise at known nuisance parameters."""
+        through = self.inverse @ self.AZ  # A'A is G plus a matrix of rank p: Woodbury's identity
         return np.asarray(self.inverse - through @ cholesky_solve(self.ZZ + self.AZ.T @ through, through.T))
 
     def nuisance(self, h: Array) -> Array:
-        """The nuisance parameters (p,) that go with the kernel h (n,)."""
+        """The nuisance parameters (p,) for the kernel h (n,)."""
         return np.asarray(self.t - self.E @ h)
 
     def response(self, change: Array) -> Array:
-        """How the nuisance parameters (p,) follow a change of the kernel (n,)."""
+        """Change of the nuisance parameters (p,) with a change of the kernel (n,)."""
         return np.asarray(-self.E @ change)
 
     def with_right_side(self, p: Products) -> NormalEquations:
-        """The same for the Ar and Zr of other products, whose matrices are the same."""
+        """These equations with Ar and Zr of other products of the same matrices."""
         t = cholesky_solve(self.ZZ, p.Zr)
         return replace(self, b=p.Ar - self.AZ @ t, t=t)
 
@@ -81,7 +81,7 @@ def gram(A: Array32) -> Array:
 
 @dataclass(frozen=True)
 class Products:
-    """What the normal equations are made of.
+    """Products from which the normal equations are formed.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Products:
     AZ : (n, p), ZZ : (p, p), Ar : (n,), Zr : (p,)
         A'Z, Z'Z, A'r, Z'r.
     pull : (p,) float64 or 0
-        The part of Zr that is no product, but known beforehand.
+        Prior part of Zr.
     """
 
     AA: Array
@@ -101,57 +101,57 @@ class Products:
     pull: Array | float = 0.0
 
     def with_right_side(self, A: Array32, Z: Array, r: Array) -> Products:
-        """The same for another r (m,)."""
+        """These products for another r (m,)."""
         return replace(self, Ar=(A.T @ r.astype(np.float32)).astype(np.float64), Zr=Z.T @ r + self.pull)
 
     def with_prior(self, precision: Array, pull: Array) -> Products:
-        """The same with what is known of the nuisance parameters beforehand.
+        """Add a Gaussian prior of the nuisance parameters.
 
         Parameters
         ----------
         precision : (p,) float64
-            One over the variance of each, in units where the data's noise is 1; 0 where nothing is known.
+            One over the prior variance of each, in units where the data's noise is 1; 0 without prior.
         pull : (p,) float64
-            What they are expected to become: the mean known less the present value.
+            Prior mean less the present value.
         """
         return replace(
             self, ZZ=self.ZZ + np.diag(precision), Zr=self.Zr + precision * pull, pull=self.pull + precision * pull
         )
 
-    def with_kept(self, count: int, precision: Array, pull: Array) -> Products:
-        """The same with the last nuisance columns counted to A, as its last columns.
+    def with_joined(self, count: int, precision: Array, pull: Array) -> Products:
+        """Move the last nuisance columns to A, as its last columns.
 
         Parameters
         ----------
         count : int
-            How many columns.
+            Number of columns.
         precision, pull : (c,) float64
-            What is known beforehand of the last c of them, as in `with_prior`.
+            Prior of the last c of them, as in `with_prior`.
         """
-        kept, others = self.AZ[:, -count:], self.AZ[:, :-count]
-        own, known = self.ZZ[-count:, -count:].copy(), self.Zr[-count:].copy()
+        joined, others = self.AZ[:, -count:], self.AZ[:, :-count]
+        block, right = self.ZZ[-count:, -count:].copy(), self.Zr[-count:].copy()
         last = np.arange(count - len(precision), count)
-        own[last, last] += precision
-        known[last] += precision * pull
+        block[last, last] += precision
+        right[last] += precision * pull
         return Products(
-            np.block([[self.AA, kept], [kept.T, own]]),
+            np.block([[self.AA, joined], [joined.T, block]]),
             np.vstack([others, self.ZZ[-count:, :-count]]),
             self.ZZ[:-count, :-count],
-            np.concatenate([self.Ar, known]),
+            np.concatenate([self.Ar, right]),
             self.Zr[:-count],
         )
 
 
 def products(AA: Array, A: Array32, Z: Array, r: Array) -> Products:
-    """The products of A (m, n) float32, nuisance columns Z (m, p) and r (m,), their rows over the noise."""
+    """Products of A (m, n) float32, nuisance columns Z (m, p) and r (m,), all rows divided by the noise."""
     AZr = (A.T @ np.column_stack([Z, r]).astype(np.float32)).astype(np.float64)
     return Products(AA, AZr[:, :-1], Z.T @ Z, AZr[:, -1], Z.T @ r)
 
 
 def products_within(whole: Array32, n: int, Z: Array, r: Array) -> Products:
-    """The same as `products`, for A the first n columns of a matrix (m, n + p + 1), whose others are written over.
+    """`products` for A the first n columns of a matrix (m, n + p + 1); the other columns are overwritten.
 
-    All in one product, which takes little longer than A'A by itself; Z'Z and Z'r stay in double precision.
+    One matrix product takes little longer than A'A alone; Z'Z and Z'r stay in double precision.
     """
     whole[:, n:-1], whole[:, -1] = Z, r
     G = gram(whole)

@@ -1,4 +1,4 @@
-"""Quantiles and distinct values by sorting: NumPy's own import its masked arrays, a tenth of a whole command's time."""
+"""Quantiles and distinct values by sorting: NumPy's own import masked arrays, a tenth of a whole command's time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Value = TypeVar("Value", bound=np.generic)
 
 
 def quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
-    """The value under which a share of the values (n > 0,) lies, linear between two of them."""
+    """Quantile of the values (n > 0,), with linear interpolation."""
     place = share * (len(values) - 1)
     below = int(place)
     above = min(below + 1, len(values) - 1)
@@ -20,8 +20,8 @@ def quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
 
 
 def distinct(values: npt.NDArray[Value]) -> npt.NDArray[Value]:
-    """The different ones of the values (n,), in rising order."""
-    found = np.sort(values)
-    new = np.ones(len(found), dtype=np.bool_)
-    new[1:] = found[1:] != found[:-1]
-    return np.asarray(found[new])
+    """Distinct values of (n,), in ascending order."""
+    ordered = np.sort(values)
+    new = np.ones(len(ordered), dtype=np.bool_)
+    new[1:] = ordered[1:] != ordered[:-1]
+    return np.asarray(ordered[new])

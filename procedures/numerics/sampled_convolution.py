@@ -1,4 +1,4 @@
-"""Convolution with an image on the s grid, seen at pixels only: as a matrix, and applied."""
+"""Convolution of an image on the s grid, sampled at pixels: as a matrix, and applied."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from procedures.numerics.compiled import compiled, vectorised
 Array32 = npt.NDArray[np.float32]
 
 np.empty(31 << 20, np.uint8)
-# The C library (glibc) keeps twice as much freed memory as the largest block that came back to it, of up to 32 MiB:
-# now that this one did, a matrix's pages are not taken from the system and cleared again for every PSF.
+# The C library (glibc) keeps twice as much freed memory as the largest freed block of up to 32 MiB: after this one, the
+# pages of a matrix are not returned to the system and cleared again for every PSF.
 
 
 def sample_convolution(
@@ -28,13 +28,13 @@ def sample_convolution(
     Parameters
     ----------
     raster : (s (rows - 1) + k, s (columns - 1) + k) float32
-        What is convolved, on the s grid with a border of k // 2 samples.
+        The image on the s grid, with a border of k // 2 samples.
     rows, columns : (m,) int64
         The pixels.
     weight : (m,) float32
         One over the standard deviation of the pixel's sample.
     more : int
-        Columns that the caller fills.
+        Additional columns, filled by the caller.
 
     Returns
     -------
@@ -44,7 +44,7 @@ def sample_convolution(
     ----------
     Delbracio, Muse, Almansa, IPOL 2012, section 4.7.
     """
-    A = np.empty((len(rows), k * k + more), np.float32)  # by NumPy, which takes memory in large pages
+    A = np.empty((len(rows), k * k + more), np.float32)  # NumPy allocates large pages
     _fill(A, raster, rows, columns, weight, s, k)
     return A
 
@@ -75,14 +75,14 @@ def convolve_at(
     """A raster convolved with h (k, k), at pixels only: (m,) float32. Arguments as in `sample_convolution`."""
     m, k = len(rows), h.shape[0]
     out = np.empty(m, np.float32)
-    turned = np.ascontiguousarray(h[::-1, ::-1])  # both are then read forwards
+    flipped = np.ascontiguousarray(h[::-1, ::-1])  # both are then read forwards
     for p in range(m):
         top, left = s * rows[p], s * columns[p]
         total = np.float32(0)
         for i in range(k):
             line = raster[top + i]
             for j in range(k):
-                total += turned[i, j] * line[left + j]
+                total += flipped[i, j] * line[left + j]
         out[p] = total
     return out
 
@@ -91,7 +91,7 @@ def convolve_at(
 def sums_of_groups(
     A: Array32, group: npt.NDArray[np.int64], factor: Array32, count: int
 ) -> Array32:  # pragma: no cover - compiled
-    """The sums of a matrix' rows (m, n), times a factor each (m,), over the groups that they belong to: (count, n)."""
+    """Sums over groups of a matrix' rows (m, n), each times its factor (m,): (count, n)."""
     out = np.zeros((count, A.shape[1]), np.float32)
     for p in range(len(A)):
         total, row, f = out[group[p]], A[p], factor[p]

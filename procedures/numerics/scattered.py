@@ -1,6 +1,6 @@
-"""Values known at scattered places of the plane, at any other: linear smoothers, each a matrix of weights.
+"""Interpolation of values at scattered places of the plane: linear smoothers, each a matrix of weights.
 
-What is predicted is `weights(points) @ values`, so its variance follows from that of the values; weights add to 1.
+The prediction is `weights(points) @ values`, so its variance follows from that of the values; weights sum to 1.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Smoother(Protocol):
-    """A way to predict from values at N places."""
+    """Prediction from values at N places."""
 
     def weights(self, points: Array) -> Array:
         """(n, N): row j predicts at points[j]."""
@@ -37,14 +37,14 @@ class Polynomial:
     Attributes
     ----------
     places : (N, 2) float64
-        Best within [-1, 1], for the monomials' condition.
+        Best within [-1, 1], for the condition of the monomials.
     trust : (N,) float64
         One over the variance of each value, in any unit.
 
     Raises
     ------
     ValueError
-        If the places cannot tell the coefficients apart.
+        If the places do not determine the coefficients.
     """
 
     places: Array
@@ -62,21 +62,21 @@ class Polynomial:
 
     @cached_property
     def _solution(self) -> Array:
-        """The coefficients (c, N) by the values."""
+        """Coefficients (c, N) per value."""
         root = np.sqrt(self.trust)
         return np.asarray(np.linalg.pinv(monomials(self.places, self.degree) * root[:, None]) * root)
 
 
 @dataclass(frozen=True, eq=False)
 class ThinPlate:
-    """The thin-plate spline with a linear part; passes through the values where `stiffness` is 0.
+    """Thin-plate spline with a linear part; interpolates the values where `stiffness` is 0.
 
     Attributes
     ----------
     places : (N, 2) float64, trust : (N,) float64
         As in `Polynomial`; at least three places, not on a line.
     stiffness : float
-        What is minimised is mean trust (value - prediction)^2 + stiffness times the bending energy.
+        Weight of the bending energy: mean trust (value - prediction)^2 + stiffness times the energy is minimised.
 
     References
     ----------
@@ -93,7 +93,7 @@ class ThinPlate:
 
     @cached_property
     def _solution(self) -> Array:
-        """What the places' bendings and the linear part are multiplied by, (N + 3, N), by the values."""
+        """Coefficients of the bending functions and the linear part, (N + 3, N), per value."""
         n = len(self.places)
         linear = monomials(self.places, 1)
         system = np.zeros((n + 3, n + 3))
@@ -104,7 +104,7 @@ class ThinPlate:
 
 
 def _bending(a: Array, b: Array) -> Array:
-    """r^2 log r between points (n, 2) and (m, 2), the Green's function of bending but for its factor: (n, m)."""
+    """r^2 log r between points (n, 2) and (m, 2), the Green's function of bending up to a factor: (n, m)."""
     r2 = np.sum((np.asarray(a)[:, None] - np.asarray(b)) ** 2, axis=2)
     return np.asarray(r2 * np.log(np.maximum(r2, 1e-300)) / 2)
 
@@ -133,7 +133,7 @@ class Hull:
         try:
             triangles = Delaunay(self.places)
         except (QhullError, ValueError) as error:
-            raise ValueError("the places lie on one line, or are fewer than three: they enclose nothing") from error
+            raise ValueError("a hull needs three places that do not lie on one line") from error
         object.__setattr__(self, "_triangles", triangles)
         object.__setattr__(self, "_rim", self.places[_ring(triangles.convex_hull, self.places)])
 
@@ -144,14 +144,14 @@ class Hull:
         return rim
 
     def holds(self, points: Array) -> npt.NDArray[np.bool_]:
-        """Which of the points (n, 2) lie in it; its rim does, within rounding."""
+        """Whether each of the points (n, 2) lies inside or, within rounding, on the rim."""
         near = self.nearest(points)
         size = float(np.ptp(self.places, axis=0).max())
         inside: npt.NDArray[np.bool_] = np.linalg.norm(near - points, axis=1) <= 1e-9 * size
         return inside
 
     def nearest(self, points: Array) -> Array:
-        """The points (n, 2), and for those outside the nearest of the hull."""
+        """The points (n, 2); those outside moved to the nearest point of the hull."""
         points = np.array(points, dtype=np.float64)
         outside = np.flatnonzero(self.__dict__["_triangles"].find_simplex(points) < 0)
         if not len(outside):

@@ -38,8 +38,8 @@ def cholesky_inverse(G: Array) -> Array:
 def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) -> Array:
     """Minimise x'G x / 2 - b'x subject to x >= 0, by block principal pivoting.
 
-    Whole blocks of variables change sides while that lowers the number of infeasible ones; when it stalls, single
-    exchanges of the last infeasible variable guarantee the end.
+    Whole blocks of variables are exchanged while that lowers the number of infeasible ones; when it stalls, single
+    exchanges of the last infeasible variable guarantee termination.
 
     Parameters
     ----------
@@ -83,12 +83,12 @@ def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) 
 
 
 def solve_constrained(G: Array, b: Array, solver: str) -> Array:
-    """The kernel (n,) from its normal equations: "ls" freely, "clip" its negative part cut, "nnls" non-negative.
+    """The kernel (n,) from its normal equations: "ls" unconstrained, "clip" with negatives set to 0, "nnls" >= 0.
 
     Raises
     ------
     ValueError
-        If the solver is another.
+        If the solver is unknown.
 
     References
     ----------

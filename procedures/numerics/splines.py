@@ -1,4 +1,4 @@
-"""Cubic B-splines of band-limited images: made in Fourier, read through a smooth map."""
+"""Cubic B-splines of band-limited images, computed in Fourier space, evaluated through a smooth map."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Footprint = Callable[[Array], npt.NDArray[np.inexact[Any]]]
 
 @dataclass(frozen=True)
 class CellSpectra:
-    """Spectra of a lattice of cells and of the steps between them, each (n, n) complex64.
+    """Spectra of a lattice of cells and of the steps between cells, each (n, n) complex64.
 
     Attributes
     ----------
     cells : of the cells' values
-    left, upper : of the heights of the steps at each cell's left and upper edge
+    left, upper : of the step heights at each cell's left and upper edge
     """
 
     cells: Complex64
@@ -42,7 +42,7 @@ class CellSpectra:
 
 @dataclass(frozen=True)
 class Band:
-    """The frequencies f of a lattice whose image J'f lies in [-limit, limit]^2: those that a target's grid holds.
+    """Frequencies f of a lattice whose image J'f lies in [-limit, limit]^2, as the target grid represents them.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Band:
     limit: float
 
     def spline(self, parts: list[tuple[Complex64, Footprint, Footprint]]) -> Array32:
-        """Coefficients of the sum of lattices, by their spectra, with footprints, by their spectra along y and x."""
+        """Coefficients of a sum of lattices, given their spectra and the footprints' spectra along y and x."""
         size = self.n * self.per_cell
         reach = self.limit * np.abs(np.linalg.inv(self.J)).sum(axis=0) * self.n
         last_x, last_y = min(int(reach[0]), size // 2), min(int(reach[1]), (size - 1) // 2)
@@ -72,7 +72,7 @@ class Band:
         for spectrum, footprint_y, footprint_x in parts:
             filter_y, filter_x = footprint_y(fy) * along_y, footprint_x(fx) * along_x
             _add_band(cut, spectrum, filter_y.astype(np.complex64), filter_x.astype(np.complex64), self.J, self.limit)
-        # columns beyond the band are zero and stay out of the first transform
+        # columns beyond the band are zero and are skipped in the first transform
         return transforms.irfft_rows(transforms.ifft(cut, axis=0), size)
 
 
@@ -95,8 +95,8 @@ def _add_band(
 def cell_image_spline(spectra: CellSpectra, band: Band) -> Array32:
     """Spline coefficients of a piecewise constant image, cut to a band.
 
-    The spectrum is the cells' own, repeated, times the cell's footprint sinc(f_x) sinc(f_y): no raster, hence no
-    discretisation of the edges.
+    The spectrum is that of the cells, repeated, times the cell's footprint sinc(f_x) sinc(f_y): without a raster, edges
+    have no discretisation error.
 
     Returns
     -------
@@ -107,10 +107,10 @@ def cell_image_spline(spectra: CellSpectra, band: Band) -> Array32:
 
 
 def outline_spline(spectra: CellSpectra, band: Band) -> Array32:
-    """Spline coefficients of the cells' outlines: lines of the steps' heights where neighbours differ.
+    """Spline coefficients of the cells' outlines: lines weighted by the step between neighbours.
 
-    Added with a factor d to the cells' own image they move every edge by d cells from its darker to its brighter
-    side, to first order. Parameters and result as in `cell_image_spline`.
+    Added with a factor d to the cell image they move every edge by d cells from its darker to its brighter side, to
+    first order. Parameters and result as in `cell_image_spline`.
     """
     return band.spline([(spectra.left, np.sinc, _line), (spectra.upper, _line, np.sinc)])
 
@@ -126,21 +126,21 @@ def _to_spline(f: Array, per_cell: int) -> npt.NDArray[np.complex128]:
 
 
 RIM = 32
-"""Points by which a photograph is continued on every side before its transform, fading into its mean."""
+"""Points of padding on every side of a photograph before its transform, fading to its mean."""
 POINTS_PER_PERIOD = 3.2
-"""Grid points per shortest period kept: a cubic spline then errs by under 1 % at the very edge of the band."""
+"""Grid points per shortest retained period: the error of a cubic spline is then under 1 % at the band limit."""
 
 
 def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, Array]:
-    """Spline coefficients of a photograph, its spectrum cut to a square of another photograph's frequencies.
+    """Spline coefficients of a photograph, band-limited to the frequencies of another photograph.
 
-    The frequencies f stay whose image J'f lies in [-band, band]^2. The rim is mirrored and faded out, so that the
-    transform sees no jump.
+    Frequencies f with J'f in [-band, band]^2 are retained. The rim is mirrored and faded out, so that the transform has
+    no jump.
 
     Parameters
     ----------
     image : (rows, columns) float32
-        Best about zero: single precision counts from there.
+        Best centred about zero, for single precision.
     J : (2, 2) float64
         d(pixels x, y of the image) / d(target x, y).
     band : float
@@ -176,7 +176,7 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
 
 
 def _faded(image: Array32) -> Array32:
-    """The image with its mirrored rim, which fades to zero outwards."""
+    """The image with a mirrored rim that fades to zero outwards."""
     framed = np.pad(image, RIM, mode="symmetric")
     fade = (0.5 - 0.5 * np.cos(np.pi * (np.arange(RIM) + 0.5) / RIM)).astype(np.float32)
     framed[:RIM] *= fade[:, None]
@@ -187,7 +187,7 @@ def _faded(image: Array32) -> Array32:
 
 
 def _prefilter(f: Array) -> Array:
-    """What turns samples into cubic spline coefficients, at f cycles per grid point."""
+    """Spectrum of the cubic spline prefilter, at f cycles per grid point."""
     return np.asarray(3 / (2 + np.cos(2 * np.pi * f)))
 
 
@@ -213,10 +213,10 @@ def read_spline(
     step: float,
     shape: tuple[int, int],
 ) -> Array32:
-    """Values of a spline on a regular target grid, read through a displacement and a homography.
+    """Values of a spline on a regular target grid, through a displacement and a homography.
 
-    The target point p is read at H(p + d(p)), in grid points of the coefficients; d is a cubic polynomial of
-    (p - centre) / radius. Points beyond the coefficients are read at their rim.
+    The value at a target point p is that at H(p + d(p)), in grid points of the coefficients; d is a cubic polynomial of
+    (p - centre) / radius. Points beyond the coefficients take the value at their rim.
 
     Parameters
     ----------
@@ -254,10 +254,10 @@ def _row(
     weights: Array32,
     sums: Array32,
 ) -> None:  # pragma: no cover - compiled
-    """A row of values (n,), by their first coefficients and the places between these; `line` is a row's length.
+    """A row of values (n,), from their first coefficients and fractional positions; `line` is the length of a row.
 
-    `weights` (8, n) and `sums` (4 n,) are for working in: steps of their own, and the sums of the coefficients' four
-    columns side by side, are what the processor can do several at a time.
+    `weights` (8, n) and `sums` (4 n,) are scratch arrays: separate loops over the weights, the sums of four columns and
+    the result vectorise.
     """
     down, across = weights[:4], weights[4:]
     for j in range(len(out)):
@@ -293,7 +293,7 @@ def _read(
     n_y, n_x = size[0], size[1]
     out = np.empty((rows, columns), np.float32)
     weights, sums = np.empty((8, columns), np.float32), np.empty(4 * columns, np.float32)
-    # a row's places first, in a loop of plain arithmetic that the processor does several at a time
+    # a row's positions first, in a loop of plain arithmetic that vectorises
     t_x, t_y, first = np.empty(columns, np.float32), np.empty(columns, np.float32), np.empty(columns, np.int64)
     c = displacement
     for i in range(rows):

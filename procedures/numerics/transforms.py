@@ -1,7 +1,7 @@
-"""Fourier transforms by NumPy and OpenCV, and the lengths that are fast.
+"""Fourier transforms by NumPy and OpenCV, and fast lengths.
 
-SciPy's take as long to import as a PSF to estimate; NumPy's of a large picture in single precision take six times as
-long as OpenCV's.
+SciPy's transforms take as long to import as estimating a PSF; NumPy's take six times as long as OpenCV's for a large
+picture in single precision.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def rfft2(picture: npt.NDArray[np.floating], shape: Sequence[int] | None = None)
     Parameters
     ----------
     shape : (rows, columns), optional
-        What it is filled up to with zeros first.
+        Shape after zero padding.
     """
     if picture.dtype != np.float32 or picture.ndim != 2:
         return np.asarray(np.fft.rfft2(picture, shape))
@@ -48,25 +48,25 @@ def rfft2(picture: npt.NDArray[np.floating], shape: Sequence[int] | None = None)
 
 
 def _unpacked(packed: npt.NDArray[np.float32]) -> npt.NDArray[np.complex64]:
-    """The half plane (rows, columns // 2 + 1) of a real picture's transform as OpenCV packs it: real and imaginary
-    parts side by side, and one below the other in the columns whose rows are transforms of real numbers."""
+    """The half plane (rows, columns // 2 + 1) of a real picture's transform from OpenCV's packed form: real and
+    imaginary parts side by side, and one below the other in the columns whose rows are transforms of real numbers."""
     rows, columns = packed.shape
     half = np.empty((rows, columns // 2 + 1), dtype=np.complex64)
     half.view(np.float32)[:, 2 : columns + columns % 2] = packed[:, 1 : columns - 1 + columns % 2]
     for last in {0, columns - 1} if columns % 2 == 0 else {0}:
-        own, into = packed[:, last], half[:, (last + 1) // 2]
+        packed_column, into = packed[:, last], half[:, (last + 1) // 2]
         middle = (rows + 1) // 2
-        into[0] = own[0]
-        into[1:middle] = own[1 : 2 * middle - 1 : 2] + 1j * own[2 : 2 * middle - 1 : 2]
+        into[0] = packed_column[0]
+        into[1:middle] = packed_column[1 : 2 * middle - 1 : 2] + 1j * packed_column[2 : 2 * middle - 1 : 2]
         into[rows - middle + 1 :] = into[1:middle][::-1].conj()
         if rows % 2 == 0:
-            into[middle] = own[-1]
+            into[middle] = packed_column[-1]
     return half
 
 
 def irfft_rows(spectra: npt.NDArray[np.complexfloating], columns: int) -> npt.NDArray[np.float32]:
-    """Real rows (rows, columns) whose half transforms are `spectra`, and zero beyond these."""
-    packed = np.zeros((len(spectra), columns), dtype=np.float32)  # real and imaginary parts in turn, those of 0 in one
+    """Real rows (rows, columns) whose half transforms are `spectra`, zero beyond them."""
+    packed = np.zeros((len(spectra), columns), dtype=np.float32)  # alternating real and imaginary parts after the first
     parts = np.ascontiguousarray(spectra, dtype=np.complex64).view(np.float32)[:, : columns + 1]
     packed[:, 0], packed[:, 1 : parts.shape[1] - 1] = parts[:, 0], parts[:, 2:]
     flags = cv2.DFT_INVERSE | cv2.DFT_ROWS | cv2.DFT_SCALE | cv2.DFT_REAL_OUTPUT
@@ -75,7 +75,7 @@ def irfft_rows(spectra: npt.NDArray[np.complexfloating], columns: int) -> npt.ND
 
 @lru_cache(maxsize=256)
 def next_fast_len(n: int) -> int:
-    """The least length from n on that is a product of twos, threes and fives."""
+    """The smallest length of at least n that is a product of twos, threes and fives."""
     best = 1 << max(n - 1, 0).bit_length()
     five = 1
     while five < best:

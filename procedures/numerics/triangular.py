@@ -1,4 +1,4 @@
-"""Cholesky's factor put to use without SciPy: its linear algebra takes longer to import than this to work."""
+"""Triangular systems without SciPy, whose linear algebra takes longer to import than this takes to run."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from procedures.numerics.compiled import vectorised
 Matrix = npt.NDArray[np.floating[Any]]
 
 BLOCK = 48
-"""Rows that are solved for at once; what lies beside them is a product of matrices."""
+"""Rows solved at once; the blocks next to them are matrix products."""
 LEAF = 80
-"""Rows up to which a matrix is inverted row by row, which NumPy's general inverse takes several times as long for."""
+"""Size up to which a matrix is inverted row by row; NumPy's general inverse takes several times as long there."""
 
 
 def solve_factored(L: Matrix, b: Matrix) -> Matrix:
@@ -26,7 +26,7 @@ def solve_factored(L: Matrix, b: Matrix) -> Matrix:
 
 @vectorised
 def _substituted(L: Matrix, b: Matrix) -> Matrix:  # pragma: no cover - compiled
-    """`solve_factored` for one column, by its elements; both in one precision."""
+    """`solve_factored` for one column, element by element; both in one precision."""
     x = b.copy()
     for i in range(len(L)):
         row, total = L[i], x[i]
@@ -59,7 +59,7 @@ def _solve_upper(U: Matrix, b: Matrix) -> Matrix:
 
 
 def inverse_lower(L: Matrix) -> Matrix:
-    """Inverse of a lower triangular matrix, lower triangular: of both halves, and what couples them."""
+    """Inverse of a lower triangular matrix, by recursion on its halves."""
     n = len(L)
     if n <= LEAF:
         return _inverted(np.ascontiguousarray(L))
@@ -72,7 +72,6 @@ def inverse_lower(L: Matrix) -> Matrix:
 
 @vectorised
 def _inverted(L: Matrix) -> Matrix:  # pragma: no cover - compiled
-    """`inverse_lower` row by row."""
     X = np.zeros_like(L)
     for i in range(len(L)):
         row = X[i]

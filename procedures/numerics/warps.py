@@ -1,4 +1,4 @@
-"""Plane-to-plane maps: homographies, and polynomial displacements that follow them."""
+"""Plane-to-plane maps: homographies with polynomial displacements."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def inverse(H: Array) -> Array:
 
 
 def fit_homography(source: Array, target: Array) -> Array:
-    """The homography (3, 3) that best maps `source` to `target`, both (n >= 4, 2), by least squares in the target.
+    """The homography (3, 3) from `source` to `target`, both (n >= 4, 2), by least squares in the target.
 
-    A direct linear solution on normalised points starts three Gauss-Newton steps on the distances in the target.
+    A direct linear solution on normalised points, followed by three Gauss-Newton steps on the distances in the target.
 
     Raises
     ------
@@ -55,19 +55,19 @@ def fit_homography(source: Array, target: Array) -> Array:
 def _gauss_newton_step(h: Array, a: Array, b: Array) -> Array:
     """Change of the homography's nine numbers (the last stays) that lowers the distances |H a - b|."""
     w = a @ h[6:8] + h[8]
-    found = apply_homography(h.reshape(3, 3), a)
+    mapped = apply_homography(h.reshape(3, 3), a)
     ones = np.column_stack([a, np.ones(len(a))]) / w[:, None]
     zero = np.zeros_like(ones)
     perspective = a / w[:, None]
     J = np.vstack(
-        [np.hstack([ones, zero, -found[:, :1] * perspective]), np.hstack([zero, ones, -found[:, 1:] * perspective])],
+        [np.hstack([ones, zero, -mapped[:, :1] * perspective]), np.hstack([zero, ones, -mapped[:, 1:] * perspective])],
     )
-    step = np.linalg.lstsq(J, (b - found).T.ravel(), rcond=None)[0]
+    step = np.linalg.lstsq(J, (b - mapped).T.ravel(), rcond=None)[0]
     return np.append(step, 0.0)
 
 
 def _normalisation(points: Array) -> Array:
-    """The similarity that puts the points' centroid at 0 and their mean distance to it at sqrt 2."""
+    """The similarity that moves the points' centroid to 0 and scales their mean distance from it to sqrt 2."""
     centre = points.mean(axis=0)
     scale = np.sqrt(2) / np.linalg.norm(points - centre, axis=1).mean()
     return np.array([[scale, 0, -scale * centre[0]], [0, scale, -scale * centre[1]], [0, 0, 1]])
@@ -90,7 +90,7 @@ def cubic_monomials(x: Array, y: Array) -> Array:
 class CubicWarp:
     """A map of the plane: target = H(p + d(p)), d a cubic polynomial without constant.
 
-    The constant is absent because a translation of the map is the same as a shift of the kernel seen through it:
+    The constant is absent because a translation of the map is equivalent to a shift of the kernel observed through it;
     something else must fix it.
 
     Attributes
@@ -113,10 +113,10 @@ class CubicWarp:
         return apply_homography(self.H, points + self.displacement_at(points))
 
     def backward(self, targets: Array) -> Array:
-        """Points (n, 2) of targets (n, 2): the inverse map, by fixed-point steps."""
+        """Points (n, 2) of targets (n, 2): the inverse map, by fixed-point iteration."""
         ideal = apply_homography(inverse(self.H), targets)
         points = ideal
-        for _ in range(8):  # d changes by under a hundredth per unit: eight steps leave no trace
+        for _ in range(8):  # d changes by under a hundredth per unit: converged to rounding after eight steps
             points = ideal - self.displacement_at(points)
         return points
 
@@ -131,23 +131,23 @@ class CubicWarp:
         return np.asarray(self.monomials(points) @ self.displacement.T)
 
     def jacobian(self) -> Array:
-        """Derivative (2, 2) of the targets with respect to the source, at the centre, without the displacement's."""
+        """Derivative (2, 2) of the targets with respect to the source at the centre, without the displacement."""
         return homography_jacobian(self.H, self.centre)
 
     def derivative(self, points: Array) -> Array:
-        """Derivatives (n, 2, 2) of the targets with respect to the source at points (n, 2), displacement included."""
+        """Derivatives (n, 2, 2) of the targets with respect to the source at points (n, 2), with the displacement."""
         step = 1e-3 * self.radius
         moves = [np.array([step, 0.0]), np.array([0.0, step])]
         return np.stack([(self.forward(points + m) - self.forward(points - m)) / (2 * step) for m in moves], axis=-1)
 
     def translated(self, shift: Array) -> Self:
-        """The map that sees at p what this one sees at p + shift, inside the polynomial too."""
+        """The map p -> self(p + shift), shifted inside the polynomial too."""
         T = np.eye(3)
         T[:2, 2] = shift
         return replace(self, H=self.H @ T)
 
     def displaced(self, change: Array, monomials: Array) -> Self:
-        """The map with coefficients (2, 9) added to the displacement, its mean over points left where it was.
+        """The map with coefficients (2, 9) added to the displacement, its mean over points unchanged.
 
         `monomials` (n, 9) are those of the points.
         """
@@ -156,9 +156,9 @@ class CubicWarp:
 
 
 def displacement_columns(slopes: Array, monomials: Array) -> Array:
-    """Change (m, 18) of samples with a displacement's coefficients, those of x first.
+    """Derivatives (m, 18) of samples with respect to a displacement's coefficients, those of x first.
 
-    The monomials lose their mean, so that the columns move no centre.
+    The mean of the monomials is subtracted, so that the columns move no centre.
 
     Parameters
     ----------

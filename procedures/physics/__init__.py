@@ -1,5 +1,5 @@
-"""What a PSF is made of: the photosite's aperture, the low-pass filter, diffraction and the lens's aberrations.
+"""Physical model of a PSF: photosite aperture, optical low-pass filter, diffraction and lens aberrations.
 
-`estimate` is the verb: `pupil` and `sensor` are the parts' transfer functions, `model` puts them together on the
-PSF's own grid, `fit` weighs by the PSF's covariance, and `choice` says which parts the data ask for.
+Entry point: `estimate`. `pupil` and `sensor` hold the transfer functions of the parts, `model` combines them on the
+PSF's grid, `fit` weights by the PSF's covariance, and `choice` selects the parts that the data support.
 """

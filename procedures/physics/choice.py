@@ -1,4 +1,5 @@
-"""Which parts the data ask for: Schwarz's criterion among apertures, low-pass filters, diffusion, aberrations."""
+"""Model selection by Schwarz's criterion: aperture, low-pass filter, diffusion and aberrations that the data
+support."""
 
 from __future__ import annotations
 
@@ -9,14 +10,14 @@ from procedures.physics.fit import ModelFit, WhitenedPsf, fit_parts, start_near
 from procedures.physics.sensor import Aperture, LowPass, Parts
 
 ABERRATIONS: tuple[tuple[int, ...], ...] = ((), (0,), (7,), (0, 7), tuple(range(8)))
-"""None, defocus, spherical, both, all."""
+"""None, defocus, spherical, both, all eight."""
 
 
 def choose(data: WhitenedPsf) -> tuple[ModelFit, list[ModelFit]]:
-    """The best model, and all that were tried, the best first.
+    """The best model, and all models tried in order of the criterion.
 
-    One part after the other is exchanged: the low-pass filter and diffusion, then the aperture, and again the filter
-    under the new aperture, with all aberrations free; then those that tell nothing are left out.
+    One part is varied at a time: first the low-pass filter and diffusion, then the aperture, then the filter again
+    under the new aperture, all with free aberrations. Aberrations that do not improve the criterion are then removed.
     """
     tried: dict[Parts, ModelFit] = {}
 
@@ -28,23 +29,23 @@ def choose(data: WhitenedPsf) -> tuple[ModelFit, list[ModelFit]]:
         scale = scale_of(tried.values())
         return min(candidates, key=lambda parts: tried[parts].criterion(scale))
 
-    still = [Parts(low_pass=filter_) for filter_ in LowPass]
-    best_of(still)
-    # spots can stand for charge that wanders, and two boxes half as wide for one: neither is settled before the other
-    wandering = [best_of([replace(parts, diffusion=True)], near=parts) for parts in still]
-    parts = best_of([*still, *wandering])
+    filters = [Parts(low_pass=filter_) for filter_ in LowPass]
+    best_of(filters)
+    # spots can mimic diffusion, and two boxes of half the width a single one: compare both before fixing either
+    diffusing = [best_of([replace(parts, diffusion=True)], near=parts) for parts in filters]
+    parts = best_of([*filters, *diffusing])
     square = parts
     parts = best_of([square, *(replace(square, aperture=shape) for shape in Aperture)], near=square)
     if parts.aperture is not Aperture.SQUARE:
         parts = best_of((replace(parts, low_pass=filter_) for filter_ in LowPass), near=parts)
-    # diffusion is tried again: a little defocus can stand for it, and all aberrations together always can
+    # diffusion is tried again: slight defocus can mimic it, and all aberrations together always can
     lenses = [replace(parts, aberrations=some) for some in ABERRATIONS]
-    parts = best_of((replace(one, diffusion=wanders) for one in lenses for wanders in (False, True)), near=parts)
+    parts = best_of((replace(lens, diffusion=flag) for lens in lenses for flag in (False, True)), near=parts)
     scale = scale_of(tried.values())
     order = sorted(tried.values(), key=lambda fit: fit.criterion(scale))
     return tried[parts], order
 
 
 def scale_of(fits: Iterable[ModelFit]) -> float:
-    """What the best model leaves over its freedoms, 1 at least: where no model is perfect, differences count less."""
+    """Reduced chi-square of the best model, at least 1: where no model is perfect, differences count less."""
     return max(1.0, min(fit.chi2 / fit.freedom for fit in fits))

@@ -1,4 +1,4 @@
-"""What a measured PSF says about sensor and lens: parts, their sizes with uncertainties, wavefront and Strehl ratio."""
+"""Physical model of a measured PSF: sensor and lens parameters with uncertainties, wavefront error, Strehl ratio."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ Array = npt.NDArray[np.float64]
 METHOD = "generalised least squares by the PSF's covariance"
 STEP = 1e-4
 ALIKE = 2.0
-"""Difference of the criterion up to which two models are equally good: odds of e."""
+"""Difference of the criterion up to which two models are equally good: odds of e to 1."""
 SENSOR_UNITS = {"side": "pixel", "separation": "pixel", "diffusion": "pixel", "notch": "1"}
 EVEN = ("defocus", "astigmatism", "astigmatism_oblique", "spherical")
-"""Aberrations whose common sign one PSF does not tell: that of the largest is taken for positive."""
+"""Aberrations whose common sign one PSF does not determine: the largest is taken as positive."""
 
 
 @dataclass(frozen=True)
@@ -39,18 +39,18 @@ class Physics:
     aperture, low_pass : str
         The photosite's shape and the low-pass filter.
     missing_corner_deg : int or None
-        Of an L-shaped aperture: direction of the missing corner, from x towards y, y down.
+        Direction of the missing corner of an L-shaped aperture, from x towards y, y down.
     numbers : mapping of str to Quantity
-        side, notch, separation, diffusion (in sensor pixels), fill_factor; aberrations, wavefront_rms and its part in
-        nanometres; strehl_lens, of the lens alone. One at its bound has the bound for its value, and an uncertainty
-        to one side.
+        side, notch, separation, diffusion (in sensor pixels), fill_factor; aberrations; wavefront_rms, also in
+        nanometres; strehl_lens, the Strehl ratio of the lens alone. A parameter at its bound has the bound as its
+        value, and a one-sided uncertainty.
     chi_square, freedom : float, int
     remaining : float
-        Chi-square over that of no model at all: the share of the PSF, weighed by its noise, left unexplained.
+        Chi-square over that of the zero model: the fraction of the PSF, weighted by its noise, left unexplained.
     prediction : (k, k) float64
         The model's PSF.
     candidates : tuple of (str, float)
-        The models tried, and by how much their criterion is over the best one's.
+        The models tried, and the excess of their criterion over the best one's.
     """
 
     aperture: str
@@ -65,7 +65,7 @@ class Physics:
 
 
 def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> Outcome[Physics]:
-    """The physical model that explains a measured PSF best.
+    """Fit the physical model that explains a measured PSF best.
 
     Parameters
     ----------
@@ -79,18 +79,18 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
     Raises
     ------
     BadParameter
-        If aperture or pitch are not known: without them diffraction and defocus cannot be told apart.
+        If aperture or pitch are not known: without them diffraction and defocus cannot be separated.
     """
     data = WhitenedPsf.of(Grid(psf, check_known(diffraction), pitch))
     fit, tried = choose(data)
     numbers = _numbers(data, fit)
     bounded = at_bounds(data, fit, numbers)
-    numbers |= {one.name: one.quantity(numbers[one.name]) for one in bounded}
+    numbers |= {bound.name: bound.quantity(numbers[bound.name]) for bound in bounded}
     return verdict_of([*_doubts(fit, tried), *_bounds_reached(bounded)], _physics(data, fit, tried, numbers))
 
 
 def check_known(diffraction: Diffraction | None) -> Diffraction:
-    """The diffraction limit itself. Raises BadParameter where it is not known."""
+    """The diffraction limit. Raises BadParameter where it is not known."""
     if diffraction is None:
         raise BadParameter(
             "the physics of a PSF needs the sensor's pitch and the f-number; one of them is not known",
@@ -102,19 +102,21 @@ def check_known(diffraction: Diffraction | None) -> Diffraction:
 def _doubts(fit: ModelFit, tried: list[ModelFit]) -> list[Check]:
     ratio = fit.chi2 / fit.freedom
     scale = scale_of(tried)
-    rivals = [one for one in tried if one.parts != fit.parts and one.criterion(scale) - fit.criterion(scale) < ALIKE]
+    rivals = [
+        fit_ for fit_ in tried if fit_.parts != fit.parts and fit_.criterion(scale) - fit.criterion(scale) < ALIKE
+    ]
     return [
         Check("residual", ratio**0.5, 2**0.5, Verdict.DOUBTFUL,
-              f"the best model leaves {ratio:.1f} times what noise would",
-              "check --f-number, --pixel-pitch-um and --wavelength-nm; other causes of blur are not in the model"),
+              f"the residual of the best model is {ratio:.1f} times the expected noise variance",
+              "check --f-number, --pixel-pitch-um and --wavelength-nm; the model contains no other causes of blur"),
         Check("rivals", bool(rivals), 0, Verdict.DOUBTFUL,
-              f"this PSF does not tell two models apart: {_words(fit)}; {_words(rivals[0]) if rivals else ''}",
+              f"this PSF does not separate two models: {_words(fit)}; {_words(rivals[0]) if rivals else ''}",
               "compare with other planes and apertures: aberrations change with them, the sensor's parts do not"),
     ]  # fmt: skip
 
 
 def _bounds_reached(bounded: list[OneSided]) -> list[Check]:
-    remedy = "take it as a limit, not as a value; photograph with less noise, and check f-number and pixel pitch"
+    remedy = "take it as a limit, not as a value; reduce the noise, and check f-number and pixel pitch"
     return [Check(one.name, not one.follows, 0, Verdict.DOUBTFUL, one.words, remedy) for one in bounded]
 
 
@@ -138,7 +140,6 @@ def _physics(data: WhitenedPsf, fit: ModelFit, tried: list[ModelFit], numbers: M
 
 
 def _words(fit: ModelFit) -> str:
-    """A model in words."""
     free = [TERMS[i].replace("_", " ") for i in fit.parts.aberrations]
     lens = "all aberrations" if len(free) == len(TERMS) else " and ".join(free) or "no aberrations"
     charge = ", diffusion" if fit.parts.diffusion else ""
@@ -146,7 +147,6 @@ def _words(fit: ModelFit) -> str:
 
 
 def _numbers(data: WhitenedPsf, fit: ModelFit) -> dict[str, Quantity]:
-    """The parameters and what follows from them, each with its uncertainty."""
     names, n = names_of(fit.parts), data.rank
     sign = _sign(fit, names)
     spread = np.sqrt(np.maximum(np.diag(fit.covariance), 0))
@@ -183,6 +183,5 @@ def _numbers(data: WhitenedPsf, fit: ModelFit) -> dict[str, Quantity]:
 
 
 def _sign(fit: ModelFit, names: tuple[str, ...]) -> float:
-    """What the even aberrations are multiplied by, so that the largest is positive."""
     even = [value for name, value in zip(names, fit.p, strict=True) if name in EVEN]
     return -1.0 if even and max(even, key=abs) < 0 else 1.0

@@ -1,4 +1,4 @@
-"""Parameters of a model by generalised least squares: every sample weighs as the PSF's covariance says."""
+"""Model parameters by generalised least squares, weighted by the PSF's covariance."""
 
 from __future__ import annotations
 
@@ -14,47 +14,47 @@ from procedures.physics.sensor import Parts
 Array = npt.NDArray[np.float64]
 
 RANK = 1e-9
-"""Share of the covariance's largest eigenvalue under which a direction has no noise of its own.
+"""Fraction of the covariance's largest eigenvalue below which a direction is taken as free of noise.
 
-A PSF of sum 1 has one such direction, and where its centre was fixed there may be two more: there its value is a
-convention, and says nothing about a model."""
+A PSF of sum 1 has one such direction, and two more where its centre was fixed. The value along such a direction is a
+convention and carries no information about a model."""
 RISE_FROM, RISE_STEPS = 0.02, 12
-"""Where the search for a rise of chi-square begins, of the bounds' distance, and how often it goes on."""
+"""Start of the search for a rise of chi-square, as a fraction of the parameter's range, and maximum of iterations."""
 STARTS = ((0.06, 0.03), (0.06, -0.03))
-"""Waves of defocus and spherical aberration from which fits begin; one sign of both together cannot be told from the
-other, so there are two."""
+"""Starting values of defocus and spherical aberration in waves: a fit does not leave the wrong relative sign of the
+two, so both signs are tried."""
 
 
 @dataclass(frozen=True, eq=False)
 class WhitenedPsf:
-    """A PSF turned so that its noise is white: W (r, k^2) with W C W' = 1, r the covariance's rank."""
+    """A PSF transformed to white noise: W (r, k^2) with W C W' = 1, r the rank of the covariance C."""
 
     grid: Grid
     W: Array
 
     @classmethod
     def of(cls, grid: Grid) -> WhitenedPsf:
-        """By the eigenvectors of its covariance."""
+        """Whiten by the eigenvectors of the covariance."""
         values, vectors = np.linalg.eigh((grid.psf.covariance + grid.psf.covariance.T) / 2)
         kept = values > RANK * values[-1]
         return cls(grid, (vectors[:, kept] / np.sqrt(values[kept])).T)
 
     @property
     def rank(self) -> int:
-        """Numbers that the PSF gives to compare with a model."""
+        """Number of independent data."""
         return len(self.W)
 
 
 @dataclass(frozen=True, eq=False)
 class ModelFit:
-    """A model's parameters.
+    """A fitted model.
 
     Attributes
     ----------
     p : (n,) float64
-        In the order of `model.names_of`.
+        Parameters in the order of `model.names_of`.
     covariance : (n, n) float64
-        Enlarged by the share of chi-square over its freedoms, where that is over 1.
+        Scaled by the reduced chi-square where that exceeds 1.
     chi2 : float
     freedom : int
     """
@@ -66,7 +66,7 @@ class ModelFit:
     freedom: int
 
     def criterion(self, scale: float = 1.0) -> float:
-        """Schwarz's information criterion, smaller is better, where chi-square counts in units of `scale`."""
+        """Schwarz's information criterion, smaller is better; chi-square is divided by `scale`."""
         return self.chi2 / scale + len(self.p) * float(np.log(self.freedom + len(self.p)))
 
 
@@ -76,50 +76,50 @@ def fit_parts(data: WhitenedPsf, parts: Parts, start: Array | None = None) -> Mo
         [start] if start is not None else [start_of(parts, *pair) for pair in STARTS[: 2 if parts.aberrations else 1]]
     )
     low, high = bounds_of(parts)
-    found = [_descend(data, parts, np.clip(one, low + 1e-6, high - 1e-6), (low, high)) for one in starts]
-    return min(found, key=lambda one: one.chi2)
+    fits = [_descend(data, parts, np.clip(first, low + 1e-6, high - 1e-6), (low, high)) for first in starts]
+    return min(fits, key=lambda fit: fit.chi2)
 
 
 def start_near(fit: ModelFit, parts: Parts) -> Array:
-    """Where a fit of other parts begins: at the values of a fit that has most of them."""
+    """Starting values for a model with other parts, taken from a fit that shares most of them."""
     known = dict(zip(names_of(fit.parts), fit.p, strict=True))
     fresh = start_of(parts, *STARTS[0])
     return np.array([known.get(name, value) for name, value in zip(names_of(parts), fresh, strict=True)])
 
 
 def distance_of_rise(data: WhitenedPsf, fit: ModelFit, name: str, bound: float, inward: float) -> float:
-    """How far from a bound a parameter may lie until chi-square has risen by 1 over its value at the bound.
+    """Distance from a bound at which chi-square, minimised over the other parameters, has risen by 1.
 
-    The other parameters follow meanwhile. Where a fit leaves more than noise would, the rise asked for is as much
-    larger. A parameter whose effect begins with its square (defocus, wandering charge) has no other uncertainty there.
+    Where the fit's residual exceeds the noise, the required rise is larger by the reduced chi-square. For a parameter
+    whose effect begins with its square (defocus, diffusion) this is the only uncertainty at the bound.
 
     Parameters
     ----------
     fit : ModelFit
-        With this parameter; it is taken from there to the bound first.
+        Includes this parameter; its start is moved to the bound first.
     inward : float
-        1 or -1, the way from the bound.
+        1 or -1, direction from the bound into the range.
     """
     low, high = bounds_of(fit.parts)
     place = names_of(fit.parts).index(name)
     free = np.arange(len(fit.p)) != place
     reach = float(high[place] - low[place])
 
-    def held(distance: float, start: Array) -> ModelFit:
+    def fit_at(distance: float, start: Array) -> ModelFit:
         p = start.copy()
         p[place] = bound + inward * distance
         return _descend(data, fit.parts, p, (low, high), free)
 
-    at = held(0.0, fit.p)
-    wanted = max(at.chi2 / at.freedom, 1.0)
+    at = fit_at(0.0, fit.p)
+    target = max(at.chi2 / at.freedom, 1.0)
     distance, near, far = RISE_FROM * reach, 0.0, reach
     for _ in range(RISE_STEPS):
-        rise = held(distance, at.p).chi2 - at.chi2
-        if abs(rise / wanted - 1) < 0.1:
+        rise = fit_at(distance, at.p).chi2 - at.chi2
+        if abs(rise / target - 1) < 0.1:
             break
-        near, far = (distance, far) if rise < wanted else (near, distance)
-        # between a square and a fourth power; what noise bends at first lies between known distances all the same
-        distance *= float(np.clip((wanted / max(rise, 0.01 * wanted)) ** (1 / 3), 0.1, 10))
+        near, far = (distance, far) if rise < target else (near, distance)
+        # chi-square rises with the second to fourth power; noise may bend the first part, the bracket holds anyway
+        distance *= float(np.clip((target / max(rise, 0.01 * target)) ** (1 / 3), 0.1, 10))
         if not near < distance < far:
             distance = (near + far) / 2
     return distance
@@ -132,7 +132,7 @@ def _descend(
     bounds: tuple[Array, Array],
     free: npt.NDArray[np.bool_] | None = None,
 ) -> ModelFit:
-    """The best fit from a start; what is not `free` stays there."""
+    """Best fit from a start; parameters that are not `free` are held."""
     moves = np.ones(len(start), dtype=bool) if free is None else free
     cache: dict[bytes, tuple[Array, Array]] = {}
 

@@ -1,4 +1,4 @@
-"""The PSF that parts and their parameters make, on a measured PSF's grid, with its derivatives."""
+"""Model PSF of given parts and parameters on a measured PSF's grid, with derivatives."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
 PERIOD_PX = 16
-"""Pixels of the plane after which a model repeats: diffraction's tail from there is 1 / 400 of that at the rim."""
+"""Period of the model in pixels of the plane: the diffraction tail there is 1 / 400 of that at the PSF's rim."""
 SMALL = 1e-4
 LARGEST_WAVES = 1.0
 LARGEST_SHIFT_PX = 1.5
@@ -25,7 +25,7 @@ LARGEST_SHIFT_PX = 1.5
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Where a PSF is sampled, and what is known of the camera.
+    """Sampling of the PSF, and the known properties of the camera.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Grid:
 
     @cached_property
     def pupil(self) -> Pupil:
-        """The lens's, up to the PSF's own highest frequency."""
+        """The lens pupil, up to the PSF's highest frequency."""
         return Pupil(self.diffraction.cutoff, 1 / PERIOD_PX, self.psf.s / 2)
 
     @cached_property
@@ -50,7 +50,7 @@ class Grid:
 
     @cached_property
     def _waves(self) -> Complex:
-        """exp(2 pi i f x) of every sample along an axis, (k, n); the band's ends count half."""
+        """exp(2 pi i f x) of every sample along an axis, (k, n); the two band limits have weight one half."""
         weight = np.ones(len(self.f))
         weight[[0, -1]] = 0.5
         return np.asarray(np.exp(2j * np.pi * self.psf.offsets_px[:, None] * self.f) * weight)
@@ -83,12 +83,12 @@ class Grid:
 
 
 def names_of(parts: Parts) -> tuple[str, ...]:
-    """Of all parameters: shift in pixels of the plane, the sensor's, the aberrations in waves."""
+    """Names of all parameters: shift in pixels of the plane, sensor parameters, aberrations in waves."""
     return ("shift_x", "shift_y", *parts.names, *(TERMS[i] for i in parts.aberrations))
 
 
 def start_of(parts: Parts, even_waves: float, spherical_waves: float) -> Array:
-    """Where a fit begins: aberrations that look the same from both sides have no slope at 0, so not there."""
+    """Starting values of a fit; even aberrations start off zero, where their derivative vanishes."""
     start = {"defocus": even_waves, "astigmatism": even_waves / 3, "astigmatism_oblique": even_waves / 3}
     start |= {"spherical": spherical_waves, **START}
     return np.array([start.get(name, 0.0) for name in names_of(parts)])

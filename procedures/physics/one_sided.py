@@ -1,4 +1,4 @@
-"""Numbers that reach a bound of theirs: the fit says how far off it they may be, and on one side only."""
+"""Numbers at a bound: one-sided uncertainties from the rise of chi-square."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from procedures.physics.model import bounds_of, names_of
 from procedures.physics.pupil import TERMS
 
 AT_BOUND = 1e-3
-"""Share of a parameter's range within which it lies at its bound."""
+"""Fraction of a parameter's range within which it counts as at its bound."""
 PROBES = ("defocus", "astigmatism", "coma_x", "spherical")
-"""Aberrations tried, one at a time, for how much a lens may have where the fit asks for none."""
+"""Aberrations tried one at a time for the largest that the data allow where the fit has none."""
 LARGEST_PROBE = 0.25
 
 
 @dataclass(frozen=True)
 class OneSided:
-    """A number at its bound: `best` is what the fit alone would make of it, the same or beyond the bound; `follows`
-    tells that it says in other words what another one does."""
+    """A number at its bound. `best` is the unconstrained optimum, at or beyond the bound; `follows` marks a number that
+    restates another one."""
 
     name: str
     bound: float
@@ -32,26 +32,26 @@ class OneSided:
 
     @property
     def words(self) -> str:
-        """What is known of it."""
+        """Description of the limit."""
         name = self.name.replace("_", " ")
         if self.best != self.bound:
             return f"{name} fits best at {self.best:.3g}, beyond its bound {self.bound:g}"
-        return f"{name} is at its bound {self.bound:g}, which it is within {self.uncertainty:.2g} of"
+        return f"{name} is at its bound {self.bound:g}, within {self.uncertainty:.2g}"
 
     def quantity(self, number: Quantity) -> Quantity:
-        """The number, one-sided."""
+        """The number with its one-sided uncertainty."""
         method = f"{number.method}; at its bound: chi-square rises by 1 over this distance, on one side"
         return replace(number, value=self.bound, uncertainty=self.uncertainty, method=method)
 
 
 def at_bounds(data: WhitenedPsf, fit: ModelFit, numbers: dict[str, Quantity]) -> list[OneSided]:
-    """The numbers of a fit that are known from one side only: parameters at bounds, fill factor over 1, Strehl ratio 1
-    and with it wavefront error 0.
+    """Numbers of a fit that are limited on one side: parameters at bounds, fill factor above 1, Strehl ratio 1 with
+    wavefront error 0.
 
-    `numbers` are the fit's, with the uncertainties that its curvature gives.
+    `numbers` are the fit's, with uncertainties from its curvature.
     """
-    found = [_parameter(data, fit, name, numbers[name]) for name in fit.parts.names]
-    return [one for one in (*found, _fill_factor(numbers["fill_factor"]), *_no_aberrations(data, fit)) if one]
+    limits = [_parameter(data, fit, name, numbers[name]) for name in fit.parts.names]
+    return [limit for limit in (*limits, _fill_factor(numbers["fill_factor"]), *_no_aberrations(data, fit)) if limit]
 
 
 def _parameter(data: WhitenedPsf, fit: ModelFit, name: str, number: Quantity) -> OneSided | None:
@@ -64,8 +64,8 @@ def _parameter(data: WhitenedPsf, fit: ModelFit, name: str, number: Quantity) ->
 
 
 def _fill_factor(number: Quantity) -> OneSided | None:
-    """A photosite is no larger than its pixel. Where chi-square is ((f - best) / u)^2, it rises by 1 over its value at
-    f = 1 at u (sqrt(d^2 + 1) - d) below, d = (best - 1) / u."""
+    """Limit of the fill factor, as a photosite is no larger than its pixel. With chi-square ((f - best) / u)^2, it
+    rises by 1 over its value at f = 1 at u (sqrt(d^2 + 1) - d) below, d = (best - 1) / u."""
     if number.value <= 1:
         return None
     d = (number.value - 1) / max(number.uncertainty, 1e-9)
@@ -73,8 +73,8 @@ def _fill_factor(number: Quantity) -> OneSided | None:
 
 
 def _no_aberrations(data: WhitenedPsf, fit: ModelFit) -> list[OneSided]:
-    """A lens that needs no aberrations to be explained: what the most hidden of them may take from its Strehl ratio,
-    and the largest wavefront error that any of them may have."""
+    """Limits where a fit needs no aberrations: the loss of Strehl ratio by the least visible aberration, and the
+    largest wavefront error of any of them."""
     if fit.parts.aberrations:
         return []
     hidden, drops = [], []
@@ -82,8 +82,8 @@ def _no_aberrations(data: WhitenedPsf, fit: ModelFit) -> list[OneSided]:
         parts = replace(fit.parts, aberrations=(term,))
         p = start_near(fit, parts)
         p[-1] = 0.0
-        begun = replace(fit, parts=parts, p=p)
-        hidden.append(min(distance_of_rise(data, begun, TERMS[term], 0.0, 1.0), LARGEST_PROBE))
+        started = replace(fit, parts=parts, p=p)
+        hidden.append(min(distance_of_rise(data, started, TERMS[term], 0.0, 1.0), LARGEST_PROBE))
         drops.append(1 - data.grid.pupil.strehl(hidden[-1] * np.eye(len(TERMS))[term]))
     nm = data.grid.diffraction.wavelength_nm
     return [

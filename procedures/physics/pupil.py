@@ -17,20 +17,20 @@ TERMS = (
 )  # fmt: skip
 """Noll's polynomials 4 to 11, of unit root mean square over the pupil."""
 LEAST_ACROSS = 48
-"""Samples across the pupil: the discs' overlap is then right to 2e-3 of its peak."""
+"""Samples across the pupil: the error of the discs' overlap is then 2e-3 of its peak."""
 SUBSAMPLES = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Pupil:
-    """A round pupil on a grid whose autocorrelation is wanted at frequencies `step` apart, up to `highest`.
+    """A round pupil on a grid, with its autocorrelation at frequencies `step` apart, up to `highest`.
 
     Attributes
     ----------
     cutoff : float
-        Frequency at which nothing passes any more, cycles per pixel.
+        Cutoff frequency, cycles per pixel.
     step, highest : float
-        Of the frequencies, cycles per pixel.
+        Spacing and maximum of the frequencies, cycles per pixel.
     """
 
     cutoff: float
@@ -38,21 +38,21 @@ class Pupil:
     highest: float
 
     def otf(self, waves: Array) -> Complex:
-        """At all pairs of frequencies (2 h + 1, 2 h + 1) [fy, fx], for aberrations (8,) in waves."""
+        """OTF at all pairs of frequencies (2 h + 1, 2 h + 1) [fy, fx], for aberrations (8,) in waves."""
         amplitude = self._spectra(self._field(waves)[None])
         return np.asarray(self._correlated(np.abs(amplitude) ** 2)[0])
 
     def otf_and_slopes(self, waves: Array, terms: tuple[int, ...]) -> tuple[Complex, list[Complex]]:
-        """The same, and its derivatives with some of the aberrations, (2 h + 1, 2 h + 1) each."""
+        """OTF and its derivatives with respect to the given aberrations, (2 h + 1, 2 h + 1) each."""
         _, zernikes = self._sampled()
         field = self._field(waves)
         amplitude, *changes = self._spectra(np.stack([field, *(2j * np.pi * zernikes[list(terms)] * field)]))
         slopes = [2 * np.real(np.conj(amplitude) * change) for change in changes]
-        otf, *found = self._correlated(np.stack([np.abs(amplitude) ** 2, *slopes]))
-        return otf, found
+        otf, *derivatives = self._correlated(np.stack([np.abs(amplitude) ** 2, *slopes]))
+        return otf, derivatives
 
     def strehl(self, waves: Array) -> float:
-        """Peak of the spread function over that without aberrations, piston and tilt free."""
+        """Strehl ratio: peak of the PSF over that without aberrations, maximised over piston and tilt."""
         disc, zernikes = self._sampled()
         field = np.sum(disc * np.exp(2j * np.pi * np.tensordot(waves, zernikes, axes=1)))
         return float(np.abs(field) ** 2 / disc.sum() ** 2)
@@ -65,36 +65,36 @@ class Pupil:
         return _disc(self.cutoff / 2 / (self.step / self._finer))
 
     def _field(self, waves: Array) -> Complex:
-        """What passes the pupil, (n, n)."""
+        """Complex amplitude in the pupil, (n, n)."""
         disc, zernikes = self._sampled()
         return np.asarray(disc * np.exp(2j * np.pi * np.tensordot(waves, zernikes, axes=1)))
 
     def _spectra(self, fields: Complex) -> Complex:
-        """Fourier transforms of fields (m, n, n), on a grid twice as wide: their squares do not wrap round."""
+        """Fourier transforms of fields (m, n, n), on a grid twice as wide, so that their squares do not wrap round."""
         size = scipy.fft.next_fast_len(2 * fields.shape[-1])
         return np.asarray(scipy.fft.fft(scipy.fft.fft(fields, size, axis=2), size, axis=1))
 
     def _correlated(self, powers: Array) -> Complex:
-        """The autocorrelations of power spectra (m, size, size) at the wanted frequencies, 1 at zero without
-        aberrations."""
+        """Autocorrelations of power spectra (m, size, size) at the requested frequencies, normalised to 1 at zero
+        without aberrations."""
         disc, _ = self._sampled()
         size, finer, count = powers.shape[-1], self._finer, round(self.highest / self.step)
         reach = min(count, (size // 2 - 1) // finer)
         rows = finer * np.arange(-reach, reach + 1)
         half = scipy.fft.rfft(powers, axis=2)[:, :, : finer * reach + 1 : finer]
-        # the field's correlation at a shift is the light's spectrum at the opposite frequency
+        # the field's correlation at a shift is the intensity's spectrum at the opposite frequency
         right = scipy.fft.fft(half, axis=1)[:, rows % size] / (size**2 * disc.sum())
-        # at no shift the covered shares are squared and fall short of the area; everywhere else they stand for it
+        # at zero shift the covered fractions are squared and underestimate the area; elsewhere they represent it
         right[:, reach, 0] *= disc.sum() / np.sum(disc**2)
-        found = np.zeros((len(powers), 2 * count + 1, 2 * count + 1), dtype=np.complex128)
+        correlated = np.zeros((len(powers), 2 * count + 1, 2 * count + 1), dtype=np.complex128)
         inside = slice(count - reach, count + reach + 1)
-        found[:, inside, inside] = np.concatenate([right[:, ::-1, :0:-1].conj(), right], axis=2)
-        return found
+        correlated[:, inside, inside] = np.concatenate([right[:, ::-1, :0:-1].conj(), right], axis=2)
+        return correlated
 
 
 @lru_cache(maxsize=16)
 def _disc(radius: float) -> tuple[Array, Array]:
-    """A disc of a radius in samples, its rim by the covered share, and the aberrations on it (8, n, n)."""
+    """A disc of given radius in samples, its rim by covered fractions, and the aberrations on it (8, n, n)."""
     half = int(np.ceil(radius)) + 1
     fine = (np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5
     x = np.arange(-half, half + 1)
@@ -106,7 +106,7 @@ def _disc(radius: float) -> tuple[Array, Array]:
 
 
 def _zernikes(x: Array, y: Array) -> Array:
-    """Noll's polynomials 4 to 11 at points of the unit disc, and a little beyond."""
+    """Noll's polynomials 4 to 11 at points of the unit disc and slightly beyond."""
     x, y = np.broadcast_arrays(x, y)
     r2 = x * x + y * y
     return np.stack(

@@ -1,4 +1,4 @@
-"""Transfer functions of what lies on the sensor: the photosite's aperture, the low-pass filter, wandering charge.
+"""Transfer functions of the sensor: photosite aperture, optical low-pass filter, charge diffusion.
 
 Lengths are in sensor pixels, frequencies in cycles per sensor pixel.
 """
@@ -16,7 +16,7 @@ Complex = npt.NDArray[np.complex128]
 
 
 class Aperture(StrEnum):
-    """The photosite's shape: a square, or one without the corner in a direction, from x towards y, y down."""
+    """Shape of the photosite: a square, or an L without the corner in a direction, from x towards y, y down."""
 
     SQUARE = "square"
     L_45 = "L without the corner at 45 degrees"
@@ -26,12 +26,12 @@ class Aperture(StrEnum):
 
     @property
     def missing_corner_deg(self) -> int | None:
-        """Direction of the missing corner; None of a square."""
+        """Direction of the missing corner; None for a square."""
         return {"L_45": 45, "L_135": 135, "L_225": 225, "L_315": 315}.get(self.name)
 
 
 class LowPass(StrEnum):
-    """The birefringent filter: how many spots it makes of one, and along what."""
+    """Birefringent low-pass filter: number and direction of the spots."""
 
     NONE = "none"
     TWO_ALONG_X = "two spots along x"
@@ -41,14 +41,14 @@ class LowPass(StrEnum):
 
 @dataclass(frozen=True)
 class Parts:
-    """Which parts a model has, besides diffraction and a shift.
+    """The parts of a model, besides diffraction and a shift.
 
     Attributes
     ----------
     diffusion : bool
-        Whether charge wanders, as a Gaussian.
+        Whether charge diffuses, as a Gaussian.
     aberrations : tuple of int
-        Which of `pupil.TERMS` are free.
+        Indices of `pupil.TERMS` that are free.
     """
 
     aperture: Aperture = Aperture.SQUARE
@@ -58,7 +58,7 @@ class Parts:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the sensor's parameters, in the order of `sensor_otf`'s."""
+        """Names of the sensor parameters, in the order of `sensor_otf`'s."""
         names = ["side"]
         names += ["notch"] if self.aperture is not Aperture.SQUARE else []
         names += ["separation"] if self.low_pass is not LowPass.NONE else []
@@ -67,8 +67,8 @@ class Parts:
 
 START = {"side": 0.9, "notch": 0.5, "separation": 0.7, "diffusion": 0.25}
 BOUNDS = {"side": (0.3, 1.15), "notch": (0.05, 0.9), "separation": (0.05, 1.6), "diffusion": (0.0, 1.5)}
-"""Where the parameters may lie: side of the aperture's square, side of the missing corner over that, distance of the
-spots, standard deviation of the charge's way."""
+"""Bounds of the parameters: side of the square aperture, side of the missing corner relative to it, distance of the
+spots, standard deviation of the charge diffusion."""
 
 
 def sensor_otf(parts: Parts, values: Array, fx: Array, fy: Array) -> Complex:
@@ -85,9 +85,9 @@ def sensor_otf(parts: Parts, values: Array, fx: Array, fy: Array) -> Complex:
 
 
 def aperture_otf(aperture: Aperture, side: float, notch: float, fx: Array, fy: Array) -> Complex:
-    """Of the square about the pixel's centre, less its corner of `notch` times its side.
+    """Transfer function of a square about the pixel's centre without a corner of `notch` times its side.
 
-    Yadid-Pecht, IEEE Trans. Electron Devices 47, 2000, gives the same shapes' moduli.
+    Yadid-Pecht, IEEE Trans. Electron Devices 47, 2000, gives the moduli of these shapes.
     """
     whole = side**2 * np.sinc(fx * side) * np.sinc(fy * side) + 0j
     direction = aperture.missing_corner_deg

@@ -1,6 +1,6 @@
-"""Adaptive sampling: new samples go where the filter found few pixels to share with, and the light is noisy.
+"""Adaptive sampling: new samples where few similar pixels exist and the noise is large.
 
-Who renders filters a film, casts what each pixel is allotted, and does so again with the film of all samples.
+A renderer filters its film, casts the samples allotted to each pixel, and repeats this with the film of all samples.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ Doubles = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 SMOOTHING = 3
-"""Side of the neighbourhood over which variances are averaged: those of single pixels are noisy themselves."""
+"""Side of the neighbourhood over which variances are averaged, as those of single pixels are noisy."""
 FAINT = 1e-3
-"""Least variance of a sample, as a share of the picture's mean variance: a pixel that looked noiseless may not be."""
+"""Smallest variance of a sample as a fraction of the picture's mean: an apparently noiseless pixel may not be."""
 
 
 def allot(film: Film, similar: npt.NDArray[np.float32], budget: int) -> Ints:
-    """Samples to add to each pixel, (rows, columns), `budget` in all.
+    """Number of samples to add to each pixel, (rows, columns), `budget` in all.
 
-    A filtered pixel has a variance of v / (n c): v that of one sample, n the pixel's count, c its similar patches. The
-    sum over pixels is least where n is in proportion to sqrt(v / c); pixels that have more already get none.
+    A filtered pixel has the variance v / (n c): v that of one sample, n the pixel's count, c its similar patches. The
+    sum over pixels is minimal for n proportional to sqrt(v / c); pixels above that get none.
     """
     if budget < 0:
-        raise BadParameter(f"a budget of {budget} samples", "give 0 or more")
+        raise BadParameter(f"a budget is 0 samples or more; got {budget}", "give 0 or more")
     variance = film.variance
     v = np.ones(film.count.shape) if variance is None else variance.mean(-1)
     v = ndimage.uniform_filter(v, SMOOTHING)
@@ -37,8 +37,7 @@ def allot(film: Film, similar: npt.NDArray[np.float32], budget: int) -> Ints:
 
 
 def _fill(need: Doubles, level: Doubles, budget: float) -> Doubles:
-    """max(0, x need - level) for the x at which it sums to the budget."""
-    # pixels by the x from which on they get samples; sums over those that do are sums over a prefix
+    # pixels in the order of the x from which on they get samples, so that their sums are prefix sums
     order = np.argsort(level / need, axis=None)
     needs, levels = np.cumsum(need.ravel()[order]), np.cumsum(level.ravel()[order])
     begins = (level / need).ravel()[order]
@@ -50,7 +49,7 @@ def _fill(need: Doubles, level: Doubles, budget: float) -> Doubles:
 
 
 def _whole_shares(shares: Doubles, budget: int) -> Ints:
-    """The shares rounded to whole numbers that sum to the budget: the largest remainders get one more."""
+    """The shares rounded to integers that sum to the budget: the largest remainders are rounded up."""
     whole = np.floor(shares).astype(np.int64)
     missing = budget - int(whole.sum())
     order = np.argsort(whole - shares, axis=None, kind="stable")

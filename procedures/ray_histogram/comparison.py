@@ -1,4 +1,4 @@
-"""How far a picture is from the converged one: PSNR as the literature states it, 10 log10(1 / mean squared error)."""
+"""Difference of a picture from the converged one: PSNR as in the literature, 10 log10(1 / mean squared error)."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ Linear = npt.NDArray[np.floating]
 
 
 def psnr_db(picture: Linear, reference: Linear) -> tuple[float, float]:
-    """PSNR with values clipped to [0, 1], as they are shown; and with values as they are."""
+    """PSNR with values clipped to [0, 1], and PSNR without clipping."""
     clipped = np.mean((np.clip(picture, 0, 1) - np.clip(reference, 0, 1)) ** 2, dtype=np.float64)
     return decibels(float(clipped)), decibels(float(np.mean((picture - reference) ** 2, dtype=np.float64)))
 
 
 def shown_error(picture: Linear, reference: Film) -> float:
-    """Mean squared error of values clipped to [0, 1], without what the reference's own noise adds to it.
+    """Mean squared error of values clipped to [0, 1], corrected for the reference's own noise.
 
-    The two must come from different samples. Where the reference is white it has no noise that shows.
+    The two must come from different samples. White pixels of the reference are taken as free of noise.
 
     Raises
     ------
     BadInput
-        If the reference was kept without its variance.
+        If the reference has no variance.
     """
     if reference.variance is None:
-        raise BadInput("the reference was kept without its variance", "render it into a film")
-    own = reference.variance / reference.count[..., None] * (reference.mean < 1.0)
+        raise BadInput("the reference has no variance", "render it into a film")
+    noise = reference.variance / reference.count[..., None] * (reference.mean < 1.0)
     squares = (np.clip(picture, 0, 1) - np.clip(reference.mean, 0, 1)) ** 2
-    return float((squares - own).mean())
+    return float((squares - noise).mean())
 
 
 def decibels(squared: float) -> float:

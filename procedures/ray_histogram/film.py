@@ -1,8 +1,8 @@
-"""The film: what is kept of a pixel's samples, in memory that does not grow with their number.
+"""The film: statistics of each pixel's samples, in memory that does not grow with their number.
 
-Histograms follow section 4.4.1 of Delbracio's thesis: per colour 20 bins, triangular votes, and bins that widen with
-the sample's value L: in v = (L / 7.5)^(1 / 2.2) the first 19 nodes are i/18, the last is 2, and whatever lies beyond
-stays in the last bin.
+Histograms follow section 4.4.1 of Delbracio's thesis: 20 bins per colour, triangular votes, and bins that widen with
+the sample's value L: in v = (L / 7.5)^(1 / 2.2) the first 19 nodes are i/18, the last is 2, and larger values fall into
+the last bin.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ Indices = npt.NDArray[np.int64]
 BINS = 20
 """Bins per colour."""
 EXPONENT = 2.2
-"""Bins widen with this power of the sample's value."""
+"""Exponent of the sample's value by which bins widen."""
 RANGE = 7.5
 """Value of a sample at which the evenly spaced nodes end."""
 LARGEST = 1e30
-"""Of a pixel's value: it is filtered in single precision, which must hold sums of a million of them."""
+"""Upper limit of a pixel's value: filtering in single precision must hold sums of a million of them."""
 SUM_TOLERANCE = 0.005
 """Relative difference allowed between a histogram's sum and its count: votes may have been stored in half precision."""
 
@@ -43,11 +43,11 @@ class Film:
     mean : (rows, columns, 3) float64
         The picture: linear, 1 = white.
     moment2 : (rows, columns, 3) float64 or None
-        Sum of squared differences from the mean; None where whoever made the film did not keep it.
+        Sum of squared differences from the mean; None if the film was made without it.
     count : (rows, columns) uint32
-        Samples that were kept.
+        Valid samples.
     dropped : (rows, columns) uint32
-        Samples that were not: not finite.
+        Samples dropped because they are not finite.
     """
 
     histogram: Floats
@@ -69,41 +69,43 @@ class Film:
 
     @property
     def variance(self) -> Doubles | None:
-        """Unbiased variance of single samples, (rows, columns, 3); 0 where there is but one; None if not kept."""
+        """Unbiased variance of single samples, (rows, columns, 3); 0 for a single sample; None if not recorded."""
         if self.moment2 is None:
             return None
         variance: Doubles = self.moment2 / np.maximum(self.count.astype(np.float64) - 1.0, 1.0)[..., None]
         return variance
 
     def add(self, row: npt.ArrayLike, column: npt.ArrayLike, colour: npt.ArrayLike) -> None:
-        """Take samples in, in place: rows (n,), columns (n,), linear colours (n, 3) in any order.
+        """Add samples in place: rows (n,), columns (n,), linear colours (n, 3) in any order.
 
         Samples that are not finite are dropped and counted; negative ones vote in the first bin.
 
         Raises
         ------
         BadInput
-            If a sample lies outside the film, or the film's variance was not kept.
+            If a sample lies outside the film, or the film has no variance.
         """
         rows = np.asarray(row, np.int64).ravel()
         columns = np.asarray(column, np.int64).ravel()
         colours = np.ascontiguousarray(colour, np.float64).reshape(-1, 3)
         if not rows.size == columns.size == len(colours):
             raise BadInput(
-                f"{rows.size} rows, {columns.size} columns and {len(colours)} colours", "one of each per sample"
+                f"samples need one row, column and colour each; got {rows.size} rows, {columns.size} columns and "
+                f"{len(colours)} colours",
+                "give arrays of the same length",
             )
         height, width = self.count.shape
         if rows.size and (rows.min() < 0 or rows.max() >= height or columns.min() < 0 or columns.max() >= width):
             raise BadInput(
-                f"samples in rows {rows.min()} to {rows.max()}, columns {columns.min()} to {columns.max()}"
-                f" of a film of {height} x {width}",
+                f"samples must lie in the film of {height} x {width}; got rows {rows.min()} to {rows.max()}, columns "
+                f"{columns.min()} to {columns.max()}",
                 "give rows and columns counted from 0",
             )
         moment2 = self._moment2()
         _expose(rows, columns, colours, self.histogram, self.mean, moment2, self.count, self.dropped)
 
     def merge(self, other: Film) -> Film:
-        """The film of both films' samples, as if one had taken all of them.
+        """The film of the samples of both films.
 
         Raises
         ------
@@ -112,7 +114,8 @@ class Film:
         """
         if self.count.shape != other.count.shape:
             raise BadInput(
-                f"films of {self.count.shape} and {other.count.shape} pixels", "merge films of the same picture"
+                f"films to merge need one size; got {self.count.shape} and {other.count.shape} pixels",
+                "merge films of the same picture",
             )
         n0, n1 = (count.astype(np.float64)[..., None] for count in (self.count, other.count))
         share = n1 / np.maximum(n0 + n1, 1.0)
@@ -129,7 +132,7 @@ class Film:
         )
 
     def checked(self) -> Film:
-        """The film itself, when it can be filtered.
+        """The film itself, if it can be filtered.
 
         Raises
         ------
@@ -141,7 +144,7 @@ class Film:
         _refuse_where(~np.isfinite(self.mean).all(-1), "pixels are NaN or infinite", "render them again")
         _refuse_where((np.abs(self.mean) > LARGEST).any(-1), f"pixels are beyond {LARGEST:g}", "render them again")
         votes = self.histogram @ np.ones(BINS, np.float32)
-        if not self.histogram.min() >= 0:  # NaN is not either
+        if not self.histogram.min() >= 0:  # false for NaN too
             bad = ~(self.histogram >= 0).all((-2, -1))
             _refuse_where(bad, "pixels have negative or NaN votes in their histograms", "write the histograms again")
         _refuse_where(self.count == 0, "pixels are empty", "cast at least one sample in each")
@@ -156,12 +159,12 @@ class Film:
 
     def _moment2(self) -> Doubles:
         if self.moment2 is None:
-            raise BadInput("the film's variance was not kept", "add the samples to a blank film and merge the two")
+            raise BadInput("the film has no variance", "add the samples to a blank film and merge the two")
         return self.moment2
 
 
 def film_of_samples(samples: npt.NDArray[np.floating]) -> Film:
-    """The film of a whole array of samples, (rows, columns, n, 3)."""
+    """The film of an array of samples, (rows, columns, n, 3)."""
     if samples.ndim != 4 or samples.shape[3] != 3 or 0 in samples.shape:
         raise BadInput(f"samples of shape {samples.shape}", "give an array (rows, columns, samples, 3)")
     rows, columns, n, _ = samples.shape
@@ -175,7 +178,7 @@ def _check_sizes(film: Film) -> None:
     size = film.count.shape
     if film.mean.shape != (*size, 3) or film.histogram.shape != (*size, 3, BINS):
         raise BadInput(
-            f"picture {film.mean.shape}, histograms {film.histogram.shape} and counts {size} are not of one size",
+            f"picture, histograms and counts need one size; got {film.mean.shape}, {film.histogram.shape} and {size}",
             f"give (rows, columns, 3), (rows, columns, 3, {BINS}) and (rows, columns)",
         )
 
@@ -208,7 +211,7 @@ def _expose(
 
 @compiled
 def vote(value: float, histogram: Floats) -> None:
-    """Share one vote between the two nodes beside the value."""
+    """Divide one vote between the two nodes next to the value."""
     last = histogram.size - 1
     v = (max(value, 0.0) / RANGE) ** (1.0 / EXPONENT)
     position = v * (last - 1) if v <= 1.0 else min(last - 2.0 + v, float(last))

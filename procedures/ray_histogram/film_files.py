@@ -1,8 +1,8 @@
-"""Films as files: npz in and out, and the multichannel OpenEXR of the renderer published with the method.
+"""Film files: npz for reading and writing, and the multichannel OpenEXR of the renderer published with the method.
 
 A film's npz holds `image` (rows, columns, 3) linear, `hist` (rows, columns, 3, 20) and `nsamples` (rows, columns), in
-any precision; `variance` (rows, columns, 3) of single samples and `dropped` (rows, columns) if they were kept. An npz
-with `samples` (rows, columns, n, 3) instead is made into a film when it is read.
+any precision; `variance` (rows, columns, 3) of single samples and `dropped` (rows, columns) are optional. An npz with
+`samples` (rows, columns, n, 3) instead is converted to a film.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from procedures.reading.arrays import Arrays, Shape, checked_array, read_npz
 from procedures.reading.exr import read_exr
 
 PARTS = ("samples", "image", "hist", "nsamples", "variance", "dropped")
-"""The arrays of a film; others in the same file are not read."""
+"""The arrays of a film; others in the file are ignored."""
 
 
 def read_film(path: Path, picture: Path | None = None) -> Film:
-    """The film kept in an npz, or in an OpenEXR of histograms with its picture.
+    """Read a film from an npz, or from an OpenEXR of histograms with its picture.
 
     Parameters
     ----------
     path : Path
         `.npz`, or `.exr` with channels `Bin_0000` to `Bin_0060`: 20 bins of each colour, then the count.
     picture : Path, optional
-        The OpenEXR with the picture's R, G and B, where `path` does not have them itself. The published renderer
-        writes two files: histograms in single precision, and the picture in half precision with alpha and, where
-        it rendered a part of the frame, that part's data window. Files of that layout written by the package
-        OpenEXR are read; one written by the renderer itself has not been at hand.
+        The OpenEXR with the picture's R, G and B, if `path` does not contain them. The published renderer writes two
+        files: histograms in single precision, and the picture in half precision with alpha and, for a part of the
+        frame, with that part's data window. Tested with files of this layout written by the package OpenEXR, not with
+        files of the renderer itself.
 
     Raises
     ------
     BadInput
-        If the file cannot be read as such, or misses something; `Film.checked` judges the contents.
+        If the file cannot be read, or something is missing; `Film.checked` checks the contents.
     """
     if path.suffix.lower() == ".exr":
         return _read_exr(path, picture)
@@ -47,7 +47,7 @@ def read_film(path: Path, picture: Path | None = None) -> Film:
 
 
 def write_film(film: Film, path: Path) -> None:
-    """Keep the film as npz; the file appears whole or not at all."""
+    """Write a film as npz, atomically."""
     arrays: dict[str, Any] = {
         "image": film.mean,
         "hist": film.histogram,
@@ -56,10 +56,10 @@ def write_film(film: Film, path: Path) -> None:
     }
     if film.variance is not None:
         arrays["variance"] = film.variance
-    beside = path.with_name(path.name + ".part")
-    with beside.open("wb") as file:
+    part = path.with_name(path.name + ".part")
+    with part.open("wb") as file:
         np.savez_compressed(file, **arrays)  # numbers only; older NumPy takes `allow_pickle` for one more array
-    os.replace(beside, path)
+    os.replace(part, path)
 
 
 def _film_of_arrays(arrays: Arrays, names: list[str]) -> Film:
@@ -68,7 +68,7 @@ def _film_of_arrays(arrays: Arrays, names: list[str]) -> Film:
     missing = {"image", "hist", "nsamples"} - set(arrays)
     if missing:
         raise BadInput(
-            f"no {', '.join(sorted(missing))} among the arrays {names}",
+            f"a film needs image, hist and nsamples; {', '.join(sorted(missing))} missing among the arrays {names}",
             "give `image`, `hist` and `nsamples`, or `samples`",
         )
     counts = _whole(arrays["nsamples"], "`nsamples`", (None, None))
@@ -104,11 +104,11 @@ def _read_exr(path: Path, picture: Path | None) -> Film:
     more = [name for name in present if name.startswith("Bin_") and name not in names]
     if more:
         raise BadInput(
-            f"{path} has channels up to {more[-1]}: other than {BINS} bins per colour", f"render with {BINS} bins"
+            f"a film has {BINS} bins per colour; {path} has channels up to {more[-1]}", f"render with {BINS} bins"
         )
     colours = channels if picture is None else read_exr(picture, "RGB")[0]
     if not {"R", "G", "B"} <= set(colours):
-        raise BadInput(f"{picture or path} has no channels R, G and B", "give the OpenEXR of the picture beside it")
+        raise BadInput(f"{picture or path} has no channels R, G and B", "give the OpenEXR of the picture as well")
     image = np.stack([colours[name] for name in "RGB"], axis=-1)
     histogram = np.stack([channels[name] for name in names[:-1]], axis=-1)
     parts = {"image": image, "hist": histogram.reshape(*histogram.shape[:2], 3, BINS), "nsamples": channels[names[-1]]}

@@ -1,10 +1,10 @@
-"""The inner loops of ray histogram fusion: one band of rows, one chi-square map per offset, each pair once.
+"""Inner loops of ray histogram fusion: one band of rows, one chi-square map per offset, each pair once.
 
-A *candidate* is a patch that may be like the patch of a pixel: a frame and an offset (rows, columns). Candidate 0 is
-the patch itself, then come the `half` forward offsets of the search block in the pixel's own frame, then their
-opposites in the same order, then whole search blocks in the other frames.
+A *candidate* is a patch to compare with the patch of a pixel: a frame and an offset (rows, columns). Candidate 0 is the
+patch itself; then come the `half` forward offsets of the search block in the pixel's own frame, their opposites in the
+same order, and the whole search blocks in the other frames.
 
-Arrays are copied and combined by loops: Numba makes more code of array expressions, and none that can be kept.
+Arrays are copied and combined by loops: Numba makes larger code of array expressions, and cannot cache it.
 """
 
 from __future__ import annotations
@@ -20,21 +20,22 @@ Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int64]
 
 FAR = np.float32(1e30)
-"""Ratio of a pair that cannot be compared: outside the picture, or without a bin that speaks."""
+"""Ratio of a pair that cannot be compared: outside the picture, or without a valid bin."""
 RIDGE = np.float32(0.5)
-"""Variance of position, pixel^2, added before the trend is fitted: two patches in a row fix no slope across it."""
+"""Variance of position, pixel^2, added before the trend is fitted: two patches in a row determine no slope across
+it."""
 FEW = np.float32(15.0)
-"""Similar patches below which the threshold is eased, the more the fewer they are."""
+"""Number of similar patches below which the threshold is raised."""
 MOST_EASE = np.float32(0.7)
-"""Greatest part of the threshold that is added to it."""
+"""Largest relative increase of the threshold."""
 LEAST_FOR_TREND = np.float32(5.0)
-"""Similar patches below which no trend is fitted: a plane has three unknowns."""
+"""Number of similar patches below which no trend is fitted: a plane has three unknowns."""
 
 
 class Stack(NamedTuple):
     """Frames of one size, the one to filter first: planes (frame, channel, row, column), histograms (frame, row,
-    column, bin), counts (frame, row, column) and means (frame, row, column, colour): the means of the samples' colours,
-    then the variances of these means; none are compared where there are no colours. All float32."""
+    column, bin), counts (frame, row, column) and means (frame, row, column, value): means of the samples' colours
+    followed by the variances of these means, or nothing. All float32."""
 
     planes: Floats
     histograms: Floats
@@ -43,7 +44,7 @@ class Stack(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """What makes patches similar and how they are averaged; the fields are those of `filter.FilterParameters`."""
+    """Criteria of similarity and rules of averaging; the fields are those of `filter.FilterParameters`."""
 
     patch: int
     kappa: float
@@ -58,23 +59,23 @@ class Rules(NamedTuple):
 
 
 @vectorised
-def means_apart(x: Floats, y: Floats, rules: Rules) -> np.float32:
-    """`welch` times what the squares of the colours' Welch statistics have beyond that of `doubt`."""
+def means_distance(x: Floats, y: Floats, rules: Rules) -> np.float32:
+    """`welch` times the excess of the squared Welch statistics of the colours over the square of `doubt`."""
     colours = x.size // 2
-    apart = np.float32(0.0)
+    distance = np.float32(0.0)
     allowed_square = np.float32(rules.doubt * rules.doubt)
     for m in range(colours):
         step = x[m] - y[m]
-        apart += max(np.float32(0.0), step * step / (x[colours + m] + y[colours + m]) - allowed_square)
-    return np.float32(rules.welch) * apart
+        distance += max(np.float32(0.0), step * step / (x[colours + m] + y[colours + m]) - allowed_square)
+    return np.float32(rules.welch) * distance
 
 
 @vectorised
 def pixel_distances(stack: Stack, candidate: Ints, first: int, rules: Rules, d: Floats, k: Floats) -> None:
-    """Chi-square `d` and number of bins `k` between the pixels of frame 0 and those that the candidate points at.
+    """Chi-square `d` and number of bins `k` between the pixels of frame 0 and those of the candidate.
 
-    Rows `first` to `first + len(d)`. Bins that hold no more than `least_count` between them are left out.
-    Equation (4.3); where means differ by more than chance explains, that is added to the chi-square.
+    Rows `first` to `first + len(d)`. Bins that hold no more than `least_count` samples in total are excluded.
+    Equation (4.3), plus a term where means differ significantly.
     """
     frame, dr, dc = candidate
     target, other = stack.histograms[0], stack.histograms[frame]
@@ -95,10 +96,10 @@ def pixel_distances(stack: Stack, candidate: Ints, first: int, rules: Rules, d: 
             for m in range(x.shape[0]):
                 both = x[m] + y[m]
                 e = a * x[m] - b * y[m]
-                speaks = both > floor
-                distance += e * e / both if speaks else np.float32(0.0)
-                bins += np.float32(1.0) if speaks else np.float32(0.0)
-            d[i, c] = distance + means_apart(stack.means[0, r, c], stack.means[frame, r + dr, c + dc], rules)
+                valid = both > floor
+                distance += e * e / both if valid else np.float32(0.0)
+                bins += np.float32(1.0) if valid else np.float32(0.0)
+            d[i, c] = distance + means_distance(stack.means[0, r, c], stack.means[frame, r + dr, c + dc], rules)
             k[i, c] = bins
 
 
@@ -116,7 +117,7 @@ def patch_ratio(d: Floats, k: Floats, i: int, c: int, patch: int) -> np.float32:
 
 @vectorised
 def allowed(p: int, offset: int, size: int, patch: int) -> bool:
-    """Whether the patch at p + offset has all the pixels that the patch at p has, along one axis."""
+    """Whether, along one axis, the patch at p + offset has all the pixels of the patch at p."""
     return min(0, patch - p) <= offset <= max(0, size - 1 - patch - p)
 
 
@@ -124,7 +125,7 @@ def allowed(p: int, offset: int, size: int, patch: int) -> bool:
 def band_ratios(stack: Stack, candidates: Ints, half: int, rules: Rules, first: int, ratios: Floats) -> None:
     """Chi-square per bin of every candidate for the patches of a band: ratios (candidates, rows, columns).
 
-    The band starts at row `first`. Each pair of the own frame is computed once and stored for both patches.
+    The band starts at row `first`. Each pair within the frame is computed once and stored for both patches.
     """
     patch = rules.patch
     rows, columns = stack.counts.shape[1:]
@@ -136,7 +137,7 @@ def band_ratios(stack: Stack, candidates: Ints, half: int, rules: Rules, first: 
         both_ways = frame == 0
         if both_ways and j > half:
             continue
-        # centres p with p or p + dr in the band; their pixels reach one patch further
+        # centres p with p or p + dr in the band; their pixels extend one patch further
         low = max(0, first - (dr if both_ways else 0), -dr)
         high = min(rows, last, rows - dr)
         start = max(0, low - patch, -dr)
@@ -158,7 +159,7 @@ def band_ratios(stack: Stack, candidates: Ints, half: int, rules: Rules, first: 
 
 @vectorised
 def nearest(ratios: Floats, i: int, c: int, k: int) -> np.float32:
-    """The k-th smallest ratio among the candidates of patch (i, c), the patch itself apart; 0 if there are not k."""
+    """The k-th smallest ratio among the candidates of patch (i, c) except itself; 0 if there are fewer than k."""
     best = np.full(k, FAR, np.float32)
     for j in range(1, ratios.shape[0]):
         value = ratios[j, i, c]
@@ -174,11 +175,11 @@ def nearest(ratios: Floats, i: int, c: int, k: int) -> np.float32:
 
 @vectorised
 def weigh(ratios: Floats, counts: Floats, rules: Rules) -> None:
-    """Ratios become weights in [0, 1], in place: 1 well below kappa, 0 well above, a ramp of `softness` between.
+    """Turn ratios into weights in [0, 1], in place: 1 well below kappa, 0 well above, a ramp of `softness` between.
 
-    Where few patches are similar, kappa is raised by `ease` per sample in `counts` (rows, columns): chi-square sees
-    ever smaller differences as samples grow, along a slope of light sooner than the trend fitted there goes wrong.
-    Where fewer than `at_least` other patches are similar, the nearest ones count half.
+    Where few patches are similar, kappa is raised by `ease` per sample in `counts` (rows, columns): with more samples,
+    chi-square detects ever smaller differences, along a slope of light before the fitted trend becomes wrong. Where
+    fewer than `at_least` other patches are similar, the nearest ones get a weight of one half.
     """
     candidates, rows, columns = ratios.shape
     top = np.float32(rules.kappa * (1 + rules.softness))
@@ -206,10 +207,10 @@ def weigh(ratios: Floats, counts: Floats, rules: Rules) -> None:
 
 @vectorised
 def fit_patches(stack: Stack, candidates: Ints, rules: Rules, first: int, weights: Floats, fit: Floats) -> Floats:
-    """How the similar patches of each patch are averaged; returns their number per patch, the patch itself included.
+    """Fit the average of the similar patches of each patch; returns their number, the patch itself included.
 
-    Weights become samples shared, in place. With mean offset m and covariance C of the similar patches' offsets o, the
-    plane fitted to them has at o = 0 the weights w (1 - (o - m)' C^-1 m) / sum w: the average keeps no first-order
+    Weights are multiplied by the samples, in place. With mean offset m and covariance C of the similar patches' offsets
+    o, the plane fitted to them has at o = 0 the weights w (1 - (o - m)' C^-1 m) / sum w: the average has no first-order
     bias. fit (3, rows, columns) receives 1 + m' C^-1 m and C^-1 m, times the gain of the patch in the aggregation.
     """
     rows, columns = weights.shape[1:]
@@ -240,7 +241,7 @@ def fit_patches(stack: Stack, candidates: Ints, rules: Rules, first: int, weight
 
 @vectorised
 def fit_patch(moments: Floats, trend: bool, similar: float, trust: float, fit: Floats) -> None:
-    """One patch of `fit_patches` from its sum of weights and their first and second moments."""
+    """One patch of `fit_patches`, from its sum of weights and their first and second moments."""
     total = moments[0]
     my, mx = moments[1] / total, moments[2] / total
     yy = moments[3] / total - my * my + RIDGE
@@ -268,15 +269,15 @@ def aggregate(
     channels, height = fused.shape[:2]
     total = np.zeros((height, columns), np.float32)
     fused[:] = 0.0
-    own = np.zeros(weights.shape[1:], np.float32)
+    fitted = np.zeros(weights.shape[1:], np.float32)
     spread = np.zeros(columns, np.float32)
     first = max(0, top - patch)
     for j in range(candidates.shape[0]):
         frame, dr, dc = candidates[j]
         low, high = max(0, -dc), min(columns, columns - dc)
-        lean_weights(weights[j], fit, np.float32(dr), np.float32(dc), own)
+        plane_weights(weights[j], fit, np.float32(dr), np.float32(dc), fitted)
         for y in range(max(0, -top - dr), min(height, planes.shape[2] - top - dr)):
-            spread_row(own, top + y - first, patch, spread)
+            spread_row(fitted, top + y - first, patch, spread)
             for c in range(low, high):
                 total[y, c] += spread[c]
             for b in range(channels):
@@ -290,21 +291,21 @@ def aggregate(
 
 
 @vectorised
-def lean_weights(weights: Floats, fit: Floats, dr: np.float32, dc: np.float32, own: Floats) -> None:
-    """Weights of one candidate with the plane that was fitted: own (rows, columns). `fit` is that of `fit_patches`."""
-    for i in range(own.shape[0]):
-        for c in range(own.shape[1]):
-            own[i, c] = weights[i, c] * (fit[0, i, c] - dr * fit[1, i, c] - dc * fit[2, i, c])
+def plane_weights(weights: Floats, fit: Floats, dr: np.float32, dc: np.float32, out: Floats) -> None:
+    """Weights of one candidate under the fitted plane: out (rows, columns). `fit` is that of `fit_patches`."""
+    for i in range(out.shape[0]):
+        for c in range(out.shape[1]):
+            out[i, c] = weights[i, c] * (fit[0, i, c] - dr * fit[1, i, c] - dc * fit[2, i, c])
 
 
 @vectorised
-def spread_row(own: Floats, i: int, patch: int, spread: Floats) -> None:
-    """Sum of `own` over the patch around each pixel of row i."""
-    rows, columns = own.shape
+def spread_row(weights: Floats, i: int, patch: int, spread: Floats) -> None:
+    """Sum of the weights over the patch around each pixel of row i."""
+    rows, columns = weights.shape
     column = np.zeros(columns + 2 * patch, np.float32)
     for ii in range(max(0, i - patch), min(rows, i + patch + 1)):
         for c in range(columns):
-            column[c + patch] += own[ii, c]
+            column[c + patch] += weights[ii, c]
     for c in range(columns):
         spread[c] = column[c]
     for t in range(1, 2 * patch + 1):
@@ -325,16 +326,16 @@ def fuse_band(
     band_ratios(stack, candidates, half, rules, first, weights)
     weigh(weights, stack.counts[0, first:last], rules)
     fit = np.zeros((3, last - first, columns), np.float32)
-    found = fit_patches(stack, candidates, rules, first, weights, fit)
+    number = fit_patches(stack, candidates, rules, first, weights, fit)
     aggregate(stack.planes, candidates, weights, fit, top, rules.patch, fused)
     for i in range(height):
         for c in range(columns):
-            similar[i, c] = found[top - first + i, c]
+            similar[i, c] = number[top - first + i, c]
 
 
 @vectorised
 def blend(pictures: Floats, indices: Ints, weights: Floats, blended: Floats) -> None:
-    """Every new row of pictures (n, rows, channels) as weighted sum of old ones: blended (n, new rows, channels).
+    """Rows of new pictures as weighted sums of rows of pictures (n, rows, channels): blended (n, new rows, channels).
 
     Indices and weights are (new rows, k).
     """

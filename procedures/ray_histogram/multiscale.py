@@ -1,4 +1,4 @@
-"""Algorithm 2: noise wider than the search block is removed at coarser scales, and brought back to the finest."""
+"""Algorithm 2: noise wider than the search block is removed at coarser scales and the result brought to the finest."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from procedures.ray_histogram.kernels import blend
 Floats = npt.NDArray[np.float32]
 
 SIGMA = 0.55
-"""Blur, in coarse pixels, that a picture should have: scale s is blurred by SIGMA sqrt(4^s - 1) fine pixels."""
+"""Target blur in coarse pixels: scale s is blurred by SIGMA sqrt(4^s - 1) fine pixels."""
 
 FAINT = 1e-3
-"""Least variance of a pixel's mean, as a share of that of all pixels on average."""
+"""Smallest variance of a pixel's mean, as a fraction of the average over all pixels."""
 LEAST_VARIANCE = 1e-12
-"""The same where no pixel is noisy."""
+"""Smallest variance where no pixel is noisy."""
 
 RANGE_SIDE = 5
 """Side of the neighbourhood, in pixels, whose noisy values bound the filtered one."""
@@ -32,7 +32,7 @@ RANGE_SIDE = 5
 
 @dataclass(frozen=True)
 class FilteredFilm:
-    """What the filter answers for a film.
+    """Result of filtering a film.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class FilteredFilm:
     median_similar : tuple of float
         Their median at each scale, the finest first.
     uncertainty : (rows, columns, 3) float32 or None
-        Standard uncertainty of the picture (see `uncertainty`), where it was asked for.
+        Standard uncertainty of the picture (see `uncertainty`), if requested.
     """
 
     picture: Floats
@@ -55,7 +55,7 @@ class FilteredFilm:
 def filter_film(
     film: Film, parameters: FilterParameters | None = None, *, neighbours: Sequence[Film] = (), threads: int = 1
 ) -> FilteredFilm:
-    """The film's picture without its noise, by Algorithm 2.
+    """Filter a film by Algorithm 2.
 
     Parameters
     ----------
@@ -64,14 +64,14 @@ def filter_film(
     parameters : FilterParameters
         The defaults if None.
     neighbours : sequence of Film
-        The frames before and after in a sequence; similar patches are sought in them too.
+        The frames before and after in a sequence, in which similar patches are searched for too.
     threads : int
         Bands filtered at once; the result does not depend on it.
 
     Raises
     ------
     BadInput
-        If a film cannot be filtered, the films differ in size, or the picture is too small for so many scales.
+        If a film cannot be filtered, the films differ in size, or the picture is too small for the number of scales.
     """
     parameters = parameters or FilterParameters()
     frames = [samples_of(f.checked()) for f in (film, *neighbours)]
@@ -83,14 +83,14 @@ def filter_film(
 
 
 def fuse_scales(frames: Sequence[Samples], parameters: FilterParameters, *, threads: int = 1) -> list[Fused]:
-    """The first frame filtered by Algorithm 1 at every scale, the finest first; the other frames are its neighbours.
+    """Filter the first frame by Algorithm 1 at every scale, the finest first; the other frames are its neighbours.
 
-    Histograms and counts choose the weights; pictures of any number of channels are averaged with them.
+    Histograms and counts determine the weights; pictures may have any number of channels.
     """
     check_scales(frames[0].count.shape, parameters)
     results = []
     for s in range(parameters.scales):
-        # coarser scales may leave a pixel alone: the finest sees to it that none keeps its noise
+        # at coarser scales a pixel may stay unfiltered: the finest scale ensures that none keeps its noise
         level = frames if s == 0 else [downsample(frame, s) for frame in frames]
         rules = parameters if s == 0 else replace(parameters, at_least=0, ease=0.0)
         results.append(fuse_scale(level[0], rules, neighbours=level[1:], threads=threads))
@@ -98,15 +98,17 @@ def fuse_scales(frames: Sequence[Samples], parameters: FilterParameters, *, thre
 
 
 def samples_of(film: Film) -> Samples:
-    """The film as the filter takes it."""
+    """The film in the filter's form."""
     rows, columns = film.count.shape
     mean = film.mean.astype(np.float32)
     histogram = film.histogram.reshape(rows, columns, -1)
-    return Samples(mean, histogram, film.count.astype(np.float32), np.concatenate([mean, _doubted(film)], axis=-1))
+    return Samples(
+        mean, histogram, film.count.astype(np.float32), np.concatenate([mean, _safe_variance(film)], axis=-1)
+    )
 
 
-def _doubted(film: Film) -> Floats:
-    """Variances of the pixels' means: none is as sure as its few samples may look."""
+def _safe_variance(film: Film) -> Floats:
+    """Variances of the pixels' means with a lower bound, as few samples can underestimate them."""
     variance = mean_variance(film)
     known = np.isfinite(variance)
     faint = FAINT * variance[known].mean() if known.any() else 0.0
@@ -114,19 +116,19 @@ def _doubted(film: Film) -> Floats:
 
 
 def check_scales(size: tuple[int, ...], parameters: FilterParameters) -> None:
-    """Refuse more scales than the size allows: the coarsest picture must hold two patches side by side."""
+    """Refuse too many scales for the size: the coarsest picture must hold two patches side by side."""
     least = 2 * (2 * parameters.patch + 1)
     coarsest = [-(-n // 2 ** (parameters.scales - 1)) for n in size]
     if min(coarsest) < least:
         raise BadInput(
-            f"{size[0]} x {size[1]} pixels are {coarsest[0]} x {coarsest[1]} at scale {parameters.scales},"
-            f" where {least} x {least} are needed to compare patches",
+            f"{parameters.scales} scales need {least} x {least} pixels at the coarsest to compare patches; "
+            f"{size[0]} x {size[1]} pixels give {coarsest[0]} x {coarsest[1]}",
             "filter with fewer scales",
         )
 
 
 def downsample(frame: Samples, s: int) -> Samples:
-    """The frame at scale s: 2^s times smaller, blurred so that it does not alias, with as many samples in all."""
+    """The frame at scale s: 2^s times smaller, blurred against aliasing, with the same number of samples in all."""
     histogram = gaussian_downsample(frame.histogram, s)
     count = gaussian_downsample(frame.count[..., None], s)[..., 0]
     factor = np.float32(frame.count.sum(dtype=np.float64) / count.sum(dtype=np.float64))
@@ -139,9 +141,9 @@ def downsample(frame: Samples, s: int) -> Samples:
 
 
 def recombine(pictures: Sequence[Floats], coarse: float) -> Floats:
-    """One picture from filtered scales, finest first: each gives up its low frequencies for the coarser one's.
+    """Combine filtered scales, finest first: the low frequencies of each are replaced by the coarser scale's.
 
-    The scales' estimates err partly independently, so that a mean of the two (`coarse` < 1) is nearer than either.
+    The errors of the scales are partly independent, so that a mean of the two (`coarse` < 1) is better than either.
     """
     result = pictures[-1]
     for finer in pictures[-2::-1]:
@@ -151,26 +153,26 @@ def recombine(pictures: Sequence[Floats], coarse: float) -> Floats:
 
 
 def within_range(picture: Floats, noisy: Floats) -> Floats:
-    """The picture, kept between the least and the greatest of the noisy pixels around: no dark rim about a lamp.
+    """Limit the picture to the range of the noisy pixels nearby, which avoids a dark rim around a lamp.
 
-    Low frequencies that are exchanged at the edge of something far brighter overshoot by more than what is there.
+    Exchanged low frequencies overshoot next to something much brighter.
     """
     around = np.ones((RANGE_SIDE, RANGE_SIDE), np.uint8)
     return np.clip(picture, cv2.erode(noisy, around), cv2.dilate(noisy, around))
 
 
 def gaussian_downsample(picture: Floats, s: int) -> Floats:
-    """(rows, columns, channels) blurred and sampled at every 2^s-th pixel from the first, ceil(n / 2^s) of them."""
+    """(rows, columns, channels) blurred and sampled at every 2^s-th pixel from the first: ceil(n / 2^s) pixels."""
     return _along_both(picture, *(_gaussian_rows(n, s) for n in picture.shape[:2]))
 
 
 def bicubic_upsample(picture: Floats, size: tuple[int, ...]) -> Floats:
-    """(rows, columns, channels) twice larger, by Keys' cubic (a = -1/2); the samples stay where they are."""
+    """(rows, columns, channels) twice as large, by Keys' cubic (a = -1/2), which keeps the samples."""
     return _along_both(picture, *(_bicubic_rows(n) for n in size))
 
 
 class _Blend(NamedTuple):
-    """What new rows are made of: indices and weights (new rows, k) of the old ones."""
+    """New rows as combinations of old ones: indices and weights (new rows, k)."""
 
     indices: npt.NDArray[np.int64]
     weights: Floats
@@ -186,7 +188,7 @@ def _along_both(picture: Floats, along_rows: _Blend, along_columns: _Blend) -> F
 
 
 def _gaussian_rows(n: int, s: int) -> _Blend:
-    """To ceil(n / 2^s) rows, their weights of sum 1; the picture is mirrored at its borders."""
+    """Weights of sum 1 for ceil(n / 2^s) rows; the picture is mirrored at its borders."""
     sigma = SIGMA * np.sqrt(4.0**s - 1.0)
     reach = int(np.ceil(4 * sigma))
     offsets = np.arange(-reach, reach + 1)
@@ -195,7 +197,6 @@ def _gaussian_rows(n: int, s: int) -> _Blend:
 
 
 def _bicubic_rows(n: int) -> _Blend:
-    """From ceil(n / 2) to n rows, their weights of sum 1."""
     before = np.arange(n) // 2
     t = np.arange(n) / 2 - before
     near, far = np.stack([t, 1 - t]), np.stack([1 + t, 2 - t])
@@ -206,7 +207,6 @@ def _bicubic_rows(n: int) -> _Blend:
 
 
 def _mirrored(indices: npt.NDArray[np.int64], weights: npt.NDArray[np.float64], n: int) -> _Blend:
-    """The same where indices (rows, k) beyond the n old rows are mirrored at the rim."""
     mirrored = indices % (2 * n)
     mirrored = np.where(mirrored < n, mirrored, 2 * n - 1 - mirrored)
     return _Blend(mirrored, np.broadcast_to(weights, indices.shape).astype(np.float32))

@@ -1,4 +1,4 @@
-"""Whole sequences: every frame is filtered with those before and after it, and few of them are held at a time."""
+"""Sequences: every frame is filtered with its neighbours in time, with few frames in memory."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 class _Frame(NamedTuple):
     film: Film
-    found: FilteredFilm
+    filtered: FilteredFilm
 
 
 def filter_sequence(
@@ -30,9 +30,9 @@ def filter_sequence(
     uncertain: bool = False,
     threads: int = 1,
 ) -> Iterator[FilteredFilm]:
-    """Every film's picture without its noise, in order; one film is a sequence too.
+    """Filter every film of a sequence, in order; a single film is a sequence too.
 
-    Films are taken as they are needed: 2 `reach` + 1 are held, twice as many where uncertainties are told.
+    Films are read when needed: 2 `reach` + 1 are held in memory, twice as many with uncertainties.
 
     Parameters
     ----------
@@ -41,9 +41,9 @@ def filter_sequence(
     parameters : FilterParameters
         The defaults if None.
     reach : int
-        Frames before, and after, in which similar patches are sought; 0 filters each by itself.
+        Frames before and after in which similar patches are searched for; 0 filters each frame by itself.
     uncertain : bool
-        Whether to tell the standard uncertainty of each picture: one more filtering, with nine times the channels.
+        Whether to estimate the standard uncertainty of each picture: one more filtering, with nine times the channels.
     threads : int
         Bands filtered at once.
 
@@ -52,19 +52,20 @@ def filter_sequence(
     BadParameter
         If the reach is negative.
     BadInput
-        If a film cannot be filtered or has another size than those beside it.
+        If a film cannot be filtered or its neighbours differ in size.
     """
     if reach < 0:
-        raise BadParameter(f"a reach of {reach} frames", "choose 0 or more")
+        raise BadParameter(f"the reach is 0 frames or more; got {reach}", "choose 0 or more")
     parameters = parameters or FilterParameters()
     frames = _filtered(films, parameters, reach, threads)
     if not uncertain:
-        yield from (frame.found for frame in frames)
+        yield from (frame.filtered for frame in frames)
         return
-    for here, others in _windows(frames, reach):
-        beside = [(one.film, one.found.picture) for one in others]
-        told = standard_uncertainty(here.film, here.found.picture, parameters, neighbours=beside, threads=threads)
-        yield replace(here.found, uncertainty=told)
+    for frame, others in _windows(frames, reach):
+        neighbours = [(other.film, other.filtered.picture) for other in others]
+        picture = frame.filtered.picture
+        sigma = standard_uncertainty(frame.film, picture, parameters, neighbours=neighbours, threads=threads)
+        yield replace(frame.filtered, uncertainty=sigma)
 
 
 def _filtered(films: Iterable[Film], parameters: FilterParameters, reach: int, threads: int) -> Iterator[_Frame]:
@@ -73,10 +74,9 @@ def _filtered(films: Iterable[Film], parameters: FilterParameters, reach: int, t
 
 
 def _windows(frames: Iterable[T], reach: int) -> Iterator[tuple[T, list[T]]]:
-    """Each frame with those up to `reach` before and after it."""
-    held: deque[T | None] = deque([None] * (2 * reach + 1), maxlen=2 * reach + 1)
+    window: deque[T | None] = deque([None] * (2 * reach + 1), maxlen=2 * reach + 1)
     for frame in chain(frames, [None] * reach):
-        held.append(frame)
-        here = held[reach]
-        if here is not None:
-            yield here, [one for one in held if one is not None and one is not here]
+        window.append(frame)
+        middle = window[reach]
+        if middle is not None:
+            yield middle, [other for other in window if other is not None and other is not middle]

@@ -1,13 +1,13 @@
-"""How far the filtered picture may be from the truth: its standard uncertainty, pixel by pixel.
+"""Standard uncertainty of the filtered picture, pixel by pixel.
 
-Once its weights are chosen the filter is linear in the picture, so that it tells of itself what it does to others:
+With its weights fixed the filter is linear in the picture, so its errors can be propagated:
 
-- *noise*: pictures of nothing but noise, as strong in each pixel as the film says, go through the same weights at all
-  scales; what is left of them is what is left of the film's own;
-- *bias*: so does the filtered picture itself; what a second filtering changes, the first did alike to the truth. That
-  picture has lost some detail already, for which `LOST_DETAIL` makes up;
-- *what is seen besides*: the film lies farther from the filtered picture than its noise takes it, as the weights were
-  chosen by looking at the same samples, and detail weaker than the noise is not in the picture that is filtered again.
+- *noise*: pictures of pure noise with the film's variance in each pixel pass through the same weights at all scales;
+  their variance after filtering is that of the film's noise;
+- *bias*: the change of the filtered picture under a second filtering estimates the bias of the first. The filtered
+  picture has lost some detail already, which `LOST_DETAIL` compensates;
+- *excess*: the film differs from the filtered picture by more than its noise, as the weights were chosen from the same
+  samples, and detail below the noise is absent from the picture that is filtered again.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from procedures.ray_histogram.multiscale import fuse_scales, recombine, samples_
 Floats = npt.NDArray[np.float32]
 
 DRAWS = 8
-"""Pictures of noise: their variance in a pixel is known to half of itself, and averaged over `NOISE_PX` then."""
+"""Pictures of noise: their variance in a pixel has a relative error of one half, and is then averaged (`NOISE_PX`)."""
 NOISE_PX = 2.0
 """Standard deviation of the neighbourhood over which the variance of the draws is averaged, pixels."""
 BIAS_PX = 1.0
-"""The same for the square of the bias, which changes from pixel to pixel along edges."""
+"""Standard deviation for averaging the squared bias, which varies from pixel to pixel along edges."""
 LOST_DETAIL = 2.0
 """Mean square of the true bias over that of the estimated one: 1.9 on the Cornell box at 64 samples, 2.0 at 256."""
-SEEN_PX = 3.0
-"""The same for what the film shows besides, once for its mean and once more for the mean's own noise."""
-SURE_PX = 8.0
-"""Standard deviation of the neighbourhood in which that is to be seen at all: on a flat wall it is chance."""
+EXCESS_PX = 3.0
+"""Standard deviation for averaging the excess, applied once to its mean and once more to the mean's noise."""
+SIGNIFICANCE_PX = 8.0
+"""Standard deviation of the neighbourhood in which the excess must be significant: in flat parts it is chance."""
 SEED = 4
 
 
@@ -50,18 +50,18 @@ def standard_uncertainty(
     neighbours: Sequence[tuple[Film, Floats]] = (),
     threads: int = 1,
 ) -> Floats:
-    """Standard uncertainty of the film's filtered picture, (rows, columns, 3), linear.
+    """Standard uncertainty of a film's filtered picture, (rows, columns, 3), linear.
 
     Parameters
     ----------
     film : Film
-        Of at least two samples in each pixel.
+        At least two samples in each pixel.
     smooth : (rows, columns, 3) float32
-        The film's picture, filtered: in the place of the truth.
+        The filtered picture, in place of the truth.
     parameters : FilterParameters
-        Those the picture was filtered with.
+        Parameters of the filtering.
     neighbours : sequence of (Film, (rows, columns, 3))
-        The frames it was filtered with, and each one's picture, filtered in the same way.
+        The frames it was filtered with, and their pictures, filtered in the same way.
     threads : int
         Bands filtered at once.
 
@@ -71,40 +71,44 @@ def standard_uncertainty(
         If a pixel has a single sample, or the film cannot be filtered.
     """
     parameters = parameters or FilterParameters()
-    probes = [_probe(one.checked(), picture, i) for i, (one, picture) in enumerate(((film, smooth), *neighbours))]
-    results = [found.picture for found in fuse_scales(probes, parameters, threads=threads)]
+    frames = ((film, smooth), *neighbours)
+    probes = [_probe(frame.checked(), picture, i) for i, (frame, picture) in enumerate(frames)]
+    results = [fused.picture for fused in fuse_scales(probes, parameters, threads=threads)]
     answer, shape = recombine(results, parameters.coarse), (*smooth.shape[:2], DRAWS, 3)
     bias2 = (answer[..., :3] - smooth) ** 2
     noise, before = answer[..., 3:].reshape(shape), probes[0].picture[..., 3:].reshape(shape)
     variance = _around(np.mean(noise**2, axis=2), NOISE_PX) + np.float32(LOST_DETAIL) * _around(bias2, BIAS_PX)
     shared = np.mean(noise * before, axis=2)
-    return np.asarray(np.sqrt(variance + _seen_besides(film, smooth, shared, variance)), np.float32)
+    return np.asarray(np.sqrt(variance + _excess(film, smooth, shared, variance)), np.float32)
 
 
-def _seen_besides(film: Film, smooth: Floats, shared: Floats, variance: Floats) -> Floats:
-    """Mean square error (rows, columns, 1) about each pixel that the film shows, beyond a variance told already.
+def _excess(film: Film, smooth: Floats, shared: Floats, variance: Floats) -> Floats:
+    """Mean square error (rows, columns, 1) near each pixel in excess of an estimated variance.
 
-    shared : covariance of the film's noise and what the filter leaves of it. The film less the filtered picture has the
-    variance of its noise, and the picture's mean square error, less twice that.
+    shared : covariance of the film's noise before and after filtering. The difference of film and filtered picture has
+    the variance of the film's noise plus the picture's mean square error less twice that covariance.
     """
-    apart = (film.mean - smooth) ** 2 - mean_variance(film) + 2 * shared
-    beyond = (apart - variance).mean(axis=-1, keepdims=True).astype(np.float32)
-    wide = _around(beyond, SURE_PX)
-    chance = np.sqrt(_around((beyond - wide) ** 2, SURE_PX) / (4 * np.pi * SURE_PX**2))
+    error = (film.mean - smooth) ** 2 - mean_variance(film) + 2 * shared
+    beyond = (error - variance).mean(axis=-1, keepdims=True).astype(np.float32)
+    wide = _around(beyond, SIGNIFICANCE_PX)
+    chance = np.sqrt(_around((beyond - wide) ** 2, SIGNIFICANCE_PX) / (4 * np.pi * SIGNIFICANCE_PX**2))
     share = np.clip(wide / np.maximum(chance, 1e-12), 0, 1) ** 2
-    return np.asarray(share * _around(np.maximum(_around(beyond, SEEN_PX), 0), SEEN_PX), np.float32)
+    return np.asarray(share * _around(np.maximum(_around(beyond, EXCESS_PX), 0), EXCESS_PX), np.float32)
 
 
 def coverage(picture: npt.NDArray[np.floating], uncertainty: Floats, truth: npt.NDArray[np.floating]) -> float:
-    """Share of the values that are within two standard uncertainties of the truth."""
+    """Fraction of the values within two standard uncertainties of the truth."""
     return float(np.mean(np.abs(picture - truth) <= 2 * uncertainty))
 
 
 def _probe(film: Film, smooth: Floats, seed: int) -> Samples:
-    """The film with the filtered picture, and pictures of noise alone, in the place of its own."""
+    """The film's samples with the filtered picture, and pictures of pure noise, in place of its own picture."""
     single = film.count < 2
     if single.any():
-        raise BadInput(f"{int(single.sum())} pixels have a single sample", "cast two or more: one tells no noise")
+        raise BadInput(
+            f"each pixel needs two samples to estimate noise; {int(single.sum())} pixels have a single sample",
+            "cast two or more",
+        )
     frame = samples_of(film)
     draws = np.random.default_rng([SEED, seed]).standard_normal((*frame.count.shape, DRAWS, 3), np.float32)
     draws *= np.sqrt(mean_variance(film)).astype(np.float32)[..., None, :]

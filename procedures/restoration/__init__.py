@@ -1,1 +1,2 @@
-"""Two or more photographs, blurred by depth: one sharp picture and the depth map (Sorel 2007)."""
+"""Restoration of one sharp picture and the depth map from two or more depth-dependently blurred photographs (Sorel
+2007)."""

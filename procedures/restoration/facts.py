@@ -1,4 +1,4 @@
-"""What a restoration knows: what blurs its photographs, how much, and how bright they are."""
+"""Facts of a restoration: blur and brightness of its photographs."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ APERTURES, MOTIONS, BOTH = "apertures", "motions", "motions and lens"
 PLANE, COLOUR = "one plane", "colour"
 NO, YES = "no", "yes"
 SEARCH = "search"
-"""The photographs tell the motions, where no record does."""
+"""Motions without a record are estimated from the photographs."""
 ORDER = ("first", "second", "third")
-"""The blurred photographs, as steps, purposes and facts call them."""
+"""Names of the blurred photographs in steps, purposes and facts."""
 TRUTH = "truth"
-"""The photograph that nothing blurs."""
+"""Name of the sharp photograph."""
 
 
 @dataclass(frozen=True)
@@ -24,23 +24,24 @@ class RestorationFacts(CameraFacts):
 
     Attributes
     ----------
-    blur_by : "apertures", "motions", or "motions and lens", whose one aperture blurs beside recorded motions (6.5)
-    lens_f_number : of them all, where both blur
-    focus_m : distance of the plane of focus from the lens, where the camera does not note it
-    photographs : how many are blurred, two or three
+    blur_by : "apertures", "motions", or "motions and lens" with one aperture in addition to recorded motions (6.5)
+    lens_f_number : common f-number, where both blur
+    focus_m : distance of the plane of focus from the lens, if the camera does not record it
+    photographs : number of blurred ones, two or three
     colour : what is restored, "one plane", or the mosaic in "colour"
     max_w : half-width of the widest blur, in pixels of the plane
-    first_f_number, second_f_number, third_f_number : as typed, or as the camera noted them
+    first_f_number, second_f_number, third_f_number : as typed, or as recorded by the camera
     first_level, second_level, third_level : mean of each photograph
-    first_exposure_s, second_exposure_s, third_exposure_s : as the camera noted them
-    ground_truth : "yes" where one more photograph is taken that nothing blurs
+    first_exposure_s, second_exposure_s, third_exposure_s : as recorded by the camera
+    ground_truth : "yes" where one more, sharp photograph is taken
     truth_level, truth_exposure_s, truth_f_number, truth_sha256 : of that one
-    shape : of the apertures, one or one for each photograph with ; between: as `masks.blur_models.named`, or files
-    motion_shape : "search", or files of a shape for each photograph's motion with ; between
-    region : a flat part of one distance, x,y,width,height in pixels, "auto" or "whole"
-    steady : "x" or "y" where the rig goes steadily along that axis, whose masks are even: where depth begins
-        (Proposition 3); else "no"
-    scheme : of the joint descent; None is the usual one
+    shape : of the apertures, one for all or one for each photograph separated by ;, as in `masks.blur_models.named`, or
+        files
+    motion_shape : "search", or files of a shape for each photograph's motion separated by ;
+    region : a flat part at one distance, x,y,width,height in pixels, "auto" or "whole"
+    steady : "x" or "y" for uniform motion along that axis, whose masks are even, for the initial depth (Proposition 3);
+        else "no"
+    scheme : of the joint descent; None for the default
     """
 
     blur_by: str = APERTURES
@@ -89,5 +90,5 @@ class RestorationFacts(CameraFacts):
 
     @property
     def blurred(self) -> tuple[str, ...]:
-        """The photographs that are blurred."""
+        """Names of the blurred photographs."""
         return ORDER[: self.photographs]

@@ -1,4 +1,4 @@
-"""The part of a scene that is of one distance: as it was marked, or where to look for it."""
+"""The part of a scene at one distance: as marked by the operator, or candidates for it."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from procedures.restoration.masks.blur_operator import Array
 Box = tuple[int, int, int, int]
 """x, y, width and height, pixels."""
 Whole = Literal["whole"]
-"""All of a frame is of one distance."""
+"""The whole frame is at one distance."""
 
 DETAIL_PX = 8.0
-"""Size of what counts as detail of a scene: larger is light and shade."""
+"""Scale of a scene's detail; larger variations are shading."""
 CANDIDATES = 4
-"""Parts of the picture that are tried as the one of a single depth, where none was marked."""
+"""Number of parts of the picture that are tried as the one at a single depth, where none was marked."""
 
 
 def region_of(text: str) -> Box | Whole | None:
-    """The part that was marked as x,y,width,height in pixels; None for auto. Raises BadParameter."""
+    """The marked part x,y,width,height in pixels; None for auto. Raises BadParameter."""
     word = text.strip().lower()
     if word == "auto":
         return None
@@ -38,17 +38,17 @@ def region_of(text: str) -> Box | Whole | None:
 
 
 def check_region(region: Box, shape: tuple[int, int]) -> None:
-    """Refuse a part that is not within photographs of that height and width. Raises BadParameter."""
+    """Refuse a part outside photographs of given height and width. Raises BadParameter."""
     x, y, width, height = region
     if not (0 <= x < x + width <= shape[1] and 0 <= y < y + height <= shape[0]):
         raise BadParameter(
-            f"the part {x},{y},{width},{height} is not within photographs of {shape[1]} x {shape[0]}",
+            f"the part {x},{y},{width},{height} must lie within photographs of {shape[1]} x {shape[0]}",
             "mark one inside them",
         )
 
 
 def parts(picture: Array, side: int) -> Iterator[Box]:
-    """Squares with the most detail in them, the best first, none overlapping another by more than half."""
+    """Squares with most detail, the best first, none overlapping another by more than half."""
     rows, columns = picture.shape
     side = min(side, rows, columns)
     fine = (picture - cv2.GaussianBlur(picture, (0, 0), DETAIL_PX)) ** 2

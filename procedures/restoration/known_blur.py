@@ -1,4 +1,4 @@
-"""What camera and operator know of the blur of a plan's photographs."""
+"""The blur of a plan's photographs, from the camera's data and the operator's answers."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from procedures.restoration.masks.blur_models import named
 from procedures.restoration.masks.camera_motion import Poses, poses_of, poses_on
 from procedures.restoration.masks.psf_shapes import MeasuredShape
 from procedures.restoration.photograph_blur import (
+    AdditionalDefocus,
     BlurSpec,
-    DefocusBeside,
     KnownShapes,
     RecordedMotion,
     Shape,
@@ -29,26 +29,26 @@ from procedures.restoration.photograph_blur import (
 
 Array = npt.NDArray[np.float64]
 ReadShape = Callable[[str, str | None, tuple[int, int] | None], Shape]
-"""Gives the shape that a name tells over photographs (H, W) of a plane, or of any where None; raises ProcedureError."""
+"""Reads a named shape for photographs (H, W) of a plane, or of any if None; raises ProcedureError."""
 
 
-def shown(frame: RawFrame) -> Plane:
+def restored_plane(frame: RawFrame) -> Plane:
     """The plane that is restored."""
     return frame.planes.get("G1") or next(iter(frame.planes.values()))
 
 
-def apart(frames: Sequence[RawFrame], known: RestorationFacts) -> tuple[list[RawFrame], RawFrame | None]:
+def split_ground_truth(frames: Sequence[RawFrame], known: RestorationFacts) -> tuple[list[RawFrame], RawFrame | None]:
     """The blurred photographs, and the ground truth where there is one."""
     each = [frames[n] for n in range(len(frames))]
-    truth = next((one for one in each if known.truth_sha256 and one.sha256 == known.truth_sha256), None)
+    truth = next((frame for frame in each if known.truth_sha256 and frame.sha256 == known.truth_sha256), None)
     return [one for one in each if one is not truth], truth
 
 
 def planes_of(frame: RawFrame, known: RestorationFacts) -> Mapping[str, Plane]:
-    """What is restored of a photograph: its whole mosaic, or one plane."""
+    """The restored planes of a photograph: its whole mosaic, or one plane."""
     if known.colour == COLOUR and is_mosaic(frame.planes):
         return frame.planes
-    plane = shown(frame)
+    plane = restored_plane(frame)
     return {plane.name: plane}
 
 
@@ -57,33 +57,32 @@ def stacked(planes: Mapping[str, Plane]) -> Array:
     return np.stack([plane.samples.astype(np.float64) for plane in planes.values()])
 
 
-def by_name(name: str, plane: str | None, size: tuple[int, int] | None) -> Shape:
-    """A shape that has a name. Raises BadParameter."""
-    found = named(name)
-    if found is None:
+def named_shape(name: str, plane: str | None, size: tuple[int, int] | None) -> Shape:
+    """A model's shape by its name. Raises BadParameter."""
+    shape = named(name)
+    if shape is None:
         raise BadParameter(f"no aperture is called {name!r}", "use pillbox, gaussian or polygon:BLADES")
-    return found
+    return shape
 
 
-def names_in(told: str) -> tuple[str, ...]:
-    """The names of shapes in what was told."""
-    return tuple(part.strip() for part in told.split(";"))
+def shape_names(answer: str) -> tuple[str, ...]:
+    """The names of shapes in an answer."""
+    return tuple(part.strip() for part in answer.split(";"))
 
 
-def shapes_over(frame: RawFrame, told: str, known: RestorationFacts, read: ReadShape) -> tuple[Shape, ...]:
-    """The shape of each photograph, or one for all, over photographs like this one. Raises ProcedureError."""
+def shapes_over(frame: RawFrame, answer: str, known: RestorationFacts, read: ReadShape) -> tuple[Shape, ...]:
+    """The shape of each photograph, or one for all, for photographs like this one. Raises ProcedureError."""
     plane = next(iter(planes_of(frame, known).values()))
     size = (int(plane.samples.shape[0]), int(plane.samples.shape[1]))
-    found = {name: by_name(name, None, None) if named(name) is not None else read(name, plane.name, size)
-             for name in dict.fromkeys(names_in(told))}  # fmt: skip
-    return tuple(found[name] for name in names_in(told))
+    shapes = {name: named_shape(name, None, None) if named(name) is not None else read(name, plane.name, size)
+              for name in dict.fromkeys(shape_names(answer))}  # fmt: skip
+    return tuple(shapes[name] for name in shape_names(answer))
 
 
-def blur_spec(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadShape = by_name) -> BlurSpec:
-    """What is known of the blur of all. Raises BadParameter where apertures or region are not known.
+def blur_spec(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadShape = named_shape) -> BlurSpec:
+    """The known blur of all photographs. Raises BadParameter where apertures or region are not known.
 
-    Motion is that of the shapes that were told, or of the records where every photograph has one, and is left to be
-    found where not.
+    Motion comes from the given shapes, or from records if every photograph has one; otherwise it is to be estimated.
     """
     if known.blur_by == MOTIONS and known.motion_shape != SEARCH:
         return BlurSpec(KnownShapes(shapes_over(frames[0], known.motion_shape, known, read)), known.max_w)
@@ -98,60 +97,61 @@ def blur_spec(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadSha
     ratios, offsets = (tuple(one) for one in zip(*each, strict=True))
     shapes = shapes_over(frames[0], known.shape, known, read)
     if len(shapes) > 1 and all(isinstance(one, MeasuredShape) for one in shapes) and not any(offsets):
-        ratios = ()  # their half-widths tell
+        ratios = ()  # given by their half-widths
     each_one = shapes * (len(frames) // len(shapes))
     return BlurSpec(KnownShapes(each_one, ratios, offsets), known.max_w)
 
 
 def motions_and_lens(frames: Sequence[RawFrame], known: RestorationFacts, read: ReadShape) -> BlurSpec:
-    """Recorded motions with the lens's own blur, which goes with the inverse distance as they do (4.5, 6.5).
+    """Recorded motions with the lens's blur, which depends on the inverse distance too (4.5, 6.5).
 
     Raises BadParameter where a motion has no record, or the lens is not known.
     """
     exposures = [poses for poses in map(rig_poses, frames) if poses is not None]
     focal = focal_px(frames[0], known)
-    settings = [one for one in (lens(frame, known.lens_f_number, known) for frame in frames) if one is not None]
+    each = (lens(frame, known.lens_f_number, known) for frame in frames)
+    settings = [setting for setting in each if setting is not None]
     if len(exposures) < len(frames):
-        remedy = "mend shaker or IMU and take them again, or let motions alone blur"
-        raise BadParameter("motions beside the lens's blur need a record of each photograph's motion", remedy)
+        remedy = "repair shaker or IMU and take them again, or use motions alone"
+        raise BadParameter("motions in addition to the lens's blur need a record of each photograph's motion", remedy)
     if focal is None or len(settings) < len(frames):
-        remedy = "tell f-number, distance of focus and pixel pitch; the camera has to note the focal length"
+        remedy = "give f-number, distance of focus and pixel pitch; the camera must record the focal length"
         raise BadParameter("the lens's blur is not known", remedy)
     shapes = shapes_over(frames[0], known.shape, known, read)
-    # in front of the plane of focus the light has not crossed yet: the shape is upside down, its half-width below zero
+    # in front of the plane of focus rays have not crossed: the shape is upside down, its half-width negative
     ratios = tuple(-one.scale_px_mm / 1000 for one in settings)
     offsets = tuple(one.scale_px_mm / one.focus_mm for one in settings)
-    lens_blur = DefocusBeside(shapes * (len(frames) // len(shapes)), ratios, offsets)
+    lens_blur = AdditionalDefocus(shapes * (len(frames) // len(shapes)), ratios, offsets)
     return BlurSpec(RecordedMotion((*exposures,), focal), known.max_w, lens_blur)
 
 
 def unknown_motion(photographs: int, known: RestorationFacts) -> UnknownMotion:
-    """Motion that the photographs have to tell. Raises BadParameter where a part of so many cannot."""
+    """Motion to be estimated from the photographs. Raises BadParameter where their number does not allow it."""
     region = region_of(known.region)
     if photographs > 2 and region != "whole":
         raise BadParameter(
-            f"a flat part tells the motion of two photographs, not of {photographs}, and not every one has a record "
-            "of the IMU",
-            "mend the IMU and take them again, or begin with two photographs or a flat scene",
+            f"a flat part determines the motion of two photographs, not of {photographs}, and not every one has a "
+            "record of the IMU",
+            "repair the IMU and take them again, or begin with two photographs or a flat scene",
         )
     return UnknownMotion(region)
 
 
 def focal_px(frame: RawFrame, known: RestorationFacts) -> float | None:
-    """The image's distance behind the lens in pixels of the plane that is restored; None where it is not known."""
-    told = frame.exposure
-    focal_mm, pitch_um = told.focal_length_mm, known.pixel_pitch_um
+    """Distance of the image behind the lens in pixels of the restored plane; None where it is not known."""
+    camera = frame.exposure
+    focal_mm, pitch_um = camera.focal_length_mm, known.pixel_pitch_um
     if not focal_mm or not pitch_um:
         return None
-    # focused nearer, the image lies farther behind the lens (4.1)
-    nearer = 1 - focal_mm / told.subject_distance_mm if told.subject_distance_mm else 1.0
-    return focal_mm / max(nearer, 0.5) / (pitch_um * 1e-3 * shown(frame).pitch)
+    # the closer the focus, the farther the image is behind the lens (4.1)
+    nearer = 1 - focal_mm / camera.subject_distance_mm if camera.subject_distance_mm else 1.0
+    return focal_mm / max(nearer, 0.5) / (pitch_um * 1e-3 * restored_plane(frame).pitch)
 
 
 def rig_poses(frame: RawFrame) -> Poses | None:
-    """Where the camera was during an exposure, about where its rig rests; None where no record tells.
+    """Poses of the camera during an exposure, relative to the rig at rest; None without a record.
 
-    What a shaker was told comes before what was felt: it has no drift.
+    A shaker's commanded path takes precedence over an IMU's record: it has no drift.
     """
     open_s = frame.exposure.exposure_s
     if open_s is None:
@@ -168,33 +168,33 @@ def rig_poses(frame: RawFrame) -> Poses | None:
 def blur_relation(
     first: RawFrame, other: RawFrame, known: RestorationFacts, which: str = "second"
 ) -> tuple[float, float]:
-    """w of another photograph is that of the first times a ratio, and an offset in pixels (4.8 to 4.10).
+    """w of another photograph as a ratio times that of the first, plus an offset in pixels (4.8 to 4.10).
 
-    Where the camera noted both distances of focus, by them too; else the focus is taken to be the same.
+    Includes both distances of focus if the camera recorded them; otherwise the focus is assumed equal.
     """
     ratio = blur_ratio(known, which)
     lenses = lens(first, known.first_f_number, known), lens(other, known.f_numbers[which], known)
     if lenses[0] is None or lenses[1] is None or lenses[0].focus_mm == lenses[1].focus_mm:
         return ratio, 0.0
     alpha, beta = thin_lens.relation(lenses[0], lenses[1])
-    # w counts from the plane of focus away from the camera, where radii are below zero
+    # w is measured from the plane of focus away from the camera, where radii are negative
     return alpha, -beta
 
 
 def lens(frame: RawFrame, f_number: float | None, known: RestorationFacts) -> thin_lens.CameraSetting | None:
-    """Lens and focus of a photograph over pixels of the plane that is restored; None where something is not known."""
-    told, pitch_um = frame.exposure, known.pixel_pitch_um
-    focal_mm, focus_mm = told.focal_length_mm, told.subject_distance_mm or 1000 * (known.focus_m or 0.0)
+    """Lens and focus of a photograph in pixels of the restored plane; None where something is not known."""
+    camera, pitch_um = frame.exposure, known.pixel_pitch_um
+    focal_mm, focus_mm = camera.focal_length_mm, camera.subject_distance_mm or 1000 * (known.focus_m or 0.0)
     if not (focal_mm and focus_mm and pitch_um and f_number) or focus_mm <= focal_mm:
         return None
-    return thin_lens.CameraSetting(focal_mm, f_number, focus_mm, pitch_um * shown(frame).pitch)
+    return thin_lens.CameraSetting(focal_mm, f_number, focus_mm, pitch_um * restored_plane(frame).pitch)
 
 
 def blur_ratio(known: RestorationFacts, which: str = "second") -> float:
-    """Blur of a photograph over the first's: as the apertures, the focus being the same (4.8).
+    """Ratio of a photograph's blur to the first's, from the apertures at equal focus (4.8).
 
     Raises BadParameter where they are not known.
     """
-    remedy = "tell all f-numbers in the step `scene`"
+    remedy = "give all f-numbers in the step `scene`"
     first = required(known.first_f_number, "the first f-number", remedy)
     return first / required(known.f_numbers[which], f"the {which} f-number", remedy)

@@ -1,4 +1,4 @@
-"""What the plan of a restoration says of each photograph: its light, its detail, and the apertures that were told."""
+"""Checks of each photograph in the plan of a restoration: light, detail, and the given apertures."""
 
 from __future__ import annotations
 
@@ -19,37 +19,37 @@ from procedures.reading.exposure import disagreements
 from procedures.restoration.colour.mosaic import is_mosaic
 from procedures.restoration.facts import APERTURES, BOTH, COLOUR, MOTIONS, ORDER, SEARCH, TRUTH, RestorationFacts
 from procedures.restoration.flat_part import DETAIL_PX
-from procedures.restoration.known_blur import ReadShape, by_name, lens, shapes_over, shown
+from procedures.restoration.known_blur import ReadShape, lens, named_shape, restored_plane, shapes_over
 
 LEAST_RATIO = 1.15
-"""Of any two f-numbers: nearer ones blur too much alike."""
+"""Smallest ratio of two f-numbers: closer ones blur too similarly."""
 SAME_LIGHT = 0.1
 OTHER_LIGHT = 1.12
-"""Factor between two ways to tell the f-numbers' ratio, from which one is wrong: rings and shutters make 6 %."""
+"""Discrepancy between two estimates of the f-numbers' ratio above which one is wrong: rings and shutters make 6 %."""
 TEXTURE = 5.0
-"""Contrast of the scene's detail over the noise, at least."""
+"""Smallest contrast of the scene's detail over the noise."""
 
 
-def check_first(frame: RawFrame, facts: Facts, read: ReadShape = by_name) -> Advice:
-    """Well exposed, with detail that blur can be told from."""
-    plane, known = shown(frame), facts_as(RestorationFacts, facts)
-    wrong = no_colour(frame, known) or shape_unknown(frame, known, read) or typed_otherwise("first", frame, known)
+def check_first(frame: RawFrame, facts: Facts, read: ReadShape = named_shape) -> Advice:
+    """Require a good exposure, and enough detail to estimate blur."""
+    plane, known = restored_plane(frame), facts_as(RestorationFacts, facts)
+    wrong = no_colour(frame, known) or shape_unknown(frame, known, read) or contradicts_camera("first", frame, known)
     wrong = wrong or lens_unknown(frame, known)
     if wrong is not None:
         return wrong
     level, clipped = float(np.percentile(plane.samples, 99.5)), float(np.mean(plane.samples >= NOMINAL))
     advice = exposure_advice(level, clipped, frame.exposure, "The brightest")
-    told = Reading("detail", detail(plane), "× noise", TEXTURE, None)
-    readings = (*advice.readings, told)
-    if advice.good and not told.good:
-        say = f"The scene's detail is only {told.value:.1f} times the noise: add things with texture, or more light."
+    contrast = Reading("detail", detail(plane), "× noise", TEXTURE, None)
+    readings = (*advice.readings, contrast)
+    if advice.good and not contrast.good:
+        say = f"The scene's detail is only {contrast.value:.1f} times the noise: add texture, or more light."
         return Advice(False, say, readings, by_hand={"texture": 1.0})
     return replace(advice, readings=readings, facts={**advice.facts, **noted("first", frame)})
 
 
 def check_later(which: str, frame: RawFrame, facts: Facts) -> Advice:
-    """As bright as the first; another aperture than those before, where that is what blurs."""
-    wrong = typed_otherwise(which, frame, facts_as(RestorationFacts, facts))
+    """Require the brightness of the first, and another aperture than those before, where apertures blur."""
+    wrong = contradicts_camera(which, frame, facts_as(RestorationFacts, facts))
     if wrong is not None:
         return wrong
     known = facts_as(RestorationFacts, {**facts, **noted(which, frame)})
@@ -69,12 +69,13 @@ def check_later(which: str, frame: RawFrame, facts: Facts) -> Advice:
 
 
 def check_truth(frame: RawFrame, facts: Facts) -> Advice:
-    """As bright as the first; stopped down further than any other, where apertures blur."""
+    """Require the brightness of the first, and the smallest aperture of all, where apertures blur."""
     noticed = {**noted(TRUTH, frame), "truth_sha256": frame.sha256}
-    # an f-number that is known is of an earlier one
+    # a known f-number is that of an earlier ground truth
     known = facts_as(RestorationFacts, {**without(facts, "truth_f_number"), **noticed})
     light, f_number = light_against_first(frame, known), f_number_of_truth(known)
-    largest = max((one for which in known.blurred if (one := known.f_numbers[which]) is not None), default=0.0)
+    f_numbers = [N for which in known.blurred if (N := known.f_numbers[which]) is not None]
+    largest = max(f_numbers, default=0.0)
     ratio = f_number / largest if f_number and largest else 0.0
     by_apertures = known.blur_by != MOTIONS and ratio > 0
     readings = (light, *((Reading("aperture", ratio, "", LEAST_RATIO, None),) if by_apertures else ()))
@@ -90,7 +91,7 @@ def check_truth(frame: RawFrame, facts: Facts) -> Advice:
 
 
 def f_number_of_truth(known: RestorationFacts) -> float:
-    """As the camera noted it, else by time and light against the first; 0 where neither tells."""
+    """As recorded by the camera, else from time and light relative to the first; 0 where neither is known."""
     if known.truth_f_number:
         return known.truth_f_number
     N, t1, t2 = known.first_f_number, known.first_exposure_s, known.truth_exposure_s
@@ -104,22 +105,22 @@ def without(facts: Facts, name: str) -> Facts:
 
 
 def light_against_first(frame: RawFrame, known: RestorationFacts) -> Reading:
-    """How much brighter a photograph is than the first, in per cent."""
-    level = float(np.mean(shown(frame).samples))
+    """Brightness of a photograph relative to the first, in per cent."""
+    level = float(np.mean(restored_plane(frame).samples))
     change = 0.0 if known.first_level is None else level / known.first_level - 1
     return Reading("light", 100 * change, "%", -100 * SAME_LIGHT, 100 * SAME_LIGHT)
 
 
 def unevenly_lit(light: Reading, readings: tuple[Reading, ...]) -> Advice:
-    """By how much to expose longer or shorter."""
+    """Advice on the exposure time."""
     change = light.value / 100
     word = "brighter" if change > 0 else "darker"
-    say = f"It is {abs(change):.0%} {word} than the first: correct the exposure time by as much."
+    say = f"It is {abs(change):.0%} {word} than the first: correct the exposure time accordingly."
     return Advice(False, say, readings, by_hand={"exposure_ev": -float(np.log2(1 + change))})
 
 
 def no_colour(frame: RawFrame, known: RestorationFacts) -> Advice | None:
-    """That there is no colour to restore, where it is asked for; None where there is."""
+    """Advice where colour is requested without a mosaic; else None."""
     if known.colour != COLOUR or "colour" in known.insisted or is_mosaic(frame.planes):
         return None
     say = f"Colour needs a camera with a mosaic; this photograph has only {', '.join(frame.planes)}: restore one plane."
@@ -127,32 +128,32 @@ def no_colour(frame: RawFrame, known: RestorationFacts) -> Advice | None:
 
 
 def shape_unknown(frame: RawFrame, known: RestorationFacts, read: ReadShape) -> Advice | None:
-    """That what was told is no shape over this photograph; None where it is."""
-    key, told = ("motion_shape", known.motion_shape) if known.blur_by == MOTIONS else ("shape", known.shape)
+    """Advice where the given shape does not fit this photograph; else None."""
+    key, answer = ("motion_shape", known.motion_shape) if known.blur_by == MOTIONS else ("shape", known.shape)
     try:
-        if told != SEARCH:
-            shapes_over(frame, told, known, read)
+        if answer != SEARCH:
+            shapes_over(frame, answer, known, read)
     except ProcedureError as error:
         return Advice(False, f"{error.reason}: {error.remedy}.", contradictory=(key,))
     return None
 
 
 def lens_unknown(frame: RawFrame, known: RestorationFacts) -> Advice | None:
-    """That the lens's blur cannot be told beside the motions'; None where it can, or need not."""
+    """Advice where the lens's blur is required in addition to motion and not known; else None."""
     if known.blur_by != BOTH or lens(frame, known.lens_f_number, known) is not None:
         return None
     say = (
-        "The lens's blur goes by its focal length, which the camera has to note, and by its f-number, its distance of "
-        "focus beyond that and the pixels' pitch."
+        "The lens's blur depends on its focal length, which the camera must record, and on its f-number, its distance "
+        "of focus beyond that and the pixel pitch."
     )
     return Advice(False, say, contradictory=("lens_f_number", "focus_m", "pixel_pitch_um"))
 
 
-def typed_otherwise(which: str, frame: RawFrame, known: RestorationFacts) -> Advice | None:
-    """What was typed of this photograph against what the camera noted; None where nothing contradicts."""
+def contradicts_camera(which: str, frame: RawFrame, known: RestorationFacts) -> Advice | None:
+    """Advice where typed values contradict the camera's record of this photograph; else None."""
     f_numbers = {APERTURES: known.f_numbers[which], BOTH: known.lens_f_number}
     typed = {"f_number": f_numbers.get(known.blur_by), "pixel_pitch_um": known.pixel_pitch_um}
-    asked = {"f_number": "lens_f_number" if known.blur_by == BOTH else f"{which}_f_number"}
+    keys = {"f_number": "lens_f_number" if known.blur_by == BOTH else f"{which}_f_number"}
     for name, value in typed.items():
         key = asked.get(name, name)
         told = disagreements(frame.exposure, {name: value}) if key not in known.insisted else []
@@ -162,27 +163,27 @@ def typed_otherwise(which: str, frame: RawFrame, known: RestorationFacts) -> Adv
 
 
 def apertures_by_light(which: str, known: RestorationFacts) -> Advice | None:
-    """The f-numbers' ratio against what the light says of it; None where they agree, or times are not known.
+    """Advice where the f-numbers' ratio contradicts the light; None where they agree, or times are not known.
 
-    The level goes with t / N^2, at one ISO: N1 / N2 = sqrt(t1 L2 / (t2 L1)).
+    The level is proportional to t / N^2 at one ISO: N1 / N2 = sqrt(t1 L2 / (t2 L1)).
     """
     pair, keys = ("first", which), ("first_f_number", f"{which}_f_number")
-    each = [[told[one] for one in pair] for told in (known.f_numbers, known.exposures_s, known.levels)]
-    if known.blur_by != APERTURES or any(None in one for one in each) or known.insisted.issuperset(keys):
+    each = [[values[name] for name in pair] for values in (known.f_numbers, known.exposures_s, known.levels)]
+    if known.blur_by != APERTURES or any(None in values for values in each) or known.insisted.issuperset(keys):
         return None
     (N1, N2), (t1, t2), (L1, L2) = ([float(one or 0.0) for one in pair] for pair in each)
     by_light = float(np.sqrt(t1 * L2 / (t2 * L1)))
     if 1 / OTHER_LIGHT < by_light / (N1 / N2) < OTHER_LIGHT:
         return None
     say = (
-        f"By exposure times and light the first f-number is {by_light:.2f} times the {which}, by what was given "
+        f"By exposure times and light the first f-number is {by_light:.2f} times the {which}, by the given values "
         f"{N1 / N2:.2f} times: one of them is wrong, or the light has changed."
     )
     return Advice(False, say, contradictory=keys)
 
 
 def detail(plane: Plane) -> float:
-    """Contrast of what varies within a few pixels, over the noise of neighbouring pixels."""
+    """Contrast of variations within a few pixels, over the noise of neighbouring pixels."""
     samples = plane.samples
     rough = samples[:, 2:] - 2 * samples[:, 1:-1] + samples[:, :-2]
     noise = max(1.4826 * float(np.median(np.abs(rough))) / 6**0.5, plane.quantisation / 12**0.5)
@@ -191,7 +192,7 @@ def detail(plane: Plane) -> float:
 
 def noted(which: str, frame: RawFrame) -> dict[str, Fact]:
     """Level, exposure time and aperture of a photograph, as facts."""
-    facts: dict[str, Fact] = {f"{which}_level": float(np.mean(shown(frame).samples))}
+    facts: dict[str, Fact] = {f"{which}_level": float(np.mean(restored_plane(frame).samples))}
     if frame.exposure.exposure_s:
         facts[f"{which}_exposure_s"] = float(frame.exposure.exposure_s)
     if frame.exposure.f_number:
@@ -200,18 +201,18 @@ def noted(which: str, frame: RawFrame) -> dict[str, Fact]:
 
 
 def aperture_ratio(known: RestorationFacts, which: str = "second") -> float:
-    """The larger f-number over the smaller, of a photograph and the nearest before it; 0 where one is not known."""
-    own, before = known.f_numbers[which], [known.f_numbers[one] for one in ORDER[: ORDER.index(which)]]
-    told = [one for one in before if one is not None]
-    if own is None or len(told) < len(before):
+    """The larger f-number over the smaller, of a photograph and the closest before it; 0 where one is not known."""
+    N, before = known.f_numbers[which], [known.f_numbers[name] for name in ORDER[: ORDER.index(which)]]
+    others = [other for other in before if other is not None]
+    if N is None or len(others) < len(before):
         return 0.0
-    return min(max(one / own, own / one) for one in told)
+    return min(max(other / N, N / other) for other in others)
 
 
 Check = Callable[[RawFrame, Facts], Advice]
 
 
-def checks(read: ReadShape = by_name) -> dict[str, Check]:
-    """What is said of each photograph, by what it is taken for."""
+def checks(read: ReadShape = named_shape) -> dict[str, Check]:
+    """The checks of each photograph, by its purpose."""
     later = {which: partial(check_later, which) for which in ORDER[1:]}
     return {ORDER[0]: partial(check_first, read=read), **later, TRUTH: check_truth}

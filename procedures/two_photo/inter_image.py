@@ -344,7 +344,7 @@ def _with_tail_known(parts: Products, fit: PairFit, variance: float) -> NormalEq
     first = len(fit.kernel)
     mean = abs(float(fit.tail[0]))
     if mean == 0:  # not fitted yet: by itself first
-        alone = eliminate(parts.with_kept(TAIL, np.full(TAIL - 1, 1e9 * np.trace(parts.ZZ)), np.zeros(TAIL - 1)))
+        alone = eliminate(parts.with_joined(TAIL, np.full(TAIL - 1, 1e9 * np.trace(parts.ZZ)), np.zeros(TAIL - 1)))
         mean = abs(float(alone.kernel[first]))
     precision = variance / (DIFFERS * max(mean, LEAST_TAIL)) ** 2
-    return eliminate(parts.with_kept(TAIL, precision, -fit.tail[1:]))
+    return eliminate(parts.with_joined(TAIL, precision, -fit.tail[1:]))

@@ -141,7 +141,7 @@ def _restoration(
 
     def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
         files = [{"path": encodable(str(path)), "sha256": known} for path, known in before.items()]
-        whole = replace(head, parameters={**head.parameters, **found.told, "files": files})
+        whole = replace(head, parameters={**head.parameters, **found.parameters, "files": files})
         return write_outcome(place, found, whole, photographs, page=page)
 
     return Answer([restoration_result(found.outcome, frames)], frames[0].exposure, write)

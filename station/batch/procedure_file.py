@@ -135,7 +135,7 @@ class Procedure:
         trust = {"trust_typed": True} if self.trust_typed else {}
         sampling = {} if self.parameters is None else self.parameters.told()
         if self.restoration is not None:
-            sampling = self.restoration.told
+            sampling = self.restoration.entries
         if self.settings is not None:
             sampling = to_record(self.settings)
         return {**sampling, **chart, **self.optics, **layout, **trust, **self.terms.parameters()}

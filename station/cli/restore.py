@@ -29,7 +29,7 @@ _ONE_EACH = ("--shape", "--imu", "--poses", "--defocus-shape")
 
 
 class _OneEach(click.Command):
-    """Lets `--shape` and its like take one value, or more as `--shape FILE1 FILE2` before the next option."""
+    """Lets `--shape` and similar options take one value, or several as `--shape FILE1 FILE2` before the next option."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Repeat the option before each further file that follows it."""
@@ -50,7 +50,6 @@ class _OneEach(click.Command):
 
     @staticmethod
     def _leading(args: list[str]) -> list[str]:
-        """The arguments before the first option: the photographs, as the contract writes them."""
         for n, arg in enumerate(args):
             if arg.startswith("-"):
                 return args[:n]
@@ -60,18 +59,18 @@ class _OneEach(click.Command):
 @click.command("restore", cls=_OneEach)
 @click.argument("images", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
-    "--blur", "blur", type=click.Choice(["defocus", "motion", "both"]), required=True, help="What blurred them."
+    "--blur", "blur", type=click.Choice(["defocus", "motion", "both"]), required=True, help="Cause of the blur."
 )
 @click.option(
     "--shape",
     "shapes",
     multiple=True,
     help="pillbox, gaussian, polygon:BLADES[:DEGREES], text arrays, psf_P.npy, kernel_N.npy or field.h5 of a result, "
-    "or radial:FILE,FILE,... of a lens symmetric about its axis, middle to corner: one, or one for each image. With "
-    "--prototype-region whole, kernels found before.",
+    "or radial:FILE,FILE,... for a lens symmetric about its axis, centre to corner: one, or one for each image. With "
+    "--prototype-region whole, kernels from an earlier result.",
 )
 @click.option(
-    "--samples-per-pixel", type=click.IntRange(1, 1000), help="The shapes are PSFs sampled so, not shapes on [-1, 1]."
+    "--samples-per-pixel", type=click.IntRange(1, 1000), help="Sampling if the shapes are PSFs, not on [-1, 1]."
 )
 @click.option(
     "--ratio",
@@ -85,32 +84,32 @@ class _OneEach(click.Command):
     "offsets",
     type=Number(),
     multiple=True,
-    help="Pixels that w of photograph 2 (3, ...) has beyond ratio times w of 1: another focus.  [default: 0]",
+    help="Offset of w of photograph 2 (3, ...) in pixels, from another focus.  [default: 0]",
 )
 @click.option(
     "--defocus-shape",
     "defocus_shapes",
     multiple=True,
-    help="With --blur both, what --shape is for motion: the aperture's shape, one or one for each image.",
+    help="With --blur both, where --shape is that of motion: the aperture's shape, one or one for each image.",
 )
 @click.option(
     "--defocus-ratio",
     "defocus_ratios",
     type=Number(),
     multiple=True,
-    help="Half-width of that defocus in pixels for each unit of w, one or one for each image.",
+    help="Half-width of that defocus in pixels per unit of w, one or one for each image.",
 )
 @click.option(
     "--defocus-offset",
     "defocus_offsets",
     type=Number(),
     multiple=True,
-    help="And its half-width where w is 0, pixels; below 0 the plane of focus lies within the scene.  [default: 0]",
+    help="Half-width of that defocus at w = 0, pixels; negative for a plane of focus within the scene.  [default: 0]",
 )
 @click.option(
     "--max-w",
     type=Number(),
-    help="Largest half-width of blur, pixels of image 1.  [default: 8, or a measured kernel's and one]",
+    help="Largest half-width of blur, pixels of image 1.  [default: 8, or a measured kernel's plus one]",
 )
 @click.option("--image-weight", type=Number(), help="lambda_u.  [default: from the noise]")
 @click.option("--depth-weight", type=Number(), help="lambda_w, of the bending of w.  [default: from the noise]")
@@ -125,22 +124,22 @@ class _OneEach(click.Command):
     type=click.Choice(["both", "x", "y"]),
     default="both",
     show_default=True,
-    help="Axis along which --depth-start symmetric takes the blur to be: both, or that of a steady motion.",
+    help="Axis of symmetry for --depth-start symmetric: both, or that of a uniform motion.",
 )
 @click.option("--total-variation", is_flag=True, help="Picture prior by total variation instead of Tikhonov.")
 @click.option("--depth-total-variation", is_flag=True, help="Prior of w by total variation.")
 @click.option(
     "--prototype-region",
     metavar="X,Y,W,H",
-    help="Flat part from which unknown motion shapes are estimated; auto looks for one; whole is a flat scene, whose "
-    "motions may be of any form, in two images or more.",
+    help="Flat part for the estimation of unknown motion; auto searches for one; whole is a flat scene, whose motions "
+    "may be of any form, in two images or more.",
 )
 @click.option(
     "--recorded-path",
     "paths",
     multiple=True,
     metavar="FILE",
-    help="Path of the rig during each exposure, two columns x y at equal times: begins the search of its shape.",
+    help="Path of the rig during each exposure, two columns x y at equal times: starts the search of its shape.",
 )
 @click.option(
     "--imu",
@@ -154,44 +153,42 @@ class _OneEach(click.Command):
     "poses",
     multiple=True,
     metavar="FILE",
-    help="Where the camera was while it exposed, CSV: t_s,x,y,z,rx,ry,rz; m, rotation vector in rad, axes as --imu.",
+    help="Poses of the camera during each exposure, CSV: t_s,x,y,z,rx,ry,rz; m, rotation vector in rad, axes as --imu.",
 )
 @click.option("--focal-px", type=Number(), help="Focal length in pixels of the plane, for --imu and --poses.")
-@click.option("--max-inverse-depth", type=Number(), help="1 / the least distance in the scene, 1/m, for these.")
-@click.option(
-    "--exposure-s", type=Number(), multiple=True, help="Exposure time, for --imu.  [default: as the files tell]"
-)
+@click.option("--max-inverse-depth", type=Number(), help="1 / the smallest distance in the scene, 1/m, for these.")
+@click.option("--exposure-s", type=Number(), multiple=True, help="Exposure time, for --imu.  [default: as recorded]")
 @click.option(
     "--metres",
     type=click.Choice(["front", "behind"]),
-    help="Tell depth in metres: the scene lies in front of the plane of focus, or behind it. --ratio and --offset come "
-    "from the camera's numbers.",
+    help="Give depth in metres: the scene is in front of the plane of focus, or behind it. --ratio and --offset come "
+    "from the camera's data.",
 )
 @click.option(
     "--f-number",
     "f_numbers",
     type=Number(0.5, 100),
     multiple=True,
-    help="For --metres, one or one for each image.  [default: as the files tell]",
+    help="For --metres, one or one for each image.  [default: as recorded]",
 )
 @click.option(
     "--focus-m",
     type=Number(0.01),
     multiple=True,
-    help="For --metres: distance of the plane of focus from the lens, one or one each.  [default: as the files tell]",
+    help="For --metres: distance of the plane of focus from the lens, one or one each.  [default: as recorded]",
 )
-@click.option("--focal-length-mm", type=Number(0.1), help="For --metres.  [default: as the files tell]")
+@click.option("--focal-length-mm", type=Number(0.1), help="For --metres.  [default: as recorded]")
 @click.option("--pixel-pitch-um", type=Number(0.1), help="For --metres: of the sensor's pixels.")
 @plane_option
 @click.option(
     "--encoding",
     type=click.Choice(["linear", "srgb"]),
-    help="The photographs are colour TIFF or PNG files of 16 bits, whose numbers mean this.",
+    help="Encoding of photographs that are colour TIFF or PNG files of 16 bits.",
 )
 @click.option(
     "--reference",
     type=click.Path(path_type=Path),
-    help="A photograph of the same scene that nothing blurred, from the same place: the result is held against it.",
+    help="A sharp photograph of the same scene from the same place, with which the result is compared.",
 )
 @raw_option
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
@@ -210,7 +207,7 @@ def restore(
 ) -> None:
     """Restore the sharp picture and the depth map from IMAGES, two or more photographs of one scene.
 
-    --plane all restores RAW photographs in colour, on the sensor's own grid.
+    --plane all restores RAW photographs in colour, on the sensor's grid.
     """
     start = time.perf_counter()
     if len(images) < 2:
@@ -228,22 +225,22 @@ def restore(
     from station.results.result_files import ResultFolder
 
     blur, metres = BlurOptions(**_taken(BlurOptions, options)), MetresOptions(**_taken(MetresOptions, options))
-    known = None if reference is None else str(reference)
-    chosen = RestorationOptions(blur, DescentOptions(**options), encoding, metres, known).checked(len(images))
+    truth_file = None if reference is None else str(reference)
+    chosen = RestorationOptions(blur, DescentOptions(**options), encoding, metres, truth_file).checked(len(images))
     with ResultFolder(out, force=forced()) as folder:
         frames, photographs = read_photographs(images, plane, layout, encoding)
         for image, frame in zip(images, frames, strict=True):
             log("read", f"read {image}: {', '.join(frame.planes)}", path=str(image), sha256=frame.sha256)
         truth = None if reference is None else read_ground_truth(reference, frames, layout, encoding)
-        found = restored(chosen, frames, photographs, log, _tell, truth)
-        files = tuple(InputFile(str(one), frame.sha256) for one, frame in zip(images, frames, strict=True))
+        result = restored(chosen, frames, photographs, log, _report_round, truth)
+        files = tuple(InputFile(str(image), frame.sha256) for image, frame in zip(images, frames, strict=True))
         duration_s = round(time.perf_counter() - start, 3)
-        head = RecordHead("restore", files, {**found.told, **told_layout(layout)}, duration_s=duration_s)
-        outcome, text = found.outcome, write_outcome(folder, found, head, photographs)
+        head = RecordHead("restore", files, {**result.parameters, **told_layout(layout)}, duration_s=duration_s)
+        outcome, text = result.outcome, write_outcome(folder, result, head, photographs)
     words = outcome.reason or "picture and depth restored"
     tell_judged("restored", f"{outcome.verdict}: {words}", outcome)
     if outcome.value is not None and outcome.value.ground_truth is not None:
-        _tell_ground_truth(outcome.value.ground_truth)
+        _report_ground_truth(outcome.value.ground_truth)
     log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
     if as_json:
         click.echo(text, nl=False)
@@ -251,20 +248,19 @@ def restore(
         raise click.exceptions.Exit(REFUSED)
 
 
-def _tell(done: JointRound) -> None:
+def _report_round(done: JointRound) -> None:
     sentence = f"round {done.n}: {done.what}, cost {done.cost:.4g}, residual {done.residual * 255:.3f}/255"
     log("round", sentence, n=done.n, what=done.what, cost=done.cost, seconds=round(done.seconds, 3))
 
 
-def _tell_ground_truth(found: GroundTruth) -> None:
-    before = ", ".join(f"{one:.1f}" for one in found.before_db)
+def _report_ground_truth(truth: GroundTruth) -> None:
+    before = ", ".join(f"{db:.1f}" for db in truth.before_db)
     sentence = (
-        f"against the ground truth {found.psnr_db:.1f} dB, the photographs {before} dB; error {found.error:.2%} of "
-        f"white, told {found.told:.2%}"
+        f"compared with the ground truth {truth.psnr_db:.1f} dB, the photographs {before} dB; error {truth.error:.2%} "
+        f"of white, estimated {truth.stated_error:.2%}"
     )
-    log("ground truth", sentence, psnr_db=found.psnr_db, error=found.error, told=found.told)
+    log("ground truth", sentence, psnr_db=truth.psnr_db, error=truth.error, told=truth.stated_error)
 
 
 def _taken(kind: type[BlurOptions | MetresOptions], options: dict[str, Any]) -> dict[str, Any]:
-    """Those of the options that are of this kind, taken from the others."""
-    return {one.name: options.pop(one.name) for one in fields(kind)}
+    return {option.name: options.pop(option.name) for option in fields(kind)}

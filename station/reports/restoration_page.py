@@ -1,4 +1,4 @@
-"""A restoration's report: before, after, depth, what is left over, and the picture refocused, on one page."""
+"""Report page of a restoration: before, after, depth, residual, and the refocused picture."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ Array = npt.NDArray[np.floating[Any]]
 WIDEST_PX = 720
 """Larger pictures are drawn smaller on the page; the files keep every pixel."""
 KERNEL_PX = 240
-"""A kernel's side on the page, at most."""
+"""Largest side of a kernel on the page."""
 SPREAD_PX = 0.5
-"""Standard deviation of w from which depth counts as not determined."""
+"""Standard deviation of w above which depth is undetermined."""
 FOCUS_AT = (("near", 90), ("in the middle", 50), ("far", 10))
-"""Where the refocused pictures are sharp: percentiles of w."""
+"""Depths of focus of the refocused pictures: percentiles of w."""
 
 
 def restoration_page(
@@ -38,12 +38,12 @@ def restoration_page(
     head: RecordHead,
     distances: Distances | None = None,
 ) -> bytes:
-    """The page, UTF-8, with its pictures inside.
+    """The page, UTF-8, with embedded pictures.
 
     outcome : with a value; photographs : (C, H, W) each, 1 = white
     """
-    found = outcome.value
-    if found is None:
+    restoration = outcome.value
+    if restoration is None:
         raise ValueError("a restoration without a value has no page")
     white = float(np.percentile(photographs[0], 99.5))
 
@@ -54,56 +54,55 @@ def restoration_page(
         "restoration.html",
         outcome=outcome,
         head=head,
-        diagnostics=found.diagnostics,
-        w=tuple(float(one) * found.unit.per_pixel for one in (found.w.min(), found.w.max())),
-        unit=found.unit.name,
-        shifts=found.shifts[1:].tolist() if found.shifts.any() else [],
-        turns=_turns(found),
+        diagnostics=restoration.diagnostics,
+        w=tuple(float(each) * restoration.unit.per_pixel for each in (restoration.w.min(), restoration.w.max())),
+        unit=restoration.unit.name,
+        shifts=restoration.shifts[1:].tolist() if restoration.shifts.any() else [],
+        turns=_turns(restoration),
         before=[shown(image) for image in photographs],
-        after=shown(found.sharp),
-        refocused=[(where, shown(image)) for where, image in _refocused(found)],
-        **_maps(found),
+        after=shown(restoration.sharp),
+        refocused=[(where, shown(image)) for where, image in _refocused(restoration)],
+        **_maps(restoration),
         distances=_in_metres(distances),
-        truth=found.ground_truth,
-        difference=_difference(found),
-        kernels=[_kernel(one) for one in (() if found.kernels is None else found.kernels)],
+        truth=restoration.ground_truth,
+        difference=_difference(restoration),
+        kernels=[_kernel(each) for each in (() if restoration.kernels is None else restoration.kernels)],
         course=psf_figures.course_figure(
-            [r.n for r in found.history],
-            [r.cost for r in found.history],
-            [255 * r.residual for r in found.history],
+            [r.n for r in restoration.history],
+            [r.cost for r in restoration.history],
+            [255 * r.residual for r in restoration.history],
             "course",
         ),
         software=software(),
     ).encode()
 
 
-def _maps(found: Restoration) -> dict[str, Markup]:
-    """Depth, its standard deviation, that of the picture, and what is left of photograph 1."""
+def _maps(restoration: Restoration) -> dict[str, Markup]:
     limit = psf_figures.RESIDUAL_LIMIT
-    left_over = found.residual[0].mean(axis=0) / max(found.diagnostics.noise, 1e-9)
-    unit = found.unit
+    residual = restoration.residual[0].mean(axis=0) / max(restoration.diagnostics.noise, 1e-9)
+    unit = restoration.unit
     name = "pixels" if unit.name == "pixel" else unit.name
-    w = _small(found.w * unit.per_pixel)
+    w = _small(restoration.w * unit.per_pixel)
     return {
         "depth": psf_figures.map_figure(
             w, f"w in {name}", "depth", colours="viridis", limits=(float(w.min()), float(w.max()))
         ),
         "spread": psf_figures.map_figure(
-            _small(found.w_std * unit.per_pixel),
+            _small(restoration.w_std * unit.per_pixel),
             f"standard deviation of w in {name}",
             "spread",
             colours="magma",
             limits=(0.0, SPREAD_PX * unit.per_pixel),
         ),
         "uncertain": psf_figures.map_figure(
-            _small(found.sharp_std),
+            _small(restoration.sharp_std),
             "standard deviation of the picture, white = 1",
             "uncertain",
             colours="magma",
-            limits=(0.0, float(np.percentile(found.sharp_std, 99))),
+            limits=(0.0, float(np.percentile(restoration.sharp_std, 99))),
         ),
         "residual": psf_figures.map_figure(
-            _small(left_over),
+            _small(residual),
             "photograph 1 less prediction, in σ of the noise",
             "residual",
             colours="RdBu_r",
@@ -112,56 +111,53 @@ def _maps(found: Restoration) -> dict[str, Markup]:
     }
 
 
-def _difference(found: Restoration) -> Markup | None:
-    """The picture less the ground truth, of all planes; None where there was none."""
-    if found.ground_truth is None:
+def _difference(restoration: Restoration) -> Markup | None:
+    if restoration.ground_truth is None:
         return None
-    off = _small(found.ground_truth.difference.mean(axis=0))
-    limit = 3 * max(found.ground_truth.told, 1e-6)
+    off = _small(restoration.ground_truth.difference.mean(axis=0))
+    limit = 3 * max(restoration.ground_truth.stated_error, 1e-6)
     words = "picture less ground truth, white = 1"
     return psf_figures.map_figure(off, words, "difference", colours="RdBu_r", limits=(-limit, limit))
 
 
-def _turns(found: Restoration) -> list[tuple[float, float]]:
-    """Turn in degrees and zoom of each photograph after the first; none where none was taken up."""
-    if not found.turns.any():
+def _turns(restoration: Restoration) -> list[tuple[float, float]]:
+    """Rotation in degrees and zoom of each photograph after the first; none if none was corrected."""
+    if not restoration.turns.any():
         return []
-    return [(float(np.rad2deg(a)), float(b)) for a, b in zip(found.turns[1:], found.zooms[1:], strict=True)]
+    return [(float(np.rad2deg(a)), float(b)) for a, b in zip(restoration.turns[1:], restoration.zooms[1:], strict=True)]
 
 
-def _in_metres(found: Distances | None) -> dict[str, Any] | None:
-    """Maps of the distance and its standard uncertainty, and their numbers; None where no distance is told."""
-    if found is None or not found.told:
+def _in_metres(restoration: Distances | None) -> dict[str, Any] | None:
+    if restoration is None or not restoration.determined:
         return None
-    least, greatest = (float(one) for one in np.nanpercentile(found.metres, (0.5, 99.5)))
-    most = float(np.nanpercentile(found.std, 95))
+    least, greatest = (float(each) for each in np.nanpercentile(restoration.metres, (0.5, 99.5)))
+    most = float(np.nanpercentile(restoration.std, 95))
     return {
         "range": (least, greatest),
-        "std": float(np.nanmedian(found.std)),
-        "told": found.told,
+        "std": float(np.nanmedian(restoration.std)),
+        "determined": restoration.determined,
         "map": psf_figures.map_figure(
-            _small(found.metres), "distance in m", "distance", colours="viridis", limits=(least, greatest)
+            _small(restoration.metres), "distance in m", "distance", colours="viridis", limits=(least, greatest)
         ),
         "spread": psf_figures.map_figure(
-            _small(found.std), "standard uncertainty in m", "distance_std", colours="magma", limits=(0.0, most)
+            _small(restoration.std), "standard uncertainty in m", "distance_std", colours="magma", limits=(0.0, most)
         ),
     }
 
 
-def _refocused(found: Restoration) -> list[tuple[str, Array]]:
-    """The sharp picture as a lens of the photographs' depth of focus would show it, focused at three depths.
+def _refocused(restoration: Restoration) -> list[tuple[str, Array]]:
+    """The sharp picture for a lens of the photographs' depth of focus, focused at three depths.
 
     Blur grows with the distance from the plane of focus; it is a blur circle, whatever blurred the photographs.
     """
-    reach = float(found.w.max() - found.w.min())
+    reach = float(restoration.w.max() - restoration.w.min())
     if reach < 0.5:
         return []
     stack = mask_stack(pillbox(), reach)
-    return [(where, refocused(found, stack, float(np.percentile(found.w, p)))) for where, p in FOCUS_AT]
+    return [(where, refocused(restoration, stack, float(np.percentile(restoration.w, p)))) for where, p in FOCUS_AT]
 
 
 def _kernel(kernel: Array) -> str:
-    """A kernel's pixels as squares, its greatest value white."""
     side = max(1, KERNEL_PX // len(kernel))
     return _uri(levels(np.kron(kernel, np.ones((side, side))), 0, float(kernel.max())))
 

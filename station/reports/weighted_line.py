@@ -1,4 +1,4 @@
-"""A straight line through points with known uncertainties, and whether its slope can be told from none."""
+"""Weighted straight-line fit, and the significance of its slope."""
 
 from __future__ import annotations
 
@@ -20,10 +20,9 @@ class WeightedLine:
     centre : float
         The weighted mean of x, where slope and mean are uncorrelated.
     birge : float
-        sqrt(chi^2 / (n - 2)): how many times the scatter about the line is what the uncertainties tell; NaN for two
-        points.
+        Birge ratio sqrt(chi^2 / (n - 2)): scatter about the line over the stated uncertainties; NaN for two points.
     p_value : float
-        Probability of a slope at least as far from 0 where there is none.
+        Probability of a slope at least as far from 0 if the true slope is 0.
     """
 
     slope: float
@@ -44,9 +43,9 @@ class WeightedLine:
 def weighted_line(x: Array, y: Array, uncertainty: Array) -> WeightedLine:
     """The line of least weighted squares, weights 1 / uncertainty^2.
 
-    Where the points scatter about it by more than their uncertainties, these are taken as that much too small
-    (Birge): the line's own grow by the ratio, and its significance is drawn from Student's distribution of n - 2
-    degrees; otherwise they stand as they are told, and it is drawn from the normal distribution.
+    If the scatter exceeds the uncertainties, these are taken as too small by the Birge ratio: the uncertainties of the
+    line grow by it, and the significance is from Student's distribution with n - 2 degrees of freedom. Otherwise they
+    are used unchanged, with the normal distribution.
 
     Parameters
     ----------
@@ -65,7 +64,7 @@ def weighted_line(x: Array, y: Array, uncertainty: Array) -> WeightedLine:
     x, y, u = (np.asarray(values, dtype=np.float64) for values in (x, y, uncertainty))
     if len(np.unique(x)) < 2:
         raise ValueError(
-            f"a line needs two points at different x; {len(x)} came, over a range of {np.ptp(x) if len(x) else 0:g}"
+            f"a line needs two points at different x; got {len(x)} over a range of {np.ptp(x) if len(x) else 0:g}"
         )
     if not np.all(u > 0):
         raise ValueError("each point needs an uncertainty above 0")

@@ -38,7 +38,7 @@ from procedures.psf_field import Node, PsfField, in_half_diagonals
 from procedures.raw import Exposure, Plane, RawFrame
 from simulators.camera.camera import Lens
 from tests.procedures.correction.lens_photographs import RGGB, Sensor, blurred, kernels_over, sampled
-from tests.procedures.correction.seen import SmallLens
+from tests.procedures.correction.small_lens import SmallLens
 from tests.procedures.field.lens import SHAPE, FieldCamera, K, S, grid, nodes
 
 LENS = Lens(f_number=2.8, coma_um=0.2, astigmatism_um=0.22, field_curvature_um=0.2, axis=(0.08, -0.05))

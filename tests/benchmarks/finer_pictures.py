@@ -19,7 +19,7 @@ import numpy as np  # noqa: E402
 
 from procedures.correction.estimate import CorrectionParameters, correct  # noqa: E402
 from tests.procedures.correction.lens_photographs import RGGB, Sensor  # noqa: E402
-from tests.procedures.correction.seen import RIM, SmallLens, burst, scene  # noqa: E402
+from tests.procedures.correction.small_lens import RIM, SmallLens, burst, scene  # noqa: E402
 
 SHAPE, PLANE = (120, 160), (60, 80)
 COUNTS = (2, 4, 8)

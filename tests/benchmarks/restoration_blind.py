@@ -57,7 +57,7 @@ def trial(motions: tuple[int, int], recorded: bool, noise: float, shape: tuple[i
     parts, rng = case.z[:, 0, FLAT, FLAT], np.random.default_rng(9)
     paths = [with_errors(wandering(seed), rng) for seed in motions] if recorded else []
     found = prototype_shapes(parts, 5, first=recorded_masks(parts, paths, 6) if paths else None)
-    begun = [motion_splines.recorded(p, m, found.half_width) for p, m in zip(paths, found.masks, strict=False)]
+    begun = [motion_splines.fit_recorded(p, m, found.half_width) for p, m in zip(paths, found.masks, strict=False)]
     true = [s.at(float(case.w[80, 80])) for s in case.stacks]
     print("  likeness", *(f"{likeness(a, b):.3f}" for a, b in zip(found.masks, true, strict=True)), "  bound 0.95")
     box = (FLAT.start, FLAT.start, FLAT.stop - FLAT.start, FLAT.stop - FLAT.start)

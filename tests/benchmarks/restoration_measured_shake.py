@@ -164,7 +164,7 @@ def unknown(case: Shaken) -> FreeKernels:
     seconds = time.process_time() - start
     likeness = " ".join(f"{_likeness(a, b):.2f}" for a, b in zip(found.kernels, case.true, strict=True))
     print(
-        f"likeness {likeness}  agreement {found.agreement:.2f}  left {found.left:.4f}  {seconds:.0f} s"
+        f"likeness {likeness}  agreement {found.agreement:.2f}  left {found.residual:.4f}  {seconds:.0f} s"
         f"  {found.doubt or 'sure'}",
         flush=True,
     )

@@ -3,8 +3,8 @@
     python tests/benchmarks/restoration_metres.py [SIDE ...]     front, behind
 
 Scenes of 0.5 to 3 m before a lens of 12 mm at f/2.8 and f/3.5, 6 um pixels, noise 40 dB below the photographs. Light is
-spread by the lens's own blur circles, drawn at a ninth of a pixel; nothing of the restoration draws them. The camera's
-numbers are known exactly, and off by what is said of them.
+spread by the lens's own blur circles, drawn at a ninth of a pixel; the restoration's code is not used. The camera's
+settings are known exactly, or with errors of their stated uncertainty.
 """
 
 from __future__ import annotations
@@ -23,15 +23,23 @@ from procedures.restoration.joint.estimate import RestorationParameters, restora
 from procedures.restoration.joint.kernel_sizes import stacks_of
 from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.thin_lens import CameraSetting, relation
-from procedures.restoration.metres import BEHIND, FRONT, Distances, Knowledge, ambiguity, distances_of, unexplained
+from procedures.restoration.metres import (
+    BEHIND,
+    FRONT,
+    CameraUncertainty,
+    Distances,
+    ambiguity,
+    distances_of,
+    unexplained,
+)
 from tests.benchmarks.restoration_scenes import picture
 
 Array = np.ndarray
 SHAPE, PAD, RIM = (140, 180), 12, 12
 FOCUS_MM = {FRONT: 3600.0, BEHIND: 430.0}
 FINE, LEVELS = 9, 160
-SAID = 60
-"""Cameras that are said, off by what is known of them, for each scene."""
+CAMERAS = 60
+"""Random cameras for each scene."""
 SIDES, KINDS = (FRONT, BEHIND), ("floor", "wall")
 
 
@@ -72,21 +80,21 @@ def distances_mm(shape: tuple[int, int], kind: str) -> Array:
     return np.where(ball > 0, 700 - 150 * np.sqrt(np.clip(ball, 0, None)), d)
 
 
-def drawn(setting: CameraSetting, known: Knowledge, rng: np.random.Generator) -> CameraSetting:
-    """What the camera may be said to be set to."""
+def random_camera(setting: CameraSetting, known: CameraUncertainty, rng: np.random.Generator) -> CameraSetting:
+    """Camera settings with random errors."""
     focus, scale = 1 + known.focus * rng.standard_normal(), 1 + known.scale * rng.standard_normal()
     return replace(setting, focus_mm=setting.focus_mm * focus, f_number=setting.f_number / scale)
 
 
 def within(found: Distances, truth: Array) -> Array:
-    """Whether each distance that is told lies within 2 sigma, (n,)."""
+    """Whether each determined distance is within 2 sigma, (n,)."""
     off = ((found.metres - truth) / found.std)[RIM:-RIM, RIM:-RIM]
     return np.abs(off[np.isfinite(off)]) < 2
 
 
 def trial(side: str, kind: str, seed: int) -> tuple[Array, Array]:
-    """Which of the distances that are told lie within 2 sigma: of a camera known exactly, and of said ones."""
-    rng, known = np.random.default_rng(seed), Knowledge()
+    """Which of the distances are within 2 sigma: for an exactly known camera, and for random ones."""
+    rng, known = np.random.default_rng(seed), CameraUncertainty()
     camera = settings(FOCUS_MM[side])
     extended = (SHAPE[0] + 2 * PAD, SHAPE[1] + 2 * PAD)
     sharp, truth = picture(extended, rng), distances_mm(extended, kind)
@@ -101,24 +109,25 @@ def trial(side: str, kind: str, seed: int) -> tuple[Array, Array]:
     noise = found.diagnostics.noise
     spread = np.hypot(found.w_std, ambiguity(z, masks, found.w, noise))
     spread[unexplained(found.residual, noise)] = np.inf
-    told = distances_of(found.w, spread, camera[0], side, Knowledge(0.0, 0.0))
-    exact = within(told, truth)
-    said = [distances_of(found.w, spread, drawn(camera[0], known, rng), side, known) for _ in range(SAID)]
-    drawn_ones = np.concatenate([within(one, truth) for one in said])
+    exact_distances = distances_of(found.w, spread, camera[0], side, CameraUncertainty(0.0, 0.0))
+    exact = within(exact_distances, truth)
+    cameras = [random_camera(camera[0], known, rng) for _ in range(CAMERAS)]
+    random = np.concatenate([within(distances_of(found.w, spread, one, side, known), truth) for one in cameras])
     print(
-        f"{side:7} {kind:6} {seed}: told {told.told:.0%}, error {np.nanmedian(np.abs(told.metres - truth)):.3f} m "
-        f"(median), within 2 sigma {exact.mean():.1%}, of said cameras {drawn_ones.mean():.1%}; "
+        f"{side:7} {kind:6} {seed}: determined {exact_distances.determined:.0%}, error "
+        f"{np.nanmedian(np.abs(exact_distances.metres - truth)):.3f} m "
+        f"(median), within 2 sigma {exact.mean():.1%}, of random cameras {random.mean():.1%}; "
         f"{time.process_time() - start:.0f} s",
         flush=True,
     )
-    return exact, drawn_ones
+    return exact, random
 
 
 def main() -> None:
     """Print each scene's figures."""
     cases = [(side, kind, n) for side in sys.argv[1:] or SIDES for n, kind in enumerate(2 * KINDS, start=1)]
-    exact, said = (np.concatenate(one) for one in zip(*(trial(*case) for case in cases), strict=True))
-    print(f"of all that is told {exact.mean():.1%} lie within 2 sigma, {said.mean():.1%} of said cameras")
+    exact, random = (np.concatenate(one) for one in zip(*(trial(*case) for case in cases), strict=True))
+    print(f"{exact.mean():.1%} of all distances are within 2 sigma, {random.mean():.1%} with random cameras")
 
 
 if __name__ == "__main__":

@@ -18,8 +18,8 @@ from procedures.outcome import Outcome, Verdict
 from procedures.pattern import Chart
 from simulators.bench.demonstration import EXPOSURE_S, ISO, Staging, stage
 from simulators.camera.sensor import Sensor
-from tests.procedures.correction.seen import SmallLens
-from tests.procedures.correction.seen import grey as grey_photograph
+from tests.procedures.correction.small_lens import SmallLens
+from tests.procedures.correction.small_lens import grey as grey_photograph
 from tests.procedures.geometry.simulated_views import CELL_MM, Shoot, TrueCamera, take
 from tests.procedures.two_photo.wall import gaussian, photographs
 from tests.station.cli.test_rig import FIRST, seen_by_second

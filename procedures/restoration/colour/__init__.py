@@ -1,5 +1,5 @@
-"""Colour on the sensor's own grid: the picture at every pixel from mosaics whose planes lie apart, given their depth.
+"""Colour on the sensor's grid: the picture at every pixel from mosaics with displaced planes, given their depth.
 
-Over the joint restoration, which finds w from the planes as they are: each has a picture of its own there, so it does
-not matter that they lie apart. Here they share one picture, seen by every plane at its own places.
+The joint restoration before it estimates w from the planes separately, each with its own picture, so that their
+displacement does not matter. Here they share one picture, which every plane samples at its own positions.
 """

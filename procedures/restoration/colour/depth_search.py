@@ -1,8 +1,8 @@
-"""Depth looked for again on the sensor's grid, where the planes told it wrongly.
+"""Search for the depth on the sensor's grid, as the planes estimate it with a bias.
 
-Each plane has every other pixel only: of a blur as small as its pixels it shows aliases, which no blur explains, and
-its w comes out by up to half too small, with nothing left over that tells. The mosaic itself is not fooled: pictures
-restored at depths beside the first one leave least over where w is right.
+Each plane has only every other pixel. Where the blur is as small as its pixels it is aliased, which no blur explains,
+and its w is too small by up to a half, without a visible residual. The complete mosaic is not affected: pictures
+restored at several depths near the first one have the smallest residual at the right w.
 """
 
 from __future__ import annotations
@@ -14,35 +14,35 @@ from procedures.restoration.colour.picture import MosaicTerm, alone
 from procedures.restoration.masks.blur_operator import Array
 
 STEP = 0.3
-"""Between depths that are tried, pixels of the sensor."""
+"""Step of the depths tried, pixels of the sensor."""
 OFFSETS = (-1, 0, 1, 2, 3)
-"""Depths tried, in steps from the first: aliases make w too small."""
+"""Depths tried, in steps from the first one, which aliasing makes too small."""
 SURE = 0.1
-"""Moves of w up to this are left to the joint steps, pixels: windows know less of slopes and steps than w does."""
+"""Changes of w up to this are left to the joint steps, pixels, as the windows do not follow slopes and edges."""
 WINDOW = 31
-"""Side of the places whose w is moved as one, pixels of the sensor."""
+"""Side of the windows in which w is changed as one, pixels of the sensor."""
 
 
 def searched(
     data: MosaicTerm, u: Array, w: Array, sigma: float, rounds: int = 2, iterations: int = 20
 ) -> tuple[Array, Array]:
-    """w (H, W) where the mosaics are explained best by pictures of their own, and how far off the first w may be.
+    """w (H, W) of the smallest residual of the mosaics, and the uncertainty of the first w.
 
-    u : (3, H', W') to begin with.
+    u : (3, H', W'), initial picture.
     """
     limit, R = min(blur.stack.max_w for blur in data.blurs), data.R
-    left = []
+    residuals = []
     for offset in OFFSETS:
         wide = np.clip(np.pad(w + offset * STEP, R, mode="edge"), 0, limit).astype(u.dtype)
-        found = alone(data, u, wide, sigma, rounds, iterations)
-        left.append(uniform_filter((data.residual(found) ** 2).sum(axis=(0, 1)), WINDOW))
-    move = STEP * gaussian_filter(OFFSETS[0] + _lowest(np.stack(left)), WINDOW / 3)
+        picture = alone(data, u, wide, sigma, rounds, iterations)
+        residuals.append(uniform_filter((data.residual(picture) ** 2).sum(axis=(0, 1)), WINDOW))
+    move = STEP * gaussian_filter(OFFSETS[0] + _lowest(np.stack(residuals)), WINDOW / 3)
     better = np.clip(w + move - np.clip(move, -SURE, SURE), 0, limit)
     return np.asarray(better), np.asarray(np.sqrt(gaussian_filter(move**2, WINDOW / 3)))
 
 
 def _lowest(costs: Array) -> Array:
-    """Place along the first axis of the least of costs (N, H, W), between samples by the parabola through three."""
+    """Position of the minimum of costs (N, H, W) along the first axis, refined by a parabola through three samples."""
     middle = np.clip(costs.argmin(axis=0), 1, len(costs) - 2)
     before, at, after = (np.take_along_axis(costs, (middle + n)[None], axis=0)[0] for n in (-1, 0, 1))
     bend = np.maximum(before - 2 * at + after, 1e-30)

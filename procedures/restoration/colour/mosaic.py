@@ -1,4 +1,4 @@
-"""Mosaics of one camera on its sensor's grid: every sample at its own place, the others unknown."""
+"""Mosaics of one camera on its sensor's grid: every sample at its position, the others missing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from procedures.restoration.masks.checks import SATURATED
 
 COLOUR = {"R": 0, "G1": 1, "G2": 1, "B": 2}
 MOST_GAIN = 8.0
-"""Of a colour against green: beyond it the scene is of one colour, and nothing is balanced by its mean."""
+"""Limit of a colour's gain relative to green: beyond it the scene is of one colour and is not balanced by its mean."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +24,8 @@ class Mosaics:
     """Photographs of one mosaic.
 
     z : (P, 3, H, W) samples, balanced so that a grey scene is grey; 0 where a colour was not sampled.
-    weight : (P, 3, H, W) what residuals count: the colour's gain, so that noise is even again; 0 where unknown.
-    gains : (3,) what samples were divided by.
+    weight : (P, 3, H, W) of residuals: the colour's gain, which restores the noise's uniformity; 0 where missing.
+    gains : (3,) divisors of the samples.
     """
 
     z: Array
@@ -45,19 +45,19 @@ def is_mosaic(planes: Collection[str]) -> bool:
 
 
 def mosaics(photographs: Sequence[Mapping[str, Plane]], light: Array) -> Mosaics:
-    """The photographs' planes on one grid. light : (P,) of each over the first's, which is taken up.
+    """The photographs' planes on one grid. light : (P,) of each relative to the first, which is corrected for.
 
     Raises
     ------
     BadInput
-        If a photograph has not the four planes of a mosaic, or they lie otherwise than in the first.
+        If a photograph does not have the four planes of a mosaic, or another layout than the first.
     """
     origins = {name: plane.origin for name, plane in photographs[0].items()}
     for planes in photographs:
         if not is_mosaic(planes):
-            raise BadInput("colour needs mosaics that lie alike; one photograph has none", "give RAW files of all")
+            raise BadInput("colour needs mosaics of one layout; one photograph has none", "give RAW files of all")
         if {name: plane.origin for name, plane in planes.items()} != origins:
-            raise BadInput("colour needs mosaics that lie alike", "give photographs of one camera, not turned")
+            raise BadInput("colour needs mosaics of one layout", "give photographs of one camera, not rotated")
     gains = _gains(photographs[0])
     rows, columns = (2 * size for size in photographs[0]["R"].samples.shape)
     z, weight = np.zeros((2, len(photographs), 3, rows, columns))
@@ -76,7 +76,7 @@ def _gains(planes: Mapping[str, Plane]) -> Array:
 
 
 def spread(planes: Mapping[str, Array], origins: Mapping[str, tuple[int, int]]) -> Array:
-    """Planes (h, w) each at all pixels of the sensor, linear between their samples: red, green, blue, (3, 2 h, 2 w)."""
+    """Planes (h, w) interpolated linearly to all pixels of the sensor: red, green, blue, (3, 2 h, 2 w)."""
     each = {name: _on_sensor(plane, origins[name]) for name, plane in planes.items()}
     return np.stack([each["R"], (each["G1"] + each["G2"]) / 2, each["B"]])
 
@@ -92,10 +92,10 @@ def _on_sensor(plane: Array, origin: tuple[int, int]) -> Array:
 
 
 def depth_on_sensor(w: Array, jump: float) -> NDArray[np.floating]:
-    """w (h, w) of the planes at all pixels of the sensor, in pixels of it.
+    """w (h, w) of the planes at all pixels of the sensor, in pixels of the sensor.
 
-    The planes' common grid lies half a pixel of the sensor inwards; w is linear between its samples, and steps of more
-    than `jump` stay steps.
+    The planes' common grid is offset by half a pixel of the sensor; w is linear between its samples, and edges of more
+    than `jump` are preserved.
     """
     size = (2 * w.shape[1], 2 * w.shape[0])
     wide = np.asarray(w, dtype=np.float64)

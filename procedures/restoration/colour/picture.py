@@ -1,8 +1,8 @@
-"""Colour picture and depth of least cost together: data term on the mosaic, total variation of all colours (6.11).
+"""Colour picture and depth of minimal cost: data term of the mosaic, total variation of all colours jointly (6.11).
 
-The unknowns are lightness and two differences of colour. Their differences are taken together in the prior; those of
-colour count more, as edges rarely change colour alone: that carries detail from the colour that was sampled to those
-that were not. All colours are blurred alike, so blurring commutes with this change of unknowns.
+The unknowns are lightness and two differences of colour, whose gradients are penalised jointly in the prior. Those of
+colour have a larger weight, as edges rarely change colour alone: that transfers detail from the sampled colour to the
+missing ones. All colours have the same blur, so blurring commutes with this change of variables.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from procedures.restoration.joint.schedule import DEPTH_SLOPE
 from procedures.restoration.masks.blur_operator import Array, Blur, FieldBlur
 
 CHROMA = 5.0
-"""How much more differences of colour count than differences of lightness."""
+"""Weight of differences of colour relative to differences of lightness."""
 TAU = 0.8
-"""Strength of the prior, of variance over mean difference: at which simulated pictures, grey and in colour, come out
-best."""
+"""Strength of the prior, variance over mean difference, with the best results for simulated grey and colour
+pictures."""
 LEAST = 0.1
-"""Of the mean difference: below it total variation is taken as quadratic."""
+"""Fraction of the mean difference below which total variation is taken as quadratic."""
 
 
 def mixing() -> Array:
-    """Lightness and weighted differences of colour from red, green, blue: (3, 3)."""
+    """Matrix from red, green, blue to lightness and weighted differences of colour: (3, 3)."""
     lightness = np.ones(3) / np.sqrt(3)
     colour = np.array([[1.0, 0.0, -1.0], [1.0, -2.0, 1.0]]) / np.sqrt([[2.0], [6.0]])
     return np.vstack([lightness, CHROMA * colour])
@@ -37,24 +37,23 @@ class MosaicTerm(DataTerm):
     Parameters
     ----------
     z : (P, 3, H, W) balanced samples, red, green, blue
-    trust : (P, 3, H, W) what each counts; 0 where its colour was not sampled
+    trust : (P, 3, H, W) weights; 0 where the colour was not sampled
     """
 
     def __init__(self, z: Array, blurs: list[Blur | FieldBlur], trust: Array) -> None:
         super().__init__(z, blurs, trust)
         self._unmix = np.linalg.inv(mixing()).astype(z.dtype)
 
-    def _seen(self, drawn: list[Array]) -> Array:
-        """What the mosaics show of photographs of lightness and differences."""
-        return self.trust * np.stack([np.tensordot(self._unmix, one, axes=1) for one in drawn])
+    def _to_rgb(self, pictures: list[Array]) -> Array:
+        """Mosaics from photographs of lightness and differences."""
+        return self.trust * np.stack([np.tensordot(self._unmix, picture, axes=1) for picture in pictures])
 
     def _back(self, e: Array) -> list[Array]:
-        """The adjoint of `_seen`."""
         return [np.ascontiguousarray(np.tensordot(self._unmix.T, one, axes=1)) for one in self.trust * e]
 
     def blur(self, u: Array) -> Array:
         """Mosaics of u, weighted, (P, 3, H, W)."""
-        return self._seen([blur.blur(u) for blur in self.blurs])
+        return self._to_rgb([blur.blur(u) for blur in self.blurs])
 
     def blur_adjoint(self, e: Array) -> Array:
         """The adjoint of `blur`."""
@@ -64,9 +63,9 @@ class MosaicTerm(DataTerm):
         return out
 
     def picture_curvature(self, w: Array) -> Array:
-        """Diagonal of the curvature over each of the three unknowns, (3, H', W').
+        """Diagonal of the Hessian over each of the three unknowns, (3, H', W').
 
-        Joint steps do better with `curvature`, which is even over them: it leaves the colours to follow the depth.
+        For joint steps `curvature`, equal for all three, converges better: it lets the colours follow the depth.
         """
         picture, _ = self.curvature(w)
         share = w.dtype.type(np.mean(self.trust**2))
@@ -77,8 +76,8 @@ class MosaicTerm(DataTerm):
         return self.trust * self.z - self.blur(u)
 
     def change(self, u: Array, x: Array) -> Array:
-        """Change of the weighted mosaics for x = (du..., dw) stacked."""
-        return self._seen([blur.change(u, x[:-1], x[-1]) for blur in self.blurs])
+        """Derivative of the weighted mosaics along x = (du..., dw) stacked."""
+        return self._to_rgb([blur.change(u, x[:-1], x[-1]) for blur in self.blurs])
 
     def change_adjoint(self, u: Array, e: Array) -> Array:
         """The adjoint of `change`."""
@@ -89,9 +88,9 @@ class MosaicTerm(DataTerm):
 
 
 def with_depth(data: MosaicTerm, u: Array, w: Array, sigma: float, rounds: int, iterations: int) -> tuple[Array, Array]:
-    """Picture and depth after so many joint steps from a pair. u : (3, H', W') lightness and differences; w : (H', W').
+    """Picture and depth after a number of joint steps. u : (3, H', W') lightness and differences; w : (H', W').
 
-    sigma : of the photographs' noise
+    sigma : standard deviation of the photographs' noise
     """
     for _ in range(rounds):
         strength, diffusion = prior_of(u, sigma)
@@ -101,7 +100,7 @@ def with_depth(data: MosaicTerm, u: Array, w: Array, sigma: float, rounds: int, 
 
 
 def alone(data: MosaicTerm, u: Array, w: Array, sigma: float, rounds: int, iterations: int) -> Array:
-    """The picture at a depth: so many relinearisations (6.10) of its prior."""
+    """The picture at a depth, with a number of relinearisations (6.10) of its prior."""
     data.focus(w)
     curvature = data.picture_curvature(w)
     for _ in range(rounds):
@@ -112,7 +111,7 @@ def alone(data: MosaicTerm, u: Array, w: Array, sigma: float, rounds: int, itera
 
 
 def prior_of(u: Array, sigma: float) -> tuple[float, tuple[Array, Array]]:
-    """Strength of the quadratic prior that stands for total variation at u, and its weights on differences."""
+    """Strength of the quadratic prior that approximates total variation at u, and its weights on differences."""
     mean = max(mean_difference(u[:1]), 1e-5)
     down, across = (u.dtype.type(mean) * one.astype(u.dtype) for one in total_variation(u, LEAST * mean))
     return TAU * sigma**2 / mean**2, (down, across)

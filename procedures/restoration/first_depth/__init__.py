@@ -1,1 +1,1 @@
-"""The depth to begin with: Algorithms II and III, the matched start, registration and segments."""
+"""Initial depth: Algorithms II and III, matching, registration and segmentation."""

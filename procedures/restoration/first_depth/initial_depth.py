@@ -1,7 +1,7 @@
-"""A first depth map from the photographs alone, under the belief that blur is the same all around each pixel.
+"""First depth map from the photographs alone, assuming uniform blur around each pixel.
 
-Algorithm II (chapter 7) for symmetric blurs, Algorithm III (8.1) for any, and the start used by default: III with its
-differences whitened and its labels matched over the whole frame. Each comes with its confidence.
+Algorithm II (chapter 7) for symmetric blurs, Algorithm III (8.1) for any, and the default: Algorithm III with whitened
+differences and labels matched over the whole frame. Each has its confidence.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ F32 = NDArray[np.float32]
 class DepthStart:
     """A first depth: w (H, W) pixels, its confidence in [0, 1], and where the photographs agree with it.
 
-    Beside a depth step the window sees both sides and no depth fits: there w is not to be trusted. Algorithms II
-    and III do not say.
+    At a depth edge the window contains both sides and no depth fits, so that w is unreliable. Algorithms II and III do
+    not mark these pixels.
     """
 
     w: Array
@@ -36,11 +36,8 @@ class DepthStart:
     trusted: NDArray[np.bool_]
 
 
-# ---- Algorithm II
-
-
 def polynomial_filters(N: int) -> tuple[Array, Array]:
-    """Least-squares cubic fit over 2N + 1 samples: its value (7.7) and its second derivative (7.8) at the middle."""
+    """Least-squares cubic fit over 2N + 1 samples: its value (7.7) and second derivative (7.8) at the middle."""
     n = np.arange(-N, N + 1, dtype=np.float64)
     d = (2 * N - 1) * (2 * N + 1) * (2 * N + 3)
     value = -3 * (5 * n**2 - (3 * N**2 + 3 * N - 1)) / d
@@ -49,7 +46,7 @@ def polynomial_filters(N: int) -> tuple[Array, Array]:
 
 
 def relative_blur(z1: Array, z2: Array, N: int, direction: str = "both") -> tuple[Array, Array]:
-    """Difference of the masks' variances, pixels squared, and the curvature it is divided by (7.1, 7.4).
+    """Difference of the masks' variances, pixels squared, and the curvature that divides it (7.1, 7.4).
 
     direction : "both" for masks symmetric about axes and diagonals, "x" or "y" for one-dimensional even masks.
     """
@@ -84,10 +81,10 @@ def algorithm_2(
     median: int = 11,
     direction: str = "both",
 ) -> DepthStart:
-    """Depth from symmetrical blur: relative variance by two polynomial fits, turned into w by the masks' own moments.
+    """Depth from symmetric blur: relative variance by two polynomial fits, converted to w by the masks' moments.
 
     z : (2, C, H, W); window : side over which numerator and curvature are combined by least squares. Where no masks
-    differ by as much as was found, as beside depth steps, the nearest place clear of there tells the depth.
+    have the estimated difference, as at depth edges, w is taken from the nearest valid place.
     """
     numerator = np.zeros(z.shape[2:])
     power = np.zeros_like(numerator)
@@ -96,7 +93,7 @@ def algorithm_2(
         numerator += uniform_filter(difference * curvature, window)
         power += uniform_filter(curvature**2, window)
     w = _width(numerator / np.maximum(power, 1e-20), stacks, direction)
-    w = _from_beside(w, window // 3)
+    w = _from_nearest(w, window // 3)
     value, second = polynomial_filters(N)
     noise = sigma**2 * 2 * np.sum(value**2) * np.sum(second**2)
     confidence = power / (power + 10 * noise + 1e-20)
@@ -104,23 +101,20 @@ def algorithm_2(
 
 
 @over_frame
-def _width(found: Array, stacks: Sequence[MaskStack], direction: str) -> Array:
-    """w at which two masks' variances differ so much; NaN where none do."""
+def _width(difference: Array, stacks: Sequence[MaskStack], direction: str) -> Array:
+    """w at which two masks' variances have a given difference; NaN where none do."""
     relation = np.maximum.accumulate(variance(stacks[1], direction) - variance(stacks[0], direction))
     relation = relation + 1e-9 * np.arange(len(relation))
-    w = np.interp(found, relation, np.arange(len(relation)) * stacks[0].step)
-    return np.asarray(np.where((found > 0) & (found <= relation[-1]), w, np.nan))
+    w = np.interp(difference, relation, np.arange(len(relation)) * stacks[0].step)
+    return np.asarray(np.where((difference > 0) & (difference <= relation[-1]), w, np.nan))
 
 
-def _from_beside(w: Array, clear: int) -> Array:
-    """w (H, W) where it is known and `clear` pixels away from where it is not; elsewhere that of the nearest such."""
+def _from_nearest(w: Array, clear: int) -> Array:
+    """w (H, W) where it is at least `clear` pixels from unknown values; elsewhere that of the nearest such place."""
     unknown = np.isnan(w)
     near = maximum_filter(unknown, 2 * clear + 1)
     nearest = distance_transform_edt(unknown if near.all() else near, return_distances=False, return_indices=True)
     return np.asarray(np.nan_to_num(w[tuple(nearest)]))
-
-
-# ---- Algorithm III
 
 
 def levels_of(stacks: Sequence[Masks], least: float, step: float = 0.15) -> Array:
@@ -155,13 +149,13 @@ def cost_volume(
     even: float = 0.0,
     floor: float = 1e-3,
 ) -> F32:
-    """How wrong each level is at each pixel, (H, W, L), summed over pairs of photographs and channels.
+    """Cost of each level at each pixel, (H, W, L), summed over pairs of photographs and channels.
 
     Whitened, each difference z1 * h2 - z2 * h1 is divided by the root of its noise's spectrum
-    sigma1^2 |H2|^2 + sigma2^2 |H1|^2, so at the true level its square averages 1 whatever the masks; otherwise the
-    expected noise is subtracted as in (8.1). `floor` keeps frequencies that neither photograph passes from shouting.
-    `even` widens the window of smaller masks by this part of what they reach less: beside a depth step they would
-    else win by not having seen it.
+    sigma1^2 |H2|^2 + sigma2^2 |H1|^2, so that its mean square at the true level is 1 for any masks; otherwise the
+    expected noise is subtracted as in (8.1). `floor` limits the amplification of frequencies that neither photograph
+    passes. `even` widens the window of smaller masks by this fraction of their smaller reach: at a depth edge they
+    would otherwise win because they do not reach it.
     """
     H, W = z.shape[2:]
     windows = _windows(stacks, levels, window, even)
@@ -186,13 +180,12 @@ def cost_volume(
 
 
 def _windows(stacks: Sequence[MaskStack], levels: Array, window: int, even: float) -> list[int]:
-    """Side of each level's window."""
     reach = [sum(int(s.supports()[min(int(w / s.step) + 1, len(s.masks) - 1)]) for s in stacks) for w in levels]
     return [window + 2 * round(even * (reach[-1] - r) / 2) for r in reach]
 
 
 def least_level(cost: F32, levels: Array) -> Array:
-    """w of least cost at every pixel, refined by a parabola through its neighbours."""
+    """w of minimal cost at every pixel, refined by a parabola through its neighbours."""
     k = np.clip(cost.argmin(axis=2), 1, cost.shape[2] - 2)[..., None]
     a, b, c = (np.take_along_axis(cost, k + d, axis=2)[..., 0].astype(np.float64) for d in (-1, 0, 1))
     bend = a - 2 * b + c
@@ -200,21 +193,21 @@ def least_level(cost: F32, levels: Array) -> Array:
     return np.asarray(levels[k[..., 0]] + shift * (levels[1] - levels[0]))
 
 
-def confidence_of(cost: F32, apart: int = 3) -> Array:
-    """1 - least cost / least cost at least `apart` levels from it: near 0 where the texture decides nothing."""
-    found = np.empty(cost.shape[:2])
+def confidence_of(cost: F32, distance: int = 3) -> Array:
+    """1 - least cost / least cost at least `distance` levels away: near 0 where texture is insufficient."""
+    confidence = np.empty(cost.shape[:2])
     levels = np.arange(cost.shape[2])
-    for y, row in enumerate(cost):  # row by row: a second volume of a large photograph would not fit beside the first
+    for y, row in enumerate(cost):  # row by row: a second volume of a large photograph would not fit into memory
         best = row.argmin(axis=1)[:, None]
-        second = np.where(np.abs(levels - best) >= apart, row, np.inf).min(axis=1)
-        found[y] = 1 - np.take_along_axis(row, best, axis=1)[:, 0] / np.maximum(second, 1e-20)
-    return np.clip(found, 0, 1)
+        second = np.where(np.abs(levels - best) >= distance, row, np.inf).min(axis=1)
+        confidence[y] = 1 - np.take_along_axis(row, best, axis=1)[:, 0] / np.maximum(second, 1e-20)
+    return np.clip(confidence, 0, 1)
 
 
 def algorithm_3(
     z: Array, stacks: Sequence[Masks], sigmas: Array, *, least: float = 0.3, window: int = 9, median: int = 13
 ) -> DepthStart:
-    """Depth from blur (8.1): least noise-compensated difference over the levels, then a median."""
+    """Depth from blur (8.1): minimal noise-compensated difference over the levels, then a median."""
     levels = levels_of(stacks, least)
     cost = cost_volume(z, stacks, sigmas, levels, window, whiten=False)
     w = np.asarray(median_filter(levels[cost.argmin(axis=2)], median))
@@ -226,10 +219,10 @@ class MatchingSettings:
     """Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
 
     window : side of their mean, pixels; cap : cost at which a level is simply wrong; small, large : penalties of a
-    change by one level and by more; median : side of the last smoothing; step : of the levels,
-    pixels; fits : cost up to which a level explains the photographs; outlying : per cent of the frame on each side that
-    does not tell what depths the scene spans; least_sigma : level differences of the matching's steps, taken as noise:
-    below this the first costs say nothing more.
+    change by one level and by more; median : side of the final smoothing; step : of the levels, pixels; fits : cost up
+    to which a level explains the photographs; outlying : per cent of the frame on each side that is excluded from the
+    scene's range of depths; least_sigma : noise equivalent of the level differences of the matching's steps, below
+    which the first costs carry no further information.
     """
 
     window: int = 5
@@ -252,12 +245,12 @@ def matched(
     least: float = 0.3,
     matching: MatchingSettings | None = None,
 ) -> DepthStart:
-    """The default start: whitened Algorithm III, its labels matched over the whole frame.
+    """The default initial depth: whitened Algorithm III, its labels matched over the whole frame.
 
-    Near the frame the differences contain what lies outside, so they count little there.
+    Near the frame's border the differences contain light from outside, so their weight is small.
     """
     m = matching or MatchingSettings()
-    # over what the scene spans only: how a level's window and cost compare with others' depends on the largest
+    # over the scene's range only: how a level's window and cost compare with others' depends on the largest
     rough = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * m.step), m).w
     levels = levels_of(stacks, least, m.step)
     low, high = np.percentile(rough, (m.outlying, 100 - m.outlying))
@@ -266,7 +259,6 @@ def matched(
 
 
 def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array, m: MatchingSettings) -> DepthStart:
-    """The levels given that match the whole frame at least cost."""
     volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even)
     volume /= z.shape[1] * len(z) * (len(z) - 1) // 2
     confidence = confidence_of(volume)
@@ -282,6 +274,6 @@ def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array,
 
 
 def _inside(shape: tuple[int, ...], R: int) -> F32:
-    """1 farther than R from the frame, falling towards it."""
+    """1 farther than R from the border, falling towards it."""
     y, x = (np.minimum(np.arange(n), np.arange(n)[::-1]) for n in shape)
     return np.clip((np.minimum(y[:, None], x[None, :]) + 1) / R, 0.05, 1).astype(np.float32)

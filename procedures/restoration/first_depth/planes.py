@@ -1,4 +1,4 @@
-"""Planes that fit a depth map around every pixel."""
+"""Local planes fitted to a depth map."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from procedures.restoration.masks.array_loops import gaussian
 from procedures.restoration.masks.blur_operator import Array
 
 TRUNCATE = 3.5
-"""Windows end at so many of their sigma: a Gaussian has 0.2 % of its height there."""
+"""Extent of the windows in sigma, where a Gaussian has 0.2 % of its height."""
 
 
 @dataclass(frozen=True)
 class Planes:
-    """The plane about every pixel (H, W): its value there, slopes down and across per pixel, what its window knows."""
+    """The plane about every pixel (H, W): its value, slopes down and across per pixel, and the known mass in its
+    window."""
 
     value: Array
     down: Array
@@ -23,10 +24,10 @@ class Planes:
     mass: Array
 
 
-def fitted(w: Array, known: Array, sigma: float) -> Planes:
+def fit_planes(w: Array, known: Array, sigma: float) -> Planes:
     """Least-squares planes of w (H, W) under a Gaussian window of `sigma` pixels, weighted by `known`.
 
-    Slopes are damped, so far from any known depth a plane is a mean.
+    Slopes are regularised, so that far from any known depth a plane is a mean.
     """
 
     def mean(a: Array) -> Array:

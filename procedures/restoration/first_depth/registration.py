@@ -1,8 +1,7 @@
-"""Shift and light between photographs that their masks do not contain, found through the masks and taken up.
+"""Registration of photographs with different masks: shift, rotation, zoom and light beyond the masks are corrected.
 
-At the true depth w and shift d, z1 * h2 moved by d equals z2 * h1, however unlike the masks are: the shift is sought
-where this relation, its noise made white, fails least. That is one correlation for every depth, in tiles, each of which
-may have a depth of its own.
+At the true depth w and shift d, z1 * h2 moved by d equals z2 * h1 for any masks. The shift minimises the violation of
+this relation with whitened noise: one correlation for every depth, in tiles with independent depths.
 """
 
 from __future__ import annotations
@@ -12,12 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.ndimage import gaussian_filter, minimum_filter
-from scipy.ndimage import shift as moved
+from scipy.ndimage import gaussian_filter, minimum_filter, shift
 from scipy.signal import fftconvolve
 
 from procedures.outcome import Refused
-from procedures.restoration.first_depth.similarity import Similarity, similarity, turned_back
+from procedures.restoration.first_depth.similarity import Similarity, rotate_back, similarity
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.masks.checks import check_shift
 from procedures.restoration.masks.mask_fields import MaskField, Masks
@@ -25,27 +23,28 @@ from procedures.restoration.masks.mask_fields import MaskField, Masks
 
 @dataclass(frozen=True)
 class RegistrationSettings:
-    """How shift and light between photographs are looked for, and what is believed of them.
+    """Parameters of the registration, and criteria of significance.
 
     Attributes
     ----------
     level_step : float
-        Pixels of w between the depths at which a shift is looked for.
+        Pixels of w between the depths at which a shift is estimated.
     most_tiles : int
-        Parts of the frame that are looked at, those with most texture.
+        Maximum number of parts of the frame, those with most texture.
     least_gain : float
-        Part of what the relation leaves that a shift must take away to be believed.
+        Fraction of the residual that a significant shift must remove.
     least_shift : float
-        Pixels; less may be what levels of depth 0.3 pixels apart leave where blurs lie beside their middle.
+        Smallest significant shift in pixels; depth levels 0.3 pixels apart cause smaller ones where blurs are not
+        centred.
     least_light, most_light, any_light : float
-        Difference of light from which it is taken up; up to which it is whatever else differs; and the greatest factor
-        that is taken up where the photographs agree but for it.
+        Difference of light above which it is corrected; up to which it is corrected in any case; and the largest factor
+        that is corrected where the photographs otherwise agree.
     agree, bent : float
-        What a factor leaves, over the contrast, up to which photographs agree; and what it leaves over what a curve
-        leaves, from which light is not proportional: 1.0 for linear photographs, 2.6 and more for a gamma of 1.1 and
-        black levels apart by 5 % of white.
+        Residual over contrast, after a factor, up to which photographs agree; and that residual over the residual after
+        a curve, above which light is not proportional: 1.0 for linear photographs, 2.6 and more for a gamma of 1.1 and
+        for black levels that differ by 5 % of white.
     light_levels, light_part : int
-        Depths at which light is compared, and the side of the frame's middle where that is done, pixels.
+        Number of depths at which light is compared, and side of the frame's central part used for it, pixels.
     """
 
     level_step: float = 0.3
@@ -63,37 +62,36 @@ class RegistrationSettings:
 
 @dataclass(frozen=True)
 class Displacement:
-    """Shift (x, y) of photograph 2, pixels, and the part of the disagreement that it explains."""
+    """Shift (x, y) of photograph 2, pixels, and the fraction of the disagreement that it explains."""
 
     x: float
     y: float
     gain: float
 
-    def believed(self, s: RegistrationSettings | None = None) -> bool:
-        """Whether the photographs ask for it."""
+    def significant(self, s: RegistrationSettings | None = None) -> bool:
+        """Whether the shift is significant."""
         s = s or RegistrationSettings()
         return self.gain > s.least_gain and bool(np.hypot(self.x, self.y) > s.least_shift)
 
 
 def displacement(z: Array, stacks: Sequence[Masks], s: RegistrationSettings | None = None) -> Displacement:
-    """How far photograph z[1] is shifted against z[0] beyond what the masks say. z : (2, C, H, W)."""
+    """Shift of photograph z[1] relative to z[0] beyond the masks. z : (2, C, H, W)."""
     return _common([cost for cost, _ in _costs(z, stacks, s or RegistrationSettings())])
 
 
 Costs = list[tuple[Array, tuple[float, float]]]
-"""What every shift of a part of the frame leaves, and where its middle lies."""
+"""Residuals of a part of the frame for every shift, and the position of its centre."""
 
 
 def _costs(z: Array, stacks: Sequence[Masks], s: RegistrationSettings) -> Costs:
     grey = z.mean(axis=1)
-    # what is smooth tells no shift, and the tiles' windows would take its slope for one
+    # smooth structure determines no shift, and the tiles' windows would mistake its slope for one
     tiles = _tiles(grey - gaussian_filter(grey, (0, stacks[0].R / 2, stacks[0].R / 2)), stacks[0].R, s.most_tiles)
     fields = [MaskField.of(one) for one in stacks]
     return [(_tile_cost(tile, [one.near(*place) for one in fields], s), place) for tile, place in tiles]
 
 
 def _common(costs: Sequence[Array]) -> Displacement:
-    """The shift that all the parts agree on."""
     cost = np.sum(costs, axis=0)
     size = np.array(cost.shape)
     middle = size // 2
@@ -105,9 +103,9 @@ def _common(costs: Sequence[Array]) -> Displacement:
 
 
 def _tiles(grey: Array, R: int, most: int) -> list[tuple[Array, tuple[float, float]]]:
-    """Windowed parts (2, n, n) of both photographs, overlapping by half; where they are many, the most textured.
+    """Windowed, half overlapping parts (2, n, n) of both photographs; if there are many, those with most texture.
 
-    Each with where its middle lies, in parts of the frame's height and width.
+    Each with the position of its centre, as fractions of the frame's height and width.
     """
     n = min(*grey.shape[1:], max(96, 8 * R))
     hann = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
@@ -124,7 +122,7 @@ def _tiles(grey: Array, R: int, most: int) -> list[tuple[Array, tuple[float, flo
 
 
 def _tile_cost(tile: Array, stacks: list[MaskStack], s: RegistrationSettings) -> Array:
-    """What the relation leaves of a tile for every shift, at the depth that suits it best; shift 0 in the middle."""
+    """Residual of the relation in a tile for every shift, at the best depth; shift 0 in the middle."""
     R = stacks[0].R
     size = next_fast_len(tile.shape[1] + 2 * R, True)
     one, two = rfft2(tile, (size, size))
@@ -134,16 +132,16 @@ def _tile_cost(tile: Array, stacks: list[MaskStack], s: RegistrationSettings) ->
         a, b = one * h2, two * h1
         noise = np.abs(h1) ** 2 + np.abs(h2) ** 2 + 1e-3
         energy = irfft2((np.abs(a) ** 2 + np.abs(b) ** 2) / noise, (size, size))[0, 0]
-        left = energy - 2 * irfft2(np.conj(a) * b / noise, (size, size))
-        least = left if least is None else np.minimum(least, left)
+        residual = energy - 2 * irfft2(np.conj(a) * b / noise, (size, size))
+        least = residual if least is None else np.minimum(least, residual)
     assert least is not None
     return np.asarray(np.fft.fftshift(least))
 
 
 def _valley(cost: Array) -> tuple[Array, float]:
-    """Where (y, x) the paraboloid through costs (3, 3) about their middle is least, and how much deeper than there.
+    """Minimum (y, x) of the paraboloid through costs (3, 3), and its depth below the central one.
 
-    Its mixed term counts: where both masks pass little across one direction, the valley is long and lies aslant.
+    The mixed term matters: where both masks suppress one direction, the minimum is elongated and oblique.
     """
     slope = np.array([cost[2, 1] - cost[0, 1], cost[1, 2] - cost[1, 0]]) / 2
     mixed = (cost[2, 2] - cost[2, 0] - cost[0, 2] + cost[0, 0]) / 4
@@ -156,11 +154,11 @@ def _valley(cost: Array) -> tuple[Array, float]:
 
 
 @dataclass(frozen=True)
-class Registered:
-    """Photographs (P, C, H, W) and trust (P, 1, H, W) brought to the first, and what was taken up.
+class Registration:
+    """Photographs (P, C, H, W) and trust (P, 1, H, W) registered to the first, and the corrections.
 
-    shifts : (P, 2) x, y against the first, pixels; light : (P,) over the first's; turns, zooms : (P,) radians from x to
-    y, and over the first's size.
+    shifts : (P, 2) x, y relative to the first, pixels; light : (P,) relative to the first; turns, zooms : (P,) radians
+    from x to y, and ratio of size.
     """
 
     z: Array
@@ -171,10 +169,10 @@ class Registered:
     zooms: Array
 
 
-def registered(
+def register(
     z: Array, trust: Array, stacks: Sequence[Masks], settings: RegistrationSettings | None = None
-) -> Registered:
-    """Photographs with every turn, zoom, shift and difference of light against the first taken up.
+) -> Registration:
+    """Register photographs to the first, and correct rotation, zoom, shift and light.
 
     z : (P, C, H, W); trust : (P, 1, H, W).
 
@@ -190,34 +188,33 @@ def registered(
     for n in range(1, len(z)):
         pair = [stacks[0], stacks[n]]
         costs = _costs(z[[0, n]], pair, s)
-        alike = _similarity(costs, z.shape[2:])
-        if alike.believed:
-            z[n], trust[n] = turned_back(z[n], trust[n], alike)
-            turns[n], zooms[n] = alike.turn, alike.zoom
+        rotation = _similarity(costs, z.shape[2:])
+        if rotation.significant:
+            z[n], trust[n] = rotate_back(z[n], trust[n], rotation)
+            turns[n], zooms[n] = rotation.turn, rotation.zoom
             costs = _costs(z[[0, n]], pair, s)
-        found = _common([cost for cost, _ in costs])
-        if found.believed(s):
-            check_shift(n + 1, found.x, found.y, pair[0].R)
-            # the tiles saw other parts of the scene; what they miss for that is seen once they are in place
-            rest = displacement(np.stack([z[0], taken_up(z[n], trust[n], found.x, found.y)[0]]), pair, s)
-            shifts[n] = found.x + rest.x, found.y + rest.y
-            z[n], trust[n] = taken_up(z[n], trust[n], *shifts[n])
+        common = _common([cost for cost, _ in costs])
+        if common.significant(s):
+            check_shift(n + 1, common.x, common.y, pair[0].R)
+            # the tiles showed different parts of the scene; the resulting error is estimated after the correction
+            rest = displacement(np.stack([z[0], shift_back(z[n], trust[n], common.x, common.y)[0]]), pair, s)
+            shifts[n] = common.x + rest.x, common.y + rest.y
+            z[n], trust[n] = shift_back(z[n], trust[n], *shifts[n])
         more = relative_light(z[[0, n]], pair, s, trust[[0, n]])
         check_tone(n + 1, more, s)
-        if more.believed(s):
+        if more.significant(s):
             light[n] = more.factor
             z[n] /= more.factor
-    return Registered(z, trust, shifts, light, turns, zooms)
+    return Registration(z, trust, shifts, light, turns, zooms)
 
 
 def similarities(z: Array, stacks: Sequence[Masks], settings: RegistrationSettings | None = None) -> list[Similarity]:
-    """Turn and zoom of each of the photographs (P, C, H, W) after the first, against it."""
+    """Rotation and zoom of each of the photographs (P, C, H, W) after the first, relative to it."""
     s = settings or RegistrationSettings()
     return [_similarity(_costs(z[[0, n]], [stacks[0], stacks[n]], s), z.shape[2:]) for n in range(1, len(z))]
 
 
 def _similarity(costs: Costs, shape: tuple[int, ...]) -> Similarity:
-    """Turn and zoom, by the shift of every part of the frame."""
     each = [_common([cost]) for cost, _ in costs]
     shifts = np.array([[one.x, one.y] for one in each])
     return similarity([place for _, place in costs], shifts, (shape[0], shape[1]))
@@ -225,43 +222,43 @@ def _similarity(costs: Costs, shape: tuple[int, ...]) -> Similarity:
 
 @dataclass(frozen=True)
 class Light:
-    """Light of one photograph over another's.
+    """Light of one photograph relative to another.
 
     Attributes
     ----------
     factor : float
-    left, left_by_curve : float
-        Root mean square of what the factor leaves, and of what a parabola leaves, over the contrast.
+    residual, residual_of_curve : float
+        Root mean square residual over contrast, after fitting a factor, and after fitting a parabola.
     curvature, offset : float
-        Of the parabola: how its slope changes over the levels, half of it over its mean; its value in the dark over the
-        mean level.
+        Of the parabola: half the change of its slope over the levels relative to its mean; its value at zero relative
+        to the mean level.
     """
 
     factor: float
-    left: float
-    left_by_curve: float
+    residual: float
+    residual_of_curve: float
     curvature: float
     offset: float
 
-    def believed(self, s: RegistrationSettings) -> bool:
-        """Whether it is to be taken up."""
+    def significant(self, s: RegistrationSettings) -> bool:
+        """Whether it is to be corrected."""
         if abs(self.factor - 1) < s.most_light:
             return abs(self.factor - 1) > s.least_light
-        return 1 / s.any_light < self.factor < s.any_light and self.left < s.agree
+        return 1 / s.any_light < self.factor < s.any_light and self.residual < s.agree
 
 
 def check_tone(n: int, light: Light, s: RegistrationSettings) -> None:
-    """Refuse a photograph whose light is not proportional to the first's.
+    """Refuse a photograph that is not linear relative to the first.
 
     Raises
     ------
     Refused
-        If a curve explains much more than a factor does.
+        If a curve explains much more than a factor.
     """
-    if light.left_by_curve < s.agree and light.left > s.bent * light.left_by_curve:
+    if light.residual_of_curve < s.agree and light.residual > s.bent * light.residual_of_curve:
         raise Refused(
-            f"photograph {n} has another tone curve or black level than photograph 1: between their levels "
-            f"lies a curve that begins at {light.offset:+.0%} of the mean and bends by {light.curvature:+.0%}",
+            f"photograph {n} has another tone curve or black level than photograph 1: the curve between their levels "
+            f"begins at {light.offset:+.0%} of the mean and bends by {light.curvature:+.0%}",
             "take both with the same settings, and give both as linear light, unprocessed",
         )
 
@@ -269,58 +266,55 @@ def check_tone(n: int, light: Light, s: RegistrationSettings) -> None:
 def relative_light(
     z: Array, stacks: Sequence[Masks], s: RegistrationSettings | None = None, trust: Array | None = None
 ) -> Light:
-    """Light of photograph z[1] over that of z[0]: between z1 * h2 and z2 * h1 at the depth that suits best.
+    """Light of photograph z[1] relative to z[0]: from z1 * h2 and z2 * h1 at the best depth.
 
-    trust : (2, 1, H, W), 0 for samples that do not count, as do none that their light is spread to
+    trust : (2, 1, H, W), 0 for samples to be excluded, as are all that their light reaches
     """
     s, R = s or RegistrationSettings(), stacks[0].R
     y, x = (slice(max(0, (size - s.light_part) // 2), None) for size in z.shape[2:])
     one, two = z.mean(axis=1)[:, y, x][:, : s.light_part, : s.light_part]
-    known = np.ones(one.shape, bool)
+    valid = np.ones(one.shape, bool)
     if trust is not None:
-        known = minimum_filter(trust.min(axis=(0, 1)), 2 * R + 1)[y, x][: s.light_part, : s.light_part] > 0
-    counted = known[R:-R, R:-R] if known[R:-R, R:-R].sum() > 100 else np.s_[:]
+        valid = minimum_filter(trust.min(axis=(0, 1)), 2 * R + 1)[y, x][: s.light_part, : s.light_part] > 0
+    used = valid[R:-R, R:-R] if valid[R:-R, R:-R].sum() > 100 else np.s_[:]
     largest = min(stack.max_w for stack in stacks)
     tried = []
     for w in np.linspace(largest / s.light_levels, largest, s.light_levels):
         h1, h2 = (stack.at(float(w)) for stack in stacks)
-        a, b = (fftconvolve(*both, mode="valid")[counted].ravel() for both in ((one, h2), (two, h1)))
-        tried.append((_left(a, b, 1), a, b))
+        a, b = (fftconvolve(*pair, mode="valid")[used].ravel() for pair in ((one, h2), (two, h1)))
+        tried.append((_residual(a, b, 1), a, b))
     return _light(*min(tried, key=lambda level: level[0])[1:])
 
 
 def _light(a: Array, b: Array) -> Light:
-    """Levels b over levels a."""
     constant, slope, bend = _curve(a, b)
     low, high = np.percentile(a, (2, 98))
     curvature = bend * (high - low) / max(abs(slope + bend * (high + low)), 1e-9)
     contrast = max(float(b.std()), 1e-9)
-    left, by_curve = (float(np.sqrt(_left(a, b, degree))) / contrast for degree in (1, 2))
-    return Light(_factor(a, b), left, by_curve, float(curvature), constant / max(float(b.mean()), 1e-9))
+    residual, of_curve = (float(np.sqrt(_residual(a, b, degree))) / contrast for degree in (1, 2))
+    return Light(_factor(a, b), residual, of_curve, float(curvature), constant / max(float(b.mean()), 1e-9))
 
 
-def _left(a: Array, b: Array, degree: int) -> float:
-    """Mean square that a factor (degree 1) or a parabola (2) leaves of levels b over levels a."""
+def _residual(a: Array, b: Array, degree: int) -> float:
+    """Mean square residual of levels b after a factor (degree 1) or a parabola (2) of levels a."""
     if degree == 1:
         return float(np.mean((b - _factor(a, b) * a) ** 2))
     return float(np.mean((b - np.polynomial.polynomial.polyval(a, _curve(a, b))) ** 2))
 
 
 def _factor(a: Array, b: Array) -> float:
-    """Levels b over levels a."""
     return float(np.vdot(a, b)) / max(float(np.vdot(a, a)), 1e-30)
 
 
 def _curve(a: Array, b: Array) -> tuple[float, float, float]:
-    """The parabola of levels b over levels a: constant, slope, bend."""
-    found = np.polynomial.polynomial.polyfit(a, b, 2)
-    return float(found[0]), float(found[1]), float(found[2])
+    constant, slope, bend = np.polynomial.polynomial.polyfit(a, b, 2)
+    return float(constant), float(slope), float(bend)
 
 
-def taken_up(photograph: Array, trust: Array, x: float, y: float) -> tuple[Array, Array]:
-    """Photograph (C, H, W) and its trust (1, H, W) moved back by x, y pixels; what nobody saw is not trusted."""
+def shift_back(photograph: Array, trust: Array, x: float, y: float) -> tuple[Array, Array]:
+    """Photograph (C, H, W) and its trust (1, H, W) shifted back by x, y pixels; pixels from outside have no trust."""
     back = (0.0, -y, -x)
-    z = moved(photograph, back, order=3, mode="nearest")
-    # a sample counts where all that it is interpolated from did
-    known = moved(trust, back, order=1, mode="constant", cval=0.0) > 0.999
-    return np.asarray(z), np.asarray(known, dtype=trust.dtype)
+    z = shift(photograph, back, order=3, mode="nearest")
+    # a sample is valid where all samples from which it is interpolated are
+    valid = shift(trust, back, order=1, mode="constant", cval=0.0) > 0.999
+    return np.asarray(z), np.asarray(valid, dtype=trust.dtype)

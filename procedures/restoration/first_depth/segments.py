@@ -1,4 +1,5 @@
-"""A depth map cut along its jumps into segments, each of one surface that can be continued beyond its own border."""
+"""Segmentation of a depth map along its edges; each segment is one surface that can be extrapolated beyond its
+border."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from scipy.ndimage import (
     watershed_ift,
 )
 
-from procedures.restoration.first_depth.planes import fitted
+from procedures.restoration.first_depth.planes import fit_planes
 from procedures.restoration.masks.blur_operator import Array
 
 Labels = NDArray[np.int32]
@@ -25,20 +26,20 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class SegmentSettings:
-    """What is a segment of a depth map, and what a blemish of one.
+    """Criteria for segments of a depth map, and for blemishes.
 
     Attributes
     ----------
     jump : float
-        Change of w within two pixels, in pixels, that is taken for a depth step: at 0.35 small steps smeared by
-        matching were missed.
+        Change of w within two pixels, in pixels, that is taken as a depth edge: at 0.35 small edges smeared by matching
+        were missed.
     clear : tuple of int
-        Distances from the nearest jump, pixels, at which parts that hang together are one: first the broad ones, so
-        that a gap in a line of jumps does not join what lies on its two sides.
+        Distances from the nearest edge, pixels, at which connected parts are one: large ones first, so that a gap in an
+        edge does not join its two sides.
     least_pixels : int
-        Fewer clear pixels are no segment.
+        Smallest number of clear pixels of a segment.
     blemish_pixels : int
-        A part of fewer, that leaves the surface around it, is a blemish of that.
+        A smaller part that differs from the surface around it is a blemish.
     """
 
     jump: float = 0.28
@@ -48,15 +49,15 @@ class SegmentSettings:
 
 
 def span(w: Array, size: int = 3) -> Array:
-    """Greatest minus least w of every neighbourhood."""
+    """Maximum minus minimum of w in every neighbourhood."""
     return np.asarray(maximum_filter(w, size) - minimum_filter(w, size))
 
 
 def segments(w: Array, settings: SegmentSettings, doubt: int, known: Labels | None = None) -> Labels:
-    """Segments 1, 2, ... of a depth map, (H, W): parts that differ by a jump where they meet.
+    """Segments 1, 2, ... of a depth map, (H, W): parts that differ by an edge where they meet.
 
-    Cut at jumps, at the borders of segments already `known`, and at necks between them; then parts whose surfaces meet
-    are joined again. doubt : pixels about a cut whose depth is not believed.
+    The map is cut at edges, at the borders of segments already `known`, and at necks between them; then parts with
+    matching surfaces are merged again. doubt : pixels about a cut whose depth is ignored.
     """
     steep, jump = span(w), settings.jump
     cuts = steep > jump
@@ -68,7 +69,7 @@ def segments(w: Array, settings: SegmentSettings, doubt: int, known: Labels | No
         return np.ones(w.shape, np.int32)
     height = (steep * (60000 / max(float(steep.max()), 1e-6))).astype(np.uint16)
     labels = np.asarray(watershed_ift(height, markers), dtype=np.int32)
-    # what floods along a cut from its far end belongs to the side it lies on
+    # flooding along a cut from its far end is assigned to the side where it lies
     nearest = distance_transform_edt(cuts, return_distances=False, return_indices=True)
     return _merged(w, labels[tuple(nearest)], jump / 2, doubt)
 
@@ -78,9 +79,9 @@ def _markers(distance: Array, settings: SegmentSettings) -> Labels:
     markers = np.zeros(distance.shape, np.int32)
     for clear in settings.clear:
         parts, n = label(distance > clear)
-        taken = np.zeros(n + 1, bool)
-        taken[np.unique(parts[markers > 0])] = True
-        new = (np.bincount(parts.ravel(), minlength=n + 1) >= settings.least_pixels) & ~taken
+        occupied = np.zeros(n + 1, bool)
+        occupied[np.unique(parts[markers > 0])] = True
+        new = (np.bincount(parts.ravel(), minlength=n + 1) >= settings.least_pixels) & ~occupied
         new[0] = False
         number = np.where(new, np.cumsum(new) + markers.max(), 0).astype(np.int32)
         markers += number[parts]
@@ -88,9 +89,9 @@ def _markers(distance: Array, settings: SegmentSettings) -> Labels:
 
 
 def _merged(w: Array, labels: Labels, least: float, doubt: int) -> Labels:
-    """Labels with the parts joined whose surfaces differ by less than `least` along three quarters of their border."""
-    own = surfaces(w, labels, 0, doubt).own
-    across = _meetings(labels, own)
+    """Labels with parts merged whose surfaces differ by less than `least` along three quarters of their border."""
+    surface = surfaces(w, labels, 0, doubt).surface
+    across = _meetings(labels, surface)
     group = np.arange(labels.max() + 1)
     for (a, b), differences in across.items():
         if np.percentile(differences, 75) < least:
@@ -98,44 +99,43 @@ def _merged(w: Array, labels: Labels, least: float, doubt: int) -> Labels:
     return np.unique(group[labels], return_inverse=True)[1].reshape(labels.shape).astype(np.int32) + 1
 
 
-def _meetings(labels: Labels, own: Array) -> dict[tuple[int, int], Array]:
-    """For every two labels that meet, the difference of their surfaces along the border."""
-    found: dict[tuple[int, int], list[Array]] = {}
+def _meetings(labels: Labels, surface: Array) -> dict[tuple[int, int], Array]:
+    differences: dict[tuple[int, int], list[Array]] = {}
     for before, after in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
-        a, b, d = labels[before], labels[after], np.abs(own[before] - own[after])
+        a, b, d = labels[before], labels[after], np.abs(surface[before] - surface[after])
         meet = a != b
         pairs = np.stack([np.minimum(a, b)[meet], np.maximum(a, b)[meet]])
         kinds, which = np.unique(pairs, axis=1, return_inverse=True)
         for k, (i, j) in enumerate(kinds.T):
-            found.setdefault((int(i), int(j)), []).append(d[meet][which.ravel() == k])
-    return {pair: np.concatenate(parts) for pair, parts in found.items()}
+            differences.setdefault((int(i), int(j)), []).append(d[meet][which.ravel() == k])
+    return {pair: np.concatenate(parts) for pair, parts in differences.items()}
 
 
-def continued(w: Array, known: Array, sigma: float, scarce: float = 0.03) -> Array:
-    """w continued from where `known` is 1: at each pixel, the plane that fits the known depths around it best.
+def extrapolate(w: Array, known: Array, sigma: float, scarce: float = 0.03) -> Array:
+    """w extrapolated from where `known` is 1: at each pixel, the plane that best fits the known depths around it.
 
-    Gaussian window of `sigma` pixels, twice as wide and wider where it holds nearly nothing known; scarce : part of it
-    that has to be known for its plane to be believed.
+    Gaussian window of `sigma` pixels, enlarged by factors of two where it contains nearly nothing known; scarce :
+    known fraction of the window below which its plane is unreliable.
     """
-    plane = fitted(w, known, sigma)
-    found, mass = plane.value, plane.mass
+    plane = fit_planes(w, known, sigma)
+    value, mass = plane.value, plane.mass
     if mass.min() > scarce or min(w.shape) < 4 * sigma:
-        return np.asarray(found)
+        return np.asarray(value)
     wider = _halved(w, known, sigma, scarce)
-    return np.asarray(wider + mass / (mass + scarce) * (found - wider))
+    return np.asarray(wider + mass / (mass + scarce) * (value - wider))
 
 
 def _halved(w: Array, known: Array, sigma: float, scarce: float) -> Array:
-    """The same from a picture of half the size, in which the window is twice as wide."""
+    """`extrapolate` on a picture of half the size, in which the window is twice as wide."""
     half = (w.shape[1] // 2, w.shape[0] // 2)
     k = cv2.resize(known, half, interpolation=cv2.INTER_AREA)
     v = cv2.resize(known * w, half, interpolation=cv2.INTER_AREA) / np.maximum(k, 1e-12)
-    small = continued(np.asarray(v, w.dtype), np.asarray(k, w.dtype), sigma, scarce)
+    small = extrapolate(np.asarray(v, w.dtype), np.asarray(k, w.dtype), sigma, scarce)
     return np.asarray(cv2.resize(small, w.shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=w.dtype)
 
 
-def mended(w: Array, labels: Labels, doubt: int, settings: SegmentSettings) -> Array:
-    """w without blemishes: small parts cut out by jumps that leave the surface around them by more than a jump."""
+def remove_blemishes(w: Array, labels: Labels, doubt: int, settings: SegmentSettings) -> Array:
+    """w without small parts that are bounded by edges and differ from the surface around them by more than an edge."""
     jump = settings.jump
     parts, n = label(span(w) <= jump)
     small = np.bincount(parts.ravel(), minlength=n + 1) < settings.blemish_pixels
@@ -147,22 +147,22 @@ def mended(w: Array, labels: Labels, doubt: int, settings: SegmentSettings) -> A
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Every pixel's own surface, and that of another segment near it: w and label; where one is within reach."""
+    """Surface of every pixel's segment, and w and label of another segment near it; near : where one is in reach."""
 
-    own: Array
+    surface: Array
     other: Array
     other_label: Labels
     near: NDArray[np.bool_]
 
 
-def surfaces(w: Array, labels: Labels, reach: int, doubt: int, rank: int = 1, believed: Mask | None = None) -> Surfaces:
+def surfaces(w: Array, labels: Labels, reach: int, doubt: int, rank: int = 1, valid: Mask | None = None) -> Surfaces:
     """Surfaces within `reach` pixels of another segment, from depths farther than `doubt` pixels from any border.
 
-    rank : 1 for the nearest other segment, 2 for the second nearest; believed : the only depths to go by, if given.
+    rank : 1 for the nearest other segment, 2 for the second nearest; valid : the depths to be used, all if None.
     """
     w = np.asarray(w, dtype=np.float64)
     border = distance_transform_edt(~_borders(labels))
-    own = w.copy()
+    result = w.copy()
     others = [(np.full(w.shape, np.inf), w.copy(), np.zeros(w.shape, np.int32)) for _ in range(rank)]
     sigma = 1.5 + 0.7 * max(reach, doubt)
     wide = int(3.5 * sigma) + 1
@@ -171,21 +171,21 @@ def surfaces(w: Array, labels: Labels, reach: int, doubt: int, rank: int = 1, be
             continue
         box = tuple(slice(max(0, s.start - wide), s.stop + wide) for s in box)
         mine = labels[box] == k
-        sure = mine & (border[box] >= min(doubt, 0.7 * float(border[box][mine].max())))
-        if believed is not None and (sure & believed[box]).any():
-            sure &= believed[box]
-        surface = continued(w[box], sure.astype(np.float64), sigma)
-        surface = np.clip(surface, w[box][sure].min() - 0.3, w[box][sure].max() + 0.3)
-        own[box] = np.where(mine, surface, own[box])
+        reliable = mine & (border[box] >= min(doubt, 0.7 * float(border[box][mine].max())))
+        if valid is not None and (reliable & valid[box]).any():
+            reliable &= valid[box]
+        surface = extrapolate(w[box], reliable.astype(np.float64), sigma)
+        surface = np.clip(surface, w[box][reliable].min() - 0.3, w[box][reliable].max() + 0.3)
+        result[box] = np.where(mine, surface, result[box])
         if reach:
             distance = np.where(mine, np.inf, distance_transform_edt(~mine))
             _insert([[a[box] for a in other] for other in others], distance, surface, k)
     distance, other, other_label = others[-1]
-    return Surfaces(own, other, other_label, distance <= reach)
+    return Surfaces(result, other, other_label, distance <= reach)
 
 
 def _insert(others: list[list[Array]], distance: Array, surface: Array, k: int) -> None:
-    """Put a segment where it belongs among the nearest ones of each pixel, in place."""
+    """Insert a segment among the nearest ones of each pixel by its distance, in place."""
     coming = [distance, surface, np.full(distance.shape, k, np.int32)]
     for other in others:
         closer = coming[0] < other[0]

@@ -10,7 +10,7 @@ from procedures.numerics.kernel_cache import jitted
 
 @jitted(fastmath=True)
 def _along(cost: NDArray[np.float32], total: NDArray[np.float32], dy: int, dx: int, small: float, large: float) -> None:
-    """Add to `total` the least cost of every path that arrives along (dy, dx)."""
+    """Add to `total` the cost of the best path that arrives along (dy, dx)."""
     height, width, labels = cost.shape
     before = np.zeros((width, labels), np.float32)
     now = np.zeros((width, labels), np.float32)
@@ -45,7 +45,7 @@ DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 
 
 
 def semi_global(cost: NDArray[np.float32], small: float, large: float, directions: int = 8) -> NDArray[np.float32]:
-    """Cost volume aggregated along straight paths, (H, W, L): its least label is the match.
+    """Cost volume aggregated along straight paths, (H, W, L); its minimum is the matched label.
 
     cost : (H, W, L); small : penalty of a change by one label between neighbours; large : of any other change.
     """

@@ -1,4 +1,4 @@
-"""Turn and zoom between photographs, told by how far their parts are shifted, and taken up."""
+"""Rotation and zoom between photographs, estimated from the shifts of their parts, and their correction."""
 
 from __future__ import annotations
 
@@ -14,69 +14,69 @@ from procedures.restoration.masks.blur_operator import Array
 Place = tuple[float, float]
 
 FEWEST = 6
-"""Parts of the frame from which a turn and a zoom are told: four numbers from twelve."""
+"""Smallest number of parts for estimating rotation and zoom: four unknowns from twelve numbers."""
 LEAST_PX, LEAST_GAIN = 0.1, 2.0
-"""Root mean square shift of the parts about their mean from which they are believed, and that over what is left: of
-photographs in their places 0.01 to 0.04 pixel, all of it left."""
+"""Smallest significant root mean square shift of the parts about their mean, and its ratio to the residual: in
+registered photographs it is 0.01 to 0.04 pixel, all of it residual."""
 
 
 @dataclass(frozen=True)
 class Similarity:
-    """Photograph 2 over photograph 1: turn in radians from x to y, and zoom, about the frame's middle.
+    """Photograph 2 relative to photograph 1: rotation in radians from x to y, and zoom, about the frame's centre.
 
-    spread, left : root mean square shift of parts of the frame about their mean, pixels, and what of it is left
+    spread, residual : root mean square shift of parts of the frame about their mean, pixels, before and after the fit
     """
 
     turn: float
     zoom: float
     spread: float
-    left: float
+    residual: float
 
     @property
-    def believed(self) -> bool:
-        """Whether the photographs ask for it."""
-        return self.spread > max(LEAST_PX, LEAST_GAIN * self.left)
+    def significant(self) -> bool:
+        """Whether rotation and zoom are significant."""
+        return self.spread > max(LEAST_PX, LEAST_GAIN * self.residual)
 
 
 def similarity(places: Sequence[Place], shifts: NDArray[np.float64], shape: tuple[int, int]) -> Similarity:
-    """Turn and zoom by the shifts (n, 2), x and y in pixels, of parts of the frame.
+    """Rotation and zoom from the shifts (n, 2), x and y in pixels, of parts of the frame.
 
-    places : of their middles, y and x in parts of the frame's height and width
+    places : their centres, y and x as fractions of the frame's height and width
     """
     if len(places) < FEWEST:
         return Similarity(0.0, 1.0, 0.0, 0.0)
     y, x = ((np.array(at) - 0.5) * size for at, size in zip(zip(*places, strict=True), shape, strict=True))
     one, none = np.ones(len(x)), np.zeros(len(x))
     design = np.vstack([np.column_stack([one, none, -y, x]), np.column_stack([none, one, x, y])])
-    found, wanted = np.zeros(4), shifts.T.ravel()
-    # one part without texture shall not turn the frame
-    weight: NDArray[np.floating] = np.ones(len(wanted))
+    fit, target = np.zeros(4), shifts.T.ravel()
+    # robust weights, as one part without texture must not determine the result
+    weight: NDArray[np.floating] = np.ones(len(target))
     for _ in range(5):
-        found = np.linalg.lstsq(design * weight[:, None], wanted * weight, rcond=None)[0]
-        weight = 1 / np.sqrt(np.maximum(np.abs(wanted - design @ found), 0.02))
-    left = wanted - design @ found
+        fit = np.linalg.lstsq(design * weight[:, None], target * weight, rcond=None)[0]
+        weight = 1 / np.sqrt(np.maximum(np.abs(target - design @ fit), 0.02))
+    residual = target - design @ fit
     spread = shifts - np.median(shifts, axis=0)
-    return Similarity(float(found[2]), 1 + float(found[3]), _rms(spread), _rms(left))
+    return Similarity(float(fit[2]), 1 + float(fit[3]), _rms(spread), _rms(residual))
 
 
 def _rms(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def turned_back(photograph: Array, trust: Array, found: Similarity) -> tuple[Array, Array]:
-    """Photograph (C, H, W) and its trust (1, H, W) brought to the first's turn and zoom.
+def rotate_back(photograph: Array, trust: Array, similarity: Similarity) -> tuple[Array, Array]:
+    """Photograph (C, H, W) and its trust (1, H, W) with rotation and zoom relative to the first corrected.
 
-    What nobody saw is not trusted.
+    Pixels from outside the photograph have no trust.
     """
     H, W = photograph.shape[1:]
-    cos, sin = found.zoom * np.cos(found.turn), found.zoom * np.sin(found.turn)
+    cos, sin = similarity.zoom * np.cos(similarity.turn), similarity.zoom * np.sin(similarity.turn)
     A, middle = np.array([[cos, -sin], [sin, cos]]), np.array([W - 1.0, H - 1.0]) / 2
     matrix = np.column_stack([A, middle - A @ middle])
     flags = cv2.WARP_INVERSE_MAP
 
-    def brought(plane: Array, how: int, border: int) -> Array:
+    def warped(plane: Array, how: int, border: int) -> Array:
         return np.asarray(cv2.warpAffine(plane, matrix, (W, H), flags=flags | how, borderMode=border))
 
-    z = np.stack([brought(plane, cv2.INTER_LANCZOS4, cv2.BORDER_REPLICATE) for plane in photograph])
-    known = brought(trust[0].astype(np.float64), cv2.INTER_LINEAR, cv2.BORDER_CONSTANT) > 0.999
-    return z, known[None].astype(trust.dtype)
+    z = np.stack([warped(plane, cv2.INTER_LANCZOS4, cv2.BORDER_REPLICATE) for plane in photograph])
+    valid = warped(trust[0].astype(np.float64), cv2.INTER_LINEAR, cv2.BORDER_CONSTANT) > 0.999
+    return z, valid[None].astype(trust.dtype)

@@ -1,1 +1,1 @@
-"""Algorithm I: picture and depth together, from a first depth to the pair of least cost (6.1)."""
+"""Algorithm I: joint estimation of picture and depth, from a first depth to the pair of minimal cost (6.1)."""

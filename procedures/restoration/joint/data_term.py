@@ -1,4 +1,4 @@
-"""The cost of Algorithm I (6.1): how photographs and a pair (picture, depth) disagree, and how that changes."""
+"""Data term of Algorithm I (6.1): residuals of a pair (picture, depth), and their derivatives."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ AnyBlur = Blur | FieldBlur
 
 
 class DataTerm:
-    """Photographs with their blurs: residuals, changes and adjoints of all of them at once.
+    """Photographs with their blurs: residuals, derivatives and adjoints of all of them at once.
 
     Parameters
     ----------
     z : (P, C, H, W) photographs.
-    blurs : P blurs, all of one R.
+    blurs : P blurs of one R.
     trust : (P, 1, H, W) weights of the samples in the data term: 0 where saturated.
     """
 
@@ -30,14 +30,14 @@ class DataTerm:
         self._all_trusted = bool((trust == 1).all())
 
     def windowed(self, y: slice, x: slice) -> DataTerm:
-        """The term of a part of the photographs, not focused yet."""
+        """The term for a part of the photographs, not focused yet."""
         return DataTerm(self.z[..., y, x], [blur.windowed(y, x) for blur in self.blurs], self.trust[..., y, x])
 
     def _weighted(self, e: Array) -> Array:
         return e if self._all_trusted else e * self.trust
 
     def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
-        """Take w as the depth of every photograph; only `active` pixels send and receive, if given."""
+        """Set w as the depth for every photograph; if given, only `active` pixels send and receive."""
         for blur in self.blurs:
             blur.focus(w, active)
 
@@ -53,9 +53,9 @@ class DataTerm:
         return out
 
     def curvature(self, w: Array) -> tuple[Array, Array]:
-        """Diagonal of the data term's curvature over picture, and over w where the picture is 1; both (H', W')."""
-        own = [blur.stack.curvature(w) for blur in self.blurs]
-        picture, depth = (np.sum(parts, axis=0) for parts in zip(*own, strict=True))
+        """Diagonal of the data term's Hessian over the picture, and over w for a picture of 1; both (H', W')."""
+        parts = [blur.stack.curvature(w) for blur in self.blurs]
+        picture, depth = (np.sum(each, axis=0) for each in zip(*parts, strict=True))
         return picture, depth
 
     def residual(self, u: Array) -> Array:
@@ -63,7 +63,7 @@ class DataTerm:
         return self._weighted(self.z) - self.blur(u)
 
     def change(self, u: Array, x: Array) -> Array:
-        """Change of the weighted photographs for x = (du..., dw) stacked, (C + 1, H + 2R, W + 2R)."""
+        """Derivative of the weighted photographs along x = (du..., dw) stacked, (C + 1, H + 2R, W + 2R)."""
         return self._weighted(np.stack([blur.change(u, x[:-1], x[-1]) for blur in self.blurs]))
 
     def change_adjoint(self, u: Array, e: Array) -> Array:
@@ -115,9 +115,9 @@ def restore_picture(
     diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
     divide: Array | float = 1.0,
 ) -> Array:
-    """The picture of least cost at the depth the data term is focused on: conjugate gradients from u (6.6).
+    """The picture of minimal cost at the depth of the data term: conjugate gradients from u (6.6).
 
-    `diffusion` are the picture prior's weights on differences; `divide` is a diagonal preconditioner.
+    `diffusion` are the weights of the picture prior on differences; `divide` is a diagonal preconditioner.
     """
 
     def apply(x: Array) -> Array:

@@ -1,9 +1,9 @@
-"""Depth steps put in their place: two layers meet somewhere in a band, and the photographs say where.
+"""Localisation of depth edges: the border between two layers within a band is estimated from the photographs.
 
-Along a step, windowed matching is wrong by several pixels and descent on w never moves the step: in between lie depths
-that fit nothing. So each side's depth is continued across the band, and the picture is shared between the two layers by
-b in [0, 1]: z = (b u) *v h(high) + ((1 - b) u) *v h(low). That is linear in b however far the two depths are apart;
-Gauss-Newton over (u, b) finds the border, and b > 1/2 is the new labelling.
+At a depth edge, windowed matching errs by several pixels, and descent on w does not move the edge, as intermediate
+depths fit nothing. Therefore the depth of each side is extrapolated across the band, and the picture is shared between
+the two layers by b in [0, 1]: z = (b u) *v h(high) + ((1 - b) u) *v h(low). This is linear in b for any depth
+difference; Gauss-Newton over (u, b) finds the border, and b > 1/2 is the new labelling.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from procedures.restoration.masks.blur_operator import Array
 
 @dataclass(frozen=True)
 class EdgeSettings:
-    """How the share of two layers is solved for.
+    """Parameters of the estimation of the share.
 
     Attributes
     ----------
     picture_curvature, share_curvature : float
-        Of the data term per pixel, over the picture and over the share of a white picture, in the preconditioner:
-        pillboxes and paths of 3 to 11 pixels lie around the first. They steer how fast it converges, not whereto.
+        Hessian of the data term per pixel, over the picture and over the share of a white picture, in the
+        preconditioner: typical of pillboxes and paths of 3 to 11 pixels. They affect the speed of convergence only.
     share_weight : float
-        Of the share's squared differences, photographs in [0, 1]: keeps it even where there is no detail.
+        Weight of the share's squared differences, photographs in [0, 1]: smooths it where there is no detail.
     worth_cutting : float
-        Part of the frame up to which what a band reaches is cut out and solved by itself; beyond, cutting gains little.
+        Fraction of the frame up to which the part that a band reaches is solved separately.
     rounds, iterations : int
         Gauss-Newton rounds, and conjugate gradients in each.
     longest : float
-        Change of a share in one round: it is linear, but the picture that goes with it is not known yet.
+        Largest change of a share per round: the model is linear in it, but the picture is not known yet.
     """
 
     picture_curvature: float = 0.3
@@ -51,7 +51,7 @@ class EdgeSettings:
 
 @dataclass(frozen=True)
 class Layers:
-    """Depth of both layers and where they compete: high, low (H', W'), band bool, share of the high layer, segments."""
+    """Depth of two competing layers: high, low (H', W'), band bool, share of the high layer, segments."""
 
     high: Array
     low: Array
@@ -69,30 +69,30 @@ def layers_of(
     jump: float,
     rank: int = 1,
     where: Mask | None = None,
-    believed: Mask | None = None,
+    valid: Mask | None = None,
 ) -> Layers:
-    """Layers within `reach` of every border between segments: the pixel's own surface and its neighbour's.
+    """Layers within `reach` of every border between segments: the pixel's surface and its neighbour's.
 
-    Depths within `doubt` pixels of a border are not believed. rank : 1 for the nearest neighbour, 2 for the next, which
-    may be what lies between two others; where : pixels that may compete at all.
+    Depths within `doubt` pixels of a border are ignored. rank : 1 for the nearest neighbour, 2 for the next, which may
+    lie between two others; valid : pixels whose depth may be used.
     """
-    found = surfaces(w, labels, reach, doubt, rank, believed)
-    rises = found.own > found.other
-    # beyond the band as at its edge, so that nothing outside pulls at the share
-    nearest = distance_transform_edt(~found.near, return_distances=False, return_indices=True)
-    up = rises[tuple(nearest)] if found.near.any() else rises
-    high, low = np.where(rises, found.own, found.other), np.where(rises, found.other, found.own)
-    band = found.near & (high - low > jump / 2)
+    pair = surfaces(w, labels, reach, doubt, rank, valid)
+    rises = pair.surface > pair.other
+    # beyond the band as at its edge, so that nothing outside affects the share
+    nearest = distance_transform_edt(~pair.near, return_distances=False, return_indices=True)
+    up = rises[tuple(nearest)] if pair.near.any() else rises
+    high, low = np.where(rises, pair.surface, pair.other), np.where(rises, pair.other, pair.surface)
+    band = pair.near & (high - low > jump / 2)
     if where is not None:
         band &= where
     if not band.any():
         return _no_layers(w, labels)
-    # undecided where the rough map decided wrongly: a share that begins at 0 or 1 is slow to leave it
+    # undecided where the rough map was wrong: a share that starts at 0 or 1 changes slowly
     share = gaussian_filter(np.where(up, 1.0, 0.0), reach / 3 if doubt > 4 else 1.0)
     share = np.where(band, share, up)
     return Layers(
         np.where(band, high, w), np.where(band, low, w), band, share,
-        np.where(rises, labels, found.other_label), np.where(rises, found.other_label, labels),
+        np.where(rises, labels, pair.other_label), np.where(rises, pair.other_label, labels),
     )  # fmt: skip
 
 
@@ -103,15 +103,15 @@ def _no_layers(w: Array, labels: Labels) -> Layers:
 def shared(
     high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, settings: EdgeSettings
 ) -> tuple[Array, Array]:
-    """Picture (C, H', W') and share (H', W') that explain the photographs best, by Gauss-Newton over both.
+    """Picture (C, H', W') and share (H', W') that fit the photographs best, by Gauss-Newton over both.
 
-    high, low : the same data term, to be focused on each layer; weight : of the picture's prior. Only the band and its
+    high, low : two copies of the data term, one for each layer; weight : of the picture's prior. Only the band and its
     surroundings change.
     """
     band, b = layers.band.astype(u.dtype), layers.share.astype(u.dtype)
     around = surroundings(layers.band, high.R)
     for _ in range(settings.rounds):
-        e = _unexplained(high, low, u, layers, b)
+        e = _residual_of_layers(high, low, u, layers, b)
         x = _share_step(high, low, (u, b, band, around.astype(u.dtype)), e, weight, settings)
         b = np.where(layers.band, np.clip(b + np.clip(x[-1], -settings.longest, settings.longest), 0, 1), b).astype(
             u.dtype
@@ -123,10 +123,10 @@ def shared(
 def _shared_in_window(
     high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, settings: EdgeSettings
 ) -> tuple[Array, Array]:
-    """`shared`, of that part of the frame alone which the band's surroundings reach, where that is less."""
+    """`shared`, restricted to the part of the frame that the band's surroundings reach, where that is smaller."""
     shape = high.z.shape[2:]
     around = surroundings(layers.band, high.R)
-    y, x = (_seen(np.any(around, axis=1 - n), high.R, shape[n]) for n in (0, 1))
+    y, x = (_reached(np.any(around, axis=1 - n), high.R, shape[n]) for n in (0, 1))
     if (y.stop - y.start) * (x.stop - x.start) > settings.worth_cutting * shape[0] * shape[1]:
         return shared(high, low, u, layers, weight, settings)
     at = (slice(y.start, y.stop + 2 * high.R), slice(x.start, x.stop + 2 * high.R))
@@ -138,19 +138,19 @@ def _shared_in_window(
     return sharper, share
 
 
-def _seen(rows: Any, R: int, size: int) -> slice:
-    """Rows of the photograph that the extended rows marked can reach."""
+def _reached(rows: Any, R: int, size: int) -> slice:
+    """Rows of the photograph within reach of the marked extended rows."""
     inside = np.flatnonzero(rows)
     return slice(max(0, int(inside[0]) - 2 * R), min(size, int(inside[-1]) + 1))
 
 
 def surroundings(band: NDArray[np.bool_], R: int) -> NDArray[np.bool_]:
-    """The pixels whose light can mix with the band's."""
+    """The pixels whose light may mix with the band's."""
     return np.asarray(maximum_filter(band, 4 * R + 1))
 
 
-def _unexplained(high: DataTerm, low: DataTerm, u: Array, layers: Layers, b: Array) -> Array:
-    """Photographs minus both layers; leaves the terms focused on the band's surroundings."""
+def _residual_of_layers(high: DataTerm, low: DataTerm, u: Array, layers: Layers, b: Array) -> Array:
+    """Residual of both layers; leaves the terms focused on the band's surroundings."""
     around = surroundings(layers.band, high.R)
     above, below = layers.high.astype(u.dtype), layers.low.astype(u.dtype)
     low.focus(below)
@@ -170,7 +170,7 @@ def _share_step(
     weight: float,
     settings: EdgeSettings,
 ) -> Array:
-    """Change of picture and share (C + 1, H', W') that the errors e ask for. at : u, share, band, surroundings."""
+    """Change of picture and share (C + 1, H', W') for the residuals e. at : u, share, band, surroundings."""
     u, b, band, around = at
 
     def add_smoothing(out: Array, v: Array, share: Array, sign: int) -> Array:
@@ -180,12 +180,12 @@ def _share_step(
 
     def gradients(e: Array) -> Array:
         below, out = low.blur_adjoint(e), np.empty((len(u) + 1, *b.shape), u.dtype)
-        apart = high.blur_adjoint(e)
-        apart -= below
-        np.einsum("chw,chw->hw", u, apart, out=out[-1])
+        difference = high.blur_adjoint(e)
+        difference -= below
+        np.einsum("chw,chw->hw", u, difference, out=out[-1])
         out[-1] *= band
-        apart *= b
-        np.add(apart, below, out=out[:-1])
+        difference *= b
+        np.add(difference, below, out=out[:-1])
         return out
 
     def apply(x: Array) -> Array:
@@ -212,14 +212,14 @@ def place_steps(
     decided: float = 1.0,
     settings: EdgeSettings | None = None,
 ) -> tuple[Array, Array, Labels]:
-    """Picture, depth and segments with the steps moved to where they explain the photographs best.
+    """Picture, depth and segments with the depth edges moved to their best positions.
 
-    The border is that of the share's medians, but where the share is `decided` from one half.
+    The border follows the median-filtered share, but the share itself where it is `decided` from one half.
     """
     if not layers.band.any():
         return u, w, labels
     sharper, b = _shared_in_window(high, low, u, layers, weight, settings or EdgeSettings())
     border = np.where(np.abs(b - 0.5) > decided, b, median_filter(b, 3)) > 0.5
-    moved = np.where(layers.band, np.where(border, layers.high, layers.low), w).astype(w.dtype)
+    placed = np.where(layers.band, np.where(border, layers.high, layers.low), w).astype(w.dtype)
     relabelled = np.where(border, layers.high_label, layers.low_label)
-    return sharper, moved, np.where(layers.band, relabelled, labels).astype(np.int32)
+    return sharper, placed, np.where(layers.band, relabelled, labels).astype(np.int32)

@@ -1,4 +1,4 @@
-"""From blurred photographs to the sharp picture and the depth map: check, start, alternate, judge."""
+"""Restoration of picture and depth from blurred photographs: checks, first depth, joint descent, verdict."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from procedures.restoration.first_depth import initial_depth, registration
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import DataTerm
 from procedures.restoration.joint.moved_objects import Mask, MovedSettings, largest, moved_objects
-from procedures.restoration.joint.noise_and_contrast import fitted_by_depth, noise_gain
+from procedures.restoration.joint.noise_and_contrast import depth_freedom, noise_gain
 from procedures.restoration.joint.occlusion import Occlusion, OcclusionSettings, occlusion_of
-from procedures.restoration.joint.picture_error import error_map, noise_seen, own_noise, picture_error
+from procedures.restoration.joint.picture_error import error_map, noise_upper_bound, picture_error, residual_noise
 from procedures.restoration.joint.result import Restoration, RestorationDiagnostics
 from procedures.restoration.joint.schedule import Schedule, Scheme, WeightSettings
 from procedures.restoration.masks import checks
@@ -30,25 +30,25 @@ AXES = ("both", "x", "y")
 
 @dataclass(frozen=True)
 class RestorationLimits:
-    """From when on a restoration is doubted or refused.
+    """Limits above which a restoration is doubtful or refused.
 
     Attributes
     ----------
     explained, most_residual : float
-        Residual over the photographs' own noise: 0.1 to 1.1 with true masks and with kernels of real shake; 1.2 to
-        1.5 with kernels whose every sample errs, and with paths bent by a fifth; up to 2.6 with another shape (a
-        Gaussian for a pillbox); 11 and more where the photographs are not of one scene. Over the second no picture is
-        common.
+        Residual over the photographs' noise: 0.1 to 1.1 with true masks and with kernels of real shake; 1.2 to 1.5 with
+        errors in all kernel samples, and with paths bent by a fifth; up to 2.6 with a wrong shape (a Gaussian for a
+        pillbox); 11 and more for photographs of different scenes, which are refused.
     least_gained : float
-        Over the first, what blur took over the picture's expected error, into which goes all that is left over: 3 to 11
-        with true masks, 1.4 and less with paths bent by a fifth and with other shapes.
+        Above the first limit, the error due to blur over the picture's expected error, which includes the residual: 3
+        to 11 with true masks, 1.4 and less with paths bent by a fifth and with wrong shapes.
     least_noise : float
-        What is left over rounding of 8 bits alone is no disagreement, white = 1.
+        Residual of 8-bit quantisation, which is no disagreement, white = 1.
     most_noise : float
-        Noise of the restored picture beyond which ringing hides its detail, white = 1.
+        Noise of the restored picture above which ringing hides its detail, white = 1.
     most_at_limit, most_undetermined, most_saturated : float
-        Parts of the frame: with w at the end of its range, with w uncertain by more than half a pixel, saturated.
+        Fractions of the frame with w at the end of its range, with w uncertain by more than half a pixel, saturated.
     most_moved : float
+        Fraction of the frame with motion above which the photographs are refused.
         Part of the frame in which something moved, beyond which the photographs do not belong together.
     """
 
@@ -65,16 +65,15 @@ class RestorationLimits:
 
 @dataclass(frozen=True)
 class RestorationParameters:
-    """How to restore.
+    """Parameters of a restoration.
 
-    image_weight, depth_weight : lambda_u and lambda_w of (6.1), photographs in [0, 1], w in pixels; None takes them
-    from the noise. lambda_w counts second differences of w (see `PriorWeights`). depth_start : "matched" (whitened
+    image_weight, depth_weight : lambda_u and lambda_w of (6.1), photographs in [0, 1], w in pixels; None derives them
+    from the noise. lambda_w weights second differences of w (see `PriorWeights`). depth_start : "matched" (whitened
     Algorithm III over the whole frame), "blur" (Algorithm III), "symmetric" (Algorithm II). symmetric_axis : "both" for
     masks symmetric about axes and diagonals (Proposition 2), "x" or "y" for even ones along one axis (Proposition 3).
-    total_variation, depth_total_variation : of picture and w, instead of quadratic priors.
-    flat_w : w of the whole frame where it is known; then the picture alone is looked for.
-    registration, matching, weights, joint, moved, occlusion, limits : what each stage goes by, with the reasons of its
-    numbers.
+    total_variation, depth_total_variation : priors of picture and w, instead of quadratic ones.
+    flat_w : w of the whole frame if known; then only the picture is estimated.
+    registration, matching, weights, joint, moved, occlusion, limits : settings of each stage, documented there.
     """
 
     scheme: Scheme = field(default_factory=Scheme)
@@ -101,14 +100,14 @@ class RestorationParameters:
             raise BadParameter(f"symmetric axis {self.symmetric_axis!r} is unknown", f"use one of {', '.join(AXES)}")
         for name, value in (("image weight", self.image_weight), ("depth weight", self.depth_weight)):
             if value is not None and not value > 0:
-                raise BadParameter(f"{name} must be positive, got {value}", "leave it out")
+                raise BadParameter(f"{name} must be positive, got {value}", "omit it to derive it from the noise")
 
 
 def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
-    """Standard deviation of the photographs' noise, from what no common picture explains at any depth.
+    """Standard deviation of the photographs' noise, from the residual of any common picture at any depth.
 
-    Whitened differences (8.1) of two photographs have unit variance at the true depth; over the levels the least
-    windowed mean is taken, and over the frame its lower quartile, where blur is constant and levels fit.
+    Whitened differences (8.1) of two photographs have unit variance at the true depth. The smallest windowed mean over
+    the levels is taken, and its lower quartile over the frame, where blur is constant and levels fit.
     """
     levels = initial_depth.levels_of(stacks, 0.3)
     least = initial_depth.cost_volume(z[:2], stacks[:2], np.ones(2), levels, 5).min(axis=2) / z.shape[1]
@@ -116,7 +115,7 @@ def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
 
 
 def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, p: RestorationParameters) -> initial_depth.DepthStart:
-    """The depth to begin with, by the algorithm named; that of a flat scene where it is known."""
+    """The first depth by the chosen algorithm; that of a flat scene where it is known."""
     if p.flat_w is not None:
         flat = np.full(z.shape[2:], p.flat_w)
         return initial_depth.DepthStart(flat, np.ones(flat.shape), np.ones(flat.shape, bool))
@@ -134,7 +133,7 @@ def restore(
     parameters: RestorationParameters | None = None,
     progress: Callable[[joint_descent.JointRound], None] | None = None,
 ) -> Outcome[Restoration]:
-    """The sharp picture and the depth map, with a verdict; refused ones have no value. See `restoration_of`."""
+    """The sharp picture and the depth map, with a verdict and without value if refused. See `restoration_of`."""
     p = parameters or RestorationParameters()
     return judge(restoration_of(photographs, stacks, p, progress), p.limits)
 
@@ -145,10 +144,10 @@ def restoration_of(
     parameters: RestorationParameters | None = None,
     progress: Callable[[joint_descent.JointRound], None] | None = None,
 ) -> Restoration:
-    """The sharp picture and the depth map, whatever they are worth.
+    """The sharp picture and the depth map, without verdict.
 
-    photographs : P arrays (C, H, W), linear, white = 1; stacks : the masks of each as functions of one w,
-    the same over the frame or a field of them.
+    photographs : P arrays (C, H, W), linear, white = 1; stacks : the masks of each as functions of one w, constant over
+    the frame or a field of them.
 
     Raises
     ------
@@ -161,10 +160,10 @@ def restoration_of(
     checks.check_blurs(stacks, shape)
     trust = checks.trust_of(z)
     saturated = float((trust == 0).mean())
-    checks.check_texture(z, own_noise(z))
+    checks.check_texture(z, noise_upper_bound(z))
     checks.check_registered(z, stacks[0].R)
-    brought = registration.registered(z, trust, stacks, p.registration)
-    z, trust = brought.z, brought.trust
+    registered = registration.register(z, trust, stacks, p.registration)
+    z, trust = registered.z, registered.trust
     sigma = noise_of(z, stacks)
     start = first_depth(z, stacks, sigma, p)
     fields = one_grid(stacks)
@@ -184,18 +183,18 @@ def restoration_of(
     )
     descend = joint_descent.run if p.flat_w is None else joint_descent.picture_alone
     state = descend(problem, joint_descent.begin(problem, start.w), progress)
-    return _restoration(data, state, start, brought, saturated, p)
+    return _restoration(data, state, start, registered, saturated, p)
 
 
 def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
-    """Pixels about a depth step where windowed matching mixes both sides: both masks' half-widths and the window."""
+    """Pixels about a depth edge where windowed matching mixes both sides: half-widths of both masks and the window."""
     w75 = float(np.percentile(w, 75))
     widths = [wide[min(int(w75 / s.step) + 1, len(wide) - 1)] for s, wide in ((s, s.supports()) for s in stacks)]
     return int(sum(sorted(widths)[-2:])) + 5
 
 
 def misfit_of(trusted: NDArray[np.bool_], R: int) -> NDArray[np.bool_]:
-    """Where a first depth is not trusted, and two pixels around, on the extended frame."""
+    """Where a first depth is unreliable, with a margin of two pixels, on the extended frame."""
     return np.asarray(~binary_erosion(np.pad(trusted, R), iterations=2, border_value=1))
 
 
@@ -203,7 +202,7 @@ def _restoration(
     data: DataTerm,
     state: joint_descent.DescentState,
     start: initial_depth.DepthStart,
-    brought: registration.Registered,
+    registered: registration.Registration,
     saturated: float,
     p: RestorationParameters,
 ) -> Restoration:
@@ -211,27 +210,27 @@ def _restoration(
     data.focus(state.w)
     residual = data.residual(state.u)
     w = state.w[inside]
-    known = p.flat_w is not None
-    spread = np.zeros_like(w) if known else w_uncertainty(data, state.u, state.w, state.known.sigma)[inside]
+    flat = p.flat_w is not None
+    spread = np.zeros_like(w) if flat else w_uncertainty(data, state.u, state.w, state.statistics.sigma)[inside]
     limit = min(b.stack.max_w for b in data.blurs)
     masks, last = [b.stack for b in data.blurs], state.history[-1].weights
     sharp = state.u[:, R:-R, R:-R]
-    finest = max(own_noise(data.z), p.limits.least_noise)
+    finest = max(noise_upper_bound(data.z), p.limits.least_noise)
     moved = moved_objects(residual, data.z, finest, p.moved)
-    own = max(finest, noise_seen(data.z, residual * ~moved, sharp, R))
-    rms = _left_over(residual, data.trust)
-    fitted = 0.0 if known else fitted_by_depth(data, state.u, last)
-    error = picture_error(masks, np.quantile(w, joint_descent.DECILES), last.picture, residual, sharp, fitted)
-    # w of what moved may be any, and so may the picture there
-    occlusion = Occlusion.nowhere(w.shape) if known else occlusion_of(w, masks, p.occlusion)
+    noise = max(finest, residual_noise(data.z, residual * ~moved, sharp, R))
+    rms = _rms(residual, data.trust)
+    freedom = 0.0 if flat else depth_freedom(data, state.u, last)
+    error = picture_error(masks, np.quantile(w, joint_descent.DECILES), last.picture, residual, sharp, freedom)
+    # where something moved, neither w nor the picture is known
+    occlusion = Occlusion.nowhere(w.shape) if flat else occlusion_of(w, masks, p.occlusion)
     undetermined = float((np.where(moved, limit, spread) > 0.5).mean())
     spread = np.where(moved, np.maximum(spread, limit), occlusion.spread(spread))
     uncertain = error_map(error.std, residual, 2 * R + 1) * np.where(occlusion.mask, p.occlusion.picture, 1.0)
     uncertain = np.where(moved, max(error.std, float(sharp.std())), uncertain)
     diagnostics = RestorationDiagnostics(
-        noise=state.known.sigma,
-        residual_over_noise=rms / own,
-        unexplained=float(np.sqrt(max(rms**2 - own**2, 0.0)) / max(float(data.z.std(axis=(-2, -1)).mean()), 1e-9)),
+        noise=state.statistics.sigma,
+        residual_over_noise=rms / noise,
+        unexplained=float(np.sqrt(max(rms**2 - noise**2, 0.0)) / max(float(data.z.std(axis=(-2, -1)).mean()), 1e-9)),
         picture_std=error.std,
         gained=error.blurred / max(error.std, 1e-9),
         undetermined=undetermined,
@@ -240,23 +239,22 @@ def _restoration(
         at_limit=float((w > limit - 0.2).mean()),
         moved=float(moved.mean()),
         occlusion=float(occlusion.mask.mean()),
-        elsewhere_over_noise=_left_over(residual * ~moved, data.trust * ~moved) / finest,
+        elsewhere_over_noise=_rms(residual * ~moved, data.trust * ~moved) / finest,
     )
-    taken_up = (brought.shifts, brought.light, brought.turns, brought.zooms)
+    corrections = (registered.shifts, registered.light, registered.turns, registered.zooms)
     result = (sharp, uncertain, w, spread, residual, start, state.history, diagnostics)
-    return Restoration(*result, *taken_up, moved, occlusion.mask)
+    return Restoration(*result, *corrections, moved, occlusion.mask)
 
 
-def _left_over(residual: Array, trust: Array) -> float:
-    """Root mean square residual where the photographs are trusted."""
+def _rms(residual: Array, trust: Array) -> float:
     trusted = trust.mean() * residual.size
     return float(np.sqrt(np.sum(residual.astype(np.float64) ** 2) / max(trusted, 1.0)))
 
 
 def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int = 7) -> Array:
-    """Least standard deviation of w, pixels: how far w of a window can shift before the photographs show it.
+    """Lower bound of the standard deviation of w, pixels.
 
-    The photographs' change per pixel of w, squared and summed over a window, against the noise (chapter 9).
+    Squared derivatives of the photographs with respect to w, summed over a window, against the noise (chapter 9).
     """
     delta = 0.1
     data.focus(w + delta)
@@ -269,29 +267,29 @@ def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int 
 
 
 def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outcome[Restoration]:
-    """The restoration with its verdict; refused without a value."""
+    """The restoration with its verdict, without value if refused."""
     d, s = result.diagnostics, limits or RestorationLimits()
     doubtful, refused = Verdict.DOUBTFUL, Verdict.REFUSED
     noise = d.noise_gain * d.noise
     order = _order(d, s)
-    unexplained = 1.0 if order else SYMPTOM  # a wrong order alone leaves a residual and no depth together
+    unexplained = 1.0 if order else SYMPTOM  # a wrong order alone causes a residual and an undetermined depth together
     return verdict_of([
         Check("motion", d.moved, s.most_moved, refused,
-              f"something moved in {d.moved:.0%} of the frame between the photographs; at most {s.most_moved:.0%} may",
-              "take them again while nothing moves"),
+              f"something moved in {d.moved:.0%} of the frame between the photographs; at most {s.most_moved:.0%} is "
+              "allowed", "take them again while nothing moves"),
         Check("residual", d.elsewhere_over_noise, s.most_residual, refused,
               f"no picture explains the photographs: the residual is {d.elsewhere_over_noise:.1f} times their noise "
-              f"and {d.unexplained:.0%} of their contrast; at most {s.most_residual:.0f} times may be",
-              f"{order}check that the photographs show one scene in which nothing moved, and which shape "
-              "blurred which", prior=unexplained),
+              f"and {d.unexplained:.0%} of their contrast; at most {s.most_residual:.0f} times are allowed",
+              f"{order}check that the photographs show one scene without motion, and that each shape belongs to its "
+              "photograph", prior=unexplained),
         Check("motion", d.moved, 0, doubtful,
-              f"{_what_moved(result)}: {_where(result.moved)}; there neither picture nor depth is to be believed",
-              "take them again while nothing moves, or leave that part out"),
+              f"{_what_moved(result)}: {_where(result.moved)}; picture and depth are unreliable there",
+              "take them again while nothing moves, or omit that part"),
         Check("range", d.at_limit, s.most_at_limit, doubtful,
               f"w reaches the end of its range in {d.at_limit:.0%} of the frame", "raise --max-w"),
         Check("residual", d.residual_over_noise, s.explained, doubtful,
-              f"the shapes are off: beyond noise they leave {d.unexplained:.1%} of the photographs' contrast "
-              f"unexplained ({d.residual_over_noise:.1f} times the noise in all); the picture is uncertain by "
+              f"the shapes are inaccurate: in excess of noise, {d.unexplained:.1%} of the photographs' contrast remain "
+              f"unexplained ({d.residual_over_noise:.1f} times the noise in total); the picture is uncertain by "
               f"{d.picture_std:.1%} of white or more",
               f"{order}for finer detail measure the shapes again, or check that nothing moved between the "
               "photographs", given=d.gained < s.least_gained, prior=unexplained),
@@ -307,21 +305,20 @@ def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outco
 
 
 def _order(d: RestorationDiagnostics, limits: RestorationLimits) -> str:
-    """What to look at first where photographs disagree and tell no depth either; empty where they tell some."""
+    """The first remedy where photographs disagree and depth is undetermined; empty otherwise."""
     if d.undetermined <= limits.most_undetermined:
         return ""
     return "check that photographs, ratios and f-numbers are in one order, as no depth explains them; "
 
 
 def _what_moved(result: Restoration) -> str:
-    """What no common picture explains: beside steps of depth it may have stood still."""
+    """Description of the motion; next to depth edges it may be an occlusion instead."""
     if (result.moved & ~result.occlusion).any():
         return "something moved between the photographs"
-    return "something moved between the photographs, or a near thing hides a part of what lies behind it"
+    return "something moved between the photographs, or a near object occludes a part of the background"
 
 
 def _where(moved: Mask) -> str:
-    """What moved, in words; empty where nothing did."""
     if not moved.any():
         return ""
     rows, columns = largest(moved)

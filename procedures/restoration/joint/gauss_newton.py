@@ -1,7 +1,7 @@
-"""Joint Gauss-Newton step over picture and depth, in place of the thesis's alternation of descents.
+"""Joint Gauss-Newton step over picture and depth, in place of the thesis's alternating descents.
 
-Where the picture is being restored with a slightly wrong depth it fits the error; solving for both at once lets each
-correct the other, and the curvature of both is in the step (gradients 6.6 and 6.7 from one pass over the masks).
+A picture restored with a slightly wrong depth fits the error. A joint step lets each correct the other, and uses the
+curvature of both (gradients 6.6 and 6.7 from one pass over the masks).
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from procedures.restoration.masks.blur_operator import Array
 
 @dataclass(frozen=True)
 class PriorWeights:
-    """Weights of the priors in (6.1), the data term counted in squared grey values of photographs in [0, 1].
+    """Weights of the priors in (6.1), relative to a data term in squared grey values of photographs in [0, 1].
 
-    picture : lambda_u; depth : lambda_w; step : change of w between neighbours, pixels, taken as a depth step.
-    tilt, bend : parts of lambda_w that squared differences of w, and its squared second differences, are counted with:
-    surfaces slope, and a prior of differences alone either flattens them or leaves more of the noise.
+    picture : lambda_u; depth : lambda_w; step : change of w between neighbours, pixels, taken as a depth edge.
+    tilt, bend : fractions of lambda_w for squared first and second differences of w: surfaces slope, and a prior of
+    first differences alone either flattens them or suppresses less noise.
     """
 
     picture: float
@@ -32,7 +32,7 @@ class PriorWeights:
     bend: float = 0.75
 
     def depth_cost(self, w: Array, down: Array, across: Array) -> float:
-        """What the prior of w adds to the cost; down, across : its weights on differences."""
+        """Cost of the prior of w; down, across : its weights on differences."""
         return self.depth * (self.tilt * roughness(w, down, across) + self.bend * bending(w, down, across))
 
 
@@ -47,13 +47,12 @@ def joint_step(
     longest: float = 0.3,
     agility: float = 0.25,
 ) -> tuple[Array, Array]:
-    """Picture and depth after one Gauss-Newton step, its equations solved by conjugate gradients.
+    """Picture and depth after one Gauss-Newton step, solved by conjugate gradients.
 
     `diffusion` and `edges` are the priors' weights on differences of picture and depth.
-    u : (C, H + 2R, W + 2R); w : (H + 2R, W + 2R), pixels; longest : change of w in one step, pixels, beyond which the
-    linearised masks say nothing; agility : of w against the picture in the preconditioner, of w's own curvature: with
-    0.15 to 0.4 the depth converges farther than with 1 to 2.5 (pairs without noise: 0.8 and 1.2 grey levels instead of
-    1.0 and 1.6).
+    u : (C, H + 2R, W + 2R); w : (H + 2R, W + 2R), pixels; longest : largest change of w per step, pixels, for which the
+    linearised masks are valid; agility : factor of w's curvature in the preconditioner: with 0.15 to 0.4 the depth
+    converges farther than with 1 to 2.5 (pairs without noise: 0.8 and 1.2 grey levels instead of 1.0 and 1.6).
     """
     data.focus(w)
 

@@ -1,4 +1,4 @@
-"""Kernels measured in the sensor's own pixels: how large they are when nobody says, and the masks of given shapes."""
+"""Kernels measured in the sensor's pixels: default sizes and ratios, and the masks of given shapes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procedures.outcome import BadParameter, Refused
-from procedures.restoration.first_depth.registration import registered
+from procedures.restoration.first_depth.registration import register
 from procedures.restoration.joint.estimate import noise_of
 from procedures.restoration.masks.blur_models import mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array, MaskStack
@@ -17,20 +17,20 @@ from procedures.restoration.masks.checks import check_extent
 Shapes = Sequence[NDArray[np.float64]]
 
 MEASURED = 40
-"""Shapes of fewer samples a side may be kernels with one sample a pixel; drawn shapes have hundreds."""
+"""Shapes of fewer samples a side may be kernels with one sample a pixel; model shapes have hundreds."""
 DEFAULT_MAX_W = 8.0
-"""The largest w to look for where nobody says, pixels: time goes with its square."""
+"""Default of the largest w, pixels: time grows with its square."""
 BEYOND = 0.3
-"""How far masks are made beyond the largest w, pixels: w at the end of its range is told from w beyond."""
+"""Margin of the masks beyond the largest w, pixels: detects w beyond the end of the range."""
 
 
 def default_max_w(shapes: Shapes) -> float:
-    """The largest w to look for when none is given: a pixel more than the measured kernels' half-width, or 8 pixels."""
+    """Default of the largest w: a pixel more than the measured kernels' half-width, or 8 pixels."""
     return max([DEFAULT_MAX_W, *((len(s) - 1) / 2 + 1 for s in shapes if len(s) < MEASURED)])
 
 
 def size_ratios(shapes: Shapes) -> tuple[float, ...]:
-    """w of every photograph over w of the first, if the shapes are kernels with one sample a pixel; else all 1."""
+    """w of every photograph over w of the first for kernels with one sample a pixel; else all 1."""
     if any(len(s) >= MEASURED for s in shapes):
         return (1.0,) * len(shapes)
     return tuple((len(s) - 1) / (len(shapes[0]) - 1) for s in shapes)
@@ -39,14 +39,14 @@ def size_ratios(shapes: Shapes) -> tuple[float, ...]:
 def stacks_of(
     shapes: Shapes, ratios: Sequence[float], max_w: float, frame: tuple[int, int], offsets: Sequence[float] = ()
 ) -> list[MaskStack]:
-    """Masks of every photograph, for w of the first from 0 to a little beyond `max_w`. frame : (H, W).
+    """Masks of every photograph, for w of the first from 0 to slightly beyond `max_w`. frame : (H, W).
 
-    ratios, offsets : half-width of each is ratio times w plus offset, pixels; no offsets are none (4.8, 4.14).
+    ratios, offsets : half-width of each is ratio times w plus offset, pixels; offsets default to 0 (4.8, 4.14).
 
     Raises
     ------
     BadParameter
-        If a ratio is no positive number, or the masks are too large for the photographs.
+        If a ratio is not positive, or the masks are too large for the photographs.
     """
     for ratio in ratios:
         if not 0 < ratio < np.inf:
@@ -59,12 +59,12 @@ def stacks_of(
 
 
 def reach_of_masks(max_w: float) -> int:
-    """Half-size of the masks that hold every blur up to a little beyond `max_w`, pixels."""
+    """Half-size of the masks that hold every blur up to slightly beyond `max_w`, pixels."""
     return reach(max_w + BEYOND)
 
 
 def fitting_ratios(photographs: Sequence[Array], shapes: Shapes, max_w: float) -> tuple[float, ...]:
-    """The ratios when none is given: 1, or as the kernels' sizes where that explains the photographs better.
+    """Default ratios: 1, or those of the kernels' sizes if these explain the photographs better.
 
     photographs : (C, H, W) each. Raises as `stacks_of`.
     """
@@ -77,10 +77,10 @@ def fitting_ratios(photographs: Sequence[Array], shapes: Shapes, max_w: float) -
 
 
 def _disagreement(z: Array, stacks: list[MaskStack]) -> float:
-    """What the photographs (P, C, H, W), brought into one place, disagree by; infinite if they cannot be brought."""
+    """Disagreement of the photographs (P, C, H, W) after registration; infinite if they cannot be registered."""
     try:
-        brought = registered(z, np.ones((len(z), 1, *z.shape[2:])), stacks)
+        registered = register(z, np.ones((len(z), 1, *z.shape[2:])), stacks)
     except Refused:
         return float(np.inf)
     pairs = [[0, n] for n in range(1, len(z))]
-    return float(np.mean([noise_of(brought.z[pair], [stacks[n] for n in pair]) for pair in pairs]))
+    return float(np.mean([noise_of(registered.z[pair], [stacks[n] for n in pair]) for pair in pairs]))

@@ -1,7 +1,7 @@
-"""What moved between the photographs: places that no common picture explains while it explains the rest.
+"""Motion between the photographs: places that no common picture explains while it explains the rest.
 
-Masks that err leave something over everywhere, in proportion to the scene; noise leaves the same everywhere. What moved
-leaves its own contrast, in one place.
+Errors of the masks leave residuals everywhere, in proportion to the scene; noise is uniform. A moved object leaves its
+own contrast, in one place.
 """
 
 from __future__ import annotations
@@ -19,19 +19,21 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class MovedSettings:
-    """From when on a place is said to have moved.
+    """Criteria for motion.
 
     Attributes
     ----------
     window : int
         Side of a place, pixels.
     over_frame : float
-        What is left over there, of the frame's median place, root mean square: 1.5 at most with true masks, 2 with a
-        mask turned by 20 degrees or the two masks exchanged, 4 for a disc of 33 pixels that moved by 3, 5 to 26 for
-        discs that moved farther.
+        Local residual over the frame's median, root mean square: up to 1.5 with true masks, 2 with a mask rotated by 20
+        degrees or the two masks exchanged, 4 for a disc of 33 pixels that moved by 3, 5 to 26 for discs that moved
+        farther.
     over_noise, of_contrast : float
-        And of the noise, and of the photographs' contrast there: 0.25 to 0.5 with such masks, 0.33 to 2 for the discs.
+        Local residual over the noise, and over the photographs' contrast: 0.25 to 0.5 with such masks, 0.33 to 2 for
+        the discs.
     least_part : int
+        Smallest number of pixels.
         Pixels of one that counts.
     """
 
@@ -45,22 +47,21 @@ class MovedSettings:
 def moved_objects(residual: Array, z: Array, noise: float, s: MovedSettings | None = None) -> Mask:
     """Where something moved, (H, W).
 
-    residual, z : (P, C, H, W) what a restoration leaves of the photographs, and these; noise : of these, standard
-    deviation.
+    residual, z : (P, C, H, W) residuals of a restoration, and photographs; noise : standard deviation of these.
     """
     s = s or MovedSettings()
-    left = np.sqrt(_mean((residual.astype(np.float64) ** 2).mean(axis=(0, 1)), s.window))
+    local = np.sqrt(_mean((residual.astype(np.float64) ** 2).mean(axis=(0, 1)), s.window))
     contrast = np.sqrt(np.mean([_variance(one, s.window) for photograph in z for one in photograph], axis=0))
-    found = left > s.over_frame * np.median(left)
-    found &= (left > s.over_noise * noise) & (left > s.of_contrast * np.maximum(contrast, noise))
-    parts, _ = label(found)
+    moved = local > s.over_frame * np.median(local)
+    moved &= (local > s.over_noise * noise) & (local > s.of_contrast * np.maximum(contrast, noise))
+    parts, _ = label(moved)
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
     return np.asarray(sizes[parts] >= s.least_part)
 
 
 def largest(moved: Mask) -> tuple[slice, slice]:
-    """Rows and columns of the largest part that moved."""
+    """Rows and columns of the largest moved part."""
     parts, _ = label(moved)
     sizes = np.bincount(parts.ravel())[1:]
     rows, columns = find_objects(parts)[int(sizes.argmax())]

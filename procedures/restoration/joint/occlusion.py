@@ -1,7 +1,7 @@
-"""Beside steps of depth, where a near thing hides a part of what lies behind it from a part of the lens or of the path.
+"""Occlusion at depth edges, where a near object hides a part of the background from a part of the lens or of the path.
 
-The masks know nothing of that: each point's light is spread as if nothing stood before it. Which side of a step a
-pixel is of, and what it looks like, is then uncertain within the reach of the blur, whatever noise says of it.
+The masks ignore it: each point's light is spread as if nothing stood in front. Within the reach of the blur, the side
+of the edge to which a pixel belongs, and its value, are then uncertain beyond the noise.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class OcclusionSettings:
-    """What counts as beside a step of depth, and how uncertain it is there, by traced light of two flats.
+    """Criteria for proximity to a depth edge, and the uncertainty there, from ray-traced scenes of two planes.
 
     Attributes
     ----------
     quantile, beyond : float
-        Of w over the frame, whose widest mask a step reaches as far as; and by how many pixels farther.
+        Quantile of w over the frame whose widest mask gives the reach of an edge, and an additional margin in pixels.
     least_step : float
-        Change of w over that reach, pixels. With 0.3 and 0.5 pixels 0.6 to 1.0 and 0.1 to 1.0 of what is wrong by 0.3
-        pixels and three standard deviations is named.
+        Change of w over that reach, pixels. With 0.3 and 0.5 pixels, 0.6 to 1.0 and 0.1 to 1.0 of the pixels that are
+        wrong by 0.3 pixels and three standard deviations are marked.
     steep : float
-        That change over the one of twice the reach: of a slope it is a half, of a step 1.
+        That change relative to the one over twice the reach: a half for a slope, 1 for an edge.
     picture : float
-        Error of the picture there over that which noise and what is left over tell: 1.1 to 2.4.
+        Factor of the picture's error there over the estimate from noise and residual: 1.1 to 2.4.
     """
 
     quantile: float = 0.95
@@ -45,23 +45,23 @@ class OcclusionSettings:
 
 @dataclass(frozen=True)
 class Occlusion:
-    """Where one thing may hide another, (H, W), and by how much w changes about each pixel, (H, W)."""
+    """Where occlusion is possible, (H, W), and the change of w about each pixel, (H, W)."""
 
     mask: Mask
     step: Array
 
     @classmethod
     def nowhere(cls, shape: tuple[int, int]) -> Occlusion:
-        """Of a flat scene."""
+        """The occlusion of a flat scene."""
         return cls(np.zeros(shape, bool), np.zeros(shape))
 
     def spread(self, w_std: Array) -> Array:
-        """Standard deviation of w (H, W), where that of noise is known: beside a step it is of either side."""
+        """Standard deviation of w (H, W), given that of noise: at an edge it includes both sides."""
         return np.where(self.mask, np.maximum(w_std, self.step / 2), w_std)
 
 
 def occlusion_of(w: Array, stacks: Sequence[Masks], s: OcclusionSettings | None = None) -> Occlusion:
-    """Beside which steps of a depth w (H, W) one thing may hide another, by the photographs' masks."""
+    """Regions of possible occlusion at the edges of a depth w (H, W), from the photographs' masks."""
     s = s or OcclusionSettings()
     widest = float(np.quantile(w, s.quantile))
     supports = [(one.supports(), one.step) for one in stacks]
@@ -71,6 +71,5 @@ def occlusion_of(w: Array, stacks: Sequence[Masks], s: OcclusionSettings | None 
 
 
 def _span(w: Array, reach: int) -> Array:
-    """Greatest less least of w within so many pixels."""
     side = 2 * reach + 1
     return np.asarray(maximum_filter(w, side) - minimum_filter(w, side))

@@ -1,7 +1,8 @@
-"""How far the restored picture is from the scene, by what it leaves of the photographs.
+"""Expected error of the restored picture, from its residual.
 
-Whatever the masks err by leaves something over as noise does, and is taken for noise of that power: what of it lies
-where the photographs contradict each other is seen, and as much again is taken to lie where they agree, in the picture.
+Errors of the masks leave a residual like noise and are treated as noise of that power. The part in which the
+photographs contradict each other is observed, and the part in which they agree is assumed equally large and in the
+picture.
 """
 
 from __future__ import annotations
@@ -23,17 +24,18 @@ from procedures.restoration.joint.noise_and_contrast import (
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 
 WINDOW = 15
-"""Side of the places in which what is left over is compared with texture and light, pixels."""
+"""Side of the places in which residual, texture and light are compared, pixels."""
 SMOOTH = 0.25
-"""Texture of the smoothest tenth of places, of the mean, up to which they tell noise from errors of the masks."""
+"""Texture of the smoothest tenth of places, relative to the mean, up to which noise and mask errors can be
+separated."""
 
 
 @dataclass(frozen=True)
 class PictureError:
     """Root mean squares, white = 1.
 
-    std : expected error of the restored picture; noise, lost : its parts of noise amplified with what masks that err
-    leave over, and of the picture that the prior took; blurred : what the least blurred photograph lacks.
+    std : expected error of the restored picture; noise, lost : its parts due to amplified noise with mask errors, and
+    to the prior; blurred : error of the least blurred photograph.
     """
 
     std: float
@@ -45,15 +47,15 @@ class PictureError:
 def picture_error(
     stacks: list[MaskStack], depths: Array, weight: float, residual: Array, sharp: Array, fitted: float = 0.0
 ) -> PictureError:
-    """The expected error of a picture (C, H, W) that leaves `residual` (P, C, H, W) of the photographs.
+    """The expected error of a picture (C, H, W) with the given `residual` (P, C, H, W).
 
     depths : w of equal parts of the frame; weight : lambda_u; fitted : noise fitted by the depth.
 
     Where masks pass S = sum |H|^2 and the prior is L, the picture errs by (S N + (weight L)^2 X) / (S + weight L)^2: N
-    the power of what masks and noise leave of one photograph, X that of the picture. The photographs less the picture
-    keep P - 1 of P parts of N, and what the prior holds off; X is taken as restored.
+    the power of one photograph's residual from masks and noise, X that of the picture. The residual holds P - 1 of P
+    parts of N, and the part suppressed by the prior; X is taken as restored.
     """
-    left, slopes, rings = band_powers(residual.astype(np.float64)), gradient_powers(sharp.astype(np.float64)), _bands()
+    power, slopes, rings = band_powers(residual.astype(np.float64)), gradient_powers(sharp.astype(np.float64)), _bands()
     parts = np.zeros(3)
     for w in depths:
         S, L = responses(stacks, float(w))
@@ -62,7 +64,7 @@ def picture_error(
         for band in range(BANDS):
             at = rings == band
             free = max(len(stacks) - 1 + float(np.mean(soft[at] ** 2)) - fitted, 0.2)
-            noise = len(stacks) * left[band] / free
+            noise = len(stacks) * power[band] / free
             parts += [
                 noise * np.sum(S[at] / (S[at] + weight * L[at] + 1e-12) ** 2),
                 slopes[band] * np.sum(soft[at] ** 2 / L[at]),
@@ -83,16 +85,16 @@ def _bands() -> Array:
 
 
 def error_map(std: float, residual: Array, window: int) -> Array:
-    """The picture's expected error at every pixel, (H, W): as much as is left over about it, of what is in all."""
+    """The picture's expected error at every pixel, (H, W), distributed as the local residual."""
     power = uniform_filter((residual.astype(np.float64) ** 2).mean(axis=(0, 1)), window, mode="reflect")
     return np.asarray(std * np.sqrt(power / max(float(power.mean()), 1e-30)))
 
 
-def own_noise(z: Array) -> float:
-    """Greatest standard deviation of any photograph's white noise, told from the photograph alone: an upper bound.
+def noise_upper_bound(z: Array) -> float:
+    """Largest standard deviation of any photograph's white noise, from the photograph alone: an upper bound.
 
-    Second differences along both axes (Immerkaer 1996) see little of a blurred picture; their upper quartile is taken,
-    as dark ground may be clipped.
+    Second differences along both axes (Immerkaer 1996) contain little of a blurred picture; their upper quartile is
+    used, as dark ground may be clipped.
     """
     bend = np.array([1.0, -2.0, 1.0])
     rough = np.abs(convolve1d(convolve1d(z, bend, axis=-2), bend, axis=-1)) / 6
@@ -100,32 +102,32 @@ def own_noise(z: Array) -> float:
     return float(quartile.max() / 1.150)
 
 
-def noise_seen(z: Array, residual: Array, sharp: Array, R: int) -> float:
-    """Standard deviation of photographs' noise (P, C, H, W), whatever its colour, by what a picture leaves of them.
+def residual_noise(z: Array, residual: Array, sharp: Array, R: int) -> float:
+    """Standard deviation of photographs' noise (P, C, H, W), white or not, from the residual of a picture.
 
-    Processed photographs have more noise than their finest detail shows: what is left where there is no texture tells
-    it, of which P - 1 of P parts are left.
+    Noise of processed photographs exceeds that at their highest frequencies; it is estimated from the residual where
+    there is no texture, which holds P - 1 of P parts of it.
     """
     return smooth_noise(z, residual, sharp, R) * float(np.sqrt(len(z) / (len(z) - 1)))
 
 
 def smooth_noise(z: Array, residual: Array, sharp: Array, R: int) -> float:
-    """Standard deviation of what is left over where the scene has no texture, as much of the frame's light as all.
+    """Standard deviation of the residual in parts without texture, scaled to the frame's mean light.
 
-    z, residual : (P, C, H, W); sharp : (C, H, W); R : half-size of the masks. Noise goes with light, errors of the
-    masks with texture within their reach: variances of places are explained by both. 0 where no place is smooth.
+    z, residual : (P, C, H, W); sharp : (C, H, W); R : half-size of the masks. Noise grows with light, errors of the
+    masks with texture within their reach: local variances are regressed on both. 0 where no place is smooth.
     """
     wide = 2 * R + 1
     down, across = np.gradient(sharp.astype(np.float64), axis=(-2, -1))
     steep = (down**2 + across**2).mean(axis=0)
     maps = (z.mean(axis=(0, 1)), uniform_filter(steep, wide), (residual.astype(np.float64) ** 2).mean(axis=(0, 1)))
     step = slice(R, -R or None, WINDOW // 2)
-    light, texture, left = (uniform_filter(one, WINDOW)[step, step].ravel() for one in maps)
+    light, texture, power = (uniform_filter(image, WINDOW)[step, step].ravel() for image in maps)
     if np.percentile(texture, 10) > SMOOTH * texture.mean() or texture.size < 30:
         return 0.0
     design = np.column_stack([np.ones_like(light), light.clip(0), texture / texture.mean()])
-    found, trust = np.zeros(3), 1 / np.maximum(left, 1e-3 * left.mean() + 1e-30)
+    coefficients, trust = np.zeros(3), 1 / np.maximum(power, 1e-3 * power.mean() + 1e-30)
     for _ in range(4):
-        found = nnls(design * trust[:, None], left * trust)[0]
-        trust = 1 / np.maximum(design @ found, 1e-3 * left.mean() + 1e-30)
-    return float(np.sqrt(np.mean(design[:, :2] @ found[:2])))
+        coefficients = nnls(design * trust[:, None], power * trust)[0]
+        trust = 1 / np.maximum(design @ coefficients, 1e-3 * power.mean() + 1e-30)
+    return float(np.sqrt(np.mean(design[:, :2] @ coefficients[:2])))

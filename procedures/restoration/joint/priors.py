@@ -1,4 +1,4 @@
-"""What is believed of picture and depth before the photographs: weights on differences of neighbours."""
+"""Priors of picture and depth: weights on differences of neighbours."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def bending(x: Array, down: Array, across: Array) -> float:
     down, across : weights of differences, (H - 1, W) and (H, W - 1).
     """
     y, z = differences(x)
-    own = np.minimum(down[1:], down[:-1]) * np.diff(y, axis=0) ** 2
-    beside = np.minimum(across[:, 1:], across[:, :-1]) * np.diff(z, axis=1) ** 2
+    along_y = np.minimum(down[1:], down[:-1]) * np.diff(y, axis=0) ** 2
+    along_x = np.minimum(across[:, 1:], across[:, :-1]) * np.diff(z, axis=1) ** 2
     cell = np.minimum(np.minimum(down[:, 1:], down[:, :-1]), np.minimum(across[1:], across[:-1]))
-    return 0.5 * float(np.sum(own) + np.sum(beside) + 2 * np.sum(cell * np.diff(y, axis=1) ** 2))
+    return 0.5 * float(np.sum(along_y) + np.sum(along_x) + 2 * np.sum(cell * np.diff(y, axis=1) ** 2))
 
 
 def total_variation(u: Array, least: float) -> tuple[Array, Array]:
-    """Weights 1 / |grad u| of lagged diffusivity (6.10), the gradient taken over all channels together (6.11).
+    """Weights 1 / |grad u| of lagged diffusivity (6.10), with the gradient of all channels jointly (6.11).
 
     u : (C, H, W); least : the gradient below which the weight stops growing. Returns (H - 1, W), (H, W - 1).
     """
@@ -51,7 +51,7 @@ def total_variation(u: Array, least: float) -> tuple[Array, Array]:
 
 
 def _centred(squares: Array, *, down: bool) -> Array:
-    """The other direction's squared differences, brought to this direction's places."""
+    """Squared differences of the other direction, interpolated to the places of this one."""
     if down:
         wide = np.pad(squares, ((0, 0), (1, 1)), mode="edge")
         middle = (wide[:, 1:] + wide[:, :-1]) / 2
@@ -62,15 +62,15 @@ def _centred(squares: Array, *, down: bool) -> Array:
 
 
 def depth_variation(w: Array, slope: float) -> tuple[Array, Array]:
-    """Weights of the total variation of w by lagged diffusivity: 1 up to the usual `slope`, then slope / |grad w|."""
+    """Weights of the total variation of w by lagged diffusivity: 1 up to the typical `slope`, then slope / |grad w|."""
     down, across = total_variation(w[None], slope)
     return down * w.dtype.type(slope), across * w.dtype.type(slope)
 
 
 def steps_allowed(w: Array, step: float) -> tuple[Array, Array]:
-    """Weights that let go where w changes by more than `step` between neighbours.
+    """Weights that vanish where w changes by more than `step` between neighbours.
 
-    1 / (1 + (d / step)^4): slopes are smoothed as a quadratic prior would, depth steps are left where they are.
+    1 / (1 + (d / step)^4): slopes are smoothed as by a quadratic prior, depth edges are preserved.
     """
     # squared twice: NumPy takes a hundred times as long for fourth powers of negative numbers
     down, across = (np.square(np.square(d / step)) for d in differences(w))

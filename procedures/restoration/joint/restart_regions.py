@@ -1,9 +1,9 @@
-"""Parts that a restoration does not explain, begun again from the depths around them.
+"""Restart of regions that a restoration does not explain, from the depths around them.
 
-Descent does not leave a part whose depth is of the wrong surface: it bends that surface until the photographs nearly
-fit, and picture and depth are wrong together. What is left over there stands out of the noise. So such parts are given
-the surfaces that continue into them from where the photographs fit, and the steps between these are placed anew. A few
-rounds later each place keeps the old or the new, whichever leaves less.
+Descent does not leave a region whose depth belongs to the wrong surface: it bends that surface until the photographs
+nearly fit, and picture and depth are wrong together. Its residual exceeds the noise. Such regions are restarted from
+the surfaces extrapolated into them from where the photographs fit, and the edges between these are localised again.
+After a few rounds each place keeps the version with the smaller residual.
 """
 
 from __future__ import annotations
@@ -22,29 +22,29 @@ from procedures.restoration.masks.blur_operator import Array
 
 @dataclass(frozen=True)
 class RestartSettings:
-    """What is begun again, and how.
+    """Which regions are restarted, and how.
 
     Attributes
     ----------
     window : int
-        Side in which what is left over is compared with the rest of the frame, pixels.
+        Side of the window in which the residual is compared with the rest of the frame, pixels.
     unexplained : float
-        Mean square left over, of the frame's median one, from which a window is not explained: noise alone varies by
+        Mean square residual, relative to the frame's median, above which a window is unexplained: noise alone varies by
         0.15.
     least_part : int
-        Pixels of a part that is worth it.
+        Smallest number of pixels of a region.
     most : float
-        Part of the frame at most: without noise, errors of one part can be seen far around it.
+        Largest fraction of the frame: without noise, errors of one region affect a wide surrounding.
     least_segment, least_explained : int, float
-        Pixels and part of a segment that must be explained: with less it is a blemish of those around.
+        Smallest number of pixels and fraction of a segment that must be explained; otherwise it is a blemish.
     doubt : int
-        Pixels about a border whose depth is not believed.
+        Pixels about a border whose depth is ignored.
     soft : float
-        Least weight of the picture's prior while a part begins.
+        Smallest weight of the picture's prior at the start of a region.
     rounds : int
-        Of placing the steps in it, twice as many as elsewhere: they begin undecided.
+        Rounds of edge localisation, twice as many as elsewhere, as they start undecided.
     on_trial : int
-        Joint steps after which a part begun again is compared with what was there.
+        Joint steps before a restarted region is compared with its previous state.
     """
 
     window: int = 7
@@ -68,8 +68,8 @@ class RegionAttempt:
     labels: Labels
 
 
-def left_over(e: Array, window: int = 7) -> Array:
-    """Mean square of the residuals e (P, C, H, W) about every pixel, of the frame's median one: (H, W).
+def relative_residual(e: Array, window: int = 7) -> Array:
+    """Local mean square of the residuals e (P, C, H, W), relative to the frame's median: (H, W).
 
     window : its side, pixels.
     """
@@ -78,8 +78,8 @@ def left_over(e: Array, window: int = 7) -> Array:
 
 
 def unexplained(data: DataTerm, u: Array, s: RestartSettings) -> Mask:
-    """Where the photographs are explained worse than elsewhere, (H', W'); data : focused on the picture's depth."""
-    power = left_over(data.residual(u), s.window)
+    """Where the residual is larger than elsewhere, (H', W'); data : focused on the picture's depth."""
+    power = relative_residual(data.residual(u), s.window)
     wrong = np.pad(power > max(s.unexplained, float(np.percentile(power, 100 * (1 - s.most)))), data.R, mode="edge")
     parts, n = label(wrong)
     large = np.bincount(parts.ravel(), minlength=n + 1) >= s.least_part
@@ -87,8 +87,8 @@ def unexplained(data: DataTerm, u: Array, s: RestartSettings) -> Mask:
     return np.asarray(binary_dilation(large[parts], iterations=3))
 
 
-def believed(labels: Labels, wrong: Mask, s: RestartSettings) -> Labels:
-    """Labels without the segments that are nearly all wrong: their pixels go to the nearest other one."""
+def reliable_segments(labels: Labels, wrong: Mask, s: RestartSettings) -> Labels:
+    """Labels without the segments that are nearly all wrong; their pixels join the nearest other segment."""
     count = np.bincount(labels.ravel())
     right = np.bincount(labels[~wrong], minlength=len(count))
     lost = ((right < s.least_segment) | (right < s.least_explained * count))[labels]
@@ -98,7 +98,7 @@ def believed(labels: Labels, wrong: Mask, s: RestartSettings) -> Labels:
     return np.asarray(labels[tuple(nearest)])
 
 
-def begun_again(
+def restarted(
     data: DataTerm,
     other: DataTerm,
     old: RegionAttempt,
@@ -109,14 +109,15 @@ def begun_again(
     s: RestartSettings,
     edges: EdgeSettings,
 ) -> RegionAttempt:
-    """The pair with its wrong parts begun again; leaves the terms focused elsewhere.
+    """The pair with its wrong regions restarted; leaves the terms focused elsewhere.
 
-    reach : pixels from which a step may come; jump : change of w taken for one; weight : of the picture's prior.
+    reach : pixels within which edges are localised; jump : change of w taken as an edge; weight : of the picture's
+    prior.
     """
     R, soft = data.R, max(weight, s.soft)
-    labels = believed(old.labels, wrong, s)
-    w = np.where(wrong, surfaces(old.w, labels, 0, s.doubt, believed=~wrong).own, old.w).astype(old.w.dtype)
-    layers = layers_of(w, labels, reach, s.doubt, jump, where=wrong, believed=~wrong)
+    labels = reliable_segments(old.labels, wrong, s)
+    w = np.where(wrong, surfaces(old.w, labels, 0, s.doubt, valid=~wrong).surface, old.w).astype(old.w.dtype)
+    layers = layers_of(w, labels, reach, s.doubt, jump, where=wrong, valid=~wrong)
     layers = replace(layers, share=np.where(layers.band, 0.5, layers.share))
     mean = (data.z * data.trust).sum(axis=0) / np.maximum(data.trust.sum(axis=0), 1e-6)
     blurred = np.pad(mean, ((0, 0), (R, R), (R, R)), mode="edge")
@@ -127,18 +128,19 @@ def begun_again(
 
 
 def better_of(data: DataTerm, old: RegionAttempt, new: RegionAttempt, wrong: Mask, doubt: int) -> RegionAttempt:
-    """At every place about the wrong parts the pair that leaves less within the masks' reach of it."""
-    left = []
+    """At every place near the wrong regions the pair with the smaller residual within the masks' reach."""
+    residuals = []
     for pair in (old, new):
         data.focus(pair.w)
-        left.append(uniform_filter(np.pad((data.residual(pair.u) ** 2).sum(axis=(0, 1)), data.R), 2 * data.R + 1))
-    take = binary_dilation(wrong, iterations=doubt) & (left[1] < left[0])
+        power = np.pad((data.residual(pair.u) ** 2).sum(axis=(0, 1)), data.R)
+        residuals.append(uniform_filter(power, 2 * data.R + 1))
+    take = binary_dilation(wrong, iterations=doubt) & (residuals[1] < residuals[0])
     return RegionAttempt(
         np.where(take, new.u, old.u), np.where(take, new.w, old.w), np.where(take, new.labels, old.labels)
     )
 
 
-def repaired(
+def restart(
     data: DataTerm,
     other: DataTerm,
     old: RegionAttempt,
@@ -149,14 +151,14 @@ def repaired(
     settings: RestartSettings | None = None,
     edges: EdgeSettings | None = None,
 ) -> RegionAttempt:
-    """The pair some rounds on, its wrong parts begun again where that leaves less; onward : those rounds.
+    """The pair after some rounds, with regions restarted where that lowers the residual; onward : those rounds.
 
-    See `begun_again` for the others.
+    See `restarted` for the other parameters.
     """
     s = settings or RestartSettings()
     data.focus(old.w)
     wrong = unexplained(data, old.u, s)
     if not wrong.any():
         return onward(old)
-    new = begun_again(data, other, old, wrong, reach, jump, weight, s, edges or EdgeSettings())
+    new = restarted(data, other, old, wrong, reach, jump, weight, s, edges or EdgeSettings())
     return better_of(data, onward(old), onward(new), wrong, s.doubt)

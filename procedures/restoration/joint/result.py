@@ -1,4 +1,4 @@
-"""What a restoration gives: picture, depth, and what it says of itself."""
+"""Result of a restoration: picture, depth and diagnostics."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from procedures.restoration.masks.mask_fields import MaskField, Masks
 
 @dataclass(frozen=True)
 class RestorationDiagnostics:
-    """What a restoration says of itself.
+    """Diagnostics of a restoration.
 
-    noise : standard deviation, white = 1; residual_over_noise : root mean square of what is left over, over the
-    photographs' own noise as `noise_seen` tells it; unexplained : what is left over beyond that
-    noise, over the photographs' contrast, the measure of how far masks and photographs disagree; picture_std : expected
-    error of the sharp picture, white = 1, and gained : what blur took from the least blurred photograph, over that, see
-    `picture_error`; undetermined : part of the frame whose w is uncertain by more than half a pixel at best;
-    noise_gain : of the restoration at the median w; saturated, at_limit, moved, occlusion : parts of the frame
-    saturated, at the end of the range of w, in which something moved, and beside steps of depth; elsewhere_over_noise :
-    without what moved, over the noise that the photographs' finest detail shows.
+    noise : standard deviation, white = 1; residual_over_noise : root mean square residual over the photographs' noise
+    as estimated by `residual_noise`; unexplained : residual in excess of that noise, relative to the photographs'
+    contrast: the disagreement of masks and photographs; picture_std : expected error of the sharp picture, white = 1,
+    and gained : error of the least blurred photograph relative to it, see `picture_error`; undetermined : fraction of
+    the frame with w uncertain by more than half a pixel; noise_gain : of the restoration at the median w; saturated,
+    at_limit, moved, occlusion : fractions of the frame saturated, at the end of the range of w, with motion, and next
+    to depth edges; elsewhere_over_noise : residual without moved parts, relative to the noise at the photographs'
+    highest frequencies.
     """
 
     noise: float
@@ -46,41 +46,42 @@ class RestorationDiagnostics:
 
 @dataclass(frozen=True, eq=False)
 class GroundTruth:
-    """What a ground truth says of a restoration; white = 1.
+    """Comparison of a restoration with a ground truth; white = 1.
 
     Attributes
     ----------
     psnr_db : float
-        Of the restored picture, noise of the ground truth included.
+        PSNR of the restored picture, noise of the ground truth included.
     before_db : tuple of float
-        Of each photograph as it came, held against the ground truth in the same way; NaN where it cannot be laid on.
-    error, told : float
-        Root mean square difference without the ground truth's noise, and what the restoration tells of the same pixels.
+        PSNR of each photograph before restoration; NaN where it cannot be aligned.
+    error, stated_error : float
+        Root mean square difference without the ground truth's noise, and the restoration's estimate for the same
+        pixels.
     softer_px : float
-        The ground truth is as sharp as the restored picture blurred by a Gaussian of that standard deviation, pixels:
-        a small aperture's diffraction, for one.
+        Standard deviation, pixels, of the Gaussian blur by which the ground truth is softer than the restored picture,
+        for instance from the diffraction of a small aperture.
     error_as_soft : float
-        The error of the picture blurred so.
+        The error of the picture after this blur.
     noise : float
-        Of the ground truth, at most.
-    seen : float
-        Part of the frame that was compared.
+        Upper bound of the ground truth's noise.
+    compared : float
+        Fraction of the frame that was compared.
     light : float
-        The ground truth's over the restored picture's.
+        Brightness of the ground truth relative to the restored picture.
     matrix : (2, 3) float64
-        Place of a pixel of the restored picture in the ground truth.
+        Maps a pixel of the restored picture to the ground truth.
     difference : (C, H, W) float32
-        The restored picture less the ground truth; NaN where it shows nothing.
+        The restored picture less the ground truth; NaN where they cannot be compared.
     """
 
     psnr_db: float
     before_db: tuple[float, ...]
     error: float
-    told: float
+    stated_error: float
     softer_px: float
     error_as_soft: float
     noise: float
-    seen: float
+    compared: float
     light: float
     matrix: Array
     difference: NDArray[np.float32]
@@ -91,13 +92,13 @@ class Restoration:
     """Sharp picture (C, H, W), w (H, W) pixels and its least standard deviation, residuals (P, C, H, W), history.
 
     sharp_std : (H, W) expected error of the picture's planes, white = 1, see `error_map`.
-    shifts : (P, 2) x, y of each photograph against the first beyond what its masks contain, pixels; light : (P,) over
-    the first's; turns, zooms : (P,) against the first, radians and over its size; all taken up. moved : (H, W), where
-    something moved between the photographs: neither picture nor w is to be believed there. occlusion : (H, W), beside
-    steps of depth, where w may be either side's and both errors are raised, see `occlusion`.
-    unit : what w is told in to people and files. kernels : (P, K, K) of a flat scene's motions that were found, one
-    sample a pixel, or None; shapes : (P, n, n) on [-1, 1] of those of a scene in depth, or None. ground_truth : what
-    such a photograph says of it, where there was one.
+    shifts : (P, 2) x, y of each photograph relative to the first beyond its masks, pixels; light : (P,) relative to the
+    first; turns, zooms : (P,) relative to the first, radians and ratio; all are corrected for. moved : (H, W), where
+    something moved between the photographs and neither picture nor w is reliable. occlusion : (H, W), next to depth
+    edges, where w may belong to either side and both errors are raised, see `occlusion`.
+    unit : of w in files and reports. kernels : (P, K, K) of the estimated motions of a flat scene, one sample a pixel,
+    or None; shapes : (P, n, n) on [-1, 1] of those of a scene in depth, or None. ground_truth : comparison with one, or
+    None.
     """
 
     sharp: Array
@@ -119,25 +120,25 @@ class Restoration:
     shapes: Array | None = None
     ground_truth: GroundTruth | None = None
 
-    def uncertain_by(self, more: Array) -> Restoration:
-        """The same with another error (H, W) of the picture beside those that its diagnostics know."""
+    def with_added_error(self, more: Array) -> Restoration:
+        """With an additional error (H, W) of the picture, independent of that in the diagnostics."""
         d, square = self.diagnostics, float(np.mean(more**2))
         std = float(np.hypot(d.picture_std, square**0.5))
-        told = replace(d, picture_std=std, gained=d.gained * d.picture_std / max(std, 1e-9))
-        return replace(self, sharp_std=np.hypot(self.sharp_std, more), diagnostics=told)
+        diagnostics = replace(d, picture_std=std, gained=d.gained * d.picture_std / max(std, 1e-9))
+        return replace(self, sharp_std=np.hypot(self.sharp_std, more), diagnostics=diagnostics)
 
 
-def told_in(
+def with_unit(
     unit: DepthUnit, outcome: Outcome[Restoration], kernels: Array | None = None, shapes: Array | None = None
 ) -> Outcome[Restoration]:
-    """The same, with w told in that unit, and the kernels or shapes that were found."""
+    """The restoration with the unit of w, and the estimated kernels or shapes."""
     if outcome.value is None:
         return outcome
     return replace(outcome, value=replace(outcome.value, unit=unit, kernels=kernels, shapes=shapes))
 
 
 def refocused(result: Restoration, stack: Masks, focus_w: float, strength: float = 1.0) -> Array:
-    """The sharp picture with another depth of focus, (C, H, W): sharp at w = `focus_w`, blurred by distance from it."""
+    """The sharp picture refocused, (C, H, W): sharp at w = `focus_w`, blurred in proportion to the distance from it."""
     R = stack.R
     blur = MaskField.of(stack).blur((result.w.shape[0], result.w.shape[1]), np.float64)
     blur.focus(np.pad(np.abs(result.w - focus_w) * strength, R, mode="edge"))

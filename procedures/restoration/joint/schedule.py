@@ -13,8 +13,8 @@ from procedures.restoration.joint.gauss_newton import PriorWeights
 class Scheme:
     """rounds x (picture + depth) + final_rounds x final.
 
-    rounds : Gauss-Newton steps over picture and depth; each solves its equations by picture + depth iterations of
-    conjugate gradients. Then the picture alone: final_rounds of final iterations, its prior relinearised in between.
+    rounds : Gauss-Newton steps over picture and depth, each by picture + depth iterations of conjugate gradients. Then
+    the picture alone: final_rounds of final iterations, with its prior relinearised in between.
     """
 
     rounds: int = 20
@@ -30,33 +30,33 @@ class Scheme:
         Raises
         ------
         BadParameter
-            If it is written otherwise.
+            If it has another form.
         """
-        found = re.fullmatch(r"(\d+)x\((\d+)\+(\d+)\)(?:\+(?:(\d+)x)?(\d+))?", re.sub(r"\s|×", _plain, text))
-        if not found:
+        match = re.fullmatch(r"(\d+)x\((\d+)\+(\d+)\)(?:\+(?:(\d+)x)?(\d+))?", re.sub(r"\s|×", _plain, text))
+        if not match:
             raise BadParameter(f"scheme {text!r} is not understood", 'write it like "20x(8+10)+5x20"')
-        rounds, picture, depth, final_rounds, final = found.groups()
+        rounds, picture, depth, final_rounds, final = match.groups()
         scheme = Scheme(int(rounds), int(picture), int(depth), int(final_rounds or 1), int(final or 0))
         if scheme.rounds < 1 or scheme.picture + scheme.depth < 1:
             raise BadParameter(f"scheme {text!r} does nothing", "give at least 1x(1+0)")
         return scheme
 
 
-def _plain(found: re.Match[str]) -> str:
-    return "x" if found.group() == "×" else ""
+def _plain(match: re.Match[str]) -> str:
+    return "x" if match.group() == "×" else ""
 
 
 @dataclass(frozen=True)
 class PlaceEdges:
-    """Puts the depth steps in their place before a joint step.
+    """Localises the depth edges before a joint step.
 
-    reach, doubt : pixels about a step in which it is looked for, and in which w is not believed; None for what the
-    first depth needs. decided : distance from one half at which a pixel's share of two layers is believed as it is,
-    since medians cut corners; 1 for never. layers : how many lie between a step's two sides, at most. softness : least
+    reach, doubt : pixels about an edge in which it is searched for, and in which w is ignored; None for those of the
+    first depth. decided : distance from one half above which a pixel's share of two layers is used without median
+    filter, which cuts corners; 1 for never. layers : maximum number of layers across an edge. softness : smallest
     weight of the picture's prior meanwhile.
     """
 
-    said: str
+    label: str
     reach: int | None = None
     doubt: int = 0
     decided: float = 0.25
@@ -65,19 +65,19 @@ class PlaceEdges:
 
     @property
     def far(self) -> bool:
-        """Whether it works about the first depth's steps, which may lie some pixels off."""
+        """Whether it works about the first depth's edges, which may be wrong by some pixels."""
         return self.reach is None
 
 
 @dataclass(frozen=True)
 class RestartRegions:
-    """Begins the parts again that the restoration does not explain, and keeps what came out better."""
+    """Restarts the regions that the restoration does not explain, and keeps them where the result is better."""
 
-    said: str = "parts anew"
+    label: str = "parts anew"
 
 
 Opening = PlaceEdges | RestartRegions | None
-"""What a round does before its joint step."""
+"""What precedes the joint step of a round."""
 FAR = PlaceEdges("steps far", decided=1.0, softness=1e-3)
 BETWEEN = PlaceEdges("steps far, between", decided=1.0, layers=2, softness=1e-3)
 NEAR = PlaceEdges("steps near", reach=5, doubt=2)
@@ -85,7 +85,7 @@ NEARER = PlaceEdges("steps nearer", reach=3, doubt=1)
 
 
 def openings(rounds: int) -> tuple[Opening, ...]:
-    """What opens each round: depth steps placed from afar at first, then twice from near; thrice parts begun again."""
+    """Openings of each round: edge localisation first in wide, then in narrow bands; three times restarted regions."""
     if rounds < 2:
         return (None,) * rounds
     again = {round(part * rounds): RestartRegions() for part in (0.35, 0.5, 0.65)}
@@ -95,39 +95,39 @@ def openings(rounds: int) -> tuple[Opening, ...]:
 
 
 DEPTH_SLOPE = 0.014
-"""What w usually changes by between neighbouring pixels away from depth steps, pixels: believed of every scene."""
+"""Typical change of w between neighbouring pixels away from depth edges, pixels."""
 
 
 @dataclass(frozen=True)
 class WeightSettings:
-    """How the priors' weights go from round to round, and where they end.
+    """Weights of the priors from round to round, and their final values.
 
-    While w is still a tenth of a pixel off, a weak prior lets the picture fit the depth's error: the first rounds hold
-    strong ones, then they fall geometrically. Grey values in [0, 1], w in pixels.
+    While w is wrong by a tenth of a pixel, a weak prior lets the picture fit the depth's error: the first rounds use
+    strong priors, which then fall geometrically. Grey values in [0, 1], w in pixels.
 
     Attributes
     ----------
     first_picture, first_depth : float
         Weights of the first rounds.
     last_picture, last_depth : float
-        What they fall to in the last round, unless noise and contrast ask for more.
-    held : float
-        Part of the rounds that hold the first.
+        Weights of the last round, unless noise and contrast require more.
+    constant : float
+        Fraction of the rounds with the first weights.
     caution : float
-        The picture's weight over sigma^2 / G: masks that all err alike leave nothing over, and where w is found too
-        little is worse than too much. 1 suits simulated noise of 20 dB, 2 real photographs.
+        Factor of the picture's weight over sigma^2 / G: common errors of all masks leave no residual, and too small a
+        weight harms w more than too large a one. 1 suits simulated noise of 20 dB, 2 real photographs.
     slope : float
-        Of w between neighbouring pixels, usually.
+        Typical slope of w, pixels per pixel.
     least_picture : float
-        What the picture's weight is at least, where nobody gives it: for kernels that share an error with the picture,
-        of which nothing is left over.
+        Smallest default weight of the picture: for kernels that share an error with the picture, which leaves no
+        residual.
     """
 
     first_picture: float = 3e-4
     first_depth: float = 0.03
     last_picture: float = 1e-7
     last_depth: float = 1e-5
-    held: float = 0.25
+    constant: float = 0.25
     caution: float = 1.5
     slope: float = DEPTH_SLOPE
     least_picture: float = 0.0
@@ -135,7 +135,7 @@ class WeightSettings:
 
 @dataclass(frozen=True)
 class Statistics:
-    """What the weights are made of, white = 1.
+    """Statistics from which the weights derive, white = 1.
 
     sigma : of the noise over all frequencies; deciding, contrast : sigma and mean squared gradient G of the sharp
     picture at the frequencies where the picture's weight decides (`moments`).
@@ -148,10 +148,10 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Schedule:
-    """Weights from round to round, never below what noise and contrast ask for.
+    """Weights from round to round, never below those required by noise and contrast.
 
     picture, depth : final weights if given, else the ratio of noise and prior variance: sigma^2 / G times a caution,
-    and sigma^2 over the usual slope of w squared. bent : w's second differences count, and its differences little.
+    and sigma^2 over the squared slope of w. bent : whether the prior is mainly on second differences of w.
     """
 
     rounds: int
@@ -160,19 +160,20 @@ class Schedule:
     bent: bool = True
     weights: WeightSettings = field(default_factory=WeightSettings)
 
-    def final(self, known: Statistics) -> PriorWeights:
+    def final(self, statistics: Statistics) -> PriorWeights:
         """Weights of the last rounds."""
-        told = max(self.weights.caution * known.deciding**2 / known.contrast, self.weights.least_picture)
-        picture = told if self.picture is None else self.picture
-        depth = self.depth if self.depth is not None else known.sigma**2 / self.weights.slope**2
+        weights = self.weights
+        least = max(weights.caution * statistics.deciding**2 / statistics.contrast, weights.least_picture)
+        picture = least if self.picture is None else self.picture
+        depth = self.depth if self.depth is not None else statistics.sigma**2 / self.weights.slope**2
         return PriorWeights(picture, depth) if self.bent else PriorWeights(picture, depth, tilt=1, bend=0)
 
-    def at(self, n: int, known: Statistics) -> PriorWeights:
+    def at(self, n: int, statistics: Statistics) -> PriorWeights:
         """Weights of round n = 0, 1, ..."""
         s = self.weights
-        held = int(s.held * self.rounds)
-        t = max(0, n - held) / max(1, self.rounds - 1 - held)
-        least = self.final(known)
+        first = int(s.constant * self.rounds)
+        t = max(0, n - first) / max(1, self.rounds - 1 - first)
+        least = self.final(statistics)
         return replace(
             least,
             picture=max(least.picture, s.first_picture * (s.last_picture / s.first_picture) ** t),

@@ -1,1 +1,1 @@
-"""What blurs: masks of every depth from lens, motion or measurement, and the operator that spreads light over them."""
+"""Blur masks as functions of depth, from lens, motion or measurement, and the space-variant blur operator."""

@@ -1,4 +1,4 @@
-"""Single passes over whole arrays, where NumPy would take one for every operation in them; threads for large work."""
+"""Single-pass loops over arrays, where NumPy would take one pass per operation; threads for large work."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from procedures.numerics.kernel_cache import jitted
 Array = NDArray[np.floating[Any]]
 
 NUMBERS_PER_THREAD = 20_000_000
-"""A second thread is worth its waking from some milliseconds of work on."""
+"""Numbers per thread: work of some milliseconds, for which starting a thread pays off."""
 
 
 def most_threads() -> int:
-    """Threads that the calling thread may use: numba's own number, which workers beside others set to one."""
+    """Threads that the calling thread may use: numba's number, which parallel workers set to one."""
     return int(numba.get_num_threads())
 
 
 def in_bands(work: Callable[[int, int], object], limits: Iterable[int]) -> None:
-    """Do work(top, bottom) between all neighbouring limits, each in a thread of its own; `work` must let others run."""
+    """Run work(top, bottom) between all neighbouring limits, one thread each; `work` must release the interpreter."""
     first, *others = pairwise(int(limit) for limit in limits)
     threads = [Thread(target=work, args=band) for band in others]
     for thread in threads:
@@ -60,15 +60,16 @@ def add_diffusion(
 def add_bending(out: Array, x: Array, weight: float, down: Array | float, across: Array | float) -> None:
     """Add weight times the gradient of half the weighted sum of x's squared second differences.
 
-    Along both axes and, counted twice, across them: where weights are even, the Laplacian squared. out, x : (H, W),
-    contiguous; down, across : weights of differences as for `add_diffusion`, the least of those involved holds.
+    Along both axes and, with factor two, mixed: for constant weights, the Laplacian squared. out, x : (H, W),
+    contiguous;
+    down, across : weights of differences as for `add_diffusion`; a second difference has the smallest of its weights.
     """
     g, h = _every_row(down, x), _every_row(across, x[:, 1:])
     _add_bending(out, x, x.dtype.type(weight), g[: len(x) - 1], h)
 
 
 def gaussian(a: Array, sigma: float, truncate: float) -> Array:
-    """a (H, W) under a Gaussian window of `sigma` pixels cut at `truncate` sigma, continued evenly beyond the frame."""
+    """a (H, W) under a Gaussian window of `sigma` pixels truncated at `truncate` sigma, with even boundary."""
     reach = int(truncate * sigma + 0.5)
     half = np.exp(-0.5 * (np.arange(reach + 1) / sigma) ** 2)
     half = (half / (2 * half.sum() - 1)).astype(a.dtype)
@@ -80,12 +81,12 @@ def gaussian(a: Array, sigma: float, truncate: float) -> Array:
 
 
 def _rows(weights: Array | float, width: int, dtype: Any) -> Array:
-    """Weights as rows; one row stands for all of them."""
+    """Weights as rows; one row for a constant."""
     return np.full((1, width), weights, dtype) if np.ndim(weights) == 0 else np.ascontiguousarray(weights, dtype)
 
 
 def _every_row(weights: Array | float, like: Array) -> Array:
-    """Weights as an array of their own row for every row; one number stands for all."""
+    """Weights as an array with one row per row of `like`."""
     return np.full(like.shape, weights, like.dtype) if np.ndim(weights) == 0 else np.asarray(weights, like.dtype)
 
 
@@ -164,7 +165,7 @@ def _window_across(a: Array, half: Array, out: Array, top: int, bottom: int) -> 
     reach = half.size - 1
     wide = np.empty(width + 2 * reach, a.dtype)
     for i in range(top, bottom):
-        for j in range(wide.size):  # what assigns slices is compiled for seconds
+        for j in range(wide.size):  # slice assignment takes seconds to compile
             wide[j] = a[i, min(max(j - reach, 0), width - 1)]
         row = out[i]
         for j in range(width):

@@ -1,7 +1,7 @@
-"""From a blur's shape to the mask of every depth: defocus, motion path, any measured shape.
+"""Masks of every depth from a shape of blur: defocus, motion path, any measured shape.
 
 A shape is an odd square array of samples on [-1, 1] x [-1, 1], row 0 at y = -1. A mask of half-width w is the shape
-stretched to [-w, w], integrated over pixels (4.12, 5.3).
+stretched to [-w, w] and integrated over pixels (4.12, 5.3).
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from procedures.restoration.masks.blur_operator import MaskStack
 Array = NDArray[np.float64]
 
 SHAPE_SIZE = 257
-"""Samples of a shape made here, each way: ten for each pixel at a half-width of 12."""
+"""Samples of a model shape along each axis: ten for each pixel at a half-width of 12."""
 SAMPLES = 11
-"""Of a shape per pixel of a mask, each way: they place a symmetric one to 0.05 pixel."""
+"""Samples of a shape per pixel of a mask along each axis: they centre a symmetric shape to 0.05 pixel."""
 FINE, COARSE = 0.25, 0.5
-"""Samples of a shape this far apart, pixels, are interpolated and taken as cells; in between, blended."""
+"""Spacings in pixels below and above which samples of a shape are interpolated and taken as cells; blended between."""
 STEP = 0.05
-"""Between masks, pixels: interpolating between them errs by less than 0.1 % of the mask's change per pixel."""
+"""Step of w between masks, pixels: interpolation errs by less than 0.1 % of the mask's change per pixel."""
 LINE = 0.02
-"""Sigma of a path's line, of the half-width."""
+"""Sigma of a path's line, relative to the half-width."""
 POLYGON = "polygon:"
 MOST_BLADES = 64
-"""More are a circle to the shape's own samples."""
+"""Maximum number of blades: more are indistinguishable from a circle at the shape's sampling."""
 
 
 def _axes(size: int = SHAPE_SIZE) -> tuple[Array, Array]:
@@ -51,7 +51,7 @@ def pillbox() -> Array:
 def gaussian(k: float = 0.5, reach: float = 3.0) -> Array:
     """Gaussian of sigma = k r, for a blur circle of radius r = w / (k reach) (4.17 to 4.19).
 
-    The shape's half-width is `reach` sigma, so w = reach k r; cut to a circle there.
+    The shape's half-width is `reach` sigma, so w = reach k r; truncated to a circle there.
     """
     if k <= 0 or reach <= 0:
         raise BadParameter(f"sigma = k r needs k > 0 and a positive reach, got k = {k}, reach = {reach}", "use k = 0.5")
@@ -73,8 +73,8 @@ def polygon(blades: int, angle_rad: float = 0.0) -> Array:
 def path_shape(path: Array, thickness: float = LINE, extent: float | None = None) -> Array:
     """Shape of a path of the rig in its plane, (n, 2) x, y at equal times, scaled to its own half-width (5.3).
 
-    The centre is kept: the path's origin is the pixel's own place. `thickness` is the line's sigma, of the half-width;
-    `extent`, in the path's unit, is what becomes the half-width where other paths are scaled alike.
+    The path's origin is the centre of the mask. `thickness` is the line's sigma relative to the half-width; `extent`,
+    in the path's unit, defines the half-width where several paths share one scale.
     """
     extent = float(np.abs(path).max()) if extent is None else extent
     if extent == 0:
@@ -94,7 +94,7 @@ def _resample(points: Array, n: int) -> Array:
 
 
 def uniform_motion(angle_rad: float = 0.0) -> Array:
-    """Steady motion along a line of half-length 1 in the direction `angle_rad` from x (5.5)."""
+    """Uniform motion along a line of half-length 1 in the direction `angle_rad` from x (5.5)."""
     direction = np.array([np.cos(angle_rad), np.sin(angle_rad)])
     return path_shape(np.linspace(-1, 1, 4 * SHAPE_SIZE)[:, None] * direction)
 
@@ -105,7 +105,7 @@ def named(name: str) -> Array | None:
     Raises
     ------
     BadParameter
-        If a polygon is not told as one.
+        If a polygon has another form.
     """
     if name == "pillbox":
         return pillbox()
@@ -115,16 +115,16 @@ def named(name: str) -> Array | None:
 
 
 def _polygon(name: str) -> Array:
-    """The aperture of a diaphragm with straight blades: "polygon:7", or "polygon:7:15" turned by 15 degrees."""
+    """Aperture with straight blades: "polygon:7", or "polygon:7:15" rotated by 15 degrees."""
     blades, _, turned = name.removeprefix(POLYGON).partition(":")
     try:
         count, angle = int(blades), float(turned or 0.0)
     except ValueError as error:
-        reason = f"a polygon is told by its blades and its turn in degrees; got {name!r}"
+        reason = f"a polygon is given by its blades and its rotation in degrees; got {name!r}"
         raise BadParameter(reason, 'write it like "polygon:7" or "polygon:7:15"') from error
     if not math.isfinite(angle) or count > MOST_BLADES:
-        reason = f"a polygon has 3 to {MOST_BLADES} blades and a finite turn; got {name!r}"
-        raise BadParameter(reason, "count the diaphragm's blades; where they are many, pillbox is the same")
+        reason = f"a polygon has 3 to {MOST_BLADES} blades and a finite rotation; got {name!r}"
+        raise BadParameter(reason, "count the diaphragm's blades; for many, pillbox is equivalent")
     return polygon(count, math.radians(angle))
 
 
@@ -163,8 +163,8 @@ def odd_square(values: object, what: str, *, low: float = -LARGEST, remedy: str)
 def mask(shape: Array, w: float, R: int) -> Array:
     """The mask of half-width w, (2R + 1, 2R + 1), sum 1: the stretched shape, summed over each pixel (4.12).
 
-    Between fine samples the shape is linear. Samples half a pixel apart and more are cells of even light, as a kernel
-    measured with the sensor's own pixels has them: at w = (n - 1) / 2 it comes back as it was measured.
+    Fine samples are interpolated linearly. Samples half a pixel apart and more are cells of uniform light, as in a
+    kernel measured with the sensor's pixels, which is reproduced exactly at w = (n - 1) / 2.
     """
     pitch = 2 * w / (len(shape) - 1)
     coarse = float(np.clip((pitch - FINE) / (COARSE - FINE), 0, 1))
@@ -177,7 +177,7 @@ def mask(shape: Array, w: float, R: int) -> Array:
 
 
 def _interpolated(shape: Array, w: float, R: int) -> Array:
-    """The stretched shape, linear between its samples, summed over each pixel: along one axis after the other."""
+    """The stretched shape, linear between its samples, summed over each pixel, one axis after the other."""
     offsets = (np.arange((2 * R + 1) * SAMPLES) + 0.5) / SAMPLES - R - 0.5
     last = len(shape) - 1
     at = (offsets / w + 1) * last / 2
@@ -191,7 +191,7 @@ def _interpolated(shape: Array, w: float, R: int) -> Array:
 
 
 def _cells(shape: Array, pitch: float, R: int) -> Array:
-    """The shape's samples as squares of `pitch` pixels, each pixel's share of them."""
+    """The shape's samples as squares of `pitch` pixels, distributed over the pixels."""
     edges = np.arange(2 * R + 2) - R - 0.5
     centres = (np.arange(len(shape)) - len(shape) // 2) * pitch
     shares = np.diff(np.clip((edges[:, None] - centres) / pitch + 0.5, 0, 1), axis=0)
@@ -201,7 +201,7 @@ def _cells(shape: Array, pitch: float, R: int) -> Array:
 def unit(mask: NDArray[np.floating[Any]]) -> Array:
     """The mask with sum 1."""
     total = mask.sum()
-    if total <= 0:  # too small a blur for any sample of the shape: it is sharp
+    if total <= 0:  # the blur is too small for any sample of the shape: the mask is sharp
         mask = np.zeros_like(mask)
         mask[len(mask) // 2, len(mask) // 2] = total = 1
     return np.asarray(mask / total)
@@ -210,7 +210,7 @@ def unit(mask: NDArray[np.floating[Any]]) -> Array:
 def mask_stack(shape: Array, max_w: float, *, ratio: float = 1.0, offset: float = 0.0, R: int = 0) -> MaskStack:
     """Masks of a photograph whose half-width is `ratio` w + `offset` (4.8, 4.14), for w from 0 to `max_w`.
 
-    R : half-size of the masks; 0 takes the least that holds the largest.
+    R : half-size of the masks; 0 for the smallest that holds the largest.
     """
     if not (0 < ratio < np.inf and max_w > 0 and np.isfinite(offset)):
         raise BadParameter(f"ratio {ratio} and max w {max_w} must be positive", "give w in pixels, ratio as a number")
@@ -229,24 +229,24 @@ def reach(max_w: float, ratio: float = 1.0, offset: float = 0.0) -> int:
 def masks_of(shape: Array, half_widths: NDArray[np.floating[Any]], R: int) -> Array:
     """Masks (n, 2R + 1, 2R + 1) of the signed half-widths.
 
-    In front of the plane of focus the light has not crossed yet: below zero the shape is seen upside down.
+    Negative half-widths, in front of the plane of focus, have the shape upside down, as the light has not crossed yet.
     """
     return np.stack([mask(shape if half >= 0 else shape[::-1, ::-1], abs(half), R) for half in half_widths])
 
 
 @dataclass(frozen=True)
 class DepthUnit:
-    """What w is told in: its name, and how much of it a pixel is."""
+    """Unit of w: its name, and its value per pixel."""
 
     name: str = "pixel"
     per_pixel: float = 1.0
 
 
 def as_shape(mask: Array, half_width: float, size: int = 257) -> Array:
-    """The mask as a shape on [-1, 1], its half-width at 1: what (5.3) stretches to every other depth.
+    """The mask as a shape on [-1, 1], its half-width at 1: (5.3) stretches it to every other depth.
 
-    Even over every pixel, so that the mask itself comes back where the shape is stretched to it; interpolated, it would
-    be blurred by a pixel once more.
+    Constant over every pixel, so that the mask is reproduced where the shape is stretched to it; interpolation would
+    blur it by a pixel.
     """
     R = mask.shape[0] // 2
     at = np.clip(np.floor(np.linspace(-1, 1, size) * half_width + R + 0.5), 0, 2 * R).astype(int)

@@ -1,7 +1,7 @@
-"""Space-variant convolution and correlation over stored masks, and their derivative with depth.
+"""Space-variant convolution and correlation with stored masks, and their derivatives with respect to depth.
 
-The sharp picture u and the depth representation w live on the photograph's grid extended by R pixels on each side, so
-every photographed pixel sees all that reached it and nothing is invented beyond the frame.
+The sharp picture u and the depth w live on the photograph's grid extended by R pixels on each side, so that every
+photographed pixel has all light that reached it and no boundary condition is needed.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from procedures.restoration.masks.kernels import gather, pairs_of, spread
 Array = NDArray[np.floating[Any]]
 
 WORK_PER_THREAD = 20_000_000
-"""Pairs of products of a mask's entry and a pixel that occupy a thread for some milliseconds."""
+"""Products of a mask's entry and a pixel that occupy a thread for some milliseconds."""
 
 
 @dataclass(frozen=True)
 class MaskStack:
-    """Masks h(k step), k = 0, 1, ..., interpolated linearly between (6.8).
+    """Masks h(k step), k = 0, 1, ..., with linear interpolation (6.8).
 
     masks : (L, K, K) of sum 1, K = 2R + 1 odd, mask[R + t, R + s] = h(s, t); step in pixels of w.
     """
@@ -51,7 +51,7 @@ class MaskStack:
         return mask
 
     def curvature(self, w: Array) -> tuple[Array, Array]:
-        """Sums of the squares of the mask of every w, and of its derivative with w."""
+        """Sums of squares of the mask of every w, and of its derivative with respect to w."""
         slopes = np.diff(self.masks, axis=0) / self.step
         levels = np.arange(len(self.masks)) * self.step
         powers = [np.sum(m**2, axis=(1, 2)) for m in (self.masks, np.concatenate([slopes, slopes[-1:]]))]
@@ -59,21 +59,21 @@ class MaskStack:
         return masks, changes
 
     def supports(self) -> NDArray[np.int32]:
-        """Half-size of the square outside which each mask is zero, made to increase with w."""
-        held = self.masks != 0
+        """Half-size of the square outside which each mask is zero, non-decreasing with w."""
+        used = self.masks != 0
         distance = np.abs(np.arange(-self.R, self.R + 1))
-        farthest = np.max(distance * (held.any(axis=1) | held.any(axis=2)), axis=1)
+        farthest = np.max(distance * (used.any(axis=1) | used.any(axis=2)), axis=1)
         return np.maximum.accumulate(farthest).astype(np.int32)
 
 
 class Blur:
-    """One photograph's masks, focused on a depth map, ready to act on any number of channels.
+    """One photograph's masks, focused on a depth map, applied to any number of channels.
 
     Parameters
     ----------
     stack : MaskStack
     shape : (H, W) of the photograph; w is (H + 2R, W + 2R), u is (..., H + 2R, W + 2R).
-    dtype : float32 or float64 of everything.
+    dtype : float32 or float64, of all arrays.
     """
 
     def __init__(self, stack: MaskStack, shape: tuple[int, int], dtype: type[np.floating[Any]] = np.float64) -> None:
@@ -83,7 +83,7 @@ class Blur:
         R, widest = stack.R, int(self._pairs.width.max())
         self.extended = (shape[0] + 2 * R, shape[1] + 2 * R)
         self._drawn = np.zeros(shape[0] * (self.extended[1] + widest), dtype)
-        # pixels are taken two by two, and the second may lie below the last
+        # pixels are processed in pairs, and the second may lie below the last row
         self._errors = np.zeros((shape[0] + 4 * R + 1, self.extended[1] + widest), dtype)
         left = R + widest // 2
         self._photograph = self._errors[2 * R : 2 * R + shape[0], left : left + shape[1]]
@@ -94,7 +94,7 @@ class Blur:
         return Blur(self.stack, (y.stop - y.start, x.stop - x.start), self.dtype)
 
     def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
-        """Take w, pixels, as the depth from now on; values outside the stack are clipped to it.
+        """Set w, pixels, as the depth; values outside the stack are clipped to it.
 
         Pixels that are not `active` neither send nor receive until the next call.
         """
@@ -109,7 +109,7 @@ class Blur:
         self._bands, self._rows = _bands(work, threads), _bands(work[R : R + self.shape[0]], threads)
 
     def _spread(self, x: Array, u: Array, dw: Array | None, rate: float) -> Array:
-        """Photographs of x (..., H + 2R, W + 2R) at this depth, and of u as it changes with w."""
+        """Photographs of x (..., H + 2R, W + 2R) at this depth, and of the change of u with w."""
         out = np.empty((*x.shape[:-2], *self.shape), self.dtype)
         at = (self.level, self.f, self._pairs, self._drawn)
         for n in np.ndindex(x.shape[:-2]):
@@ -137,7 +137,7 @@ class Blur:
         return out
 
     def change(self, u: Array, du: Array, dw: Array) -> Array:
-        """First-order change of the photograph when u and w change by du and dw, (..., H, W)."""
+        """First-order change of the photograph for changes du and dw of u and w, (..., H, W)."""
         u, du, dw = (np.ascontiguousarray(x, self.dtype) for x in (u, du, dw))
         return self._spread(du, u, dw, 1 / self.stack.step)
 
@@ -155,7 +155,7 @@ class Blur:
 class FieldBlur:
     """A blur whose masks also vary over the frame: stacks on a grid of positions, blended bilinearly.
 
-    Same actions as `Blur`. Each node acts on its own neighbourhood only.
+    Same methods as `Blur`. Each node acts on its neighbourhood only.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ class FieldBlur:
         self._lay(hats(len(stacks), shape[0] + 2 * R), hats(len(stacks[0]), shape[1] + 2 * R))
 
     def _lay(self, rows: Array, columns: Array) -> None:
-        """Take the weights of each row and each column of nodes, (n, H + 2R) and (m, W + 2R)."""
+        """Set the weights of each row and each column of nodes, (n, H + 2R) and (m, W + 2R)."""
         R = self.stack.R
         self.extended = (rows.shape[1], columns.shape[1])
         self.shape = (self.extended[0] - 2 * R, self.extended[1] - 2 * R)
@@ -201,7 +201,7 @@ class FieldBlur:
         return ..., slice(y.start, y.stop + 2 * R), slice(x.start, x.stop + 2 * R)
 
     def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
-        """Take w, pixels, as the depth from now on, of the `active` pixels."""
+        """Set w, pixels, as the depth of the `active` pixels."""
         for node, window, y, x in self._nodes:
             at, counts = self._around(y, x), window > 0
             node.focus(w[at], counts if active is None else counts & active[at])
@@ -240,7 +240,7 @@ class FieldBlur:
 
 
 def _bands(work: NDArray[np.int64], n: int) -> NDArray[np.int64]:
-    """Limits of n bands of rows of about equal work, 0 .. rows; even, so that the same rows are taken two by two."""
+    """Limits of n bands of rows of about equal work, 0 .. rows; even, so that the same pairs of rows are processed."""
     done = np.concatenate([[0], np.cumsum(work)])
     limits = np.searchsorted(done, np.arange(1, n) / n * done[-1]) // 2 * 2
     return np.concatenate([[0], limits, [len(work)]]).astype(np.int64)
@@ -255,6 +255,6 @@ def hats(n: int, size: int) -> Array:
 
 
 def _reach(hat: Array, R: int, size: int) -> tuple[int, int]:
-    """Photographed samples that the extended samples with non-zero weight can reach."""
+    """Photographed samples within reach of the extended samples with non-zero weight."""
     inside = np.flatnonzero(hat)
     return max(0, int(inside[0]) - 2 * R), min(size, int(inside[-1]) + 1)

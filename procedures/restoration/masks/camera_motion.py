@@ -1,7 +1,7 @@
-"""From where a camera was during the exposure to the blur over the frame: a rig that shifts and turns (6.7).
+"""Blur over the frame from the camera's poses during the exposure: a rig that translates and rotates (6.7).
 
-Poses are told, or found from what an inertial unit on a vibrating rig felt. The scene's points are projected through
-them, which draws the curves of any motion's velocity field (5.1) all at once, integrated.
+Poses are given, or integrated from the record of an inertial unit on a vibrating rig. The scene's points are projected
+through them, which gives the curves of any motion's velocity field (5.1) in integrated form.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from procedures.restoration.masks.motion import path_mask
 Array = NDArray[np.float64]
 
 FLIPPED = np.array([1.0, -1.0, -1.0])
-"""From an inertial unit's axes, x right and y up, to those of the picture, y down and z ahead."""
+"""From an inertial unit's axes, x right and y up, to the picture's, y down and z ahead."""
 FEWEST = 16
 """Samples of a record from which motion is found."""
 LARGEST_READING = 1e6
@@ -37,30 +37,30 @@ LATEST_S, LEAST_INTERVAL_S = 1e11, 1e-7
 MOST_MASK_SAMPLES = 1 << 29
 """Of all masks of all photographs: 4 GB, and 10 s of processor."""
 MOST_TURN = 0.15
-"""Radians up to which rates may be summed without regard to their order."""
+"""Largest rotation in radians for which rates may be summed without regard to their order."""
 WHOLE_ROUND = 0.02
-"""By which an exposure may differ from whole rounds of a path so that it does not matter where it began."""
+"""Tolerated deviation of an exposure from whole rounds of a path, so that its start does not matter."""
 INSTANTS = 512
-"""Poses of an exposure: dots of a path of 100 pixels lie a fifth of a pixel apart."""
+"""Poses per exposure: those of a path of 100 pixels are a fifth of a pixel apart."""
 
 
 @dataclass(frozen=True)
 class RigSettings:
-    """How finely the blur of a moved camera is drawn, and how little motion tells nothing.
+    """Resolution of the blur of a moving camera, and the smallest usable motion.
 
     Attributes
     ----------
     level_px : float
-        Pixels of w between masks, which are interpolated.
+        Step of w between masks, which are interpolated.
     node_px, even_px : float
-        Pixels by which the paths of neighbouring nodes may differ, as masks are blended between them; and up to which
-        they are the same over the whole frame.
+        Difference in pixels allowed between the paths of neighbouring nodes, whose masks are blended; and the
+        difference up to which they are constant over the frame.
     most_nodes : int
-        Along one axis: each holds its own masks in memory.
+        Maximum along one axis: each has its own masks in memory.
     least_w : float
-        Pixels that shifts must reach at the least distance: under that no depth shows.
+        Pixels that translations must reach at the smallest distance; below, depth is undetermined.
     least_path_m : float
-        Metres that a rig must shift: 0.02 pixels at one metre and a focal length of 1000 pixels.
+        Smallest translation of the rig in metres: 0.02 pixels at one metre and a focal length of 1000 pixels.
     """
 
     level_px: float = 0.25
@@ -73,9 +73,9 @@ class RigSettings:
 
 @dataclass(frozen=True)
 class Poses:
-    """Where a camera is at equal times of an exposure, about where its rig rests.
+    """Poses of a camera at equal times of an exposure, relative to the rig at rest.
 
-    position_m, turn_rad : (n, 3), x right, y down, z ahead; turns are rotation vectors.
+    position_m, turn_rad : (n, 3), x right, y down, z ahead; rotations are rotation vectors.
     """
 
     position_m: Array
@@ -83,28 +83,28 @@ class Poses:
 
     @property
     def planar_path(self) -> Array:
-        """The path that the scene draws in a picture if turns and approach are left out, (n, 2), metres: (5.3)."""
+        """The scene's path in the picture without rotations and motion in depth, (n, 2), metres: (5.3)."""
         return -self.position_m[:, :2]
 
 
 def poses_of(imu: ImuRecord, exposure_s: float) -> Poses:
     """Poses during an exposure, from a record that goes beyond it both ways.
 
-    Gravity is turned with the rig and taken off as the mean; what is left of the unit's zero errors is a line in the
-    turns and a parabola in the positions, neither of which a rig that shakes does. The unit is taken to sit at the
-    lens: one that sits beside it feels the turns as shifts of its own.
+    Gravity is rotated with the rig and subtracted as the mean. The unit's offsets cause a line in the rotations and a
+    parabola in the positions, which are subtracted, as a vibrating rig has neither. The unit is assumed at the lens;
+    one mounted elsewhere measures rotations as additional translations.
 
     Raises
     ------
     BadInput
-        If the record is too short, not in order, does not cover the exposure, or turns by more than a few degrees.
+        If the record is too short, unordered, does not cover the exposure, or rotates by more than a few degrees.
     """
     t = check_record(imu, exposure_s)
     turn = _without_drift(t, _integral(t, imu.rotation_rad_s * FLIPPED), 1)
     if np.abs(turn).max() > MOST_TURN:
         raise BadInput(
-            f"the rig turned by {np.degrees(np.abs(turn).max()):.0f} degrees; up to {np.degrees(MOST_TURN):.0f} can be "
-            "told from a record",
+            f"the rig may rotate by up to {np.degrees(MOST_TURN):.0f} degrees; the record has "
+            f"{np.degrees(np.abs(turn).max()):.0f} degrees",
             "record a rig that vibrates, in radians per second",
         )
     force = Rotation.from_rotvec(turn).apply(imu.acceleration_m_s2 * FLIPPED)
@@ -114,10 +114,10 @@ def poses_of(imu: ImuRecord, exposure_s: float) -> Poses:
 
 
 def poses_at(time_s: Array, position_m: Array, turn_rad: Array) -> Poses:
-    """Poses during an exposure that lasts from the first to the last of the times, as a tracker or a robot tells them.
+    """Poses during an exposure that lasts from the first to the last of the times, as from a tracker or a robot.
 
-    time_s : (n,); position_m, turn_rad : (n, 3), x right, y up, z back, from where the rig rests; turns are rotation
-    vectors. Between the times they go straight.
+    time_s : (n,); position_m, turn_rad : (n, 3), x right, y up, z back, relative to the rig at rest; rotations are
+    rotation vectors. Interpolation is linear.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def poses_at(time_s: Array, position_m: Array, turn_rad: Array) -> Poses:
     time_s = _times(time_s)
     position_m, turn_rad = (_vectors(one, "poses", len(time_s)) for one in (position_m, turn_rad))
     if np.abs(np.diff(turn_rad, axis=0)).max() > np.pi:
-        raise BadInput("the turns jump by half a turn and more", "give rotation vectors in radians, not degrees")
+        raise BadInput("the rotations jump by half a turn and more", "give rotation vectors in radians, not degrees")
     at = np.linspace(time_s[0], time_s[-1], INSTANTS)
     position, turn = (np.stack([np.interp(at, time_s, one) for one in a.T], axis=1) for a in (position_m, turn_rad))
     return Poses(position * FLIPPED, turn * FLIPPED)
@@ -141,7 +141,7 @@ def poses_on(shaker_path: ShakerPath, exposure_s: float) -> Poses:
     Raises
     ------
     BadInput
-        If nobody told where on it the shutter opened, and the exposure is no whole round.
+        If the start of the exposure on the path is not known, and the exposure is no whole number of rounds.
     """
     points = _vectors(shaker_path.position_m, "a shaker's path", None)
     interval_s = checked_number(shaker_path.interval_s, "the interval of a shaker's path", LEAST_INTERVAL_S)
@@ -150,7 +150,8 @@ def poses_on(shaker_path: ShakerPath, exposure_s: float) -> Poses:
     rounds = exposure_s / round_s
     if shaker_path.since_s is None and abs(rounds - max(round(rounds), 1)) > WHOLE_ROUND * rounds:
         raise BadInput(
-            f"the exposure of {exposure_s:g} s is no whole round of {round_s:g} s, and nobody told where it began",
+            f"the exposure of {exposure_s:g} s is no whole number of rounds of {round_s:g} s, and its start is "
+            "not known",
             "wire the hot shoe, or expose a whole round",
         )
     at = began_s + np.linspace(0, exposure_s, INSTANTS)
@@ -168,7 +169,7 @@ def check_record(imu: ImuRecord, exposure_s: float) -> Array:
         _vectors(one, "accelerations and rates of a record", len(t))
     if t[0] > 0 or t[-1] < exposure_s:
         raise BadInput(
-            f"the record is from {t[0]:.3f} s to {t[-1]:.3f} s and must cover the exposure, 0 s to {exposure_s:.3f} s",
+            f"the record must cover the exposure, 0 s to {exposure_s:.3f} s; it is from {t[0]:.3f} s to {t[-1]:.3f} s",
             "begin it before the shutter opens, end it after the shutter closes; time 0 is the opening",
         )
     return t
@@ -194,31 +195,31 @@ def _integral(t: Array, rate: Array) -> Array:
 
 
 def _without_drift(t: Array, x: Array, degree: int) -> Array:
-    """x less its polynomial, the record's ends counting little: broken periods there would pass for drift."""
+    """x without its polynomial trend, fitted with small weights at the ends, where broken periods resemble drift."""
     weight = np.sin(np.pi * (t - t[0] + 1e-9) / (t[-1] - t[0] + 2e-9))
     fit = np.polynomial.polynomial.polyfit(t, x, degree, w=weight)
     return np.asarray(x - np.polynomial.polynomial.polyval(t, fit).T)
 
 
-def drawn(poses: Poses, x: float, y: float, inverse_m: Array) -> Array:
-    """Curves of the point seen at (x, y) from where the rig rests, about there, (levels, n, 2); focal lengths.
+def image_curves(poses: Poses, x: float, y: float, inverse_m: Array) -> Array:
+    """Image curves of the point at (x, y) of the rig at rest, relative to it, (levels, n, 2); in focal lengths.
 
-    inverse_m : (levels,) inverse depths; 0 is infinitely far.
+    inverse_m : (levels,) inverse depths; 0 is infinity.
     """
     point = np.array([x, y, 1.0]) - np.asarray(inverse_m, float)[:, None, None] * poses.position_m
-    seen = np.einsum("nji,lnj->lni", Rotation.from_rotvec(poses.turn_rad).as_matrix(), point)
-    return np.asarray(seen[..., :2] / seen[..., 2:] - (x, y))
+    direction = np.einsum("nji,lnj->lni", Rotation.from_rotvec(poses.turn_rad).as_matrix(), point)
+    return np.asarray(direction[..., :2] / direction[..., 2:] - (x, y))
 
 
 def planar_stacks(paths: Sequence[Array], max_w: float, settings: RigSettings | None = None) -> list[MaskStack]:
-    """Masks of recorded paths (n, 2) about where the rig rests, of which w is the half-width in pixels. Raises Refused.
+    """Masks of recorded paths (n, 2) relative to the rig at rest, with w the half-width in pixels. Raises Refused.
 
-    Source: (5.2), (5.3): a rig that does not turn draws the same path at every depth, as large as the inverse depth.
+    Source: (5.2), (5.3): without rotation the path is the same at every depth, scaled by the inverse depth.
     """
     s = settings or RigSettings()
     half = max(float(np.abs(path).max()) for path in paths)
     if half < s.least_path_m:
-        raise Refused("the rig must move during the exposures; it stood still", "set it in motion, then expose")
+        raise Refused("the rig must move during the exposures; it was at rest", "set it in motion, then expose")
     levels, R = int(np.ceil(max_w / s.level_px)) + 2, int(np.ceil(max_w)) + 3
     scales = np.arange(levels) * s.level_px / half
     return [MaskStack(np.stack([path_mask(path * one, R) for one in scales]), s.level_px) for path in paths]
@@ -226,14 +227,14 @@ def planar_stacks(paths: Sequence[Array], max_w: float, settings: RigSettings | 
 
 @dataclass(frozen=True)
 class MotionBlur:
-    """The masks of each photograph, and how many pixels of w one unit of inverse depth, 1/m, is."""
+    """The masks of each photograph, and the pixels of w per unit of inverse depth, 1/m."""
 
     fields: tuple[MaskField, ...]
     px_per_inverse_m: float
 
     @property
     def unit(self) -> DepthUnit:
-        """What w is told in."""
+        """Unit of w."""
         return DepthUnit("1/m", 1 / self.px_per_inverse_m)
 
 
@@ -244,17 +245,17 @@ def motion_blur(
     max_inverse_m: float,
     settings: RigSettings | None = None,
 ) -> MotionBlur:
-    """Masks over the frame for inverse depths up to `max_inverse_m` (5.2); the axis meets the frame in its middle.
+    """Masks over the frame for inverse depths up to `max_inverse_m` (5.2); the axis is at the frame's centre.
 
-    w is the inverse depth, counted in pixels: as many as the farthest excursion that comes from shifts has. All masks
-    are about where the rig rests, so they contain the displacement between the photographs.
+    w is the inverse depth in pixels: the largest excursion due to translation. All masks are relative to the rig at
+    rest, so they contain the displacement between the photographs.
 
     Raises
     ------
     BadParameter
         If focal length or inverse depth are not positive, or the motion is too large for the photographs.
     Refused
-        If the rig shifted too little to tell depth.
+        If the rig translated too little to determine depth.
     """
     if not all(SMALLEST < one < LARGEST_READING for one in (focal_px, max_inverse_m)):
         raise BadParameter(
@@ -266,8 +267,9 @@ def motion_blur(
     curves = _over_frame(exposures, focal_px, shape, np.array([0.0, max_inverse_m]))
     if per_inverse * max_inverse_m < s.least_w:
         raise Refused(
-            f"the rig's shifts reach {per_inverse * max_inverse_m:.2f} pixels at the least distance: no depth shows",
-            "set the rig in motion along the picture, or come nearer",
+            f"the rig's translations reach {per_inverse * max_inverse_m:.2f} pixels at the smallest distance: "
+            "too little to determine depth",
+            "set the rig in motion parallel to the picture, or come nearer",
         )
     reach = float(np.abs(curves).max()) * 1.05 + 3
     check_extent(reach, shape)
@@ -283,7 +285,7 @@ def motion_blur(
 
     def stack(poses: Poses, row: float, column: float) -> MaskStack:
         x, y = ((at - (size - 1) / 2) / focal_px for at, size in ((column, shape[1]), (row, shape[0])))
-        paths = drawn(poses, x, y, np.asarray(levels / per_inverse, np.float64)) * focal_px
+        paths = image_curves(poses, x, y, np.asarray(levels / per_inverse, np.float64)) * focal_px
         return MaskStack(np.stack([path_mask(path, R) for path in paths]), s.level_px)
 
     return MotionBlur(
@@ -294,7 +296,7 @@ def motion_blur(
 def px_per_inverse_m(
     exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int], least_path_m: float = RigSettings.least_path_m
 ) -> float:
-    """Pixels that shifts move a point of the scene at most, for each 1/m of inverse depth. Raises Refused if none."""
+    """Largest image shift by translations, in pixels per 1/m of inverse depth. Raises Refused if there is none."""
     curves = _over_frame(exposures, focal_px, shape, np.array([0.0, 1.0]))
     with np.errstate(invalid="ignore"):  # of infinities, judged below
         found = float(np.abs(curves[..., 1, :, :] - curves[..., 0, :, :]).max())
@@ -305,14 +307,14 @@ def px_per_inverse_m(
 
 
 def _over_frame(exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int], inverse_m: Array) -> Array:
-    """Curves at 3 x 3 places from corner to corner, pixels: (photographs, 3, 3, inverse depths, n, 2)."""
+    """Curves at 3 x 3 positions of the frame, pixels: (photographs, 3, 3, inverse depths, n, 2)."""
     rows, columns = positions((3, 3), shape, 0)
     y, x = (rows - (shape[0] - 1) / 2) / focal_px, (columns - (shape[1] - 1) / 2) / focal_px
-    return np.array([[[drawn(p, b, a, inverse_m) for b in x] for a in y] for p in exposures]) * focal_px
+    return np.array([[[image_curves(p, b, a, inverse_m) for b in x] for a in y] for p in exposures]) * focal_px
 
 
 def _grid(curves: Array, s: RigSettings) -> tuple[int, int]:
-    """Nodes so dense that the curves change little from one to the next."""
+    """Numbers of nodes for which the curves change little from one to the next."""
 
     def nodes(along: Array) -> int:
         change = sum(float(np.hypot(*np.moveaxis(b - a, -1, 0)).max()) for a, b in pairwise(along))

@@ -1,4 +1,4 @@
-"""What photographs and blur must be for a restoration to mean anything; each refusal says why and what to do."""
+"""Requirements of a restoration on photographs and blur."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import Masks, alike
 
 SATURATED = 0.99
-"""Of white: from there a sample counts as saturated, noise included."""
+"""Fraction of white above which a sample counts as saturated, noise included."""
 LARGEST_W = 40.0
-"""Half-width in pixels; masks take memory as its third power."""
+"""Half-width in pixels; memory for masks grows as its third power."""
 
 
 def check_photographs(photographs: list[Array]) -> Array:
@@ -45,7 +45,7 @@ def check_photographs(photographs: list[Array]) -> Array:
 
 
 def check_blurs(stacks: Sequence[Masks], shape: tuple[int, int]) -> None:
-    """Refuse blurs that cannot tell depths apart, or masks that leave nothing of the photograph.
+    """Refuse blurs that do not determine depth, or masks that leave nothing of the photograph.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def check_blurs(stacks: Sequence[Masks], shape: tuple[int, int]) -> None:
     """
     if alike(stacks):
         raise BadParameter(
-            "ratio 1 with equal shapes blurs all photographs alike, which tells nothing of depth",
+            "ratio 1 with equal shapes blurs all photographs equally, which does not determine depth",
             "give the ratio of the apertures, or the shape of each motion",
         )
     check_extent(stacks[0].R, shape)
@@ -79,40 +79,40 @@ def check_extent(R: float, shape: tuple[int, int]) -> None:
 def trust_of(z: Array, most: float = 0.2) -> Array:
     """Weights (P, 1, H, W) of the photographs' samples: 0 where any channel is saturated.
 
-    most : part of a photograph that may be: what is left has to tell of its surroundings.
+    most : largest saturated fraction of a photograph.
 
     Raises
     ------
     Refused
-        If more of a photograph is.
+        If a larger fraction is saturated.
     """
     saturated = (z >= SATURATED).any(axis=1, keepdims=True)
     worst = float(saturated.mean(axis=(1, 2, 3)).max())
     if worst > most:
-        raise Refused(f"{worst:.0%} of a photograph is saturated; at most {most:.0%} may be", "expose less")
+        raise Refused(f"{worst:.0%} of a photograph is saturated; at most {most:.0%} is allowed", "expose less")
     return np.asarray(~saturated, dtype=z.dtype)
 
 
 def check_texture(z: Array, sigma: float) -> None:
-    """Refuse photographs without texture: nothing there depends on blur.
+    """Refuse photographs without texture, where blur has no effect.
 
     Raises
     ------
     Refused
-        If what varies within a few pixels is no more than noise.
+        If the variation within a few pixels does not exceed the noise.
     """
     smooth = gaussian_filter(z, (0, 0, 1, 1))
     texture = float((smooth - gaussian_filter(z, (0, 0, 5, 5))).std())
     # a Gaussian of sigma 1 leaves 0.28 of white noise
     if texture < max(0.4 * sigma, 5e-4):
         raise Refused(
-            f"the photographs show no texture: {texture:.2g} of white where noise is {sigma:.2g}",
+            f"the photographs need texture; they vary by {texture:.2g} of white where the noise is {sigma:.2g}",
             "put structure into the scene, or light it from the side",
         )
 
 
 def check_registered(z: Array, R: int) -> None:
-    """Refuse photographs shifted against each other by more than the masks can hold.
+    """Refuse photographs shifted relative to each other by more than the size of the masks.
 
     Raises
     ------
@@ -129,12 +129,12 @@ def check_registered(z: Array, R: int) -> None:
 
 
 def check_shift(n: int, dx: float, dy: float, R: int) -> None:
-    """Refuse a shift of photograph `n` that is larger than masks of half-size R.
+    """Refuse a shift of photograph `n` that exceeds the masks' half-size R.
 
     Raises
     ------
     Refused
-        If it is.
+        If it does.
     """
     if max(abs(dx), abs(dy)) > R:
         raise Refused(
@@ -144,7 +144,7 @@ def check_shift(n: int, dx: float, dy: float, R: int) -> None:
 
 
 def check_max_w(max_w: float) -> None:
-    """Refuse ranges of w that no photograph of this station needs.
+    """Refuse ranges of w beyond any application.
 
     Raises
     ------

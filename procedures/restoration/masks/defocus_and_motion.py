@@ -1,7 +1,7 @@
-"""Masks of photographs that motion and defocus blurred together: one w tells both (section 6.5).
+"""Masks of photographs blurred by motion and defocus together, with one w for both (section 6.5).
 
-Motion draws a path of w, which goes with the inverse depth; the circle of defocus is linear in that, too (4.5), zero at
-the plane of focus and beyond it upside down.
+The path of motion scales with w, proportional to the inverse depth; the half-width of defocus is linear in it (4.5),
+zero at the plane of focus and negative, with the shape upside down, beyond.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from procedures.restoration.masks.shape_fields import ShapeField
 def with_defocus(
     motion: Sequence[Masks], shapes: Sequence[ShapeField], ratios: Sequence[float], offsets: Sequence[float]
 ) -> list[MaskField]:
-    """Masks of motion, spread by a defocus whose half-width is `ratios` w + `offsets` pixels in each photograph.
+    """Masks of motion, convolved with defocus of half-width `ratios` w + `offsets` pixels in each photograph.
 
     Raises
     ------
@@ -42,10 +42,9 @@ def _spread(motion: MaskField, shapes: ShapeField, ratio: float, offset: float, 
     )
     grid = max((motion.grid, defocus.grid), key=lambda one: one[0] * one[1])
     pairs = zip(motion.spread(grid).stacks, defocus.spread(grid).stacks, strict=True)
-    return MaskField(tuple(tuple(_both(*pair) for pair in zip(*rows, strict=True)) for rows in pairs))
+    return MaskField(tuple(tuple(_convolved(*pair) for pair in zip(*rows, strict=True)) for rows in pairs))
 
 
-def _both(first: MaskStack, second: MaskStack) -> MaskStack:
-    """The convolution of two stacks of one step, level by level."""
+def _convolved(first: MaskStack, second: MaskStack) -> MaskStack:
     masks = np.clip(fftconvolve(first.masks, second.masks, axes=(1, 2)), 0, None)
     return MaskStack(masks / masks.sum(axis=(1, 2), keepdims=True), first.step)

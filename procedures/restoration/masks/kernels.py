@@ -1,8 +1,8 @@
-"""The two inner loops of space-variant blur: spread coefficients over masks, gather masks from errors.
+"""Inner loops of space-variant blur: spread pixels over masks, gather errors by masks.
 
-Each takes two neighbouring masks per pixel, which serves the interpolated mask, its adjoint and its derivative alike,
-and takes two pixels at a time, one below the other: a row of the photograph is then loaded and stored once for four
-rows of masks. No pixel allocates, mask rows are whole vectors, and bands of rows are independent of each other.
+Each uses two neighbouring masks per pixel, which serves the interpolated mask, its adjoint and its derivative, and
+processes two pixels at a time, one below the other: a row of the photograph is then loaded and stored once for four
+rows of masks. No memory is allocated per pixel, mask rows are whole vectors, and bands of rows are independent.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ Array = NDArray[np.floating[Any]]
 
 
 class Pairs(NamedTuple):
-    """Every mask beside the next one, cut to what they cover, as the loops read them.
+    """Every mask next to the following one, cropped to their common support, in the layout of the loops.
 
     values : flat; pair k begins at start[k] and has width[k] + 2 rows of width[k] entries of mask k, then as many of
-    mask k + 1, the masks' middle at row width / 2 + 1, column width / 2. width : multiples of the vectors' length;
-    first, last : rows about the middle outside which both masks are zero.
+    mask k + 1, the masks' centre at row width / 2 + 1, column width / 2. width : multiples of the vectors' length;
+    first, last : rows relative to the centre outside which both masks are zero.
     """
 
     values: Array
@@ -37,8 +37,8 @@ class Pairs(NamedTuple):
 def pairs_of(masks: Array, dtype: type[np.floating[Any]]) -> Pairs:
     """Pairs of masks (L, 2R + 1, 2R + 1)."""
     R = masks.shape[1] // 2
-    held = (masks[1:] != 0) | (masks[:-1] != 0)
-    (top, bottom), (left, right) = _extent(held.any(axis=2), R), _extent(held.any(axis=1), R)
+    used = (masks[1:] != 0) | (masks[:-1] != 0)
+    (top, bottom), (left, right) = _extent(used.any(axis=2), R), _extent(used.any(axis=1), R)
     reach = np.max([-top, bottom, -left, right], axis=0)
     width = -(-(2 * reach + 1) // LANES) * LANES
     size = 2 * width * (width + 2)
@@ -52,38 +52,38 @@ def pairs_of(masks: Array, dtype: type[np.floating[Any]]) -> Pairs:
 
 
 def _aligned(size: int, dtype: type[np.floating[Any]]) -> Array:
-    """Zeros that begin where vectors do: a load across two cache lines costs twice."""
+    """Zeros aligned to vectors: a load across two cache lines costs twice."""
     line = 64
     raw = np.zeros(size * np.dtype(dtype).itemsize + line, np.uint8)
     begin = -raw.ctypes.data % line
     return raw[begin : begin + size * np.dtype(dtype).itemsize].view(dtype)
 
 
-def _extent(held: NDArray[np.bool_], R: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First and last that is held along each row (L, 2R + 1), counted from the middle; 0 where none is."""
-    any_held = held.any(axis=1)
-    first, last = held.argmax(axis=1) - R, R - held[:, ::-1].argmax(axis=1)
-    return np.where(any_held, first, 0), np.where(any_held, last, 0)
+def _extent(used: NDArray[np.bool_], R: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First and last used entry along each row (L, 2R + 1), relative to the centre; 0 where there is none."""
+    any_used = used.any(axis=1)
+    first, last = used.argmax(axis=1) - R, R - used[:, ::-1].argmax(axis=1)
+    return np.where(any_used, first, 0), np.where(any_used, last, 0)
 
 
 @jitted(fastmath=True, nogil=True)
 def spread(
-    x: Array, u: Array, dw: Array, rate: Any, level: NDArray[np.int32], f: Array, pairs: Pairs, drawn: Array,
+    x: Array, u: Array, dw: Array, rate: Any, level: NDArray[np.int32], f: Array, pairs: Pairs, scratch: Array,
     out: Array, top: int, bottom: int,
 ) -> None:  # fmt: skip
     """The photograph `out` (H, W) of x and of u's change with w: x * h + rate u dw * (mask[level + 1] - mask[level]).
 
-    h = (1 - f) mask[level] + f mask[level + 1]. x, u, dw, level, f : (H + 2R, W + 2R), pixels of negative level take no
-    part; drawn : flat, (H, W + 2R + the widest pair's width), to work in; top, bottom : the rows of `out` to draw.
+    h = (1 - f) mask[level] + f mask[level + 1]. x, u, dw, level, f : (H + 2R, W + 2R), pixels of negative level are
+    skipped; drawn : scratch, flat, (H, W + 2R + the widest pair's width); top, bottom : the rows of `out` to compute.
     """
     values, start, width, firsts, lasts = pairs
     rows, columns = level.shape
     R = (rows - out.shape[0]) // 2
-    stride = drawn.size // out.shape[0]
+    stride = scratch.size // out.shape[0]
     margin = (stride - columns) // 2
     zero = x.dtype.type(0)
     xs, us, dws, fs, levels = x.ravel(), u.ravel(), dw.ravel(), f.ravel(), level.ravel()
-    drawn[top * stride : bottom * stride] = 0
+    scratch[top * stride : bottom * stride] = 0
     for i in range(top, bottom + 2 * R, 2):
         below = min(i + 1, rows - 1)
         for j in range(columns):
@@ -98,9 +98,9 @@ def spread(
             k, m = k if k >= 0 else m, m if m >= 0 else k
             if k < 0:
                 continue
-            # pairs of different widths are not laid out alike: each is drawn together with itself times zero
-            apart = entry(width, k) != entry(width, m)
-            one, two, p0, q0, p1, q1 = (k, k, p, q, zero, zero) if apart else (k, m, p, q, s, t)
+            # pairs of different widths have different layouts: each is drawn with itself and weight zero
+            different = entry(width, k) != entry(width, m)
+            one, two, p0, q0, p1, q1 = (k, k, p, q, zero, zero) if different else (k, m, p, q, s, t)
             while True:
                 w = entry(width, one)
                 first = max(top - i + R, min(entry(firsts, one), 1 + entry(firsts, two)))
@@ -108,18 +108,18 @@ def spread(
                 row = first + w // 2
                 at = (i - R + first) * stride + margin + j - w // 2
                 upper, lower = entry(start, one) + 2 * w * (row + 1), entry(start, two) + 2 * w * row
-                _draw(drawn, at, stride, last - first + 1, values, upper, lower, w, p0, q0, p1, q1)
-                if not apart:
+                _draw(scratch, at, stride, last - first + 1, values, upper, lower, w, p0, q0, p1, q1)
+                if not different:
                     break
-                one, two, p0, q0, p1, q1, apart = m, m, zero, zero, s, t, False
+                one, two, p0, q0, p1, q1, different = m, m, zero, zero, s, t, False
     for i in range(top, bottom):
         for j in range(out.shape[1]):
-            out[i, j] = drawn[i * stride + margin + R + j]
+            out[i, j] = scratch[i * stride + margin + R + j]
 
 
 @numba.njit(inline="always")
 def _shares(x: Array, f: Array, u: Array, dw: Array, rate: Any, at: int) -> tuple[Any, Any]:
-    """What a pixel spreads over its lower and its upper mask."""
+    """Weights of a pixel for its lower and its upper mask."""
     upper = entry(x, at) * entry(f, at) + rate * entry(u, at) * entry(dw, at)
     return entry(x, at) - upper, upper
 
@@ -169,8 +169,8 @@ def gather(
             one, two = k if k >= 0 else m, m if m >= 0 else k
             if one < 0:
                 continue
-            apart = entry(width, one) != entry(width, two)
-            if apart:
+            different = entry(width, one) != entry(width, two)
+            if different:
                 two = one
             while True:
                 w = entry(width, one)
@@ -179,20 +179,20 @@ def gather(
                 row = first + w // 2
                 at = (i + R + first) * stride + margin + j - w // 2
                 upper, lower = entry(start, one) + 2 * w * (row + 1), entry(start, two) + 2 * w * row
-                p, q, s, t = _see(errors, at, stride, last - first + 1, values, upper, lower, w)
+                p, q, s, t = _correlate(errors, at, stride, last - first + 1, values, upper, lower, w)
                 if one == k:
                     dx[i, j] += p + f[i, j] * (q - p)
                     dw[i, j] += rate * u[i, j] * (q - p)
                 if two == m:
                     dx[below, j] += s + f[below, j] * (t - s)
                     dw[below, j] += rate * u[below, j] * (t - s)
-                if not apart:
+                if not different:
                     break
-                one, two, apart = m, m, False
+                one, two, different = m, m, False
 
 
 @numba.njit(inline="always")
-def _see(e: Array, at: int, stride: int, rows: int, values: Array, above: int, below: int, width: int) -> Any:
+def _correlate(e: Array, at: int, stride: int, rows: int, values: Array, above: int, below: int, width: int) -> Any:
     """Products of `rows` rows of a flat `e`, from `at` on, with two pairs of masks, from `above` and `below` on."""
     lp = filled(e.dtype.type(0))
     lq, ls, lt = lp, lp, lp

@@ -1,8 +1,8 @@
-"""The light of a thin line that each pixel gets, told from samples as the masks of shapes are, and how it changes.
+"""Rasterisation of a thin line from samples, consistent with the masks of shapes, and its derivative.
 
 Masks of shapes are sums of samples (`blur_models.mask`), and a line narrower than the samples' spacing gets more or
-less light as it lies: masks of curves must err likewise, or curves bend to make up for it. An instant of the line
-touches few pixels and is moved by few points of its curve, so that drawing takes one pass over the instants.
+less light depending on its position: masks of curves must have the same errors, or fitted curves bend to compensate
+them. A point of the line touches few pixels and depends on few control points, so that one pass over it suffices.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from procedures.restoration.masks.blur_models import SAMPLES
 Array = NDArray[np.floating[Any]]
 
 TAIL = 5.0
-"""Widths of the line beyond which it has no light."""
+"""Half-width of the line's support, in widths of the line."""
 
 
 @jitted(nogil=True, error_model="numpy")
 def line_mask(path: Array, R: int, sigma: float) -> Array:
-    """Mask (2R + 1, 2R + 1) of a path (T, 2) of x, y at equal times, pixels, its line of width sigma.
+    """Mask (2R + 1, 2R + 1) of a path (T, 2) of x, y at equal times, pixels, with a line of width sigma.
 
-    Its sum is 1, less what falls beside the mask.
+    Its sum is 1, less the light outside the mask.
     """
     size = 2 * R + 1
     out, across, down = np.zeros((size, size)), np.zeros(size), np.zeros(size)
@@ -45,10 +45,11 @@ def line_mask(path: Array, R: int, sigma: float) -> Array:
 def line_mask_change(
     path: Array, R: int, sigma: float, begins: NDArray[np.int64], values: Array, points: int
 ) -> tuple[Array, NDArray[np.int64], Array]:
-    """`line_mask`, the pixels (n,) that change with a curve's points, flat, and how, (n, 2 points): with x, then y.
+    """`line_mask`, flat indices (n,) of the pixels that depend on a curve's points, and their derivatives (n, 2 points)
+    with respect to x, then y.
 
-    But for what samples make of it. begins, values : the first point that moves each instant of the path, (T,), and by
-    how much it and the following do, (T, m).
+    Sampling effects are neglected. begins, values : the first control point of each instant of the path, (T,), and its
+    and the following ones' weights, (T, m).
     """
     size = 2 * R + 1
     out, across, down, right, lower = (
@@ -56,7 +57,7 @@ def line_mask_change(
     )  # fmt: skip
     changes, row_of = np.zeros((size * size, 2 * points)), np.full(size * size, -1)
     pixels, whole = np.empty(size * size, np.int64), 0.0
-    found = 0
+    count = 0
     for t in range(len(path)):
         left, stop, light = _shares(path[t, 0], R, sigma, across)
         top, bottom, more = _shares(path[t, 1], R, sigma, down)
@@ -68,33 +69,33 @@ def line_mask_change(
                 out[i, j] += down[i] * across[j]
             for j in range(first, last):
                 change = down[i] * right[j]
-                found = _add_change(changes, row_of, pixels, found, i * size + j, begins[t], change, values[t])
+                count = _add_change(changes, row_of, pixels, count, i * size + j, begins[t], change, values[t])
         for i in range(upper, lowest):
             for j in range(left, stop):
                 at, change = points + begins[t], lower[i] * across[j]
-                found = _add_change(changes, row_of, pixels, found, i * size + j, at, change, values[t])
-    return out / max(whole, 1e-9), pixels[:found], changes[:found] / len(path)
+                count = _add_change(changes, row_of, pixels, count, i * size + j, at, change, values[t])
+    return out / max(whole, 1e-9), pixels[:count], changes[:count] / len(path)
 
 
 @numba.njit(error_model="numpy")
 def _add_change(
-    changes: Array, row_of: NDArray[np.int64], pixels: NDArray[np.int64], found: int, pixel: int, begin: int,
+    changes: Array, row_of: NDArray[np.int64], pixels: NDArray[np.int64], count: int, pixel: int, begin: int,
     change: float, values: Array,
 ) -> int:  # fmt: skip
-    """Add values times `change` from `begin` on to a pixel's row of `changes`; how many pixels have one now."""
+    """Add values times `change` from `begin` on to a pixel's row of `changes`; returns the number of pixels so far."""
     if row_of[pixel] < 0:
-        row_of[pixel], pixels[found] = found, pixel
-        found += 1
+        row_of[pixel], pixels[count] = count, pixel
+        count += 1
     for m in range(len(values)):
         changes[row_of[pixel], begin + m] += change * values[m]
-    return found
+    return count
 
 
 @numba.njit(error_model="numpy")
 def _shares(x: float, R: int, sigma: float, out: Array) -> tuple[int, int, float]:
-    """Light of an instant at x in each of 2R + 1 pixels: the first that gets some, the one after the last, all of it.
+    """Light of an instant at x in each of 2R + 1 pixels: the first and one past the last with light, and the sum.
 
-    Only those of `out` are set. Samples of a Gaussian at equal distances follow from the first by products.
+    Only those of `out` are set. Samples of a Gaussian at equal distances are computed by recurrence.
     """
     place, step = (x + R + 0.5) * SAMPLES - 0.5, 1 / (SAMPLES * sigma)
     first, last = int(np.ceil(place - TAIL / step)), int(np.floor(place + TAIL / step))
@@ -104,22 +105,22 @@ def _shares(x: float, R: int, sigma: float, out: Array) -> tuple[int, int, float
     light, k, begin, end = 0.0, first, 2 * R + 1, 0
     while k <= last:
         pixel = k // SAMPLES
-        here = 0.0
+        total = 0.0
         for _ in range(min(last + 1, (pixel + 1) * SAMPLES) - k):
-            here += share
+            total += share
             share *= growth
             growth *= slower
         k = (pixel + 1) * SAMPLES
-        light += here
+        light += total
         if 0 <= pixel <= 2 * R:
-            out[pixel] = here
+            out[pixel] = total
             begin, end = min(begin, pixel), pixel + 1
     return begin, end, light
 
 
 @numba.njit(error_model="numpy")
 def _share_changes(x: float, R: int, sigma: float, out: Array) -> tuple[int, int]:
-    """How the shares change with x, but for their wavering as a line passes from sample to sample; see `_shares`."""
+    """Derivatives of the shares with respect to x, without the effect of sampling; see `_shares`."""
     first = max(int(np.ceil(x - TAIL * sigma + R + 0.5)), 0)
     last = min(int(np.floor(x + TAIL * sigma + R + 0.5)), 2 * R + 1)
     begin, end = max(first - 1, 0), min(last + 1, 2 * R + 1)

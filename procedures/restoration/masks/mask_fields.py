@@ -1,6 +1,6 @@
 """Masks that vary over the frame as well as with depth: stacks on a grid of positions, blended bilinearly (6.7).
 
-Everything that takes the masks of a photograph takes one stack or a field of them; one stack is a grid of one.
+All functions that take the masks of a photograph accept one stack or a field; one stack is a grid of one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from procedures.restoration.masks.blur_operator import Array, Blur, FieldBlur, M
 
 P = ParamSpec("P")
 WINDOW = 10
-"""Pixels beyond a tile that windows of matching see, besides what both masks reach."""
+"""Margin in pixels of matching windows around a tile, in addition to the reach of both masks."""
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class MaskField:
     """The masks of one photograph.
 
     stacks : rows of columns of MaskStack, at equal distances over the frame extended by R, its corners included (see
-    `positions`); an axis with one node does not vary.
+    `positions`); masks are constant along an axis with one node.
 
     Raises
     ------
     BadParameter
-        If there are none, rows differ in length, or the stacks in half-size, step or number of levels.
+        If there are none, rows differ in length, or stacks in half-size, step or number of levels.
     """
 
     stacks: tuple[tuple[MaskStack, ...], ...]
@@ -44,7 +44,7 @@ class MaskField:
 
     @staticmethod
     def of(masks: Masks) -> MaskField:
-        """One stack as a grid of one; a field as it is."""
+        """One stack as a grid of one; a field unchanged."""
         return masks if isinstance(masks, MaskField) else MaskField(((masks,),))
 
     @property
@@ -82,16 +82,16 @@ class MaskField:
         return np.asarray(np.max([one.supports() for one in self.nodes], axis=0), dtype=np.int32)
 
     def at(self, w: float) -> Array:
-        """The mask of one w in the middle of the frame: what stands for all places in figures of the whole."""
+        """The mask of one w at the frame's centre, which represents the frame in global figures."""
         return self.middle.at(w)
 
     def near(self, row: float, column: float) -> MaskStack:
-        """The stack nearest to a place of the frame, told in parts of its height and width."""
+        """The stack nearest to a position, as fractions of the frame's height and width."""
         i, j = (round(part * (n - 1)) for part, n in zip((row, column), self.grid, strict=True))
         return self.stacks[i][j]
 
     def spread(self, grid: tuple[int, int]) -> MaskField:
-        """The same on a larger grid, where it does not vary.
+        """The field on a larger grid, along axes where it is constant.
 
         Raises
         ------
@@ -126,7 +126,7 @@ def positions(grid: tuple[int, int], shape: tuple[int, int], R: int) -> tuple[Ar
 
 
 def one_grid(masks: Sequence[Masks]) -> list[MaskField]:
-    """The masks of several photographs on one grid. Raises BadParameter if two of them vary over different ones."""
+    """The masks of several photographs on one grid. Raises BadParameter if two of them vary over different grids."""
     fields = [MaskField.of(one) for one in masks]
     grid = max((one.grid for one in fields), key=lambda one: one[0] * one[1])
     return [one.spread(grid) for one in fields]
@@ -145,10 +145,10 @@ def alike(masks: Sequence[Masks]) -> bool:
 def over_frame(
     of: Callable[Concatenate[Array, Sequence[MaskStack], P], Array],
 ) -> Callable[Concatenate[Array, Sequence[Masks], P], Array]:
-    """A computation with masks that are the same everywhere, made to take masks that vary over the frame.
+    """Extend a computation with constant masks to masks that vary over the frame.
 
-    of : (z (..., H, W), a stack for each photograph, ...) -> (H, W, ...), local: it is done with the masks of each node
-    on the node's surroundings, and what is found is blended as the masks are.
+    of : (z (..., H, W), a stack for each photograph, ...) -> (H, W, ...), local: it is evaluated with the masks of each
+    node on the node's surroundings, and the results are blended like the masks.
     """
 
     @wraps(of)
@@ -164,12 +164,12 @@ def over_frame(
             (y, ys), (x, xs) = _tile(down[i], 2 * R + WINDOW), _tile(across[j], 2 * R + WINDOW)
             if y.stop <= y.start or x.stop <= x.start:
                 continue
-            found = of(z[..., ys, xs], [one.stacks[i][j] for one in fields], *args, **kwargs)
-            found = found[y.start - ys.start : y.stop - ys.start, x.start - xs.start : x.stop - xs.start]
-            weight = np.outer(down[i, y], across[j, x]).astype(found.dtype)
+            part = of(z[..., ys, xs], [field.stacks[i][j] for field in fields], *args, **kwargs)
+            part = part[y.start - ys.start : y.stop - ys.start, x.start - xs.start : x.stop - xs.start]
+            weight = np.outer(down[i, y], across[j, x]).astype(part.dtype)
             if total is None:
-                total = np.zeros((*shape, *found.shape[2:]), found.dtype)
-            total[y, x] += weight.reshape(*weight.shape, *(1,) * (found.ndim - 2)) * found
+                total = np.zeros((*shape, *part.shape[2:]), part.dtype)
+            total[y, x] += weight.reshape(*weight.shape, *(1,) * (part.ndim - 2)) * part
         assert total is not None
         return total
 
@@ -177,7 +177,7 @@ def over_frame(
 
 
 def _tile(hat: Array, margin: int) -> tuple[slice, slice]:
-    """Where a node counts along one axis, and that with a margin, both within the frame."""
+    """Range of a node's weight along one axis, and that with a margin, both within the frame."""
     inside = np.flatnonzero(hat > 0)
     if not inside.size:
         return slice(0, 0), slice(0, 0)

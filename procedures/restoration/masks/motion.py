@@ -1,4 +1,4 @@
-"""The mask of a curve that a point of the scene draws during the exposure (5.2)."""
+"""Mask of the image curve of a scene point during the exposure (5.2)."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ Array = NDArray[np.float64]
 
 
 def path_mask(path_px: Array, R: int, *, softness_px: float = 0.3) -> Array:
-    """Mask (2R + 1, 2R + 1), sum 1, of a curve (n, 2) in pixels about its own point: equation (5.2).
+    """Mask (2R + 1, 2R + 1), sum 1, of a curve (n, 2) in pixels relative to its point: equation (5.2).
 
-    Each instant is shared linearly between its four pixels, then spread by the pixel's own `softness_px`.
+    Each instant is distributed linearly over four pixels, then blurred by the pixel's aperture `softness_px`.
 
     Raises
     ------

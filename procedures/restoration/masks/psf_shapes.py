@@ -1,8 +1,8 @@
-"""Measured point spread functions as shapes of blur: one of this station, or a field of them over the frame (4.4).
+"""Measured point spread functions as shapes of blur: a single one, or a field of them over the frame (4.4).
 
-A PSF measured at one defocus is taken for the shape at every other, stretched (4.12, 4.20): right where defocus is
-larger than what does not grow with it, diffraction and the photosite. w is the half-width of the measured PSF's support
-there where it was measured, so at that w the masks are the measured PSF itself.
+A PSF measured at one defocus is used, stretched, as the shape at every other (4.12, 4.20): valid where defocus exceeds
+diffraction and the photosite, which do not grow with it. w is the half-width of the measured PSF's support, so that at
+this w the masks are the measured PSF itself.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from procedures.restoration.masks.shape_fields import GRID, ShapeField, symmetri
 Array = NDArray[np.float64]
 
 SHARE = 0.99
-"""Of the light inside the samples that lies in a shape's support."""
+"""Fraction of the light inside the samples that lies in a shape's support."""
 
 
 @dataclass(frozen=True)
 class MeasuredShape(ShapeField):
-    """Shapes over the frame, and the half-width in pixels of the PSFs that they are of.
+    """Shapes over the frame, and the half-width in pixels of their PSFs.
 
-    cut : the largest part of a PSF's light that was negative, and set to zero together with as much positive noise.
-    energy_outside_support : the largest share of a PSF's light that lies outside its samples, and in no shape; None
-        where that is not known.
+    cut : the largest negative fraction of a PSF's light, set to zero together with as much positive noise.
+    energy_outside_support : the largest fraction of a PSF's light outside its samples, and in no shape; None if not
+        known.
     """
 
     half_width_px: float
@@ -46,15 +46,15 @@ def measured_shape(h: Array, samples_per_px: float) -> MeasuredShape:
 
 
 def measured_heights(psfs: Sequence[Array], samples_per_px: float, shape: tuple[int, int]) -> MeasuredShape:
-    """PSFs at equal heights from the middle of the frame to its corner as shapes over it, see `symmetric`."""
-    found = _shapes([psfs], samples_per_px)
-    return replace(found, shapes=symmetric(found.shapes[0], shape).shapes)
+    """PSFs at equal heights from the centre of the frame to its corner as shapes over it, see `symmetric`."""
+    radial = _shapes([psfs], samples_per_px)
+    return replace(radial, shapes=symmetric(radial.shapes[0], shape).shapes)
 
 
 def measured_field(field: PsfField, shape: tuple[int, int], grid: tuple[int, int] = GRID) -> MeasuredShape:
-    """The PSFs of a field over a photograph (H, W) of its plane as shapes, of one half-width: of their supports.
+    """The PSFs of a field over a photograph (H, W) of its plane as shapes, of one half-width, that of their supports.
 
-    Beyond the field's nodes it is that of the nearest place among them.
+    Beyond the field's nodes the nearest position among them is used.
 
     Raises
     ------
@@ -63,14 +63,15 @@ def measured_field(field: PsfField, shape: tuple[int, int], grid: tuple[int, int
     """
     if tuple(field.shape) != shape:
         raise BadInput(
-            f"the field is of a plane of {field.shape[1]} x {field.shape[0]}, photographs are {shape[1]} x {shape[0]}",
+            f"photographs need the size of the field's plane, {field.shape[1]} x {field.shape[0]}; they are "
+            f"{shape[1]} x {shape[0]}",
             "give whole photographs, and the field of this camera's plane",
         )
     rows, columns = positions(grid, shape, 0)
     places = np.array([[x, y] for y in rows for x in columns])
-    found = field.samples(places).reshape(*grid, field.k, field.k)
+    samples = field.samples(places).reshape(*grid, field.k, field.k)
     outside = float(field.energy_outside(places).max()) if field.q else None
-    return replace(_shapes([list(row) for row in found], field.s), energy_outside_support=outside)
+    return replace(_shapes([list(row) for row in samples], field.s), energy_outside_support=outside)
 
 
 def _shapes(psfs: Sequence[Sequence[Array]], samples_per_px: float) -> MeasuredShape:
@@ -84,14 +85,14 @@ def _shapes(psfs: Sequence[Sequence[Array]], samples_per_px: float) -> MeasuredS
 
 
 def without_noise(h: Array) -> Array:
-    """The samples that rise above zero by more than the least falls below it: light is not negative, noise is."""
+    """The samples that exceed the magnitude of the most negative one, as light is not negative and noise is."""
     noise = max(float(-h.min()), 0.0)
-    kept = np.where(h > noise, h, 0.0)
-    return kept if kept.any() else np.maximum(h, 0.0)
+    clean = np.where(h > noise, h, 0.0)
+    return clean if clean.any() else np.maximum(h, 0.0)
 
 
 def _support(h: Array) -> int:
-    """Samples from the centre to the side of the square that holds the light."""
+    """Samples from the centre to the side of the square that contains the light."""
     k = len(h) // 2
     distance = np.abs(np.arange(-k, k + 1))
     light = np.bincount(np.maximum(distance[:, None], distance[None, :]).ravel(), h.ravel())

@@ -1,4 +1,4 @@
-"""Shapes of blur over the frame: one for every node of a grid, and what a lens symmetric about its axis makes of a few.
+"""Shapes of blur over the frame: one for every node of a grid, also from a few of an axially symmetric lens.
 
 One shape is a grid of one.
 """
@@ -19,7 +19,7 @@ from procedures.restoration.masks.mask_fields import MaskField, positions
 Array = NDArray[np.float64]
 
 GRID = (5, 7)
-"""Nodes over the frame at which shapes are asked: three by four brought half as much, with a lens that vignettes."""
+"""Nodes over the frame: with a lens that vignettes, three by four were half as effective."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ class ShapeField:
 
 
 def symmetric(radial: Sequence[Array], shape: tuple[int, int], grid: tuple[int, int] = GRID) -> ShapeField:
-    """Shapes over a photograph (H, W) by a lens that is symmetric about its axis, which meets the middle (4.20).
+    """Shapes over a photograph (H, W) for a lens that is symmetric about its axis at the frame's centre (4.20).
 
-    radial : shapes of one size at equal heights from the middle of the frame to its corner, as they are on its right,
-    along +x; between two heights they are mixed.
+    radial : shapes of one size at equal heights from the centre of the frame to its corner, oriented as on its right,
+    along +x; interpolated between heights.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def symmetric(radial: Sequence[Array], shape: tuple[int, int], grid: tuple[int, 
     if len(radial) < 2 or len(sizes) > 1:
         raise BadParameter(
             f"shapes of a symmetric lens are two or more of one size, got {len(radial)} of sizes {sizes}",
-            "give those of the middle, of the corner, and of equal heights between, sampled alike",
+            "give those of the centre, of the corner, and of equal heights between, sampled equally",
         )
     rows, columns = positions(grid, shape, 0)
     corner = np.hypot(shape[0] - 1, shape[1] - 1) / 2
@@ -65,7 +65,7 @@ def symmetric(radial: Sequence[Array], shape: tuple[int, int], grid: tuple[int, 
 
 
 def rotated(shape: Array, angle_rad: float) -> Array:
-    """The shape turned by `angle_rad`: how an axially symmetric lens blurs elsewhere at the same height (4.20)."""
+    """The shape rotated by `angle_rad`: the blur of an axially symmetric lens at the same height (4.20)."""
     half, c, s = (len(shape) - 1) / 2, np.cos(angle_rad), np.sin(angle_rad)
     x, y = np.meshgrid(*[np.linspace(-1, 1, len(shape))] * 2)
     turned = map_coordinates(shape, [(-s * x + c * y + 1) * half, (c * x + s * y + 1) * half], order=1)

@@ -1,7 +1,7 @@
-"""Vectors of fixed length as values in compiled functions: what a loop keeps in registers, whatever surrounds it.
+"""Vectors of fixed length as values in compiled functions, kept in registers by a loop.
 
-Short rows are too short for a compiler's own vectorising, which guards each of them against overlap and odd lengths.
-Here a row is loaded, multiplied and stored as one value; the compiler breaks it into what the processor has.
+Short rows do not benefit from a compiler's automatic vectorisation, which guards each against overlap and odd lengths.
+Here a row is loaded, multiplied and stored as one value, which the compiler maps to the processor's registers.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numba.extending import intrinsic, models, register_model
 from numba.np.arrayobj import make_array
 
 LANES = 16
-"""Numbers in a vector: two of AVX, one of AVX-512; 8 took 14 to 40 % longer where masks are 9 to 13 wide."""
+"""Numbers in a vector: two registers of AVX, one of AVX-512; 8 took 14 to 40 % longer for masks 9 to 13 wide."""
 
 _INDEX = ir.IntType(32)
 
@@ -35,7 +35,7 @@ class _LanesModel(models.PrimitiveModel):
 
 
 def _emitted(function: Callable[..., Any]) -> Any:
-    """An operation that compiled functions call without the typing context, the first argument of `function`."""
+    """An operation for compiled functions that omits the typing context, the first argument of `function`."""
     return intrinsic(function)
 
 
@@ -48,7 +48,7 @@ def _place(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
 
 @_emitted
 def load(_: Any, array: Any, at: Any) -> Any:
-    """array[at : at + LANES] of a flat array; nobody checks that they exist."""
+    """array[at : at + LANES] of a flat array, without bounds check."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         kind = signature.args[0]
@@ -83,7 +83,7 @@ def filled(_: Any, x: Any) -> Any:
 
 @_emitted
 def multiply_add(_: Any, x: Any, y: Any, z: Any) -> Any:
-    """x y + z, in one rounding where the processor can."""
+    """x y + z, with one rounding where the processor supports it."""
 
     def generate(_: Any, builder: Any, signature: Any, values: Any) -> Any:
         product = builder.fmul(values[0], values[1], flags=["contract"])
@@ -94,7 +94,7 @@ def multiply_add(_: Any, x: Any, y: Any, z: Any) -> Any:
 
 @_emitted
 def total(_: Any, lanes: Any) -> Any:
-    """Sum of the lanes, by halves."""
+    """Sum of the lanes, by halving."""
 
     def generate(_: Any, builder: Any, signature: Any, values: Any) -> Any:
         x, n = values[0], LANES
@@ -109,7 +109,7 @@ def total(_: Any, lanes: Any) -> Any:
 
 @_emitted
 def entry(_: Any, array: Any, at: Any) -> Any:
-    """array[at] of a flat array, never counted from its end: that alone costs a tenth of a convolution."""
+    """array[at] of a flat array, without negative indices, which alone cost a tenth of a convolution."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         kind = signature.args[0]

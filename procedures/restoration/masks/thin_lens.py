@@ -1,4 +1,4 @@
-"""From camera settings to the blur of a distance and back: Gaussian optics (4.1 to 4.18) and its precision (chapter 9).
+"""Blur from camera settings and distance, and back: Gaussian optics (4.1 to 4.18) and its precision (chapter 9).
 
 Distances from the front principal plane, all lengths in millimetres unless named otherwise.
 """
@@ -46,12 +46,12 @@ class CameraSetting:
 
     @property
     def image_distance_mm(self) -> float:
-        """zeta: the image plane's distance from the lens, 1/zeta = 1/f - 1/l_s (4.1)."""
+        """zeta: distance of the image plane from the lens, 1/zeta = 1/f - 1/l_s (4.1)."""
         return 1 / (1 / self.focal_length_mm - 1 / self.focus_mm)
 
     @property
     def scale_px_mm(self) -> float:
-        """rho zeta in pixels times millimetres: the blur of one unit of inverse distance (4.5)."""
+        """rho zeta in pixels times millimetres: the blur per unit of inverse distance (4.5)."""
         return self.aperture_radius_mm * self.image_distance_mm / (self.pitch_um * 1e-3)
 
     def blur_radius_px(self, distance_mm: float | Array) -> Array:
@@ -59,12 +59,12 @@ class CameraSetting:
         return np.asarray(self.scale_px_mm * (1 / np.asarray(distance_mm, float) - 1 / self.focus_mm))
 
     def distance_mm(self, radius_px: float | Array) -> Array:
-        """Distance at which the signed blur radius is seen; infinite where no distance blurs so much beyond."""
+        """Distance of a signed blur radius; infinite where no distance has so large a radius."""
         inverse = np.asarray(radius_px, float) / self.scale_px_mm + 1 / self.focus_mm
         return np.where(inverse > 0, 1 / np.where(inverse > 0, inverse, 1), np.inf)
 
     def distance_uncertainty_mm(self, distance_mm: float | Array, radius_std_px: float | Array) -> Array:
-        """Standard uncertainty of the distance for that of the blur radius: grows with the distance's square."""
+        """Standard uncertainty of the distance from that of the blur radius: grows with the distance's square."""
         return np.asarray(np.asarray(distance_mm, float) ** 2 / self.scale_px_mm * np.asarray(radius_std_px, float))
 
 

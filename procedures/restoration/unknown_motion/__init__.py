@@ -1,1 +1,1 @@
-"""Masks of a motion that nobody recorded, from the photographs themselves (blind)."""
+"""Masks of unrecorded motion, estimated from the photographs themselves (blind)."""

@@ -1,8 +1,8 @@
 """Prototype masks of unknown rig motion, from a flat part of the scene: multichannel blind deconvolution.
 
-Two photographs of one picture through two masks satisfy z1 * h2 = z2 * h1 whatever the picture, which gives the masks
-a first time; then picture and masks are fitted in turn, the picture with a total-variation prior, the masks
-non-negative (after Sroubek and Milanfar 2012). The masks contain the shift between the photographs.
+Two photographs of one picture through two masks satisfy z1 * h2 = z2 * h1 for any picture, which gives initial masks.
+Then picture and masks are fitted in turn, the picture with a total-variation prior, the masks non-negative (after
+Sroubek and Milanfar 2012). The masks contain the shift between the photographs.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from procedures.restoration.masks.blur_operator import Array
 
 @dataclass(frozen=True)
 class Prototypes:
-    """Masks of both photographs (2, K, K), sum 1, about their common centre, and shapes on [-1, 1] scaled to them.
+    """Masks of both photographs (2, K, K), sum 1, about their common centre, and as shapes on [-1, 1].
 
     half_width : of the masks, pixels: the w of the flat part; residual : of the last fit, white = 1.
     """
@@ -46,18 +46,18 @@ def prototype_shapes(
     cross: float = 100.0,
     most_residual: float = 0.2,
 ) -> Prototypes:
-    """Masks of a flat part (2, H, W) seen in both photographs, support found up to half-size `largest`.
+    """Masks of a flat part (2, H, W) of both photographs, with supports up to half-size `largest`.
 
-    first : masks to begin from (2, K, K), as `recorded.recorded_masks` finds them; their support is kept.
-    cross : weight of the cross relation against the fit to the picture, both in squared gradients; most_residual : of
-    the part's contrast, beyond which the masks explain nothing.
+    first : initial masks (2, K, K), as from `recorded_paths.recorded_masks`, whose support is kept.
+    cross : weight of the cross relation relative to the fit to the picture, both in squared gradients; most_residual :
+    largest residual relative to the part's contrast.
 
     Raises
     ------
     BadInput
         If there are not two parts, or they are smaller than eight masks.
     Refused
-        If no masks explain the two parts: they are not of one depth, or the rig turned.
+        If no masks explain the two parts: they are not of one depth, or the rig rotated.
     """
     if len(parts) != 2:
         raise BadInput(f"unknown motion is estimated from two photographs, got {len(parts)}", "give the first two")
@@ -72,12 +72,12 @@ def prototype_shapes(
     masks = _first_masks(parts, R) if first is None else first
     u = np.pad(parts.mean(axis=0), R, mode="edge")
     for n in range(rounds):
-        # first only what is surely an edge, so that the masks become sharp before the picture is detailed
+        # strong edges only at first, so that the masks become sharp before the picture is detailed
         u = _picture(parts, masks, u, 1e-2 * 0.02 ** (n / rounds))
         masks = _masks(parts, u, cross * relation, R)
     residual = np.sqrt(np.mean([(fftconvolve(u, h, mode="valid") - z) ** 2 for h, z in zip(masks, parts, strict=True)]))
     if residual > most_residual * parts.std():
-        raise Refused("no pair of masks explains the marked part in both photographs", "mark a part of one distance")
+        raise Refused("no pair of masks explains the marked part of both photographs", "mark a part of one distance")
     masks = centred(masks)
     half = reach(masks)
     return Prototypes(masks, np.stack([as_shape(h, half) for h in masks]), half, float(residual))
@@ -90,52 +90,52 @@ def _patches(z: Array, size: int) -> Array:
 
 
 def _gradients(z: Array) -> tuple[Array, Array]:
-    """Differences down and across: what tells masks apart is edges."""
+    """Differences down and across, as the information on masks is in the edges."""
     return np.diff(z, axis=0)[:, :-1], np.diff(z, axis=1)[:-1]
 
 
 def cross_relation(parts: Array, R: int) -> Array:
     """Matrix M of |z1 * h2 - z2 * h1|^2 = (h1, h2)' M (h1, h2), over both masks' entries, in gradients.
 
-    The noise's share, its least eigenvalue, is taken off.
+    The least eigenvalue, due to noise, is subtracted.
     """
     size = 2 * R + 1
     M = np.zeros((2 * size * size, 2 * size * size))
     for g1, g2 in zip(_gradients(parts[0]), _gradients(parts[1]), strict=True):
-        both = np.concatenate([-_patches(g2, size), _patches(g1, size)], axis=1)
-        M += both.T @ both
+        relation = np.concatenate([-_patches(g2, size), _patches(g1, size)], axis=1)
+        M += relation.T @ relation
     return np.asarray(M - np.linalg.eigvalsh(M)[0] * np.eye(len(M)))
 
 
 def _least_relation(parts: Array, R: int) -> float:
-    """Mean square of z1 * h2 - z2 * h1 at the masks of unit norm that make it least."""
+    """Least mean square of z1 * h2 - z2 * h1 over masks of unit norm."""
     z1, z2 = (_patches(z - z.mean(), 2 * R + 1) for z in parts)
-    both = np.concatenate([-z2, z1], axis=1)
-    return float(np.linalg.eigvalsh(both.T @ both / len(both))[0])
+    relation = np.concatenate([-z2, z1], axis=1)
+    return float(np.linalg.eigvalsh(relation.T @ relation / len(relation))[0])
 
 
 def support(parts: Array, largest: int, gain: float = 1.12) -> int:
-    """Least half-size of masks beyond which the cross relation gains nothing but its additional unknowns.
+    """Half-size of masks beyond which the cross relation improves only by its additional unknowns.
 
-    gain : a larger support lowers the least eigenvalue by its few more unknowns only, some per cent; a missing rim
+    gain : a larger support lowers the least eigenvalue by some per cent through its additional unknowns; a missing rim
     doubles it.
     """
-    left = _least_relation(parts, 1)
+    residual = _least_relation(parts, 1)
     for R in range(1, largest):
         more = _least_relation(parts, R + 1)
-        if left < gain * more:
+        if residual < gain * more:
             return R
-        left = more
+        residual = more
     return largest
 
 
 def _first_masks(parts: Array, R: int) -> Array:
-    """Non-negative masks of sum 1 that satisfy the cross relation best, its noise subtracted."""
+    """Non-negative masks of sum 1 that best satisfy the cross relation without noise."""
     size = 2 * R + 1
     z1, z2 = (_patches(z - z.mean(), size) for z in parts)
-    both = np.concatenate([-z2, z1], axis=1)
-    values, vectors = eigh(both.T @ both / len(both))
-    # noise lifts every eigenvalue by its variance; the masks live where nothing but noise is left
+    relation = np.concatenate([-z2, z1], axis=1)
+    values, vectors = eigh(relation.T @ relation / len(relation))
+    # noise raises every eigenvalue by its variance; the masks are in the subspace of noise alone
     root = np.sqrt(np.maximum(values - values[0], 0) + 1e-3 * values[0] + 1e-12)[:, None] * vectors.T
     tie = np.sqrt(values[-1]) * np.repeat(np.eye(2), size * size, axis=1)
     target = np.concatenate([np.zeros(len(root)), np.sqrt(values[-1]) * np.ones(2)])
@@ -148,18 +148,17 @@ def _normalised(masks: Array) -> Array:
 
 
 def _picture(parts: Array, masks: Array, u: Array, weight: float) -> Array:
-    """The picture of the part and what surrounds it, by total variation with one relinearisation."""
     n, first = [next_fast_len(size, True) for size in u.shape], masks.shape[1] - 1
-    seen = (..., slice(first, u.shape[0]), slice(first, u.shape[1]))
+    visible = (..., slice(first, u.shape[0]), slice(first, u.shape[1]))
     spectra, wide = rfft2(masks, n), np.zeros((2, *n))
 
     def adjoint(e: Array) -> Array:
-        wide[seen] = e
+        wide[visible] = e
         return np.asarray(irfft2((spectra.conj() * rfft2(wide)).sum(axis=0), n)[: u.shape[0], : u.shape[1]])
 
     def forward(x: Array) -> Array:
-        # what wraps around falls beside the part
-        return np.asarray(irfft2(spectra * rfft2(x, n), n)[seen])
+        # light that wraps around falls outside the part
+        return np.asarray(irfft2(spectra * rfft2(x, n), n)[visible])
 
     for _ in range(2):
         diffusion = total_variation(u[None], 0.01)
@@ -170,7 +169,7 @@ def _picture(parts: Array, masks: Array, u: Array, weight: float) -> Array:
 
 
 def _normal(blurred_twice: Callable[[Array], Array], weight: float, diffusion: tuple[Array, Array], x: Array) -> Array:
-    """The normal equations' left side: blur and its adjoint, and the picture's prior."""
+    """Left side of the normal equations: blur and its adjoint, and the picture's prior."""
     return blurred_twice(x) + weight * diffuse(x, *diffusion)
 
 
@@ -183,11 +182,11 @@ def _masks(parts: Array, u: Array, relation: Array, R: int) -> Array:
         A = _patches(g, size)
         gram += A.T @ A
         right += np.stack([A.T @ _gradients(z)[k].ravel() for z in parts])
-    both = relation.copy()
-    both[:n, :n] += gram
-    both[n:, n:] += gram
-    both[np.diag_indices(2 * n)] += 1e-5 * np.trace(gram) / n
-    factor = np.linalg.cholesky(both).T
+    normal = relation.copy()
+    normal[:n, :n] += gram
+    normal[n:, n:] += gram
+    normal[np.diag_indices(2 * n)] += 1e-5 * np.trace(gram) / n
+    factor = np.linalg.cholesky(normal).T
     h, _ = nnls(factor, np.linalg.solve(factor.T, right.ravel()))
     masks = h.reshape(2, size, size)
     masks[masks < 0.02 * masks.max()] = 0
@@ -195,7 +194,7 @@ def _masks(parts: Array, u: Array, relation: Array, R: int) -> Array:
 
 
 def centred(masks: Array) -> Array:
-    """The same masks about the middle of their common extent: a common shift moves only the picture."""
+    """The masks centred on their common extent: a common shift affects only the picture."""
     rows, columns = (np.flatnonzero(masks.sum(axis=axes)) for axes in ((0, 2), (0, 1)))
     R = masks.shape[1] // 2
     shift = (round(R - (rows[0] + rows[-1]) / 2), round(R - (columns[0] + columns[-1]) / 2))

@@ -1,7 +1,7 @@
-"""How much the frame around a flat part contradicts two motion paths, whatever its picture and its depths are.
+"""Contradiction of two motion paths by the frame around a flat part, for any picture and depths.
 
-z1 * h2 = z2 * h1 at the depth where each place agrees best. A depth that changes within the masks' reach breaks that by
-several times the noise, wrong paths by more.
+z1 * h2 = z2 * h1 holds at the best depth of each place. Changes of depth within the masks' reach violate it by several
+times the noise, wrong paths by more.
 """
 
 from __future__ import annotations
@@ -18,28 +18,29 @@ from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.unknown_motion.mask_evidence import FLOOR, MaskEvidence, masks_at
 
 INSTANTS = 150
-"""Of a curve drawn while many are compared: a third of what the last ones get, and a third of its time."""
+"""Instants of a curve when many are compared: a third of the final number, and a third of its time."""
 
 
 @dataclass(frozen=True)
 class PlaceSettings:
-    """Which places of the frame are looked at, at which depths, and what counts there.
+    """Places and depths that are compared, and their weights.
 
     Attributes
     ----------
     limits, step, beyond : (float, float), float, float
-        Least and greatest depth tried over the flat part's own, their step, and how far beyond those of a rough
+        Smallest and largest depth relative to the flat part's, their step, and the margin beyond the depths of a rough
         matching.
     outlying : float
-        Per cent of the surroundings whose rough depth tells no limit.
+        Per cent of the surroundings excluded from the limits of the rough depth.
     window, cap : int, float
-        Side of the mean of squared disagreement, pixels, and mean, of noise 1, at which a place merely has a step.
+        Side of the window for mean squared disagreement, pixels, and mean, for noise 1, at which a place is taken as a
+        depth edge.
     number, side : int
-        Places looked at, those with most contrast, and their side without what wraps around, pixels.
+        Number of places, those with most contrast, and their side without periodic boundary, pixels.
     slopes : float
-        Weight of what places say of masks: depths that change leave three times the noise even with the right ones.
+        Weight of the places' evidence of masks: changes of depth leave three times the noise even with true masks.
     fewest : int
-        Pixels of a depth that tell anything of its masks.
+        Smallest number of pixels of a depth that determine its masks.
     """
 
     limits: tuple[float, float] = (0.4, 2.0)
@@ -56,16 +57,16 @@ class PlaceSettings:
 
 @dataclass(frozen=True)
 class FrameCut:
-    """Spectra of both photographs' cuts (2, n, n / 2 + 1), and which of its pixels lie outside the flat part."""
+    """Spectra of both photographs' cuts (2, n, n / 2 + 1), and mask of its pixels outside the flat part."""
 
     spectra: Array
     outside: NDArray[np.bool_]
 
 
 class Disagreement:
-    """Of two photographs (2, H, W), of noise 1, with curves of half-width `half` in the flat part.
+    """Disagreement of two photographs (2, H, W), of noise 1, for curves of half-width `half` in the flat part.
 
-    w : rough depth (H, W), pixels: what sizes are tried.
+    w : rough depth (H, W), pixels, for the sizes tried.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class Disagreement:
         self.sizes = _sizes(w, flat, half, s)
         self.R = int(np.ceil(self.sizes[-1] * half + 1))
         self.n = next_fast_len(s.side + 4 * self.R, True)
-        # what is nearer to the frame's border saw what lies beyond
+        # near the frame's border the photographs contain light from outside
         outside = np.pad(np.ones([n - 2 * self.R for n in z.shape[1:]], bool), self.R)
         outside[flat] = False
         margin = (2 * self.R, self.n - 2 * self.R)
@@ -85,7 +86,7 @@ class Disagreement:
             for y, x in _detailed(z, outside, s)
         ]
 
-    def seen(self, points: Array) -> Array:
+    def spectra(self, points: Array) -> Array:
         """Spectra of one curve's masks (POINTS, 2) at every size."""
         masks = np.stack([masks_at(points[None], self.half, s * self.half, self.R, INSTANTS)[0] for s in self.sizes])
         wrapped = np.zeros((len(self.sizes), self.n, self.n), np.float32)
@@ -93,13 +94,13 @@ class Disagreement:
         return np.asarray(rfft2(np.roll(wrapped, (-self.R, -self.R), (1, 2))))
 
     def of(self, first: Array, second: Array) -> float:
-        """Mean over the places, from what was `seen` of both curves: 1 where depths are even and the curves right."""
+        """Mean over the places, from the `spectra` of both curves: 1 for constant depths and true curves."""
         cap = self.settings.cap
-        found = [least[place.outside] for place, _, _, least in self._by_size(first, second)]
-        return float(np.mean(-cap * np.expm1(-np.concatenate(found) / cap))) if found else 0.0
+        costs = [least[place.outside] for place, _, _, least in self._by_size(first, second)]
+        return float(np.mean(-cap * np.expm1(-np.concatenate(costs) / cap))) if costs else 0.0
 
     def _by_size(self, first: Array, second: Array) -> Iterator[tuple[FrameCut, Array, Array, Array]]:
-        """Of every place the disagreement at every size, (sizes, h, w), the size of least mean, and that mean."""
+        """For every place: disagreement at every size, (sizes, h, w), size of least mean, and that mean."""
         noise = _noise(first, second)
         first, second = first / noise, second / noise
         for place in self.places:
@@ -109,30 +110,30 @@ class Disagreement:
             yield place, d, mean.argmin(axis=0), mean.min(axis=0)
 
     def _cut(self, wide: Array, shape: tuple[int, ...], rim: int = 0) -> Array:
-        """What does not wrap around of a place of this shape, and `rim` pixels more each way."""
+        """The part of a place of this shape without periodic boundary, with a margin of `rim` pixels."""
         begin = 2 * self.R - rim
-        found: Array = wide[..., begin : begin + shape[0] + 2 * rim, begin : begin + shape[1] + 2 * rim]
-        return found
+        part: Array = wide[..., begin : begin + shape[0] + 2 * rim, begin : begin + shape[1] + 2 * rim]
+        return part
 
     def evidence(self, points: Array) -> list[MaskEvidence]:
-        """What the places say of the masks of every size, each pixel at the size that fits it best."""
-        first, second = (self.seen(one) for one in points)
+        """Evidence of the places on the masks of every size, each pixel at its best size."""
+        first, second = (self.spectra(curve) for curve in points)
         noise, s = _noise(first, second), self.settings
-        found: dict[int, MaskEvidence] = {}
+        by_size: dict[int, MaskEvidence] = {}
         for place, d, best, least in self._by_size(first, second):
             weight = s.slopes * np.exp(-least / s.cap)
             for size in np.unique(best[place.outside]):
                 at = (best == size) & place.outside
                 if at.sum() < s.fewest:
                     continue
-                evidence = found.get(size) or found.setdefault(
+                evidence = by_size.get(size) or by_size.setdefault(
                     size, MaskEvidence.about(points, self.half, self.sizes[size] * self.half, self.R)
                 )
                 evidence.add(self._patches(place, noise[size], at, evidence.R), -d[size][at], weight[at])
-        return list(found.values())
+        return list(by_size.values())
 
     def _patches(self, place: FrameCut, noise: Array, at: NDArray[np.bool_], R: int) -> Array:
-        """Change of the disagreement at chosen pixels with both masks' entries, (2 (2R + 1)^2, pixels)."""
+        """Derivatives of the disagreement at given pixels with respect to both masks, (2 (2R + 1)^2, pixels)."""
         K, rows = 2 * R + 1, []
         for sign, spectrum in zip((-1, 1), place.spectra[::-1], strict=True):
             wide = self._cut(sign * irfft2(spectrum / noise, (self.n, self.n)), place.outside.shape, R)
@@ -142,7 +143,7 @@ class Disagreement:
 
 
 def _sizes(w: Array, flat: tuple[slice, slice], half: float, s: PlaceSettings) -> Array:
-    """Depths to try over the flat part's own: those of a rough matching around it, and somewhat beyond."""
+    """Depths to try relative to the flat part's: those of a rough matching around it, with a margin."""
     outside = np.ones(w.shape, bool)
     outside[flat] = False
     if not outside.any():

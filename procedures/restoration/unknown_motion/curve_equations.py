@@ -1,6 +1,6 @@
-"""What one size's evidence says of two curves and of their changes, compiled: thousands of curves are tried.
+"""Evidence of one size on two curves, and its derivatives, compiled, as thousands of curves are tried.
 
-Curves touch few pixels of their masks, so that most of a matrix over all of them is not read.
+Curves touch few pixels of their masks, so that most of a matrix over all pixels is not read.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ Array = NDArray[np.floating[Any]]
 def curves_chi_square(masks: Array, G: Array, g: Array, paths: Array, sigma: float) -> float:
     """d'G d - 2 g.d of the masks of paths (2, T, 2) at this size, of width `sigma`, less `masks` (2, K, K)."""
     size = masks.shape[1]
-    there, at, found = np.empty(masks.size), np.empty(masks.size, np.int64), 0
+    difference, at, count = np.empty(masks.size), np.empty(masks.size, np.int64), 0
     for k in range(2):
         mask = line_mask(paths[k], size // 2, sigma)
         for i in range(size):
             for j in range(size):
                 change = mask[i, j] - masks[k, i, j]
                 if change != 0:
-                    there[found], at[found] = change, (k * size + i) * size + j
-                    found += 1
+                    difference[count], at[count] = change, (k * size + i) * size + j
+                    count += 1
     value = 0.0
-    for m in range(found):
-        value += there[m] * (_times(G, at[m], at, there, found) - 2 * g[at[m]])
+    for m in range(count):
+        value += difference[m] * (_times(G, at[m], at, difference, count) - 2 * g[at[m]])
     return value
 
 
@@ -43,43 +43,43 @@ def add_curves(
 ) -> None:  # fmt: skip
     """Add to normal matrix and gradient, over the x, then the y of the points of each free curve, at their own size.
 
-    What lies below the matrix's diagonal blocks is left out, as it is symmetric.
-    scale : of `paths` over the curves' own size; begins, values : see `line_mask_change`.
+    Entries below the matrix's diagonal blocks are omitted, as it is symmetric.
+    scale : of `paths` relative to the curves; begins, values : see `line_mask_change`.
     """
-    size, own = masks.shape[1], 2 * points
+    size, unknowns = masks.shape[1], 2 * points
     area = size * size
-    there, at, found = np.empty(2 * area), np.empty(2 * area, np.int64), 0
-    changes, pixels, count = np.empty((2, area, own)), np.empty((2, area), np.int64), np.zeros(2, np.int64)
+    difference, at, total = np.empty(2 * area), np.empty(2 * area, np.int64), 0
+    changes, pixels, count = np.empty((2, area, unknowns)), np.empty((2, area), np.int64), np.zeros(2, np.int64)
     for k in range(2):
         mask, those, rows = line_mask_change(paths[k], size // 2, sigma, begins, values, points)
         for i in range(size):
             for j in range(size):
                 change = mask[i, j] - masks[k, i, j]
                 if change != 0:
-                    there[found], at[found] = change, (k * size + i) * size + j
-                    found += 1
+                    difference[total], at[total] = change, (k * size + i) * size + j
+                    total += 1
         count[k] = len(those)
         for n in range(len(those)):
             pixels[k, n] = k * area + those[n]
-            for m in range(own):
+            for m in range(unknowns):
                 changes[k, n, m] = scale * rows[n, m]
-    row = np.empty(own)
+    row = np.empty(unknowns)
     for a in range(len(free)):
         for n in range(count[free[a]]):
             pixel, mine = pixels[free[a], n], changes[free[a], n]
-            downhill = _times(G, pixel, at, there, found) - g[pixel]
-            for m in range(own):
-                gradient[a * own + m] += mine[m] * downhill
+            downhill = _times(G, pixel, at, difference, total) - g[pixel]
+            for m in range(unknowns):
+                gradient[a * unknowns + m] += mine[m] * downhill
             for b in range(a, len(free)):
                 row[:] = 0.0
                 for q in range(count[free[b]]):
-                    beside = G[pixel, pixels[free[b], q]]
-                    for m in range(own):
-                        row[m] += beside * changes[free[b], q, m]
-                for k in range(own):
-                    if mine[k] != 0:  # a pixel is moved by few of its curve's points
-                        for m in range(own):
-                            H[a * own + k, b * own + m] += mine[k] * row[m]
+                    factor = G[pixel, pixels[free[b], q]]
+                    for m in range(unknowns):
+                        row[m] += factor * changes[free[b], q, m]
+                for k in range(unknowns):
+                    if mine[k] != 0:  # a pixel depends on few of its curve's points
+                        for m in range(unknowns):
+                            H[a * unknowns + k, b * unknowns + m] += mine[k] * row[m]
 
 
 @numba.njit(fastmath=True, error_model="numpy")

@@ -1,8 +1,8 @@
-"""Kernels of any form from whole photographs of a flat scene: hands shake along no smooth curve.
+"""Kernels of any form from whole photographs of a flat scene, as hand shake follows no smooth curve.
 
-Coarse to fine, a picture of few edges and the kernels that blur it into all photographs are found in turn
-(`sharp_edges`), from several beginnings; the probability of the photographs (`sparse_gradients`) tells the best of them
-and settles its kernels. What shifts the photographs against each other is in the kernels.
+From coarse to fine, a picture of few edges and the kernels that blur it into all photographs are estimated in turn
+(`sharp_edges`), from several starts. The probability of the photographs (`sparse_gradients`) selects the best start and
+refines its kernels, which include the shifts between the photographs.
 """
 
 from __future__ import annotations
@@ -33,67 +33,65 @@ from procedures.restoration.unknown_motion.sparse_gradients import SparseFit, Sp
 Pictures = NDArray[np.float32]
 
 CONTRAST = 0.17
-"""Standard deviation that photographs are brought to: weights of edges are told for it."""
+"""Standard deviation to which photographs are scaled; the weights of edges refer to it."""
 REMEDY = "raise --max-w if the motion was larger, lower it if it was surely smaller, or take another photograph"
-FOUND_WEIGHT = 0.01
-"""Least weight of the picture's prior with such kernels: they share a small blur with the picture, which nothing left
-over tells of, and a picture restored too sharp looks as if it had more contrast."""
+MIN_PICTURE_WEIGHT = 0.01
+"""Smallest weight of the picture's prior for estimated kernels: they share a small blur with the picture, which leaves
+no residual, and an oversharpened picture appears to have more contrast."""
 
 
 @dataclass(frozen=True)
-class KernelBeginning:
-    """One way down from coarse to fine.
+class KernelStart:
+    """Parameters of one pass from coarse to fine.
 
     Attributes
     ----------
     edges, last_edges : float
-        Weight of a step between neighbours at first, falling by a tenth each round, and where it stays.
+        Initial weight of an edge between neighbours, which falls by a tenth each round, and its final value.
     least : float
-        Of a kernel's greatest value, below which nothing is kept.
+        Fraction of a kernel's maximum below which values are set to zero.
     """
 
     edges: float = 2e-2
     last_edges: float = 1e-3
     least: float = 0.03
 
-    def weighed(self, times: float) -> KernelBeginning:
-        """The same with edges of other weight."""
+    def with_edge_weight(self, times: float) -> KernelStart:
+        """With the weights of edges multiplied by a factor."""
         return replace(self, edges=times * self.edges, last_edges=times * self.last_edges)
 
 
 @dataclass(frozen=True)
 class FreeKernelSettings:
-    """What the search of kernels of any form goes by.
+    """Parameters of the search of kernels of any form.
 
     Attributes
     ----------
-    beginnings : tuple of KernelBeginning
-        Tried in turn; the most probable is settled.
+    starts : tuple of KernelStart
+        Tried in turn; the most probable is refined.
     shrink, smallest : float
-        From one scale to the next coarser one, and half-size of kernels at which they end, pixels.
+        Factor between scales, and half-size of kernels at the coarsest, pixels.
     rounds, ridge, kernel_iterations : int, float, int
-        Picture and kernels in turn at each scale, weight of the kernels' squares, and steps of each of theirs.
+        Rounds of picture and kernels at each scale, weight of the kernels' squares, and iterations for the kernels.
     compared, settled, picture_iterations : int
-        Rounds of the probability until beginnings are compared, and after, and conjugate gradients in each.
+        Rounds of the probability before starts are compared, and after, and conjugate gradients in each.
     least : float
-        Of a kernel's greatest value, below which nothing is kept in these.
+        Fraction of a kernel's maximum below which values are set to zero there.
     largest : int
-        Half-size of the kernels looked for where nobody says, pixels.
+        Default half-size of the kernels, pixels.
     most_pixels : int
-        Of the photographs that are looked at: the middle.
+        Maximum number of pixels used, from the middle of the photographs.
     most_left : float
-        Of the variance of the photographs' differences, beyond which kernels explain nothing.
-    alike : float
-        Correlation of the kernels of two beginnings from which each confirms the other.
-    as_probable : float
-        Minus log probability a sample by which another beginning may be behind and still be as right.
-    at_end : float
-        Share of a kernel's light in its outermost pixels beyond which it may go on outside.
+        Largest fraction of the variance of the photographs' differences that kernels may leave as a residual.
+    min_agreement : float
+        Correlation of the kernels of two starts above which each confirms the other.
+    cost_tolerance : float
+        Excess of minus log probability per sample up to which another start may be equally right.
+    edge_fraction : float
+        Fraction of a kernel's light in its outermost pixels above which it may be truncated.
     """
 
-    beginnings: tuple[KernelBeginning, ...] = field(
-        default_factory=lambda: (KernelBeginning(), KernelBeginning(2e-2, 1e-4, 0.05))
-    )
+    starts: tuple[KernelStart, ...] = field(default_factory=lambda: (KernelStart(), KernelStart(2e-2, 1e-4, 0.05)))
     shrink: float = 0.5**0.5
     smallest: float = 1.5
     rounds: int = 10
@@ -106,34 +104,34 @@ class FreeKernelSettings:
     largest: int = 16
     most_pixels: int = 120_000
     most_left: float = 0.25
-    alike: float = 0.7
-    as_probable: float = 0.03
-    at_end: float = 0.01
+    min_agreement: float = 0.7
+    cost_tolerance: float = 0.03
+    edge_fraction: float = 0.01
 
 
 @dataclass(frozen=True)
 class FreeKernels:
-    """Kernels (P, K, K) of the photographs, one sample a pixel, about the middle of their common extent, sum 1.
+    """Kernels (P, K, K) of the photographs, one sample a pixel, centred on their common extent, sum 1.
 
-    left : standard deviation of what they leave of the photographs' differences, of the photographs' contrast;
-    agreement : likeness of what two beginnings end in; doubt : why they are not to be trusted, or None; others : what
-    another beginning ends in, of any extent, or None where none ends alike and is as probable.
+    residual : standard deviation of the residual of the photographs' differences, relative to their contrast;
+    agreement : correlation of the results of two starts; doubt : why they are unreliable, or None; others : the result
+    of another start, of any extent, or None where none agrees and is as probable.
     """
 
     kernels: Array
-    left: float
+    residual: float
     agreement: float
     doubt: str | None = None
     others: Array | None = None
 
     @property
     def half_width(self) -> float:
-        """Of the widest, pixels."""
+        """Half-width of the widest kernel, pixels."""
         return float(self.kernels.shape[1] - 1) / 2
 
     @property
     def shapes(self) -> MotionShapes:
-        """As a restoration takes and judges what was found of unknown motion."""
+        """In the form of any estimated motion."""
         return MotionShapes(self.kernels, self.half_width, None, self.doubt, REMEDY, self.others)
 
 
@@ -142,7 +140,7 @@ def kernels_of_flat_scene(
 ) -> FreeKernels:
     """The kernels of photographs (P, H, W), two or more of one flat scene.
 
-    largest : half-size of the kernels looked for, their shift against each other included, pixels.
+    largest : half-size of the kernels, their relative shift included, pixels.
 
     Raises
     ------
@@ -153,31 +151,30 @@ def kernels_of_flat_scene(
     """
     s = settings or FreeKernelSettings()
     if len(photographs) < 2:
-        raise BadInput(f"unknown motion is told by two photographs or more, got {len(photographs)}", "take another one")
+        raise BadInput(f"unknown motion needs two photographs or more, got {len(photographs)}", "take another one")
     R = largest or max(1, min(s.largest, (min(photographs.shape[1:]) - 1) // 4))
-    z = _looked_at(photographs, R, s)
+    z = _central_part(photographs, R, s)
     sparse = SparseGradients(z, R)
     searches: list[_Search] = []
-    # many photographs outweigh the belief in few edges, which alone keeps a common blur out of their kernels: it is
-    # made to weigh as they do, but as in two of them where that search ends in doubt
+    # many photographs outweigh the prior of few edges, which alone keeps a common blur out of their kernels: its weight
+    # is scaled with their number, but not where that search ends in doubt
     for edges in dict.fromkeys((len(z) / 2, 1.0)):
         searches.append(_searched(sparse, z, edges, s))
         if searches[-1].doubt is None:
             break
     best = min(searches, key=lambda one: (one.doubt is not None, one.fit.cost))
-    share = best.fit.left / float(np.mean(sparse.seen**2))
+    share = best.fit.residual / float(np.mean(sparse.observed**2))
     if share > s.most_left:
         raise Refused(
-            f"no kernels of up to {R} pixels each way explain the photographs: "
-            f"{share:.0%} of their differences are left",
-            "raise --max-w if the motion was larger; the scene has to be flat, still, and not turned in between",
+            f"no kernels of up to {R} pixels each way explain the photographs: {share:.0%} of their differences remain",
+            "raise --max-w if the motion was larger; the scene has to be flat, static, and not rotated in between",
         )
-    return best.told
+    return best.result
 
 
 @dataclass(frozen=True)
 class _Search:
-    """The most probable of several beginnings, settled; the next one, settled, where it may be right; and the doubt."""
+    """The most probable of several starts, refined; the next one, refined, where it may be right; and the doubt."""
 
     fit: SparseFit
     other: SparseFit | None
@@ -185,39 +182,39 @@ class _Search:
     doubt: str | None
 
     @property
-    def told(self) -> FreeKernels:
-        """As they are given away."""
+    def result(self) -> FreeKernels:
+        """The kernels, cropped."""
         others = None if self.other is None else cropped(self.other.kernels)
-        left = float(np.sqrt(self.fit.left)) / CONTRAST
-        return FreeKernels(cropped(self.fit.kernels), left, self.agreement, self.doubt, others)
+        residual = float(np.sqrt(self.fit.residual)) / CONTRAST
+        return FreeKernels(cropped(self.fit.kernels), residual, self.agreement, self.doubt, others)
 
 
 def _searched(sparse: SparseGradients, z: Pictures, edges: float, s: FreeKernelSettings) -> _Search:
-    """Kernels from all beginnings. edges : what the weight of a step between neighbours is taken times."""
+    """Kernels from all starts. edges : factor of the weight of an edge between neighbours."""
 
-    def settled(kernels: Kernels) -> SparseFit:
-        return sparse.fitted(about_middle(kernels), s.settled, s.picture_iterations, s.least)
+    def refined(kernels: Kernels) -> SparseFit:
+        return sparse.fit(about_middle(kernels), s.settled, s.picture_iterations, s.least)
 
-    begun = [_begun(z, sparse.R, one.weighed(edges), s) for one in s.beginnings]
+    starts = [_initial_kernels(z, sparse.R, start.with_edge_weight(edges), s) for start in s.starts]
     fits = sorted(
-        (sparse.fitted(one, s.compared, s.picture_iterations, s.least) for one in begun), key=lambda fit: fit.cost
+        (sparse.fit(start, s.compared, s.picture_iterations, s.least) for start in starts), key=lambda fit: fit.cost
     )
-    fit = settled(fits[0].kernels)
+    fit = refined(fits[0].kernels)
     agreement = min([likeness(fit.kernels, one.kernels) for one in fits[1:]], default=1.0)
-    # one that went elsewhere, or explains the photographs less well, tells nothing of where this one ended
-    rivals = [one for one in fits[1:] if one.cost < fits[0].cost + s.as_probable and agreement >= s.alike]
-    return _Search(fit, settled(rivals[0].kernels) if rivals else None, agreement, _doubt(fit, agreement, s))
+    # one with another result, or a worse fit, carries no information on the error of this one
+    rivals = [fit_ for fit_ in fits[1:] if fit_.cost < fits[0].cost + s.cost_tolerance and agreement >= s.min_agreement]
+    return _Search(fit, refined(rivals[0].kernels) if rivals else None, agreement, _doubt(fit, agreement, s))
 
 
-def kernels_as_found(kernels: Sequence[Array], count: int, doubt: str | None = None) -> MotionShapes:
-    """Kernels that were found before, one for each of `count` photographs, (K, K) with one sample a pixel.
+def given_kernels(kernels: Sequence[Array], count: int, doubt: str | None = None) -> MotionShapes:
+    """Kernels from an earlier restoration, one for each of `count` photographs, (K, K) with one sample a pixel.
 
-    doubt : why they were not to be trusted
+    doubt : why they were unreliable
 
     Raises
     ------
     BadParameter
-        If they are not as many, or no such kernels.
+        If their number or sampling is wrong.
     """
     sizes = [len(one) for one in kernels]
     if len(sizes) != count or max(sizes) >= MEASURED:
@@ -234,27 +231,27 @@ def kernels_as_found(kernels: Sequence[Array], count: int, doubt: str | None = N
 def _doubt(fit: SparseFit, agreement: float, settings: FreeKernelSettings) -> str | None:
     rim = np.ones(fit.kernels.shape[1:], bool)
     rim[1:-1, 1:-1] = False
-    if fit.kernels[:, rim].sum(axis=1).max() > settings.at_end:
+    if fit.kernels[:, rim].sum(axis=1).max() > settings.edge_fraction:
         R = fit.kernels.shape[1] // 2
-        return f"the motion found reaches the end of the {R} pixels each way that were looked at"
-    if agreement < settings.alike:
-        return f"two ways to find the motion end in kernels that are only {agreement:.2f} alike, where 1 is the same"
+        return f"the estimated motion reaches the end of the search range of {R} pixels each way"
+    if agreement < settings.min_agreement:
+        return f"two searches of the motion end in kernels with a correlation of only {agreement:.2f}"
     return None
 
 
-def _begun(z: Pictures, R: int, beginning: KernelBeginning, s: FreeKernelSettings) -> Kernels:
+def _initial_kernels(z: Pictures, R: int, start: KernelStart, s: FreeKernelSettings) -> Kernels:
     """Kernels by sharp edges, from the coarsest scale to the finest."""
     scale, finest = _coarsest(R, s), R
     R = max(1, int(np.ceil(scale * finest)))
     kernels = np.zeros((len(z), 2 * R + 1, 2 * R + 1), np.float32)
     kernels[:, R - 1 : R + 2, R - 1 : R + 2] = 1 / 9
-    weight = beginning.edges
+    weight = start.edges
     while True:
         edges = EdgePicture(_shrunk(z, scale), R)
         for _ in range(s.rounds):
             u = edges.picture(kernels, weight)
-            kernels = thin(edges.kernels(u, kernels, s.ridge, s.kernel_iterations), beginning.least)
-            weight = max(weight / 1.1, beginning.last_edges)
+            kernels = thin(edges.kernels(u, kernels, s.ridge, s.kernel_iterations), start.least)
+            weight = max(weight / 1.1, start.last_edges)
         kernels = recentred(kernels)
         if scale == 1:
             return kernels
@@ -288,11 +285,11 @@ def _looked_at(photographs: Array, R: int, settings: FreeKernelSettings) -> Pict
     rows, columns = z.shape[1:]
     height = min(rows, max(int(np.sqrt(settings.most_pixels)), settings.most_pixels // columns))
     width = min(columns, settings.most_pixels // height)
-    top, left = (rows - height) // 2, (columns - width) // 2
-    z = z[:, top : top + height, left : left + width]
+    top, residual = (rows - height) // 2, (columns - width) // 2
+    z = z[:, top : top + height, residual : residual + width]
     contrast = float(z[0].std())
     if contrast == 0:
-        raise Refused("the photographs show nothing", "put structure into the scene")
+        raise Refused("the photographs have no contrast", "put structure into the scene")
     return np.asarray((z - z.mean()) * (CONTRAST / contrast), np.float32)
 
 
@@ -309,11 +306,11 @@ def _check_size(z: Array, R: int) -> None:
 def _together(z: Array, R: int) -> Iterator[tuple[slice, slice]]:
     """Of each photograph the part that all show, where one is shifted by more than R."""
     window = cv2.createHanningWindow(z.shape[:0:-1], cv2.CV_64F)
-    first, *others = (np.ascontiguousarray(one - one.mean(), dtype=np.float64) for one in z)
+    first, *others = (np.ascontiguousarray(image - image.mean(), dtype=np.float64) for image in z)
     moves = [(0, 0)]
-    for one in others:
-        (dx, dy), sure = cv2.phaseCorrelate(first, one, window)
-        far = sure > 0.05 and max(abs(dx), abs(dy)) > R
+    for other in others:
+        (dx, dy), response = cv2.phaseCorrelate(first, other, window)
+        far = response > 0.05 and max(abs(dx), abs(dy)) > R
         moves.append((round(dy), round(dx)) if far else (0, 0))
     spans = []
     for axis in (0, 1):

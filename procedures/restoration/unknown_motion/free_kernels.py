@@ -1,4 +1,4 @@
-"""Kernels of any form, one sample a pixel: what they are kept to, and their step of least squares."""
+"""Kernels of any form, one sample a pixel: constraints, and their least-squares step."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from scipy.signal import fftconvolve
 from procedures.outcome import Refused
 
 Kernels = NDArray[np.float32]
-"""(P, K, K), K odd, sum 1 each; a common shift of all moves only the picture."""
+"""(P, K, K), K odd, sum 1 each; a common shift of all affects only the picture."""
 LEAST_PIECE = 0.05
-"""Share of a kernel's light below which a piece apart from the others is noise."""
+"""Fraction of a kernel's light below which an isolated piece is noise."""
 
 
 def unit(kernels: Kernels) -> Kernels:
-    """Each with sum 1."""
-    found: Kernels = kernels / np.maximum(kernels.sum(axis=(1, 2), keepdims=True), 1e-9)
-    return found
+    """Kernels normalised to sum 1."""
+    normalised: Kernels = kernels / np.maximum(kernels.sum(axis=(1, 2), keepdims=True), 1e-9)
+    return normalised
 
 
 def thin(kernels: Kernels, least: float) -> Kernels:
@@ -39,21 +39,21 @@ def thin(kernels: Kernels, least: float) -> Kernels:
 def _whole_pieces(kernel: NDArray[np.float32]) -> NDArray[np.float32]:
     pieces, count = label(kernel > 0, np.ones((3, 3)))
     light = np.bincount(pieces.ravel(), kernel.ravel(), count + 1)
-    kept: NDArray[np.float32] = np.where(light[pieces] < LEAST_PIECE * light.sum(), 0, kernel).astype(np.float32)
-    return kept
+    clean: NDArray[np.float32] = np.where(light[pieces] < LEAST_PIECE * light.sum(), 0, kernel).astype(np.float32)
+    return clean
 
 
 def recentred(kernels: Kernels) -> Kernels:
-    """The same, moved together by whole pixels so that their common centroid is in the middle."""
-    both, R = kernels.sum(axis=0), kernels.shape[1] // 2
+    """Kernels shifted together by whole pixels so that their common centroid is in the middle."""
+    common, R = kernels.sum(axis=0), kernels.shape[1] // 2
     places = np.arange(2 * R + 1)
-    dy, dx = (round(float(R - places @ both.sum(axis=axis) / both.sum())) for axis in (1, 0))
+    dy, dx = (round(float(R - places @ common.sum(axis=axis) / common.sum())) for axis in (1, 0))
     wide = np.pad(kernels, ((0, 0), (R, R), (R, R)))
     return unit(np.roll(wide, (dy, dx), (1, 2))[:, R : 3 * R + 1, R : 3 * R + 1])
 
 
 def scaled(kernels: Kernels, factor: float, R: int) -> Kernels:
-    """The same where pixels are `factor` times as fine, of half-size R."""
+    """Kernels on pixels `factor` times as fine, of half-size R."""
     middle = R - factor * (kernels.shape[1] // 2)
     to = np.array([[factor, 0, middle], [0, factor, middle]])
     side = (2 * R + 1, 2 * R + 1)
@@ -61,19 +61,18 @@ def scaled(kernels: Kernels, factor: float, R: int) -> Kernels:
 
 
 def about_middle(kernels: Kernels) -> Kernels:
-    """The same, moved together by whole pixels so that what holds them all is in the middle."""
+    """Kernels shifted together by whole pixels so that their common extent is centred."""
     R = kernels.shape[1] // 2
     moves = [round(R - (at[0] + at[-1]) / 2) for at in _extents(kernels)]
     return np.roll(kernels, moves, (1, 2))
 
 
 def _extents(kernels: Kernels) -> list[NDArray[np.intp]]:
-    """Rows and columns in which any has light."""
     return [np.flatnonzero(kernels.sum(axis=axes)) for axes in ((0, 2), (0, 1))]
 
 
 def cropped(kernels: Kernels) -> NDArray[np.float64]:
-    """The same about the middle of their common extent, in the least square that holds them all."""
+    """Kernels centred on their common extent, in the smallest square that contains them."""
     R, kernels = kernels.shape[1] // 2, about_middle(kernels)
     half = max(1, *(int(np.abs(at - R).max()) for at in _extents(kernels)))
     side = slice(R - half, R + half + 1)
@@ -81,7 +80,7 @@ def cropped(kernels: Kernels) -> NDArray[np.float64]:
 
 
 def likeness(a: Kernels, b: Kernels) -> float:
-    """Normalised correlation of two sets of kernels, the least of any, at the common shift that suits them best."""
+    """Normalised correlation of two sets of kernels, the smallest of any, at the best common shift."""
     products = [fftconvolve(one, other[::-1, ::-1]) for one, other in zip(a, b, strict=True)]
     at = np.unravel_index(np.sum(products, axis=0).argmax(), products[0].shape)
     norms = (np.linalg.norm(one) * np.linalg.norm(other) for one, other in zip(a, b, strict=True))
@@ -91,10 +90,10 @@ def likeness(a: Kernels, b: Kernels) -> float:
 def least_squares(
     kernels: Kernels, gradient: Kernels, correlation: NDArray[np.float32], ridge: float, iterations: int
 ) -> Kernels:
-    """Non-negative kernels h of least h'(T + ridge)h / 2 - b'h, from where b - T h is `gradient`; sum 1.
+    """Non-negative kernels h of least h'(T + ridge)h / 2 - b'h, with `gradient` b - T h at the start; sum 1.
 
-    correlation : T, that of the picture with itself, (2K - 1, 2K - 1). T leaves out that the frame ends; `gradient` may
-    regard it, and then the steps end where it is nought all the same.
+    correlation : T, the autocorrelation of the picture, (2K - 1, 2K - 1). T neglects the end of the frame; `gradient`
+    may include it, and the iteration still converges to its zero.
 
     References
     ----------
@@ -109,8 +108,8 @@ def least_squares(
     now = ahead = kernels
     t = 1.0
     for _ in range(iterations):
-        seen = irfft2(rfft2(ahead - kernels, (n, n)) * power, (n, n))[:, :K, :K]
-        before, now = now, np.maximum(ahead + step * (gradient - seen - ridge * ahead), 0)
+        change = irfft2(rfft2(ahead - kernels, (n, n)) * power, (n, n))[:, :K, :K]
+        before, now = now, np.maximum(ahead + step * (gradient - change - ridge * ahead), 0)
         t, past = (1 + math.sqrt(1 + 4 * t * t)) / 2, t
         ahead = now + (past - 1) / t * (now - before)
     return unit(now)

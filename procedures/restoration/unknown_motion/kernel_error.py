@@ -1,7 +1,7 @@
-"""How far a flat scene's picture moves with the way in which its kernels were found.
+"""Sensitivity of a flat scene's picture to the estimation of its kernels.
 
-Two searches that begin otherwise end in kernels that explain the photographs about as well. What their pictures differ
-by is in no residual: it is the least that the kernels' own error may come to. What both err by alike is not in it.
+Two searches from different starts end in kernels that explain the photographs about equally well. The difference of
+their pictures is in no residual: it is a lower bound of the error due to the kernels. Common errors are not in it.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from procedures.restoration.masks.blur_operator import Array
 Spectra = NDArray[np.complex128]
 
 
-def picture_moved(sharp: Array, kernels: Array, others: Array, weight: float) -> Array:
-    """Local root mean square (H, W) of the difference of two pictures, but for a common shift.
+def picture_change(sharp: Array, kernels: Array, others: Array, weight: float) -> Array:
+    """Local root mean square (H, W) of the difference of two pictures, without a common shift.
 
     sharp : (C, H, W), as restored with the kernels; kernels, others : (P, K, K) each, one sample a pixel, of sum 1, of
     the two searches; weight : of the picture's gradients.
 
-    The photographs are taken for the picture through the kernels. Seen so, kernels h restore it by the filter
+    The photographs are modelled as the picture through the kernels. Kernels h then restore it by the filter
     sum conj(h) h / (sum |h|^2 + weight |gradient|^2), the others g by sum conj(g) h / (sum |g|^2 + weight ...).
     """
     rim = kernels.shape[1]
     u = np.pad(sharp.astype(np.float64), ((0, 0), (rim, rim), (rim, rim)), mode="reflect")
-    H, G = (_spectra(one, u.shape[1:]) for one in (kernels, others))
+    H, G = (_spectra(each, u.shape[1:]) for each in (kernels, others))
     across = [2 - 2 * np.cos(2 * np.pi * fftfreq(n)) for n in u.shape[1:]]
     stiff = weight * (across[0][:, None] + across[1])
     change = (G.conj() * H).sum(axis=0) / (np.sum(np.abs(G) ** 2, axis=0) + stiff)
@@ -38,7 +38,7 @@ def picture_moved(sharp: Array, kernels: Array, others: Array, weight: float) ->
 
 
 def _spectra(kernels: Array, size: tuple[int, ...]) -> Spectra:
-    """Of kernels whose common centroid is in the origin."""
+    """Spectra of kernels with their common centroid at the origin."""
     K = kernels.shape[1]
     wide = np.zeros((len(kernels), *size))
     wide[:, :K, :K] = kernels
@@ -48,7 +48,7 @@ def _spectra(kernels: Array, size: tuple[int, ...]) -> Spectra:
 
 
 def _unshifted(difference: Array, sharp: Array) -> Array:
-    """Without what a shift of the picture explains of it."""
+    """The difference without the part explained by a shift of the picture."""
     slopes = np.stack([one.ravel() for one in np.gradient(sharp.astype(np.float64), axis=(-2, -1))], axis=1)
     shift, *_ = np.linalg.lstsq(slopes, difference.ravel(), rcond=None)
     return np.asarray(difference - (slopes @ shift).reshape(difference.shape))

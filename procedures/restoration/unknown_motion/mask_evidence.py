@@ -1,8 +1,8 @@
-"""What two photographs say of the masks of one w, whatever the picture is: a quadratic, and curves fitted to many.
+"""Evidence of two photographs on the masks of one w, for any picture: a quadratic form, to which curves are fitted.
 
-Errors of the whole model are taken tile by tile. What a common picture explains is projected out of them
-(z1 * h2 = z2 * h1 in the errors), and so is a change of the tile's depth; what is left is linear in the masks, so a sum
-of squares says how well any other masks of that w would do. Curves are then fitted without touching the photographs.
+Errors of the whole model are taken tile by tile. The part explained by a common picture is projected out (z1 * h2 =
+z2 * h1 in the errors), and so is a change of the tile's depth. The rest is linear in the masks, so that a sum of
+squares rates any other masks of that w. Curves are then fitted without the photographs.
 """
 
 from __future__ import annotations
@@ -16,23 +16,29 @@ from scipy.fft import rfft2
 from procedures.restoration.masks.blur_models import LINE
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.unknown_motion.curve_equations import add_curves, curves_chi_square
-from procedures.restoration.unknown_motion.motion_splines import POINTS, basis, drawn, moving, unsteadiness
+from procedures.restoration.unknown_motion.motion_splines import (
+    POINTS,
+    basis,
+    moving,
+    spline_mask,
+    third_derivative_penalty,
+)
 
 BEYOND = 1.15
-"""How far masks may reach beyond those they are told from."""
+"""Largest reach of masks relative to those from which they are estimated."""
 STEADY = 1e-6
 """Weight of a curve's mean squared third derivative, pixels per exposure, in squared noise: a rig has mass.
-Oscillations of 2 pixels, four in an exposure, count as a hundred samples wrong by the noise; kinks, several times as
-much."""
+Oscillations of 2 pixels, four in an exposure, cost as much as a hundred samples wrong by the noise; kinks several times
+as much."""
 FLOOR = 1e-3
-"""Spectra below this share of the masks' own are not divided by."""
+"""Relative magnitude of spectra below which division is avoided."""
 FARTHEST = 20.0
-"""Times the least cost so far from which no descent came below it."""
+"""Ratio to the least cost so far from which no descent has reached below it."""
 PATIENCE = 4.0
-"""Falls of the cost in two rounds beyond which it is not followed. Of 136 descents of two pairs of motions 13 came
-below the least cost so far, none of which either rule gives up; of all rounds they save 40 %."""
+"""A descent is abandoned if this many times its fall in two rounds does not suffice. Of 136 descents of two pairs of
+motions 13 reached below the least cost so far, none of which either rule abandons; they save 40 % of all rounds."""
 DEPTH_KNOWN = np.diag([1e-3, 10.0, 10.0])
-"""Expected of a tile's depth, its slope and slope across the tile: one over variances, 1 / pixel^2."""
+"""Prior precision of a tile's depth, its slope and slope across the tile, 1 / pixel^2."""
 
 
 @dataclass
@@ -50,7 +56,7 @@ class MaskEvidence:
 
     @classmethod
     def about(cls, points: Array, half: float, w: float, R: int) -> MaskEvidence:
-        """None yet, about the masks of curves of half-width `half`."""
+        """No evidence yet, for the masks of curves of half-width `half`."""
         r = min(int(np.ceil(BEYOND * w + 1)), R)
         masks = masks_at(points, half, w, r)
         return cls(w, masks, np.zeros((masks.size, masks.size)), np.zeros(masks.size))
@@ -61,7 +67,7 @@ class MaskEvidence:
         return int(self.masks.shape[1] // 2)
 
     def add(self, A: Array, r: Array, weight: Array | float = 1.0) -> None:
-        """Add samples r (m,) that change by -A' d, A (2 K^2, m), with their weights."""
+        """Add samples r (m,) with derivatives -A', A (2 K^2, m), and their weights."""
         root = np.sqrt(weight)
         weighted, rest = (root * A).astype(A.dtype, copy=False), (root * r).astype(A.dtype, copy=False)
         self.G += weighted @ weighted.T
@@ -69,23 +75,20 @@ class MaskEvidence:
         self.c += float(np.sum(weight * r**2))
 
     def chi_square(self, masks: Array) -> float:
-        """Of other masks, (2, K, K)."""
+        """Chi-square of other masks, (2, K, K)."""
         d = (masks - self.masks).ravel()
         return float(self.c + d @ (self.G @ d - 2 * self.g))
 
 
 def masks_at(points: Array, half: float, w: float, R: int, instants: int = 400) -> Array:
     """Masks (n, 2R + 1, 2R + 1) of curves (n, POINTS, 2) of half-width `half`, stretched to w."""
-    return np.stack([drawn(one * (w / half), R, LINE * w, instants) for one in points])
-
-
-# ---- tiles
+    return np.stack([spline_mask(curve * (w / half), R, LINE * w, instants) for curve in points])
 
 
 def filters(masks: Array, size: int, soft: float = 0.0) -> Array:
-    """What takes from both errors of a tile whatever a common picture explains, (2, size, size // 2 + 1).
+    """Filters that remove from both errors of a tile the part explained by a common picture, (2, size, size // 2 + 1).
 
-    (e1 * h2 - e2 * h1) over the root of its noise's spectrum: of white errors one half is left, white.
+    (e1 * h2 - e2 * h1) over the root of its noise's spectrum: one half of white errors remains, white.
     """
     R = masks.shape[1] // 2
     offsets = np.arange(-R, R + 1) % size
@@ -98,7 +101,7 @@ def filters(masks: Array, size: int, soft: float = 0.0) -> Array:
 
 
 def rows(spectra: Array) -> Array:
-    """Spectra (..., n, n // 2 + 1) of real tiles as real rows of the tiles' own scalar products."""
+    """Spectra (..., n, n // 2 + 1) of real tiles as real rows with the tiles' scalar products."""
     n = spectra.shape[-2]
     share = np.full(spectra.shape[-1], 2.0)
     share[[0, -1]] = 1.0
@@ -106,14 +109,14 @@ def rows(spectra: Array) -> Array:
     return np.concatenate([weighted.real, weighted.imag], axis=-1)
 
 
-def left_over(errors: Array, filtering: Array) -> Array:
-    """What no common picture explains of a tile's errors (2, n, n), as a row."""
+def unexplained(errors: Array, filtering: Array) -> Array:
+    """The part of a tile's errors (2, n, n) that no common picture explains, as a row."""
     return rows((rfft2(errors) * filtering).sum(axis=0))
 
 
 @dataclass(frozen=True)
 class Tile:
-    """Errors (2, n, n) of both photographs, in units of noise, the picture (n + 2R, n + 2R) around, likewise."""
+    """Errors (2, n, n) of both photographs, in units of noise, and the picture (n + 2R, n + 2R) around, likewise."""
 
     errors: Array
     around: Array
@@ -121,13 +124,13 @@ class Tile:
 
 
 def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[Tile], doubt: float) -> list[float]:
-    """Add what tiles of one w say; mean squares of what no common picture explains of each.
+    """Add the evidence of tiles of one w; returns the mean squares of their unexplained errors.
 
-    slope : change of both masks with w, (2, K, K).
-    doubt : mean square of what a tile leaves beyond which it rather holds a depth step or a wrong depth.
+    slope : derivative of both masks with respect to w, (2, K, K).
+    doubt : mean square of a tile's unexplained error above which it probably has a depth edge or a wrong depth.
     """
     filtering: Array | None = None
-    left = []
+    residuals = []
     for tile in tiles:
         n, K = tile.errors.shape[1], evidence.masks.shape[1]
         filtering = filters(evidence.masks, n) if filtering is None else filtering
@@ -136,22 +139,22 @@ def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[Tile], doubt: f
         patches = np.lib.stride_tricks.sliding_window_view(picture, (n, n))[::-1, ::-1].reshape(-1, n, n)
         spectra = rfft2(patches)
         A = np.concatenate([rows(spectra * one) for one in filtering])
-        r = left_over(tile.errors, filtering)
-        left.append(float(r @ r) / n**2)
+        r = unexplained(tile.errors, filtering)
+        residuals.append(float(r @ r) / n**2)
         if tile.flat:
             weight, V = 1.0, r[None][:0]
         else:
-            weight, V = 1 / (1 + left[-1] / doubt) ** 2, _depth_changes(patches, slope, filtering)
+            weight, V = 1 / (1 + residuals[-1] / doubt) ** 2, _depth_changes(patches, slope, filtering)
         AV, inner = A @ V.T, V @ V.T + DEPTH_KNOWN[: len(V), : len(V)]
-        found = np.linalg.solve(inner, np.concatenate([AV.T, (V @ r)[:, None]], axis=1))
-        evidence.G += weight * (A @ A.T - AV @ found[:, :-1])
-        evidence.g += weight * (A @ r - AV @ found[:, -1])
-        evidence.c += weight * float(r @ r - (V @ r) @ found[:, -1])
-    return left
+        solution = np.linalg.solve(inner, np.concatenate([AV.T, (V @ r)[:, None]], axis=1))
+        evidence.G += weight * (A @ A.T - AV @ solution[:, :-1])
+        evidence.g += weight * (A @ r - AV @ solution[:, -1])
+        evidence.c += weight * float(r @ r - (V @ r) @ solution[:, -1])
+    return residuals
 
 
 def _depth_changes(patches: Array, slope: Array, filtering: Array) -> Array:
-    """Change of a tile's filtered errors with its depth and the depth's slopes, rows (3, ...)."""
+    """Derivatives of a tile's filtered errors with respect to its depth and the depth's slopes, rows (3, ...)."""
     n = patches.shape[1]
     t = (np.arange(n) - n / 2) / n
     planes = np.stack([np.ones((n, n)), *np.meshgrid(t, t)])
@@ -163,33 +166,30 @@ def _depth_changes(patches: Array, slope: Array, filtering: Array) -> Array:
     )
 
 
-# ---- curves
-
-
 def cost(evidence: Sequence[MaskEvidence], points: Array, half: float, instants: int = 200) -> float:
-    """Chi-square of curves (2, POINTS, 2) of half-width `half`, and of their unsteadiness."""
+    """Chi-square of curves (2, POINTS, 2) of half-width `half`, with the penalty on their third derivative."""
     paths = basis(instants) @ points
-    told = (e.c + curves_chi_square(e.masks, e.G, e.g, paths * (e.w / half), LINE * e.w) for e in evidence)
-    return STEADY * float(np.sum(points * (unsteadiness() @ points))) + sum(told)
+    terms = (e.c + curves_chi_square(e.masks, e.G, e.g, paths * (e.w / half), LINE * e.w) for e in evidence)
+    return STEADY * float(np.sum(points * (third_derivative_penalty() @ points))) + sum(terms)
 
 
 def _equations(
     evidence: Sequence[MaskEvidence], points: Array, half: float, free: Sequence[int], instants: int
 ) -> tuple[Array, Array]:
     """Normal matrix and gradient of the cost over the points of the free curves, x before y."""
-    H = np.kron(np.eye(2 * len(free)), STEADY * unsteadiness())
+    H = np.kron(np.eye(2 * len(free)), STEADY * third_derivative_penalty())
     gradient = H @ points[list(free)].swapaxes(1, 2).ravel()
     paths, chosen = basis(instants) @ points, np.array(free, np.int64)
     for e in evidence:
         scale = e.w / half
-        said = (e.masks, e.G, e.g, paths * scale, LINE * e.w)
-        add_curves(H, gradient, *said, chosen, scale, *moving(instants), POINTS)
-    own = 2 * POINTS
-    H[own:, :own] = H[:own, own:].T
+        quadratic = (e.masks, e.G, e.g, paths * scale, LINE * e.w)
+        add_curves(H, gradient, *quadratic, chosen, scale, *moving(instants), POINTS)
+    unknowns = 2 * POINTS
+    H[unknowns:, :unknowns] = H[:unknowns, unknowns:].T
     return H, gradient
 
 
-def fitted(
+def fit_curves(
     evidence: Sequence[MaskEvidence],
     points: Array,
     half: float,
@@ -199,9 +199,9 @@ def fitted(
     least: float = 1e-4,
     below: float = np.inf,
 ) -> tuple[float, Array]:
-    """Cost and points of the curves near `points` of least cost, the `free` ones moved: Levenberg and Marquardt.
+    """Cost and points of the curves of least cost near `points`, with `free` ones varied: Levenberg and Marquardt.
 
-    below : the cost that is looked for; where it will hardly be reached they are given up, wherever they are.
+    below : target cost; the descent is abandoned where it is hardly reachable.
     """
     values, damping = [cost(evidence, points, half, instants)], 1e-3
     while len(values) <= rounds and not _hopeless(values, below):
@@ -211,9 +211,9 @@ def fitted(
             step = np.linalg.solve(H + damping * diagonal, gradient)
             tried = points.copy()
             tried[list(free)] -= step.reshape(len(free), 2, POINTS).swapaxes(1, 2)
-            there = cost(evidence, tried, half, instants)
-            if there < value:
-                points, value, damping = tried, there, max(damping / 5, 1e-9)
+            new = cost(evidence, tried, half, instants)
+            if new < value:
+                points, value, damping = tried, new, max(damping / 5, 1e-9)
                 break
             damping *= 5
         values.append(value)
@@ -223,7 +223,7 @@ def fitted(
 
 
 def _hopeless(values: list[float], below: float) -> bool:
-    """Whether costs that fall like these will hardly come below another one."""
+    """Whether costs that fall like these will hardly reach a target."""
     if values[0] > FARTHEST * below:
         return True
     return len(values) > 3 and values[-1] - below > PATIENCE * (values[-3] - values[-1])

@@ -1,7 +1,7 @@
-"""A motion path finer than pixels: the smooth curve whose line, summed over pixels, is a mask.
+"""Subpixel motion paths: the smooth curve whose line, integrated over pixels, is a mask.
 
 A thin line known to whole pixels cannot be stretched to other depths (5.3); a curve can. Curves are cubic splines in
-time, so that how long the rig stays somewhere is part of them; how they are ordered in time does not matter.
+time, so that they include how long the rig stays somewhere; the direction of time does not matter.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.masks.line_rasterisation import line_mask, line_mask_change
 
 POINTS = 28
-"""Of the spline, each way: closed curves of the fourth order come out to 0.002 pixel at a half-width of 3, their masks
-to 0.1 to 0.3 %; with 20 points to 0.012 pixel and 0.2 to 0.8 %, which strong edges tell from noise at 40 dB."""
+"""Control points of the spline: closed curves of the fourth order have errors of 0.002 pixel at a half-width of 3, and
+their masks of 0.1 to 0.3 %; with 20 points 0.012 pixel and 0.2 to 0.8 %, which strong edges reveal at 40 dB."""
 INSTANTS = 400
-"""At which a curve is drawn: its dots lie nearer than its line is wide."""
+"""Points at which a curve is drawn, closer than its line width."""
 STEP = 0.05
-"""Between the masks of a curve, pixels of w."""
+"""Step of w between the masks of a curve, pixels."""
 COARSE = ((0.7, 1e-11), (0.4, 2e-12))
 FINE = ((0.2, 1e-12), (0.0, 1e-12))
 """Widths of the line, pixels, and weights of steadiness, from a coarse fit that few curves miss to the line itself."""
@@ -31,20 +31,20 @@ FINE = ((0.2, 1e-12), (0.0, 1e-12))
 
 @cache
 def basis(instants: int = INSTANTS) -> Array:
-    """Values of the splines at the middles of equal times, (instants, POINTS)."""
+    """Values of the splines at the centres of equal times, (instants, POINTS)."""
     return _splines((np.arange(instants) + 0.5) / instants)
 
 
 @cache
 def moving(instants: int) -> tuple[NDArray[np.int64], Array]:
-    """The first point that moves each instant, and the splines of it and the three that follow."""
+    """The first control point of each instant, and the splines of it and the following three."""
     begins = np.minimum((basis(instants) != 0).argmax(axis=1), POINTS - 4)
     return begins, np.take_along_axis(basis(instants), begins[:, None] + np.arange(4), axis=1)
 
 
 @cache
 def whole() -> Array:
-    """Values of the splines at equal times from beginning to end, (INSTANTS + 1, POINTS)."""
+    """Values of the splines at equal times from start to end, (INSTANTS + 1, POINTS)."""
     return _splines(np.linspace(0, 1, INSTANTS + 1))
 
 
@@ -54,61 +54,58 @@ def _splines(times: Array) -> Array:
 
 
 @cache
-def unsteadiness() -> Array:
-    """Matrix B of the mean squared third derivative c' B c of a curve of control points c: its kinks."""
+def third_derivative_penalty() -> Array:
+    """Matrix B of the mean squared third derivative c' B c of a curve of control points c, which is large at kinks."""
     third = np.diff(basis(), 3, axis=0) * INSTANTS**3
     return np.asarray(third.T @ third / INSTANTS)
 
 
-def drawn(points: Array, R: int, sigma: float, instants: int = INSTANTS) -> Array:
+def spline_mask(points: Array, R: int, sigma: float, instants: int = INSTANTS) -> Array:
     """Mask (2R + 1, 2R + 1) of the curve of control points (POINTS, 2), pixels x, y, its line of width sigma.
 
-    Its sum is 1, less what falls beside the mask.
+    Its sum is 1, less the light outside the mask.
     """
     return line_mask(basis(instants) @ points, R, sigma)
 
 
-def drawn_change(
+def spline_mask_change(
     points: Array, R: int, sigma: float, instants: int = INSTANTS
 ) -> tuple[Array, NDArray[np.int64], Array]:
-    """The mask, the pixels of it (n,) that change with the points, flat, and how, (n, 2 POINTS): with x, then y.
+    """The mask, flat indices (n,) of its pixels that depend on the points, and derivatives (n, 2 POINTS) by x, then y.
 
-    But for what samples make of it.
+    Sampling effects are neglected.
     """
     return line_mask_change(basis(instants) @ points, R, sigma, *moving(instants), POINTS)
 
 
 def path_stack(points: Array, half: float, max_w: float, R: int) -> MaskStack:
-    """Masks of the curve of half-width `half` at every w: the curve stretched about the middle of the masks (5.3)."""
+    """Masks of the curve of half-width `half` at every w: the curve stretched about the masks' centre (5.3)."""
     levels = np.maximum(np.arange(int(np.ceil(max_w / STEP)) + 2) * STEP, 0.02)
-    return MaskStack(np.stack([unit(drawn(points * w / half, R, LINE * w)) for w in levels]), STEP)
+    return MaskStack(np.stack([unit(spline_mask(points * w / half, R, LINE * w)) for w in levels]), STEP)
 
 
 def half_width(points: Array) -> float:
-    """w of curves (..., POINTS, 2): how far any of them leaves the middle, its line included, pixels."""
+    """w of curves (..., POINTS, 2): largest distance from the centre, line included, pixels."""
     return float(np.abs(whole() @ points).max()) / (1 - 3 * LINE)
 
 
 def shapes_of(points: Array) -> Array:
-    """Shapes on [-1, 1] of both curves (2, POINTS, 2), of one scale."""
+    """Shapes on [-1, 1] of both curves (2, POINTS, 2), with one scale."""
     curves = whole() @ points
     return np.stack([path_shape(one, extent=float(np.abs(curves).max())) for one in curves])
 
 
-# ---- search of a curve
-
-
 def _cost(points: Array, target: Array, sigma: float, steady: float, instants: int) -> float:
-    mask = drawn(points, len(target) // 2, sigma, instants)
-    return float(np.sum((mask - target) ** 2) + steady * np.sum(points * (unsteadiness() @ points)))
+    mask = spline_mask(points, len(target) // 2, sigma, instants)
+    return float(np.sum((mask - target) ** 2) + steady * np.sum(points * (third_derivative_penalty() @ points)))
 
 
-def fitted(points: Array, target: Array, sigma: float, steady: float, instants: int) -> tuple[float, Array]:
-    """Cost and points of the curve near `points` that draws the target best: Levenberg and Marquardt."""
+def fit_spline(points: Array, target: Array, sigma: float, steady: float, instants: int) -> tuple[float, Array]:
+    """Cost and points of the curve near `points` that best draws the target: Levenberg and Marquardt."""
     cost, damping = _cost(points, target, sigma, steady, instants), 1e-3
-    stiff = np.kron(np.eye(2), steady * unsteadiness())
+    stiff = np.kron(np.eye(2), steady * third_derivative_penalty())
     for _ in range(25):
-        mask, at, J = drawn_change(points, len(target) // 2, sigma, instants)
+        mask, at, J = spline_mask_change(points, len(target) // 2, sigma, instants)
         H = J.T @ J + stiff
         gradient = J.T @ (mask - target).ravel()[at] + stiff @ points.T.ravel()
         step, before = np.trace(J.T @ J) / len(H), cost
@@ -125,7 +122,6 @@ def fitted(points: Array, target: Array, sigma: float, steady: float, instants: 
 
 
 def _moments(target: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation of a mask's light along x and y, pixels."""
     R = len(target) // 2
     at = np.arange(-R, R + 1.0)
     along = np.stack([target.sum(axis=0), target.sum(axis=1)]) / target.sum()
@@ -133,8 +129,8 @@ def _moments(target: Array) -> tuple[Array, Array]:
     return np.asarray(mean), np.sqrt(np.maximum(along @ at**2 - mean**2, 0.01))
 
 
-def _begun(target: Array, rng: np.random.Generator) -> Array:
-    """Control points of a curve of low random oscillations with the target's place and extent."""
+def _random_start(target: Array, rng: np.random.Generator) -> Array:
+    """Control points of a curve of low random oscillations with the target's position and extent."""
     mean, spread = _moments(target)
     t, orders = (np.arange(POINTS) + 0.5) / POINTS, np.arange(1, 6)
     points = np.cos(np.pi * np.outer(t, orders)) @ (rng.standard_normal((5, 2)) / orders[:, None])
@@ -142,8 +138,8 @@ def _begun(target: Array, rng: np.random.Generator) -> Array:
     return np.asarray(points / points.std(axis=0) * spread + mean)
 
 
-def recorded(path: Array, mask: Array, half: float) -> Array:
-    """Points of the curve that draws a mask, begun from the recorded path (n, 2) in any unit, at equal times."""
+def fit_recorded(path: Array, mask: Array, half: float) -> Array:
+    """Points of the curve that draws a mask, from the recorded path (n, 2) in any unit, at equal times."""
     mean, spread = _moments(mask)
     times = (np.arange(INSTANTS) + 0.5) / INSTANTS * (len(path) - 1)
     even = np.stack([np.interp(times, np.arange(len(path)), path[:, k]) for k in (0, 1)], axis=1)
@@ -151,7 +147,7 @@ def recorded(path: Array, mask: Array, half: float) -> Array:
     points, target, line = np.linalg.lstsq(basis(), even, rcond=None)[0], np.pad(mask, 2), LINE * half
     for sigma, steady in (*COARSE[1:], *FINE):
         wide = max(sigma, line)
-        _, points = fitted(points, _softened(target, wide, line), wide, steady, 300)
+        _, points = fit_spline(points, _softened(target, wide, line), wide, steady, 300)
     return np.asarray(points)
 
 
@@ -160,15 +156,15 @@ def _softened(target: Array, sigma: float, line: float) -> Array:
 
 
 def candidates(mask: Array, half: float, rng: np.random.Generator, number: int) -> list[Array]:
-    """Points of curves of half-width about `half` that draw a mask nearly: the better half of as many beginnings."""
+    """Points of curves of half-width about `half` that nearly draw a mask: the better half of a number of starts."""
     target, line = np.pad(mask, 2), LINE * half
-    found = [_begun(target, rng) for _ in range(number)]
+    curves = [_random_start(target, rng) for _ in range(number)]
     for sigma, steady in (*COARSE, FINE[0]):
         wide = max(sigma, line)
-        # dots of a wide line may lie farther apart
+        # points of a wide line may be farther apart
         instants = int(min(60 / np.sqrt(wide), 150))
-        ends = [fitted(points, _softened(target, wide, line), wide, steady, instants) for points in found]
-        found = [points for _, points in sorted(ends, key=lambda one: one[0])]
+        ends = [fit_spline(points, _softened(target, wide, line), wide, steady, instants) for points in curves]
+        curves = [points for _, points in sorted(ends, key=lambda end: end[0])]
         if (sigma, steady) == COARSE[-1]:
-            found = found[: (number + 1) // 2]
-    return found
+            curves = curves[: (number + 1) // 2]
+    return curves

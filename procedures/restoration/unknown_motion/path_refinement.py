@@ -1,9 +1,9 @@
-"""Motion paths from every depth of the scene: other depths show a path at other sizes, and so between the pixels.
+"""Motion paths from all depths of the scene: at other depths a path has another size, which gives subpixel accuracy.
 
-A flat part gives the masks to whole pixels (`blind`), which many curves draw equally well. Those that other depths
-agree with are looked for first (`path_pairs`), in a part of the frame that shows some (`search_window`); then it is
-restored with them, and they are turned to what that leaves (`basin_hopping`), until no better ones are found. Each
-restoration goes on from the last one's depth.
+A flat part gives the masks to whole pixels (`blind`), which many curves draw equally well. First those that agree with
+other depths are selected (`path_pairs`) in a part of the frame that has such depths (`search_window`). Then that part
+is restored with them, and they are optimised for the residual (`basin_hopping`), until there is no improvement. Each
+restoration starts from the last one's depth.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from procedures.restoration.joint.priors import steps_allowed
 from procedures.restoration.joint.schedule import DEPTH_SLOPE, Schedule
 from procedures.restoration.masks.blur_models import mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array, Blur, MaskStack
-from procedures.restoration.unknown_motion.basin_hopping import Turns
+from procedures.restoration.unknown_motion.basin_hopping import BasinHopping
 from procedures.restoration.unknown_motion.blind import Prototypes
 from procedures.restoration.unknown_motion.cross_relation import Disagreement
 from procedures.restoration.unknown_motion.mask_evidence import (
     MaskEvidence,
     Tile,
     filters,
-    fitted,
+    fit_curves,
     gather,
-    left_over,
     masks_at,
+    unexplained,
 )
 from procedures.restoration.unknown_motion.motion_splines import basis, candidates, half_width, path_stack, shapes_of
 from procedures.restoration.unknown_motion.path_pairs import Search
@@ -45,22 +45,22 @@ from procedures.restoration.unknown_motion.search_window import Window, search_w
 Box = tuple[int, int, int, int]
 
 TILE = 24
-"""Side of the tiles in which the frame is compared with the curves, pixels: the flat part holds one at least."""
+"""Side of the tiles in which the frame is compared with the curves, pixels: the flat part holds at least one."""
 LEVEL = 0.05
-"""Pixels of w between the levels for which a tile's masks are made."""
+"""Step of w between the levels of a tile's masks, pixels."""
 
 JOINT = JointSettings(edges=EdgeSettings(rounds=2, iterations=20))
-"""Of restorations in between: each goes on from the last, so that steps need not come to rest in any of them."""
+"""Settings of the intermediate restorations: each continues the last one, so that edges need not converge in each."""
 REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
 
 
 @dataclass(frozen=True)
 class MotionShapes:
-    """Shapes (P, n, n) on [-1, 1] of the motions, their half-width in the flat part, pixels.
+    """Shapes (P, n, n) on [-1, 1] of the motions, and their half-width in the flat part, pixels.
 
-    path : the curves found, (2, n, 2) pixels x, y in the flat part; None where the shapes are known to pixels only.
-    doubt : why they are not to be trusted at other depths, or None; remedy : what to do then. others : what another
-    search of a flat scene's kernels ended in, or None.
+    path : the curves, (2, n, 2) pixels x, y in the flat part; None where the shapes are known to pixels only.
+    doubt : why they are unreliable at other depths, or None; remedy : what to do then. others : kernels of a flat scene
+    from another search, or None.
     """
 
     shapes: Array
@@ -71,13 +71,13 @@ class MotionShapes:
     others: Array | None = None
 
     def judged(self, outcome: Outcome[Any]) -> Outcome[Any]:
-        """A restoration with these shapes: doubtful where they are."""
+        """A restoration with these shapes, doubtful if they are."""
         return outcome if self.doubt is None else with_doubt(outcome, self.doubt, self.remedy)
 
 
 @dataclass(frozen=True)
 class _View:
-    """What paths are fitted to: photographs (2, 1, H, W), the flat part and its w, and the noise; and how."""
+    """Data of the fit: photographs (2, 1, H, W), the flat part and its w, the noise, and settings."""
 
     z: Array
     flat: tuple[slice, slice]
@@ -92,22 +92,22 @@ class _View:
 
     @property
     def noisy(self) -> bool:
-        """Whether depths that were only matched err by more than the end of a restoration's scheme makes good."""
+        """Whether the error of matched depths exceeds what the rest of a restoration's scheme corrects."""
         return self.sigma > 2 * MatchingSettings.least_sigma
 
     @property
     def weights(self) -> PriorWeights:
-        """Of the priors of picture and depth."""
+        """Weights of the priors of picture and depth."""
         return PriorWeights(self.sigma**2 / self.settings.contrast, self.sigma**2 / DEPTH_SLOPE**2)
 
     def pinned(self, w: Array) -> Array:
-        """Depth (H, W) with the flat part at its own w."""
+        """Depth (H, W) with that of the flat part fixed."""
         w = np.array(w, dtype=np.float64)
         w[self.flat] = self.half
         return w
 
     def cut(self, window: Window) -> _View:
-        """Of these rows and columns alone."""
+        """A part of these rows and columns."""
         return replace(self, z=self.z[:, :, *window], flat=within(self.flat, window))
 
     def data(self, stacks: list[MaskStack]) -> DataTerm:
@@ -126,9 +126,9 @@ class _View:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Where the fit stands: points (2, POINTS, 2), depth (H, W), picture (1, H + 2R, W + 2R), what is left.
+    """State of the fit: points (2, POINTS, 2), depth (H, W), picture (1, H + 2R, W + 2R), residual energy.
 
-    evidence : what the frame says of the masks.
+    evidence : of the frame on the masks.
     """
 
     points: Array
@@ -147,11 +147,11 @@ def motion_of_scene(
     known: Array | None = None,
     settings: PathSettings | None = None,
 ) -> MotionShapes:
-    """Shapes fine enough for every depth, from those found in a flat part, x, y, width, height, and the frame around.
+    """Subpixel shapes for every depth, from those of a flat part, x, y, width, height, and the surrounding frame.
 
-    photographs : two arrays (C, H, W); found : `blind.prototype_shapes` of the part; known : control points
-    (2, POINTS, 2) to begin from, pixels in the flat part, if they are known roughly. Where no curves explain the frame
-    better than the masks to whole pixels, those are given back, with the doubt.
+    photographs : two arrays (C, H, W); found : `blind.prototype_shapes` of the part; known : initial control points
+    (2, POINTS, 2), pixels in the flat part, if roughly known. Where no curves explain the frame better than the masks
+    to whole pixels, those are returned, with the doubt.
     """
     if min(region[2:]) < TILE:
         return MotionShapes(found.shapes, found.half_width, None, f"the flat part is narrower than {TILE} pixels")
@@ -161,23 +161,22 @@ def motion_of_scene(
     fit = _settled(view, found, known, rng)
     if fit.energy > coarse:
         return MotionShapes(found.shapes, found.half_width, None, "motion is known to whole pixels only: no path fits")
-    left = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained, where {s.usual_left} is usual"
-    doubt = left if fit.energy > s.most_left else None
+    residual = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained; {s.usual_left} is typical"
+    doubt = residual if fit.energy > s.most_left else None
     return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points, doubt)
 
 
 def _view(photographs: list[Array], region: Box, half: float, max_w: float, settings: PathSettings) -> _View:
-    """The frame about the flat part, as much of it as is looked at."""
     x, y, width, height = region
     H, W = photographs[0].shape[1:]
     margin = max(H, W)
 
-    def seen() -> int:
+    def pixels() -> int:
         rows = min(H, y + height + margin) - max(0, y - margin)
         columns = min(W, x + width + margin) - max(0, x - margin)
         return int(rows * columns)
 
-    while seen() > settings.most_pixels:
+    while pixels() > settings.most_pixels:
         margin -= 8
     top, left = max(0, y - margin), max(0, x - margin)
     part = (slice(top, y + height + margin), slice(left, x + width + margin))
@@ -187,7 +186,7 @@ def _view(photographs: list[Array], region: Box, half: float, max_w: float, sett
 
 
 def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
-    """What is looked at of the view, with its noise, and what masks known to whole pixels leave unexplained of it."""
+    """The part of the view that is used, with its noise, and the energy unexplained by masks to whole pixels."""
     widest = view.max_w * found.half_width / view.half
     stacks = [mask_stack(s, widest, R=max(view.R + 1, reach(widest))) for s in found.shapes]
     coarse = replace(view, half=found.half_width, max_w=stacks[0].max_w - 2 * stacks[0].step)
@@ -196,15 +195,16 @@ def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
     view, coarse, w = view.cut(window), coarse.cut(window), w[window]
     R = stacks[0].R
     e = _errors(coarse, stacks, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge"))[1]
-    left = [(flat, float(r @ r) / TILE**2) for flat, r in _left(coarse, stacks, w, e)]
-    sigma = float(np.sqrt(np.median([m for flat, m in left if flat])))
-    return replace(view, sigma=sigma), _energy([m / sigma**2 for _, m in left], view.settings.doubt)
+    errors = [(flat, float(r @ r) / TILE**2) for flat, r in _unexplained(coarse, stacks, w, e)]
+    sigma = float(np.sqrt(np.median([m for flat, m in errors if flat])))
+    return replace(view, sigma=sigma), _energy([m / sigma**2 for _, m in errors], view.settings.doubt)
 
 
 def _origins(points: Array) -> list[Array]:
-    """Whole pixels by which the paths' origin may lie beside the masks' middle: at their means, or between extremes.
+    """Candidate offsets in whole pixels of the paths' origin from the masks' centre: at their mean, or between
+    extremes.
 
-    Masks of whole pixels keep the fractions of a pixel, so that whole ones are all that is to be found.
+    Masks to whole pixels retain the fractions of a pixel, so that only whole ones are unknown.
     """
     paths = basis() @ points
     ends = (paths.min(axis=(0, 1)) + paths.max(axis=(0, 1))) / 2
@@ -212,11 +212,8 @@ def _origins(points: Array) -> list[Array]:
     return each[:1] if (each[0] == each[1]).all() else each
 
 
-# ---- the flat part, and what begins there
-
-
-def _begun(view: _View, found: Prototypes, known: Array | None, pools: list[list[Array]]) -> list[Array]:
-    """Pairs of curves that draw the flat part's masks, those that the frame around contradicts least."""
+def _starts(view: _View, found: Prototypes, known: Array | None, pools: list[list[Array]]) -> list[Array]:
+    """Pairs of curves that draw the flat part's masks and that the surrounding frame contradicts least."""
     points = known
     if points is None:
         points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, found.masks, strict=True)])
@@ -224,18 +221,17 @@ def _begun(view: _View, found: Prototypes, known: Array | None, pools: list[list
     w = view.depth(view.stacks(points))
     s = view.settings
     search = Search(Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w, s.places), evidence, s.pairs)
-    beginnings = [one.points for one in search.begun(points, pools)] if pools else [points]
-    return [one.points for one in search.best(beginnings)[: s.matched]]
+    starts = [pair.points for pair in search.starts(points, pools)] if pools else [points]
+    return [pair.points for pair in search.best(starts)[: s.matched]]
 
 
 def _nearest(pool: list[Array], mask: Array) -> Array:
-    """Of a pool of curves that which draws a mask best."""
     R = len(mask) // 2
-    return min(pool, key=lambda one: float(np.sum((masks_at(one[None], 1.0, 1.0, R)[0] - mask) ** 2)))
+    return min(pool, key=lambda curve: float(np.sum((masks_at(curve[None], 1.0, 1.0, R)[0] - mask) ** 2)))
 
 
 def _of_flat_part(view: _View, points: Array) -> tuple[Array, tuple[MaskEvidence, ...]]:
-    """Curves fitted to the flat part alone, and what it says of the masks."""
+    """Curves fitted to the flat part alone, and its evidence on the masks."""
     part = view.cut(view.flat)
     fit = _fresh(part, points, np.full(part.z.shape[2:], view.half))
     for _ in range(2):
@@ -243,58 +239,53 @@ def _of_flat_part(view: _View, points: Array) -> tuple[Array, tuple[MaskEvidence
         for _ in range(2):
             fit = replace(fit, u=_errors(part, stacks, fit.w, fit.u)[0])
         fit = _evidence(part, fit, stacks)
-        fit = replace(fit, points=fitted(fit.evidence, fit.points, view.half)[1])
+        fit = replace(fit, points=fit_curves(fit.evidence, fit.points, view.half)[1])
     return fit.points, fit.evidence
 
 
-# ---- the frame
-
-
 def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random.Generator) -> _Fit:
-    """The best fit of curves, picture and depth to the frame that is met."""
     s, pools = view.settings, []
     if known is None:
         pools = [candidates(mask, found.half_width - 0.5, rng, s.beginnings) for mask in found.masks]
-    turns = Turns(pools, rng, s.bends, s.pairs)
+    hopping = BasinHopping(pools, rng, s.bends, s.pairs)
     matched = [
-        (_matched(view, points - by), turns.beside(by))
-        for points in _begun(view, found, known, pools)
+        (_matched(view, points - by), hopping.about_origin(by))
+        for points in _starts(view, found, known, pools)
         for by in _origins(points)
     ]
     tried = [
-        (_turned(view, _restored(view, fit.points, fit, 0 if view.noisy else s.settled), those), those)
-        for fit, those in sorted(matched, key=lambda one: one[0].energy)[: s.restored]
+        (_hop(view, _restored(view, fit.points, fit, 0 if view.noisy else s.settled), those), those)
+        for fit, those in sorted(matched, key=lambda each: each[0].energy)[: s.restored]
     ]
     ends: list[_Fit] = []
-    for fit, those in sorted(tried, key=lambda one: one[0].energy):
-        ends.append(_turned_on(view, fit, those))
-        if view.noisy or ends[-1].energy < s.enough:  # of strong noise more is left with the best, too
+    for fit, those in sorted(tried, key=lambda each: each[0].energy):
+        ends.append(_hop_repeatedly(view, fit, those))
+        if view.noisy or ends[-1].energy < s.enough:  # with strong noise the best has a larger energy, too
             break
-    return min(ends, key=lambda one: one.energy)
+    return min(ends, key=lambda fit: fit.energy)
 
 
-def _turned_on(view: _View, fit: _Fit, turns: Turns) -> _Fit:
-    """A fit turned until nothing better is met: few ways are tried while it falls, all before it is the last."""
-    few = turns.fewer()
+def _hop_repeatedly(view: _View, fit: _Fit, hopping: BasinHopping) -> _Fit:
+    """Basin hopping until there is no improvement: few starts while the energy falls, all before the end."""
+    few = hopping.fewer()
     tried = few
     for _ in range(view.settings.more):
-        other = _turned(view, fit, tried)
+        other = _hop(view, fit, tried)
         falls = other.energy < fit.energy - view.settings.least_fall
-        fit = min(fit, other, key=lambda one: one.energy)
-        if not falls and tried is turns:
+        fit = min(fit, other, key=lambda each: each.energy)
+        if not falls and tried is hopping:
             break
-        tried = few if falls else turns
+        tried = few if falls else hopping
     return fit
 
 
 def _fresh(view: _View, points: Array, w: Array) -> _Fit:
-    """A fit whose picture is the photographs' mean."""
     R = view.R
     return _Fit(points, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge").astype(np.float32))
 
 
 def _matched(view: _View, points: Array) -> _Fit:
-    """A fit with the depth that the curves' masks match, followed by a few joint steps with a first picture."""
+    """A fit with the depth matched by the curves' masks, refined by a few joint steps."""
     stacks = view.stacks(points)
     fit = _fresh(view, points, view.depth(stacks))
     for _ in range(2):
@@ -310,23 +301,23 @@ def _matched(view: _View, points: Array) -> _Fit:
     return _judged(view, replace(fit, u=u, w=wide[inside].astype(np.float64)), stacks)
 
 
-def _restored(view: _View, points: Array, begun: _Fit, done: float) -> _Fit:
-    """A fit with the picture and the depth of a restoration, and what it says of the masks.
+def _restored(view: _View, points: Array, start: _Fit, done: float) -> _Fit:
+    """A fit with the picture and the depth of a restoration, and its evidence on the masks.
 
-    begun : whose depth the restoration goes on from; done : the part of its scheme that this has behind it.
+    start : provides the initial depth; done : the fraction of the scheme that is skipped.
     """
     stacks, R, s = view.stacks(points), view.R, view.settings
     data, other = problem_of(view.z, stacks, np.ones((2, 1, *view.z.shape[2:])), np.float32)
-    w = view.pinned(begun.w)
+    w = view.pinned(start.w)
     problem = Problem(data, other, s.scheme, Schedule(s.scheme.rounds), view.sigma, reach_of(w, stacks), settings=JOINT)
     state = run(problem, replace(begin(problem, w), n=int(done * s.scheme.rounds)))
     w = view.pinned(state.w[R:-R, R:-R])
     return _evidence(view, _Fit(points, w, state.u), stacks)
 
 
-def _turned(view: _View, fit: _Fit, turns: Turns) -> _Fit:
-    """The frame restored anew with the best curves that are met from those of a fit."""
-    return _restored(view, turns.taken(fit.evidence, fit.points, view.half), fit, view.settings.settled)
+def _hop(view: _View, fit: _Fit, hopping: BasinHopping) -> _Fit:
+    """The frame restored again with the best curves of basin hopping from those of a fit."""
+    return _restored(view, hopping.minimise(fit.evidence, fit.points, view.half), fit, view.settings.settled)
 
 
 def _errors(view: _View, stacks: list[MaskStack], w: Array, u: Array) -> tuple[Array, Array]:
@@ -338,59 +329,57 @@ def _errors(view: _View, stacks: list[MaskStack], w: Array, u: Array) -> tuple[A
 
 
 def _tiles(view: _View) -> Iterator[tuple[bool, tuple[slice, slice]]]:
-    """Tiles of the frame, in step with the flat part, and whether each lies in it."""
+    """Tiles of the frame, aligned to the flat part, and whether each lies in it."""
     rows, columns = view.flat
     H, W = view.z.shape[2:]
-    for y in _begins(rows.start, H):
-        for x in _begins(columns.start, W):
+    for y in _tile_starts(rows.start, H):
+        for x in _tile_starts(columns.start, W):
             inside = rows.start <= y <= rows.stop - TILE and columns.start <= x <= columns.stop - TILE
             yield inside, (slice(y, y + TILE), slice(x, x + TILE))
 
 
-def _begins(start: int, length: int) -> list[int]:
-    """Where tiles begin: in step with `start`, and at both ends of the frame where much would be left out."""
-    found = list(range(start % TILE, length - TILE + 1, TILE))
-    first = [0] if found[0] > TILE // 4 else []
-    last = [length - TILE] if length - TILE - found[-1] > TILE // 4 else []
-    return first + found + last
+def _tile_starts(start: int, length: int) -> list[int]:
+    """First pixels of tiles: aligned to `start`, and at both ends of the frame where much would be missed."""
+    aligned = list(range(start % TILE, length - TILE + 1, TILE))
+    first = [0] if aligned[0] > TILE // 4 else []
+    last = [length - TILE] if length - TILE - aligned[-1] > TILE // 4 else []
+    return first + aligned + last
 
 
 def _level(w: Array) -> float:
-    """The level that stands for a tile's depths."""
     return max(round(float(np.median(w)) / LEVEL) * LEVEL, 0.3)
 
 
 def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
-    """The fit with its picture improved, what the frame says of the masks of every level of w, and what is left."""
+    """The fit with its picture improved, the evidence on the masks of every level of w, and the residual energy."""
     u, e = _errors(view, stacks, fit.w, fit.u)
     tiles: dict[float, list[Tile]] = {}
     for flat, (y, x) in _tiles(view):
         level = view.half if flat else _level(fit.w[y, x])
         around = u[0, y.start : y.stop + 2 * view.R, x.start : x.stop + 2 * view.R].astype(np.float64)
         tiles.setdefault(level, []).append(Tile(e[:, y, x] / view.sigma, around / view.sigma, flat))
-    found, left, delta = [], [], 0.05
+    evidences, errors, delta = [], [], 0.05
     for w, those in sorted(tiles.items()):
         evidence = MaskEvidence.about(fit.points, view.half, w, view.R)
         above, below = (masks_at(fit.points, view.half, w + d, evidence.R) for d in (delta, -delta))
-        left += gather(evidence, (above - below) / (2 * delta), those, view.settings.doubt)
-        found.append(evidence)
-    return replace(fit, u=u, energy=_energy(left, view.settings.doubt), evidence=tuple(found))
+        errors += gather(evidence, (above - below) / (2 * delta), those, view.settings.doubt)
+        evidences.append(evidence)
+    return replace(fit, u=u, energy=_energy(errors, view.settings.doubt), evidence=tuple(evidences))
 
 
-def _left(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> Iterator[tuple[bool, Array]]:
-    """What no common picture explains, of every tile, and whether it lies in the flat part."""
+def _unexplained(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> Iterator[tuple[bool, Array]]:
+    """Errors of every tile that no common picture explains, and whether it lies in the flat part."""
     for flat, (y, x) in _tiles(view):
         masks = np.stack([s.at(_level(w[y, x])) for s in stacks])
-        yield flat, left_over(e[:, y, x], filters(masks, TILE))
+        yield flat, unexplained(e[:, y, x], filters(masks, TILE))
 
 
-def _energy(left: list[float], doubt: float) -> float:
-    """Mean of the tiles' mean squares, of noise 1, those with a depth step in them counted little."""
-    return float(np.mean(doubt * np.log1p(np.array(left) / doubt)))
+def _energy(errors: list[float], doubt: float) -> float:
+    """Mean of the tiles' mean squares, relative to the noise, with reduced weight of those with a depth edge."""
+    return float(np.mean(doubt * np.log1p(np.array(errors) / doubt)))
 
 
 def _judged(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
-    """The fit with what it leaves unexplained."""
     u, e = _errors(view, stacks, fit.w, fit.u)
-    left = [float(r @ r) / (TILE * view.sigma) ** 2 for _, r in _left(view, stacks, fit.w, e)]
-    return replace(fit, u=u, energy=_energy(left, view.settings.doubt))
+    errors = [float(r @ r) / (TILE * view.sigma) ** 2 for _, r in _unexplained(view, stacks, fit.w, e)]
+    return replace(fit, u=u, energy=_energy(errors, view.settings.doubt))

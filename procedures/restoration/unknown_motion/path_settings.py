@@ -1,4 +1,4 @@
-"""What the search of motion paths goes by."""
+"""Settings of the search of motion paths."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from procedures.restoration.unknown_motion.path_pairs import PairSettings
 
 @dataclass(frozen=True)
 class PathSettings:
-    """How long motion paths are looked for, and when they are believed.
+    """Effort of the search of motion paths, and criteria of reliability.
 
     Attributes
     ----------
     most_pixels, searched_pixels : int
-        Of the frame about the flat part whose depth is matched roughly, and of the window of it in which paths are
-        looked for: that takes as much longer as it is larger, and finds somewhat better ones.
+        Pixels of the frame around the flat part whose depth is matched roughly, and of the window in which paths are
+        searched for: time grows with it, and paths improve slightly.
     contrast : float
-        Mean squared difference of neighbours expected of the picture while paths are sought, white = 1.
+        Expected mean squared difference of neighbours of the picture during the search, white = 1.
     joint : int
-        Joint steps of picture and depth after matching: with fewer the depth is not yet as good as the curves deserve.
+        Joint steps of picture and depth after matching: fewer leave the depth less accurate than the curves.
     joint_iterations, picture_iterations : int
         Conjugate gradients of one joint step, and of improving the picture alone.
     doubt : float
-        Mean squared error of a tile, of noise 1, beyond which a depth step or a wrong depth is rather in it.
+        Mean squared error of a tile, relative to the noise, above which it probably has a depth edge or a wrong depth.
     beginnings, matched, restored, more : int
-        Beginnings of each curve, pairs whose depth is matched, those of them with which the frame is restored, and most
-        restorations with what the best becomes. Nearly all of the time goes into these.
+        Starts of each curve, pairs whose depth is matched, those of them with which the frame is restored, and maximum
+        number of restorations from the best. Nearly all of the time is spent on these.
     scheme : Scheme
-        Of these restorations.
+        Scheme of these restorations.
     settled : float
-        Part of the scheme's rounds that a depth has behind it which was matched, or restored with other curves.
+        Fraction of the scheme's rounds that is skipped for a depth that was matched, or restored with other curves.
     least_fall : float
-        Fall of what is left unexplained, of the noise, below which nothing more is found.
+        Fall of the residual energy, relative to the noise, below which the search ends.
     enough : float
-        What is left unexplained, of the noise, below which no other pair is turned as well.
+        Residual energy, relative to the noise, below which no other pair is optimised.
     usual_left, most_left : float
-        What is left unexplained, of the noise, with the curves of the rig, and beyond which they are others.
+        Typical residual energy, relative to the noise, with the true curves, and the value above which they are wrong.
     pairs, bends, places
-        Of pairs of curves, of bends moved at random, and of the places where pairs are compared.
+        Settings of pairs of curves, of random bends, and of the places where pairs are compared.
     """
 
     most_pixels: int = 120_000

@@ -1,7 +1,8 @@
-"""Prototype masks from recorded motion: the inertial unit gives each path's form, the photographs its size and place.
+"""Prototype masks from recorded motion: the inertial unit gives each path's form, the photographs its size and
+position.
 
-What is not recorded is the distance of the flat part, which scales both paths, and the pose between the exposures,
-which shifts one mask against the other. Both are found by the cross relation z1 * h2 = z2 * h1.
+The record lacks the distance of the flat part, which scales both paths, and the pose between the exposures, which
+shifts one mask relative to the other. Both follow from the cross relation z1 * h2 = z2 * h1.
 """
 
 from __future__ import annotations
@@ -28,8 +29,8 @@ def recorded_masks(
 ) -> Array:
     """Masks (2, K, K), K = 2 largest + 1, of a flat part (2, H, W) from the paths of the rig, (n, 2) in one unit.
 
-    size_step : between the half-widths tried, pixels; most_shift : whole pixels of shift tried each way, about the best
-    of which quarters are tried.
+    size_step : between the half-widths tried, pixels; most_shift : range of whole-pixel shifts tried each way, refined
+    by quarters of a pixel.
 
     Raises
     ------
@@ -45,7 +46,7 @@ def recorded_masks(
     most = largest - 1.0
     sizes = np.arange(1.0, most + size_step / 2, size_step) / max(extent)
     whole = np.arange(-most_shift, most_shift + 1.0)
-    best = min((_candidate(relation, paths, s, largest, whole) for s in sizes), key=lambda found: found[0])
+    best = min((_candidate(relation, paths, s, largest, whole) for s in sizes), key=lambda candidate: candidate[0])
     fine = np.arange(-0.75, 1.0, 0.25)
     return _candidate(relation, paths, best[2], largest, fine, best[3])[1]
 
@@ -62,14 +63,14 @@ def _candidate(
     best: tuple[float, Array, float, tuple[float, float]] | None = None
     for dy in about[0] + steps:
         for dx in about[1] + steps:
-            moved = np.clip(shift(second, (dy, dx), order=1), 0, None)
-            if moved.sum() < 0.99:  # it left the masks
+            shifted = np.clip(shift(second, (dy, dx), order=1), 0, None)
+            if shifted.sum() < 0.99:  # outside the masks
                 continue
-            h = np.concatenate([first.ravel(), moved.ravel() / moved.sum()])
-            # a small mask satisfies the relation by doing little: compare with what the masks' own size explains
+            h = np.concatenate([first.ravel(), shifted.ravel() / shifted.sum()])
+            # a small mask satisfies the relation trivially: compare with the value expected for the masks' size
             value = float(h @ relation @ h) / float(h @ h)
             if best is None or value < best[0]:
-                best = (value, np.stack([first, moved / moved.sum()]), size, (float(dy), float(dx)))
+                best = (value, np.stack([first, shifted / shifted.sum()]), size, (float(dy), float(dx)))
     if best is None:
         return np.inf, np.stack([first, second]), size, about
     return best

@@ -1,7 +1,7 @@
-"""A picture of few edges that several photographs agree on, and the kernels that blur it into them.
+"""A picture of few edges common to several photographs, and the kernels that blur it into them.
 
-Where most differences of neighbours are nought, what is left are edges sharper than any blur: kernels that explain the
-photographs from them are the motion's, not a share of it. The photographs are continued periodically.
+Where most differences of neighbours are zero, the remaining edges are sharper than any blur: kernels that explain the
+photographs from them are those of the motion, not a part of it. The photographs are continued periodically.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from procedures.restoration.unknown_motion.free_kernels import Kernels, least_sq
 Pictures = NDArray[np.float32]
 Spectra = NDArray[np.complex64]
 STIFFEST = 1e5
-"""Of the coupling between a picture's differences and the few that are kept: from there they are one."""
+"""Largest coupling between a picture's differences and the sparse ones, which are then equal."""
 
 
 class EdgePicture:
-    """Photographs (P, H, W) of one flat scene, and what is made of them with kernels of half-size R."""
+    """Photographs (P, H, W) of one flat scene, for kernels of half-size R."""
 
     def __init__(self, z: Pictures, R: int) -> None:
         self.R, self.frame = R, z.shape[1:]
@@ -43,28 +43,28 @@ class EdgePicture:
         u, coupling = self.z.mean(axis=0), 2 * weight
         while coupling < STIFFEST:
             steps = [np.roll(u, -1, axis) - u for axis in (0, 1)]
-            kept = steps[0] ** 2 + steps[1] ** 2 >= weight / coupling
-            edges = sum(d.conj() * rfft2(step * kept) for d, step in zip(self.differences, steps, strict=True))
+            large = steps[0] ** 2 + steps[1] ** 2 >= weight / coupling
+            edges = sum(d.conj() * rfft2(step * large) for d, step in zip(self.differences, steps, strict=True))
             u = irfft2((blurred + coupling * edges) / (power + coupling * self.steepness), self.size)
             coupling *= 2
         return np.asarray(u, np.float32)
 
     def kernels(self, u: Pictures, kernels: Kernels, ridge: float, iterations: int) -> Kernels:
-        """The kernels that blur the picture's differences into the photographs', from these."""
+        """The kernels that blur the picture's differences into the photographs', from initial ones."""
         R, U = self.R, rfft2(u)
         H = self._spectra_of(kernels)
         gradient, correlation = np.zeros(1, np.float32), np.zeros(1, np.float32)
         for d in self.differences:
-            left = irfft2(d * (self.spectra - U * H), self.size) * self._inside
-            gradient = gradient + irfft2((d * U).conj() * rfft2(left), self.size)
+            residual = irfft2(d * (self.spectra - U * H), self.size) * self._inside
+            gradient = gradient + irfft2((d * U).conj() * rfft2(residual), self.size)
             correlation = correlation + irfft2(np.abs(rfft2(irfft2(d * U, self.size) * self._inside)) ** 2, self.size)
         near, far = np.arange(-R, R + 1), np.arange(-2 * R, 2 * R + 1)
-        here = gradient[:, near[:, None], near]
-        return least_squares(kernels, here, correlation[np.ix_(far, far)], ridge, iterations)
+        near_gradient = gradient[:, near[:, None], near]
+        return least_squares(kernels, near_gradient, correlation[np.ix_(far, far)], ridge, iterations)
 
     @property
     def _inside(self) -> Pictures:
-        """1 where a photograph's differences are its own and its surroundings matter little."""
+        """1 where a photograph's differences are measured and its surroundings have little effect."""
         rim, (height, width) = self.R // 2, self.frame
         inside = np.zeros(self.size, np.float32)
         inside[rim : height - 1 - rim, rim : width - 1 - rim] = 1
@@ -74,12 +74,12 @@ class EdgePicture:
         K = kernels.shape[1]
         wide = np.zeros((len(kernels), *self.size), np.float32)
         wide[:, :K, :K] = kernels
-        found: Spectra = rfft2(np.roll(wide, (-(K // 2), -(K // 2)), (1, 2)))
-        return found
+        spectra: Spectra = rfft2(np.roll(wide, (-(K // 2), -(K // 2)), (1, 2)))
+        return spectra
 
 
 def periodic(z: Pictures, R: int) -> Pictures:
-    """The photographs with at least 2 R rows and columns more, in which each goes over into its other end."""
+    """The photographs extended by at least 2 R rows and columns, which make them periodic."""
     for axis in (1, 2):
         n = z.shape[axis]
         more = next_fast_len(n + 2 * R, True) - n

@@ -1,8 +1,8 @@
-"""Kernels from the probability of photographs whose picture has sparse gradients, its values integrated out.
+"""Kernels of maximal probability for a picture with sparse gradients, marginalised over the picture's values.
 
-Every difference of neighbours is Gaussian with a variance of its own, which the photographs tell; how uncertain each
-then is weighs on the kernels' squares, so that kernels no wider than the noise allows win over those that share a blur
-with the picture.
+Every difference of neighbours is Gaussian with its own variance, estimated from the photographs; its posterior variance
+adds a weight to the kernels' squares, so that kernels no wider than the noise allows are preferred to those that share
+a blur with the picture.
 
 References
 ----------
@@ -22,36 +22,36 @@ from procedures.restoration.unknown_motion.free_kernels import Kernels, least_sq
 Gradients = NDArray[np.float32]
 """(2, ..., H, W): differences down and across."""
 WARM = 3
-"""Rounds of the picture alone, before its kernels are moved."""
+"""Rounds of the picture alone, before its kernels are updated."""
 THINNED = 5
-"""Rounds between two times that kernels are freed of noise."""
+"""Rounds between two removals of noise from the kernels."""
 
 
 @dataclass(frozen=True)
 class SparseFit:
-    """Kernels, variance of what they leave of the photographs' differences, and minus log probability a sample."""
+    """Kernels, variance of their residual in the photographs' differences, and minus log probability per sample."""
 
     kernels: Kernels
-    left: float
+    residual: float
     cost: float
 
 
 class SparseGradients:
-    """Photographs (P, H, W) by their gradients, through kernels of half-size R; what lies beyond is left open."""
+    """Gradients of photographs (P, H, W), for kernels of half-size R; the surroundings are unconstrained."""
 
     def __init__(self, z: Gradients, R: int) -> None:
         self.R = R
-        self.seen = np.stack([np.diff(z, axis=1)[:, :, :-1], np.diff(z, axis=2)[:, :-1]])
-        self.frame: tuple[int, ...] = self.seen.shape[2:]
+        self.observed = np.stack([np.diff(z, axis=1)[:, :, :-1], np.diff(z, axis=2)[:, :-1]])
+        self.frame: tuple[int, ...] = self.observed.shape[2:]
         self.size = tuple(n + 2 * R for n in self.frame)
         self.padded = tuple(next_fast_len(n, True) for n in self.size)
         self.share = float(np.prod(self.frame) / np.prod(self.size))
 
-    def fitted(self, kernels: Kernels, rounds: int, iterations: int, least: float) -> SparseFit:
-        """The kernels after so many rounds. iterations : conjugate gradients of each; least : as `thin` takes it."""
-        R, samples = self.R, self.seen.size
-        x = np.pad(self.seen.mean(axis=1), ((0, 0), (R, R), (R, R)))
-        noise = 0.01 * float(np.mean(self.seen**2))
+    def fit(self, kernels: Kernels, rounds: int, iterations: int, least: float) -> SparseFit:
+        """The kernels after a number of rounds. iterations : conjugate gradients of each; least : as in `thin`."""
+        R, samples = self.R, self.observed.size
+        x = np.pad(self.observed.mean(axis=1), ((0, 0), (R, R), (R, R)))
+        noise = 0.01 * float(np.mean(self.observed**2))
         variance = x**2 + np.mean(x**2)
         for n in range(rounds):
             x = self._picture(x, kernels, (noise / variance).astype(np.float32), iterations)
@@ -61,59 +61,59 @@ class SparseGradients:
             if n >= WARM:
                 kernels = self._kernels(x, kernels, doubt)
                 kernels = thin(kernels, least) if n % THINNED == 0 else kernels
-            squares = float((self._left(x, kernels) ** 2).sum())
+            squares = float((self._residual(x, kernels) ** 2).sum())
             noise = (squares + doubt * float((kernels**2).sum())) / samples
-        told = np.log1p(variance * float((kernels**2).sum()) / noise) + x**2 / variance
-        cost = samples * np.log(noise) + squares / noise + float(told.sum())
+        terms = np.log1p(variance * float((kernels**2).sum()) / noise) + x**2 / variance
+        cost = samples * np.log(noise) + squares / noise + float(terms.sum())
         return SparseFit(thin(kernels, least), noise, cost / samples)
 
     def _picture(self, x: Gradients, kernels: Kernels, weight: Gradients, iterations: int) -> Gradients:
         """Gradients of least |h * x - z|^2 + weight x^2, by conjugate gradients with the diagonal as preconditioner."""
         H = rfft2(kernels, self.padded)
-        r = self._adjoint(H, self.seen - self._blurred(H, x)) - weight * x
+        r = self._adjoint(H, self.observed - self._blurred(H, x)) - weight * x
         near = 1 / ((kernels**2).sum() + weight)
         p = z = near * r
         square = first = float(np.vdot(r, z))
         for _ in range(iterations):
-            seen = self._adjoint(H, self._blurred(H, p)) + weight * p
-            step = square / float(np.vdot(p, seen))
-            x, r = x + step * p, r - step * seen
+            Ap = self._adjoint(H, self._blurred(H, p)) + weight * p
+            step = square / float(np.vdot(p, Ap))
+            x, r = x + step * p, r - step * Ap
             z = near * r
             square, before = float(np.vdot(r, z)), square
             if square < 1e-6 * first:
                 break
             p = z + square / before * p
-        # the least numbers that float32 has take ten times as long
+        # denormal numbers of float32 take ten times as long
         return np.where(np.abs(x) < 1e-8, np.float32(0), x)
 
     def _kernels(self, x: Gradients, kernels: Kernels, doubt: float) -> Kernels:
         X, K = rfft2(x, self.padded), 2 * self.R + 1
-        left = self._spectra_of_frames(self._left(x, kernels))
-        gradient = irfft2((X.conj()[:, None] * left).sum(axis=0), self.padded)[:, :K, :K]
+        residual = self._spectra_of_frames(self._residual(x, kernels))
+        gradient = irfft2((X.conj()[:, None] * residual).sum(axis=0), self.padded)[:, :K, :K]
         correlation = self.share * irfft2((np.abs(X) ** 2).sum(axis=0), self.padded)
         far = np.arange(-2 * self.R, 2 * self.R + 1)
         return least_squares(kernels, gradient, correlation[np.ix_(far, far)], doubt, 150)
 
-    def _left(self, x: Gradients, kernels: Kernels) -> Gradients:
-        found: Gradients = self.seen - self._blurred(rfft2(kernels, self.padded), x)
-        return found
+    def _residual(self, x: Gradients, kernels: Kernels) -> Gradients:
+        residual: Gradients = self.observed - self._blurred(rfft2(kernels, self.padded), x)
+        return residual
 
     def _blurred(self, H: NDArray[np.complex64], x: Gradients) -> Gradients:
-        found: Gradients = irfft2(rfft2(x, self.padded)[:, None] * H, self.padded)[self._frames]
-        return found
+        blurred: Gradients = irfft2(rfft2(x, self.padded)[:, None] * H, self.padded)[self._frames]
+        return blurred
 
     def _adjoint(self, H: NDArray[np.complex64], e: Gradients) -> Gradients:
         back = irfft2((self._spectra_of_frames(e) * H.conj()).sum(axis=1), self.padded)
-        found: Gradients = back[:, : self.size[0], : self.size[1]]
-        return found
+        inside: Gradients = back[:, : self.size[0], : self.size[1]]
+        return inside
 
     def _spectra_of_frames(self, e: Gradients) -> NDArray[np.complex64]:
         wide = np.zeros((*e.shape[:2], *self.padded), np.float32)
         wide[self._frames] = e
-        found: NDArray[np.complex64] = rfft2(wide)
-        return found
+        spectra: NDArray[np.complex64] = rfft2(wide)
+        return spectra
 
     @property
     def _frames(self) -> tuple[slice, ...]:
-        """Where the photographs (2, P, H, W) lie among what wraps around."""
+        """Indices of the photographs (2, P, H, W) within the periodic grid."""
         return slice(None), slice(None), *(slice(2 * self.R, 2 * self.R + n) for n in self.frame)

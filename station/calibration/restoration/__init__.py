@@ -1,1 +1,1 @@
-"""Restorations as commands, sessions and batches ask for them: options, files, outcome."""
+"""Restorations for commands, sessions and batches: options, files, outcome."""

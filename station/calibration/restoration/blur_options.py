@@ -1,4 +1,4 @@
-"""What a restoration is told of the blur: its options, whether they go together, and the blur they tell."""
+"""Options that describe the blur of a restoration, their consistency, and the resulting blur."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
         UnknownMotion,
     )
 
-Tell = Callable[..., object]
-"""Hears of every step, as `station.common.log.log` does."""
+Report = Callable[..., object]
+"""Callback for every step, as `station.common.log.log`."""
 SEE = "see `station restore --help`"
 
 
@@ -33,17 +33,17 @@ BLURS = ("defocus", "motion", "both")
 
 
 def unfit(reason: str) -> BadParameter:
-    """An option that cannot be meant so."""
+    """The exception for an inconsistent option."""
     return BadParameter(reason, SEE)
 
 
-def silent(event: str, sentence: str, **facts: object) -> None:
-    """Nobody listens."""
+def no_report(event: str, sentence: str, **facts: object) -> None:
+    """No-op callback."""
 
 
 @dataclass(frozen=True)
 class BlurOptions:
-    """The options by name, as `station restore` and a procedure file of a batch have them."""
+    """The options by name, as in `station restore` and in a procedure file of a batch."""
 
     blur: str
     shapes: tuple[str, ...] = ()
@@ -63,7 +63,7 @@ class BlurOptions:
     exposure_s: tuple[float, ...] = ()
 
     def check(self, images: int) -> None:
-        """Refuse options that do not go together. Raises BadParameter."""
+        """Refuse inconsistent options. Raises BadParameter."""
         if self.blur not in BLURS:
             raise unfit(f"--blur is one of {', '.join(BLURS)}, not {self.blur!r}")
         if self.max_w is not None:
@@ -97,8 +97,8 @@ class BlurOptions:
             raise unfit("--prototype-region whole finds every motion by itself, without --recorded-path and --ratio")
         if not whole and images > 2:
             raise unfit(
-                f"a flat part tells the motion of two photographs, not of {images}: give two, "
-                "or --prototype-region whole where the whole scene is flat"
+                f"a flat part determines the motion of two photographs, not of {images}: give two, "
+                "or --prototype-region whole if the whole scene is flat"
             )
 
     def _check_shapes(self, images: int) -> None:
@@ -137,26 +137,25 @@ class BlurOptions:
             raise unfit("--prototype-region finds motion alone: it goes with --blur motion")
         if not self.defocus_shapes or not self.defocus_ratios:
             raise unfit(
-                "--blur both needs --defocus-shape and --defocus-ratio: the shape of defocus beside that of motion, "
-                "and the pixels of its half-width for each unit of w"
+                "--blur both needs --defocus-shape and --defocus-ratio: the shape of defocus in addition to motion, "
+                "and the pixels of its half-width per unit of w"
             )
         for option, given in each.items():
             if given and len(given) not in (1, images):
                 raise unfit(f"{option} takes one value, or one for each of {images} images; got {len(given)}")
 
     def spec(self, frames: list[RawFrame], photographs: list[Array]) -> BlurSpec:
-        """What they tell of the blur, its files read."""
-        from procedures.restoration.photograph_blur import BlurSpec, DefocusBeside
+        """The specification of the blur, with its files read."""
+        from procedures.restoration.photograph_blur import AdditionalDefocus, BlurSpec
 
         count, source = len(frames), self._source(frames, photographs)
         if self.blur != "both":
             return BlurSpec(source, self.max_w)
         ratios, offsets = (_repeated(one, count) for one in (self.defocus_ratios, self.defocus_offsets or (0.0,)))
         shapes = _shapes(self.defocus_shapes, frames, photographs, None)
-        return BlurSpec(source, self.max_w, DefocusBeside(shapes, (*ratios,), (*offsets,)))
+        return BlurSpec(source, self.max_w, AdditionalDefocus(shapes, (*ratios,), (*offsets,)))
 
     def _source(self, frames: list[RawFrame], photographs: list[Array]) -> KnownShapes | RecordedMotion | UnknownMotion:
-        """Of what blurs most: motion, or defocus alone."""
         from procedures.restoration.flat_part import region_of
         from procedures.restoration.photograph_blur import KnownShapes, UnknownMotion
         from procedures.restoration.unknown_motion.recorded_paths import read_path
@@ -183,70 +182,66 @@ class BlurOptions:
         return RecordedMotion(poses, self.focal_px, self.max_inverse_depth)
 
     def exposures(self, frames: list[RawFrame]) -> list[float | None]:
-        """Exposure times as told, or as the files tell, seconds."""
+        """Exposure times in seconds, as given, or as recorded in the files."""
         return _repeated(self.exposure_s, len(frames)) or [one.exposure.exposure_s for one in frames]
 
 
 def _later(given: tuple[float, ...], first: float, count: int) -> tuple[float, ...]:
-    """One for each photograph, from those after the first, the last of which goes on; none where none are given."""
+    """One value per photograph, from those after the first, the last of which is repeated; none if none is given."""
     return (first, *given, *(given[-1:] * count))[:count] if given else ()
 
 
 def _repeated(given: tuple[Any, ...], count: int) -> list[Any]:
-    """One for each photograph, from one for each or one for all."""
+    """One value per photograph, from one for each or one for all."""
     return [*given] * (1 if len(given) == count else count)
 
 
 def _shapes(
     names: tuple[str, ...], frames: list[RawFrame], photographs: list[Array], samples_per_px: int | None
 ) -> tuple[Shape, ...]:
-    """A shape for each photograph."""
     from station.calibration.restoration.inputs import read_blur_shape
 
     plane, size = next(iter(frames[0].planes)), (photographs[0].shape[1], photographs[0].shape[2])
     return tuple(read_blur_shape(name, plane, size, samples_per_px) for name in _repeated(names, len(frames)))
 
 
-# --- what is told of it ------------------------------------------------------------------------------------------
+def report_measured(spec: BlurSpec, report: Report) -> None:
+    """Report the sizes of measured shapes."""
+    for shape in _measured(spec):
+        half, cut = shape["half_width_px"], shape["negative_light"]
+        report("shape", f"measured half-width {half:.2f} pixels; {cut:.1%} negative light excluded", **shape)
 
 
-def tell_measured(spec: BlurSpec, tell: Tell) -> None:
-    """Tell the sizes of measured shapes."""
-    for one in _measured(spec):
-        half, cut = one["half_width_px"], one["negative_light"]
-        tell("shape", f"measured half-width {half:.2f} pixels; {cut:.1%} negative light left out", **one)
-
-
-def tell_finding(found: Finding, tell: Tell) -> None:
-    """Tell what is found of unknown motion."""
+def report_finding(motion: Finding, report: Report) -> None:
+    """Report estimates of unknown motion."""
     from procedures.restoration.unknown_motion.blind import Prototypes
     from procedures.restoration.unknown_motion.flat_scene import FreeKernels
 
-    if isinstance(found, FreeKernels):
-        sentence = found.doubt or f"motions of any form within {found.half_width:.0f} pixels each way"
-        told = {"half_width": found.half_width, "agreement": found.agreement}
-        tell("motion", sentence, level="warning" if found.doubt else "info", **told)
-    elif isinstance(found, Prototypes):
-        tell("prototypes", f"motion of half-width {found.half_width:.1f} pixels in the flat part")
-        tell("paths", "looking for the paths that the whole frame agrees with; this takes about a minute")
+    if isinstance(motion, FreeKernels):
+        sentence = motion.doubt or f"motions of any form within {motion.half_width:.0f} pixels each way"
+        facts = {"half_width": motion.half_width, "agreement": motion.agreement}
+        report("motion", sentence, level="warning" if motion.doubt else "info", **facts)
+    elif isinstance(motion, Prototypes):
+        report("prototypes", f"motion of half-width {motion.half_width:.1f} pixels in the flat part")
+        report("paths", "searching for the paths that agree with the whole frame; this takes about a minute")
     else:
-        sentence = found.doubt or f"paths of half-width {found.half_width:.2f} pixels in the flat part"
-        tell("motion", sentence, level="warning" if found.doubt else "info", half_width=found.half_width)
+        sentence = motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
+        report("motion", sentence, level="warning" if motion.doubt else "info", half_width=motion.half_width)
 
 
 def blur_record(options: BlurOptions, frames: list[RawFrame], spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
-    """What `result.json` says of the blur: the options, and what was found where they left it open."""
+    """Entries of `result.json` on the blur: the options, and estimates."""
     names = {"shape": options.shapes, "recorded_path": options.paths}
-    told: dict[str, Any] = {
+    entries: dict[str, Any] = {
         "blur": options.blur,
         "prototype_region": options.prototype_region,
         **{name: list(given) for name, given in names.items()},
     }
     if options.imu:
-        told |= {"imu": list(options.imu), "exposure_s": options.exposures(frames)}
+        entries |= {"imu": list(options.imu), "exposure_s": options.exposures(frames)}
     elif options.poses:
-        told |= {"poses": list(options.poses)}
-    return told | _of_source(spec, blur) | _of_defocus(options, spec) | _of_motion(blur)
+        entries |= {"poses": list(options.poses)}
+    return entries | _of_source(spec, blur) | _of_defocus(options, spec) | _of_motion(blur)
 
 
 def _of_source(spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
@@ -258,15 +253,14 @@ def _of_source(spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
         masks = MaskField.of(blur.masks[0])
         given = {"focal_px": source.focal_px, "max_inverse_depth": source.max_inverse_m}
         return {**given, "nodes": list(masks.grid), "half_size": masks.R}
-    told: dict[str, Any] = {"ratio": list(blur.ratios[1:]), "max_w": blur.max_w}
+    entries: dict[str, Any] = {"ratio": list(blur.ratios[1:]), "max_w": blur.max_w}
     if isinstance(source, KnownShapes) and any(source.offsets):
-        told["offset"] = list(source.offsets[1:])
+        entries["offset"] = list(source.offsets[1:])
     measured = _measured(spec)
-    return {**told, "measured": measured} if measured else told
+    return {**entries, "measured": measured} if measured else entries
 
 
 def _measured(spec: BlurSpec) -> list[dict[str, Any]]:
-    """What the record says of measured shapes."""
     from procedures.restoration.masks.psf_shapes import MeasuredShape
     from procedures.restoration.photograph_blur import KnownShapes
 
@@ -283,7 +277,6 @@ def _measured(spec: BlurSpec) -> list[dict[str, Any]]:
 
 
 def _of_defocus(options: BlurOptions, spec: BlurSpec) -> dict[str, Any]:
-    """Of defocus beside motion."""
     if spec.defocus is None:
         return {}
     names = _repeated(options.defocus_shapes, len(spec.defocus.shapes))
@@ -292,9 +285,8 @@ def _of_defocus(options: BlurOptions, spec: BlurSpec) -> dict[str, Any]:
 
 
 def _of_motion(blur: SceneBlur) -> dict[str, Any]:
-    """Of motion found: half-width and paths in the flat part, pixels."""
-    found = blur.motion
-    if found is None:
+    motion = blur.motion
+    if motion is None:
         return {}
-    paths = None if found.path is None else found.path[:, ::8].round(3).tolist()
-    return {"motion": {"half_width_px": found.half_width, "paths_px": paths, "doubt": found.doubt}}
+    paths = None if motion.path is None else motion.path[:, ::8].round(3).tolist()
+    return {"motion": {"half_width_px": motion.half_width, "paths_px": paths, "doubt": motion.doubt}}

@@ -1,4 +1,4 @@
-"""What blurred the photographs of a restoration, from files: shapes, measured PSFs and fields, records of motion."""
+"""Input files of a restoration: shapes, measured PSFs and fields, records of motion."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ Array = npt.NDArray[np.float64]
 Size = tuple[int, int]
 
 COLUMNS = ("t_s", "ax", "ay", "az", "wx", "wy", "wz")
-"""Of an IMU's record: seconds from the opening of the shutter; m/s^2 with gravity and rad/s, x right, y up, z back."""
+"""Columns of an IMU's record: seconds from the opening of the shutter; m/s^2 with gravity and rad/s, x right, y up, z
+back."""
 MOST_SAMPLES_PER_PX = 1000
-"""Of a measured PSF, whoever measured it."""
+"""Largest sampling accepted for a measured PSF."""
 POSE_COLUMNS = ("t_s", "x", "y", "z", "rx", "ry", "rz")
-"""Of a record of poses: seconds, the first row at the opening of the shutter and the last at its closing; metres and
-rotation vectors in radians from where the rig rests, x right, y up, z back."""
+"""Columns of poses: seconds, the first row at the opening of the shutter and the last at its closing; metres and
+rotation vectors in radians relative to the rig at rest, x right, y up, z back."""
 RADIAL = "radial:"
 ANY_SIZE = (240, 320)
-"""Of a frame over which a lens is only tried whether it can be read."""
+"""Frame size for a check that a lens's file is readable."""
 FIELD_SUFFIXES = (".h5", ".hdf5")
 
 
@@ -45,27 +46,27 @@ def read_imu(path: Path) -> ImuRecord:
     Raises
     ------
     BadInput
-        If it cannot be read, a column lacks, or a row does not hold numbers.
+        If it cannot be read, a column is missing, or a row does not hold numbers.
     """
     values = _table(path, COLUMNS)
     return ImuRecord(values[:, 0], values[:, 1:4], values[:, 4:])
 
 
 def read_poses(path: Path) -> Poses:
-    """Where the camera was during an exposure, from a CSV file with the columns `POSE_COLUMNS`, named in its first row.
+    """Read the camera's poses during an exposure from a CSV file with the columns `POSE_COLUMNS`, named in its first
+    row.
 
     Raises
     ------
     BadInput
-        If it cannot be read, a column lacks, a row does not hold numbers, there are fewer than two rows, or times do
-        not increase.
+        If it cannot be read, a column is missing, a row does not hold numbers, there are fewer than two rows, or times
+        do not increase.
     """
     values = _table(path, POSE_COLUMNS)
     return poses_at(values[:, 0], values[:, 1:4], values[:, 4:])
 
 
 def _table(path: Path, columns: Sequence[str]) -> Array:
-    """The named columns of a CSV file, (rows, columns)."""
     lines = read_rows(path, f"give a CSV file of {','.join(columns)}")
     rows = [(n, row) for n, row in enumerate(lines, start=1) if _counts(row)]
     names = [name.strip() for name in rows[0][1]] if rows else []
@@ -99,7 +100,7 @@ def imu_table(imu: ImuRecord) -> bytes:
 
 
 def poses_table(poses: Poses, exposure_s: float) -> bytes:
-    """Poses as `read_poses` takes them."""
+    """Poses in the format of `read_poses`."""
     t = np.linspace(0, exposure_s, len(poses.position_m))
     rows = np.column_stack([t, poses.position_m * FLIPPED, poses.turn_rad * FLIPPED])
     lines = [",".join(POSE_COLUMNS), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
@@ -107,53 +108,50 @@ def poses_table(poses: Poses, exposure_s: float) -> bytes:
 
 
 def poses_of_records(files: Sequence[Path], exposures_s: Sequence[float | None]) -> tuple[Poses, ...]:
-    """Where the camera was, from what an IMU felt during each exposure.
+    """Poses of the camera, from an IMU's record of each exposure.
 
-    exposures_s : of each photograph; None where neither camera nor operator told
+    exposures_s : of each photograph; None if neither camera nor operator stated it
     """
     if any(one is None for one in exposures_s):
-        raise BadParameter("the photographs do not tell their exposure time", "give --exposure-s")
+        raise BadParameter("the photographs do not record their exposure time", "give --exposure-s")
     return tuple(poses_of(read_imu(file), float(one or 0)) for file, one in zip(files, exposures_s, strict=True))
 
 
-# --- shapes ------------------------------------------------------------------------------------------------------
-
-
 def read_blur_shape(name: str, plane: str | None, shape: Size | None, samples_per_px: int | None = None) -> Shape:
-    """A shape over photographs (H, W): a model's by its name, one from a file, or a measured PSF or field.
+    """A shape over photographs (H, W): a model by its name, one from a file, or a measured PSF or field.
 
-    plane, shape : of the photographs; None is the first of a field, and its size
-    samples_per_px : a text file is a measured PSF sampled so, not a shape on [-1, 1]
+    plane, shape : of the photographs; None for the first of a field, and its size
+    samples_per_px : sampling if a text file is a measured PSF; None for a shape on [-1, 1]
     """
     if name.startswith(RADIAL):
         return _radial(files_in(name), shape or ANY_SIZE, samples_per_px)
-    known = blur_models.named(name)
-    if known is not None:
-        return known
+    model = blur_models.named(name)
+    if model is not None:
+        return model
     path = Path(name)
     if path.suffix.lower() in FIELD_SUFFIXES:
         field = _field(path, plane)
         return measured_field(field, shape or (int(field.shape[0]), int(field.shape[1])))
     if samples_per_px is None and _is_kernel(path):
         return read_kernels([path])[0][0]
-    if samples_per_px is None and _is_found_shape(path):
-        return _found_array(path, "shape")
+    if samples_per_px is None and _is_estimated_shape(path):
+        return _result_array(path, "shape")
     psf = _psf(path, samples_per_px)
     return blur_models.read_shape(path) if psf is None else measured_shape(*psf)
 
 
 def read_kernels(paths: Sequence[Path]) -> tuple[tuple[Array, ...], str | None]:
-    """Kernels of one sample a pixel from a restoration's kernel_N.npy or text files, and the doubt told of them."""
+    """Kernels of one sample a pixel from a restoration's kernel_N.npy or text files, and the doubt in its record."""
     kernels = []
     for path in paths:
-        kernels.append(_found_array(path, "kernel") if path.suffix.lower() == ".npy" else blur_models.read_shape(path))
+        kernels.append(_result_array(path, "kernel") if path.suffix.lower() == ".npy" else blur_models.read_shape(path))
     return tuple(kernels), doubt_of([str(path) for path in paths])
 
 
 def doubt_of(names: Sequence[str]) -> str | None:
-    """The doubt that the records beside kernels or shapes tell which restorations found; None where none does."""
-    found = [path for path in map(Path, names) if _is_kernel(path) or _is_found_shape(path)]
-    doubts = (_beside(path).get("parameters", {}).get("motion", {}).get("doubt") for path in found)
+    """The doubt in the records of the restorations that estimated kernels or shapes; None if there is none."""
+    estimated = [path for path in map(Path, names) if _is_kernel(path) or _is_estimated_shape(path)]
+    doubts = (_record_of(path).get("parameters", {}).get("motion", {}).get("doubt") for path in estimated)
     return next((str(one) for one in doubts if one), None)
 
 
@@ -162,18 +160,16 @@ def _found_array(path: Path, what: str) -> Array:
     return blur_models.check_shape(read_npy(path, what, f"give a {what}_N.npy of a result"), str(path))
 
 
-def _is_found_shape(path: Path) -> bool:
-    """Whether the file is the shape of a motion that a restoration found in a scene in depth."""
-    return path.suffix.lower() == ".npy" and path.stem.startswith("shape_") and "shapes" in _beside(path)
+def _is_estimated_shape(path: Path) -> bool:
+    """Whether the file is the shape of a motion that a restoration estimated in a scene in depth."""
+    return path.suffix.lower() == ".npy" and path.stem.startswith("shape_") and "shapes" in _record_of(path)
 
 
 def _is_kernel(path: Path) -> bool:
-    """Whether the file is a kernel that a restoration found."""
-    return path.suffix.lower() == ".npy" and path.stem.startswith("kernel_") and "kernels" in _beside(path)
+    return path.suffix.lower() == ".npy" and path.stem.startswith("kernel_") and "kernels" in _record_of(path)
 
 
-def _beside(path: Path) -> dict[str, Any]:
-    """The record in a file's folder; empty where there is none."""
+def _record_of(path: Path) -> dict[str, Any]:
     try:
         record = read_json(path.parent / "result.json")
     except BadInput:
@@ -182,7 +178,7 @@ def _beside(path: Path) -> dict[str, Any]:
 
 
 def _psf(path: Path, samples_per_px: int | None) -> tuple[Array, int] | None:
-    """A measured PSF and its samples per pixel; None where the file is a shape."""
+    """A measured PSF and its samples per pixel; None if the file is a shape."""
     if path.suffix.lower() == ".npy":
         array = checked_array(read_npy(path, "PSF", _GIVE_PSF), str(path), remedy=_GIVE_PSF)
         return array, samples_per_px or _samples_beside(path)
@@ -190,13 +186,13 @@ def _psf(path: Path, samples_per_px: int | None) -> tuple[Array, int] | None:
 
 
 def _radial(names: Sequence[str], shape: Size, samples_per_px: int | None) -> ShapeField:
-    """What a lens symmetric about its axis makes of shapes or PSFs at equal heights, middle to corner (4.20)."""
+    """The field of a lens symmetric about its axis from shapes or PSFs at equal heights, centre to corner (4.20)."""
     psfs = [one for one in (_psf(Path(name), samples_per_px) for name in names) if one is not None]
     if not psfs:
         return symmetric([blur_models.read_shape(Path(name)) for name in names], shape)
     if len(psfs) < len(names) or len({samples for _, samples in psfs}) > 1:
         raise BadParameter(
-            "PSFs and shapes, or PSFs of different sampling, are no one lens", "give PSFs of one sampling, or shapes"
+            "all must be shapes, or PSFs of one sampling, to be of one lens", "give PSFs of one sampling, or shapes"
         )
     return measured_heights([h for h, _ in psfs], psfs[0][1], shape)
 
@@ -213,32 +209,32 @@ def _field(path: Path, plane: str | None) -> Any:
 
 
 def files_in(name: str) -> list[str]:
-    """The files in the name of a shape or record."""
+    """The files in the option of a shape or record."""
     return name.removeprefix(RADIAL).split(",") if name.startswith(RADIAL) else [name]
 
 
 def with_files(name: str, files: Sequence[str]) -> str:
-    """The same name of other files, as many as it has."""
+    """The same option with other files, of the same number."""
     return f"{RADIAL}{','.join(files)}" if name.startswith(RADIAL) else files[0]
 
 
 def with_record(path: Path) -> list[Path]:
-    """A file, and the record that an array of a result stands beside."""
+    """A file, and the record of an array from a result."""
     record = path.parent / "result.json"
     return [path, record] if path.suffix.lower() == ".npy" and record.exists() else [path]
 
 
-def _samples_beside(path: Path) -> int:
+def _samples_of(path: Path) -> int:
     """Samples per pixel of a result's PSF, from the record in its folder. Raises BadParameter if there is none."""
     try:
         record = read_json(path.parent / "result.json")
         plane = record.get("planes", {}).get(path.stem.removeprefix("psf_"), {})
-        found = plane.get("s") or record["parameters"]["s"]
+        samples = plane.get("s") or record["parameters"]["s"]
     except (BadInput, KeyError, TypeError, AttributeError) as error:
-        raise BadParameter(f"{path} {_NO_SAMPLES}", _TELL_SAMPLES) from error
-    if type(found) is not int or not 1 <= found <= MOST_SAMPLES_PER_PX:
-        raise BadParameter(f"{path} {_NO_SAMPLES}", _TELL_SAMPLES)
-    return found
+        raise BadParameter(f"{path} {_NO_SAMPLES}", _GIVE_SAMPLES) from error
+    if type(samples) is not int or not 1 <= samples <= MOST_SAMPLES_PER_PX:
+        raise BadParameter(f"{path} {_NO_SAMPLES}", _GIVE_SAMPLES)
+    return samples
 
 
 _GIVE_PSF = "give a psf_P.npy of a result"

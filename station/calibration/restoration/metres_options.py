@@ -1,4 +1,4 @@
-"""What a restoration in metres is told of the camera: its options, the blur that follows, and depth in metres."""
+"""Options of a restoration in metres: the camera's data, the resulting blur, and depth in metres."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 
 SIDES = ("front", "behind")
-LEAST_TOLD = 0.3
-"""Of the frame: beside steps of depth, and where there is no texture, distances are not told."""
+LEAST_DETERMINED = 0.3
+"""Smallest fraction of the frame with a distance: there is none at depth edges, and where there is no texture."""
 
 
 @dataclass(frozen=True)
 class MetresOptions:
-    """The options by name, as `station restore` and a procedure file have them.
+    """The options by name, as in `station restore` and in a procedure file.
 
-    The camera's numbers are one, or one for each image.
+    The camera's data are one value, or one for each image.
     """
 
     metres: str | None = None
@@ -37,7 +37,7 @@ class MetresOptions:
     pixel_pitch_um: float | None = None
 
     def check(self, blur: BlurOptions, images: int) -> None:
-        """Refuse options that do not go together. Raises BadParameter."""
+        """Refuse inconsistent options. Raises BadParameter."""
         given = [one for one in (self.f_numbers, self.focus_m, self.focal_length_mm, self.pixel_pitch_um) if one]
         if self.metres is None:
             if given:
@@ -50,38 +50,38 @@ class MetresOptions:
                 "--metres goes with --blur defocus --shape pillbox: there w is the radius of the lens's blur circle"
             )
         if blur.ratios or blur.offsets:
-            raise unfit("--metres takes ratio and offset of the blurs from the camera's numbers")
+            raise unfit("--metres takes ratio and offset of the blurs from the camera's data")
         for option, several in (("--f-number", self.f_numbers), ("--focus-m", self.focus_m)):
             if len(several) not in (0, 1, images):
                 raise unfit(f"{option} takes one value, or one for each of {images} images")
 
     def settings(self, frames: Sequence[RawFrame]) -> list[CameraSetting]:
-        """Lens and focus of each photograph, over pixels of the plane. Raises BadParameter where something lacks."""
+        """Lens and focus of each photograph, in pixels of the plane. Raises BadParameter where something is missing."""
         from procedures.restoration.masks.thin_lens import CameraSetting
 
-        found = []
+        settings = []
         for n, frame in enumerate(frames):
-            noted = frame.exposure
-            focus_mm = 1000 * focus if (focus := _one(self.focus_m, n)) else noted.subject_distance_mm
+            recorded = frame.exposure
+            focus_mm = 1000 * focus if (focus := _one(self.focus_m, n)) else recorded.subject_distance_mm
             known = {
-                "--focal-length-mm": self.focal_length_mm or noted.focal_length_mm,
-                "--f-number": _one(self.f_numbers, n) or noted.f_number,
+                "--focal-length-mm": self.focal_length_mm or recorded.focal_length_mm,
+                "--f-number": _one(self.f_numbers, n) or recorded.f_number,
                 "--focus-m": focus_mm,
                 "--pixel-pitch-um": self.pixel_pitch_um,
             }
             lacking = ", ".join(option for option, value in known.items() if not value)
             if lacking:
-                raise BadParameter(f"photograph {n + 1} does not tell what metres are told from", f"give {lacking}")
+                raise BadParameter(f"photograph {n + 1} does not record all data for metres", f"give {lacking}")
             focal, number, focus_mm, pitch = (float(value or 0) for value in known.values())
             pitch *= next(iter(frame.planes.values())).pitch
-            found.append(CameraSetting(focal, number, focus_mm, pitch))
-        return found
+            settings.append(CameraSetting(focal, number, focus_mm, pitch))
+        return settings
 
     def blur(self, blur: BlurOptions, settings: Sequence[CameraSetting]) -> BlurOptions:
-        """The blur's options with what the camera's numbers say of ratios and offsets (4.8 to 4.10)."""
+        """The blur's options with ratios and offsets from the camera's data (4.8 to 4.10)."""
         from procedures.restoration.masks.thin_lens import relation
 
-        # in front of the plane of focus radii are above zero; behind it w is their negative
+        # radii are positive in front of the plane of focus; behind it w is their negative
         side = 1 if self.metres == "front" else -1
         related = [relation(settings[0], other) for other in settings[1:]]
         offsets = tuple(side * beta for _, beta in related)
@@ -93,34 +93,34 @@ class MetresOptions:
         )
 
     def distances(
-        self, found: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], setting: CameraSetting
+        self, restoration: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], setting: CameraSetting
     ) -> Distances:
         """Depth in metres of a restoration."""
         import numpy as np
 
-        from procedures.restoration.first_depth.registration import registered
+        from procedures.restoration.first_depth.registration import register
         from procedures.restoration.masks.checks import trust_of
         from procedures.restoration.metres import ambiguity, distances_of, unexplained
 
         z = np.stack(photographs)
-        brought = registered(z, trust_of(z), masks).z
-        w, noise = found.w.astype(np.float64), found.diagnostics.noise
-        spread = np.hypot(found.w_std, ambiguity(list(brought), masks, w, noise))
-        spread[unexplained(found.residual.astype(np.float64), noise)] = np.inf
+        aligned = register(z, trust_of(z), masks).z
+        w, noise = restoration.w.astype(np.float64), restoration.diagnostics.noise
+        spread = np.hypot(restoration.w_std, ambiguity(list(aligned), masks, w, noise))
+        spread[unexplained(restoration.residual.astype(np.float64), noise)] = np.inf
         return distances_of(w, spread, setting, str(self.metres))
 
     @staticmethod
     def judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Restoration]:
-        """The same, doubtful where the distances of most of the frame are not told."""
-        if distances.told >= LEAST_TOLD or outcome.reason:
+        """The outcome, doubtful where the distance of most of the frame is undetermined."""
+        if distances.determined >= LEAST_DETERMINED or outcome.reason:
             return outcome
-        reason = f"the distance of {distances.told:.0%} of the frame is told; elsewhere texture or blur tell too little"
+        reason = f"only {distances.determined:.0%} of the frame have a distance, as texture or blur are insufficient"
         return replace(
             outcome, verdict=Verdict.DOUBTFUL, reason=reason, remedy="put structure into the scene, or open the lens"
         )
 
-    def told(self, settings: Sequence[CameraSetting]) -> dict[str, Any]:
-        """What the record says of it."""
+    def entries(self, settings: Sequence[CameraSetting]) -> dict[str, Any]:
+        """Record entries."""
         return {
             "metres": self.metres,
             "f_number": [one.f_number for one in settings],
@@ -131,5 +131,4 @@ class MetresOptions:
 
 
 def _one(given: Sequence[float], n: int) -> float | None:
-    """The value for photograph n, from one for each or one for all."""
     return (given[0] if len(given) == 1 else given[n]) if given else None

@@ -1,4 +1,4 @@
-"""A restoration as the command and a batch are told of it: from options and files to the outcome and its record."""
+"""A restoration for the command and a batch: from options and files to the outcome and its record."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from procedures.outcome import BadInput, ColourInput, Outcome
 from procedures.raw import RawFrame, default_plane, read_frame
 from procedures.reading.sensor_dump import DumpLayout
 from procedures.restoration.colour.mosaic import is_mosaic
-from procedures.restoration.ground_truth import check_ground_truth, held_against
+from procedures.restoration.ground_truth import check_ground_truth, compare_to_ground_truth
 from procedures.restoration.joint.estimate import RestorationParameters
 from procedures.restoration.joint.joint_descent import JointRound
 from procedures.restoration.joint.result import Restoration
@@ -27,17 +27,17 @@ from procedures.restoration.metres import Distances
 from procedures.restoration.photograph_blur import blur_of
 from station.calibration.restoration.blur_options import (
     BlurOptions,
-    Tell,
+    Report,
     blur_record,
-    silent,
-    tell_finding,
-    tell_measured,
+    no_report,
+    report_finding,
+    report_measured,
 )
 from station.calibration.restoration.inputs import files_in, with_files, with_record
 from station.calibration.restoration.metres_options import MetresOptions
 
 NAME = "{name}"
-"""Stands in the name of a record for that of the photograph, without its suffix; such records lie beside it."""
+"""Placeholder in the name of a record for the photograph's name without suffix; such records are in its folder."""
 OF_FILES = ("shapes", "defocus_shapes", "paths", "imu", "poses")
 """Options that name files."""
 ENCODINGS = ("linear", "srgb")
@@ -45,7 +45,7 @@ ENCODINGS = ("linear", "srgb")
 
 @dataclass(frozen=True)
 class DescentOptions:
-    """How picture and depth are found: options by name, as `station restore` and a procedure file have them."""
+    """Parameters of the estimation: options by name, as in `station restore` and in a procedure file."""
 
     image_weight: float | None = None
     depth_weight: float | None = None
@@ -57,29 +57,29 @@ class DescentOptions:
 
     @property
     def parameters(self) -> RestorationParameters:
-        """As the procedure takes them. Raises BadParameter."""
-        return RestorationParameters(**{**self.told, "scheme": Scheme.parse(self.scheme)})
+        """The procedure's parameters. Raises BadParameter."""
+        return RestorationParameters(**{**self.entries, "scheme": Scheme.parse(self.scheme)})
 
     @property
-    def told(self) -> dict[str, Any]:
-        """What a record says of them."""
-        return {one.name: getattr(self, one.name) for one in fields(self)}
+    def entries(self) -> dict[str, Any]:
+        """Record entries."""
+        return {option.name: getattr(self, option.name) for option in fields(self)}
 
 
 @dataclass(frozen=True)
 class RestorationOptions:
-    """All that a restoration is told beside its photographs.
+    """All options of a restoration.
 
     Attributes
     ----------
     blur : BlurOptions
     descent : DescentOptions
     encoding : "linear", "srgb" or None
-        What the numbers of colour files of 16 bits mean; None for planes of RAW and grey files.
+        Encoding of colour files of 16 bits; None for planes of RAW and grey files.
     metres : MetresOptions
-        Whether depth is told in metres, and from what.
+        Whether depth is given in metres, and from which data.
     reference : str or None
-        File of a photograph of the same scene that nothing blurred, which the result is held against.
+        File of a sharp photograph of the same scene, with which the result is compared.
     """
 
     blur: BlurOptions
@@ -89,7 +89,7 @@ class RestorationOptions:
     reference: str | None = None
 
     def checked(self, photographs: int) -> RestorationOptions:
-        """The same, with the shape that distances ask for. Raises BadParameter where options do not go together."""
+        """The options with the shape required by distances. Raises BadParameter where options are inconsistent."""
         self.metres.check(self.blur, photographs)
         blur = self.blur
         if self.metres.metres is not None and not blur.shapes:
@@ -99,41 +99,42 @@ class RestorationOptions:
         return replace(self, blur=blur)
 
     @property
-    def told(self) -> dict[str, Any]:
-        """All options that are not as usual, by name."""
-        each = {one.name: getattr(of, one.name) for of in (self.blur, self.metres) for one in fields(of)}
-        found = {name: value for name, value in each.items() if value not in ((), None)}
-        given = {"encoding": self.encoding, "reference": self.reference}
-        return {**found, **{name: value for name, value in given.items() if value}, **self.descent.told}
+    def entries(self) -> dict[str, Any]:
+        """All options other than the defaults, by name."""
+        groups = (self.blur, self.metres)
+        each = {option.name: getattr(group, option.name) for group in groups for option in fields(group)}
+        given = {name: value for name, value in each.items() if value not in ((), None)}
+        more = {"encoding": self.encoding, "reference": self.reference}
+        return {**given, **{name: value for name, value in more.items() if value}, **self.descent.entries}
 
     def spread(self, photographs: int) -> RestorationOptions:
-        """The same with one record for each photograph where a name with `{name}` stands for all."""
-        found: dict[str, Any] = {
+        """The options with one record per photograph where a name with `{name}` represents all."""
+        spread: dict[str, Any] = {
             option: names * photographs
             for option in OF_FILES
             if len(names := getattr(self.blur, option)) == 1 and NAME in names[0]
         }
-        return replace(self, blur=replace(self.blur, **found))
+        return replace(self, blur=replace(self.blur, **spread))
 
     def placed(self, folder: Path, photographs: Sequence[Path]) -> RestorationOptions:
-        """The same with whole paths: files lie in `folder`, those with `{name}` in theirs beside each photograph."""
+        """The options with complete paths: files are in `folder`, those with `{name}` in each photograph's folder."""
         spread = self.spread(len(photographs)).blur
         last = len(photographs) - 1
-        found: dict[str, Any] = {
+        paths: dict[str, Any] = {
             option: tuple(_placed(name, folder, photographs[min(i, last)]) for i, name in enumerate(names))
             for option in OF_FILES
             if (names := getattr(spread, option))
         }
         reference = self.reference and _placed(self.reference, folder, photographs[0])
-        return replace(self, blur=replace(spread, **found), reference=reference)
+        return replace(self, blur=replace(spread, **paths), reference=reference)
 
     @property
     def files(self) -> list[Path]:
-        """The files that the options name, with the records that measured PSFs stand beside."""
+        """The files that the options name, with the records of measured PSFs."""
         names = [name for option in OF_FILES for name in getattr(self.blur, option)]
-        found = [one for name in names for part in _parts(name) for one in with_record(Path(part))]
+        inputs = [file for name in names for part in _parts(name) for file in with_record(Path(part))]
         truth = [Path(self.reference)] if self.reference else []
-        return list(dict.fromkeys([*found, *truth]))
+        return list(dict.fromkeys([*inputs, *truth]))
 
 
 def _placed(name: str, folder: Path, photograph: Path) -> str:
@@ -145,11 +146,10 @@ def _placed(name: str, folder: Path, photograph: Path) -> str:
     return with_files(name, [str(folder / part) for part in parts])
 
 
-TELL_ENCODING = "of colours in 16 bits tell what the numbers mean, --encoding linear or srgb; or give RAW files"
+GIVE_ENCODING = "give the encoding of 16-bit colours, --encoding linear or srgb; or give RAW files"
 
 
 def _parts(name: str) -> list[str]:
-    """The files in the name of a shape or record; none in that of a model."""
     return [] if named(name) is not None else files_in(name)
 
 
@@ -162,16 +162,16 @@ def read_photographs(
 ) -> tuple[list[RawFrame], list[Array]]:
     """Frames, and their planes stacked as channels (C, H, W).
 
-    plane : a name, "all" or None for the default one; contents : of the files, where they were read already
+    plane : a name, "all" or None for the default one; contents : of the files, if they were read already
 
     Raises
     ------
     BadInput
-        If a file cannot be read so, or the photographs do not go together.
+        If a file cannot be read, or the photographs do not belong together.
     """
-    known: Sequence[bytes | None] = contents or [None] * len(images)
+    given: Sequence[bytes | None] = contents or [None] * len(images)
     chosen = plane if encoding else plane or default_plane(images[0], layout)
-    frames = [_read(image, chosen, layout, encoding, data) for image, data in zip(images, known, strict=True)]
+    frames = [_read(image, chosen, layout, encoding, data) for image, data in zip(images, given, strict=True)]
     photographs: list[Array] = [np.stack([p.samples.astype(np.float64) for p in f.planes.values()]) for f in frames]
     check_photographs(photographs)
     return frames, photographs
@@ -180,11 +180,11 @@ def read_photographs(
 def read_ground_truth(
     path: Path, frames: Sequence[RawFrame], layout: DumpLayout | None, encoding: str | None
 ) -> RawFrame:
-    """A photograph of the same planes as these. Raises BadInput where it cannot be held against them."""
+    """A photograph of the same planes as these. Raises BadInput where it cannot be compared with them."""
     names = list(frames[0].planes)
-    found = _read(path, names[0] if len(names) == 1 else "all", layout, encoding, None)
-    check_ground_truth([one.planes for one in frames], found.planes)
-    return found
+    truth = _read(path, names[0] if len(names) == 1 else "all", layout, encoding, None)
+    check_ground_truth([frame.planes for frame in frames], truth.planes)
+    return truth
 
 
 def _read(
@@ -195,7 +195,7 @@ def _read(
     try:
         return read_frame(path, None if plane in ("all", None) else [str(plane)], layout, data=data)
     except ColourInput as error:
-        raise BadInput(error.reason, TELL_ENCODING) from error
+        raise BadInput(error.reason, GIVE_ENCODING) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,14 +205,14 @@ class Restored:
     Attributes
     ----------
     outcome : Outcome[Restoration]
-    told : mapping
-        What a record says of the parameters.
+    parameters : mapping
+        Record entries of the parameters.
     distances : Distances, optional
-        Depth in metres where it was asked for.
+        Depth in metres, if requested.
     """
 
     outcome: Outcome[Restoration]
-    told: Mapping[str, Any]
+    parameters: Mapping[str, Any]
     distances: Distances | None = None
 
 
@@ -220,11 +220,11 @@ def restored(
     options: RestorationOptions,
     frames: list[RawFrame],
     photographs: list[Array],
-    tell: Tell = silent,
+    report: Report = no_report,
     progress: Callable[[JointRound], None] | None = None,
     truth: RawFrame | None = None,
 ) -> Restored:
-    """The sharp picture and the depth map; truth : a photograph of the same planes that they are held against.
+    """The sharp picture and the depth map; truth : a sharp photograph of the same planes for comparison.
 
     Raises
     ------
@@ -234,24 +234,24 @@ def restored(
     metres = options.metres
     settings = metres.settings(frames) if metres.metres else []
     spec = (metres.blur(options.blur, settings) if settings else options.blur).spec(frames, photographs)
-    tell_measured(spec, tell)
-    blur = blur_of(spec, photographs, partial(tell_finding, tell=tell))
+    report_measured(spec, report)
+    blur = blur_of(spec, photographs, partial(report_finding, report=report))
     outcome = blur.restored(photographs, options.descent.parameters, progress)
     if is_mosaic(frames[0].planes) and outcome.value is not None:
-        tell("colour", "picture in colour on the sensor's grid")
+        report("colour", "picture in colour on the sensor's grid")
         outcome = blur.coloured(outcome, [frame.planes for frame in frames])
     distances = None
     if settings and outcome.value is not None:
         distances = metres.distances(outcome.value, photographs, blur.masks, settings[0])
         outcome = metres.judged(outcome, distances)
     if truth is not None:
-        outcome = held_against(outcome, [one.planes for one in frames], truth.planes)
-    told = {
+        outcome = compare_to_ground_truth(outcome, [one.planes for one in frames], truth.planes)
+    parameters = {
         **blur_record(options.blur, frames, spec, blur),
-        **(metres.told(settings) if settings else {}),
+        **(metres.entries(settings) if settings else {}),
         "planes": list(frames[0].planes),
         **({"encoding": options.encoding} if options.encoding else {}),
         **({"reference": options.reference, "reference_sha256": truth.sha256} if truth else {}),
-        **options.descent.told,
+        **options.descent.entries,
     }
-    return Restored(outcome, told, distances)
+    return Restored(outcome, parameters, distances)

@@ -1,5 +1,5 @@
-"""Photographs through a lens that is not what the method thinks it is: every point's light spread by transfer functions
-of the pupil, on a grid over the frame, and sampled by the sensor; shares no code with the correction."""
+"""Photographs through a lens outside the method's model: every point's light is spread by transfer functions of the
+pupil, on a grid over the frame, and sampled by the sensor; shares no code with the correction."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RGGB = {"R": (0, 0), "G1": (1, 0), "G2": (0, 1), "B": (1, 1)}
 
 
 def sampled(whole: Array, s: int, per_px: int) -> Array:
-    """A PSF of s samples per pixel (n, n), n even, centre n // 2, as `per_px` samples per pixel show it; odd size."""
+    """A PSF of s samples per pixel (n, n), n even, centre n // 2, resampled to `per_px` samples per pixel; odd size."""
     n, m = len(whole), len(whole) * per_px // s
     F = np.fft.fftshift(np.fft.fft2(np.fft.ifftshift(whole)))
     low = n // 2 - m // 2
@@ -24,7 +24,7 @@ def sampled(whole: Array, s: int, per_px: int) -> Array:
 
 
 def blurred(scene: Array, kernels: Sequence[Sequence[Array]], rim: int) -> Array:
-    """The scene with each point's light spread by the kernels (a grid over the frame without its rim), blended."""
+    """The scene with each point's light spread by interpolated kernels (a grid over the frame without its rim)."""
     rows, columns = (np.clip(np.arange(n) - rim, 0, n - 2 * rim - 1) / (n - 2 * rim - 1) for n in scene.shape)
     down, across = _hats(rows, len(kernels)), _hats(columns, len(kernels[0]))
     out = np.zeros_like(scene)
@@ -45,7 +45,7 @@ def _hats(at: Array, n: int) -> Array:
 
 @dataclass(frozen=True)
 class Sensor:
-    """Reads out light: noise of photons and of reading, numbers of 14 bits; white = 1."""
+    """Read-out with photon noise, read noise and 14-bit quantisation; white = 1."""
 
     white_e: float = 20000.0
     read_e: float = 6.0
@@ -53,13 +53,13 @@ class Sensor:
 
     def read(self, light: Array, rng: np.random.Generator) -> Array:
         electrons = np.maximum(light, 0) * self.white_e
-        seen = (electrons + np.sqrt(electrons + self.read_e**2) * rng.standard_normal(light.shape)) / self.white_e
-        return np.minimum(np.rint(seen * self.steps) / self.steps, 1.0).astype(np.float32)
+        values = (electrons + np.sqrt(electrons + self.read_e**2) * rng.standard_normal(light.shape)) / self.white_e
+        return np.minimum(np.rint(values * self.steps) / self.steps, 1.0).astype(np.float32)
 
 
 def kernels_over(
     psf: Callable[[float, float], Array], shape: tuple[int, int], grid: tuple[int, int]
 ) -> list[list[Array]]:
-    """PSFs at a grid of places of a frame, corners included."""
+    """PSFs on a grid of positions of a frame, corners included."""
     y, x = np.linspace(0, shape[0] - 1, grid[0]), np.linspace(0, shape[1] - 1, grid[1])
     return [[psf(float(b), float(a)) for b in x] for a in y]

@@ -1,4 +1,4 @@
-"""Several photographs of one scene: registered, set aside, and made into a picture finer than the sensor."""
+"""Several photographs of one scene: registration, rejection, and a picture finer than the sensor."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from procedures.correction.noise import noise_of
 from procedures.outcome import BadInput, Verdict
 
 from .lens_photographs import Sensor
-from .seen import RIM, SmallLens, burst, scene
+from .small_lens import RIM, SmallLens, burst, scene
 
 pytestmark = pytest.mark.slow
 
@@ -51,44 +51,44 @@ def psnr(picture: np.ndarray) -> float:
 
 
 def finer(picture: np.ndarray) -> np.ndarray:
-    """The picture (1, H, W) on the finer grid, cubic between its pixels."""
+    """The picture (1, H, W) on the finer grid, by cubic interpolation."""
     columns, rows = 2 * picture.shape[2], 2 * picture.shape[1]
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     to_pixels = np.array([[0.5, 0, 0], [0, 0.5, 0]])
     return cv2.warpAffine(picture[0], to_pixels, (columns, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE)[None]
 
 
-def test_photographs_apart_by_parts_of_a_pixel_tell_more_than_the_sensors_grid(photographs, field):
-    found = correct(photographs[0], {"Y": field}, parameters=FINER, others=photographs[1:])
-    assert (found.verdict, found.reason) == (Verdict.PASS, "")
+def test_photographs_shifted_by_fractions_of_a_pixel_resolve_more_than_the_sensor(photographs, field):
+    outcome = correct(photographs[0], {"Y": field}, parameters=FINER, others=photographs[1:])
+    assert (outcome.verdict, outcome.reason) == (Verdict.PASS, "")
     one = correct(photographs[0], {"Y": field}).value
-    assert psnr(found.value.picture) > psnr(finer(one.picture)) + 3
-    for place, move, light in zip(found.value.places, MOVES[1:], LIGHT[1:], strict=True):
+    assert psnr(outcome.value.picture) > psnr(finer(one.picture)) + 3
+    for place, move, light in zip(outcome.value.places, MOVES[1:], LIGHT[1:], strict=True):
         np.testing.assert_allclose(place.moved_px(SHAPE), move, atol=0.03)
         assert place.light == pytest.approx(light, abs=0.004)
 
 
-def test_photographs_that_are_turned_are_laid_otherwise_in_every_tile(lens, field):
+def test_rotated_photographs_are_registered_in_every_tile(lens, field):
     turned = burst({"Y": lens}, fine(3), MOVES, SENSOR, turns=TURNS)
-    found = correct(turned[0], {"Y": field}, parameters=FINER, others=turned[1:])
-    assert (found.verdict, found.reason) == (Verdict.PASS, "")
+    outcome = correct(turned[0], {"Y": field}, parameters=FINER, others=turned[1:])
+    assert (outcome.verdict, outcome.reason) == (Verdict.PASS, "")
     one = correct(turned[0], {"Y": field}).value
-    assert psnr(found.value.picture) > psnr(finer(one.picture)) + 2.5
+    assert psnr(outcome.value.picture) > psnr(finer(one.picture)) + 2.5
 
 
-def test_one_photograph_cannot_tell_a_finer_picture(photographs, field):
-    found = correct(photographs[0], {"Y": field}, parameters=FINER)
-    assert found.verdict is Verdict.DOUBTFUL
-    assert "tell 25% of the detail" in found.reason
+def test_one_photograph_does_not_resolve_a_finer_picture(photographs, field):
+    outcome = correct(photographs[0], {"Y": field}, parameters=FINER)
+    assert outcome.verdict is Verdict.DOUBTFUL
+    assert "resolve 25% of the detail" in outcome.reason
 
 
-def test_photographs_that_show_something_else_are_set_aside(lens, photographs, field):
+def test_photographs_of_another_scene_are_set_aside(lens, photographs, field):
     (other,) = burst({"Y": lens}, fine(8), [(0.5, 0.5)], SENSOR)
-    found = correct(photographs[0], {"Y": field}, parameters=FINER, others=[*photographs[1:4], other])
-    assert found.verdict is Verdict.PASS
-    assert ["another scene" in place.reason for place in found.value.places] == [False, False, False, True]
+    outcome = correct(photographs[0], {"Y": field}, parameters=FINER, others=[*photographs[1:4], other])
+    assert outcome.verdict is Verdict.PASS
+    assert ["another scene" in place.reason for place in outcome.value.places] == [False, False, False, True]
     same = correct(photographs[0], {"Y": field}, parameters=FINER, others=photographs[1:4])
-    np.testing.assert_array_equal(found.value.picture, same.value.picture)
+    np.testing.assert_array_equal(outcome.value.picture, same.value.picture)
     alone = correct(photographs[0], {"Y": field}, others=[other])
     assert alone.verdict is Verdict.DOUBTFUL
     assert "set aside: photograph 2: it shows another scene" in alone.reason
@@ -98,7 +98,7 @@ def changed(frame, samples):
     return replace(frame, planes={"Y": replace(frame.planes["Y"], samples=samples.astype(np.float32))})
 
 
-def test_a_blurred_a_bright_and_a_turned_photograph_are_told_apart(photographs):
+def test_blurred_bright_and_rotated_photographs_are_distinguished(photographs):
     noise = {"Y": noise_of(photographs[0].planes["Y"])}
     second = photographs[1].planes["Y"].samples
     turn = cv2.getRotationMatrix2D((80, 60), 1.5, 1)
@@ -107,7 +107,7 @@ def test_a_blurred_a_bright_and_a_turned_photograph_are_told_apart(photographs):
         place_of(photographs[0], changed(photographs[1], samples), noise).reason
         for samples in (cv2.GaussianBlur(second, (0, 0), 2.5), 0.6 * second, turned)
     ]
-    words = ("blurred otherwise", "0.60 times as bright", "turned against the first")
+    words = ("blur is different", "0.60 times as bright", "rotated relative to the first")
     assert all(word in reason for word, reason in zip(words, reasons, strict=True)), reasons
 
 

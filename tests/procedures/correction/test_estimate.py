@@ -8,7 +8,7 @@ from procedures.correction.priors import Prior
 from procedures.outcome import Verdict
 
 from .lens_photographs import RGGB, Sensor
-from .seen import RIM, SmallLens, bayer, grey, scene
+from .small_lens import RIM, SmallLens, bayer, grey, scene
 
 SHAPE = (150, 200)
 PHASES = {
@@ -41,12 +41,12 @@ def photograph(lens):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("prior", ["total-variation", "second-order"])
-def test_a_grey_photograph_comes_nearer_to_the_scene_up_to_its_edges(photograph, field, prior):
-    found = correct(photograph.frame, {"Y": field}, parameters=CorrectionParameters(Prior(prior)))
-    assert (found.verdict, found.reason) == (Verdict.PASS, "")
+def test_a_grey_photograph_is_improved_up_to_its_edges(photograph, field, prior):
+    outcome = correct(photograph.frame, {"Y": field}, parameters=CorrectionParameters(Prior(prior)))
+    assert (outcome.verdict, outcome.reason) == (Verdict.PASS, "")
     before = photograph.frame.planes["Y"].samples[None]
-    gain = photograph.psnr(found.value.picture) - photograph.psnr(before)
-    gain_inside = photograph.psnr(found.value.picture, 20) - photograph.psnr(before, 20)
+    gain = photograph.psnr(outcome.value.picture) - photograph.psnr(before)
+    gain_inside = photograph.psnr(outcome.value.picture, 20) - photograph.psnr(before, 20)
     assert gain > 3
     # twenty pixels along the rim are a third of the frame
     assert gain > gain_inside - 1
@@ -54,7 +54,7 @@ def test_a_grey_photograph_comes_nearer_to_the_scene_up_to_its_edges(photograph,
 
 @pytest.fixture(scope="module")
 def lenses():
-    """Red drawn larger by a third of a pixel of the sensor in the corners, blue, the softest, smaller by a sixth."""
+    """Red larger by a third of a pixel of the sensor in the corners; blue, the softest, smaller by a sixth."""
     of = {
         "R": SmallLens(PLANES, 0.5, shift_px=0.17),
         "G1": SmallLens(PLANES, 0.45),
@@ -69,7 +69,7 @@ def fields(lenses):
 
 
 def shift_of(lens):
-    """Lateral colour as the lens has it, in pixels of the sensor."""
+    """The lens's lateral colour, in pixels of the sensor."""
     rows, columns = PLANES
 
     def at(points):
@@ -80,22 +80,22 @@ def shift_of(lens):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("phase", PHASES)
-def test_a_grey_scene_stays_grey_whatever_the_mosaic(lenses, fields, phase):
+def test_a_grey_scene_stays_grey_for_every_mosaic(lenses, fields, phase):
     light = np.repeat(scene(with_rim((160, 208))), 3, axis=0)
-    seen = bayer(lenses, light, Sensor(white_e=60000.0), PHASES[phase])
+    photograph = bayer(lenses, light, Sensor(white_e=60000.0), PHASES[phase])
     shifts = {name: shift_of(lenses[name]) for name in ("R", "B")}
-    found = correct(seen.frame, fields, shifts).value
-    picture = found.picture
-    # one grey level beside a contrast of 38, and the share of the noise, which is about another; up to the edges
+    outcome = correct(photograph.frame, fields, shifts).value
+    picture = outcome.picture
+    # one grey level at a contrast of 38, and the contribution of the noise, which is about another; up to the edges
     assert 255 * np.std(picture[0] - picture[2]) < 2
 
 
 @pytest.mark.slow
-def test_colours_come_out_as_they_are(lenses, fields):
+def test_colours_are_reproduced(lenses, fields):
     light = scene(with_rim((160, 208)), channels=3)
-    seen = bayer(lenses, light, Sensor(white_e=60000.0))
+    photograph = bayer(lenses, light, Sensor(white_e=60000.0))
     shifts = {name: shift_of(lenses[name]) for name in ("R", "B")}
-    picture = correct(seen.frame, fields, shifts).value.picture
-    through = np.stack([seen.light[name] for name in ("R", "G1", "B")])
-    # better than a sensor with all three colours at every pixel would see without correction
-    assert seen.psnr(picture) > seen.psnr(through)
+    picture = correct(photograph.frame, fields, shifts).value.picture
+    through = np.stack([photograph.light[name] for name in ("R", "G1", "B")])
+    # better than an uncorrected sensor with all three colours at every pixel
+    assert photograph.psnr(picture) > photograph.psnr(through)

@@ -1,4 +1,4 @@
-"""What a field's error costs: the filters' linear change against photographs corrected through fields that err."""
+"""Error of a picture due to the field: linear propagation compared with corrections through erroneous fields."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from procedures.correction.priors import Prior
 from procedures.raw import Plane
 
 from .lens_photographs import Sensor
-from .seen import RIM, SmallLens, grey, scene
+from .small_lens import RIM, SmallLens, grey, scene
 
 SHAPE = (150, 200)
 NOISE = 0.002
-"""Of a PSF's samples: 0.03 of its light over all at every chart."""
+"""Standard deviation of a PSF's samples: 0.03 of its light in total at every chart."""
 
 
 class Whole:
@@ -31,7 +31,7 @@ def picture():
 
 
 @pytest.mark.slow
-def test_it_is_told_where_there_is_detail_and_grows_with_contrast(picture):
+def test_error_appears_at_detail_and_grows_with_contrast(picture):
     optics = Optics.of({"Y": Plane("Y", picture[0], 1e-4)}, {"Y": SmallLens(SHAPE, 0.8).field("Y", 1e-3).field}, {})
     flat, one, double = (
         field_error(optics, Whole(), Prior(), 1e-5, 0.03, shown) for shown in (0 * picture + 0.5, picture, 2 * picture)
@@ -43,17 +43,19 @@ def test_it_is_told_where_there_is_detail_and_grows_with_contrast(picture):
 
 
 @pytest.mark.slow
-def test_the_error_that_the_covariance_tells_is_that_of_photographs_corrected_so():
+def test_propagated_error_agrees_with_corrections_through_erroneous_fields():
     lens = SmallLens(SHAPE, 0.8, growth=0.0, coma=0.0)
     photograph = grey(lens, scene(tuple(n + 2 * RIM for n in SHAPE)), Sensor(white_e=60000.0))
     parameters = CorrectionParameters(Prior("second-order"))
 
     def squared(noise, seed):
-        found = correct(photograph.frame, {"Y": lens.field("Y", noise, seed).field}, parameters=parameters).value
-        return np.mean((found.picture - photograph.truth) ** 2), found.field_error
+        correction = correct(photograph.frame, {"Y": lens.field("Y", noise, seed).field}, parameters=parameters).value
+        return np.mean((correction.picture - photograph.truth) ** 2), correction.field_error
 
-    best, told = squared(1e-6, 0)
-    assert told.rms**2 < 0.02 * best
-    costs, told = zip(*(squared(NOISE, seed) for seed in range(2)), strict=True)
+    best, error = squared(1e-6, 0)
+    assert error.rms**2 < 0.02 * best
+    costs, errors = zip(*(squared(NOISE, seed) for seed in range(2)), strict=True)
     # two draws of a sum over about a hundred frequencies: 10 % by chance
-    assert np.sqrt(np.mean([one.rms**2 for one in told])) == pytest.approx(np.sqrt(np.mean(costs) - best), rel=0.2)
+    assert np.sqrt(np.mean([error.rms**2 for error in errors])) == pytest.approx(
+        np.sqrt(np.mean(costs) - best), rel=0.2
+    )

@@ -9,7 +9,7 @@ from procedures.correction.noise import noise_of
 from procedures.raw import Plane
 
 from .lens_photographs import Sensor
-from .seen import scene
+from .small_lens import scene
 
 
 @pytest.fixture(scope="module")
@@ -19,22 +19,22 @@ def light():
 
 @pytest.fixture(scope="module")
 def samples(light):
-    """20000 electrons are white."""
+    """Samples of a sensor whose white is 20000 electrons."""
     return Sensor(white_e=20000.0).read(light, np.random.default_rng(3))
 
 
-def test_variance_grows_with_light_as_photons_make_it(samples):
-    found = noise_of(Plane("Y", samples, 1 / 16383))
+def test_variance_grows_with_light_like_photon_noise(samples):
+    noise = noise_of(Plane("Y", samples, 1 / 16383))
     for level in (0.2, 0.4, 0.6):
         truth = level / 20000 + (6 / 20000) ** 2
-        # edges are everywhere in this scene: what they add is counted as noise, which is the cautious side
-        assert 0.8 * truth < found.variance_at(np.array(level)) < 1.5 * truth
-    assert found.whiteness == pytest.approx(1, abs=0.15)
-    assert found.rise > 1
+        # edges are everywhere in this scene: their contribution is counted as noise, which is conservative
+        assert 0.8 * truth < noise.variance_at(np.array(level)) < 1.5 * truth
+    assert noise.whiteness == pytest.approx(1, abs=0.15)
+    assert noise.rise > 1
 
 
 @pytest.mark.parametrize("how", ["smoothed", "enlarged", "demosaicked"])
-def test_processed_samples_are_told_by_their_noise(samples, how):
+def test_processed_samples_are_detected_by_their_noise(samples, how):
     if how == "smoothed":
         processed = cv2.GaussianBlur(samples, (0, 0), 0.8)
     elif how == "enlarged":
@@ -46,7 +46,7 @@ def test_processed_samples_are_told_by_their_noise(samples, how):
     assert noise_of(Plane("Y", processed, 1 / 16383)).whiteness < 0.35
 
 
-def test_a_tone_curve_is_told_by_noise_that_falls_with_light():
+def test_a_tone_curve_is_detected_by_noise_that_falls_with_light():
     # photons' variance L becomes L^(1 - 2 (1 - 1/2.4)) = L^-0.17: over two decades a half
     light = np.tile(np.geomspace(0.009, 0.9, 480), (360, 1))
     samples = Sensor(white_e=60000.0, read_e=1.0).read(light, np.random.default_rng(3))
@@ -56,5 +56,5 @@ def test_a_tone_curve_is_told_by_noise_that_falls_with_light():
 
 
 def test_noise_is_at_least_that_of_rounding():
-    found = noise_of(Plane("Y", np.full((64, 64), 0.5, np.float32), 0.01))
-    assert found.variance_at(np.array(0.5)) >= 0.01**2 / 12 * 0.999
+    noise = noise_of(Plane("Y", np.full((64, 64), 0.5, np.float32), 0.01))
+    assert noise.variance_at(np.array(0.5)) >= 0.01**2 / 12 * 0.999

@@ -1,4 +1,4 @@
-"""What blurs a photograph on its sensor's grid, against the transfer functions of the field's whole PSFs."""
+"""Blur of a photograph on its sensor's grid, compared with the transfer functions of the field's complete PSFs."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ def field(psf):
 
 
 @pytest.mark.parametrize("pitch", [1, 2])
-def test_details_are_blurred_by_the_whole_psf_with_the_light_from_beyond_its_reach(psf, field, pitch):
+def test_details_are_blurred_by_the_complete_psf_with_the_light_beyond_its_reach(psf, field, pitch):
     optics = Optics.of({"Y": Plane("Y", np.zeros(SHAPE, np.float32), 1e-4, pitch)}, {"Y": field}, {})
     fx, fy = np.meshgrid(np.arange(1, 20) / N, np.arange(0, 20) / N)
     H = optics.otf(40.0, 30.0, N)[0]
     assert H[0, 0] == pytest.approx(1, abs=1e-6)
     whole = psf.spectra(pitch * fx.ravel(), pitch * fy.ravel()) @ psf.parameters / psf.light
-    # the grid's filter, cut off, errs by some ten-thousandths; the light from beyond the reach is 0.008 of all
+    # the truncated filter of the grid errs by some ten-thousandths; the light beyond the reach is 0.008 of the total
     np.testing.assert_allclose(H[:20, 1:20], whole.reshape(fx.shape), atol=1e-3)
 
 
-def test_on_large_frames_turned_photographs_reach_no_farther_than_their_supports(field):
+def test_on_large_frames_rotated_photographs_reach_no_farther_than_their_supports(field):
     turn = np.array([[0.0, -0.007], [0.007, 0.0]])
     planes = {name: Plane("Y", np.zeros((4000, 6000), np.float32), 1e-4) for name in ("Y", "Y 2")}
-    optics = Optics.of(planes, {"Y": field}, {"Y 2": lambda seen: (seen - [3000.0, 2000.0]) @ turn})
+    optics = Optics.of(planes, {"Y": field}, {"Y 2": lambda points: (points - [3000.0, 2000.0]) @ turn})
     assert optics.ring < 8
-    # a point of the picture at its rim lies where a turn of 0.007 rad brings it, to the first order and beyond
+    # displacement of a point at the picture's rim under a rotation by 0.007 rad, beyond first order
     dx, dy = np.linalg.solve(np.eye(2) - turn.T, [2990.0, 1990.0]) - [2990.0, 1990.0]
     assert optics.whole(5990.0, 3990.0) == {"Y 2": (round(dx), round(dy))}
     rest = np.angle(optics.otf(5990.0, 3990.0, N)[1] / optics.otf(5990.0, 3990.0, N)[0])[[0, 1], [1, 0]]

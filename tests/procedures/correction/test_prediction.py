@@ -11,13 +11,13 @@ from procedures.correction.prediction import Prediction, predict
 from procedures.correction.priors import Prior
 from procedures.raw import Plane
 
-from .seen import SmallLens
+from .small_lens import SmallLens
 
 SHAPE = (80, 100)
 
 
 @pytest.fixture(scope="module")
-def told():
+def predictions():
     lens = SmallLens(SHAPE, 0.7, growth=1.0, coma=0.0)
     planes = {"Y": Plane("Y", np.full(SHAPE, 0.5, np.float32), 1e-4)}
     mosaic = Mosaic.of(planes, {"Y": Noise(1e-6, 1e-5, 1.0, 2.0)})
@@ -25,7 +25,7 @@ def told():
     return {tau: predict(optics, mosaic, Prior(), tau, 0.03) for tau in (1e-5, 3e-4, 1.0)}
 
 
-def test_a_picture_that_comes_out_smoother_is_doubted():
+def test_a_smoothed_picture_is_doubtful():
     maps = {"x": np.zeros(1), "y": np.zeros(1), "noise_gain": np.ones((1, 1))}
     softer = _smoothed(Prediction(before=np.array([[0.31]]), after=np.array([[0.15]]), **maps))
     assert softer.fails
@@ -34,18 +34,18 @@ def test_a_picture_that_comes_out_smoother_is_doubted():
 
 
 @pytest.mark.slow
-def test_mtf50_before_is_that_of_the_lens(told):
-    # in the middle: a Gaussian of 0.7 pixels times an aperture of 0.7 pixels
+def test_mtf50_before_is_that_of_the_lens(predictions):
+    # at the centre: a Gaussian of 0.7 pixels times an aperture of 0.7 pixels
     f = np.linspace(0, 0.5, 2001)
     expected = f[np.argmax(np.exp(-2 * np.pi**2 * 0.7**2 * f**2) * np.sinc(0.7 * f) < 0.5)]
-    middle = told[3e-4].before[3, 4]
+    middle = predictions[3e-4].before[3, 4]
     assert middle == pytest.approx(expected, abs=0.01)  # the mean over directions of a square aperture
-    assert told[3e-4].before[0, 0] < middle
+    assert predictions[3e-4].before[0, 0] < middle
 
 
 @pytest.mark.slow
-def test_a_weaker_prior_gains_more_and_costs_more(told):
-    weak, usual, strong = (told[tau] for tau in (1e-5, 3e-4, 1.0))
+def test_a_weaker_prior_gains_more_and_costs_more(predictions):
+    weak, usual, strong = (predictions[tau] for tau in (1e-5, 3e-4, 1.0))
     assert (weak.noise_gain > usual.noise_gain).all()
     assert (usual.noise_gain > strong.noise_gain).all()
     assert (weak.after >= usual.after).all()
@@ -54,11 +54,11 @@ def test_a_weaker_prior_gains_more_and_costs_more(told):
 
 
 @pytest.mark.slow
-def test_without_noise_to_hold_back_the_gain_is_that_of_the_inverse(told):
-    # tau 1e-5 over 0.03 is small beside |H|^2 > 0.003 up to the corners of the frequency square but few
+def test_without_noise_suppression_the_gain_is_that_of_the_inverse(predictions):
+    # tau 1e-5 over 0.03 is small compared with |H|^2 > 0.003 except in the corners of the frequency square
     lens, n = SmallLens(SHAPE, 0.7, growth=1.0, coma=0.0), 128
     f = np.fft.fftfreq(n)
     H = lens.otf((SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2, *np.meshgrid(f, f)).real
     D = (2 - 2 * np.cos(2 * np.pi * f))[:, None] + (2 - 2 * np.cos(2 * np.pi * f))
     expected = np.sqrt(np.mean((H / (H**2 + 1e-5 / 0.03 * D)) ** 2))
-    assert told[1e-5].noise_gain[3, 4] == pytest.approx(expected, rel=0.03)
+    assert predictions[1e-5].noise_gain[3, 4] == pytest.approx(expected, rel=0.03)

@@ -28,7 +28,7 @@ def test_the_power_of_a_prior_is_that_of_its_differences(rng, name):
     assert np.sum(counted * power) / 16**2 == pytest.approx(np.sum(differences(u, prior.second) ** 2), rel=1e-5)
 
 
-def test_a_prior_that_cannot_be_meant_is_refused():
+def test_an_impossible_prior_is_refused():
     with pytest.raises(BadParameter, match="one of total-variation, second-order"):
         Prior("wishes")
     with pytest.raises(BadParameter, match="positive strength"):
@@ -47,27 +47,27 @@ def test_the_windows_of_all_tiles_sum_to_one(size, n):
 
 
 def tile_of(u, weight):
-    """What a sensor shows that nothing blurs."""
+    """The samples of an unblurred tile."""
     n = u.shape[-1]
     return Tile(u.astype(np.float32), weight.astype(np.float32), np.ones((1, n, n // 2 + 1), np.complex64), [0])
 
 
-def test_clipped_light_is_at_least_what_was_seen():
+def test_clipped_light_is_at_least_the_clipping_level():
     x = np.arange(32) - 15.5
     light = 0.2 + 1.2 * np.exp(-(x**2 + x[:, None] ** 2) / 60)
-    seen = np.minimum(light, 1.0)[None]
-    weight = np.where(seen >= 1, -1.0, 1.0)
-    found = deconvolve(tile_of(seen, weight), seen.astype(np.float32), Prior(), 1e-4, 0.05, Splitting(60))
-    assert found[weight < 0].min() > 0.99
-    np.testing.assert_allclose(found[weight > 0], light[None][weight > 0], atol=0.01)
+    samples = np.minimum(light, 1.0)[None]
+    weight = np.where(samples >= 1, -1.0, 1.0)
+    restored = deconvolve(tile_of(samples, weight), samples.astype(np.float32), Prior(), 1e-4, 0.05, Splitting(60))
+    assert restored[weight < 0].min() > 0.99
+    np.testing.assert_allclose(restored[weight > 0], light[None][weight > 0], atol=0.01)
 
 
-def test_without_noise_and_with_all_samples_the_blur_is_undone(rng):
+def test_without_noise_and_with_all_samples_the_blur_is_removed(rng):
     n = 48
     u = np.kron(rng.uniform(0.2, 0.8, (6, 6)), np.ones((8, 8)))[None]
     f = np.fft.fftfreq(n)
     H = np.exp(-2 * np.pi**2 * 0.7**2 * (f[:, None] ** 2 + f[: n // 2 + 1] ** 2))[None]
-    seen = np.fft.irfft2(H * np.fft.rfft2(u), (n, n)).astype(np.float32)
-    tile = Tile(seen, np.ones_like(seen), H.astype(np.complex64), [0])
-    found = deconvolve(tile, seen, Prior(), 1e-6, 0.05, Splitting(300, 1.0, 1.0))
-    assert np.std(found - u) < 0.1 * np.std(seen - u)
+    samples = np.fft.irfft2(H * np.fft.rfft2(u), (n, n)).astype(np.float32)
+    tile = Tile(samples, np.ones_like(samples), H.astype(np.complex64), [0])
+    restored = deconvolve(tile, samples, Prior(), 1e-6, 0.05, Splitting(300, 1.0, 1.0))
+    assert np.std(restored - u) < 0.1 * np.std(samples - u)

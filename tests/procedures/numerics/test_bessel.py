@@ -1,4 +1,4 @@
-"""Bessel functions beside SciPy's, which are made in another way."""
+"""Bessel functions compared with SciPy's, computed by other methods."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from procedures.numerics.bessel import integral_of_j0, j0, j1
 X = np.concatenate([[0.0, 1e-9], np.linspace(-30, 30, 301), [123.4, 1000.7]])
 
 
-def test_j0_and_j1_are_those_of_another_method():
+def test_j0_and_j1_agree_with_scipy():
     np.testing.assert_allclose(j0(X), scipy.special.j0(X), atol=2e-14)
     np.testing.assert_allclose(j1(X), scipy.special.j1(X), atol=2e-14)
     assert j0(0.0) == 1

@@ -9,37 +9,37 @@ from procedures.numerics.kernel_prior import prior_covariance
 K, S = 13, 4
 x = np.arange(K) - K // 2
 r2 = (x[:, None] ** 2 + x**2).ravel().astype(float)
-apart = np.hypot(*(np.subtract.outer(v.ravel(), v.ravel()) for v in np.meshgrid(x, x)))
+distance = np.hypot(*(np.subtract.outer(v.ravel(), v.ravel()) for v in np.meshgrid(x, x)))
 
 
 def matern(a: float, radius: float, length: float) -> np.ndarray:
     """The prior by its definition."""
-    u = np.sqrt(5) * apart / length
+    u = np.sqrt(5) * distance / length
     sigma = a * (1 + r2 / radius**2) ** -1.5
     return np.outer(sigma, sigma) * (1 + u + u**2 / 3) * np.exp(-u)
 
 
-def test_the_numbers_a_kernel_was_drawn_with_are_found(rng: np.random.Generator) -> None:
+def test_parameters_of_the_prior_are_recovered(rng: np.random.Generator) -> None:
     truth = np.array([0.03, 2.5, 3.0])
     C = matern(*truth)
     errors = 0.002**2 * np.eye(K * K)
     root = np.linalg.cholesky(C + errors)
     start = kernel_prior._start(S)
-    found = [kernel_prior._most_likely(root @ rng.standard_normal(K * K), errors, start, start) for _ in range(20)]
+    estimates = [kernel_prior._most_likely(root @ rng.standard_normal(K * K), errors, start, start) for _ in range(20)]
     # a kernel holds some ten independent values: each logarithm is known to about 0.4, the mean of twenty to 0.1;
-    # the start, which holds the search a little, lies 0.4 to 0.9 away
-    np.testing.assert_allclose(np.mean(found, axis=0), np.log(truth), atol=0.35)
+    # the start, which regularises the search a little, lies 0.4 to 0.9 away
+    np.testing.assert_allclose(np.mean(estimates, axis=0), np.log(truth), atol=0.35)
 
 
 def test_the_prior_is_the_one_defined() -> None:
     truth = np.array([0.02, 3.0, 4.0])
     C = kernel_prior._Prior.at(np.log(truth), K).C
-    # all but the share that no neighbour knows of
+    # up to the uncorrelated fraction
     np.testing.assert_allclose(C, matern(*truth), atol=2 * kernel_prior.ROUGHNESS * 0.02**2)
     np.testing.assert_allclose(np.diag(C), np.diag(matern(*truth)))
 
 
-def test_the_slope_of_the_likelihood(rng: np.random.Generator) -> None:
+def test_gradient_of_the_likelihood(rng: np.random.Generator) -> None:
     errors = 1e-6 * (np.eye(K * K) + 0.5)
     h = np.exp(-r2 / 8) / 25 + 1e-3 * rng.standard_normal(K * K)
     at = np.log([0.02, 3.0, 4.0])
@@ -53,25 +53,27 @@ def test_the_slope_of_the_likelihood(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize(("noise", "share"), [(1e-5, 1.05), (1e-2, 0.4)])
-def test_noise_is_held_down_and_a_clear_kernel_left_alone(rng: np.random.Generator, noise: float, share: float) -> None:
+def test_noise_is_suppressed_and_a_clear_kernel_is_unchanged(
+    rng: np.random.Generator, noise: float, share: float
+) -> None:
     h = np.exp(-r2 / 8)
     h /= h.sum()
-    seen = h + noise * rng.standard_normal(K * K)
+    noisy = h + noise * rng.standard_normal(K * K)
     errors = noise**2 * np.eye(K * K)
-    C = prior_covariance(seen, errors, S)
-    held = C @ np.linalg.solve(C + errors, seen)
-    assert np.linalg.norm(held - h) < share * np.linalg.norm(seen - h)
+    C = prior_covariance(noisy, errors, S)
+    filtered = C @ np.linalg.solve(C + errors, noisy)
+    assert np.linalg.norm(filtered - h) < share * np.linalg.norm(noisy - h)
 
 
-def test_large_kernels_are_told_by_their_middle(rng: np.random.Generator) -> None:
+def test_large_kernels_are_estimated_from_their_centre(rng: np.random.Generator) -> None:
     k = 21
     y = np.arange(k) - k // 2
     h = np.exp(-(y[:, None] ** 2 + y**2) / 10).ravel()
     h /= h.sum()
     errors = 1e-6 * np.eye(k * k)
-    seen = h + 1e-3 * rng.standard_normal(k * k)
+    noisy = h + 1e-3 * rng.standard_normal(k * k)
     middle = np.arange(k * k).reshape(k, k)[2:-2, 2:-2].ravel()
-    C = prior_covariance(seen, errors, S)
-    inner = prior_covariance(seen[middle], errors[np.ix_(middle, middle)], S)
+    C = prior_covariance(noisy, errors, S)
+    inner = prior_covariance(noisy[middle], errors[np.ix_(middle, middle)], S)
     assert C.shape == (k * k, k * k)
     np.testing.assert_allclose(C[np.ix_(middle, middle)], inner, rtol=1e-9)

@@ -20,7 +20,7 @@ def test_elimination_equals_the_whole_least_squares_problem(rng: np.random.Gener
     np.testing.assert_allclose(np.linalg.inv(equations.G), covariance, atol=1e-7)
 
 
-def test_one_system_serves_another_right_side(rng: np.random.Generator) -> None:
+def test_one_system_serves_other_right_hand_sides(rng: np.random.Generator) -> None:
     A, Z = rng.standard_normal((200, 12)).astype(np.float32), rng.standard_normal((200, 4))
     r, other = rng.standard_normal((2, 200))
     whole = np.hstack([A, np.empty((200, 5), np.float32)])
@@ -30,7 +30,7 @@ def test_one_system_serves_another_right_side(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(equations.kernel, expected[:12], atol=2e-6)  # products in float32
     np.testing.assert_allclose(equations.nuisance(equations.kernel), expected[12:], atol=2e-6)
     np.testing.assert_allclose(equations.inverse, np.linalg.inv(equations.G), atol=1e-12)
-    # single precision of A'A, times the condition of what is inverted
+    # single precision of A'A, times the condition of the inverted matrix
     np.testing.assert_allclose(equations.inverse_where_known @ (A.T @ A), np.eye(A.shape[1]), atol=1e-5)
 
 

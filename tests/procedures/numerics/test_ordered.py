@@ -1,4 +1,4 @@
-"""Quantiles and distinct values beside NumPy's own, which interpolate and sort in the same way."""
+"""Quantiles and distinct values compared with NumPy's, which interpolate and sort in the same way."""
 
 from __future__ import annotations
 
@@ -16,6 +16,6 @@ def test_quantiles_are_numpy_s(rng, n, share):
 
 
 @pytest.mark.parametrize("n", [0, 1, 50])
-def test_distinct_values_rise_and_are_all(rng, n):
+def test_distinct_values_are_ascending_and_complete(rng, n):
     values = rng.integers(0, 6, n)
     np.testing.assert_array_equal(distinct(values), np.unique(values))

@@ -16,18 +16,18 @@ POINTS = np.random.default_rng(6).uniform(-1, 1, (9, 2))
 def test_a_polynomial_of_its_degree_is_reproduced(degree):
     c = np.random.default_rng(degree).standard_normal((degree + 1) * (degree + 2) // 2)
     smoother = Polynomial(PLACES, TRUST, degree)
-    found = smoother.weights(POINTS) @ (monomials(PLACES, degree) @ c)
-    np.testing.assert_allclose(found, monomials(POINTS, degree) @ c, atol=1e-10)
+    predicted = smoother.weights(POINTS) @ (monomials(PLACES, degree) @ c)
+    np.testing.assert_allclose(predicted, monomials(POINTS, degree) @ c, atol=1e-10)
 
 
-def test_trusted_values_count_more():
+def test_values_of_larger_weight_count_more():
     trust = np.ones(25)
     trust[7] = 1e8
     w = Polynomial(PLACES, trust, 2).weights(PLACES[7:8])[0]
     assert w[7] == pytest.approx(1, abs=1e-5)
 
 
-def test_a_plate_without_stiffness_passes_through_its_values_and_reproduces_planes():
+def test_a_plate_without_stiffness_interpolates_and_reproduces_planes():
     plate = ThinPlate(PLACES, TRUST)
     np.testing.assert_allclose(plate.weights(PLACES), np.eye(25), atol=1e-9)
     plane = PLACES @ [2.0, -1.0] + 3
@@ -44,14 +44,14 @@ def test_weights_add_to_1(smoother):
     np.testing.assert_allclose(smoother.weights(POINTS).sum(axis=1), 1, atol=1e-9)
 
 
-def test_too_few_places_for_a_degree_are_told():
+def test_too_few_places_for_a_degree_are_refused():
     with pytest.raises(ValueError, match="5 places do not determine a polynomial of degree 2"):
         Polynomial(PLACES[:5], TRUST[:5], 2)
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10**6))
-def test_the_nearest_place_of_a_hull_is_in_it_and_nothing_in_it_is_nearer(seed):
+def test_the_nearest_point_of_a_hull_is_in_it_and_no_other_is_nearer(seed):
     rng = np.random.default_rng(seed)
     hull = Hull(rng.uniform(-1, 1, (8, 2)))
     point = rng.uniform(-3, 3, (1, 2))
@@ -62,5 +62,5 @@ def test_the_nearest_place_of_a_hull_is_in_it_and_nothing_in_it_is_nearer(seed):
 
 
 def test_places_on_a_line_have_no_hull():
-    with pytest.raises(ValueError, match="on one line"):
+    with pytest.raises(ValueError, match="not lie on one line"):
         Hull(np.array([(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)]))

@@ -35,7 +35,7 @@ def test_singular_matrix_is_named() -> None:
         cholesky_solve(np.zeros((3, 3)), np.ones(3))
 
 
-def test_solvers_differ_only_in_what_is_negative(rng: np.random.Generator) -> None:
+def test_solvers_differ_only_in_negative_values(rng: np.random.Generator) -> None:
     A = rng.standard_normal((300, 20))
     truth = np.maximum(rng.standard_normal(20), 0)
     G, b = A.T @ A, A.T @ (A @ truth + 0.3 * rng.standard_normal(300))

@@ -1,4 +1,4 @@
-"""The band-limited cell image against its own definition: integrals of the cells times the sinc kernel."""
+"""The band-limited cell image compared with its definition: integrals of the cells times the sinc kernel."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ def fourier_series(cells: np.ndarray, x: np.ndarray, y: np.ndarray, band: float,
 
 
 @pytest.mark.parametrize("band", [0.4, 0.9])
-def test_reads_the_partial_fourier_series_of_the_cells(rng: np.random.Generator, band: float) -> None:
+def test_spline_is_the_partial_fourier_series_of_the_cells(rng: np.random.Generator, band: float) -> None:
     cells = rng.integers(0, 2, (N, N)).astype(np.float64)
     coefficients = cell_image_spline(CellSpectra.of(cells), Band(N, 8, np.eye(2), band + 0.1 / N))
     x = np.arange(5.03, 25, 0.37)
     exact = fourier_series(cells, x, x, band)
-    # a cubic spline of 8 points per cell errs by (band / 8)^4 of what it carries near the band's edge
+    # the error of a cubic spline of 8 points per cell is (band / 8)^4 of its amplitude near the band's edge
     assert np.abs(read(coefficients, 8, (x, x)) - exact).max() < 2e-5 + 2 * (band / 8) ** 4
 
 
@@ -55,7 +55,7 @@ def test_constant_cells_stay_constant() -> None:
     assert np.abs(coefficients - 0.3).max() < 1e-6  # float32
 
 
-def test_band_is_cut_along_the_axes_of_the_target() -> None:
+def test_band_limit_follows_the_axes_of_the_target() -> None:
     turn = np.radians(30)
     J = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     impulse = np.zeros((N, N))
@@ -68,7 +68,7 @@ def test_band_is_cut_along_the_axes_of_the_target() -> None:
     assert spectrum[~outside].min() > 0.05 * spectrum.max()
 
 
-def test_outlines_are_the_change_when_every_edge_moves(rng: np.random.Generator) -> None:
+def test_outlines_are_the_derivative_for_a_shift_of_every_edge(rng: np.random.Generator) -> None:
     # a cell of 1 on 0 grown by d on all sides gains its perimeter times d: 4 d for a lone cell
     cells = np.zeros((N, N))
     cells[10, 12] = 1
@@ -76,7 +76,7 @@ def test_outlines_are_the_change_when_every_edge_moves(rng: np.random.Generator)
     assert outline.sum() / 4**2 == pytest.approx(4, rel=1e-5)
 
 
-def test_map_shifts_what_is_read(rng: np.random.Generator) -> None:
+def test_map_shifts_the_image(rng: np.random.Generator) -> None:
     cells = rng.random((N, N))
     coefficients = cell_image_spline(CellSpectra.of(cells), Band(N, 4, np.eye(2), 0.4))
     x = np.arange(8.0, 20, 0.5)
@@ -89,7 +89,7 @@ def test_map_shifts_what_is_read(rng: np.random.Generator) -> None:
     assert bent[9, 7] == pytest.approx(one[0, 0], abs=1e-5)
 
 
-def test_photograph_is_read_between_its_pixels() -> None:
+def test_photograph_is_interpolated_between_its_pixels() -> None:
     y, x = np.indices((90, 120), dtype=float)
     waves = [(0.11, 0.05, 0.3), (-0.04, 0.13, 1.1)]  # cycles per pixel along x and y, phase
 
@@ -98,16 +98,16 @@ def test_photograph_is_read_between_its_pixels() -> None:
 
     coefficients, grid = photograph_spline(image(x, y).astype(np.float32), np.eye(2), 0.4)
     u, v = np.arange(30.2, 90, 0.7), np.arange(30.4, 60, 0.7)
-    seen = read_spline(coefficients, grid, *PLAIN, np.array([30.2, 30.4]), 0.7, (len(v), len(u)))
-    # the spline errs by (f / its grid's Nyquist)^4, the cut by what the mirrored rim leaks beyond 0.4
-    assert np.abs(seen - image(u, v[:, None])).max() < 0.01
+    values = read_spline(coefficients, grid, *PLAIN, np.array([30.2, 30.4]), 0.7, (len(v), len(u)))
+    # the spline errs by (f / its grid's Nyquist)^4, the band limit by the leakage of the mirrored rim beyond 0.4
+    assert np.abs(values - image(u, v[:, None])).max() < 0.01
 
 
-def test_photograph_loses_what_is_beyond_the_band() -> None:
+def test_photograph_loses_frequencies_beyond_the_band() -> None:
     y, x = np.indices((300, 300), dtype=float)
     fast = np.cos(2 * np.pi * (0.3 * x + 0.1 * y)).astype(np.float32)  # 1.5 cycles per target pixel along x
     coefficients, grid = photograph_spline(fast, 5 * np.eye(2), 1.0)
     low, high = (grid @ [at, at, 1.0] for at in (100, 200))
     inner = coefficients[int(low[1]) : int(high[1]), int(low[0]) : int(high[0])]
-    # the wave turns around at the mirrored edge; 100 pixels from it 1 / (2 pi 100 (0.3 - 0.2)) of that is left
+    # the wave reverses at the mirrored edge; 100 pixels from it 1 / (2 pi 100 (0.3 - 0.2)) of it remains
     assert np.abs(inner).max() < 0.03

@@ -1,4 +1,4 @@
-"""Transforms by OpenCV against NumPy's own."""
+"""Transforms by OpenCV compared with NumPy's."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_half_plane_is_numpys(shape: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("columns", [12, 15])
 @pytest.mark.parametrize("known", [3, 6, 7, 8])
-def test_rows_come_back_from_the_frequencies_known(columns: int, known: int) -> None:
+def test_rows_are_reproduced_from_the_known_frequencies(columns: int, known: int) -> None:
     rng = np.random.default_rng(2)
     spectra = np.fft.rfft(rng.standard_normal((5, columns)), axis=1)[:, :known]
     expected = np.fft.irfft(spectra, columns, axis=1)

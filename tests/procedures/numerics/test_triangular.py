@@ -1,4 +1,4 @@
-"""Cholesky's factor put to use, beside what it was made of."""
+"""Triangular solvers compared with NumPy's general ones."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from procedures.numerics.triangular import BLOCK, inverse_lower, solve_factored,
 
 
 @pytest.mark.parametrize("n", [1, 2, BLOCK - 1, BLOCK, BLOCK + 1, 3 * BLOCK + 5])
-def test_factors_solve_and_invert_what_they_are_of(rng, n):
+def test_factors_solve_and_invert_their_product(rng, n):
     A = rng.standard_normal((2 * n, n))
     G, b = A.T @ A + np.eye(n), rng.standard_normal((n, 3))
     L = np.linalg.cholesky(G)

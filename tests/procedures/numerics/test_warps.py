@@ -26,9 +26,9 @@ def test_fit_returns_the_homography_that_made_the_points(angle: float, scale: fl
     c, s = scale * np.cos(angle), scale * np.sin(angle)
     H = np.array([[c, -s, shift], [s, c, -shift], [1e-4, 2e-4, 1.0]])
     target = apply_homography(H, SQUARE)
-    found = apply_homography(fit_homography(SQUARE, target), SQUARE)
+    mapped = apply_homography(fit_homography(SQUARE, target), SQUARE)
     # rounding of 1e-16 through a linear system whose condition normalisation keeps near 1e3
-    assert np.abs(found - target).max() < 1e-8 * (1 + np.abs(target).max())
+    assert np.abs(mapped - target).max() < 1e-8 * (1 + np.abs(target).max())
 
 
 def test_fit_minimises_the_distance_in_the_target(rng: np.random.Generator) -> None:
@@ -71,17 +71,17 @@ def test_backward_undoes_forward(bent: CubicWarp, rng: np.random.Generator) -> N
     np.testing.assert_allclose(bent.backward(bent.forward(points)), points, atol=1e-6)
 
 
-def test_displaced_map_moves_as_its_columns_say_and_keeps_its_mean(bent: CubicWarp, rng: np.random.Generator) -> None:
+def test_displaced_map_moves_by_its_columns_and_keeps_its_mean(bent: CubicWarp, rng: np.random.Generator) -> None:
     points, change = rng.uniform(40, 160, (200, 2)), 1e-4 * rng.standard_normal((2, 9))
     monomials = bent.monomials(points)
     moves = np.stack([displacement_columns(np.eye(2)[[axis] * 200], monomials) @ change.ravel() for axis in (0, 1)], 1)
     # back in the source's units; the map's own displacement bends the moves by a hundredth
-    seen = bent.displaced(change, monomials).forward(points) - bent.forward(points)
-    local = np.linalg.solve(bent.derivative(points), seen[..., None])[..., 0]
+    shift = bent.displaced(change, monomials).forward(points) - bent.forward(points)
+    local = np.linalg.solve(bent.derivative(points), shift[..., None])[..., 0]
     assert np.abs(local - moves).max() < 0.05 * np.abs(moves).max()
     assert np.abs(moves.mean(axis=0)).max() < 1e-12
 
 
-def test_derivative_is_the_jacobian_where_nothing_is_displaced(bent: CubicWarp) -> None:
+def test_derivative_without_displacement_is_the_jacobian(bent: CubicWarp) -> None:
     plain = replace(bent, displacement=np.zeros((2, 9)))
     np.testing.assert_allclose(plain.derivative(plain.centre[None])[0], plain.jacobian(), rtol=1e-6)

@@ -1,4 +1,4 @@
-"""Parts of simulated cameras found again in their PSFs; the simulator's optics and the model share no mathematics."""
+"""Recovery of the parts of simulated cameras from their PSFs; simulator and model share no code for the optics."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def camera(*sensor: PixelAperture | FourSpots | LShapedAperture | GaussianBlur, 
 def measured(
     optics: Optics, colour: str, relative: float, rng: np.random.Generator, pitch: int = 2
 ) -> tuple[Psf, Diffraction]:
-    """A plane's PSF with noise of a relative L2 size, white but for its sum of 1."""
+    """A plane's PSF with noise of a given relative L2 norm, white except for its sum of 1."""
     true = true_psf(optics, S, K, colour=colour, pitch=pitch).h
     sigma = relative * float(np.linalg.norm(true)) / K
     covariance = sigma**2 * (np.eye(K * K) - 1 / K**2)
@@ -69,8 +69,8 @@ def value(outcome: Outcome[Physics]) -> Physics:
 
 
 @pytest.mark.slow
-def test_the_pupil_s_otf_is_that_of_another_mathematics() -> None:
-    # quadrature over the overlap there, Fourier transforms of a sampled disc here: right to the disc's rim
+def test_pupil_otf_agrees_with_an_independent_calculation() -> None:
+    # quadrature over the overlap there, Fourier transforms of a sampled disc here: accurate up to the disc's rim
     f, scale = np.arange(-32, 33) / 16, 2 * 0.55 * 5.6 / 7.5
     pupil = Pupil(2 / scale, 1 / 16, 2.0)
     flat = circular_otf(np.minimum(scale * np.hypot(f, f[:, None]), 2))
@@ -89,17 +89,17 @@ def test_strehl_follows_marechal_for_small_wavefronts() -> None:
 
 
 @pytest.mark.parametrize("turns", range(4))
-def test_l_shaped_apertures_are_those_of_the_simulator_turned(turns: int) -> None:
+def test_l_shaped_apertures_are_rotations_of_the_simulator_s(turns: int) -> None:
     f = np.linspace(-1.5, 1.5, 13)
     fx, fy = f[None, :], f[:, None]
     simulated = LShapedAperture(0.9, 0.4, quarter_turns=turns).otf(fx, fy, WAVELENGTHS_UM["G"], 5.0)
     shape = [Aperture.L_45, Aperture.L_135, Aperture.L_225, Aperture.L_315][turns]
-    # the bars' common square is centred on the pixel in both
+    # the square common to both is centred on the pixel
     np.testing.assert_allclose(aperture_otf(shape, 0.9, 0.4, fx, fy), simulated, atol=1e-12)
 
 
 @pytest.mark.slow
-def test_model_slopes_are_its_differences(rng: np.random.Generator) -> None:
+def test_model_derivatives_agree_with_differences(rng: np.random.Generator) -> None:
     psf, diffraction = measured(camera(PixelAperture(), wavefront=WAVEFRONT), "G", 0.01, rng)
     grid, parts = Grid(psf, diffraction, 2), Parts(Aperture.L_135, LowPass.FOUR, diffusion=True)
     p = np.concatenate([[0.1, -0.05, 0.9, 0.4, 0.7, 0.2], rng.uniform(-0.1, 0.1, len(TERMS))])
@@ -111,33 +111,33 @@ def test_model_slopes_are_its_differences(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.slow
-def test_a_camera_of_many_parts_is_taken_apart(rng: np.random.Generator) -> None:
+def test_all_parts_of_a_camera_are_recovered(rng: np.random.Generator) -> None:
     optics = camera(PixelAperture(0.95, 0.95), FourSpots(0.8), wavefront=WAVEFRONT)
     psf, diffraction = measured(optics, "G", 0.01, rng)
     outcome = estimate_physics(psf, diffraction, 2)
-    found = value(outcome)
+    physics = value(outcome)
     assert outcome.verdict is Verdict.PASS
-    assert (found.aperture, found.low_pass) == ("square", "four spots")
+    assert (physics.aperture, physics.low_pass) == ("square", "four spots")
     waves = 1 / WAVELENGTHS_UM["G"]
     true = {"side": 0.95, "separation": 0.8, "fill_factor": 0.95**2, "defocus": 0.05 * waves, "coma_x": 0.04 * waves}
     true |= {"astigmatism": 0.03 * waves, "coma_y": -0.02 * waves, "trefoil_x": 0.0, "spherical": 0.03 * waves}
     rms = float(np.linalg.norm([0.05, 0.03, 0.02, 0.02, 0.04, 0.03])) * waves
     for name, expected in {**true, "wavefront_rms": rms}.items():
-        number = found.numbers[name]
+        number = physics.numbers[name]
         # four standard deviations, and 1 % of a wave or pixel for the grids
         assert abs(number.value - expected) < 4 * number.uncertainty + 0.002, name
-    # nothing is left but noise, of variance 2 / freedom
-    assert found.chi_square / found.freedom == pytest.approx(1, abs=0.3)
-    assert found.remaining < 0.001
+    # the residual is noise alone, of variance 2 / freedom
+    assert physics.chi_square / physics.freedom == pytest.approx(1, abs=0.3)
+    assert physics.remaining < 0.001
 
 
 @pytest.mark.slow
-def test_wandering_charge_is_no_low_pass_filter(rng: np.random.Generator) -> None:
+def test_charge_diffusion_is_no_low_pass_filter(rng: np.random.Generator) -> None:
     optics = camera(PixelAperture(0.95, 0.95), GaussianBlur(0.2), wavefront=Wavefront(defocus_um=0.05))
-    found = value(estimate_physics(*measured(optics, "Y", 0.03, rng, pitch=1), 1))
-    assert found.low_pass == "none"
+    physics = value(estimate_physics(*measured(optics, "Y", 0.03, rng, pitch=1), 1))
+    assert physics.low_pass == "none"
     for name, expected in {"side": 0.95, "diffusion": 0.2, "defocus": 0.05 / WAVELENGTHS_UM["Y"]}.items():
-        number = found.numbers[name]
+        number = physics.numbers[name]
         assert abs(number.value - expected) < 4 * number.uncertainty, name
 
 
@@ -159,17 +159,17 @@ def test_error_bars_are_as_large_as_errors(rng: np.random.Generator) -> None:
 def test_a_perfect_lens_has_no_aberrations(rng: np.random.Generator) -> None:
     psf, diffraction = measured(camera(PixelAperture(0.9, 0.9), wavefront=Wavefront()), "G", 0.01, rng)
     outcome = estimate_physics(psf, diffraction, 2)
-    found = value(outcome)
-    assert (found.aperture, found.low_pass) == ("square", "none")
-    assert found.numbers["side"].value == pytest.approx(0.9, abs=0.01)
-    # the bound is reached: a limit from the likelihood, and no pass
-    strehl = found.numbers["strehl_lens"]
+    physics = value(outcome)
+    assert (physics.aperture, physics.low_pass) == ("square", "none")
+    assert physics.numbers["side"].value == pytest.approx(0.9, abs=0.01)
+    # the bound is reached: a limit from the likelihood, flagged as doubtful
+    strehl = physics.numbers["strehl_lens"]
     assert strehl.value == 1
     assert 0.001 < strehl.uncertainty < 0.2
     assert outcome.verdict is Verdict.DOUBTFUL
-    assert "strehl lens is at its bound 1, which it is within" in outcome.reason
-    # and so is the wavefront error, which the Strehl ratio follows as 1 - (2 pi w)^2 (Marechal)
-    waves, nm = (found.numbers[name] for name in ("wavefront_rms", "wavefront_rms_nm"))
+    assert "strehl lens is at its bound 1, within" in outcome.reason
+    # so is the wavefront error, to which the Strehl ratio is related as 1 - (2 pi w)^2 (Marechal)
+    waves, nm = (physics.numbers[name] for name in ("wavefront_rms", "wavefront_rms_nm"))
     assert (waves.value, nm.value) == (0, 0)
     assert waves.uncertainty >= 0.8 * strehl.uncertainty**0.5 / (2 * np.pi)
     assert nm.uncertainty == pytest.approx(diffraction.wavelength_nm * waves.uncertainty)
@@ -178,16 +178,16 @@ def test_a_perfect_lens_has_no_aberrations(rng: np.random.Generator) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("term", ["defocus", "coma_x"])
-def test_chi_square_rises_by_one_where_the_bound_s_distance_says(rng: np.random.Generator, term: str) -> None:
+def test_chi_square_rises_by_one_at_the_distance_from_the_bound(rng: np.random.Generator, term: str) -> None:
     psf, diffraction = measured(camera(PixelAperture(0.9, 0.9), wavefront=Wavefront()), "G", 0.01, rng)
     data, parts = WhitenedPsf.of(Grid(psf, diffraction, 2)), Parts(aberrations=())
     fit = fit_parts(data, parts)
     probe = replace(parts, aberrations=(TERMS.index(term),))
-    begun = replace(fit, parts=probe, p=np.append(fit.p, 0.0))
-    waves = distance_of_rise(data, begun, term, 0.0, 1.0)
+    started = replace(fit, parts=probe, p=np.append(fit.p, 0.0))
+    waves = distance_of_rise(data, started, term, 0.0, 1.0)
 
     def chi2(held: float) -> float:
-        # an optimiser without derivatives over what is left free
+        # a derivative-free optimiser over the free parameters
         def cost(p: np.ndarray) -> float:
             h, _ = data.grid.model(probe, np.append(p, held))
             return float(np.sum((data.W @ (h - psf.h.ravel())) ** 2))
@@ -201,19 +201,19 @@ def test_chi_square_rises_by_one_where_the_bound_s_distance_says(rng: np.random.
 def test_fill_factor_over_one_is_one_sided() -> None:
     over = {"fill_factor": Quantity(1.03, "1", 0.02, "m", 9)}
     d = 0.03 / 0.02
-    found = _fill_factor(over["fill_factor"])
-    assert found is not None
-    told = found.quantity(over["fill_factor"])
-    assert told.value == 1
+    physics = _fill_factor(over["fill_factor"])
+    assert physics is not None
+    number = physics.quantity(over["fill_factor"])
+    assert number.value == 1
     # chi-square ((1.03 - f) / 0.02)^2 is one more there than at f = 1
-    assert ((1.03 - (1 - told.uncertainty)) / 0.02) ** 2 == pytest.approx(d**2 + 1)
-    assert found.words == "fill factor fits best at 1.03, beyond its bound 1"
+    assert ((1.03 - (1 - number.uncertainty)) / 0.02) ** 2 == pytest.approx(d**2 + 1)
+    assert physics.words == "fill factor fits best at 1.03, beyond its bound 1"
     assert _fill_factor(Quantity(0.99, "1", 0.02, "m", 9)) is None
 
 
 @pytest.mark.slow
-def test_l_shaped_photosites_are_turned_between_green_and_red(rng: np.random.Generator) -> None:
-    # figure 3.7 of Delbracio's thesis: red and blue transfer functions look like green's turned by 90 degrees
+def test_l_shaped_photosites_differ_by_a_rotation_between_green_and_red(rng: np.random.Generator) -> None:
+    # figure 3.7 of Delbracio's thesis: transfer functions of red and blue look like green's rotated by 90 degrees
     optics = camera(LShapedAperture(0.98, 0.55, quarter_turns=1), wavefront=Wavefront(defocus_um=0.02))
     psf, diffraction = measured(optics, "G", 0.005, rng)
     green = value(estimate_physics(psf, diffraction, 2))
@@ -224,13 +224,13 @@ def test_l_shaped_photosites_are_turned_between_green_and_red(rng: np.random.Gen
     fits = [fit_parts(data, Parts(shape, aberrations=(0,))) for shape in Aperture]
     best = min(fits, key=lambda one: one.criterion())
     assert best.parts.aperture.missing_corner_deg == green.missing_corner_deg + 90
-    # the next best, turned by half a turn, has the same modulus but not the phase
+    # the second best, rotated by 180 degrees, has the same modulus but another phase
     assert sorted(one.chi2 for one in fits)[1] > best.chi2 + 100
 
 
 @pytest.mark.slow
-def test_a_photograph_of_the_chart_tells_the_sensor_s_parts(rng: np.random.Generator) -> None:
-    # the whole way: render, noise, estimate with its true covariance, and take apart
+def test_sensor_parameters_are_estimated_from_a_photograph_of_the_chart(rng: np.random.Generator) -> None:
+    # the complete path: render, add noise, estimate with the true covariance, fit the model
     optics = Optics((CircularPupil(4.0), PixelAperture(0.9, 0.9), FourSpots(0.8)), 7.5)
     sensor = Sensor(150, 150, None, bits=14, full_well_e=5e4, gain_e_per_dn=3.2)
     photographer = SimulatedCamera(Lens(f_number=4.0), sensor, 7.5, optics, white_e_per_s=4e4 / 0.02 * (4.0 / 5.6) ** 2)
@@ -238,21 +238,21 @@ def test_a_photograph_of_the_chart_tells_the_sensor_s_parts(rng: np.random.Gener
     shot = photographer.photograph(Scene((placed,)), rng)
     psf = estimate_psf(Plane("Y", shot.plane("Y").astype(np.float32), 1 / 15000), Chart.from_seed()).value
     assert psf is not None
-    found = value(estimate_physics(psf.psf, Diffraction(4.0, 7.5, 550.0), 1))
-    assert (found.aperture, found.low_pass) == ("square", "four spots")
+    physics = value(estimate_physics(psf.psf, Diffraction(4.0, 7.5, 550.0), 1))
+    assert (physics.aperture, physics.low_pass) == ("square", "four spots")
     for name, true in {"side": 0.9, "separation": 0.8}.items():
-        assert abs(found.numbers[name].value - true) < 4 * found.numbers[name].uncertainty + 0.005
-    assert found.chi_square / found.freedom == pytest.approx(1, abs=0.4)
+        assert abs(physics.numbers[name].value - true) < 4 * physics.numbers[name].uncertainty + 0.005
+    assert physics.chi_square / physics.freedom == pytest.approx(1, abs=0.4)
 
 
 @pytest.mark.slow
-def test_what_is_not_in_the_model_is_told(rng: np.random.Generator) -> None:
-    # a Gaussian twice as long as wide is none of the parts
+def test_blur_outside_the_model_is_reported(rng: np.random.Generator) -> None:
+    # an elongated Gaussian is none of the parts
     optics = camera(PixelAperture(), GaussianBlur(1.6, 0.4, 30.0), wavefront=Wavefront())
     psf, diffraction = measured(optics, "G", 0.003, rng)
     outcome = estimate_physics(psf, diffraction, 2)
     assert outcome.verdict is Verdict.DOUBTFUL
-    assert "best model leaves" in outcome.reason
+    assert "residual of the best model" in outcome.reason
 
 
 def test_without_pitch_or_aperture_there_is_no_physics(rng: np.random.Generator) -> None:

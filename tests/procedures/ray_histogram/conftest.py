@@ -14,7 +14,8 @@ Doubles = npt.NDArray[np.float64]
 
 
 def cast(rng: np.random.Generator, level: npt.ArrayLike, n: int) -> Doubles:
-    """Samples (rows, columns, n, 3) like a path tracer's: half of the paths find no light, the others gamma-like."""
+    """Samples (rows, columns, n, 3) like a path tracer's: half of the paths find no light, the others are
+    gamma-like."""
     level = np.asarray(level, np.float64)
     shape = (*level.shape, n)
     bright = rng.gamma(2.0, 1.0, (*shape, 3)) * (rng.random(shape) < 0.5)[..., None]
@@ -23,7 +24,7 @@ def cast(rng: np.random.Generator, level: npt.ArrayLike, n: int) -> Doubles:
 
 @pytest.fixture
 def light(rng: np.random.Generator) -> Callable[[npt.ArrayLike, int], Doubles]:
-    """A maker of samples (rows, columns, n, 3) with the mean it is given."""
+    """Generator of samples (rows, columns, n, 3) with the given mean."""
     return lambda level, n: cast(rng, level, n)
 
 

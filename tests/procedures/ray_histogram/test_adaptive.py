@@ -19,7 +19,7 @@ def truth(rng):
 
 
 class Renderer:
-    """Casts samples into a film, up to as many per pixel as it is told."""
+    """Casts samples into a film, up to a requested number per pixel."""
 
     def __init__(self, truth, seed):
         self.truth, self.rng, self.film = truth, np.random.default_rng(seed), Film.blank(*truth.shape)
@@ -31,25 +31,25 @@ class Renderer:
         self.film.add(row, column, light)
 
 
-def test_few_similar_pixels_draw_more_samples(truth):
+def test_few_similar_pixels_get_more_samples(truth):
     renderer = Renderer(truth, 1)
     renderer(np.full(truth.shape, 16))
-    found = filter_film(renderer.film)
-    more = allot(renderer.film, found.similar, 16 * truth.size)
+    filtered = filter_film(renderer.film)
+    more = allot(renderer.film, filtered.similar, 16 * truth.size)
     assert more[:, 47:].mean() > 1.25 * more[:, :40].mean()
 
 
-def test_adaptive_samples_beat_as_many_even_ones(truth):
+def test_adaptive_sampling_beats_even_sampling(truth):
     even = Renderer(truth, 2)
     even(np.full(truth.shape, 48))
     adaptive = Renderer(truth, 3)
     adaptive(np.full(truth.shape, 16))
     for _ in range(2):
-        taken = adaptive.film.count.astype(int)
-        adaptive(taken + allot(adaptive.film, filter_film(adaptive.film).similar, 16 * truth.size))
-    found = filter_film(adaptive.film)
+        counts = adaptive.film.count.astype(int)
+        adaptive(counts + allot(adaptive.film, filter_film(adaptive.film).similar, 16 * truth.size))
+    filtered = filter_film(adaptive.film)
     assert adaptive.film.count.sum() == even.film.count.sum()
-    errors = [np.mean((f.picture - truth[..., None]) ** 2) for f in (found, filter_film(even.film))]
+    errors = [np.mean((f.picture - truth[..., None]) ** 2) for f in (filtered, filter_film(even.film))]
     assert errors[0] < 0.9 * errors[1]
 
 
@@ -63,8 +63,8 @@ def test_the_budget_is_spent_to_the_last_sample(budget, seed):
     assert more.min() >= 0
 
 
-def test_samples_level_out_what_pixels_lack(rng):
-    # of two equal halves one has had ten times the samples: the other gets all of a small budget
+def test_samples_go_where_they_are_missing(rng):
+    # one of two equal halves has ten times the samples: the other gets all of a small budget
     film = film_of_samples(np.ones((4, 8, 40, 3)))
     film.count[:, 4:] = 4
     more = allot(film, np.full((4, 8), 9.0, np.float32), 16 * 10)
@@ -73,5 +73,5 @@ def test_samples_level_out_what_pixels_lack(rng):
 
 
 def test_impossible_budgets_are_refused(flat_film):
-    with pytest.raises(BadParameter, match="a budget of -1"):
+    with pytest.raises(BadParameter, match="got -1"):
         allot(flat_film, np.ones((24, 21), np.float32), -1)

@@ -8,13 +8,13 @@ from procedures.ray_histogram.comparison import decibels, psnr_db, shown_error
 from procedures.ray_histogram.film import Film, film_of_samples
 
 
-def test_inputs_have_the_psnr_that_was_published_with_them(cornell, reference):
+def test_inputs_have_their_published_psnr(cornell, reference):
     # the data's README, two decimals: clipped, unclipped
     assert psnr_db(cornell[256].mean, reference) == pytest.approx((32.88, 31.25), abs=0.005)
     assert psnr_db(cornell[64].mean, reference) == pytest.approx((27.02, 25.27), abs=0.005)
 
 
-def test_a_noisy_reference_does_not_spoil_the_error(rng):
+def test_noise_of_the_reference_is_corrected_for(rng):
     truth = np.full((60, 60, 3), 0.5)
     picture = truth + rng.normal(0, 0.01, truth.shape)
     reference = film_of_samples(truth[:, :, None] + rng.normal(0, 0.1, (60, 60, 100, 3)))  # as noisy as the picture
@@ -25,10 +25,10 @@ def test_a_noisy_reference_does_not_spoil_the_error(rng):
 
 def test_a_reference_without_variance_is_refused(flat_film):
     bare = Film(flat_film.histogram, flat_film.mean, None, flat_film.count, flat_film.dropped)
-    with pytest.raises(BadInput, match="without its variance"):
+    with pytest.raises(BadInput, match="the reference has no variance"):
         shown_error(flat_film.mean, bare)
 
 
-def test_no_error_is_infinitely_good():
+def test_psnr_without_error_is_infinite():
     assert decibels(0.0) == np.inf
     assert decibels(0.01) == pytest.approx(20.0)

@@ -37,8 +37,8 @@ def test_a_sample_between_nodes_votes_for_both_in_proportion():
 
 
 def test_histograms_agree_with_the_published_renderers(cornell):
-    # the published histograms' mean light, read off their nodes, is the picture's wherever no sample passed the range;
-    # triangular votes overestimate a convex function by less than the widest bin's sagitta
+    # the mean light from the published histograms is the picture's wherever no sample exceeded the range; triangular
+    # votes overestimate a convex function by less than the widest bin's sagitta
     film = cornell[256]
     nodes = 7.5 * (np.arange(18) / 18) ** 2.2
     inside = film.histogram[..., 17:].sum(-1) == 0
@@ -83,7 +83,7 @@ def test_samples_that_are_not_finite_are_dropped_and_counted(bad):
 
 
 def test_a_sample_outside_the_film_is_refused():
-    with pytest.raises(BadInput, match="rows 0 to 2, columns 0 to 0 of a film of 2 x 2"):
+    with pytest.raises(BadInput, match="the film of 2 x 2; got rows 0 to 2, columns 0 to 0"):
         Film.blank(2, 2).add([0, 2], [0, 0], np.ones((2, 3)))
 
 
@@ -92,7 +92,7 @@ def test_films_of_different_size_are_not_merged():
         Film.blank(2, 2).merge(Film.blank(2, 3))
 
 
-def test_an_empty_pixel_is_refused_with_its_place(rng):
+def test_an_empty_pixel_is_refused_with_its_position(rng):
     film = Film.blank(2, 2)
     film.add([0, 0, 1], [0, 1, 0], rng.random((3, 3)))
     with pytest.raises(BadInput, match="1 of 4 pixels are empty, the first at row 1, column 1"):

@@ -11,7 +11,7 @@ def arrays_of(film):
     return {"image": film.mean, "hist": film.histogram, "nsamples": film.count}
 
 
-def test_a_film_comes_back_as_it_was_kept(flat_film, tmp_path):
+def test_a_film_is_reproduced_from_its_file(flat_film, tmp_path):
     write_film(flat_film, tmp_path / "film.npz")
     back = read_film(tmp_path / "film.npz").checked()
     np.testing.assert_array_equal(back.mean, flat_film.mean)
@@ -21,7 +21,7 @@ def test_a_film_comes_back_as_it_was_kept(flat_film, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["film.npz"]
 
 
-def test_raw_samples_are_made_into_a_film(rng, tmp_path):
+def test_raw_samples_are_converted_to_a_film(rng, tmp_path):
     samples = rng.random((4, 5, 6, 3))
     samples[1, 2, 3] = np.nan
     np.savez(tmp_path / "samples.npz", samples=samples)
@@ -91,7 +91,7 @@ def test_openexr_of_another_layout_is_refused(rendered, name, says):
         ),
     ],
 )
-def test_what_is_no_film_is_refused_with_its_reason(flat_film, tmp_path, change, says):
+def test_invalid_films_are_refused_with_a_reason(flat_film, tmp_path, change, says):
     np.savez(tmp_path / "film.npz", **(arrays_of(flat_film) | change))
     with pytest.raises(BadInput, match=says):
         read_film(tmp_path / "film.npz").checked()
@@ -99,7 +99,7 @@ def test_what_is_no_film_is_refused_with_its_reason(flat_film, tmp_path, change,
 
 def test_a_missing_array_is_named(flat_film, tmp_path):
     np.savez(tmp_path / "film.npz", image=flat_film.mean)
-    with pytest.raises(BadInput, match="no hist, nsamples among"):
+    with pytest.raises(BadInput, match="hist, nsamples missing among"):
         read_film(tmp_path / "film.npz")
 
 

@@ -29,7 +29,7 @@ def naive_fusion(frame: Samples, kappa: float, b: int) -> npt.NDArray[np.float64
     patch = lambda a, r, c: a[r - 1 : r + 2, c - 1 : c + 2]  # noqa: E731
     interior = [(r, c) for r in range(1, rows - 1) for c in range(1, columns - 1)]
     for r, c in interior:
-        alike = []
+        similar = []
         for q, s in interior:
             if max(abs(q - r), abs(s - c)) > b:
                 continue
@@ -38,14 +38,14 @@ def naive_fusion(frame: Samples, kappa: float, b: int) -> npt.NDArray[np.float64
             keep = x + y > 1
             d = ((ratio * x - y / ratio)[keep] ** 2 / (x + y)[keep]).sum()
             if d < kappa * keep.sum() or (q, s) == (r, c):
-                alike.append(patch(u * n[..., None], q, s) / patch(n, q, s)[1, 1])
-        patch(out, r, c)[:] += np.mean(alike, 0)
+                similar.append(patch(u * n[..., None], q, s) / patch(n, q, s)[1, 1])
+        patch(out, r, c)[:] += np.mean(similar, 0)
         patch(covered, r, c)[:] += 1
     return out / covered
 
 
 @BOTH
-def test_a_constant_picture_is_left_alone(flat_film, parameters):
+def test_a_constant_picture_is_unchanged(flat_film, parameters):
     frame = replace(samples_of(flat_film), picture=np.full((24, 21, 3), 0.7, np.float32))
     np.testing.assert_allclose(fuse_scale(frame, parameters).picture, 0.7, rtol=2e-5)  # float32 sums of 169 weights
 
@@ -59,39 +59,39 @@ def test_equal_histograms_give_the_plain_mean_of_the_block(rng, parameters):
     assert fused.similar[15, 14] == 169
 
 
-def test_shared_work_gives_what_the_algorithm_as_printed_gives(light, rng):
+def test_result_agrees_with_the_algorithm_as_printed(light, rng):
     levels = 0.2 + 0.8 * (np.add.outer(np.arange(12), np.arange(11)) > 11)
     film = film_of_samples(light(levels, 24))
     film.count[:] = rng.integers(20, 30, film.count.shape)
     frame = samples_of(film)
-    found = fuse_scale(frame, replace(PAPER, search=2, at_least=0)).picture
+    fused = fuse_scale(frame, replace(PAPER, search=2, at_least=0)).picture
     # away from the rim, where the paper leaves the patches' shape open; only equal counts make patch means plain
     even = replace(frame, count=np.full_like(frame.count, 24))
     found_even = fuse_scale(even, replace(PAPER, search=2, at_least=0)).picture
     np.testing.assert_allclose(found_even[4:-4, 4:-4], naive_fusion(even, 1.0, 2)[4:-4, 4:-4], rtol=1e-4)
-    assert np.isfinite(found).all()
+    assert np.isfinite(fused).all()
 
 
 def test_threshold_is_eased_only_where_few_are_similar(light):
     y, x = np.mgrid[:24, :24] - 11.5
     frame = samples_of(film_of_samples(light(0.2 + np.exp(-(x**2 + y**2) / 18), 400)))
     strict, eased = (fuse_scale(frame, replace(FilterParameters(), ease=ease)).similar for ease in (0.0, 0.005))
-    # chi-square per bin of patches this different spreads over a factor: three quarters above the threshold reach more
+    # chi-square per bin of such different patches varies by a factor: three quarters above the threshold reach more
     few = strict < 10
     assert (eased[few] > strict[few] + 1).mean() > 0.5
     # half weights count in part: 15 candidates under the threshold weigh 15 at most
     np.testing.assert_array_equal(eased[strict > 16], strict[strict > 16])
 
 
-def test_easing_leaves_edges_alone(light):
+def test_easing_does_not_blur_edges(light):
     edge = np.where(np.arange(30) < 15, 0.2, 0.6)[None, :].repeat(24, 0)
     frame = samples_of(film_of_samples(light(edge, 400)))
     strict, eased = (fuse_scale(frame, replace(FilterParameters(), ease=ease)).picture for ease in (0.0, 0.005))
-    # the other side is hundreds of thresholds away; a little noise is shared more
+    # the other side is hundreds of thresholds away; slightly more noise is averaged
     assert np.std(eased - edge[..., None]) < 1.02 * np.std(strict - edge[..., None])
 
 
-def test_pixels_of_different_nature_never_share(light):
+def test_pixels_of_different_nature_are_never_averaged(light):
     levels = np.where(np.arange(30) < 15, 0.05, 2.0)[None, :].repeat(24, 0)
     film = film_of_samples(light(levels, 128))
     picture = fuse_scale(samples_of(film), replace(PAPER, at_least=0)).picture
@@ -100,7 +100,7 @@ def test_pixels_of_different_nature_never_share(light):
     assert picture[:, 17:].min() > 1.4
 
 
-def test_noise_falls_as_the_samples_shared(light):
+def test_noise_falls_with_the_samples_averaged(light):
     film = film_of_samples(light(np.full((40, 40), 0.4), 64))
     fused = fuse_scale(samples_of(film), FilterParameters(kappa=3.0))
     inner = (slice(8, -8), slice(8, -8))
@@ -123,8 +123,8 @@ def test_a_slope_of_light_is_less_biased_with_the_trend(light):
     assert bias[True] < bias[False] / 3
 
 
-def test_means_that_differ_beyond_doubt_keep_pixels_apart(rng):
-    # a few samples in one wide bin: histograms cannot tell 1.0 from 1.15, the means can, by twelve deviations
+def test_significantly_different_means_separate_pixels(rng):
+    # a few samples in one wide bin: histograms cannot separate 1.0 from 1.15, the means can, by twelve deviations
     levels = np.where(np.arange(24) < 12, 1.0, 1.15)[None].repeat(20, 0)
     film = film_of_samples(levels[..., None, None] + rng.normal(0, 0.025, (20, 24, 8, 3)))
     errors = {
@@ -134,11 +134,11 @@ def test_means_that_differ_beyond_doubt_keep_pixels_apart(rng):
     assert errors[3.0] < errors[0.0] / 10
 
 
-def test_means_that_chance_explains_change_little(light):
+def test_insignificant_differences_of_means_change_little(light):
     frame = samples_of(film_of_samples(light(np.full((24, 24), 0.4), 64)))
-    without, found = (fuse_scale(frame, FilterParameters(welch=welch)).similar for welch in (0.0, 3.0))
+    without, fused = (fuse_scale(frame, FilterParameters(welch=welch)).similar for welch in (0.0, 3.0))
     # three deviations or more are one pair in 370; a patch has 27 values, and these samples a long tail
-    assert (found > 0.9 * without).mean() > 0.9
+    assert (fused > 0.9 * without).mean() > 0.9
 
 
 def test_single_samples_are_compared_by_histograms_alone(light):
@@ -149,12 +149,12 @@ def test_single_samples_are_compared_by_histograms_alone(light):
 
 
 def test_at_least_k_similar_patches_are_used(light, rng):
-    # strangers everywhere: only the rule of the nearest finds any
+    # no similar patches: only the rule of the nearest applies
     film = film_of_samples(light(rng.permutation(np.geomspace(0.01, 7, 400)).reshape(20, 20), 256))
     alone = fuse_scale(samples_of(film), replace(PAPER, at_least=0, kappa=0.01))
     together = fuse_scale(samples_of(film), replace(PAPER, at_least=4, kappa=0.01))
     np.testing.assert_array_equal(alone.similar, 1)
-    assert together.similar.min() >= 1 + 4 / 2  # the nearest count half
+    assert together.similar.min() >= 1 + 4 / 2  # the nearest have a weight of one half
 
 
 def test_threads_do_not_change_the_result(light):
@@ -164,7 +164,7 @@ def test_threads_do_not_change_the_result(light):
     np.testing.assert_array_equal(one.similar, three.similar)
 
 
-def test_neighbouring_frames_lend_their_samples(light):
+def test_neighbouring_frames_contribute_their_samples(light):
     levels = np.full((30, 30), 0.4)
     frames = [samples_of(film_of_samples(light(levels, 32))) for _ in range(3)]
     alone = fuse_scale(frames[1], FilterParameters(kappa=3.0))
@@ -177,10 +177,10 @@ def test_neighbouring_frames_lend_their_samples(light):
     )
 
 
-def test_a_cut_in_the_sequence_lends_nothing(light):
-    here, there = (samples_of(film_of_samples(light(np.full((20, 20), v), 64))) for v in (0.2, 3.0))
-    alone = fuse_scale(here, replace(PAPER, at_least=0))
-    with_other = fuse_scale(here, replace(PAPER, at_least=0), neighbours=[there])
+def test_frames_after_a_cut_contribute_nothing(light):
+    frame, other = (samples_of(film_of_samples(light(np.full((20, 20), v), 64))) for v in (0.2, 3.0))
+    alone = fuse_scale(frame, replace(PAPER, at_least=0))
+    with_other = fuse_scale(frame, replace(PAPER, at_least=0), neighbours=[other])
     np.testing.assert_array_equal(alone.picture, with_other.picture)
 
 
@@ -194,19 +194,19 @@ def test_frames_of_different_sizes_are_refused(flat_film):
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"kappa": 0.0}, "kappa = 0.0"),
-        ({"kappa": float("nan")}, "kappa = nan"),
-        ({"scales": 0}, "0 scales"),
-        ({"search": 0}, "search block of half size 0"),
-        ({"patch": -1}, "patch of half size -1"),
-        ({"at_least": -1}, "at least -1"),
-        ({"least_count": -1.0}, "least count of -1"),
-        ({"welch": -1.0}, "welch = -1"),
-        ({"doubt": -1.0}, "doubt = -1"),
-        ({"softness": 1.5}, "softness = 1.5"),
-        ({"coarse": -0.1}, "coarse = -0.1"),
+        ({"kappa": 0.0}, "kappa must be positive; got 0.0"),
+        ({"kappa": float("nan")}, "got nan"),
+        ({"scales": 0}, "1 scale or more; got 0"),
+        ({"search": 0}, "search block must be 1 pixel or more; got 0"),
+        ({"patch": -1}, "half a patch .* got -1"),
+        ({"at_least": -1}, "similar patches must be 0 or more; got -1"),
+        ({"least_count": -1.0}, "least count must be 0 or more; got -1"),
+        ({"welch": -1.0}, "welch must be 0 or more; got -1"),
+        ({"doubt": -1.0}, "doubt must be 0 or more; got -1"),
+        ({"softness": 1.5}, "softness must be between 0 and 1; got 1.5"),
+        ({"coarse": -0.1}, "coarse must be between 0 and 1; got -0.1"),
     ],
 )
-def test_parameters_that_cannot_be_meant_are_refused(wrong, says):
+def test_impossible_parameters_are_refused(wrong, says):
     with pytest.raises(BadParameter, match=says):
         FilterParameters(**wrong)

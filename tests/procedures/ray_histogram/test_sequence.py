@@ -14,39 +14,39 @@ SMALL = FilterParameters(scales=1, search=2)
 
 @pytest.fixture
 def films(light):
-    """Five frames of a wall whose light rises."""
+    """Five frames of a wall with increasing light."""
     return [film_of_samples(light(np.full((12, 11), 0.3 + 0.02 * i), 16)) for i in range(5)]
 
 
 @pytest.mark.parametrize("reach", [0, 1, 2, 7])
-def test_every_frame_is_filtered_with_those_around_it(films, reach):
-    found = list(filter_sequence(films, SMALL, reach=reach))
-    assert len(found) == len(films)
-    for i, one in enumerate(found):
-        beside = [film for j, film in enumerate(films) if 0 < abs(j - i) <= reach]
-        expected = filter_film(films[i], SMALL, neighbours=beside)
-        np.testing.assert_array_equal(one.picture, expected.picture)
-        assert one.uncertainty is None
+def test_every_frame_is_filtered_with_its_neighbours(films, reach):
+    results = list(filter_sequence(films, SMALL, reach=reach))
+    assert len(results) == len(films)
+    for i, frame in enumerate(results):
+        neighbours = [film for j, film in enumerate(films) if 0 < abs(j - i) <= reach]
+        expected = filter_film(films[i], SMALL, neighbours=neighbours)
+        np.testing.assert_array_equal(frame.picture, expected.picture)
+        assert frame.uncertainty is None
 
 
-def test_no_more_films_are_taken_than_a_frame_needs(films):
-    taken = []
+def test_no_more_films_are_read_than_a_frame_needs(films):
+    loaded = []
 
     def read():
         for film in films:
-            taken.append(film)
+            loaded.append(film)
             yield film
 
     sequence = filter_sequence(read(), SMALL, reach=1)
     next(sequence)
-    assert len(taken) == 2  # the frame and the one after it
+    assert len(loaded) == 2  # the frame and the one after it
 
 
-def test_neighbours_make_the_picture_surer(light):
+def test_neighbours_reduce_the_uncertainty(light):
     films = [film_of_samples(light(np.full((16, 16), 0.4), 16)) for _ in range(3)]
     alone, together = (list(filter_sequence(films, SMALL, reach=n, uncertain=True))[1] for n in (0, 1))
     ratio = np.mean(alone.uncertainty**2) / np.mean(together.uncertainty**2)
-    # three frames of one light: a third of the variance, or nearly
+    # three frames of equal light: about a third of the variance
     assert 2 < ratio < 4
 
 
@@ -58,5 +58,5 @@ def test_a_frame_of_another_size_is_refused(films):
 
 
 def test_a_negative_reach_is_refused(films):
-    with pytest.raises(BadParameter, match="a reach of -1 frames"):
+    with pytest.raises(BadParameter, match="0 frames or more; got -1"):
         list(filter_sequence(films, SMALL, reach=-1))

@@ -12,7 +12,7 @@ from procedures.restoration.masks.mask_fields import MaskField, Masks
 
 
 def vibration(seed: int) -> Array:
-    """A smooth closed wandering of the rig."""
+    """A smooth closed random path of the rig."""
     rng = np.random.default_rng(seed)
     t = np.linspace(0, 2 * np.pi, 400)
     a = rng.standard_normal((2, 3, 2)) / np.arange(1, 4)[None, :, None]
@@ -24,7 +24,7 @@ def vibration(seed: int) -> Array:
 
 @dataclass(frozen=True)
 class Scene:
-    """Truth and photographs of it: picture and depth on the extended grid, photographs (2, 1, H, W), masks."""
+    """Truth and photographs: picture and depth on the extended grid, photographs (2, 1, H, W), masks."""
 
     sharp: Array
     w: Array
@@ -46,7 +46,7 @@ class Scene:
 
 
 def scene(stacks: list[Masks], shape: tuple[int, int], noise_db: float, seed: int = 3) -> Scene:
-    """Dots, lines and grain before a slope and a near square; noise so many dB below the photographs' variance."""
+    """Dots, lines and grain in front of a slope and a near square; noise in dB below the photographs' variance."""
     rng = np.random.default_rng(seed)
     R = stacks[0].R
     H, W = shape[0] + 2 * R, shape[1] + 2 * R

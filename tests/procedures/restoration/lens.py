@@ -1,4 +1,4 @@
-"""A lens by its rays: vignetted towards the corners and comatic, measured at one defocus, photographed at others."""
+"""Ray-traced lens: vignetted towards the corners and comatic, measured at one defocus, photographed at others."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BLOCK = 8
 
 
 def rays(half_width: float, place: tuple[float, float]) -> Array:
-    """Where the rays of one point arrive, (n, 2) x, y in pixels; place: in half diagonals from the middle."""
+    """Arrival points of the rays of one point, (n, 2) x, y in pixels; place: in half diagonals from the centre."""
     t = np.linspace(-1, 1, 121)
     x, y = (one.ravel() for one in np.meshgrid(t, t))
     # the lens' rear opening, seen from the corner, covers a part of the pupil
@@ -37,7 +37,7 @@ def rays(half_width: float, place: tuple[float, float]) -> Array:
 
 
 def spot(half_width: float, place: tuple[float, float], samples: int, k: int) -> Array:
-    """The PSF as it is measured, (k, k), `samples` per pixel: the rays that fall on a photosite about each sample."""
+    """The measured PSF, (k, k), `samples` per pixel: the rays that fall on a photosite about each sample."""
     centres = (np.arange(k) - k // 2) / samples
     across, down = (np.abs(one[None, :] - centres[:, None]) <= 0.5 for one in rays(half_width, place).T)
     h = down.astype(np.float64) @ across.T.astype(np.float64)
@@ -46,7 +46,7 @@ def spot(half_width: float, place: tuple[float, float], samples: int, k: int) ->
 
 @cache
 def lens_field() -> PsfField:
-    """The lens' field, measured at 4 x 5 places without noise."""
+    """The lens's field, measured at 4 x 5 positions without noise."""
     s, k = 2, 19
     nodes = []
     for y in np.linspace(0, SHAPE[0] - 1, 4):
@@ -72,19 +72,19 @@ def photographs(noise_db: float = 40.0) -> Scene:
     w = np.where(np.arange(W) // BLOCK < W // BLOCK // 2, 2.2, 3.2) * np.ones((H, 1))
     z = []
     for ratio in (1.0, 1.25):
-        seen = np.zeros((H + 2 * R, W + 2 * R))
+        light = np.zeros((H + 2 * R, W + 2 * R))
         for i in range(0, H, BLOCK):
             for j in range(0, W, BLOCK):
                 points = rays(ratio * w[i, j], at(j + BLOCK / 2 - R, i + BLOCK / 2 - R))
                 part = fftconvolve(sharp[i : i + BLOCK, j : j + BLOCK], pixels(points, R))
-                seen[i : i + part.shape[0], j : j + part.shape[1]] += part
-        inside = seen[2 * R : 2 * R + SHAPE[0], 2 * R : 2 * R + SHAPE[1]]
+                light[i : i + part.shape[0], j : j + part.shape[1]] += part
+        inside = light[2 * R : 2 * R + SHAPE[0], 2 * R : 2 * R + SHAPE[1]]
         z.append(inside + rng.standard_normal(SHAPE) * inside.std() * 10 ** (-noise_db / 20))
     return Scene(sharp[None], w, np.stack(z)[:, None], [mask_stack(pillbox(), 4.4, R=R)])
 
 
 def pixels(points: Array, R: int) -> Array:
-    """Rays from an even pixel onto photosites: each is shared between its four pixels."""
+    """Rays from a uniform pixel onto photosites: each is distributed over four pixels."""
     mask = np.zeros((2 * R + 1, 2 * R + 1))
     column, row = points.T + R
     i, j = np.floor(row).astype(int), np.floor(column).astype(int)

@@ -1,4 +1,4 @@
-"""A wall seen through two vibrations: flat in its left part, coming nearer in its right part."""
+"""A wall under two vibrations: flat in its left part, approaching in its right part."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BOX = (0, 0, 72, 96)
 
 
 def curve(turns: int) -> Array:
-    """Control points of a smooth closed curve of half-width 2 about the middle."""
+    """Control points of a smooth closed curve of half-width 2 about the centre."""
     t = 2 * np.pi * np.arange(motion_splines.POINTS) / (motion_splines.POINTS - 1)
     points = np.stack([np.cos(t) + 0.6 * np.sin(turns * t), np.sin(t) + 0.5 * np.cos(turns * t)], axis=1)
     points -= (points.max(axis=0) + points.min(axis=0)) / 2
@@ -28,7 +28,7 @@ def curves() -> Array:
 
 
 def photographs(slope: float = 0.02) -> list[Array]:
-    """Two photographs of 96 x 144 at 40 dB; `slope` is how w grows beyond the flat part, per pixel."""
+    """Two photographs of 96 x 144 at 40 dB; `slope` is the growth of w beyond the flat part, per pixel."""
     rng = np.random.default_rng(4)
     shape, R = (96, 144), 5
     extended = (shape[0] + 2 * R, shape[1] + 2 * R)

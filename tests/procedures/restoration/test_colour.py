@@ -36,24 +36,24 @@ def stacks():
 
 def photographed(u, w, stacks, origins, seed=0):
     """Mosaics of light u (3, H + 2R, W + 2R) at depth w, noise 40 dB under its contrast."""
-    rng, found = np.random.default_rng(seed), []
+    rng, frames = np.random.default_rng(seed), []
     for stack in stacks:
         blur = Blur(stack, SHAPE)
         blur.focus(w)
         z = blur.blur(u)
         z = z + SIGMA * rng.standard_normal(z.shape)
-        found.append(
+        frames.append(
             {
                 n: Plane(n, z["RGB".index(n[0]), y::2, x::2].astype(np.float32), 0.0, 2, (x, y))
                 for n, (x, y) in origins.items()
             }
         )
-    return found
+    return frames
 
 
 @pytest.fixture(scope="module")
 def scene():
-    """A grey scene with a contrast of some 30 levels, before two depths."""
+    """A grey scene with a contrast of some 30 levels, at two depths."""
     rng, extended = np.random.default_rng(5), (SHAPE[0] + 2 * R, SHAPE[1] + 2 * R)
     grey = 0.5 + 0.13 * np.sign(gaussian_filter(rng.standard_normal(extended), 5))
     grey += 0.3 * np.clip(gaussian_filter(rng.standard_normal(extended), 1.2), -0.4, 0)
@@ -63,10 +63,10 @@ def scene():
 
 def restored(u, w, stacks, origins):
     planes = photographed(u, w, stacks, origins)
-    known = mosaics(planes, np.ones(2))
-    first = spread({n: one.samples for n, one in planes[0].items()}, origins) / known.gains[:, None, None]
-    picture, _, residual = pair_at(known, w[R:-R, R:-R], first, stacks, SIGMA, Steps(joint=0))
-    return picture, residual, first * known.gains[:, None, None]
+    mosaic = mosaics(planes, np.ones(2))
+    first = spread({n: one.samples for n, one in planes[0].items()}, origins) / mosaic.gains[:, None, None]
+    picture, _, residual = pair_at(mosaic, w[R:-R, R:-R], first, stacks, SIGMA, Steps(joint=0))
+    return picture, residual, first * mosaic.gains[:, None, None]
 
 
 @pytest.mark.slow
@@ -75,7 +75,7 @@ def test_a_grey_scene_stays_grey_up_to_the_frame_s_edges(scene, stacks, phase):
     grey, w = scene
     picture, residual, first = restored(LIGHT[:, None, None] * grey, w, stacks, PHASES[phase])
     balanced = picture / LIGHT[:, None, None]
-    # one grey level: the share of the noise, which deblurring makes some three times larger, included
+    # one grey level, including the noise, which deblurring amplifies some three times
     assert 255 * np.std(balanced[0] - balanced[2]) < 1
     truth = LIGHT[:, None, None] * grey[R:-R, R:-R]
     assert np.sqrt(np.mean((picture - truth) ** 2)) < 0.4 * np.sqrt(np.mean((first - truth) ** 2))
@@ -83,39 +83,39 @@ def test_a_grey_scene_stays_grey_up_to_the_frame_s_edges(scene, stacks, phase):
     assert np.sqrt(np.mean(residual**2)) == pytest.approx(SIGMA, rel=0.25)  # of 20480 samples and 15360 unknowns
 
 
-def test_blur_as_small_as_a_plane_s_pixels_is_found_on_the_sensor_s_grid(scene):
-    """Planes show aliases of such a scene, and tell w by up to half too small."""
+def test_blur_as_small_as_a_plane_s_pixels_is_estimated_on_the_sensor_s_grid(scene):
+    """Planes alias such a scene, and underestimate w by up to a half."""
     grey, _ = scene
     stacks = [mask_stack(pillbox(), 3.0, ratio=ratio, R=R) for ratio in (1.0, 1.5)]
     true = np.full_like(grey, 1.4)
     planes = photographed(LIGHT[:, None, None] * grey, true, stacks, PHASES["RGGB"])
-    known = mosaics(planes, np.ones(2))
-    first = spread({n: one.samples for n, one in planes[0].items()}, PHASES["RGGB"]) / known.gains[:, None, None]
-    term = problem_of(known, stacks, np.float32)
-    begun = np.full(SHAPE, 0.8)
-    w, off = searched(term, unknowns_of(known, first, R, np.float32), begun, SIGMA)
+    mosaic = mosaics(planes, np.ones(2))
+    first = spread({n: one.samples for n, one in planes[0].items()}, PHASES["RGGB"]) / mosaic.gains[:, None, None]
+    term = problem_of(mosaic, stacks, np.float32)
+    start = np.full(SHAPE, 0.8)
+    w, off = searched(term, unknowns_of(mosaic, first, R, np.float32), start, SIGMA)
     assert np.median(w) == pytest.approx(1.4, abs=0.15)
-    assert np.mean(np.abs(begun - 1.4) < 2 * off) > 0.95
+    assert np.mean(np.abs(start - 1.4) < 2 * off) > 0.95
 
 
 @pytest.mark.slow
-def test_the_error_told_of_a_colour_picture_is_its_error(scene, stacks):
-    """The planes' own error, which knows of no demosaicking, was told: less than half of it."""
+def test_estimated_error_of_a_colour_picture_is_its_error(scene, stacks):
+    """The planes' own error estimate ignores demosaicking: it was less than half of the error."""
     grey, w = scene
     tint = np.sign(gaussian_filter(np.random.default_rng(8).standard_normal(grey.shape), 3))
     u = LIGHT[:, None, None] * grey * np.exp(np.array([0.3, 0.0, -0.2])[:, None, None] * tint)
     planes = photographed(u, w, stacks, PHASES["RGGB"])
-    known = mosaics(planes, np.ones(2))
-    first = spread({n: one.samples for n, one in planes[0].items()}, PHASES["RGGB"]) / known.gains[:, None, None]
-    term = problem_of(known, stacks, np.float32)
+    mosaic = mosaics(planes, np.ones(2))
+    first = spread({n: one.samples for n, one in planes[0].items()}, PHASES["RGGB"]) / mosaic.gains[:, None, None]
+    term = problem_of(mosaic, stacks, np.float32)
     inside = w[R:-R, R:-R]
-    found, _ = descended(term, unknowns_of(known, first, R, np.float32), inside, SIGMA, Steps(joint=0))
-    error = np.abs(found - np.tensordot(mixing(), u / known.gains[:, None, None], axes=1))[:, R:-R, R:-R]
-    told = spread_out(error_of(term, found, w, SIGMA, SIGMA)[:, R:-R, R:-R], 2 * R + 1)
-    assert 0.88 < np.mean(error < 2 * told) < 0.995
+    unknowns, _ = descended(term, unknowns_of(mosaic, first, R, np.float32), inside, SIGMA, Steps(joint=0))
+    error = np.abs(unknowns - np.tensordot(mixing(), u / mosaic.gains[:, None, None], axes=1))[:, R:-R, R:-R]
+    std = spread_out(error_of(term, unknowns, w, SIGMA, SIGMA)[:, R:-R, R:-R], 2 * R + 1)
+    assert 0.88 < np.mean(error < 2 * std) < 0.995
 
 
-def test_colours_are_those_of_the_scene(scene, stacks):
+def test_colours_are_reproduced(scene, stacks):
     grey, w = scene
     tint = np.sign(gaussian_filter(np.random.default_rng(8).standard_normal(grey.shape), 6))
     u = LIGHT[:, None, None] * grey * np.exp(np.array([0.3, 0.0, -0.2])[:, None, None] * tint)
@@ -125,49 +125,49 @@ def test_colours_are_those_of_the_scene(scene, stacks):
         assert np.std(picture[c] - truth[c]) < 0.5 * np.std(first[c] - truth[c])
 
 
-def test_a_shift_that_the_masks_are_given_is_no_shift_of_the_picture(scene, stacks):
-    """Masks moved by whole pixels are exact: photographs then show the scene moved by as much."""
+def test_a_shift_contained_in_the_masks_does_not_shift_the_picture(scene, stacks):
+    """Masks shifted by whole pixels are exact: the photographs show the scene shifted by the same amount."""
     grey, w = scene
-    moved = shifted(stacks, np.array([[0.0, 0.0], [2.0, -1.0]]))
+    displaced = shifted(stacks, np.array([[0.0, 0.0], [2.0, -1.0]]))
     out = []
-    for one in (stacks[1], moved[1].middle):
+    for one in (stacks[1], displaced[1].middle):
         blur = Blur(one, (SHAPE[0] - 2 * (one.R - R), SHAPE[1] - 2 * (one.R - R)))
         blur.focus(np.full_like(w, 3.0))
         out.append(blur.blur(grey))
-    margin = moved[1].R - R
+    margin = displaced[1].R - R
     inside = slice(margin, -margin)
     expected = np.roll(out[0], (-1, 2), axis=(0, 1))[inside, inside]
-    # stretched masks of the stack are interpolated by splines that keep samples as they are
+    # the stack's stretched masks are interpolated by splines that preserve samples
     np.testing.assert_allclose(out[1], expected, atol=1e-6)
 
 
-def test_depth_lies_where_the_planes_samples_lie(scene):
+def test_depth_is_at_the_positions_of_the_planes_samples(scene):
     x = np.arange(12.0)
     w = depth_on_sensor(np.tile(0.1 * x, (6, 1)), 0.28)
-    # plane pixel i lies at 2 i + 1/2 of the sensor, and w counts in its pixels
+    # plane pixel i is at 2 i + 1/2 of the sensor, and w is in its pixels
     np.testing.assert_allclose(w[5, 4:-4], 2 * 0.1 * (np.arange(24.0)[4:-4] - 0.5) / 2, atol=1e-12)
     steps = depth_on_sensor(np.where(x > 5, 4.0, 2.0) * np.ones((6, 1)), 0.28)
     assert set(np.unique(steps)) == {4.0, 8.0}
 
 
-def test_mosaics_that_lie_otherwise_are_refused(scene, stacks):
+def test_mosaics_of_another_layout_are_refused(scene, stacks):
     grey, w = scene
     planes = photographed(np.repeat(grey[None], 3, axis=0), w, stacks, PHASES["RGGB"])
     planes[1] = {name: replace(one, origin=PHASES["BGGR"][name]) for name, one in planes[1].items()}
-    with pytest.raises(BadInput, match="mosaics that lie alike"):
+    with pytest.raises(BadInput, match="mosaics of one layout"):
         mosaics(planes, np.ones(2))
 
 
 @pytest.mark.parametrize("suffix", [".tiff", ".png"])
-def test_colour_files_are_read_as_they_are_said_to_be(tmp_path, suffix):
+def test_colour_files_are_read_by_their_encoding(tmp_path, suffix):
     light = np.linspace(0, 1, 60).reshape(4, 5, 3)
     curve = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     for name, values in (("linear", light), ("srgb", curve)):
         path = tmp_path / f"{name}{suffix}"
         cv2.imwrite(str(path), np.rint(65535 * values).astype(np.uint16)[..., ::-1])
         planes = read_colour_frame(path, name).planes
-        found = np.stack([planes[c].samples for c in "RGB"], axis=-1)
-        np.testing.assert_allclose(found, light, atol=3e-5)  # numbers of 16 bits, at the curve's steepest
+        frames = np.stack([planes[c].samples for c in "RGB"], axis=-1)
+        np.testing.assert_allclose(frames, light, atol=3e-5)  # numbers of 16 bits, at the curve's steepest
     cv2.imwrite(str(tmp_path / "byte.png"), np.zeros((4, 5, 3), np.uint8))
     with pytest.raises(BadInput, match="16 bits"):
         read_colour_frame(tmp_path / "byte.png", "linear")

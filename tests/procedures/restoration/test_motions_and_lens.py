@@ -1,4 +1,4 @@
-"""The plan where the lens blurs beside motions that are recorded: what is asked, doubted, and known of the blur."""
+"""The plan for a lens's blur in addition to recorded motions: questions, doubts, and the blur."""
 
 from __future__ import annotations
 
@@ -26,48 +26,48 @@ ROUND = np.arange(48) * np.pi / 24
 
 
 def frame(along: int, **exposure):
-    """A photograph during which a shaker goes around once, mostly along one axis."""
+    """A photograph during one round of a shaker, mostly along one axis."""
     position_m = np.zeros((48, 3))
     position_m[:, along], position_m[:, 1 - along] = 8e-4 * np.cos(ROUND), 3e-4 * np.cos(2 * ROUND + 0.7)
-    told = Exposure(exposure_s=0.048, **{"focal_length_mm": 24.0, **exposure})
+    parameters = Exposure(exposure_s=0.048, **{"focal_length_mm": 24.0, **exposure})
     samples = np.random.default_rng(1).random((80, 96), np.float32)
     return RawFrame(Path("a"), "", {"Y": Plane("Y", samples, 1e-4)}, told, None, ShakerPath(position_m, 0.001, 0.0))
 
 
 def widths(mask):
-    """Variance along x and y, pixels squared."""
+    """Variances along x and y, pixels squared."""
     n = np.arange(len(mask)) - len(mask) // 2
     each = [mask.sum(axis=axis) for axis in (0, 1)]
     return np.array([np.sum(one * n**2) - np.sum(one * n) ** 2 for one in each])
 
 
 @pytest.mark.parametrize("distance_mm", [700.0, 1000.0, 1900.0])
-def test_the_blur_is_the_motion_s_and_the_lens_s_circle_at_that_distance(distance_mm):
+def test_the_blur_combines_motion_and_blur_circle_at_each_distance(distance_mm):
     frames = [frame(0), frame(1)]
     spec = blur_spec(frames, facts_as(RestorationFacts, FACTS))
     pictures = [np.ones((1, 80, 96))] * 2
-    both, alone = (blur_of(one, pictures) for one in (spec, BlurSpec(spec.source, spec.max_w)))
-    w = 1000 / distance_mm / both.unit.per_pixel
-    for blurred, moved in zip(both.masks, alone.masks, strict=True):
-        more = widths(MaskField.of(blurred).at(w)) - widths(MaskField.of(moved).at(w))
+    combined, alone = (blur_of(one, pictures) for one in (spec, BlurSpec(spec.source, spec.max_w)))
+    w = 1000 / distance_mm / combined.unit.per_pixel
+    for blurred, motion in zip(combined.masks, alone.masks, strict=True):
+        more = widths(MaskField.of(blurred).at(w)) - widths(MaskField.of(motion).at(w))
         # a disc of radius r has r^2 / 4 along each axis, and masks are drawn in pixels of 1 / 12 or twice that
         np.testing.assert_allclose(more, LENS.blur_radius_px(distance_mm) ** 2 / 4, atol=0.17)
 
 
-def test_a_motion_without_record_and_a_lens_without_numbers_are_refused_in_words():
+def test_a_motion_without_record_and_a_lens_without_data_are_refused():
     known = facts_as(RestorationFacts, FACTS)
-    still = RawFrame(Path("b"), "", frame(0).planes, frame(0).exposure)
+    unrecorded = RawFrame(Path("b"), "", frame(0).planes, frame(0).exposure)
     with pytest.raises(BadParameter, match="a record of each photograph's motion"):
-        blur_spec([frame(0), still], known)
+        blur_spec([frame(0), unrecorded], known)
     with pytest.raises(BadParameter, match="the lens's blur is not known"):
         blur_spec([frame(0), frame(1)], facts_as(RestorationFacts, {**FACTS, "focus_m": 0.0}))
-    # the camera's own note of the distance does
+    # the camera's record of the distance suffices
     blur_spec(
         [frame(n, subject_distance_mm=900.0) for n in (0, 1)], facts_as(RestorationFacts, {**FACTS, "focus_m": 0.0})
     )
 
 
-def test_the_first_photograph_tells_what_of_the_lens_is_not_known():
+def test_the_first_photograph_names_missing_lens_data():
     advice = check_first(frame(0), {**FACTS, "focus_m": 0.0})
     assert advice.contradictory == ("lens_f_number", "focus_m", "pixel_pitch_um")
     noted = check_first(frame(0, f_number=5.6), FACTS)
@@ -75,9 +75,9 @@ def test_the_first_photograph_tells_what_of_the_lens_is_not_known():
     assert "given as 4, and the camera noted 5.6" in noted.say
 
 
-def test_a_steady_motion_begins_with_the_even_masks_of_its_axis():
-    told = parameters_of(facts_as(RestorationFacts, {"blur_by": MOTIONS, "steady": "y"}))
-    assert (told.depth_start, told.symmetric_axis) == ("symmetric", "y")
+def test_uniform_motion_starts_with_the_even_masks_of_its_axis():
+    parameters = parameters_of(facts_as(RestorationFacts, {"blur_by": MOTIONS, "steady": "y"}))
+    assert (parameters.depth_start, parameters.symmetric_axis) == ("symmetric", "y")
     assert parameters_of(RestorationFacts()).depth_start == "matched"
     assert "steady" in asked({"blur_by": MOTIONS})
     assert "steady" not in asked({"blur_by": MOTIONS, HAS_SHAKER: True}) | asked({"blur_by": BOTH}) | asked({})
@@ -88,7 +88,7 @@ def asked(facts):
     return {one.key for one in everything if one.when(facts) and one.given(facts) is None}
 
 
-def test_what_the_lens_needs_is_asked_and_what_the_records_tell_is_not():
+def test_lens_data_are_asked_for_and_recorded_motions_are_not():
     keys = asked({"blur_by": BOTH})
     assert {"lens_f_number", "focus_m", "pixel_pitch_um", "shape", "first_moves", "second"} <= keys
     assert not {"first_f_number", "second_f_number", "region", "motion_shape"} & keys

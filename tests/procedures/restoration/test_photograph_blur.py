@@ -1,4 +1,4 @@
-"""From what is known of the blur to its masks."""
+"""Masks from the specification of the blur."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.camera_motion import Poses
 from procedures.restoration.masks.psf_shapes import measured_shape
 from procedures.restoration.photograph_blur import (
+    AdditionalDefocus,
     BlurSpec,
-    DefocusBeside,
     KnownShapes,
     RecordedMotion,
     UnknownMotion,
@@ -29,36 +29,36 @@ def disc(radius, size=25):
 
 
 def variance(mask):
-    """Of a mask's light along x, pixels squared."""
+    """Variance of a mask's light along x, pixels squared."""
     x = np.arange(len(mask)) - len(mask) // 2
     return float((mask * x**2).sum())
 
 
 def swing(axis, reach_m):
-    """A rig that swings along one axis once, and does not turn."""
+    """A rig that swings along one axis once, without rotation."""
     position = np.zeros((256, 3))
     position[:, axis] = reach_m * np.sin(np.linspace(0, 2 * np.pi, 256))
     return Poses(position, np.zeros((256, 3)))
 
 
-def test_where_nobody_says_measured_shapes_tell_the_ratio():
+def test_the_default_ratio_is_that_of_measured_shapes():
     blur = blur_of(BlurSpec(KnownShapes((disc(2.0), disc(3.0))), 3.0), PHOTOGRAPHS)
     # a sample is half a pixel wide
     assert blur.ratios[1] == pytest.approx(1.5, abs=0.2)
 
 
 @pytest.mark.slow
-def test_on_finer_pixels_the_same_blur_is_as_many_times_as_wide():
+def test_on_finer_pixels_the_blur_is_proportionally_wider():
     blur = blur_of(BlurSpec(KnownShapes((pillbox(), pillbox()), (1.0, 1.2), (0.0, 0.5)), 3.0), PHOTOGRAPHS)
     finer = blur.finer(2)
     for coarse, fine, half in zip(blur.masks, finer, (2.5, 1.2 * 2.5 + 0.5), strict=True):
         for mask, radius in ((coarse.at(2.5), half), (fine.at(5.0), 2 * half)):
-            # a disc's variance along an axis is a quarter of its radius' square, and of a pixel's square 1/12; its rim
-            # is known to a sample, eleven a pixel
+            # a disc's variance along an axis is a quarter of its squared radius, and a pixel's 1/12; its rim is known
+            # to a sample, eleven per pixel
             assert variance(mask) == pytest.approx(radius**2 / 4 + 1 / 12, abs=radius / 2 / 11)
 
 
-def test_a_rig_s_motion_reaches_the_widest_blur_that_is_told():
+def test_a_rig_s_motion_reaches_the_given_widest_blur():
     exposures = (swing(0, 1e-3), swing(1, 1e-3))
     by_path = blur_of(BlurSpec(RecordedMotion(exposures), 4.0), PHOTOGRAPHS)
     by_depth = blur_of(BlurSpec(RecordedMotion(exposures, focal_px=500.0), 4.0), PHOTOGRAPHS)
@@ -69,22 +69,22 @@ def test_a_rig_s_motion_reaches_the_widest_blur_that_is_told():
         np.testing.assert_allclose(variance(one.at(4.0)), variance(other.middle.at(4.0)), rtol=0.02, atol=0.02)
 
 
-def test_defocus_beside_motion_adds_its_variance():
+def test_additional_defocus_adds_its_variance():
     motion = BlurSpec(RecordedMotion((swing(0, 1e-3), swing(1, 1e-3))), 3.0)
-    defocus = DefocusBeside((pillbox(), pillbox()), (0.5, 0.5), (0.0, 0.0))
+    defocus = AdditionalDefocus((pillbox(), pillbox()), (0.5, 0.5), (0.0, 0.0))
     alone = blur_of(motion, PHOTOGRAPHS)
-    both = blur_of(BlurSpec(motion.source, 3.0, defocus), PHOTOGRAPHS)
+    combined = blur_of(BlurSpec(motion.source, 3.0, defocus), PHOTOGRAPHS)
     for n, w in ((1, 3.0), (2, 6.0)):
-        one, other = alone.finer(n)[0], both.finer(n)[0].middle
-        # of a disc of half-width w / 2, and a pixel's square; drawn as above
+        one, other = alone.finer(n)[0], combined.finer(n)[0].middle
+        # of a disc of half-width w / 2, and a squared pixel; drawn as above
         assert variance(other.at(w)) - variance(one.at(w)) == pytest.approx(w**2 / 16 + 1 / 12, abs=w / 4 / 11)
 
 
-def test_a_part_beside_the_photographs_is_refused():
-    with pytest.raises(BadParameter, match="80,0,20,20 is not within photographs of 90 x 72"):
+def test_a_part_outside_the_photographs_is_refused():
+    with pytest.raises(BadParameter, match="80,0,20,20 must lie within photographs of 90 x 72"):
         blur_of(BlurSpec(UnknownMotion((80, 0, 20, 20)), 2.0), PHOTOGRAPHS)
 
 
-def test_photographs_of_which_no_part_shows_one_motion_are_refused():
-    with pytest.raises(Refused, match="no part of the photographs shows one motion each"):
+def test_photographs_without_a_part_of_one_motion_are_refused():
+    with pytest.raises(Refused, match="no part of the photographs has one motion each"):
         blur_of(BlurSpec(UnknownMotion(), 2.0), [one[:, :28, :28] for one in PHOTOGRAPHS])

@@ -1,4 +1,4 @@
-"""The plan of a restoration: what its checks say of the two photographs, and its way to picture and depth."""
+"""The plan of a restoration: its checks of the photographs, and the estimate."""
 
 from __future__ import annotations
 
@@ -16,10 +16,17 @@ from procedures.raw import ImuRecord, Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import APERTURES, COLOUR, MOTIONS, ORDER, RestorationFacts
 from procedures.restoration.flat_part import parts, region_of
-from procedures.restoration.known_blur import apart, blur_ratio, blur_relation, blur_spec, planes_of, rig_poses
+from procedures.restoration.known_blur import (
+    blur_ratio,
+    blur_relation,
+    blur_spec,
+    planes_of,
+    rig_poses,
+    split_ground_truth,
+)
 from procedures.restoration.masks.camera_motion import planar_stacks
 from procedures.restoration.masks.thin_lens import CameraSetting
-from procedures.restoration.plan import estimate, path, plan, witnessed
+from procedures.restoration.plan import compared_to_truth, estimate, path, plan
 from procedures.restoration.plan_checks import aperture_ratio, check_first, check_later, checks
 
 from .conftest import scene
@@ -37,7 +44,7 @@ def pair(defocus_stacks):
     return scene(defocus_stacks, (80, 96), 40.0)
 
 
-def test_a_scene_with_detail_is_good_and_its_level_is_kept(pair):
+def test_a_scene_with_detail_is_good_and_its_level_is_recorded(pair):
     image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
     advice = check_first(frame(image), FACTS)
     assert advice.good, advice.say
@@ -49,7 +56,7 @@ def test_a_scene_without_detail_is_not(rng):
     assert "detail is only" in advice.say
 
 
-def test_a_second_photograph_that_is_darker_tells_by_how_much_to_expose_longer(pair):
+def test_a_darker_second_photograph_gives_the_correction_of_exposure(pair):
     first = check_first(frame(pair.z[0, 0]), FACTS)
     advice = check_later("second", frame(0.7 * pair.z[1, 0]), {**FACTS, **first.facts})
     assert "darker than the first" in advice.say
@@ -76,7 +83,7 @@ def test_apertures_that_are_too_near_each_other_are_told(pair):
 
 
 @pytest.mark.parametrize(("which", "wrong"), [("first", 8.0), ("second", 3.2)])
-def test_an_f_number_that_the_camera_noted_otherwise_is_named_and_may_be_insisted_on(pair, which, wrong):
+def test_an_f_number_that_contradicts_the_camera_is_named_and_may_be_insisted_on(pair, which, wrong):
     check = CHECKS[which]
     noted = {"first": 5.0, "second": 4.0}[which]
     image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
@@ -88,7 +95,7 @@ def test_an_f_number_that_the_camera_noted_otherwise_is_named_and_may_be_insiste
     assert check(frame(image, f_number=noted), {**facts, f"insisted_{which}_f_number": True}).contradictory == ()
 
 
-def test_a_pixel_pitch_that_the_camera_noted_otherwise_is_named(pair):
+def test_a_pixel_pitch_that_contradicts_the_camera_is_named(pair):
     advice = check_first(frame(pair.z[0, 0], pixel_pitch_um=4.0), {**FACTS, "pixel_pitch_um": 5.94})
     assert advice.contradictory == ("pixel_pitch_um",)
 
@@ -97,9 +104,9 @@ def test_a_third_aperture_differs_from_both_others_and_is_as_bright_as_the_first
     image = pair.z[0, 0]
     facts = {**FACTS, "photographs": 3.0, "first_level": float(image.mean())}
     assert "differ by a factor of 1.05" in check_later("third", frame(image, f_number=4.2), facts).say
-    told = check_later("third", frame(image, f_number=2.8), facts)
-    assert told.good
-    assert told.facts["third_f_number"] == 2.8
+    advice = check_later("third", frame(image, f_number=2.8), facts)
+    assert advice.good
+    assert advice.facts["third_f_number"] == 2.8
     assert "darker than the first" in check_later("third", frame(0.7 * image, f_number=2.8), facts).say
     # from f/5 to f/2.8 at the same time: 3.2 times the light
     timed = {**facts, "first_exposure_s": 0.05, "third_f_number": 2.8}
@@ -110,20 +117,20 @@ def test_a_third_aperture_differs_from_both_others_and_is_as_bright_as_the_first
     assert check_later("third", frame(image, exposure_s=0.05 * 0.3136), timed).good
 
 
-def test_a_ground_truth_is_stopped_down_further_than_the_others_and_as_bright_as_the_first(pair):
+def test_a_ground_truth_has_the_smallest_aperture_and_the_brightness_of_the_first(pair):
     image = pair.z[0, 0]
     facts = {**FACTS, "first_level": float(image.mean()), "first_exposure_s": 0.05, "truth_f_number": 16.0}
-    told = CHECKS["truth"](replace(frame(image, f_number=22.0), sha256="0f"), facts)
-    assert told.good
-    assert (told.facts["truth_sha256"], told.facts["truth_f_number"]) == ("0f", 22.0)
+    advice = CHECKS["truth"](replace(frame(image, f_number=22.0), sha256="0f"), facts)
+    assert advice.good
+    assert (advice.facts["truth_sha256"], advice.facts["truth_f_number"]) == ("0f", 22.0)
     assert "at about f/5, the others at f/5 and wider" in CHECKS["truth"](frame(image, f_number=5.0), facts).say
-    # a lens that notes nothing: ten times the time at the same light is f/5 sqrt(10)
+    # a lens without data: ten times the time at the same light is f/5 sqrt(10)
     by_light = CHECKS["truth"](frame(image, exposure_s=0.5), facts)
     assert by_light.good
     assert by_light.readings[1].value == pytest.approx(10**0.5)
     assert "stop down" in CHECKS["truth"](frame(image, exposure_s=0.05), facts).say
     assert "darker than the first" in CHECKS["truth"](frame(0.7 * image, f_number=22.0), facts).say
-    # of motions it is the light alone
+    # for motions it is the light alone
     assert CHECKS["truth"](frame(image, f_number=5.0), {**facts, "blur_by": MOTIONS}).good
 
 
@@ -141,26 +148,26 @@ def test_a_camera_without_a_mosaic_has_no_colour(pair):
     assert list(planes_of(mosaic, RestorationFacts())) == ["G1"]
 
 
-def test_the_ground_truth_is_told_by_its_hash():
+def test_the_ground_truth_is_identified_by_its_hash():
     frames = [RawFrame(Path(one), one, {}, Exposure()) for one in "abc"]
-    blurred, truth = apart(frames, RestorationFacts(truth_sha256="b"))
+    blurred, truth = split_ground_truth(frames, RestorationFacts(truth_sha256="b"))
     assert ([one.sha256 for one in blurred], truth.sha256) == (["a", "c"], "b")
-    # one of before a retake
-    assert apart(frames, RestorationFacts(truth_sha256="z")) == (frames, None)
-    assert apart([replace(one, sha256="") for one in frames], RestorationFacts())[1] is None
+    # the hash of one before a retake
+    assert split_ground_truth(frames, RestorationFacts(truth_sha256="z")) == (frames, None)
+    assert split_ground_truth([replace(one, sha256="") for one in frames], RestorationFacts())[1] is None
 
 
 def test_a_ground_truth_of_another_size_makes_the_result_doubtful(pair):
     outcome = Outcome(SimpleNamespace(), Verdict.PASS)
     Y = frame(pair.z[0, 0]).planes
     other = frame(pair.z[0, 0, 4:]).planes
-    held = witnessed(outcome, [Y, Y], other)
-    assert (held.verdict, held.value) == (Verdict.DOUBTFUL, outcome.value)
-    assert "it has Y of 96 x 76" in held.reason
+    compared = compared_to_truth(outcome, [Y, Y], other)
+    assert (compared.verdict, compared.value) == (Verdict.DOUBTFUL, outcome.value)
+    assert "it has Y of 96 x 76" in compared.reason
 
 
 @pytest.mark.parametrize("factor", [1.2, 2.0, 1 / 1.2, 0.5])
-def test_an_f_number_of_a_lens_that_notes_none_is_held_against_the_light(pair, factor):
+def test_an_unrecorded_f_number_is_compared_with_the_light(pair, factor):
     # from f/5 to f/4 at the same light: 0.64 of the time gives the same level
     image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
     facts = {**FACTS, "first_level": float(image.mean()), "first_exposure_s": 0.05}
@@ -170,19 +177,19 @@ def test_an_f_number_of_a_lens_that_notes_none_is_held_against_the_light(pair, f
     assert "By exposure times and light the first f-number is 1.25 times the second" in advice.say
 
 
-def test_the_blurs_go_as_the_apertures():
+def test_blur_is_proportional_to_the_aperture():
     assert blur_ratio(facts_as(RestorationFacts, FACTS)) == 1.25
     assert aperture_ratio(RestorationFacts(first_f_number=4.0, second_f_number=5.0)) == 1.25
-    with pytest.raises(BadParameter, match="first f-number is not known; tell all"):
+    with pytest.raises(BadParameter, match="first f-number is not known; give all"):
         blur_ratio(RestorationFacts())
 
 
-def test_two_planes_of_focus_are_an_offset_of_the_blur(pair):
+def test_two_planes_of_focus_cause_an_offset_of_the_blur(pair):
     known = facts_as(RestorationFacts, {**FACTS, "pixel_pitch_um": 6.0})
     focus = (800.0, 760.0)
     first, second = (frame(pair.z[0, 0], focal_length_mm=50.0, subject_distance_mm=one) for one in focus)
     ratio, offset = blur_relation(first, second, known)
-    # by the radii themselves, of a scene behind both planes: w is a radius without its sign
+    # by the radii themselves, for a scene behind both planes: w is an unsigned radius
     at = np.array([900.0, 1200.0, 4000.0])
     w = [-CameraSetting(50.0, n, one, 6.0).blur_radius_px(at) for n, one in zip((5.0, 4.0), focus, strict=True)]
     np.testing.assert_allclose(ratio * w[0] + offset, w[1], rtol=1e-9)
@@ -191,7 +198,7 @@ def test_two_planes_of_focus_are_an_offset_of_the_blur(pair):
     assert blur_relation(first, second, facts_as(RestorationFacts, FACTS)) == (1.25, 0.0)
 
 
-def test_a_shape_that_no_aperture_has_is_asked_again(pair):
+def test_an_unknown_aperture_shape_is_asked_for_again(pair):
     image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
     assert check_first(frame(image), {**FACTS, "shape": "polygon:9"}).good
     for typed in ("star", "polygon:two"):
@@ -200,7 +207,7 @@ def test_a_shape_that_no_aperture_has_is_asked_again(pair):
         assert typed in advice.say
 
 
-def test_parts_are_marked_or_those_with_the_most_detail():
+def test_parts_are_marked_or_have_the_most_detail():
     assert region_of("10, 20,30,40") == (10, 20, 30, 40)
     assert region_of("auto") is None
     with pytest.raises(BadParameter, match="four whole numbers"):
@@ -212,41 +219,41 @@ def test_parts_are_marked_or_those_with_the_most_detail():
 
 
 @pytest.mark.slow
-def test_two_photographs_become_picture_and_depth(pair):
+def test_two_photographs_give_picture_and_depth(pair):
     outcome = estimate([frame(one[0]) for one in pair.z], FACTS, {})["picture"]
     assert outcome.verdict is not Verdict.REFUSED, outcome.reason
-    # the published way ends near 0.1 pixel after twenty rounds; this is four
+    # the published method ends near 0.1 pixel after twenty rounds; this is four
     assert pair.depth_error(outcome.value.w) < 0.4
     assert pair.picture_error(outcome.value.sharp) < 0.5 * pair.picture_error(pair.z[0])
 
 
-def test_fewer_photographs_than_were_chosen_are_not_enough(pair):
-    with pytest.raises(BadInput, match="2 photographs; 1 count"):
+def test_fewer_photographs_than_chosen_are_refused(pair):
+    with pytest.raises(BadInput, match="2 photographs; 1 are available"):
         estimate([frame(pair.z[0, 0])], FACTS, {})
-    with pytest.raises(BadInput, match="3 photographs; 2 count"):
+    with pytest.raises(BadInput, match="3 photographs; 2 are available"):
         estimate([frame(one[0]) for one in pair.z], {**FACTS, "photographs": 3.0}, {})
 
 
-def test_the_blurs_of_three_go_as_the_apertures(pair):
+def test_blurs_of_three_are_proportional_to_the_apertures(pair):
     known = facts_as(RestorationFacts, {**FACTS, "third_f_number": 2.5})
     source = blur_spec([frame(pair.z[0, 0])] * 3, known).source
     assert source.ratios == (1.0, 1.25, 2.0)
     assert len(source.shapes) == 3
 
 
-def test_a_flat_part_tells_two_motions_and_no_more(pair):
+def test_a_flat_part_determines_two_motions_and_no_more(pair):
     frames, known = [frame(pair.z[0, 0])] * 3, facts_as(RestorationFacts, {**FACTS, "blur_by": MOTIONS})
     assert blur_spec(frames[:2], known).source.region is None
     with pytest.raises(BadParameter, match=r"not of 3, .* begin with two"):
         blur_spec(frames, known)
     assert blur_spec(frames, replace(known, region="whole")).source.region == "whole"
-    found = estimate(frames, {**FACTS, "blur_by": MOTIONS, "photographs": 3.0}, {})["picture"]
-    assert found.verdict is Verdict.REFUSED
+    result = estimate(frames, {**FACTS, "blur_by": MOTIONS, "photographs": 3.0}, {})["picture"]
+    assert result.verdict is Verdict.REFUSED
 
 
-def test_three_loops_of_a_shaker_leave_no_direction_dark():
-    # sums of squared transfer functions: the noise that a filter lets through; a third loop that repeats the first
-    # takes a seventh, and one across both more
+def test_three_loops_of_a_shaker_pass_all_directions():
+    # sums of squared transfer functions: the noise gain; a third loop that repeats the first has a seventh less, and
+    # one across both less still
     def noise(names, w):
         fy, fx = np.meshgrid(np.arange(-16, 17) / 32, np.arange(-16, 17) / 32, indexing="ij")
         power = np.full(fx.shape, 1e-3)
@@ -263,19 +270,19 @@ def test_three_loops_of_a_shaker_leave_no_direction_dark():
         assert across < 0.85 * again < again < two
 
 
-def test_only_so_many_photographs_as_can_be_restored_are_taken():
+def test_two_or_three_photographs_are_taken():
     ask = plan().asks()["photographs"]
     ask.check(3.0, {})
     with pytest.raises(BadParameter, match="two or three"):
         ask.check(2.5, {})
 
 
-def test_the_imu_is_recorded_during_all_that_are_blurred():
+def test_the_imu_is_recorded_during_all_blurred_photographs():
     shoots = [request for step in plan().steps for request in step.requests if isinstance(request, Shoot)]
     assert {shoot.purpose: shoot.record_motion for shoot in shoots} == {**dict.fromkeys(ORDER, True), "truth": False}
 
 
-def test_the_rig_s_path_is_the_record_s_less_its_drift():
+def test_the_rig_s_path_is_the_record_without_drift():
     t = np.arange(-0.2, 0.6, 0.005)
     w = 2 * np.pi * 10.0
     position = np.column_stack([2e-3 * np.cos(w * t), 1e-3 * np.sin(2 * w * t), 0 * t])
@@ -284,8 +291,8 @@ def test_the_rig_s_path_is_the_record_s_less_its_drift():
     frame = RawFrame(Path("a"), "", {}, Exposure(exposure_s=0.2), imu)
     path = rig_poses(frame).planar_path
     times = np.linspace(0, 0.2, len(path))
-    # the scene moves against the rig, and y of a picture is down; splines through ten samples a period of the faster
-    # one lose little, and drift fitted to eight periods takes some hundredths of a motion with it
+    # the scene moves opposite to the rig, and y of a picture is down; splines through ten samples a period of the
+    # faster one lose little, and the drift fitted to eight periods removes some hundredths of a motion
     expected = np.column_stack([-2e-3 * np.cos(w * times), 1e-3 * np.sin(2 * w * times)])
     np.testing.assert_allclose(path, expected, atol=0.03e-3)
     assert rig_poses(replace(frame, imu=None)) is None
@@ -298,7 +305,7 @@ def test_masks_of_a_recorded_path_grow_with_w():
     across, along = planar_stacks(paths, 4.0)
     x = np.arange(-across.R, across.R + 1)
     for w in (1.0, 2.5, 4.0):
-        # a cosine's variance is half its amplitude's square; sharing between pixels and softness add 1/3 at most
+        # a cosine's variance is half its squared amplitude; distribution over pixels and softness add 1/3 at most
         spread = [float((stack.at(w) * offset**2).sum()) for stack, offset in ((across, x), (along, x[:, None]))]
         np.testing.assert_allclose(spread, w**2 / 2, atol=0.35)
     with pytest.raises(Refused, match="must move"):
@@ -314,7 +321,7 @@ def test_masks_of_a_recorded_path_grow_with_w():
 )
 @pytest.mark.parametrize("imu", [True, False])
 @pytest.mark.parametrize("photographs", [2.0, 3.0])
-def test_what_is_asked_fits_what_blurs(kind, asked, not_asked, imu, photographs):
+def test_questions_fit_the_cause_of_blur(kind, asked, not_asked, imu, photographs):
     requests = [request for step in plan().steps for request in step.requests if isinstance(request, Ask)]
     facts = {"blur_by": kind, HAS_IMU: imu, "photographs": photographs}
     keys = [one.key for one in requests if one.when(facts)]
@@ -329,7 +336,7 @@ def test_what_is_asked_fits_what_blurs(kind, asked, not_asked, imu, photographs)
     assert [plan().step("truth").when({**facts, "ground_truth": one}) for one in ("no", "yes")] == [False, True]
 
 
-def test_of_three_motions_by_hand_without_an_imu_only_a_flat_scene_is_asked_for():
+def test_three_motions_by_hand_without_an_imu_need_a_flat_scene():
     facts = {"blur_by": MOTIONS, "photographs": 3.0}
     region = plan().asks()["region"]
     assert region.given(facts) == "whole"
@@ -339,10 +346,10 @@ def test_of_three_motions_by_hand_without_an_imu_only_a_flat_scene_is_asked_for(
     assert "flat" in scene_ask.question
 
 
-def test_the_rail_shows_what_blurs_how_bright_it_is_and_how_the_light_has_changed():
+def test_the_rail_shows_blur_brightness_and_change_of_light():
     facts = {"blur_by": MOTIONS, "first_level": 0.4, "second_level": 0.42}
-    told = [plan().step(name).gave(facts) for name in ("scene", "first", "second")]
-    assert told == ["motions", "mean 40 %", "light +5 %"]
+    advice = [plan().step(name).gave(facts) for name in ("scene", "first", "second")]
+    assert advice == ["motions", "mean 40 %", "light +5 %"]
     assert [plan().step(name).gave({}) for name in ("first", "second")] == ["", ""]
     assert [plan().step(name).gave(facts) for name in ("third", "truth")] == ["left out", "left out"]
     more = {**facts, "photographs": 3.0, "third_level": 0.4, "ground_truth": "yes", "truth_level": 0.36}

@@ -1,4 +1,4 @@
-"""The plan of a restoration told of measured shapes: what is refused when it is named, and the blur that it tells."""
+"""The plan of a restoration with measured shapes: refusals when they are named, and the blur."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def image(rng):
 
 
 def measured(name, plane, size):
-    """What stands for files: a measured PSF, a text array, or none."""
+    """Stands for files: a measured PSF, a text array, or none."""
     if name.endswith(".npy"):
         side = 2 * int(name[0]) + 1
         return measured_shape(np.pad(np.ones((side, side)), 2), 1)
@@ -64,28 +64,28 @@ def test_kernels_of_motions_are_one_for_each_and_end_the_search():
         ask.check("3.npy", known)
     with pytest.raises(BadParameter, match="pillbox is the shape of an aperture"):
         ask.check("pillbox; 3.npy", known)
-    told = {**known, "motion_shape": "3.npy; 5.txt"}
-    keys = {key for key, one in plan().asks().items() if one.when(told)}
+    answers = {**known, "motion_shape": "3.npy; 5.txt"}
+    keys = {key for key, one in plan().asks().items() if one.when(answers)}
     assert "region" not in keys
     assert not ask.when({**known, HAS_SHAKER: True})
 
 
-def test_measured_shapes_are_of_all_photographs_or_of_each(image):
+def test_measured_shapes_are_common_or_one_for_each_photograph(image):
     frames, apertures = [frame(image)] * 2, {**FACTS, "shape": "3.npy"}
     one = blur_spec(frames, facts_as(RestorationFacts, apertures), measured).source
     assert (len(one.shapes), one.ratios) == (2, (1.0, 1.25))
-    # of each: their own half-widths tell the ratio, 4.5 / 3.5
+    # one each: the ratio is that of their half-widths, 4.5 / 3.5
     each = blur_spec(frames, facts_as(RestorationFacts, {**apertures, "shape": "3.npy; 4.npy"}), measured)
     assert each.source.ratios == ()
     blur = blur_of(each, [image[None], image[None, ::-1]])
     assert blur.ratios[1] == pytest.approx(4.5 / 3.5)
-    drawn = blur_spec(frames, facts_as(RestorationFacts, {**apertures, "shape": "pillbox; a.txt"}), measured)
-    assert drawn.source.ratios == (1.0, 1.25)
+    models = blur_spec(frames, facts_as(RestorationFacts, {**apertures, "shape": "pillbox; a.txt"}), measured)
+    assert models.source.ratios == (1.0, 1.25)
     motions = {"blur_by": MOTIONS, "motion_shape": "3.npy; 5.txt"}
     assert isinstance(blur_spec(frames, facts_as(RestorationFacts, motions), measured).source, KnownShapes)
 
 
-def test_a_field_of_another_size_is_doubted_when_the_first_photograph_is_there(image):
+def test_a_field_of_another_size_is_doubted_with_the_first_photograph(image):
     def of_field(name, plane, size):
         if size is not None:
             raise BadInput(f"the field is not of {plane}, {size[1]} x {size[0]}", "give whole photographs")

@@ -1,7 +1,7 @@
-"""A flat thing before a flat ground, each ray through the lens or from the path traced to what it meets first.
+"""A flat object in front of a flat ground, with each ray through the lens or from the path traced to its first hit.
 
-Light behind the near thing reaches the photograph past its edge, as it does in front of a camera. The restoration's
-masks, which spread each point's light whatever stands before it, are not used.
+Light from behind the near object passes its edge, as in a real camera. The restoration's masks, which ignore occlusion,
+are not used.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ PAD, SUB = 16, 4
 
 @dataclass(frozen=True)
 class Opening:
-    """Where rays go through: points (n, 2) within a half-width of 1, the shape that it is told as, and what w of that
-    shape a half-width of one pixel is."""
+    """Entrance of the rays: points (n, 2) within a half-width of 1, the shape given to the restoration, and w of that
+    shape per pixel of half-width."""
 
     points: Array
     shape: Array
@@ -37,7 +37,7 @@ def lens(n: int = 11) -> Opening:
 
 
 def wandering(seed: int) -> Opening:
-    """A closed path of a rig; a shape's half-width holds the line that it is drawn by, too."""
+    """A closed path of a rig; a shape's half-width includes the width of the line."""
     rng, t = np.random.default_rng(seed), np.linspace(0, 2 * np.pi, 161)[:-1]
     c = rng.standard_normal((2, 3, 2)) / np.arange(1, 4)[None, :, None]
     waves = [np.stack([np.cos(k * t), np.sin(k * t)]) for k in (1, 2, 3)]
@@ -48,7 +48,7 @@ def wandering(seed: int) -> Opening:
 
 
 def cover(shape: tuple[int, int]) -> Array:
-    """How much of each pixel the near thing covers: a rectangle and a disc."""
+    """Fraction of each pixel that the near object covers: a rectangle and a disc."""
     h, w = shape
     y, x = np.mgrid[0 : h * SUB, 0 : w * SUB] / SUB
     near = ((np.abs(x - 0.3 * w) < 0.13 * w) & (np.abs(y - 0.5 * h) < 0.28 * h)) | (
@@ -74,9 +74,9 @@ def two_flats(
     noise_db: float,
     seed: int,
 ) -> TwoFlats:
-    """Photographs of a scene whose near thing and ground are blurred by these half-widths.
+    """Photographs of a scene whose near object and ground are blurred by these half-widths.
 
-    draw : gives the texture of either; openings : of each photograph, and its half-widths over the first's
+    draw : gives the texture of either; openings : of each photograph, and its half-widths relative to the first's
     """
     whole = (shape[0] + 2 * PAD, shape[1] + 2 * PAD)
     near, far = (

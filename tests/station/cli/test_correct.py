@@ -19,7 +19,7 @@ from procedures.reading.exposure import Exposure
 from procedures.vignetting.formula import LightSurface
 from station.__main__ import main
 from tests.procedures.correction.lens_photographs import RGGB, Sensor
-from tests.procedures.correction.seen import NOTED, RIM, SmallLens, bayer, burst, grey, scene
+from tests.procedures.correction.small_lens import NOTED, RIM, SmallLens, bayer, burst, grey, scene
 
 SHAPE, PLANES = (96, 120), (64, 80)
 SHOT = Shot(
@@ -133,7 +133,7 @@ def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path
     assert result.exit_code == 0, result.output
     record = json.loads((tmp_path / "result.json").read_text())
     assert record["verdict"] == "doubtful"
-    assert "does not tell its camera" in record["reason"]
+    assert "does not name its camera" in record["reason"]
     picture = stored(tmp_path, (1, *SHAPE))
     np.testing.assert_allclose(cv2.imread(str(tmp_path / "corrected.tiff"), cv2.IMREAD_UNCHANGED) / 65535, picture[0])
     plain = files[2]
@@ -175,10 +175,10 @@ def test_a_field_of_another_setting_is_refused_by_name(change, words):
         check_exposure(CAMERA, replace(CAMERA, **change))
 
 
-def test_what_the_files_do_not_tell_is_named():
+def test_unknown_exposure_data_are_named():
     assert check_exposure(CAMERA, CAMERA) == []
     assert check_exposure(replace(CAMERA, lens=None), CAMERA) == ["lens"]
-    assert check_exposure(CAMERA, None) == ["the field does not tell its camera"]
+    assert check_exposure(CAMERA, None) == ["the field does not name its camera"]
 
 
 @pytest.mark.slow
@@ -194,7 +194,7 @@ def test_a_frame_of_one_level_is_refused(files, tmp_path):
     cv2.imwrite(str(tmp_path / "cap.tiff"), np.full(SHAPE, 300, dtype=np.uint16))
     result = run(tmp_path / "cap.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path / "out")
     assert result.exit_code == 5
-    assert "shows nothing" in result.output
+    assert "has no contrast" in result.output
 
 
 @pytest.mark.slow

@@ -181,9 +181,9 @@ def test_dropped_samples_are_said(run, tmp_path, rng):
 @pytest.mark.parametrize(
     ("options", "code", "says"),
     [
-        (["--kappa", "0"], 2, "kappa = 0.0"),
-        (["--scales", "0"], 2, "0 scales"),
-        (["--scales", "4"], 4, "24 x 26 pixels are 3 x 4 at scale 4"),
+        (["--kappa", "0"], 2, "kappa must be positive; got 0.0"),
+        (["--scales", "0"], 2, "1 scale or more; got 0"),
+        (["--scales", "4"], 4, "24 x 26 pixels give 3 x 4"),
         (["--threads", "0"], 2, "--threads"),
     ],
 )

@@ -24,12 +24,12 @@ QUICK = ["--scheme", "2x(4+4)+1x6", "--max-w", "5.2"]
 def photographs(shared_data, tmp_path_factory):
     """A corner of the vibrating pair, its shapes, and the truth there."""
     folder = shared_data / "synthetic" / "restoration"
-    made = tmp_path_factory.mktemp("photographs")
+    target = tmp_path_factory.mktemp("photographs")
     for n in (1, 2):
         image = cv2.imread(str(folder / f"vibration_40dB_{n}.pgm"), cv2.IMREAD_UNCHANGED)
-        cv2.imwrite(str(made / f"{n}.pgm"), image[100:200, 180:300])
+        cv2.imwrite(str(target / f"{n}.pgm"), image[100:200, 180:300])
     shapes = [str(folder / f"vibration_shape{n}.txt") for n in (1, 2)]
-    return [str(made / "1.pgm"), str(made / "2.pgm")], shapes, np.load(folder / "w.npy")[100:200, 180:300]
+    return [str(target / "1.pgm"), str(target / "2.pgm")], shapes, np.load(folder / "w.npy")[100:200, 180:300]
 
 
 def run(*arguments):
@@ -45,7 +45,7 @@ def done(photographs, tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_it_writes_what_the_contract_names(done):
+def test_it_writes_the_documented_files(done):
     result, out = done
     assert result.exit_code == 0, result.output
     assert {"sharp.tiff", "sharp.png", "w.npy", "depth.png", "result.json"} <= {f.name for f in out.iterdir()}
@@ -53,12 +53,12 @@ def test_it_writes_what_the_contract_names(done):
 
 
 @pytest.mark.slow
-def test_the_picture_keeps_the_inputs_scale(done, photographs):
+def test_the_picture_has_the_inputs_scale(done, photographs):
     sharp = cv2.imread(str(done[1] / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
     before = cv2.imread(photographs[0][0], cv2.IMREAD_UNCHANGED) / 65535
     assert sharp.dtype == np.float32
     assert sharp.shape == before.shape
-    # blur and its inverse keep the mean but for what crosses the frame
+    # blur and its inverse preserve the mean except for light that crosses the frame
     assert sharp.mean() == pytest.approx(before.mean(), rel=0.02)
 
 
@@ -70,7 +70,7 @@ def test_depth_is_near_the_truth(done, photographs):
 
 
 @pytest.mark.slow
-def test_the_record_says_what_was_done(done):
+def test_the_record_describes_the_run(done):
     result, out = done
     record = json.loads((out / "result.json").read_text())
     assert record["schema"] == "station/restore/1"
@@ -88,7 +88,7 @@ def test_the_record_says_what_was_done(done):
         (["--max-w", "38"], 2, "too large"),
     ],
 )
-def test_parameters_that_cannot_be_meant_exit_2(photographs, tmp_path, change, code, complaint):
+def test_impossible_parameters_exit_2(photographs, tmp_path, change, code, complaint):
     images, shapes, _ = photographs
     result = run(*images, "--blur", "motion", "--shape", *shapes, *QUICK, *change, "--out", tmp_path / "o")
     assert result.exit_code == code
@@ -134,7 +134,7 @@ def test_one_photograph_is_a_usage_error(photographs, tmp_path):
     assert result.exit_code == 2
 
 
-def test_a_region_that_is_none_is_a_usage_error(photographs, tmp_path):
+def test_an_invalid_region_is_a_usage_error(photographs, tmp_path):
     result = run(*photographs[0], "--blur", "motion", "--prototype-region", "10,10", *QUICK, "--out", tmp_path / "o")
     assert result.exit_code == 2
     assert "X,Y,W,H" in result.stderr
@@ -142,22 +142,22 @@ def test_a_region_that_is_none_is_a_usage_error(photographs, tmp_path):
 
 @pytest.mark.slow
 def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatch):
-    # how fine the paths become is tested with the procedure
+    # the accuracy of the paths is tested with the procedure
     few = PathSettings(
         beginnings=3, restored=1, more=0, scheme=Scheme(1, 2, 2, 1, 2), pairs=PairSettings(descending=1),
         bends=BendSettings(number=0),
     )  # fmt: skip
     monkeypatch.setattr(path_refinement, "PathSettings", lambda: few)
-    # the upper left corner of this crop lies at one depth to half a pixel
+    # the upper left corner of this crop is at one depth to half a pixel
     arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--scheme", "1x(2+2)", "--max-w", "3"]
     result = run(*photographs[0], *arguments, "--depth-total-variation", "--out", tmp_path / "o")
     assert result.exit_code == 0, result.stderr
     record = json.loads((tmp_path / "o" / "result.json").read_text())
     assert record["parameters"]["prototype_region"] == "0,0,60,96"
     assert record["parameters"]["motion"]["half_width_px"] > 0
-    # a path is in the record, or why there is none
+    # the record has a path, or the reason why there is none
     assert record["parameters"]["motion"]["paths_px"] or record["reason"]
-    # its shapes are taken again, with the doubt of them and without the search
+    # its shapes are used again, with their doubt and without the search
     shapes = [tmp_path / "o" / f"shape_{n}.npy" for n in (1, 2)]
     arguments = ["--blur", "motion", "--shape", *shapes, "--scheme", "1x(2+2)", "--max-w", "3"]
     result = run(*photographs[0], *arguments, "--depth-total-variation", "--out", tmp_path / "again")
@@ -169,8 +169,7 @@ def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatc
 
 def test_the_report_shows_every_picture_and_needs_no_network(done):
     page = (done[1] / "report.html").read_text(encoding="utf-8")
-    # two photographs, the restored one, and it refocused at three depths; depth, its spread, the picture's,
-    # residual, course
+    # two photographs, the restored one, and three refocused ones; depth, its spread, the picture's, residual, course
     assert page.count('<img src="data:image/png;base64,') == 6
     assert page.count("<svg ") == 5
     assert "http" not in page.replace("http://www.w3.org", "")

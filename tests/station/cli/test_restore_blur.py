@@ -1,4 +1,4 @@
-"""`station restore` told of the blur by an IMU's records, by a measured PSF, and by a field of them."""
+"""`station restore` with the blur given by an IMU's records, by a measured PSF, and by a field of them."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ def run(*arguments):
 
 @pytest.fixture(scope="module")
 def shaken(tmp_path_factory):
-    """Photographs of a rig that shifts and turns, what its IMU felt, the still one's, and the lens' focal length."""
+    """Photographs of a moving rig, its IMU's records, the sharp photograph, and the lens's focal length."""
     folder = tmp_path_factory.mktemp("shaken")
     bench = SimulatedBench(folder, Setup(seed=3, virtual_time=True))
     bench.show("depth")
     view, world, rng = bench.view, bench.world, np.random.default_rng(5)
     view.camera, view.mount = replace(view.camera, sensor=Sensor(rows=168, columns=224)), Mount()
-    still = view.photograph(Opening(0.5, OPEN_S, 1)).plane("G1")
+    reference = view.photograph(Opening(0.5, OPEN_S, 1)).plane("G1")
     for n, drives in enumerate(bench.motions, start=1):
         world.drive(drives, 2.0 * n)
         opening = Opening(2.0 * n + 0.5, OPEN_S, 1 + n)
@@ -48,7 +48,7 @@ def shaken(tmp_path_factory):
         (folder / f"{n}.csv").write_bytes(imu_table(ImuRecord(t, force + 0.05, rate + 0.002)))
     focal_px = view.camera.projection(view.focus_mm or world.distance_mm(0.5)).principal_px / 2
     bench.close()
-    return folder, still, focal_px
+    return folder, reference, focal_px
 
 
 @pytest.fixture(scope="module")
@@ -61,26 +61,28 @@ def by_imu(shaken, tmp_path_factory):
     return out
 
 
-def error(picture, still, rim=10):
-    """RMSE of grey levels of 255, levelled, the rim left out."""
+def error(picture, reference, rim=10):
+    """RMSE of grey levels of 255, scaled to equal means, without the rim."""
     inside = np.s_[rim:-rim, rim:-rim]
-    return 255 * np.std((picture * still.mean() / picture.mean() - still)[inside]) / np.percentile(still, 99)
+    return (
+        255 * np.std((picture * reference.mean() / picture.mean() - reference)[inside]) / np.percentile(reference, 99)
+    )
 
 
 @pytest.mark.slow
-def test_a_rig_that_turned_is_restored_from_its_records(by_imu, shaken):
-    folder, still, _ = shaken
+def test_a_rotating_rig_is_restored_from_its_records(by_imu, shaken):
+    folder, reference, _ = shaken
     sharp = cv2.imread(str(by_imu / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
     blurred = read_frame(folder / "1.dng", ["G1"]).planes["G1"].samples
-    assert error(sharp, still) < 0.4 * error(blurred, still)
+    assert error(sharp, reference) < 0.4 * error(blurred, reference)
 
 
 @pytest.mark.slow
-def test_the_record_tells_depth_in_inverse_metres(by_imu):
+def test_the_record_has_depth_in_inverse_metres(by_imu):
     record = json.loads((by_imu / "result.json").read_text())
     assert record["w"]["unit"] == "1/m"
     w = np.load(by_imu / "w.npy")
-    # the near sheet hangs 1.4 m away; see `tests/end_to_end/test_restoration.py` for all of them
+    # the near sheet is 1.4 m away; see `tests/end_to_end/test_restoration.py` for all of them
     assert np.median(w[10:-10, 10:40]) == pytest.approx(1 / 1.4, rel=0.1)
     assert record["w"]["greatest"] == pytest.approx(float(w.max()), rel=1e-5)
     assert record["parameters"]["exposure_s"] == [OPEN_S, OPEN_S]
@@ -88,7 +90,7 @@ def test_the_record_tells_depth_in_inverse_metres(by_imu):
     assert "inverse depth, 1/m" in (by_imu / "report.html").read_text(encoding="utf-8")
 
 
-def test_a_record_is_read_as_it_is_written(tmp_path):
+def test_a_written_record_is_read_identically(tmp_path):
     rng = np.random.default_rng(1)
     imu = ImuRecord(np.arange(20) / 200, rng.normal(size=(20, 3)), rng.normal(size=(20, 3)))
     (tmp_path / "a.csv").write_bytes(b"# of a rig\n" + imu_table(imu))
@@ -108,7 +110,7 @@ def test_a_record_is_read_as_it_is_written(tmp_path):
         ("", "no column t_s"),
     ],
 )
-def test_a_record_that_is_none_exits_4(shaken, tmp_path, text, complaint):
+def test_an_invalid_record_exits_4(shaken, tmp_path, text, complaint):
     folder, _, focal_px = shaken
     (tmp_path / "bad.csv").write_text(text)
     records = ["--imu", tmp_path / "bad.csv", folder / "2.csv", "--focal-px", focal_px, "--max-inverse-depth", 0.9]
@@ -128,7 +130,7 @@ def test_a_record_that_is_none_exits_4(shaken, tmp_path, text, complaint):
         (["--imu", "a.csv", "b.csv", "--shape", "c.txt"], "without --shape"),
     ],
 )
-def test_options_that_do_not_go_with_each_other_exit_2(shaken, tmp_path, change, complaint):
+def test_inconsistent_options_exit_2(shaken, tmp_path, change, complaint):
     folder, *_ = shaken
     result = run(folder / "1.dng", folder / "2.dng", "--blur", "motion", *change, "--out", tmp_path / "o")
     assert result.exit_code == 2
@@ -140,7 +142,7 @@ def test_options_that_do_not_go_with_each_other_exit_2(shaken, tmp_path, change,
 
 @pytest.fixture(scope="module")
 def defocused(tmp_path_factory):
-    """Photographs at two apertures, and the lens' PSF as a result keeps it, s = 3, noise in it, measured at w = 3."""
+    """Photographs at two apertures, and the lens's PSF as in a result, s = 3, with noise, measured at w = 3."""
     folder = tmp_path_factory.mktemp("defocused")
     rng = np.random.default_rng(4)
     coarse = np.kron(rng.uniform(0.1, 0.9, (20, 24)), np.ones((6, 6)))[:116, :136]
@@ -165,12 +167,12 @@ def test_a_measured_psf_is_a_shape(defocused, tmp_path, shape):
         defocused / "1.png", defocused / "2.png", "--blur", "defocus", "--shape", *given, "--out", tmp_path / "o"
     )
     assert result.exit_code == 0, result.stderr
-    told = json.loads((tmp_path / "o" / "result.json").read_text())["parameters"]
-    # a sample is a third of a pixel wide, and noise takes the rim
-    assert told["measured"][0]["half_width_px"] == pytest.approx(3.0, abs=0.35)
-    assert 0 < told["measured"][0]["negative_light"] < 0.1
+    parameters = json.loads((tmp_path / "o" / "result.json").read_text())["parameters"]
+    # a sample is a third of a pixel wide, and noise removes the rim
+    assert parameters["measured"][0]["half_width_px"] == pytest.approx(3.0, abs=0.35)
+    assert 0 < parameters["measured"][0]["negative_light"] < 0.1
     w = np.load(tmp_path / "o" / "w.npy")
-    scale = told["measured"][0]["half_width_px"] / 3.0
+    scale = parameters["measured"][0]["half_width_px"] / 3.0
     assert np.median(w[15:-15, 15:50]) == pytest.approx(2.4 * scale, abs=0.3)
     assert np.median(w[15:-15, 74:-15]) == pytest.approx(3.4 * scale, abs=0.3)
 
@@ -187,7 +189,7 @@ def test_a_psf_without_its_samples_is_refused(defocused, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_field_is_asked_for_the_plane_and_the_frame(defocused, tmp_path):
+def test_a_field_must_fit_plane_and_frame(defocused, tmp_path):
     from procedures.field.field_file import write_field
     from procedures.field.interpolate import interpolate
     from procedures.psf import Psf

@@ -20,19 +20,19 @@ QUICK = ("--blur", "defocus", "--shape", "pillbox", "--ratio", "1.25", "--max-w"
 
 @pytest.fixture(scope="module")
 def light():
-    """Of a grey scene at two depths, seen twice and as it is (3, 3, H, W), with a contrast of some 30 levels."""
+    """Two photographs of a grey scene at two depths, and the sharp one (3, 3, H, W), with a contrast of 30 levels."""
     rng, extended = np.random.default_rng(5), (SHAPE[0] + 2 * R, SHAPE[1] + 2 * R)
     grey = 0.5 + 0.13 * np.sign(gaussian_filter(rng.standard_normal(extended), 6))
     grey = gaussian_filter(grey + 0.3 * np.clip(gaussian_filter(rng.standard_normal(extended), 1.5), -0.4, 0), 0.6)
     w = np.where(np.arange(extended[1]) > extended[1] / 2, 4.6, 3.4) * np.ones(extended)
-    seen = []
+    photographs = []
     for ratio in (1.0, 1.25):
         blur = Blur(mask_stack(pillbox(), 5.6, ratio=ratio, R=R), SHAPE)
         blur.focus(w)
-        seen.append(blur.blur(LIGHT[:, None, None] * grey))
-    seen = np.stack(seen)
+        photographs.append(blur.blur(LIGHT[:, None, None] * grey))
+    photographs = np.stack(photographs)
     truth = (LIGHT[:, None, None] * grey)[None, :, R:-R, R:-R]
-    return np.concatenate([seen + 1.2e-3 * rng.standard_normal(seen.shape), truth])
+    return np.concatenate([photographs + 1.2e-3 * rng.standard_normal(photographs.shape), truth])
 
 
 def restore(files, out, *words):
@@ -54,23 +54,23 @@ def test_a_grey_scene_in_two_raw_files_stays_grey(light, tmp_path):
     sharp = cv2.imread(str(tmp_path / "out" / "sharp.tiff"), cv2.IMREAD_UNCHANGED)[..., ::-1]
     assert sharp.shape == (*SHAPE, 3)
     balanced = sharp / LIGHT
-    # planes stacked as if they lay on one grid differed by half the contrast
+    # planes stacked without their displacement differed by half the contrast
     assert 255 * np.std(balanced[..., 0] - balanced[..., 2]) < 2
     w = np.load(tmp_path / "out" / "w.npy")
     assert w.shape == SHAPE
     # in pixels of a plane, as --max-w: 1.7 and 2.3
     assert np.median(w[20:-20, 70:]) == pytest.approx(2.3, abs=0.15)
     assert (tmp_path / "out" / "report.html").exists()
-    told = json.loads((tmp_path / "out" / "result.json").read_text())["ground_truth"]
-    # of the planes' own samples: those of red and blue lie between green's
+    comparison = json.loads((tmp_path / "out" / "result.json").read_text())["ground_truth"]
+    # of the planes' samples: those of red and blue are between green's
     off = (sharp - light[2].transpose(1, 2, 0))[12:-12, 12:-12]
-    assert told["error"] == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.3)
+    assert comparison["error"] == pytest.approx(np.sqrt(np.mean(off**2)), rel=0.3)
     middle = [SHAPE[1] / 4, SHAPE[0] / 4]
-    np.testing.assert_allclose(np.array(told["matrix"]) @ [*middle, 1], middle, atol=0.05)
+    np.testing.assert_allclose(np.array(comparison["matrix"]) @ [*middle, 1], middle, atol=0.05)
 
 
 @pytest.mark.slow
-def test_colour_files_are_restored_as_their_encoding_says(light, tmp_path):
+def test_colour_files_are_restored_by_their_encoding(light, tmp_path):
     files = [tmp_path / "a.tiff", tmp_path / "b.tiff"]
     for path, z in zip(files, light[:2], strict=True):
         curve = np.where(z <= 0.0031308, 12.92 * z, 1.055 * np.maximum(z, 0) ** (1 / 2.4) - 0.055)
@@ -85,7 +85,7 @@ def test_colour_files_are_restored_as_their_encoding_says(light, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", ["png", "tiff"])
-def test_colour_pictures_without_an_encoding_are_told_of_it(tmp_path, suffix):
+def test_colour_pictures_need_an_encoding(tmp_path, suffix):
     files = [tmp_path / f"{name}.{suffix}" for name in "ab"]
     for path in files:
         cv2.imwrite(str(path), np.full((*SHAPE, 3), 9000, np.uint16))

@@ -1,4 +1,4 @@
-"""`station restore` writes the kernels of a flat scene's motions, and takes them again."""
+"""`station restore` writes the kernels of a flat scene's motions, and accepts them as input."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def photographs(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def found(photographs):
-    """The result with the true kernels given: none are looked for."""
+def result(photographs):
+    """The result with the true kernels given, without a search."""
     out = photographs / "out"
     return again(photographs, out, *(photographs / f"kernel{n}.txt" for n in (0, 1))), out
 
@@ -47,8 +47,8 @@ def again(photographs, out, *kernels):
     return CliRunner().invoke(main, [str(one) for one in words])
 
 
-def test_kernels_are_written_as_other_psfs_are(found):
-    done, out = found
+def test_kernels_are_written_like_other_psfs(result):
+    done, out = result
     assert done.exit_code == 0, done.output
     first = np.load(out / "kernel_1.npy")
     np.testing.assert_allclose(first, np.pad(KERNELS[0], 1), atol=1e-12)
@@ -61,30 +61,30 @@ def test_kernels_are_written_as_other_psfs_are(found):
     assert "kernel_2.npy" in (out / "report.html").read_text(encoding="utf-8")
 
 
-def test_given_again_they_give_the_same_picture(photographs, found, tmp_path):
-    done = again(photographs, tmp_path / "o", *(found[1] / f"kernel_{n}.npy" for n in (1, 2)))
+def test_as_input_they_reproduce_the_picture(photographs, result, tmp_path):
+    done = again(photographs, tmp_path / "o", *(result[1] / f"kernel_{n}.npy" for n in (1, 2)))
     assert done.exit_code == 0, done.output
-    assert (tmp_path / "o" / "sharp.tiff").read_bytes() == (found[1] / "sharp.tiff").read_bytes()
+    assert (tmp_path / "o" / "sharp.tiff").read_bytes() == (result[1] / "sharp.tiff").read_bytes()
 
 
-def test_the_picture_has_an_uncertainty_at_every_pixel(found):
-    std = cv2.imread(str(found[1] / "sharp_std.tiff"), cv2.IMREAD_UNCHANGED)
+def test_the_picture_has_an_uncertainty_at_every_pixel(result):
+    std = cv2.imread(str(result[1] / "sharp_std.tiff"), cv2.IMREAD_UNCHANGED)
     assert std.shape == (SIZE, SIZE)
     assert 0 < std.max() < 0.2
 
 
-def test_as_shapes_of_a_scene_in_depth_they_are_the_same_kernels(found):
-    shape = read_blur_shape(str(found[1] / "kernel_2.npy"), "G1", (SIZE, SIZE))
+def test_as_shapes_of_a_scene_in_depth_they_are_the_same_kernels(result):
+    shape = read_blur_shape(str(result[1] / "kernel_2.npy"), "G1", (SIZE, SIZE))
     np.testing.assert_allclose(shape, KERNELS[1], atol=1e-12)
 
 
-def test_their_doubt_goes_with_them(found, tmp_path):
-    record = json.loads((found[1] / "result.json").read_text())
+def test_their_doubt_is_inherited(result, tmp_path):
+    record = json.loads((result[1] / "result.json").read_text())
     record["parameters"]["motion"]["doubt"] = "two ways end unlike"
     (tmp_path / "result.json").write_text(json.dumps(record))
-    (tmp_path / "kernel_1.npy").write_bytes((found[1] / "kernel_1.npy").read_bytes())
+    (tmp_path / "kernel_1.npy").write_bytes((result[1] / "kernel_1.npy").read_bytes())
     assert read_kernels([tmp_path / "kernel_1.npy"])[1] == "two ways end unlike"
-    assert read_kernels([found[1] / "kernel_1.npy"])[1] is None
+    assert read_kernels([result[1] / "kernel_1.npy"])[1] is None
 
 
 def test_kernels_are_one_for_each_photograph(photographs, tmp_path):

@@ -1,4 +1,4 @@
-"""`station restore --metres`: what it asks of the camera, and the distances it tells."""
+"""`station restore --metres`: required camera data, and the distances."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ CAMERA = [
 def images(tmp_path_factory):
     rng = np.random.default_rng(4)
     picture = np.kron(rng.uniform(0.1, 0.9, (40, 48)), np.ones((3, 3)))[: BOTH[0], : BOTH[1]]
-    shown = []
+    images = []
     for stack in [mask_stack(pillbox(), 4.0, ratio=ratio, R=R) for ratio in (1.0, 1.4)]:
         blur = Blur(stack, SIZE)
         blur.focus(depth())
-        shown.append(blur.blur(picture))
-    return write(tmp_path_factory.mktemp("metres"), shown)
+        images.append(blur.blur(picture))
+    return write(tmp_path_factory.mktemp("metres"), images)
 
 
 @pytest.mark.slow
-def test_two_halves_lie_as_far_as_the_lens_blurs_them(run, images, tmp_path):
+def test_distances_of_two_halves_follow_from_their_blur(run, images, tmp_path):
     done = run(
         "restore", *images, "--blur", "defocus", "--max-w", "4", "--metres", "behind", *CAMERA,
         "--scheme", "6x(8+8)+2x10", "--out", tmp_path / "o",
@@ -51,9 +51,9 @@ def test_two_halves_lie_as_far_as_the_lens_blurs_them(run, images, tmp_path):
     metres, std = (np.load(tmp_path / "o" / f"{name}.npy") for name in ("distance", "distance_std"))
     for w, half in ((FAR, np.s_[20:-20, 20:48]), (NEAR, np.s_[20:-20, 76:-20])):
         expected = setting.distance_mm(-w) / 1000
-        told = np.isfinite(metres[half])
-        assert told.mean() > 0.5
-        assert np.mean(np.abs(metres[half][told] - expected) < 2 * std[half][told]) > 0.9
+        determined = np.isfinite(metres[half])
+        assert determined.mean() > 0.5
+        assert np.mean(np.abs(metres[half][determined] - expected) < 2 * std[half][determined]) > 0.9
         assert np.nanmedian(std[half]) < 0.03 * expected
     record = json.loads((tmp_path / "o" / "result.json").read_text())
     assert record["distance"]["unit"] == "m"
@@ -66,13 +66,13 @@ def test_two_halves_lie_as_far_as_the_lens_blurs_them(run, images, tmp_path):
     [
         (["--metres", "behind", *CAMERA[:4], *CAMERA[6:]], 2, "--pixel-pitch-um"),
         (["--metres", "behind", *CAMERA[:6]], 2, "--f-number"),
-        (["--metres", "behind", *CAMERA, "--ratio", "1.4"], 2, "from the camera's numbers"),
+        (["--metres", "behind", *CAMERA, "--ratio", "1.4"], 2, "from the camera's data"),
         (["--metres", "front", *CAMERA, "--shape", "gaussian"], 2, "--shape pillbox"),
         (["--shape", "pillbox", "--focus-m", "0.45"], 2, "go with --metres"),
         (["--metres", "front", *CAMERA, "--focus-m", "1", "--focus-m", "2"], 2, "one for each of 2 images"),
     ],
 )
-def test_what_lacks_or_contradicts_is_named(run, images, tmp_path, words, code, complaint):
+def test_missing_and_contradictory_data_are_named(run, images, tmp_path, words, code, complaint):
     done = run("restore", *images, "--blur", "defocus", *words, "--out", tmp_path / "o")
     assert (done.exit_code, complaint in done.output) == (code, True), done.output
     assert not (tmp_path / "o" / "result.json").exists()

@@ -1,4 +1,4 @@
-"""`station restore --reference`: a result held against a photograph that nothing blurred, from files to files."""
+"""`station restore --reference`: a result compared with a sharp photograph, from files to files."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ CORNER = (slice(100, 200), slice(180, 300))
 
 @pytest.fixture(scope="module")
 def photographs(shared_data, tmp_path_factory):
-    """A corner of the vibrating pair as item_1 and item_2, the truth of another light beside them, and the shapes."""
-    folder, made = shared_data / "synthetic" / "restoration", tmp_path_factory.mktemp("photographs")
+    """A corner of the vibrating pair as item_1 and item_2, the truth at another brightness, and the shapes."""
+    folder, target = shared_data / "synthetic" / "restoration", tmp_path_factory.mktemp("photographs")
     for n in (1, 2):
         image = cv2.imread(str(folder / f"vibration_40dB_{n}.pgm"), cv2.IMREAD_UNCHANGED)
-        cv2.imwrite(str(made / f"item_{n}.pgm"), image[CORNER])
-        shutil.copy(folder / f"vibration_shape{n}.txt", made)
+        cv2.imwrite(str(target / f"item_{n}.pgm"), image[CORNER])
+        shutil.copy(folder / f"vibration_shape{n}.txt", target)
     sharp = np.load(folder / "sharp.npy")[100:200, 180:300]
-    cv2.imwrite(str(made / "truth.png"), np.rint(60000 * 0.8 * sharp).astype(np.uint16))
-    return made
+    cv2.imwrite(str(target / "truth.png"), np.rint(60000 * 0.8 * sharp).astype(np.uint16))
+    return target
 
 
 def restore(folder, out, *words):
@@ -37,19 +37,19 @@ def restore(folder, out, *words):
 
 
 @pytest.mark.slow
-def test_record_page_and_picture_tell_how_far_the_result_is_from_the_truth(photographs, tmp_path):
+def test_record_page_and_picture_show_the_difference_from_the_truth(photographs, tmp_path):
     done = restore(photographs, tmp_path / "out", "--reference", photographs / "truth.png")
     assert done.exit_code == 0, done.output
-    assert "against the ground truth" in done.output
+    assert "compared with the ground truth" in done.output
     record = json.loads((tmp_path / "out" / "result.json").read_text())
-    told = record["ground_truth"]
-    assert told["psnr_db"] > max(told["before_db"]) + 5
+    comparison = record["ground_truth"]
+    assert comparison["psnr_db"] > max(comparison["before_db"]) + 5
     assert record["parameters"]["reference"].endswith("truth.png")
     assert len(record["parameters"]["reference_sha256"]) == 64
     off = cv2.imread(str(tmp_path / "out" / "difference.tiff"), cv2.IMREAD_UNCHANGED)
     rms = np.sqrt(np.mean(off[off != 0].astype(np.float64) ** 2))
-    assert rms == pytest.approx(10 ** (-told["psnr_db"] / 20), rel=0.01)
-    assert "Against the ground truth" in (tmp_path / "out" / "report.html").read_text()
+    assert rms == pytest.approx(10 ** (-comparison["psnr_db"] / 20), rel=0.01)
+    assert "Comparison with the ground truth" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_a_ground_truth_of_another_size_is_refused_before_any_work(photographs, tmp_path):
@@ -61,7 +61,7 @@ def test_a_ground_truth_of_another_size_is_refused_before_any_work(photographs, 
 
 
 @pytest.mark.slow
-def test_a_batch_finds_the_ground_truth_beside_each_first_photograph(photographs, tmp_path):
+def test_a_batch_uses_the_ground_truth_next_to_each_first_photograph(photographs, tmp_path):
     work = tmp_path / "work"
     shutil.copytree(photographs, work)
     (work / "truth.png").rename(work / "item_1_sharp.tmp")

@@ -1,4 +1,4 @@
-"""What `station restore` refuses: exit code, what was required and came, what to do, and no folder left behind."""
+"""Refusals of `station restore`: exit code, requirement and input, remedy, and no folder left behind."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ QUICK = ["--scheme", "1x(1+1)", "--max-w", "5.2"]
 
 @pytest.fixture(scope="module")
 def folder(shared_data, tmp_path_factory):
-    """A corner of the vibrating pair as 1.pgm and 2.pgm, and what a hand may do wrong with it."""
-    source, made = shared_data / "synthetic" / "restoration", tmp_path_factory.mktemp("refused")
+    """A corner of the vibrating pair as 1.pgm and 2.pgm, and typical mistakes."""
+    source, target = shared_data / "synthetic" / "restoration", tmp_path_factory.mktemp("refused")
     whole = [cv2.imread(str(source / f"vibration_40dB_{n}.pgm"), cv2.IMREAD_UNCHANGED) for n in (1, 2)]
     corner = np.s_[100:200, 180:300]
     rng = np.random.default_rng(0)
@@ -33,14 +33,14 @@ def folder(shared_data, tmp_path_factory):
         "noise2": (level[0] + 60 * rng.standard_normal((100, 120))).astype(np.uint16),
     }
     for name, image in images.items():
-        cv2.imwrite(str(made / f"{name}.pgm"), image)
+        cv2.imwrite(str(target / f"{name}.pgm"), image)
     for n in (1, 2):
-        (made / f"shape{n}.txt").write_text((source / f"vibration_shape{n}.txt").read_text())
-    return made
+        (target / f"shape{n}.txt").write_text((source / f"vibration_shape{n}.txt").read_text())
+    return target
 
 
 def refused(folder, tmp_path, arguments):
-    """Exit code and standard error; nothing may be left in the folder of results."""
+    """Exit code and standard error; the folder of results must be empty."""
     names = {p.stem: str(p) for p in folder.iterdir()}
     result = CliRunner().invoke(main, ["restore", *(names.get(a, a) for a in arguments), "--out", str(tmp_path / "o")])
     assert not (tmp_path / "o").exists(), result.stderr
@@ -50,22 +50,22 @@ def refused(folder, tmp_path, arguments):
 @pytest.mark.parametrize(
     ("one", "two", "code", "complaint", "remedy"),
     [
-        ("first", "smaller", 4, "differ in size: 120 x 100, 120 x 90", "cropped alike"),
+        ("first", "smaller", 4, "of one size, got 120 x 100, 120 x 90", "equally cropped"),
         ("first", "first", 4, "1 and 2 are identical", "different motion or aperture"),
         ("first", "far", 5, "shifted by (29, 1) pixels, more than the masks' 6", "register the photographs"),
         ("first", "near", 5, "shifted by (-8, 0) pixels, more than the masks' 6", "register the photographs"),
         ("first", "white", 5, "63% of a photograph is saturated; at most 20%", "expose less"),
-        ("level1", "level2", 5, "no texture", "structure"),
-        ("noise1", "noise2", 5, "no texture", "structure"),
+        ("level1", "level2", 5, "need texture", "structure"),
+        ("noise1", "noise2", 5, "need texture", "structure"),
         ("first", "absent.pgm", 4, "no file absent.pgm", "check the path"),
         ("first", "shape1", 4, "text file, not a photograph", "RAW"),
     ],
 )
 def test_photographs(folder, tmp_path, one, two, code, complaint, remedy):
-    found = refused(folder, tmp_path, [one, two, "--blur", "motion", "--shape", "shape1", "shape2", *QUICK])
-    assert found[0] == code
-    assert complaint in found[1]
-    assert remedy in found[1]
+    refusal = refused(folder, tmp_path, [one, two, "--blur", "motion", "--shape", "shape1", "shape2", *QUICK])
+    assert refusal[0] == code
+    assert complaint in refusal[1]
+    assert remedy in refusal[1]
 
 
 SHAPES = {
@@ -86,9 +86,9 @@ SHAPES = {
 def test_shape_files(folder, tmp_path, text):
     (tmp_path / "shape.txt").write_bytes(text.encode("latin-1"))
     arguments = ["first", "second", "--blur", "motion", "--shape", str(tmp_path / "shape.txt"), "shape2", *QUICK]
-    code, said = refused(folder, tmp_path, arguments)
+    code, message = refused(folder, tmp_path, arguments)
     assert code == SHAPES[text][0]
-    assert all(part in said for part in SHAPES[text][1:])
+    assert all(part in message for part in SHAPES[text][1:])
 
 
 @pytest.mark.slow
@@ -103,7 +103,7 @@ def test_shape_files(folder, tmp_path, text):
         (["motion", "--shape", "pillbox", "--ratio", "1.2"], 2, "pillbox is a blur of --blur defocus"),
         (["motion", "--shape", "polygon:6", "--ratio", "1.2"], 2, "polygon:6 is a blur of --blur defocus"),
         (["defocus", "--shape", "polygon:2", "--ratio", "1.2"], 2, "an aperture needs 3 blades or more"),
-        (["defocus", "--shape", "polygon:six", "--ratio", "1.2"], 2, "a polygon is told by its blades"),
+        (["defocus", "--shape", "polygon:six", "--ratio", "1.2"], 2, "a polygon is given by its blades"),
         (["motion"], 2, "one shape, or one for each of 2 images; got 0"),
         (["defocus", "--shape", "pillbox", "--ratio", "0"], 2, "ratio of w must be positive, got 0"),
         (["defocus", "--shape", "pillbox", "--ratio", "-1.2"], 2, "ratio of w must be positive, got -1.2"),
@@ -112,11 +112,11 @@ def test_shape_files(folder, tmp_path, text):
         (["defocus", "--shape", "pillbox", "--ratio", "1.2", "--ratio", "1.3"], 2, "here 1; got 2 values"),
         (["defocus", "--shape", "pillbox", "--ratio", "1.2", "--max-w", "nan"], 2, "not a finite number"),
         (["defocus", "--shape", "pillbox", "--ratio", "1.2", "--max-w", "30"], 2, "half-size 37 pixels are too large"),
-        (["motion", "--prototype-region", "90,60,60,60"], 2, "not within photographs of 120 x 100"),
-        (["motion", "--prototype-region", "-5,0,60,60"], 2, "not within photographs of 120 x 100"),
+        (["motion", "--prototype-region", "90,60,60,60"], 2, "must lie within photographs of 120 x 100"),
+        (["motion", "--prototype-region", "-5,0,60,60"], 2, "must lie within photographs of 120 x 100"),
     ],
 )
 def test_blurs_and_ranges(folder, tmp_path, options, code, complaint):
-    found = refused(folder, tmp_path, ["first", "second", "--scheme", "1x(1+1)", "--blur", *options])
-    assert found[0] == code
-    assert complaint in found[1]
+    refusal = refused(folder, tmp_path, ["first", "second", "--scheme", "1x(1+1)", "--blur", *options])
+    assert refusal[0] == code
+    assert complaint in refusal[1]

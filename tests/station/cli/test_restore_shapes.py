@@ -1,4 +1,4 @@
-"""`station restore` told of another focus, of defocus beside motion, of a symmetric lens, and of the camera's poses."""
+"""`station restore` with another focus, additional defocus, a symmetric lens, and given camera poses."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def error(out, picture, rim=14):
     return np.std((sharp - picture[R:-R, R:-R])[rim:-rim, rim:-rim])
 
 
-def told(out):
+def record_of(out):
     return json.loads((out / "result.json").read_text())
 
 
@@ -75,12 +75,12 @@ def test_another_focus_is_an_offset_of_the_blur(run, picture, tmp_path):
     done = run("restore", *images, *blur, "--out", tmp_path / "o")
     assert done.exit_code == 0, done.output
     assert halves(tmp_path / "o") == pytest.approx((FAR, NEAR), abs=0.15)
-    assert told(tmp_path / "o")["parameters"]["offset"] == [1.4]
+    assert record_of(tmp_path / "o")["parameters"]["offset"] == [1.4]
 
 
 @pytest.mark.slow
 def test_a_plane_of_focus_within_the_scene_is_an_offset_below_zero(run, picture, tmp_path):
-    # the second is sharp at w = 2.4, between the halves, which it blurs by 0.6 each
+    # the second is sharp at w = 2.4, between the halves, which have a blur of 0.6 each
     stacks = [mask_stack(pillbox(), 4.0, offset=by, R=R) for by in (0.0, -2.4)]
     images = photographs(tmp_path, picture, stacks)
     blur = ["--blur", "defocus", "--shape", "pillbox", "--offset", "-2.4", "--max-w", "4", *QUICK]
@@ -102,14 +102,14 @@ def test_motion_and_defocus_together(run, picture, tmp_path):
     done = run("restore", *images, "--blur", "both", *shapes, *defocus, *wide, "--out", tmp_path / "both")
     assert done.exit_code == 0, done.output
     assert halves(tmp_path / "both") == pytest.approx((FAR, NEAR), abs=0.15)
-    assert told(tmp_path / "both")["parameters"]["defocus_shape"] == ["pillbox", "pillbox"]
-    # motion alone is not all of the blur
+    assert record_of(tmp_path / "both")["parameters"]["defocus_shape"] == ["pillbox", "pillbox"]
+    # motion alone is not the complete blur
     run("restore", *images, "--blur", "motion", *shapes, *wide, "--out", tmp_path / "motion")
     assert error(tmp_path / "both", picture) < 0.8 * error(tmp_path / "motion", picture)
 
 
 @pytest.mark.slow
-def test_a_lens_symmetric_about_its_axis_is_told_by_a_few_shapes(run, picture, tmp_path):
+def test_a_symmetric_lens_is_given_by_a_few_shapes(run, picture, tmp_path):
     t = np.linspace(-1, 1, 65)
     x, y = np.meshgrid(t, t)
     shapes = [np.where(x**2 + y**2 <= 1, 1 + strength * x, 0.0) for strength in (0.0, 0.5, 1.0)]
@@ -130,8 +130,8 @@ def test_a_lens_symmetric_about_its_axis_is_told_by_a_few_shapes(run, picture, t
 
 
 @pytest.mark.slow
-def test_the_cameras_poses_tell_inverse_depth(run, picture, tmp_path):
-    # each pixel is the mean of what it saw on the way: no mask is made here
+def test_the_camera_s_poses_give_inverse_depth(run, picture, tmp_path):
+    # each pixel is the mean over the path: no mask is used here
     focal, inverse = 800.0, {"left": 0.5, "right": 0.9}
     t = np.linspace(0, 1, 160)
     paths = [np.stack([np.cos(6 * t), np.sin(6 * t)], axis=1), np.stack([2 * t - 1, 0.6 - t], axis=1)]
@@ -140,22 +140,22 @@ def test_the_cameras_poses_tell_inverse_depth(run, picture, tmp_path):
     each = np.where(x < R + SIZE[1] // 2, inverse["left"], inverse["right"])
     images = []
     for n, path in enumerate(paths, start=1):
-        # a camera that goes right and up sees what lies right and up of before: y is down in the picture
-        seen = [map_coordinates(picture, [y - focal * v * each, x + focal * h * each], order=1) for h, v in path]
-        images.append(np.mean(seen, axis=0))
+        # a camera that moves right and up sees what was to the right and above: y is down in the picture
+        samples = [map_coordinates(picture, [y - focal * v * each, x + focal * h * each], order=1) for h, v in path]
+        images.append(np.mean(samples, axis=0))
         rows = np.column_stack([0.1 * t, path, np.zeros((len(t), 4))])
         np.savetxt(tmp_path / f"{n}.csv", rows, delimiter=",", header="t_s,x,y,z,rx,ry,rz", comments="")
     images = write(tmp_path, images)
     records = ["--poses", tmp_path / "1.csv", tmp_path / "2.csv", "--focal-px", focal, "--max-inverse-depth", 1.2]
     done = run("restore", *images, "--blur", "motion", *records, *QUICK, "--out", tmp_path / "o")
     assert done.exit_code == 0, done.output
-    assert told(tmp_path / "o")["w"]["unit"] == "1/m"
+    assert record_of(tmp_path / "o")["w"]["unit"] == "1/m"
     assert halves(tmp_path / "o") == pytest.approx((inverse["left"], inverse["right"]), rel=0.06)
 
 
 @pytest.mark.slow
-def test_steady_motion_is_symmetric_along_its_axis(run, tmp_path):
-    # smooth enough for cubics; most of the detail lies along the motion, which has no say there
+def test_uniform_motion_is_symmetric_along_its_axis(run, tmp_path):
+    # smooth enough for cubics; most of the detail is along the motion, where it has no effect
     rng = np.random.default_rng(3)
     details = [gaussian_filter(rng.standard_normal(BOTH), wide) for wide in (5, (4, 20))]
     picture = 0.5 + sum(part * one / one.std() for part, one in zip((0.07, 0.16), details, strict=True))
@@ -163,16 +163,16 @@ def test_steady_motion_is_symmetric_along_its_axis(run, tmp_path):
     images = photographs(tmp_path, picture, stacks, noise_db=30)
     np.savetxt(tmp_path / "line.txt", uniform_motion(), fmt="%.5g")
     blur = ["--blur", "motion", "--shape", tmp_path / "line.txt", "--ratio", "1.5", "--max-w", "4"]
-    found = {}
+    errors = {}
     for axis in ("x", "both"):
-        # one step that changes nearly nothing: what is left is the start
+        # one step that changes nearly nothing: the result is the initial depth
         start = ["--depth-start", "symmetric", "--symmetric-axis", axis, "--scheme", "1x(0+1)+1x1"]
         done = run("restore", *images, *blur, *start, "--out", tmp_path / axis)
         assert done.exit_code == 0, done.output
-        found[axis] = np.abs(np.array(halves(tmp_path / axis)) - (FAR, NEAR)).max()
-    # fitting by cubics is good to a tenth of w; with the curvature along y counted in, blur along x is diluted
-    assert found["x"] < 0.5
-    assert found["both"] > 1.5 * found["x"]
+        errors[axis] = np.abs(np.array(halves(tmp_path / axis)) - (FAR, NEAR)).max()
+    # the cubic fits are accurate to a tenth of w; with the curvature along y included, blur along x is diluted
+    assert errors["x"] < 0.5
+    assert errors["both"] > 1.5 * errors["x"]
 
 
 @pytest.mark.parametrize(
@@ -189,7 +189,7 @@ def test_steady_motion_is_symmetric_along_its_axis(run, tmp_path):
         (["--blur", "defocus", "--shape", "pillbox", "--exposure-s", "1"], "--exposure-s goes with --imu"),
     ],
 )
-def test_options_that_do_not_go_with_each_other_exit_2(run, tmp_path, options, complaint):
+def test_inconsistent_options_exit_2(run, tmp_path, options, complaint):
     done = run("restore", tmp_path / "1.png", tmp_path / "2.png", *options, "--out", tmp_path / "o")
     assert done.exit_code == 2
     assert complaint in done.stderr

@@ -200,7 +200,7 @@ def test_a_psf_is_kept_with_its_record_and_read_from_the_copy(tmp_path):
         talk, ask = Conversation(operator, session, None), plan.asks()["shape"]
         with pytest.raises(Stopped):
             talk.ask(ask)
-        assert "no result.json beside it" in operator.heard[-1].reason
+        assert "no result.json in its folder" in operator.heard[-1].reason
         (given / "result.json").write_text(json.dumps({"parameters": {"s": 3}}))
         assert talk.ask(ask) == "pillbox; given/1/psf_Y.npy"
         # the known answer is accepted unchanged

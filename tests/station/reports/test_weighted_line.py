@@ -9,7 +9,7 @@ X = np.array([0.0, 0.4, 1.1, 1.5, 3.0, 3.2])
 U = np.array([0.1, 0.2, 0.1, 0.3, 0.1, 0.2])
 
 
-def test_points_on_a_line_give_it_back():
+def test_points_on_a_line_are_reproduced():
     line = weighted_line(X, 2.0 - 0.5 * X, U)
     # rounding only
     assert line.slope == pytest.approx(-0.5, rel=1e-12)
@@ -17,8 +17,8 @@ def test_points_on_a_line_give_it_back():
     assert line.birge == pytest.approx(0.0, abs=1e-6)
 
 
-def test_it_is_what_numpy_fits_with_unscaled_covariance(rng):
-    # noise below what is told, so that nothing is scaled
+def test_agrees_with_numpy_s_fit_with_unscaled_covariance(rng):
+    # scatter below the stated uncertainties, so that nothing is scaled
     y = 1.0 + 0.2 * X + 0.3 * U * rng.normal(size=6)
     line = weighted_line(X, y, U)
     (slope, level), covariance = np.polyfit(X, y, 1, w=1 / U, cov="unscaled")
@@ -30,26 +30,26 @@ def test_it_is_what_numpy_fits_with_unscaled_covariance(rng):
     assert uncertainty[0] == pytest.approx(covariance[1, 1] ** 0.5, rel=1e-9)
 
 
-def test_slope_scatters_as_its_uncertainty_tells(rng):
+def test_slope_scatters_as_its_uncertainty_states(rng):
     lines = [weighted_line(X, 0.2 * X + U * rng.normal(size=6), U) for _ in range(2000)]
-    told = np.sum(U**-2.0 * (X - lines[0].centre) ** 2) ** -0.5
+    expected = np.sum(U**-2.0 * (X - lines[0].centre) ** 2) ** -0.5
     # the deviation of 2000 draws is known to 1/sqrt(4000) = 1.6 %, four of them
-    assert np.std([line.slope for line in lines]) == pytest.approx(told, rel=0.064)
-    assert all(line.slope_uncertainty >= told * (1 - 1e-12) for line in lines)
+    assert np.std([line.slope for line in lines]) == pytest.approx(expected, rel=0.064)
+    assert all(line.slope_uncertainty >= expected * (1 - 1e-12) for line in lines)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 5.0])
-def test_no_slope_is_found_where_there_is_none(rng, factor):
-    # whether or not the told uncertainties are right; 5 % of 2000 are 100, with a deviation of 10
-    found = sum(weighted_line(X, factor * U * rng.normal(size=6), U).p_value < 0.05 for _ in range(2000))
-    assert found < 100 + 4 * 10
+def test_no_slope_is_significant_where_there_is_none(rng, factor):
+    # whether or not the stated uncertainties are right; 5 % of 2000 are 100, with a deviation of 10
+    count = sum(weighted_line(X, factor * U * rng.normal(size=6), U).p_value < 0.05 for _ in range(2000))
+    assert count < 100 + 4 * 10
 
 
 def test_scatter_beyond_the_uncertainties_widens_them(rng):
     line = weighted_line(X, 10 * U * rng.normal(size=6), U)
-    told = weighted_line(X, 0 * X, U).slope_uncertainty
-    assert line.slope_uncertainty == pytest.approx(line.birge * told, rel=1e-12)
+    stated = weighted_line(X, 0 * X, U).slope_uncertainty
+    assert line.slope_uncertainty == pytest.approx(line.birge * stated, rel=1e-12)
 
 
 def test_two_points_have_no_scatter():

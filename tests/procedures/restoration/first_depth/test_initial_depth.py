@@ -33,7 +33,7 @@ def test_variances_of_masks(defocus_stacks):
 
 
 def test_a_blur_that_no_masks_have_is_no_depth(defocus_stacks, rng):
-    # where the second photograph is the sharper one, as its masks never make it, the depth around counts
+    # the second photograph is the sharper one, which no masks explain: w is taken from the surroundings
     u = gaussian_filter(rng.standard_normal((90, 110)), 1.5)
     z = np.stack([[fftconvolve(u, s.at(3.0), mode="valid")] for s in defocus_stacks])
     patch = np.s_[:, :, 30:44, 40:60]
@@ -44,7 +44,7 @@ def test_a_blur_that_no_masks_have_is_no_depth(defocus_stacks, rng):
 
 @pytest.mark.slow
 def test_the_default_start_beats_both_algorithms(shared_data):
-    # measured 0.11, 0.16 and above 1 pixel; weak texture is where they part
+    # measured 0.11, 0.16 and above 1 pixel; they differ at weak texture
     folder = shared_data / "synthetic" / "restoration"
     z = np.stack([[read_frame(folder / f"vibration_40dB_{n}.pgm").planes["Y"].samples] for n in (1, 2)]).astype(float)
     stacks = [mask_stack(read_shape(folder / f"vibration_shape{n}.txt"), 5.2, R=6) for n in (1, 2)]
@@ -61,12 +61,12 @@ def test_the_default_start_beats_both_algorithms(shared_data):
 
 
 @pytest.mark.slow
-def test_starts_know_where_they_are_weak(vibrating):
+def test_confidence_is_low_where_the_depth_is_wrong(vibrating):
     start = initial_depth.matched(vibrating.z, vibrating.stacks, np.full(2, 0.002))
     wrong = np.abs(start.w - vibrating.w[6:-6, 6:-6])
-    sure = start.confidence > np.median(start.confidence)
+    confident = start.confidence > np.median(start.confidence)
     assert ((start.confidence >= 0) & (start.confidence <= 1)).all()
-    assert wrong[sure].mean() < wrong[~sure].mean()
+    assert wrong[confident].mean() < wrong[~confident].mean()
 
 
 def test_whitened_costs_are_one_at_the_truth(vibration_stacks):
@@ -80,7 +80,7 @@ def test_whitened_costs_are_one_at_the_truth(vibration_stacks):
     assert cost.mean() == pytest.approx(1, abs=0.15)
 
 
-def test_matching_fills_what_texture_does_not_say():
+def test_matching_fills_areas_without_texture():
     # a level is certain on the left only; the rest follows it rather than its own slight preference
     cost = np.full((8, 20, 6), 1.0, np.float32)
     cost[:, :4, :] = 30
@@ -89,7 +89,7 @@ def test_matching_fills_what_texture_does_not_say():
     assert (semi_global(cost, 1.0, 8.0).argmin(axis=2) == 2).all()
 
 
-def test_parabolas_refine_the_least_level():
+def test_parabolas_refine_the_best_level():
     levels = np.arange(0.0, 2.0, 0.25)
     cost = np.tile((levels - 0.9) ** 2, (3, 3, 1)).astype(np.float32)
     np.testing.assert_allclose(initial_depth.least_level(cost, levels), 0.9, atol=1e-4)

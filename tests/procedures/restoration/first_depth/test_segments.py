@@ -1,18 +1,25 @@
-"""Depth maps cut along their jumps: what belongs together, and how each part goes on beyond its border."""
+"""Depth maps cut along their edges: connected parts, and their extrapolation beyond the border."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from procedures.restoration.first_depth.segments import SegmentSettings, continued, joined, mended, segments, surfaces
+from procedures.restoration.first_depth.segments import (
+    SegmentSettings,
+    extrapolate,
+    joined,
+    remove_blemishes,
+    segments,
+    surfaces,
+)
 
 STEPS = SegmentSettings(jump=0.35)
 
 
 @pytest.fixture
 def square():
-    """A slope with a square half a pixel and more before it, and which of both each sample is."""
+    """A slope with a square half a pixel and more in front of it, and the mask of the square."""
     y, x = np.mgrid[0:80, 0:100]
     inside = (y > 35) & (x > 45)
     return 3.0 - 0.01 * x + 0.9 * inside, inside
@@ -28,7 +35,7 @@ def test_each_side_of_a_step_is_a_segment(square):
 def test_a_gap_in_the_step_joins_nothing(square):
     w, _ = square
     y, x = np.mgrid[0:80, 0:100]
-    # ten pixels of the border are a ramp without a jump
+    # ten pixels of the border are a ramp without an edge
     ramp = (np.abs(y - 60) < 5) & (np.abs(x - 45) < 6)
     w = np.where(ramp, 3.0 - 0.01 * x + 0.9 * np.clip((x - 39) / 12, 0, 1), w)
     labels = segments(w, STEPS, 6)
@@ -41,31 +48,31 @@ def test_a_slope_is_cut_nowhere():
     assert segments(1.0 + 0.02 * x + 0.02 * y, STEPS, 4).max() == 1
 
 
-def test_known_borders_last_where_surfaces_part(square):
+def test_known_borders_are_kept_where_surfaces_differ(square):
     w, inside = square
-    blurred = np.where(np.abs(np.mgrid[0:80, 0:100][1] - 45) < 3, 3.2, w)  # the step has been smoothed a little
+    blurred = np.where(np.abs(np.mgrid[0:80, 0:100][1] - 45) < 3, 3.2, w)  # a slightly smoothed edge
     known = inside.astype(np.int32) + 1
     labels = segments(blurred, SegmentSettings(jump=2.0), 5, known)
-    # a jump of 2 would not be found, and surfaces half that apart would be one
+    # an edge of 2 would not be detected, and surfaces half that apart would be merged
     assert labels.max() == 1
     assert segments(blurred, SegmentSettings(jump=1.0), 5, known).max() == 2
 
 
-def test_depths_are_continued_as_planes():
+def test_depths_are_extrapolated_as_planes():
     y, x = np.mgrid[0:40, 0:40]
     w = 2 + 0.02 * x - 0.01 * y
-    # damped slopes: exact in the middle of what is known, some per cent low ten pixels outside
-    found = continued(w, (x < 20).astype(float), 5.0)
-    np.testing.assert_allclose(found[15:25, 5:24], w[15:25, 5:24], atol=0.06)
+    # damped slopes: exact in the middle of the known part, some per cent low ten pixels outside
+    result = extrapolate(w, (x < 20).astype(float), 5.0)
+    np.testing.assert_allclose(result[15:25, 5:24], w[15:25, 5:24], atol=0.06)
 
 
 def test_neighbours_surfaces_meet_across_the_border(square):
     w, inside = square
-    found = surfaces(w, inside.astype(np.int32) + 1, 6, 2)
-    near = found.near
-    # both surfaces are one slope 0.9 apart, continued by at most eight pixels; damped planes err by some hundredths
+    result = surfaces(w, inside.astype(np.int32) + 1, 6, 2)
+    near = result.near
+    # both surfaces are one slope 0.9 apart, extrapolated by at most eight pixels; damped planes err by some hundredths
     assert near.any()
-    np.testing.assert_allclose(np.abs(found.own - found.other)[near], 0.9, atol=0.1)
+    np.testing.assert_allclose(np.abs(result.surface - result.other)[near], 0.9, atol=0.1)
 
 
 def test_the_second_nearest_is_another(square):
@@ -77,13 +84,13 @@ def test_the_second_nearest_is_another(square):
     assert second.other_label[15, 18] == 3
 
 
-def test_blemishes_are_mended_and_steps_are_not(square):
+def test_blemishes_are_removed_and_edges_are_not(square):
     w, inside = square
     spoilt = w.copy()
     spoilt[10:18, 70:80] = 1.0
     labels = inside.astype(np.int32) + 1
-    np.testing.assert_allclose(mended(spoilt, labels, 4, STEPS), w, atol=0.1)
-    np.testing.assert_array_equal(mended(w, labels, 4, STEPS), w)
+    np.testing.assert_allclose(remove_blemishes(spoilt, labels, 4, STEPS), w, atol=0.1)
+    np.testing.assert_array_equal(remove_blemishes(w, labels, 4, STEPS), w)
 
 
 def test_only_neighbours_of_one_segment_are_joined():

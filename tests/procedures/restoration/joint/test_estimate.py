@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter, rotate, shift
 
 from procedures.outcome import BadInput, BadParameter, Refused, Verdict
 from procedures.restoration.joint.estimate import RestorationParameters, judge, noise_gain, noise_of, reach_of, restore
-from procedures.restoration.joint.picture_error import own_noise
+from procedures.restoration.joint.picture_error import noise_upper_bound
 from procedures.restoration.joint.result import refocused
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import mask_stack
@@ -31,100 +31,102 @@ def test_a_good_pair_passes(outcome, vibrating):
     assert vibrating.depth_error(outcome.value.w) < 0.2
 
 
-def test_the_noise_is_found(vibrating):
+def test_the_noise_is_estimated(vibrating):
     true = 0.01 * vibrating.z.std()
-    # the levels' spacing and the step add to it, the least over levels takes away
+    # the levels' spacing and the edge add to it, the minimum over levels subtracts
     assert 0.5 * true < noise_of(vibrating.z, vibrating.stacks) < 3 * true
 
 
-def test_a_photograph_tells_its_own_noise():
+def test_noise_is_estimated_from_a_single_photograph():
     rng = np.random.default_rng(4)
     scene = gaussian_filter(rng.standard_normal((120, 120)), 4)
     scene /= 4 * scene.std()
     z = np.clip(scene + 0.01 * rng.standard_normal((2, 1, 120, 120)), 0, None)
-    # half of the ground is clipped at black; the upper quartile then stands below the noise, by less than a third
-    assert own_noise(z) == pytest.approx(0.01, rel=0.33)
-    assert own_noise(0.5 + 0 * z + 0.01 * rng.standard_normal(z.shape)) == pytest.approx(0.01, rel=0.05)
+    # half of the ground is clipped at black; the upper quartile is then below the noise, by less than a third
+    assert noise_upper_bound(z) == pytest.approx(0.01, rel=0.33)
+    assert noise_upper_bound(0.5 + 0 * z + 0.01 * rng.standard_normal(z.shape)) == pytest.approx(0.01, rel=0.05)
 
 
 @pytest.mark.slow
-def test_what_is_left_over_is_near_the_noise(outcome):
+def test_the_residual_is_close_to_the_noise(outcome):
     assert outcome.value.diagnostics.residual_over_noise < 1
 
 
 @pytest.mark.slow
 def test_photographs_of_two_scenes_are_refused(vibrating):
     pair = [vibrating.z[0], vibrating.z[1][:, ::-1, ::-1]]
-    told = restore(pair, vibrating.stacks, QUICK)
-    assert told.verdict == Verdict.REFUSED
-    assert told.value is None
-    assert "no picture explains the photographs: the residual is" in told.reason
-    # what has nothing in common leaves about its own contrast over the mean of both: 1 / sqrt(2)
-    left = float(told.reason.split(" and ")[1].split("%")[0])
-    assert left == pytest.approx(100 / 2**0.5, rel=0.15)
+    judged = restore(pair, vibrating.stacks, QUICK)
+    assert judged.verdict == Verdict.REFUSED
+    assert judged.value is None
+    assert "no picture explains the photographs: the residual is" in judged.reason
+    # unrelated photographs have a residual of their contrast relative to the mean of both: 1 / sqrt(2)
+    residual = float(judged.reason.split(" and ")[1].split("%")[0])
+    assert residual == pytest.approx(100 / 2**0.5, rel=0.15)
 
 
 @pytest.mark.slow
-def test_uncertainty_of_the_picture_is_its_error_where_the_masks_are_true(outcome, vibrating):
-    # steps of the depth and the frame's rim are not in it, the detail of this scene is what the prior supposes
+def test_uncertainty_of_the_picture_is_its_error_for_true_masks(outcome, vibrating):
+    # without the edges of the depth and the frame's rim; the prior assumes the detail of this scene
     error = vibrating.picture_error(outcome.value.sharp) / 255
     assert outcome.value.diagnostics.picture_std == pytest.approx(error, rel=0.5)
 
 
 @pytest.mark.slow
-def test_bent_paths_are_doubted_with_what_they_cost(vibrating, vibration_shapes, outcome):
-    # a shape turned by 20 degrees stands for one that was measured badly
+def test_inaccurate_paths_are_doubtful_with_their_error(vibrating, vibration_shapes, outcome):
+    # a shape rotated by 20 degrees represents an inaccurate measurement
     turned = mask_stack(rotate(vibration_shapes[1], 20, reshape=False, order=1).clip(0), 4.6, R=6)
-    told = restore(list(vibrating.z), [vibrating.stacks[0], turned], QUICK)
-    assert told.verdict == Verdict.DOUBTFUL
-    assert "the shapes are off: beyond noise they leave" in told.reason
-    assert "the picture is uncertain by" in told.reason
-    d = told.value.diagnostics
+    judged = restore(list(vibrating.z), [vibrating.stacks[0], turned], QUICK)
+    assert judged.verdict == Verdict.DOUBTFUL
+    assert "the shapes are inaccurate: in excess of noise" in judged.reason
+    assert "the picture is uncertain by" in judged.reason
+    d = judged.value.diagnostics
     assert 0.01 < d.unexplained < 0.1
-    # it costs, and more than is said: what both photographs share of the error is not seen
-    error = vibrating.picture_error(told.value.sharp) / 255
+    # the true error is larger than estimated, as a common error of both photographs is invisible
+    error = vibrating.picture_error(judged.value.sharp) / 255
     assert 2 * outcome.value.diagnostics.picture_std < d.picture_std < error
 
 
 def test_residual_decides_between_pass_doubt_and_refusal(outcome):
-    # more than noise is left over: it is in the picture's uncertainty, which then has to be small beside the blur
+    # a residual above the noise enters the picture's uncertainty, which must then be small relative to the blur
     cases = ((1.0, 1.0, "pass"), (1.3, 2.9, "doubtful"), (1.3, 3.1, "pass"), (4.9, 2.9, "doubtful"))
     for times, gained, verdict in (*cases, (5.1, 9.0, "refused"), (68.0, 9.0, "refused")):
-        told = replace(outcome.value.diagnostics, residual_over_noise=times, elsewhere_over_noise=times, gained=gained)
-        assert judge(replace(outcome.value, diagnostics=told)).verdict == verdict
+        judged = replace(
+            outcome.value.diagnostics, residual_over_noise=times, elsewhere_over_noise=times, gained=gained
+        )
+        assert judge(replace(outcome.value, diagnostics=judged)).verdict == verdict
 
 
-def test_photographs_that_no_depth_explains_are_to_be_put_in_order(outcome):
-    told = replace(outcome.value.diagnostics, residual_over_noise=3.9, gained=1.0, undetermined=1.0)
-    assert "in one order" in judge(replace(outcome.value, diagnostics=told)).remedy
-    told = replace(told, undetermined=0.1)
-    assert "in one order" not in judge(replace(outcome.value, diagnostics=told)).remedy
+def test_photographs_that_no_depth_explains_may_be_in_a_wrong_order(outcome):
+    judged = replace(outcome.value.diagnostics, residual_over_noise=3.9, gained=1.0, undetermined=1.0)
+    assert "in one order" in judge(replace(outcome.value, diagnostics=judged)).remedy
+    judged = replace(judged, undetermined=0.1)
+    assert "in one order" not in judge(replace(outcome.value, diagnostics=judged)).remedy
 
 
 def test_every_pixel_of_the_picture_has_an_uncertainty(outcome, vibrating):
-    found, R, rim = outcome.value, vibrating.R, slice(12, -12)
-    error = np.abs(found.sharp[0] - vibrating.sharp[0, R:-R, R:-R])
-    # of a normal distribution 95 %; steps of the depth are in it
-    assert 0.85 < np.mean(error[rim, rim] < 2 * found.sharp_std[rim, rim]) < 0.99
+    result, R, rim = outcome.value, vibrating.R, slice(12, -12)
+    error = np.abs(result.sharp[0] - vibrating.sharp[0, R:-R, R:-R])
+    # 95 % of a normal distribution; edges of the depth are included
+    assert 0.85 < np.mean(error[rim, rim] < 2 * result.sharp_std[rim, rim]) < 0.99
 
 
-def test_uncertainty_of_depth_is_what_noise_allows(outcome):
+def test_uncertainty_of_depth_is_that_due_to_noise(outcome):
     spread = outcome.value.w_std
     assert spread.shape == outcome.value.w.shape
     assert 0 < np.median(spread) < 0.2
 
 
 def test_refocusing_leaves_the_chosen_depth_sharp(outcome, vibrating):
-    found = outcome.value
-    view = refocused(found, vibrating.stacks[0], 2.0, 2.0)
-    change = gaussian_filter((view - found.sharp)[0] ** 2, 3)
+    result = outcome.value
+    view = refocused(result, vibrating.stacks[0], 2.0, 2.0)
+    change = gaussian_filter((view - result.sharp)[0] ** 2, 3)
     inside = (slice(10, -10), slice(10, -10))
-    at = np.abs(found.w - 2.0)
+    at = np.abs(result.w - 2.0)
     assert change[inside][at[inside] < 0.1].mean() < 0.1 * change[inside][at[inside] > 1].mean()
 
 
 @pytest.mark.slow
-def test_a_wrong_ratio_is_doubted(vibrating, vibration_stacks):
+def test_a_wrong_ratio_is_doubtful(vibrating, vibration_stacks):
     swapped = restore(list(vibrating.z), vibration_stacks[::-1], QUICK)
     assert swapped.verdict == Verdict.DOUBTFUL
     assert "times the noise" in swapped.reason
@@ -134,54 +136,54 @@ def test_a_wrong_ratio_is_doubted(vibrating, vibration_stacks):
 @pytest.mark.slow
 def test_colour_shares_one_depth(vibrating):
     z = np.concatenate([vibrating.z, 0.6 * vibrating.z], axis=1)
-    found = restore(
+    result = restore(
         list(z), vibrating.stacks, RestorationParameters(scheme=Scheme(2, 4, 4, 1, 4), total_variation=True)
     )
-    assert found.value.sharp.shape == (2, 96, 112)
-    assert np.median(found.value.sharp[1] / found.value.sharp[0]) == pytest.approx(0.6, abs=0.02)
+    assert result.value.sharp.shape == (2, 96, 112)
+    assert np.median(result.value.sharp[1] / result.value.sharp[0]) == pytest.approx(0.6, abs=0.02)
 
 
 @pytest.mark.slow
-def test_saturated_samples_are_left_out(vibrating):
+def test_saturated_samples_are_excluded(vibrating):
     z = vibrating.z.copy()
     z[0, 0, 40:44, 50:54] = 1.0
-    found = restore(list(z), vibrating.stacks, QUICK).value
-    assert found.diagnostics.saturated == pytest.approx(16 / z[:, 0].size)
-    assert found.sharp[0, 40:44, 50:54].max() < 1.3
+    result = restore(list(z), vibrating.stacks, QUICK).value
+    assert result.diagnostics.saturated == pytest.approx(16 / z[:, 0].size)
+    assert result.sharp[0, 40:44, 50:54].max() < 1.3
 
 
 @pytest.mark.parametrize("start", ["symmetric", "blur"])
-def test_the_thesis_starts_are_there(vibrating, start):
+def test_the_thesis_s_initial_depths_work(vibrating, start):
     parameters = RestorationParameters(scheme=Scheme(1, 4, 4, 1, 4), depth_start=start)
     assert restore(list(vibrating.z), vibrating.stacks, parameters).value.w.shape == (96, 112)
 
 
-def spoilt(z):
+def spoiled(z):
     rng = np.random.default_rng(0)
     flat = 0.5 + 0.001 * rng.standard_normal(z.shape)
-    moved = np.stack([z[0], shift(z[1], (0, 0, 30)[-z[1].ndim :], mode="wrap")])
+    displaced = np.stack([z[0], shift(z[1], (0, 0, 30)[-z[1].ndim :], mode="wrap")])
     white = np.where(z > np.median(z), 1.0, z)
     return {
         "identical": ([z[0], z[0]], BadInput, "identical"),
-        "sizes": ([z[0], z[1][:, :-3]], BadInput, "differ in size"),
+        "sizes": ([z[0], z[1][:, :-3]], BadInput, "of one size"),
         "one": ([z[0]], BadInput, "two photographs"),
         "nan": ([z[0], z[1] * np.nan], BadInput, "must be finite"),
         "flat": (list(flat), Refused, "no texture"),
         "saturated": (list(white), Refused, "saturated"),
-        "shifted": (list(moved), Refused, "shifted"),
+        "shifted": (list(displaced), Refused, "shifted"),
     }
 
 
 @pytest.mark.parametrize("kind", ["identical", "sizes", "one", "nan", "flat", "saturated", "shifted"])
 def test_bad_photographs_are_refused_with_reason(vibrating, kind):
-    photographs, error, complaint = spoilt(vibrating.z)[kind]
+    photographs, error, complaint = spoiled(vibrating.z)[kind]
     with pytest.raises(error, match=complaint) as refusal:
         restore(photographs, vibrating.stacks, QUICK)
     assert refusal.value.remedy
 
 
 def test_equal_blurs_are_refused(vibrating):
-    with pytest.raises(BadParameter, match="alike"):
+    with pytest.raises(BadParameter, match="equally"):
         restore(list(vibrating.z), [vibrating.stacks[0]] * 2, QUICK)
 
 

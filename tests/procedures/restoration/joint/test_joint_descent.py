@@ -1,4 +1,4 @@
-"""Algorithm I on a small vibrating scene with a depth step: one restoration, looked at from several sides."""
+"""Algorithm I on a small vibrating scene with a depth edge: properties of one restoration."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def restored(problem, first):
 def test_conjugate_gradients_solve_a_small_system(rng):
     a = rng.standard_normal((12, 12))
     A, b = a @ a.T + np.eye(12), rng.standard_normal(12)
-    # n steps solve n unknowns exactly but for rounding
+    # n iterations solve n unknowns exactly except for rounding
     np.testing.assert_allclose(conjugate_gradients(lambda x: A @ x, b, 24), np.linalg.solve(A, b), rtol=1e-6)
 
 
@@ -65,11 +65,11 @@ def test_one_joint_step_lowers_the_cost(vibrating, problem, first):
 
 
 @pytest.mark.slow
-def test_restoration_nears_the_known_depth(vibrating, problem, restored, first):
+def test_restoration_approaches_the_true_depth(vibrating, problem, restored, first):
     problem.data.focus(vibrating.w.astype(np.float32))
     oracle = restore_picture(problem.data, joint_descent.begin(problem, first_truth(vibrating)).u, 3e-4, 60)
-    known = vibrating.picture_error(oracle[:, 6:-6, 6:-6])
-    assert vibrating.picture_error(restored.u[:, 6:-6, 6:-6]) < 1.6 * known
+    best_error = vibrating.picture_error(oracle[:, 6:-6, 6:-6])
+    assert vibrating.picture_error(restored.u[:, 6:-6, 6:-6]) < 1.6 * best_error
     assert vibrating.depth_error(restored.w[6:-6, 6:-6]) < vibrating.depth_error(first)
     assert vibrating.depth_error(restored.w[6:-6, 6:-6]) < 0.15
 
@@ -79,7 +79,7 @@ def test_rounds_can_be_stopped_and_resumed(problem, first):
     running = joint_descent.rounds(problem, joint_descent.begin(problem, first))
     stopped, straight = next(running), next(running)
     resumed = next(joint_descent.rounds(problem, stopped))
-    # the kernels' parallel sums are of a fixed order, so the same numbers come out
+    # the kernels' parallel sums have a fixed order, so the numbers are identical
     np.testing.assert_allclose(resumed.w, straight.w, atol=1e-4)
 
 
@@ -90,7 +90,7 @@ def test_every_round_is_reported(restored, problem):
     assert all(r.seconds > 0 and np.isfinite(r.cost) for r in restored.history)
 
 
-def test_steps_move_to_where_the_photographs_put_them(vibrating, problem):
+def test_edges_move_to_their_true_positions(vibrating, problem):
     R = vibrating.R
     displaced = vibrating.w.copy()
     displaced[:, 4:] = vibrating.w[:, :-4]  # the vertical edge four pixels to the right
@@ -98,12 +98,12 @@ def test_steps_move_to_where_the_photographs_put_them(vibrating, problem):
     state = joint_descent.begin(problem, w[R:-R, R:-R])
     labels = segments.segments(state.w, segments.SegmentSettings(jump=0.35), 9)
     layers = depth_edges.layers_of(state.w, labels, 10, 9, 0.35)
-    _, moved, relabelled = depth_edges.place_steps(problem.data, problem.other, state.u, state.w, labels, layers, 1e-3)
+    _, placed, relabelled = depth_edges.place_steps(problem.data, problem.other, state.u, state.w, labels, layers, 1e-3)
 
     def wrong(w):
         return np.mean(np.abs(w - vibrating.w)[R:-R, R:-R] > 0.4)
 
-    assert wrong(moved) < 0.4 * wrong(state.w)
+    assert wrong(placed) < 0.4 * wrong(state.w)
     assert set(np.unique(relabelled)) <= set(np.unique(labels))
 
 
@@ -116,9 +116,9 @@ def test_a_border_keeps_its_corner_where_the_share_is_decided(vibrating, problem
     u = restore_picture(problem.data, joint_descent.begin(problem, first_truth(vibrating)).u, 1e-4, 60)
     labels = segments.segments(w, segments.SegmentSettings(jump=0.35), 3)
     layers = depth_edges.layers_of(w, labels, 3, 1, 0.35)
-    moved = depth_edges.place_steps(problem.data, problem.other, u, w, labels, layers, 1e-4, decided=decided)[1]
+    placed = depth_edges.place_steps(problem.data, problem.other, u, w, labels, layers, 1e-4, decided=decided)[1]
     assert vibrating.w[y, x] - vibrating.w[y - 1, x - 1] > 0.8
-    assert (abs(moved[y, x] - vibrating.w[y, x]) < 0.3) == kept
+    assert (abs(placed[y, x] - vibrating.w[y, x]) < 0.3) == kept
 
 
 @pytest.mark.slow
@@ -128,7 +128,7 @@ def test_the_depth_prior_yields_to_a_smeared_step_under_strong_noise(vibration_s
     problem = joint_descent.Problem(
         data, other, Scheme(20, 10, 10, 1, 20), Schedule(20), 0.1 * float(noisy.z.std()), reach=12
     )
-    # past the last placing nothing but descent moves the depth
+    # after the last localisation only descent changes the depth
     state = replace(joint_descent.begin(problem, gaussian_filter(noisy.w, 5)[6:-6, 6:-6]), n=14)
     yielding = joint_descent.run(problem, state)
     stiff = joint_descent.run(replace(problem, settings=STIFF), state)
@@ -143,7 +143,7 @@ def test_a_weak_depth_prior_does_not_yield(problem, first):
     assert joint_descent.cost(replace(problem, settings=STIFF), state.u, state.w, weights) == before
 
 
-def test_without_jumps_there_are_no_layers():
+def test_without_edges_there_are_no_layers():
     w = np.full((40, 40), 2.0)
     labels = segments.segments(w, segments.SegmentSettings(jump=0.35), 3)
     assert labels.max() == 1

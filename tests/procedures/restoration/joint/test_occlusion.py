@@ -1,4 +1,4 @@
-"""Beside steps of depth one thing hides another: where that is named, and what is told there of traced scenes."""
+"""Occlusion at depth edges: detection, and uncertainties there in ray-traced scenes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ X = np.arange(80.0) * np.ones((60, 1))
 STACKS = [mask_stack(pillbox(), 5.0, ratio=ratio, R=8) for ratio in (1.0, 1.25)]
 
 
-def test_a_step_is_named_as_far_as_blur_reaches_and_a_slope_is_not():
+def test_an_edge_is_marked_within_the_reach_of_blur_and_a_slope_is_not():
     named = occlusion_of(np.where(X < 40, 2.0, 3.6), STACKS)
     columns = np.flatnonzero(named.mask[30])
     # 1.25 x 3.6 pixels and less than three more
@@ -29,14 +29,14 @@ def test_a_step_is_named_as_far_as_blur_reaches_and_a_slope_is_not():
 
 
 @pytest.mark.slow
-def test_what_is_told_beside_a_step_holds_where_light_comes_past_an_edge():
+def test_uncertainties_at_an_edge_hold_with_occlusion():
     shape, openings = (120, 144), ((lens(9), 1.0), (lens(9), 1.25))
     case = two_flats(picture, shape, (2.5, 1.5), openings, 40.0, 4)
     stacks = stacks_of([one.shape for one, _ in openings], (1.0, 1.25), 4.0, shape)
-    found = restore(list(case.z), stacks, RestorationParameters(scheme=Scheme.parse("6x(8+8)+2x10"))).value
+    restored = restore(list(case.z), stacks, RestorationParameters(scheme=Scheme.parse("6x(8+8)+2x10"))).value
     inside = (slice(12, -12), slice(12, -12))
-    off = np.abs(found.w - case.w)[inside]
-    assert np.mean(off < 2 * np.hypot(found.w_std, 0.05)[inside]) > 0.9
-    # by noise alone a tenth of the frame and more would be sure and wrong
-    assert np.mean(off[found.occlusion[inside]] > 0.3) > 0.2
-    assert np.mean(off[~found.occlusion[inside]] > 0.3) < 0.02
+    off = np.abs(restored.w - case.w)[inside]
+    assert np.mean(off < 2 * np.hypot(restored.w_std, 0.05)[inside]) > 0.9
+    # without it a tenth of the frame and more would be confident and wrong
+    assert np.mean(off[restored.occlusion[inside]] > 0.3) > 0.2
+    assert np.mean(off[~restored.occlusion[inside]] > 0.3) < 0.02

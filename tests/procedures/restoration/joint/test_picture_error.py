@@ -1,4 +1,4 @@
-"""The picture's expected error and the noise beside errors of the masks, against truth that was made for it."""
+"""Expected error of the picture, and noise separated from errors of the masks, for simulated truth."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from procedures.restoration.joint.picture_error import error_map, noise_seen, own_noise, picture_error
+from procedures.restoration.joint.picture_error import error_map, noise_upper_bound, picture_error, residual_noise
 from procedures.restoration.masks.blur_operator import MaskStack
 
 N, NOISE, WEIGHT = 128, 0.003, 3e-3
 
 
 def kernels(rng):
-    """Two of 7 x 7, thick and uneven."""
-    made = gaussian_filter(rng.exponential(size=(2, 7, 7)) ** 3, (0, 0.5, 0.5))
-    return made / made.sum(axis=(1, 2), keepdims=True)
+    """Two kernels of 7 x 7, thick and irregular."""
+    random = gaussian_filter(rng.exponential(size=(2, 7, 7)) ** 3, (0, 0.5, 0.5))
+    return random / random.sum(axis=(1, 2), keepdims=True)
 
 
 def spectra(masks):
@@ -26,7 +26,7 @@ def spectra(masks):
 
 @pytest.fixture(scope="module")
 def scene():
-    """Half of it large smooth shapes, half with texture on them; periodic."""
+    """Half of it large smooth shapes, half also with texture; periodic."""
     rng = np.random.default_rng(5)
     u = 0.5 + 0.2 * np.sign(gaussian_filter(rng.standard_normal((N, N)), 6, mode="wrap"))
     u[:, N // 2 :] += 1.5 * gaussian_filter(rng.standard_normal((N, N // 2)), 1)
@@ -35,62 +35,62 @@ def scene():
 
 @pytest.fixture(params=[0.0, 0.2, 0.5])
 def restored(request, scene):
-    """Truth, picture, residual and masks: each mask as known errs in every sample by so much of its mean."""
+    """Truth, picture, residual and masks, each with a relative error of every sample."""
     rng = np.random.default_rng(2)
     true = kernels(rng)
-    known = (true * (1 + request.param * rng.standard_normal(true.shape))).clip(0)
-    known /= known.sum(axis=(1, 2), keepdims=True)
+    measured = (true * (1 + request.param * rng.standard_normal(true.shape))).clip(0)
+    measured /= measured.sum(axis=(1, 2), keepdims=True)
     z = np.fft.ifft2(spectra(true) * np.fft.fft2(scene)).real + NOISE * rng.standard_normal((2, N, N))
-    H, Z = spectra(known), np.fft.fft2(z)
+    H, Z = spectra(measured), np.fft.fft2(z)
     across = 2 - 2 * np.cos(2 * np.pi * np.fft.fftfreq(N))
     U = (H.conj() * Z).sum(axis=0) / ((np.abs(H) ** 2).sum(axis=0) + WEIGHT * (across[:, None] + across))
     residual = np.fft.ifft2(Z - H * U).real
-    return np.fft.ifft2(U).real[None], residual[:, None], known
+    return np.fft.ifft2(U).real[None], residual[:, None], measured
 
 
 def stacks(masks):
     return [MaskStack(np.stack([one, one]), 1.0) for one in masks]
 
 
-def test_the_expected_error_is_the_error_whatever_the_masks_err_by(scene, restored):
-    u, residual, known = restored
-    found = picture_error(stacks(known), np.array([0.5]), WEIGHT, residual, u)
-    # masks' errors lie in the picture as in what is left over only on average over many masks
-    assert found.std == pytest.approx(np.std(u[0] - scene), rel=0.3)
-    assert found.std == pytest.approx(np.hypot(found.noise, found.lost))
-    assert found.blurred > 2 * found.std
+def test_the_expected_error_is_the_error_for_any_error_of_the_masks(scene, restored):
+    u, residual, measured = restored
+    error = picture_error(stacks(measured), np.array([0.5]), WEIGHT, residual, u)
+    # errors of masks are equal in picture and residual only on average over many masks
+    assert error.std == pytest.approx(np.std(u[0] - scene), rel=0.3)
+    assert error.std == pytest.approx(np.hypot(error.noise, error.lost))
+    assert error.blurred > 2 * error.std
 
 
 def test_two_standard_deviations_hold_95_percent_of_the_pixels(scene, restored):
-    u, residual, known = restored
-    found = picture_error(stacks(known), np.array([0.5]), WEIGHT, residual, u)
-    inside = np.abs(u[0] - scene) < 2 * error_map(found.std, residual, 7)
-    # of a normal distribution 95 %; one pair of masks errs more or less in the picture than beside it
+    u, residual, measured = restored
+    error = picture_error(stacks(measured), np.array([0.5]), WEIGHT, residual, u)
+    inside = np.abs(u[0] - scene) < 2 * error_map(error.std, residual, 7)
+    # 95 % of a normal distribution; one pair of masks errs more or less in the picture than in the residual
     assert 0.85 < inside.mean() < 0.99
 
 
-def test_noise_of_any_colour_is_seen_where_the_scene_is_smooth(scene):
+def test_noise_of_any_spectrum_is_estimated_where_the_scene_is_smooth(scene):
     rng = np.random.default_rng(3)
     noise = gaussian_filter(rng.standard_normal((2, 1, N, N)), (0, 0, 1, 1))
     noise *= NOISE / noise.std()
     z = np.stack([gaussian_filter(scene, 2)] * 2)[:, None] + noise
-    # of two photographs half of the noise is left; their finest detail shows a sixth of it
-    left = (noise - noise.mean(axis=0)) + 0 * scene
-    assert noise_seen(z, left, scene[None], 3) == pytest.approx(NOISE, rel=0.15)
-    assert own_noise(noise) < 0.3 * NOISE
+    # two photographs leave half of the noise; their highest frequencies contain a sixth of it
+    residual_ = (noise - noise.mean(axis=0)) + 0 * scene
+    assert residual_noise(z, residual_, scene[None], 3) == pytest.approx(NOISE, rel=0.15)
+    assert noise_upper_bound(noise) < 0.3 * NOISE
 
 
 def test_errors_of_the_masks_are_no_noise(scene):
     rng = np.random.default_rng(3)
     z = np.stack([gaussian_filter(scene, 2)] * 2)[:, None]
     noise = NOISE / 2**0.5 * rng.standard_normal(z.shape)
-    # masks beside their place leave as much as the scene rises
+    # displaced masks leave a residual in proportion to the scene's gradient
     error = 0.05 * np.stack(np.gradient(scene))[:, None]
     assert error.std() > NOISE
-    assert noise_seen(z, noise + error, scene[None], 3) == pytest.approx(NOISE, rel=0.25)
+    assert residual_noise(z, noise + error, scene[None], 3) == pytest.approx(NOISE, rel=0.25)
 
 
-def test_noise_is_not_told_where_texture_is_everywhere():
+def test_noise_is_not_estimated_where_texture_is_everywhere():
     rng = np.random.default_rng(3)
     scene = gaussian_filter(rng.standard_normal((1, N, N)), (0, 1, 1))
-    assert noise_seen(np.stack([scene, scene]), rng.standard_normal((2, 1, N, N)), scene, 3) == 0
+    assert residual_noise(np.stack([scene, scene]), rng.standard_normal((2, 1, N, N)), scene, 3) == 0

@@ -17,7 +17,7 @@ def test_diffusion_is_the_gradient_of_roughness(rng):
     assert slope == pytest.approx(np.vdot(d, priors.diffuse(x, down, across)), rel=1e-6)  # central difference
 
 
-def test_bending_has_its_gradient_and_leaves_planes_alone(rng):
+def test_bending_agrees_with_its_gradient_and_vanishes_for_planes(rng):
     x, d = rng.standard_normal((2, 9, 11))
     down, across = rng.random((8, 11)), rng.random((9, 10))
     t, out = 1e-6, np.zeros(x.shape)
@@ -46,14 +46,14 @@ def test_lagged_weights_make_quadratic_roughness_total_variation():
     assert priors.roughness(u, *priors.total_variation(u, 1e-3)) == pytest.approx(10)
 
 
-def test_colour_gradients_count_together():
+def test_colour_gradients_are_combined():
     u = np.zeros((3, 6, 6))
     u[:, :, 3:] = np.array([3.0, 4.0, 0.0])[:, None, None]
     _, across = priors.total_variation(u, 1e-3)
     assert across[2, 2] == pytest.approx(1 / 5)
 
 
-def test_depth_steps_are_let_go_and_slopes_are_not():
+def test_depth_edges_are_not_penalised_and_slopes_are():
     w = np.concatenate([np.zeros((6, 4)), np.full((6, 4), 1.0)], axis=1) + 0.02 * np.arange(8)
     _, across = priors.steps_allowed(w, 0.25)
     assert across[0, 3] < 0.005
@@ -78,7 +78,7 @@ def test_other_schemes_are_refused(text):
         Scheme.parse(text)
 
 
-def test_weights_fall_to_what_the_noise_asks_and_no_further():
+def test_weights_fall_to_those_required_by_noise():
     schedule, quiet = Schedule(20), Statistics(1e-4, 1e-4, 0.02)
     weights = [schedule.at(n, quiet) for n in range(20)]
     pictures = [w.picture for w in weights]
@@ -88,14 +88,14 @@ def test_weights_fall_to_what_the_noise_asks_and_no_further():
     assert schedule.at(19, noisy).picture == schedule.final(noisy).picture
 
 
-def test_weights_given_are_the_last_ones():
+def test_given_weights_are_the_final_ones():
     last = Schedule(20, picture=2e-3, depth=0.5).at(19, Statistics(1e-4, 1e-4, 0.02))
     assert (last.picture, last.depth) == (2e-3, 0.5)
 
 
-def test_total_variation_of_depth_is_quadratic_up_to_the_usual_slope():
+def test_total_variation_of_depth_is_quadratic_up_to_the_typical_slope():
     x = np.mgrid[0:20, 0:30][1]
     gentle, steep = (priors.depth_variation(slope * x, 0.014)[1] for slope in (0.01, 0.14))
     np.testing.assert_allclose(gentle, 1)
-    # |d|^2 / |d|: ten times the slope weighs a tenth
+    # |d|^2 / |d|: ten times the slope has a tenth of the weight
     np.testing.assert_allclose(steep[1:-1], 0.1)

@@ -1,4 +1,4 @@
-"""Parts begun again: a depth step put deliberately in the wrong place is found by what it leaves and set right."""
+"""Restarted regions: a deliberately misplaced depth edge is detected by its residual and corrected."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from procedures.restoration.joint.priors import steps_allowed
 from procedures.restoration.joint.restart_regions import (
     RegionAttempt,
     RestartSettings,
-    believed,
     better_of,
-    left_over,
-    repaired,
+    relative_residual,
+    reliable_segments,
+    restart,
     unexplained,
 )
 
@@ -29,7 +29,7 @@ def terms(vibrating):
 
 @pytest.fixture(scope="module")
 def notched(vibrating, terms):
-    """The near square with a corner taken for background, its picture restored as well as that lets it."""
+    """The near square with a corner assigned to the background, and the best picture for that."""
     w = vibrating.w.astype(np.float32)
     H, W = w.shape
     y, x = np.mgrid[0:H, 0:W]
@@ -50,17 +50,17 @@ def onward(data, pair):
     return pair
 
 
-def test_what_is_left_over_is_told_of_the_usual(rng):
+def test_residuals_are_relative_to_the_median(rng):
     e = rng.standard_normal((2, 1, 80, 90))
     e[..., 30:50, 20:50] *= 2
-    power = left_over(e)
+    power = relative_residual(e)
     # means of 98 squares: 0.14 each, the mean of several hundred such windows a tenth of that
     assert np.mean(power[:25]) == pytest.approx(1, abs=0.06)
     assert np.mean(power[34:46, 24:46]) == pytest.approx(4, rel=0.1)
-    np.testing.assert_allclose(left_over(0.01 * e), power)
+    np.testing.assert_allclose(relative_residual(0.01 * e), power)
 
 
-def test_what_is_not_explained_is_the_part_that_is_wrong(terms, notched):
+def test_the_unexplained_region_is_the_wrong_one(terms, notched):
     pair, notch = notched
     terms[0].focus(pair.w)
     wrong = unexplained(terms[0], pair.u, RestartSettings())
@@ -69,32 +69,32 @@ def test_what_is_not_explained_is_the_part_that_is_wrong(terms, notched):
 
 
 @pytest.mark.slow
-def test_a_part_of_the_wrong_surface_gets_the_right_one(vibrating, terms, notched):
+def test_a_region_of_the_wrong_surface_is_corrected(vibrating, terms, notched):
     pair, notch = notched
 
     def error(w):
         return np.sqrt(np.mean((w - vibrating.w)[notch] ** 2))
 
-    left = onward(terms[0], pair)
-    found = repaired(*terms, pair, 12, 0.28, WEIGHTS.picture, lambda p: onward(terms[0], p))
-    # descent alone leaves most of the pixel that the depth is wrong by
-    assert error(left.w) > 0.6
-    assert error(found.w) < 0.35
-    assert (found.labels[notch] == 2).mean() > 0.85
+    descended = onward(terms[0], pair)
+    restarted_pair = restart(*terms, pair, 12, 0.28, WEIGHTS.picture, lambda p: onward(terms[0], p))
+    # descent alone corrects little of the pixel by which the depth is wrong
+    assert error(descended.w) > 0.6
+    assert error(restarted_pair.w) < 0.35
+    assert (restarted_pair.labels[notch] == 2).mean() > 0.85
 
 
-def test_segments_that_are_wrong_all_over_go_to_their_neighbours():
+def test_entirely_wrong_segments_join_their_neighbours():
     labels = np.ones((40, 40), np.int32)
     labels[:, 20:] = 2
     labels[5:15, 2:12] = 3
     wrong = labels == 3
-    kept = believed(labels, wrong, RestartSettings())
-    assert set(np.unique(kept)) == {1, 2}
-    assert (kept[wrong] == 1).all()
-    assert (believed(labels, np.ones((40, 40), bool), RestartSettings()) == labels).all()
+    reliable = reliable_segments(labels, wrong, RestartSettings())
+    assert set(np.unique(reliable)) == {1, 2}
+    assert (reliable[wrong] == 1).all()
+    assert (reliable_segments(labels, np.ones((40, 40), bool), RestartSettings()) == labels).all()
 
 
-def test_what_leaves_less_is_kept_place_by_place(vibrating, terms, notched):
+def test_the_smaller_residual_is_kept_locally(vibrating, terms, notched):
     pair, notch = notched
     truth = RegionAttempt(vibrating.sharp.astype(np.float32), vibrating.w.astype(np.float32), pair.labels)
     best = better_of(terms[0], pair, truth, notch, 2)

@@ -1,4 +1,4 @@
-"""Passes over whole arrays: what NumPy and SciPy say of the same, to rounding."""
+"""Loops over arrays compared with NumPy and SciPy, to rounding."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def test_a_window_of_gaussian_weight(rng, sigma):
 
 def test_conjugate_gradients_move_in_place(rng):
     x, r, p, q = rng.standard_normal((4, 3, 101, 97))
-    moved, left, turned = x + 0.3 * p, r - 0.3 * q, -0.7 * p + q
+    x_expected, r_expected, p_expected = x + 0.3 * p, r - 0.3 * q, -0.7 * p + q
     advance(x, r, p, q, 0.3)
     turn(p, q, -0.7)
-    for found, expected in ((x, moved), (r, left), (p, turned)):
-        np.testing.assert_allclose(found, expected, atol=1e-14)
+    for result, expected in ((x, x_expected), (r, r_expected), (p, p_expected)):
+        np.testing.assert_allclose(result, expected, atol=1e-14)

@@ -26,12 +26,12 @@ SHAPES = {
 
 @pytest.mark.parametrize("name", SHAPES)
 @given(w=st.floats(0.2, 6.0))
-def test_masks_keep_light_and_place(name, w):
+def test_masks_preserve_light_and_centroid(name, w):
     mask = models.mask(SHAPES[name], w, 7)
     cx, cy, _, _ = moments(mask)
     assert mask.sum() == pytest.approx(1)
     assert (mask >= 0).all()
-    # all four shapes are symmetric under a half turn; 11 samples per pixel place them to their rounding
+    # all four shapes have a half-turn symmetry; 11 samples per pixel centre them within their rounding
     assert np.hypot(cx, cy) < 0.05
 
 
@@ -42,7 +42,7 @@ def test_the_blur_circle_has_the_variance_of_a_disc(w):
     assert [xx, yy] == pytest.approx([w**2 / 4 + 1 / 12] * 2, rel=0.03)
 
 
-def test_steady_motion_has_the_variance_of_its_length():
+def test_uniform_motion_has_the_variance_of_its_length():
     # a line of half-length w: w^2 / 3 along it (5.5), the drawn line ends its thickness before the frame
     w = 6.0
     _, _, xx, yy = moments(models.mask(models.uniform_motion(0.0), w, 8))
@@ -68,8 +68,8 @@ def test_behind_the_focus_the_shape_is_upside_down():
     np.testing.assert_allclose(stack.at(4.0), stack.at(0.0)[::-1, ::-1], atol=1e-12)
 
 
-def test_masks_hold_a_photograph_that_is_focused_beyond_the_scene():
-    # w - 6 is below zero everywhere: the widest is at w = 0
+def test_masks_hold_a_photograph_focused_beyond_the_scene():
+    # w - 6 is negative everywhere: the widest is at w = 0
     stack = models.mask_stack(SHAPES["hexagon"], 4.0, offset=-6.0)
     assert stack.R == 7
     assert moments(stack.at(0.0))[2] > moments(stack.at(4.0))[2]
@@ -79,7 +79,7 @@ def test_apertures_have_names():
     np.testing.assert_array_equal(models.named("polygon:6"), SHAPES["hexagon"])
     np.testing.assert_array_equal(models.named("pillbox"), SHAPES["pillbox"])
     assert models.named("shape.txt") is None
-    with pytest.raises(BadParameter, match="blades and its turn"):
+    with pytest.raises(BadParameter, match="blades and its rotation"):
         models.named("polygon:six")
 
 

@@ -16,10 +16,10 @@ SHAPE = (37, 45)
 @pytest.fixture(params=["one", "field"])
 def blur(request, vibration_stacks):
     if request.param == "one":
-        made: Blur | FieldBlur = Blur(vibration_stacks[0], SHAPE)
+        operator: Blur | FieldBlur = Blur(vibration_stacks[0], SHAPE)
     else:
-        made = FieldBlur([[vibration_stacks[0], vibration_stacks[1]], list(vibration_stacks[::-1])], SHAPE)
-    return made
+        operator = FieldBlur([[vibration_stacks[0], vibration_stacks[1]], list(vibration_stacks[::-1])], SHAPE)
+    return operator
 
 
 @pytest.fixture
@@ -68,8 +68,8 @@ def test_constant_depth_is_ordinary_convolution(vibration_stacks, w, rng):
     np.testing.assert_allclose(blur.blur(u), fftconvolve(u, stack.at(w), mode="valid"), atol=1e-12)
 
 
-def test_neighbours_may_see_masks_of_any_size(rng):
-    # masks grow from 1 x 1 to 35 x 35, so pixels side by side see pairs that are one, two and three vectors wide
+def test_neighbours_may_have_masks_of_any_size(rng):
+    # masks grow from 1 x 1 to 35 x 35, so that adjacent pixels have pairs that are one, two and three vectors wide
     R, (height, width) = 17, SHAPE
     grow = np.maximum(*np.abs(np.mgrid[-R : R + 1, -R : R + 1])) <= np.arange(R + 1)[:, None, None]
     stack = MaskStack(grow * rng.random((R + 1, 2 * R + 1, 2 * R + 1)), 1.0)
@@ -79,10 +79,10 @@ def test_neighbours_may_see_masks_of_any_size(rng):
     expected = np.zeros((height + 4 * R, width + 4 * R))
     for y, x in np.ndindex(blur.extended):
         expected[y : y + 2 * R + 1, x : x + 2 * R + 1] += u[y, x] * stack.at(w[y, x])
-    seen = expected[2 * R : 2 * R + height, 2 * R : 2 * R + width]
-    np.testing.assert_allclose(blur.blur(u), seen, atol=1e-11)
+    photograph = expected[2 * R : 2 * R + height, 2 * R : 2 * R + width]
+    np.testing.assert_allclose(blur.blur(u), photograph, atol=1e-11)
     e = rng.standard_normal(SHAPE)
-    assert np.vdot(blur.blur_adjoint(e), u) == pytest.approx(np.vdot(e, seen), rel=1e-10)
+    assert np.vdot(blur.blur_adjoint(e), u) == pytest.approx(np.vdot(e, photograph), rel=1e-10)
 
 
 def test_a_field_of_equal_stacks_is_one_stack(vibration_stacks, rng):
@@ -94,7 +94,7 @@ def test_a_field_of_equal_stacks_is_one_stack(vibration_stacks, rng):
     np.testing.assert_allclose(field.blur(u), one.blur(u), atol=1e-12)
 
 
-def test_a_window_is_photographed_as_it_is_in_the_whole(blur, depths, rng):
+def test_a_window_is_blurred_as_in_the_whole(blur, depths, rng):
     y, x, R = slice(3, 21), slice(9, 45), blur.stack.R
     around = np.s_[y.start : y.stop + 2 * R, x.start : x.stop + 2 * R]
     u = rng.standard_normal(blur.extended)
@@ -106,18 +106,18 @@ def test_a_window_is_photographed_as_it_is_in_the_whole(blur, depths, rng):
 
 def test_photographs_do_not_depend_on_the_number_of_threads(vibration_stacks, rng, monkeypatch):
     monkeypatch.setattr(blur_operator, "WORK_PER_THREAD", 1)
-    blur, found = Blur(vibration_stacks[0], SHAPE), []
+    blur, results = Blur(vibration_stacks[0], SHAPE), []
     w, u, e = rng.uniform(0.3, 4.2, blur.extended), rng.standard_normal(blur.extended), rng.standard_normal(SHAPE)
     for threads in (1, 3):
         monkeypatch.setattr(blur_operator, "most_threads", lambda n=threads: n)
         blur.focus(w)
-        found.append((blur.blur(u), blur.blur_adjoint(e)))
-    for one, three in zip(*found, strict=True):
+        results.append((blur.blur(u), blur.blur_adjoint(e)))
+    for one, three in zip(*results, strict=True):
         np.testing.assert_array_equal(one, three)
 
 
-def test_light_is_kept(vibration_stacks):
-    # every mask has sum 1, so a uniform scene is photographed as it is, at any one depth
+def test_light_is_preserved(vibration_stacks):
+    # every mask has sum 1, so a uniform scene is unchanged, at any single depth
     blur = Blur(vibration_stacks[1], SHAPE)
     blur.focus(np.full(blur.extended, 3.12))
     np.testing.assert_allclose(blur.blur(np.ones(blur.extended)), 1, atol=1e-12)
@@ -134,7 +134,7 @@ def test_single_precision_agrees_with_double(vibration_stacks, rng):
     np.testing.assert_allclose(photographs[0], photographs[1], atol=3e-6)  # eps 6e-8 times some 50 terms
 
 
-def test_resting_pixels_send_and_receive_nothing(vibration_stacks, rng):
+def test_inactive_pixels_send_and_receive_nothing(vibration_stacks, rng):
     blur = Blur(vibration_stacks[0], SHAPE)
     active = rng.random(blur.extended) > 0.5
     w, u = rng.uniform(0.3, 4.2, blur.extended), rng.standard_normal(blur.extended)
@@ -151,7 +151,7 @@ def test_supports_grow_with_w():
     assert stack.supports()[-1] <= stack.R
 
 
-def test_a_moved_point_draws_the_mask():
+def test_a_blurred_point_is_the_mask():
     # one bright point: its photograph is the mask of its depth, upright
     stack = mask_stack(uniform_motion(0.6), 5.0)
     blur = Blur(stack, (31, 31))
@@ -162,13 +162,13 @@ def test_a_moved_point_draws_the_mask():
     np.testing.assert_allclose(blur.blur(u)[15 - R : 16 + R, 15 - R : 16 + R], stack.at(4.0), atol=1e-15)
 
 
-def test_interpolated_masks_meet_the_stored_ones():
+def test_interpolated_masks_agree_with_stored_ones():
     stack = MaskStack(np.random.default_rng(0).random((4, 3, 3)), 0.5)
     np.testing.assert_allclose(stack.at(1.0), stack.masks[2])
     np.testing.assert_allclose(stack.at(0.75), (stack.masks[1] + stack.masks[2]) / 2)
 
 
-def test_curvature_is_what_one_pixel_changes(vibration_stacks):
+def test_curvature_is_the_squared_change_by_one_pixel(vibration_stacks):
     stack, shape = vibration_stacks[0], (14, 15)
     R = stack.R
     blur = Blur(stack, shape)
@@ -178,6 +178,6 @@ def test_curvature_is_what_one_pixel_changes(vibration_stacks):
     one = np.zeros(blur.extended)
     one[R + 7, R + 7] = 1
     assert picture[R + 7, R + 7] == pytest.approx(np.sum(blur.blur(one) ** 2), rel=0.01)
-    # between two masks the derivative is their difference; the table is read between two such differences
+    # between two masks the derivative is their difference; the table interpolates between two such differences
     change = blur.change(np.ones(blur.extended), np.zeros(blur.extended), one)
     assert depth[R + 7, R + 7] == pytest.approx(np.sum(change**2), rel=0.1)

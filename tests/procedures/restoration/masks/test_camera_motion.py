@@ -1,4 +1,4 @@
-"""A rig that shifts and turns: poses from what a unit on it feels, and the blur that they make over the frame."""
+"""A rig that translates and rotates: poses from an inertial unit on it, and the resulting blur over the frame."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def truth(t):
 
 
 def ideal(t):
-    """What a unit on it feels, in the unit's axes, and its velocity along the camera's: by differences of the truth."""
+    """Measurements of an ideal unit, in its axes, and the camera's velocity: by differences of the truth."""
     h = 1e-4
     before, now, after = (truth(t + d) for d in (-h, 0.0, h))
     turn, earlier, later = (Rotation.from_rotvec(one[1]) for one in (now, before, after))
@@ -57,21 +57,21 @@ def poses():
     return c.poses_of(record(zero=1.0), OPEN_S)
 
 
-def test_poses_come_back_from_what_the_unit_feels(poses):
+def test_poses_are_recovered_from_the_unit_s_record(poses):
     position, turn = truth(np.linspace(0, OPEN_S, c.INSTANTS))
-    # a line and a parabola, fitted where eight periods count most, take some hundredths of the motion with them
+    # the fitted line and parabola remove some hundredths of the motion
     assert np.abs(poses.turn_rad - turn).max() < 0.01 * np.abs(turn).max()
     assert np.abs(poses.position_m - position).max() < 0.03 * np.abs(position).max()
 
 
-def test_curves_are_those_of_the_velocity_field(poses):
+def test_curves_agree_with_the_velocity_field(poses):
     # (5.1) integrated step by step over the same motion
     t = np.linspace(-0.05, OPEN_S, 1001)
     imu, speed = ideal(t)
     x, y, inverse = 0.06, -0.04, 0.8
     exposure = Exposure(0.0, OPEN_S, reference_s=0.0)
     count = int(np.sum((t >= -1e-9) & (t <= OPEN_S)))
-    projected = c.drawn(c.Poses(*truth(np.linspace(0, OPEN_S, count))), x, y, np.array([inverse]))[0]
+    projected = c.image_curves(c.Poses(*truth(np.linspace(0, OPEN_S, count))), x, y, np.array([inverse]))[0]
     first = projected[0] + (x, y)
     stepped = curve(
         Motion(t, speed, imu.rotation_rad_s * c.FLIPPED), *first, 1 / inverse, steps=1001, exposure=exposure
@@ -80,14 +80,14 @@ def test_curves_are_those_of_the_velocity_field(poses):
     assert np.abs(projected + np.array([x, y]) - stepped).max() < 0.005 * np.abs(projected).max()
 
 
-def test_poses_that_are_told_are_taken_as_they_are():
+def test_given_poses_are_unchanged():
     t = np.linspace(0.0, OPEN_S, 4001)
     position, turn = truth(t)
-    told = c.poses_at(t, position * c.FLIPPED, turn * c.FLIPPED)
+    given = c.poses_at(t, position * c.FLIPPED, turn * c.FLIPPED)
     expected = truth(np.linspace(0, OPEN_S, c.INSTANTS))
-    # straight between 4001 instants of two periods: (omega dt)^2 / 8
-    np.testing.assert_allclose(told.position_m, expected[0], atol=2e-6 * np.abs(SHIFT_M).max())
-    np.testing.assert_allclose(told.turn_rad, expected[1], atol=2e-6 * np.abs(TURN).max())
+    # linear between 4001 instants of two periods: (omega dt)^2 / 8
+    np.testing.assert_allclose(given.position_m, expected[0], atol=2e-6 * np.abs(SHIFT_M).max())
+    np.testing.assert_allclose(given.turn_rad, expected[1], atol=2e-6 * np.abs(TURN).max())
 
 
 def test_poses_may_be_timed_by_the_clock():
@@ -106,13 +106,13 @@ def test_poses_may_be_timed_by_the_clock():
         ([0.0, 0.1], 45.0, "half a turn"),
     ],
 )
-def test_poses_that_are_none_are_refused(times, turn, complaint):
-    still = np.zeros((len(times), 3))
+def test_invalid_poses_are_refused(times, turn, complaint):
+    resting = np.zeros((len(times), 3))
     with pytest.raises(BadInput, match=complaint):
-        c.poses_at(np.array(times), still, np.linspace([0, 0, 0], [0, 0, turn], len(times)))
+        c.poses_at(np.array(times), resting, np.linspace([0, 0, 0], [0, 0, turn], len(times)))
 
 
-def test_a_rig_that_only_rolls_blurs_the_corners_and_not_the_middle():
+def test_rolling_blurs_the_corners_and_not_the_centre():
     n = 200
     roll = np.column_stack([np.zeros((n, 2)), 0.02 * np.sin(np.linspace(0, 2 * np.pi, n))])
     shift = np.column_stack([2e-3 * np.cos(np.linspace(0, 2 * np.pi, n)), np.zeros((n, 2))])
@@ -123,13 +123,14 @@ def test_a_rig_that_only_rolls_blurs_the_corners_and_not_the_middle():
     t = np.arange(-field.R, field.R + 1)
     spread = np.sqrt((far.sum(axis=1) @ t**2) + (far.sum(axis=0) @ t**2))
     distance = np.hypot(rows[0] - (SHAPE[0] - 1) / 2, columns[0] - (SHAPE[1] - 1) / 2)
-    # a sine's standard deviation is its amplitude's over the root of 2; the pixel's softness adds 0.3^2 and shares 1/3
+    # a sine's standard deviation is its amplitude over the root of 2; the pixel's softness adds 0.3^2, interpolation
+    # 1/3
     assert spread == pytest.approx(0.02 * distance / 2**0.5, rel=0.25)
     assert blur.px_per_inverse_m == pytest.approx(2e-3 * FOCAL, rel=0.03)
     assert blur.unit.per_pixel == pytest.approx(1 / blur.px_per_inverse_m)
 
 
-def test_a_rig_that_does_not_turn_needs_one_place():
+def test_a_rig_without_rotation_needs_one_node():
     shift = 2e-3 * np.column_stack([np.cos(np.linspace(0, 6, 99)), np.sin(np.linspace(0, 6, 99)), np.zeros(99)])
     assert c.motion_blur([c.Poses(shift, np.zeros((99, 3)))], FOCAL, SHAPE, 1.0).fields[0].grid == (1, 1)
 
@@ -158,11 +159,11 @@ def test_records_that_cannot_be_meant_are_refused(kind):
     assert refusal.value.remedy
 
 
-def test_motion_that_tells_nothing_is_refused(poses):
-    still = c.Poses(np.zeros((9, 3)), poses.turn_rad[:9])
-    with pytest.raises(Refused, match="must move along"):
-        c.motion_blur([still], FOCAL, SHAPE, 1.0)
-    with pytest.raises(Refused, match="no depth shows"):
+def test_insufficient_motion_is_refused(poses):
+    resting = c.Poses(np.zeros((9, 3)), poses.turn_rad[:9])
+    with pytest.raises(Refused, match="must move parallel"):
+        c.motion_blur([resting], FOCAL, SHAPE, 1.0)
+    with pytest.raises(Refused, match="too little to determine depth"):
         c.motion_blur([poses], FOCAL, SHAPE, 0.05)
     with pytest.raises(BadParameter, match="must be positive"):
         c.motion_blur([poses], 0.0, SHAPE, 1.0)
@@ -189,27 +190,27 @@ def test_a_unit_at_rest_feels_gravity_and_no_motion():
 
 
 def commanded(since_s=0.0):
-    """The shifts of the same rig, as a shaker is told them: 64 points of a round of 0.1 s."""
+    """The translations of the same rig, as commanded to a shaker: 64 points of a round of 0.1 s."""
     t = np.arange(64) * (0.1 / 64)
     return ShakerPath(truth(t)[0] * c.FLIPPED, 0.1 / 64, since_s)
 
 
 @pytest.mark.parametrize("since_s", [0.0, 0.033, 7.55])
-def test_poses_are_those_of_the_path_that_was_commanded(since_s):
-    found = c.poses_on(commanded(since_s), OPEN_S)
-    at = since_s + np.linspace(0, OPEN_S, len(found.position_m))
-    # what a cubic spline through 64 points of a sine leaves out: h^4 / 384 of its fourth derivative, 1e-6 of it
-    np.testing.assert_allclose(found.position_m, truth(at)[0], atol=1e-8)
-    assert not found.turn_rad.any()
+def test_poses_are_those_of_the_commanded_path(since_s):
+    poses = c.poses_on(commanded(since_s), OPEN_S)
+    at = since_s + np.linspace(0, OPEN_S, len(poses.position_m))
+    # error of a cubic spline through 64 points of a sine: h^4 / 384 of its fourth derivative, 1e-6 of it
+    np.testing.assert_allclose(poses.position_m, truth(at)[0], atol=1e-8)
+    assert not poses.turn_rad.any()
 
 
-def test_where_a_whole_round_was_begun_does_not_matter():
-    told, unknown = (c.poses_on(commanded(since_s), 0.1) for since_s in (0.04, None))
-    blurs = [c.planar_stacks([one.planar_path, one.planar_path], 4.0)[0] for one in (told, unknown)]
+def test_the_start_of_a_whole_round_does_not_matter():
+    given, unknown = (c.poses_on(commanded(since_s), 0.1) for since_s in (0.04, None))
+    blurs = [c.planar_stacks([one.planar_path, one.planar_path], 4.0)[0] for one in (given, unknown)]
     first, second = (stack.masks[-1] for stack in blurs)
     np.testing.assert_allclose(first, second, atol=0.02 * first.max())
 
 
-def test_a_part_of_a_round_must_be_told_where_it_began():
-    with pytest.raises(BadInput, match=r"0.13 s is no whole round of 0.1 s, and nobody told where it began"):
+def test_the_start_of_a_partial_round_is_required():
+    with pytest.raises(BadInput, match=r"0.13 s is no whole number of rounds of 0.1 s, and its start is not known"):
         c.poses_on(commanded(None), 0.13)

@@ -1,4 +1,4 @@
-"""Masks that vary over the frame: one stack is a grid of one, and what a field blurred is restored with the field."""
+"""Masks that vary over the frame: one stack is a grid of one, and a field restores the blur of the field."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..conftest import scene
 
 
 def coma(strength):
-    """A disc whose light crowds towards +x."""
+    """A disc with light concentrated towards +x."""
     t = np.linspace(-1, 1, 65)
     x, y = np.meshgrid(t, t)
     return np.where(x**2 + y**2 <= 1, 1 + strength * x, 0.0)
@@ -25,7 +25,7 @@ def coma(strength):
 
 @pytest.fixture(scope="module")
 def lens():
-    """A lens whose coma grows from the middle to the corners, at two apertures."""
+    """A lens with coma that grows from the centre to the corners, at two apertures."""
     shapes = symmetric([coma(0.0), coma(0.5), coma(0.99)], (80, 96), (2, 3))
     return [shapes.masks(4.4, 6, ratio) for ratio in (1.0, 1.25)]
 
@@ -41,27 +41,27 @@ def test_a_field_of_equal_stacks_restores_as_the_stack_does(vibrating):
     one = restore(list(vibrating.z), vibrating.stacks, parameters).value
     fields = [MaskField(((stack, stack), (stack, stack))) for stack in vibrating.stacks]
     many = restore(list(vibrating.z), fields, parameters).value
-    # tiles of the start reflect at their own rims, which reaches the rim of the whitening's response
+    # tiles of the initial depth reflect at their own rims, within reach of the whitening's response
     assert np.median(np.abs(many.w - one.w)) < 1e-3
     assert np.median(np.abs(many.sharp - one.sharp)) < 1e-3
 
 
 @pytest.mark.slow
-def test_what_a_lens_with_coma_blurred_is_restored_with_its_field(photographs, lens):
+def test_blur_of_a_lens_with_coma_is_restored_with_its_field(photographs, lens):
     parameters = RestorationParameters(scheme=Scheme(2, 4, 4, 1, 8))
-    found = restore(list(photographs.z), lens, parameters)
-    assert found.verdict in (Verdict.PASS, Verdict.DOUBTFUL)
-    assert photographs.depth_error(found.value.w) < 0.3
+    restored = restore(list(photographs.z), lens, parameters)
+    assert restored.verdict in (Verdict.PASS, Verdict.DOUBTFUL)
+    assert photographs.depth_error(restored.value.w) < 0.3
     middle = [one.middle for one in lens]
     alone = restore(list(photographs.z), middle, parameters)
-    assert photographs.picture_error(found.value.sharp) < 0.85 * photographs.picture_error(alone.value.sharp)
-    assert photographs.picture_error(found.value.sharp) < 0.65 * photographs.picture_error(photographs.z[0])
-    view = refocused(found.value, lens[0], 2.0, 2.0)
-    assert view.shape == found.value.sharp.shape
+    assert photographs.picture_error(restored.value.sharp) < 0.85 * photographs.picture_error(alone.value.sharp)
+    assert photographs.picture_error(restored.value.sharp) < 0.65 * photographs.picture_error(photographs.z[0])
+    view = refocused(restored.value, lens[0], 2.0, 2.0)
+    assert view.shape == restored.value.sharp.shape
 
 
 @pytest.mark.slow
-def test_the_starts_take_fields(photographs, lens):
+def test_initial_depths_accept_fields(photographs, lens):
     sigmas = np.full(2, noise_of(photographs.z, lens))
     errors = [
         np.median(np.abs(start.w - photographs.w[lens[0].R : -lens[0].R, lens[0].R : -lens[0].R]))
@@ -80,7 +80,7 @@ def test_nodes_lie_over_the_frame_that_the_masks_extend():
     assert x == pytest.approx([30])
 
 
-def test_a_stack_beside_a_field_is_the_same_everywhere(vibration_stacks):
+def test_a_stack_next_to_a_field_is_constant(vibration_stacks):
     a, b = vibration_stacks
     field = MaskField(((a, b),))
     first, second = one_grid([field, a])

@@ -15,7 +15,7 @@ from ..lens import SHAPE, WIDE, lens_field, photographs, spot
 
 
 def binned(h, s, R):
-    """A PSF sampled an odd s times per pixel, summed over pixels: the centre sample lies in the middle of one."""
+    """A PSF sampled an odd s times per pixel, summed over pixels; the centre sample is in the middle of one."""
     size = (2 * R + 1) * s
     wide = np.pad(h, (size - len(h)) // 2)
     return wide.reshape(2 * R + 1, s, 2 * R + 1, s).sum(axis=(1, 3))
@@ -23,16 +23,16 @@ def binned(h, s, R):
 
 def test_at_the_measured_half_width_the_mask_is_the_measured_psf():
     h = spot(4.0, (0.1, 0.0), samples=3, k=31)
-    found = measured_shape(h, 3)
-    assert found.cut == 0
-    # the disc of 4 pixels and half a pixel of photosite each way, a hundredth of the light left out
-    assert 4.0 <= found.half_width_px <= 5.2
-    mask = found.masks(8.0, 9).middle.at(found.half_width_px)
-    # a hundredth of the light at most is cut, and cells are drawn with 257 samples
+    shape = measured_shape(h, 3)
+    assert shape.cut == 0
+    # the disc of 4 pixels and half a pixel of photosite each way, less a hundredth of the light
+    assert 4.0 <= shape.half_width_px <= 5.2
+    mask = shape.masks(8.0, 9).middle.at(shape.half_width_px)
+    # at most a hundredth of the light is cut, and cells are drawn with 257 samples
     assert np.abs(mask - binned(h, 3, 9)).sum() < 0.05
 
 
-def test_what_does_not_rise_above_the_noise_is_none():
+def test_values_below_the_noise_are_removed():
     h = np.array([[0.0, -0.1, 0.05], [0.08, 1.0, 0.2], [0.0, 0.1, -0.02]])
     np.testing.assert_allclose(without_noise(h), [[0, 0, 0], [0, 1.0, 0.2], [0, 0, 0]])
     assert measured_shape(h, 2).cut == pytest.approx(0.12 / h.sum())
@@ -50,16 +50,16 @@ def test_what_does_not_rise_above_the_noise_is_none():
         (np.ones((5, 5)), 0, "samples per pixel"),
     ],
 )
-def test_what_is_no_psf_is_refused(h, samples, complaint):
+def test_invalid_psfs_are_refused(h, samples, complaint):
     with pytest.raises(BadInput, match=complaint):
         measured_shape(h, samples)
 
 
 @pytest.mark.slow
-def test_a_lens_measured_over_the_frame_restores_better_than_its_middle_or_a_blur_circle():
+def test_a_field_restores_better_than_its_centre_or_a_blur_circle():
     scene = photographs()
     shapes = measured_field(lens_field(), SHAPE, (3, 4))
-    # half a photosite is in what was measured, and whole samples
+    # the measurement includes half a photosite and whole samples
     assert WIDE < shapes.half_width_px < WIDE + 0.6
     field = [shapes.masks(4.2, 7, ratio) for ratio in (1.0, 1.25)]
     circle = [mask_stack(pillbox(), 4.2, ratio=ratio, R=7) for ratio in (1.0, 1.25)]
@@ -73,5 +73,5 @@ def test_a_lens_measured_over_the_frame_restores_better_than_its_middle_or_a_blu
 
 
 def test_a_field_of_another_frame_is_refused():
-    with pytest.raises(BadInput, match="photographs are 30 x 20"):
+    with pytest.raises(BadInput, match="they are 30 x 20"):
         measured_field(lens_field(), (20, 30))

@@ -1,4 +1,4 @@
-"""Shapes over the frame, and motion spread by them."""
+"""Shapes over the frame, and motion convolved with them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FRAME = (121, 161)
 
 
 def coma():
-    """A disc whose light grows towards +x."""
+    """A disc with light increasing towards +x."""
     t = np.linspace(-1, 1, 257)
     x, y = np.meshgrid(t, t)
     return np.where(x**2 + y**2 <= 1, 1 + x, 0.0)
@@ -33,15 +33,15 @@ def variances(mask):
     return np.array([across @ t**2 - (across @ t) ** 2, down @ t**2 - (down @ t) ** 2])
 
 
-def test_an_axially_symmetric_lens_turns_its_shape_around_the_frame():
+def test_an_axially_symmetric_lens_rotates_its_shape_around_the_frame():
     field = symmetric([pillbox(), coma()], FRAME, (3, 3)).masks(3.0, 4)
     right, left = field.stacks[1][2].at(3.0), field.stacks[1][0].at(3.0)
-    np.testing.assert_allclose(left, right[:, ::-1], atol=2e-3)  # bilinear turning of the shape
+    np.testing.assert_allclose(left, right[:, ::-1], atol=2e-3)  # bilinear rotation of the shape
     assert np.hypot(*centroid(field.middle.at(3.0))) < 0.02
 
 
-def test_light_of_coma_lies_outwards_as_far_as_the_place_is_from_the_middle():
-    # a disc of light 1 + a x has its centroid at a w / 4; a goes with the height, 1 in the corner
+def test_coma_points_outwards_in_proportion_to_the_height():
+    # a disc of light 1 + a x has its centroid at a w / 4; a is proportional to the height, 1 in the corner
     field = symmetric([pillbox(), coma()], FRAME, (3, 3)).masks(3.0, 4)
     corner, side = centroid(field.stacks[2][2].at(3.0)), centroid(field.stacks[1][2].at(3.0))
     outwards = np.array([80.0, 60.0])
@@ -50,7 +50,7 @@ def test_light_of_coma_lies_outwards_as_far_as_the_place_is_from_the_middle():
 
 
 @pytest.mark.parametrize("radial", [[pillbox()], [pillbox(), coma()[1:-1, 1:-1]]], ids=["one", "sizes"])
-def test_shapes_that_make_no_lens_are_refused(radial):
+def test_invalid_lenses_are_refused(radial):
     with pytest.raises(BadParameter, match="two or more of one size"):
         symmetric(radial, FRAME)
 
@@ -58,13 +58,13 @@ def test_shapes_that_make_no_lens_are_refused(radial):
 def test_defocus_and_motion_add_their_variances():
     motion, defocus = mask_stack(uniform_motion(0.4), 2.0, R=4), ShapeField(((pillbox(),),))
     (together,) = with_defocus([motion], [defocus], [0.5], [1.0])
-    # half-width 0.5 w + 1, and the pixel of its own that each mask holds
+    # half-width 0.5 w + 1, and the pixel that each mask contains
     expected = variances(motion.at(2.0)) + variances(mask_stack(pillbox(), 2.0).at(2.0))
     np.testing.assert_allclose(variances(together.at(2.0)), expected, rtol=1e-6)
     assert together.R == 4 + 3
 
 
-def test_motion_is_spread_by_defocus_at_each_place():
+def test_motion_is_convolved_with_defocus_at_each_position():
     motion = MaskStack(mask_stack(uniform_motion(), 2.0, R=3).masks, 0.05)
     lens = symmetric([pillbox(), coma()], FRAME, (3, 3))
     first, second = with_defocus([motion, motion], [lens, lens], [1.0, 1.2], [0.0, 0.0])

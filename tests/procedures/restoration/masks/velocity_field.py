@@ -1,4 +1,4 @@
-"""Curves of any camera motion, integrated step by step from the velocity field (5.1): what poses are held to.
+"""Curves of any camera motion, integrated step by step from the velocity field (5.1), as a reference for poses.
 
 Image coordinates and translations are in units of the focal length, as in (5.1), x right, y down, z ahead.
 """
@@ -36,10 +36,10 @@ def velocity_field(x: float, y: float, depth_m: float | Array, T: Array, Omega: 
 
 @dataclass(frozen=True)
 class Exposure:
-    """One exposure within a record of the camera's motion: from, until, and when the depth map is right, seconds.
+    """One exposure within a record of the camera's motion: start, end, and time of the depth map, seconds.
 
-    The depth map belongs to one time for all photographs. Curves that begin there contain the displacement between the
-    photographs, pixel by pixel, so that the depth map need not be carried into each of them.
+    The depth map refers to one time for all photographs. Curves that start there contain the displacement between the
+    photographs, pixel by pixel, so that the depth map need not be transformed to each of them.
     """
 
     start_s: float
@@ -52,7 +52,7 @@ def curve(
 ) -> Array:
     """Apparent curve drawn by the point (x, y) of depth l at the time of reference, (n, 2), focal lengths.
 
-    The point moves while it is drawn, so the velocity is taken where it is: midpoint rule from the reference both ways.
+    The point moves during the exposure, so the velocity is taken at its current position: midpoint rule, both ways.
     Without `exposure` the whole record is the exposure and its middle the reference.
     """
     times = np.linspace(motion.time_s[0], motion.time_s[-1], steps)

@@ -20,7 +20,7 @@ def likeness(a, b):
 
 @pytest.fixture(scope="module")
 def flat(vibration_shapes):
-    """A flat textured wall through two motions of half-width 2, at 40 dB."""
+    """A flat textured wall under two motions of half-width 2, at 40 dB."""
     rng = np.random.default_rng(8)
     u = 0.5 + 0.2 * np.sign(gaussian_filter(rng.standard_normal((84, 84)), 3))
     u += 0.1 * np.sign(gaussian_filter(rng.standard_normal((84, 84)), 1.5)) + 0.01 * rng.standard_normal(u.shape)
@@ -30,37 +30,37 @@ def flat(vibration_shapes):
 
 
 @pytest.fixture(scope="module")
-def found(flat):
+def prototypes(flat):
     return blind.prototype_shapes(flat[0], 4, rounds=16)
 
 
 @pytest.mark.slow
-def test_both_motions_are_recovered(flat, found):
-    assert [likeness(a, b) > 0.95 for a, b in zip(found.masks, flat[1], strict=True)] == [True, True]
+def test_both_motions_are_recovered(flat, prototypes):
+    assert [likeness(a, b) > 0.95 for a, b in zip(prototypes.masks, flat[1], strict=True)] == [True, True]
 
 
 @pytest.mark.slow
-def test_their_shift_against_each_other_is_kept(flat, found):
+def test_their_relative_shift_is_recovered(flat, prototypes):
     # centroids may move together, not apart
     def centroid(h):
         r = len(h) // 2
         y, x = np.mgrid[-r : r + 1, -r : r + 1]
         return np.array([(h * y).sum(), (h * x).sum()])
 
-    between = centroid(found.masks[0]) - centroid(found.masks[1])
+    between = centroid(prototypes.masks[0]) - centroid(prototypes.masks[1])
     np.testing.assert_allclose(between, centroid(flat[1][0]) - centroid(flat[1][1]), atol=0.15)
 
 
 @pytest.mark.slow
-def test_the_support_is_found(flat, found):
+def test_the_support_is_estimated(flat, prototypes):
     assert blind.support(flat[0], 5) == 2
-    assert 1.5 <= found.half_width <= 3
+    assert 1.5 <= prototypes.half_width <= 3
 
 
-def test_shapes_stretch_back_to_the_masks(found):
-    again = mask(found.shapes[0], found.half_width, len(found.masks[0]) // 2 + 1)
-    # eleven samples per pixel, the shape's own samples fall a few hundredths of a pixel beside them
-    assert likeness(again, found.masks[0]) > 0.998
+def test_shapes_stretch_back_to_the_masks(prototypes):
+    again = mask(prototypes.shapes[0], prototypes.half_width, len(prototypes.masks[0]) // 2 + 1)
+    # eleven samples per pixel, offset from the shape's own samples by a few hundredths of a pixel
+    assert likeness(again, prototypes.masks[0]) > 0.998
 
 
 def test_true_masks_satisfy_the_cross_relation(flat):
@@ -76,7 +76,7 @@ def test_a_part_too_small_is_refused(flat):
         blind.prototype_shapes(flat[0][:, :24, :24], 4)
 
 
-def test_parts_that_differ_are_refused(flat):
+def test_different_parts_are_refused(flat):
     z = flat[0].copy()
     z[1] = np.random.default_rng(1).permutation(z[1].ravel()).reshape(z[1].shape)
     with pytest.raises((Refused, BadInput)):

@@ -9,27 +9,27 @@ from scipy.signal import fftconvolve
 
 from procedures.outcome import BadInput, Refused, Verdict
 from procedures.outcome import Outcome as Made
-from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur_of, judged_by_both
+from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur_of, judge_with_alternative
 from procedures.restoration.unknown_motion import free_kernels
 from procedures.restoration.unknown_motion.flat_scene import (
     FreeKernels,
     FreeKernelSettings,
-    KernelBeginning,
+    KernelStart,
     kernels_of_flat_scene,
 )
-from procedures.restoration.unknown_motion.kernel_error import picture_moved
+from procedures.restoration.unknown_motion.kernel_error import picture_change
 from procedures.restoration.unknown_motion.sharp_edges import EdgePicture, periodic
 from procedures.restoration.unknown_motion.sparse_gradients import SparseGradients
 
 R = 7
 QUICK = FreeKernelSettings(
-    beginnings=(KernelBeginning(last_edges=2e-3),), rounds=5, kernel_iterations=40,
+    starts=(KernelStart(last_edges=2e-3),), rounds=5, kernel_iterations=40,
     compared=5, settled=3, picture_iterations=6,
 )  # fmt: skip
 
 
 def leaves(rng, side):
-    """Discs before discs, as edges of a scene are."""
+    """Overlapping discs, with edges like a scene's."""
     y, x = np.mgrid[:side, :side]
     u = np.full((side, side), 0.5)
     for _ in range(160):
@@ -39,7 +39,7 @@ def leaves(rng, side):
 
 
 def shake(rng):
-    """A thick walk of a hand with stops, a hook and noise: no smooth path."""
+    """A thick random path of a hand with stops, a hook and noise: no smooth path."""
     kernel = np.zeros((9, 9))
     at = np.array([4.0, 4.0])
     for _ in range(14):
@@ -52,7 +52,7 @@ def shake(rng):
 
 @pytest.fixture(scope="module")
 def shaken():
-    """Photographs of a flat scene through two such kernels, at 40 dB and more, the second in less light."""
+    """Photographs of a flat scene through two such kernels, at 40 dB and more, the second with less light."""
     rng = np.random.default_rng(9)
     u, kernels = leaves(rng, 120), [shake(rng), shake(rng)]
     z = np.stack([fftconvolve(u, k, mode="valid") for k in kernels]) * np.array([1, 0.7])[:, None, None]
@@ -61,55 +61,55 @@ def shaken():
 
 
 @pytest.fixture(scope="module")
-def told():
+def findings():
     return []
 
 
 @pytest.fixture(scope="module")
-def blur(shaken, told):
+def blur(shaken, findings):
     source = UnknownMotion("whole", settings=QUICK)
-    return blur_of(BlurSpec(source, R), [one[None] for one in shaken[0]], told.append)
+    return blur_of(BlurSpec(source, R), [one[None] for one in shaken[0]], findings.append)
 
 
 @pytest.fixture(scope="module")
-def found(blur, told):
-    assert isinstance(told[0], FreeKernels)
-    return told[0]
+def kernels(blur, findings):
+    assert isinstance(findings[0], FreeKernels)
+    return findings[0]
 
 
-def test_kernels_of_no_smooth_path_are_found(shaken, found):
-    # wrong ones, even of the right size, are alike by 0.5 to 0.8
-    assert free_kernels.likeness(found.kernels, shaken[1]) > 0.9
-    assert found.kernels.min() >= 0
-    np.testing.assert_allclose(found.kernels.sum(axis=(1, 2)), 1, rtol=1e-6)
+def test_kernels_of_irregular_paths_are_estimated(shaken, kernels):
+    # wrong ones, even of the right size, have correlations of 0.5 to 0.8
+    assert free_kernels.likeness(kernels.kernels, shaken[1]) > 0.9
+    assert kernels.kernels.min() >= 0
+    np.testing.assert_allclose(kernels.kernels.sum(axis=(1, 2)), 1, rtol=1e-6)
 
 
-def test_their_error_is_a_fraction_of_that_of_no_kernel_at_all(shaken, found):
-    # each photograph through the other's kernel is the same picture, whatever it is; noise, and rims, are left
+def test_their_error_is_a_fraction_of_that_without_kernels(shaken, kernels):
+    # each photograph through the other's kernel is the same picture; noise and rims remain
     z = shaken[0] / shaken[0].mean(axis=(1, 2), keepdims=True)
 
-    def apart(one, other):
+    def residual(one, other):
         d = fftconvolve(z[0], other, mode="valid") - fftconvolve(z[1], one, mode="valid")
         return float(np.std(d))
 
-    none = np.zeros_like(found.kernels[0])
+    none = np.zeros_like(kernels.kernels[0])
     none[len(none) // 2, len(none) // 2] = 1
-    assert apart(*found.kernels) < 0.1 * apart(none, none)
+    assert residual(*kernels.kernels) < 0.1 * residual(none, none)
 
 
-def test_nothing_is_doubted_there(found):
-    assert found.doubt is None
-    assert found.shapes.judged(Made(found, Verdict.PASS)).verdict is Verdict.PASS
+def test_good_kernels_are_not_doubtful(kernels):
+    assert kernels.doubt is None
+    assert kernels.shapes.judged(Made(kernels, Verdict.PASS)).verdict is Verdict.PASS
 
 
-def test_a_motion_beyond_what_is_looked_at_is_doubted_with_a_way_on(shaken):
-    found = kernels_of_flat_scene(shaken[0], 3, QUICK)
-    assert "reaches the end of the 3 pixels" in str(found.doubt)
-    judged = found.shapes.judged(Made(found, Verdict.PASS))
+def test_a_motion_beyond_the_search_range_is_doubtful_with_a_remedy(shaken):
+    kernels = kernels_of_flat_scene(shaken[0], 3, QUICK)
+    assert "reaches the end of the search range of 3 pixels" in str(kernels.doubt)
+    judged = kernels.shapes.judged(Made(kernels, Verdict.PASS))
     assert judged.verdict is Verdict.DOUBTFUL
     assert "raise --max-w" in judged.remedy
-    # where nothing explains the photographs it may be for that
-    refused = found.shapes.judged(Made(None, Verdict.REFUSED, "nothing explains them", "look again"))
+    # a refusal may have the same cause
+    refused = kernels.shapes.judged(Made(None, Verdict.REFUSED, "nothing explains them", "look again"))
     assert refused.remedy == "look again"
     assert "raise --max-w" in refused.other_causes[0].remedy
 
@@ -144,38 +144,38 @@ def test_one_photograph_is_refused(shaken):
         kernels_of_flat_scene(shaken[0][:1], R, QUICK)
 
 
-def test_the_least_square_holds_all_light(shaken):
-    moved = np.roll(np.pad(shaken[1], ((0, 0), (3, 3), (3, 3))), (2, -3), (1, 2)).astype(np.float32)
-    cropped = free_kernels.cropped(moved)
+def test_the_cropped_square_holds_all_light(shaken):
+    shifted = np.roll(np.pad(shaken[1], ((0, 0), (3, 3), (3, 3))), (2, -3), (1, 2)).astype(np.float32)
+    cropped = free_kernels.cropped(shifted)
     np.testing.assert_allclose(cropped.sum(axis=(1, 2)), 1, rtol=1e-6)
     assert free_kernels.likeness(cropped, shaken[1]) == pytest.approx(1, abs=1e-6)
 
 
-def test_small_pieces_apart_are_no_part_of_a_kernel():
+def test_small_isolated_pieces_are_removed():
     kernel = np.zeros((1, 9, 9), np.float32)
     kernel[0, 2:5, 2:5], kernel[0, 7, 7] = 1, 0.4
     assert free_kernels.thin(kernel, 0.02)[0, 7, 7] == 0
-    # a piece that has its share of the light is: motions have gaps
+    # a piece with enough light is, as motions may have gaps
     kernel[0, 7:, 7] = 1
     assert free_kernels.thin(kernel, 0.02)[0, 7, 7] > 0
 
 
-def test_true_kernels_and_picture_stay(shaken):
-    # with the true picture's edges the true kernels are those of least squares, but for noise and rims
+def test_true_kernels_and_picture_are_a_fixed_point(shaken):
+    # with the true picture's edges the true kernels are the least-squares solution, except for noise and rims
     z = (shaken[0] / shaken[0].mean(axis=(1, 2), keepdims=True)).astype(np.float32)
     edges, true = EdgePicture(z, R), shaken[1].astype(np.float32)
     u = edges.picture(true, 1e-4)
     assert free_kernels.likeness(edges.kernels(u, true, 0.0, 40), true) > 0.97
 
 
-def test_right_kernels_are_more_probable_than_others(shaken):
+def test_true_kernels_are_more_probable_than_others(shaken):
     z = (shaken[0] / shaken[0].mean(axis=(1, 2), keepdims=True)).astype(np.float32)
     right = shaken[1].astype(np.float32)
-    cost = [SparseGradients(z, R).fitted(one, 3, 8, 0.02).cost for one in (right, right[:, ::-1].copy())]
+    cost = [SparseGradients(z, R).fit(one, 3, 8, 0.02).cost for one in (right, right[:, ::-1].copy())]
     assert cost[0] < cost[1]
 
 
-def test_what_is_continued_has_no_step_at_its_ends(shaken):
+def test_the_periodic_extension_is_continuous(shaken):
     z = shaken[0].astype(np.float32)
     wide = periodic(z, R)
     np.testing.assert_array_equal(wide[:, :112, :112], z)
@@ -184,11 +184,11 @@ def test_what_is_continued_has_no_step_at_its_ends(shaken):
     np.testing.assert_allclose(wide[:, 0, :112] - wide[:, -1, :112], step, atol=1e-6)
 
 
-def test_the_blur_of_a_flat_scene_has_these_kernels(found, blur):
-    # at their own half-width kernels come back as they were found
-    for masks, kernel in zip(blur.masks, found.kernels, strict=True):
-        seen = masks.at(found.half_width)
-        assert free_kernels.likeness(seen[None], kernel[None]) == pytest.approx(1, abs=1e-3)
+def test_the_blur_of_a_flat_scene_has_these_kernels(kernels, blur):
+    # at their own half-width kernels are reproduced
+    for masks, kernel in zip(blur.masks, kernels.kernels, strict=True):
+        blur_mask = masks.at(kernels.half_width)
+        assert free_kernels.likeness(blur_mask[None], kernel[None]) == pytest.approx(1, abs=1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -198,26 +198,26 @@ def outcome(shaken, blur):
 
 
 @pytest.mark.slow
-def test_a_flat_scene_is_restored_at_its_own_w(shaken, outcome):
+def test_a_flat_scene_is_restored_at_its_w(shaken, outcome):
     assert outcome.verdict is Verdict.PASS, outcome.reason
     restored = outcome.value
     assert np.ptp(restored.w) == 0
     assert restored.w_std.max() == 0
-    # kernels about their common middle move the picture by some whole pixels
+    # centred kernels shift the picture by some whole pixels
     inner = (slice(20, -20), slice(20, -20))
-    moved = (np.roll(shaken[2], (y - 4, x - 4), (0, 1))[inner] for y, x in np.ndindex(9, 9))
-    error = min(np.std(restored.sharp[0][inner] - one) for one in moved)
+    shifted = (np.roll(shaken[2], (y - 4, x - 4), (0, 1))[inner] for y, x in np.ndindex(9, 9))
+    error = min(np.std(restored.sharp[0][inner] - one) for one in shifted)
     assert error < 0.2 * np.std(shaken[0][0][inner] - shaken[2][inner])
 
 
 @pytest.mark.slow
-def test_what_two_searches_differ_by_is_in_the_error_told(blur, outcome):
+def test_the_difference_of_two_searches_is_in_the_estimated_error(blur, outcome):
     kernels = blur.motion.shapes
     wider = np.stack([fftconvolve(one, np.ones((3, 3)) / 9) for one in kernels])
     before = outcome.value
-    after = judged_by_both(before, kernels, wider).value
-    more = picture_moved(before.sharp, kernels, wider, before.history[-1].weights.picture)
+    after = judge_with_alternative(before, kernels, wider).value
+    more = picture_change(before.sharp, kernels, wider, before.history[-1].weights.picture)
     np.testing.assert_allclose(after.sharp_std**2, before.sharp_std**2 + more**2, rtol=1e-6)
-    said, now = before.diagnostics, after.diagnostics
-    assert now.picture_std**2 == pytest.approx(said.picture_std**2 + np.mean(more**2))
-    assert now.gained * now.picture_std == pytest.approx(said.gained * said.picture_std)
+    first, second = before.diagnostics, after.diagnostics
+    assert second.picture_std**2 == pytest.approx(first.picture_std**2 + np.mean(more**2))
+    assert second.gained * second.picture_std == pytest.approx(first.gained * first.picture_std)

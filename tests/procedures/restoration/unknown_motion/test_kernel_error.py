@@ -1,11 +1,12 @@
-"""How far pictures of two searches' kernels lie apart, where it is known: waves, which every filter keeps."""
+"""Difference of pictures from two searches' kernels, where it is known: for sinusoidal waves, which filters only
+scale."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from procedures.restoration.unknown_motion.kernel_error import picture_moved
+from procedures.restoration.unknown_motion.kernel_error import picture_change
 
 WEIGHT = 0.02
 ROWS, COLUMNS = 96, 120
@@ -13,27 +14,27 @@ ROWS, COLUMNS = 96, 120
 
 @pytest.fixture
 def wave():
-    # even about both ends of a row, where the frame is mirrored
+    # even about both ends of a row, where the boundary is mirrored
     return 0.5 + 0.2 * np.cos(np.pi * 12 * (np.arange(COLUMNS) / (COLUMNS - 1)))[None, None] * np.ones((1, ROWS, 1))
 
 
 def kernels(row):
-    found = np.zeros((2, 5, 5))
-    found[:, 2] = row
-    return found
+    masks = np.zeros((2, 5, 5))
+    masks[:, 2] = row
+    return masks
 
 
-def test_it_is_what_the_two_filters_make_of_a_wave(wave):
+def test_it_is_the_difference_of_the_two_filters(wave):
     f = 6 / (COLUMNS - 1)
     G, stiff = 0.5 + 0.5 * np.cos(2 * np.pi * f), WEIGHT * (2 - 2 * np.cos(2 * np.pi * f))
-    apart = 0.2 * abs(2 * G / (2 * G**2 + stiff) - 2 / (2 + stiff))
-    moved = picture_moved(wave, kernels([0, 0, 1, 0, 0]), kernels([0, 0.25, 0.5, 0.25, 0]), WEIGHT)
-    assert moved.shape == (ROWS, COLUMNS)
-    # a window of five pixels is a quarter of the wave: its mean goes up and down, that over the frame does not
-    assert np.sqrt(np.mean(moved**2)) == pytest.approx(apart / 2**0.5, rel=0.03)
+    expected = 0.2 * abs(2 * G / (2 * G**2 + stiff) - 2 / (2 + stiff))
+    change = picture_change(wave, kernels([0, 0, 1, 0, 0]), kernels([0, 0.25, 0.5, 0.25, 0]), WEIGHT)
+    assert change.shape == (ROWS, COLUMNS)
+    # a window of five pixels is a quarter of the wave: its local mean oscillates, the mean over the frame does not
+    assert np.sqrt(np.mean(change**2)) == pytest.approx(expected / 2**0.5, rel=0.03)
 
 
 def test_a_common_shift_is_no_error(wave):
     blur = kernels([0, 0.25, 0.5, 0.25, 0])
-    assert picture_moved(wave, blur, blur, WEIGHT).max() < 1e-9
-    assert picture_moved(wave, blur, np.roll(blur, (1, -1), (1, 2)), WEIGHT).max() < 1e-9
+    assert picture_change(wave, blur, blur, WEIGHT).max() < 1e-9
+    assert picture_change(wave, blur, np.roll(blur, (1, -1), (1, 2)), WEIGHT).max() < 1e-9

@@ -1,4 +1,4 @@
-"""What tiles say of masks: nothing of a common picture or a depth, the rest as a sum of squares."""
+"""Evidence of tiles on masks: none from a common picture or a depth, the rest as a sum of squares."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from procedures.restoration.unknown_motion.mask_evidence import (
     Tile,
     cost,
     filters,
-    fitted,
+    fit_curves,
     gather,
-    left_over,
     masks_at,
     rows,
+    unexplained,
 )
 
 from ..motions import FLAT_W, curves
@@ -39,7 +39,7 @@ def rng():
 
 
 def blurred(around, mask):
-    """A tile of the convolution of what is around it with a mask."""
+    """A tile of the convolution of its surroundings with a mask."""
     size = mask.shape[0]
     views = np.lib.stride_tricks.sliding_window_view(around, mask.shape)[..., ::-1, ::-1]
     trim = (around.shape[0] - SIZE - size + 1) // 2
@@ -57,15 +57,15 @@ def test_a_common_picture_leaves_nothing(rng, points):
     wrapped = np.zeros((2, SIZE, SIZE))
     wrapped[:, :9, :9] = masks
     errors = np.fft.irfft2(v * np.fft.rfft2(np.roll(wrapped, (-4, -4), (1, 2))), (SIZE, SIZE))
-    assert np.linalg.norm(left_over(errors, filters(masks, SIZE))) < 1e-10 * np.linalg.norm(errors)
+    assert np.linalg.norm(unexplained(errors, filters(masks, SIZE))) < 1e-10 * np.linalg.norm(errors)
 
 
-def test_of_noise_a_half_is_left(rng, points):
+def test_half_of_the_noise_is_unexplained(rng, points):
     errors = rng.standard_normal((200, 2, SIZE, SIZE))
     filtering = filters(masks_at(points, FLAT_W, FLAT_W, 4), SIZE)
-    left = np.mean([np.sum(left_over(one, filtering) ** 2) for one in errors]) / SIZE**2
-    # two samples a pixel, of which the picture takes one; the floor under the spectra takes some per cent
-    assert 0.85 < left < 1.02
+    unexplained_power = np.mean([np.sum(unexplained(one, filtering) ** 2) for one in errors]) / SIZE**2
+    # two samples per pixel, of which the picture takes one; the floor of the spectra takes some per cent
+    assert 0.85 < unexplained_power < 1.02
 
 
 def test_chi_square_is_that_of_other_masks(rng, points, around):
@@ -74,51 +74,51 @@ def test_chi_square_is_that_of_other_masks(rng, points, around):
     gather(about, np.zeros_like(about.masks), [Tile(errors, around, flat=True)], 10.0)
     other = masks_at(points + 0.1 * rng.standard_normal(points.shape), FLAT_W, FLAT_W, about.R)
     changed = errors - np.stack([blurred(around, d) for d in other - about.masks])
-    expected = np.sum(left_over(changed, filters(about.masks, SIZE)) ** 2)
+    expected = np.sum(unexplained(changed, filters(about.masks, SIZE)) ** 2)
     assert about.chi_square(other) == pytest.approx(expected, rel=1e-9)
 
 
-def test_a_wrong_depth_is_not_held_against_masks(points, around):
+def test_a_wrong_depth_is_no_evidence_against_masks(points, around):
     about = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
     slope = (masks_at(points, FLAT_W, FLAT_W + 0.01, about.R) - masks_at(points, FLAT_W, FLAT_W - 0.01, about.R)) / 0.02
     tile = Tile(0.3 * np.stack([blurred(around, d) for d in slope]), around, flat=False)
     gather(about, slope, [tile], 10.0)
-    assert about.c < 1e-3 * np.sum(left_over(tile.errors, filters(about.masks, SIZE)) ** 2)
+    assert about.c < 1e-3 * np.sum(unexplained(tile.errors, filters(about.masks, SIZE)) ** 2)
 
 
-def test_a_curve_is_fitted_to_what_is_said_of_three_sizes(rng, points):
-    # masks known entry by entry, to 0.0003, at three sizes; lines about as wide as samples lie apart
+def test_a_curve_is_fitted_to_evidence_of_three_sizes(rng, points):
+    # masks known entry by entry, to 0.0003, at three sizes; lines about as wide as the spacing of samples
     half = 2 * FLAT_W
-    points, said = 2 * points, []
+    points, evidence = 2 * points, []
     for w in (0.8 * half, half, 1.4 * half):
         one = MaskEvidence.about(points, half, w, 8)
         one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e7)
-        said.append(one)
-    begun = points + rng.normal(0, 0.1, points.shape)
-    value, found = fitted(said, begun, half)
-    assert value == pytest.approx(cost(said, found, half))
-    assert value < 0.01 * cost(said, begun, half)
-    before, after, true = (masks_at(p, half, 1.2 * half, 8) for p in (begun, found, points))
-    # three beginnings of four end at 0.16 of it and less, one at 0.3
+        evidence.append(one)
+    start = points + rng.normal(0, 0.1, points.shape)
+    value, fit = fit_curves(evidence, start, half)
+    assert value == pytest.approx(cost(evidence, fit, half))
+    assert value < 0.01 * cost(evidence, start, half)
+    before, after, true = (masks_at(p, half, 1.2 * half, 8) for p in (start, fit, points))
+    # three starts of four end at 0.16 of it and less, one at 0.3
     assert np.linalg.norm(after - true) < 0.35 * np.linalg.norm(before - true)
 
 
-def test_a_curve_that_is_not_free_stays(rng, points):
+def test_a_fixed_curve_is_unchanged(rng, points):
     one = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
     one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e4)
-    begun = points + rng.normal(0, 0.05, points.shape)
-    found = fitted([one], begun, FLAT_W, (1,))[1]
-    assert (found[0] == begun[0]).all()
-    assert (found[1] != begun[1]).any()
+    start = points + rng.normal(0, 0.05, points.shape)
+    fit = fit_curves([one], start, FLAT_W, (1,))[1]
+    assert (fit[0] == start[0]).all()
+    assert (fit[1] != start[1]).any()
 
 
-def test_a_curve_that_cannot_do_as_well_is_given_up(rng, points):
+def test_a_descent_without_prospect_is_abandoned(rng, points):
     one = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
     one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e6)
-    begun = points + rng.normal(0, 0.1, points.shape)
-    least, first = fitted([one], begun, FLAT_W)[0], cost([one], begun, FLAT_W)
-    assert fitted([one], begun, FLAT_W, below=first / 30)[0] == first
-    assert fitted([one], begun, FLAT_W, below=first / 10)[0] == least
+    start = points + rng.normal(0, 0.1, points.shape)
+    least, first = fit_curves([one], start, FLAT_W)[0], cost([one], start, FLAT_W)
+    assert fit_curves([one], start, FLAT_W, below=first / 30)[0] == first
+    assert fit_curves([one], start, FLAT_W, below=first / 10)[0] == least
 
 
 def test_masks_keep_their_line(points):

@@ -1,4 +1,4 @@
-"""Curves finer than pixels: they draw masks, and are found from them."""
+"""Subpixel curves: their masks, and their estimation from masks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ HALF = 3.0
 
 @pytest.fixture(scope="module")
 def points():
-    """A smooth wandering of half-width 3 about the masks' middle."""
+    """A smooth path of half-width 3 about the masks' centre."""
     t = (np.arange(motion_splines.POINTS) + 0.5) / motion_splines.POINTS
     wander = np.stack([np.cos(2 * np.pi * t) + 0.5 * np.sin(3 * np.pi * t), np.sin(2 * np.pi * t)], axis=1)
     wander -= (wander.max(axis=0) + wander.min(axis=0)) / 2
@@ -22,19 +22,20 @@ def points():
 
 @pytest.mark.parametrize("w", [1.7, 3.0, 4.6])
 def test_a_curve_draws_the_masks_of_its_shape(points, w):
-    # both are summed at eleven samples per pixel; the shape is linear between its own 257, the curve has 400 instants
+    # both are summed at eleven samples per pixel; the shape is linear between its 257 samples, the curve has 400
+    # instants
     shape = motion_splines.shapes_of(points[None])[0]
-    drawn = motion_splines.drawn(points * w / HALF, 6, LINE * w)
+    spline_mask = motion_splines.spline_mask(points * w / HALF, 6, LINE * w)
     true = mask(shape, w, 6)
-    assert np.linalg.norm(drawn - true) < 0.005 * np.linalg.norm(true)
+    assert np.linalg.norm(spline_mask - true) < 0.005 * np.linalg.norm(true)
 
 
 def test_derivatives_are_those_of_the_mask(points):
     at, step = 0.3, 1e-5
     change = np.random.default_rng(1).standard_normal(points.shape)
-    mask, pixels, J = motion_splines.drawn_change(points, 5, at)
-    np.testing.assert_allclose(mask, motion_splines.drawn(points, 5, at), atol=1e-15)
-    above, below = (motion_splines.drawn(points + s * step * change, 5, at) for s in (1, -1))
+    mask, pixels, J = motion_splines.spline_mask_change(points, 5, at)
+    np.testing.assert_allclose(mask, motion_splines.spline_mask(points, 5, at), atol=1e-15)
+    above, below = (motion_splines.spline_mask(points + s * step * change, 5, at) for s in (1, -1))
     numeric = ((above - below) / (2 * step)).ravel()
     # of the exact integral: sums over samples d apart differ by some (d / sigma)^2 / 24 = 0.4 %
     assert np.linalg.norm(J @ change.T.ravel() - numeric[pixels]) < 0.01 * np.linalg.norm(numeric)
@@ -42,33 +43,35 @@ def test_derivatives_are_those_of_the_mask(points):
 
 
 def test_a_mask_keeps_all_light(points):
-    assert motion_splines.drawn(points, 5, 0.1).sum() == pytest.approx(1, abs=1e-6)
+    assert motion_splines.spline_mask(points, 5, 0.1).sum() == pytest.approx(1, abs=1e-6)
 
 
-def test_light_beside_a_mask_is_lost(points):
-    beside = points + np.array([3.0, 0.0])
-    shown = (np.abs(motion_splines.basis() @ beside) < 2.5).all(axis=1).mean()
-    assert motion_splines.drawn(beside, 2, 0.06).sum() == pytest.approx(shown, abs=0.03)
+def test_light_outside_a_mask_is_lost(points):
+    outside = points + np.array([3.0, 0.0])
+    inside = (np.abs(motion_splines.basis() @ outside) < 2.5).all(axis=1).mean()
+    assert motion_splines.spline_mask(outside, 2, 0.06).sum() == pytest.approx(inside, abs=0.03)
 
 
 def test_a_line_finer_than_samples_keeps_its_light(points):
-    # samples nine hundredths of a pixel apart catch a line of a hundredth now and then, the whole of it in all
-    assert motion_splines.drawn(points, 5, 0.01).sum() == pytest.approx(1, abs=1e-6)
+    # samples nine hundredths of a pixel apart hit a line of a hundredth rarely, but with all of its light in total
+    assert motion_splines.spline_mask(points, 5, 0.01).sum() == pytest.approx(1, abs=1e-6)
 
 
 @pytest.mark.slow
-def test_curves_are_found_from_a_mask(points):
-    target = motion_splines.drawn(points, 4, LINE * HALF)
-    found = motion_splines.candidates(target, HALF, np.random.default_rng(3), 12)
-    again = [motion_splines.drawn(one, 4, LINE * HALF) for one in found]
-    # many curves draw one mask; a line a fifth of a pixel wide, steady ones are let off some per cent of it
+def test_curves_are_estimated_from_a_mask(points):
+    target = motion_splines.spline_mask(points, 4, LINE * HALF)
+    candidates = motion_splines.candidates(target, HALF, np.random.default_rng(3), 12)
+    again = [motion_splines.spline_mask(one, 4, LINE * HALF) for one in candidates]
+    # many curves draw one mask, with a line a fifth of a pixel wide; smooth ones are accepted within some per cent
     assert min(np.linalg.norm(mask - target) for mask in again) < 0.08 * np.linalg.norm(target)
-    assert len(found) == 6
+    assert len(candidates) == 6
 
 
-def test_a_recorded_path_begins_the_curve(points):
-    # recorded in metres, about another place; what the record gets wrong the mask puts right
+def test_a_recorded_path_starts_the_fit(points):
+    # recorded in metres, about another origin; the mask corrects errors of the record
     shaken = motion_splines.basis() @ (points + np.random.default_rng(5).normal(0, 0.05, points.shape))
-    found = motion_splines.recorded(1e-4 * shaken + 0.3, motion_splines.drawn(points, 4, LINE * HALF), HALF)
-    apart = motion_splines.basis() @ (found - points)
-    assert np.sqrt(np.mean(apart**2)) < 0.15
+    candidates = motion_splines.fit_recorded(
+        1e-4 * shaken + 0.3, motion_splines.spline_mask(points, 4, LINE * HALF), HALF
+    )
+    error = motion_splines.basis() @ (candidates - points)
+    assert np.sqrt(np.mean(error**2)) < 0.15

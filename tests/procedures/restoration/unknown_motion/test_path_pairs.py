@@ -1,4 +1,4 @@
-"""Pairs of curves that the frame around a flat part contradicts, little and much."""
+"""Pairs of curves that the frame around a flat part contradicts weakly and strongly."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def sloping():
 
 @pytest.fixture(scope="module")
 def flat():
-    """The flat part's word on its masks: each entry to a thousandth."""
+    """The flat part's evidence on its masks: each entry to a thousandth."""
     one = MaskEvidence.about(curves(), FLAT_W, FLAT_W, 5)
     one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e6)
     return [one]
 
 
-def told(disagreement, points):
-    return disagreement.of(*(disagreement.seen(one) for one in points))
+def contradiction(disagreement, points):
+    return disagreement.of(*(disagreement.spectra(one) for one in points))
 
 
 @pytest.fixture(scope="module")
@@ -45,33 +45,33 @@ def wrong():
     return curves() + bend * np.array([[[0.4, -0.3]], [[-0.3, 0.4]]])
 
 
-def test_true_curves_leave_noise_where_depth_is_even():
-    # 1, and what the whitening brings in from beyond the frame
-    assert 0.6 < told(around(0.0), curves()) < 2
+def test_true_curves_leave_noise_where_depth_is_constant():
+    # 1, plus the effect of the whitening from beyond the frame
+    assert 0.6 < contradiction(around(0.0), curves()) < 2
 
 
 def test_wrong_curves_are_contradicted(sloping, wrong):
-    assert told(sloping, wrong) > 2 * told(sloping, curves())
+    assert contradiction(sloping, wrong) > 2 * contradiction(sloping, curves())
 
 
 def test_a_frame_without_surroundings_contradicts_nothing(wrong):
     z = np.stack(photographs())[:, 0]
     nothing = Disagreement(z, (slice(None), slice(None)), FLAT_W, np.full(z.shape[1:], FLAT_W))
-    assert told(nothing, wrong) == 0
+    assert contradiction(nothing, wrong) == 0
     assert nothing.evidence(wrong) == []
 
 
 def test_descent_approaches_the_truth(sloping, flat, wrong):
-    found = Search(sloping, flat).descended(wrong)
-    true = told(sloping, curves())
-    assert found.disagreement - true < 0.3 * (told(sloping, wrong) - true)
+    pairs = Search(sloping, flat).descend(wrong)
+    true = contradiction(sloping, curves())
+    assert pairs.disagreement - true < 0.3 * (contradiction(sloping, wrong) - true)
 
 
-def test_pairs_begin_with_the_least_contradicted(sloping, flat, wrong):
+def test_pairs_start_with_the_least_contradicted(sloping, flat, wrong):
     search = Search(sloping, flat)
-    found = search.begun(curves(), [[wrong[0], curves()[0]], [curves()[1]]])
-    told_of = [pair.disagreement for pair in found]
-    assert told_of == sorted(told_of)
-    # where both are pulled to the same masks, and so are one, the other is left out
-    assert 1 <= len(found) <= 2
-    assert told_of[0] < 0.5 * told(sloping, wrong)
+    pairs = search.starts(curves(), [[wrong[0], curves()[0]], [curves()[1]]])
+    contradictions = [pair.disagreement for pair in pairs]
+    assert contradictions == sorted(contradictions)
+    # where both converge to the same masks, one of them is dropped
+    assert 1 <= len(pairs) <= 2
+    assert contradictions[0] < 0.5 * contradiction(sloping, wrong)

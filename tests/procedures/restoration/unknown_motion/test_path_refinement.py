@@ -1,4 +1,4 @@
-"""Paths from a flat part, made finer by what lies at other depths."""
+"""Refinement of paths from a flat part by other depths."""
 
 from __future__ import annotations
 
@@ -29,34 +29,34 @@ def photographs():
 
 
 @pytest.fixture(scope="module")
-def found(curves):
+def prototypes(curves):
     """Masks of the flat part, known to whole pixels."""
-    masks = np.stack([motion_splines.drawn(one, 2, LINE * FLAT_W) for one in curves])
+    masks = np.stack([motion_splines.spline_mask(one, 2, LINE * FLAT_W) for one in curves])
     return Prototypes(masks, np.stack([as_shape(h, 2.5) for h in masks]), 2.5, 0.001)
 
 
 @pytest.mark.slow
-def test_other_depths_put_the_curves_in_their_place(photographs, found, curves):
-    # a tenth of a pixel off in the flat part, as curves that draw one mask differ
-    begun = curves + np.random.default_rng(1).normal(0, 0.1, curves.shape)
+def test_other_depths_correct_the_curves(photographs, prototypes, curves):
+    # a tenth of a pixel off in the flat part, the typical difference of curves that draw one mask
+    start = curves + np.random.default_rng(1).normal(0, 0.1, curves.shape)
     few = PathSettings(
         more=0, scheme=Scheme(4, 6, 6, 1, 6), pairs=PairSettings(descents=1), bends=BendSettings(number=0)
     )
-    motion = path_refinement.motion_of_scene(photographs, BOX, found, 3.5, np.random.default_rng(0), begun, few)
+    motion = path_refinement.motion_of_scene(photographs, BOX, prototypes, 3.5, np.random.default_rng(0), start, few)
     assert motion.path is not None
 
     def error(shapes, half):
-        """Of the masks of both at the farther of the scene's depths."""
+        """Error of both masks at the farther of the scene's depths."""
         w = 1.4
         pairs = zip(shapes, motion_splines.shapes_of(curves), strict=True)
         return sum(np.sum((mask(a, w * half, 5) - mask(b, w * FLAT_W, 5)) ** 2) for a, b in pairs) ** 0.5
 
-    before = error(motion_splines.shapes_of(begun), motion_splines.half_width(begun))
+    before = error(motion_splines.shapes_of(start), motion_splines.half_width(start))
     assert error(motion.shapes, motion.half_width) < 0.5 * before
 
 
-def test_a_part_too_narrow_leaves_a_doubt(photographs, found):
-    motion = path_refinement.motion_of_scene(photographs, (0, 0, 20, 96), found, 3.5, np.random.default_rng(0))
+def test_too_narrow_a_part_leaves_a_doubt(photographs, prototypes):
+    motion = path_refinement.motion_of_scene(photographs, (0, 0, 20, 96), prototypes, 3.5, np.random.default_rng(0))
     assert motion.path is None
     outcome = motion.judged(Outcome(1.0))
     assert outcome.verdict is Verdict.DOUBTFUL
@@ -64,6 +64,6 @@ def test_a_part_too_narrow_leaves_a_doubt(photographs, found):
     assert "mark a larger" in outcome.remedy
 
 
-def test_what_is_wrong_otherwise_comes_first(found):
-    motion = path_refinement.MotionShapes(found.shapes, 2.5, None, "doubt")
+def test_other_reasons_come_first(prototypes):
+    motion = path_refinement.MotionShapes(prototypes.shapes, 2.5, None, "doubt")
     assert motion.judged(Outcome(None, Verdict.REFUSED, "other", "do")).reason == "other"

@@ -1,4 +1,4 @@
-"""Recorded motion: the paths are known, their size in the flat part and the shift between the photographs are not."""
+"""Recorded motion: known paths with unknown size in the flat part and unknown relative shift."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from procedures.restoration.unknown_motion import recorded_paths
 from procedures.restoration.unknown_motion.blind import prototype_shapes
 
 T = np.linspace(0, 2 * np.pi, 400)
-# metres, of different extents as two exposures have them
+# metres, of different extents like those of two exposures
 PATHS = [
     1e-4 * np.stack([np.cos(T) + 0.3 * np.cos(2 * T), np.sin(T)], axis=1),
     0.7e-4 * np.stack([np.sin(2 * T), np.cos(T) + 0.4 * np.sin(3 * T)], axis=1),
@@ -22,7 +22,7 @@ PATHS = [
 
 @pytest.fixture(scope="module")
 def flat():
-    """A flat wall through both motions of half-width 2 at 40 dB, the second photograph a pixel to the side."""
+    """A flat wall under both motions of half-width 2 at 40 dB, the second photograph shifted by a pixel."""
     rng = np.random.default_rng(5)
     u = 0.5 + 0.2 * np.sign(gaussian_filter(rng.standard_normal((76, 76)), 2.5)) + 0.02 * rng.standard_normal((76, 76))
     masks = [path_mask((p - (p.max(axis=0) + p.min(axis=0)) / 2) * 2.0 / 1.3e-4, 4) for p in PATHS]
@@ -36,21 +36,21 @@ def likeness(a, b):
 
 
 @pytest.fixture(scope="module")
-def found(flat):
+def masks(flat):
     return recorded_paths.recorded_masks(flat[0], PATHS, 4)
 
 
-def test_size_and_shift_of_recorded_paths_are_found(flat, found):
+def test_size_and_shift_of_recorded_paths_are_estimated(flat, masks):
     # sizes are tried at quarters of a pixel: half a step off keeps the correlation above 0.98
-    assert [likeness(a, b) > 0.98 for a, b in zip(found, flat[1], strict=True)] == [True, True]
+    assert [likeness(a, b) > 0.98 for a, b in zip(masks, flat[1], strict=True)] == [True, True]
     x = np.arange(-4, 5)
-    between = [(h * x).sum() for h in found]
+    between = [(h * x).sum() for h in masks]
     true = [(h * x).sum() for h in flat[1]]
     assert between[1] - between[0] == pytest.approx(true[1] - true[0], abs=0.15)
 
 
-def test_the_search_begins_from_the_record(flat, found):
-    blind = prototype_shapes(flat[0], 4, rounds=3, first=found)
+def test_the_search_starts_from_the_record(flat, masks):
+    blind = prototype_shapes(flat[0], 4, rounds=3, first=masks)
     assert [likeness(a, b) > 0.95 for a, b in zip(blind.masks, flat[1], strict=True)] == [True, True]
 
 
@@ -62,12 +62,12 @@ def test_the_search_begins_from_the_record(flat, found):
         ([PATHS[0] * 0] * 2, "move"),
     ],
 )
-def test_paths_that_are_none_are_refused(flat, paths, complaint):
+def test_invalid_paths_are_refused(flat, paths, complaint):
     with pytest.raises(BadInput, match=complaint):
         recorded_paths.recorded_masks(flat[0], paths, 4)
 
 
-def test_a_path_file_that_is_none_is_refused(tmp_path):
+def test_an_invalid_path_file_is_refused(tmp_path):
     (tmp_path / "path.txt").write_text("1 nan\n2 3\n")
     with pytest.raises(BadInput, match="must be finite"):
         recorded_paths.read_path(tmp_path / "path.txt")

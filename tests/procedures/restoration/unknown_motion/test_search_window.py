@@ -1,4 +1,4 @@
-"""Where in a frame motion paths are looked for."""
+"""Choice of the window for the search of motion paths."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ HALF = 3.0
 
 @pytest.fixture(scope="module")
 def z():
-    """Two photographs of 300 x 400, textured alike everywhere."""
+    """Two photographs of 300 x 400 with uniform texture."""
     return np.random.default_rng(2).standard_normal((2, 1, 300, 400))
 
 
 @pytest.fixture(scope="module")
 def w():
-    """Flat but for a square, which lies at rows 140 to 200 and columns 250 to 320."""
+    """Flat except for a square at rows 140 to 200 and columns 250 to 320."""
     w = np.full((300, 400), HALF)
     w[140:200, 250:320] = 2.0
     return w
@@ -37,17 +37,17 @@ def test_a_window_holds_other_depths_and_some_of_the_flat_part(z, w, pixels):
     assert min(y.stop - y.start, x.stop - x.start) >= FLAT
 
 
-def test_a_small_frame_is_looked_at_as_a_whole(z, w):
+def test_a_small_frame_is_used_completely(z, w):
     assert search_window(z, FLAT_PART, HALF, w, 120_000) == (slice(0, 300), slice(0, 400))
 
 
-def test_where_all_is_flat_a_window_holds_the_flat_part_still(z):
+def test_in_a_flat_frame_a_window_holds_the_flat_part(z):
     window = search_window(z, FLAT_PART, HALF, np.full((300, 400), HALF), 40_000)
     y, x = within(FLAT_PART, window)
     assert min(y.stop - y.start, x.stop - x.start) >= FLAT
 
 
-def test_the_flat_part_is_told_in_the_window_s_pixels(z):
+def test_the_flat_part_is_in_the_window_s_pixels(z):
     window = (slice(40, 200), slice(5, 100))
     y, x = within(FLAT_PART, window)
     np.testing.assert_array_equal(z[:, :, *window][:, :, y, x], z[:, :, 40:160, 20:100])

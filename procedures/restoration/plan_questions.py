@@ -1,4 +1,4 @@
-"""What the plan of a restoration asks, each question only where it fits what blurs and what is known."""
+"""Questions of the plan of a restoration, each with the condition under which it is asked."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from procedures.outcome import BadParameter
 from procedures.plan import HAS_IMU, HAS_SHAKER, Ask, Fact, Facts, SetLight
 from procedures.restoration.facts import APERTURES, BOTH, COLOUR, MOTIONS, NO, PLANE, SEARCH, YES, RestorationFacts
 from procedures.restoration.joint.kernel_sizes import DEFAULT_MAX_W
-from procedures.restoration.known_blur import ReadShape, names_in
+from procedures.restoration.known_blur import ReadShape, shape_names
 from procedures.restoration.masks.blur_models import named
 
 
 def shaken(facts: Facts) -> bool:
-    """Whether a shaker blurs the photographs: the bench has one, and nobody said that it is to be the apertures."""
+    """Whether a shaker blurs the photographs: the bench has one, and apertures were not chosen."""
     return bool(facts.get(HAS_SHAKER)) and facts.get("blur_by", MOTIONS) != APERTURES
 
 
 def done_by_shaker(facts: Facts) -> Fact | None:
-    """What is asked of hands is done where there is a shaker."""
+    """Manual actions that a shaker replaces."""
     return True if shaken(facts) else None
 
 
@@ -29,32 +29,32 @@ def by_apertures(facts: Facts) -> bool:
 
 
 def by_motions(facts: Facts) -> bool:
-    """Whether motions of the rig do, alone or beside the lens."""
+    """Whether motions of the rig blur, alone or in addition to the lens."""
     return not by_apertures(facts)
 
 
 def by_both(facts: Facts) -> bool:
-    """Whether the lens blurs beside motions that are recorded."""
+    """Whether the lens blurs in addition to recorded motions."""
     return facts_as(RestorationFacts, facts).blur_by == BOTH
 
 
 def by_motions_alone(facts: Facts) -> bool:
-    """Whether nothing but motions does."""
+    """Whether motions alone blur."""
     return facts_as(RestorationFacts, facts).blur_by == MOTIONS
 
 
 def with_third(facts: Facts) -> bool:
-    """Whether there is to be a third photograph."""
+    """Whether a third photograph is requested."""
     return facts_as(RestorationFacts, facts).photographs > 2
 
 
 def motions_unrecorded(facts: Facts) -> bool:
-    """Whether nothing tells the motions but the photographs themselves: no kernels, no shaker, no IMU."""
-    return by_motions_alone(facts) and not (told_motions(facts) or shaken(facts) or facts.get(HAS_IMU))
+    """Whether motions are known from neither kernels nor shaker nor IMU."""
+    return by_motions_alone(facts) and not (motions_measured(facts) or shaken(facts) or facts.get(HAS_IMU))
 
 
 def only_flat(facts: Facts) -> bool:
-    """Whether the scene has to be of one distance: of three photographs no flat part tells the motions."""
+    """Whether the scene must be flat: a flat part does not determine the motion of three photographs."""
     return with_third(facts) and motions_unrecorded(facts)
 
 
@@ -64,65 +64,65 @@ def third_by_apertures(facts: Facts) -> bool:
 
 
 def third_by_motions(facts: Facts) -> bool:
-    """Whether a third motion does."""
+    """Whether a third motion blurs."""
     return with_third(facts) and by_motions(facts)
 
 
 def with_truth(facts: Facts) -> bool:
-    """Whether there is to be a ground truth."""
+    """Whether a ground truth is requested."""
     return facts_as(RestorationFacts, facts).ground_truth == YES
 
 
 def truth_by_apertures(facts: Facts) -> bool:
-    """Whether it is stopped down for one."""
+    """Whether the lens is stopped down for it."""
     return with_truth(facts) and by_apertures(facts)
 
 
 def truth_at_rest(facts: Facts) -> bool:
-    """Whether the rig rests for one."""
+    """Whether the rig rests for it."""
     return with_truth(facts) and by_motions_alone(facts)
 
 
 def truth_of_both(facts: Facts) -> bool:
-    """Whether the rig rests and the lens is stopped down for one."""
+    """Whether the rig rests and the lens is stopped down for it."""
     return with_truth(facts) and by_both(facts)
 
 
 def check_photographs(answer: Fact, facts: Facts) -> None:
-    """Refuse parts of a photograph. Raises BadParameter."""
+    """Refuse other numbers than 2 and 3. Raises BadParameter."""
     if answer not in (2, 3):
         raise BadParameter(f"two or three photographs are restored together; got {answer}", "answer 2 or 3")
 
 
-def told_motions(facts: Facts) -> bool:
-    """Whether measured kernels tell the motions."""
+def motions_measured(facts: Facts) -> bool:
+    """Whether the motions are given as measured kernels."""
     return by_motions_alone(facts) and facts_as(RestorationFacts, facts).motion_shape != SEARCH
 
 
 def names_file(part: str) -> bool:
-    """Whether a part of an answer that was checked is the name of a file."""
+    """Whether a part of a checked answer is the name of a file."""
     return part != SEARCH and named(part) is None
 
 
 def check_shape(read: ReadShape, answer: Fact, facts: Facts) -> None:
-    """Refuse what cannot be read, and shapes that are not one for all photographs or one for each."""
-    names = names_in(str(answer))
+    """Refuse unreadable shapes, and numbers of shapes other than one or one for each photograph."""
+    names = shape_names(str(answer))
     each = int(facts_as(RestorationFacts, facts).photographs)
     if len(names) not in (1, each):
-        raise BadParameter(f"one shape, or one for each of {each} photographs; got {len(names)}", "put ; between them")
+        raise BadParameter(f"one shape, or one for each of {each} photographs; got {len(names)}", "separate them by ;")
     for name in names:
         if named(name) is None:
             read(name, None, None)
 
 
 def check_motion(read: ReadShape, answer: Fact, facts: Facts) -> None:
-    """Refuse what cannot be read, shapes of apertures, and shapes that are not one for each photograph."""
-    names = names_in(str(answer))
+    """Refuse unreadable shapes, shapes of apertures, and numbers of shapes other than one for each photograph."""
+    names = shape_names(str(answer))
     if names == (SEARCH,):
         return
     each = int(facts_as(RestorationFacts, facts).photographs)
     if len(names) != each:
-        raise BadParameter(f"{each} motions need {each} kernels; got {len(names)}", "put ; between the files")
+        raise BadParameter(f"{each} motions need {each} kernels; got {len(names)}", "separate the files by ;")
     for name in names:
         if named(name) is not None:
             raise BadParameter(f"{name} is the shape of an aperture", f"name files of kernels, or {SEARCH}")
@@ -130,7 +130,7 @@ def check_motion(read: ReadShape, answer: Fact, facts: Facts) -> None:
 
 
 def scene(read: ReadShape) -> tuple[Ask | SetLight, ...]:
-    """What is asked before the first photograph; `read` reads shapes."""
+    """Questions before the first photograph; `read` reads shapes."""
     return (
         Ask("blur_by", "What will blur the photographs?", "choice", default=APERTURES,
             choices=(APERTURES, MOTIONS, BOTH), when=lambda facts: not facts.get(HAS_SHAKER)),
@@ -140,66 +140,68 @@ def scene(read: ReadShape) -> tuple[Ask | SetLight, ...]:
             default=2.0, low=2.0, high=3.0, check=check_photographs),
         Ask("colour", "What is restored: one plane, or the mosaic in colour, which takes longer?", "choice",
             default=PLANE, choices=(PLANE, COLOUR)),
-        Ask("ground_truth", "Take a ground truth too, one more photograph that nothing blurs?", "choice", default=NO,
+        Ask("ground_truth", "Take a ground truth too, one more photograph without blur?", "choice", default=NO,
             choices=(NO, YES)),
-        Ask("motion_shape", "What tells the motions? search: records or photographs; or FILE; FILE: a measured kernel "
-            "of each.", "text", default=SEARCH, when=lambda facts: by_motions_alone(facts) and not shaken(facts),
+        Ask("motion_shape", "Where do the motions come from? search: records or photographs; or FILE; FILE: a measured "
+            "kernel of each.", "text", default=SEARCH, when=lambda facts: by_motions_alone(facts) and not shaken(facts),
             check=partial(check_motion, read), names_file=names_file),
-        Ask("scene", "Set up a scene that stands still, detailed everywhere. Fix the camera to its rig, the IMU y up.",
+        Ask("scene", "Set up a static scene, detailed everywhere. Fix the camera to its rig, the IMU y up.",
             when=lambda facts: by_motions(facts) and not only_flat(facts)),
-        Ask("scene", "Set up a flat scene, detailed everywhere, all of it at one distance: nothing else tells three "
-            "motions by hand without an IMU. Fix the camera to its rig.", when=only_flat),
-        Ask("scene", "Set up a scene that stands still, detailed everywhere, and fix the camera.", when=by_apertures),
+        Ask("scene", "Set up a flat scene, detailed everywhere, at one distance: three motions by hand without an IMU "
+            "cannot be estimated otherwise. Fix the camera to its rig.", when=only_flat),
+        Ask("scene", "Set up a static scene, detailed everywhere, and fix the camera.", when=by_apertures),
         SetLight(lambda facts: 1.0),
         Ask("focused", "Focus nearer than anything in the scene, then switch autofocus off.",
             when=by_apertures),
         Ask("focused", "Focus on the scene's middle, then switch autofocus off.", when=by_motions),
         Ask("max_w", "How far does the widest blur reach?", "number", "pixels", DEFAULT_MAX_W, low=1.0, high=40.0),
-        Ask("first_f_number", "Which f-number has the first photograph?", "number", "", 8.0, low=0.5, high=64.0,
+        Ask("first_f_number", "What is the f-number of the first photograph?", "number", "", 8.0, low=0.5, high=64.0,
             when=by_apertures),
-        Ask("lens_f_number", "Which f-number has the lens in all of them?", "number", "", 8.0, low=0.5, high=64.0,
+        Ask("lens_f_number", "What is the f-number of all of them?", "number", "", 8.0, low=0.5, high=64.0,
             when=by_both),
-        Ask("focus_m", "How far from the lens is its plane of focus? 0: as the camera notes it.", "number", "m", 0.0,
+        Ask("focus_m", "How far from the lens is its plane of focus? 0: as the camera records it.", "number", "m", 0.0,
             low=0.0, when=by_both),
         Ask("second_f_number", "And the second one?", "number", "", 4.0, low=0.5, high=64.0, when=by_apertures),
         Ask("third_f_number", "And the third one?", "number", "", 5.6, low=0.5, high=64.0, when=third_by_apertures),
-        Ask("shape", "Which shape has the aperture? pillbox, gaussian, polygon:BLADES, or FILE, measured; or one for "
-            "each photograph, with ; between.", "text", default="pillbox",
+        Ask("shape", "What is the shape of the aperture? pillbox, gaussian, polygon:BLADES, or FILE, measured; or one "
+            "for each photograph, separated by ;.", "text", default="pillbox",
             when=lambda facts: by_apertures(facts) or by_both(facts),
             check=partial(check_shape, read), names_file=names_file),
-        Ask("pixel_pitch_um", "How far apart are the pixels? 0: the rig does not turn.", "number", "µm", 0.0, low=0.0,
+        Ask("pixel_pitch_um", "What is the pixel pitch? 0: the rig does not rotate.", "number", "µm", 0.0, low=0.0,
             when=by_motions_alone),
-        Ask("pixel_pitch_um", "How far apart are the pixels?", "number", "µm", 4.0, low=0.1, when=by_both),
-        Ask("pixel_pitch_um", "How far apart are the pixels? 0: not known.", "number", "µm",
+        Ask("pixel_pitch_um", "What is the pixel pitch?", "number", "µm", 4.0, low=0.1, when=by_both),
+        Ask("pixel_pitch_um", "What is the pixel pitch? 0: not known.", "number", "µm",
             0.0, low=0.0, when=by_apertures),
-        Ask("steady", "Does the rig go steadily along one axis of the frame in both photographs?", "choice", default=NO,
+        Ask("steady", "Is the motion uniform along one axis of the frame in both photographs?", "choice", default=NO,
             choices=(NO, "x", "y"), when=lambda facts: by_motions_alone(facts) and not shaken(facts)),
-        Ask("region", "Where is a flat part of one distance? x,y,width,height, auto or whole.", "text", default="auto",
-            when=lambda facts: by_motions_alone(facts) and not (shaken(facts) or told_motions(facts)),
+        Ask("region", "Where is a flat part at one distance? x,y,width,height, auto or whole.", "text", default="auto",
+            when=lambda facts: by_motions_alone(facts) and not (shaken(facts) or motions_measured(facts)),
             given=lambda facts: "whole" if only_flat(facts) else None),
     )  # fmt: skip
 
 
 FIRST = (
     Ask("first", "Set the first aperture.", when=by_apertures),
-    Ask("first", "Let the rig stand still: the light is looked at first.", when=by_motions_alone, given=done_by_shaker),
-    Ask("first", "Set the aperture, and let the rig stand still: the light is looked at first.", when=by_both),
+    Ask("first", "Let the rig rest: the light is checked first.", when=by_motions_alone, given=done_by_shaker),
+    Ask("first", "Set the aperture, and let the rig rest: the light is checked first.", when=by_both),
 )
 MOVES = Ask("first_moves", "Set the rig in its first motion.", when=by_motions, given=done_by_shaker)
 SECOND = (
-    Ask("second", "Set the second aperture, and as much more or less time; touch nothing else.", when=by_apertures),
+    Ask("second", "Set the second aperture, and adapt the exposure time; touch nothing else.", when=by_apertures),
     Ask("second", "Set the rig in its second motion.", when=by_motions, given=done_by_shaker),
 )
 THIRD = (
-    Ask("third", "Set the third aperture, and as much more or less time; touch nothing else.", when=third_by_apertures),
-    Ask("third", "Set the rig in its third motion, across both others.", when=third_by_motions, given=done_by_shaker),
+    Ask("third", "Set the third aperture, and adapt the exposure time; touch nothing else.", when=third_by_apertures),
+    Ask("third", "Set the rig in its third motion, across the other two.", when=third_by_motions, given=done_by_shaker),
 )
 GROUND_TRUTH = (
-    Ask("truth", "Set the smallest aperture, and as much more time; touch nothing else.", when=truth_by_apertures),
+    Ask(
+        "truth", "Set the smallest aperture, and extend the exposure time; touch nothing else.", when=truth_by_apertures
+    ),
     Ask(
         "truth",
-        "Let the rig stand still and the scene as it was; set the smallest aperture, and as much more time.",
+        "Let the rig rest, leave the scene unchanged; set the smallest aperture, and extend the exposure time.",
         when=truth_of_both,
     ),
-    Ask("truth", "Let the rig stand still, and the scene as it was.", when=truth_at_rest, given=done_by_shaker),
+    Ask("truth", "Let the rig rest, and leave the scene unchanged.", when=truth_at_rest, given=done_by_shaker),
 )

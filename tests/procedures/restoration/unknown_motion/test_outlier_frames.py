@@ -6,44 +6,44 @@ from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
 
 from procedures.outcome import Refused
-from procedures.restoration.unknown_motion.odd_photograph import odd_photographs
-from procedures.restoration.unknown_motion.turned_scene import kernels_of_turned_scene
+from procedures.restoration.unknown_motion.outlier_frames import outlier_frames
+from procedures.restoration.unknown_motion.rotated_scene import kernels_of_rotated_scene
 
 SIZE = 140
 
 
 def shaken(seed: int, count: int) -> np.ndarray:
-    """Photographs of one scene, each shaken along a line of its own and moved by some pixels, with noise."""
+    """Photographs of one scene, each blurred along its own line and shifted by some pixels, with noise."""
     rng = np.random.default_rng(seed)
     scene = 0.5 + 0.15 * np.sign(gaussian_filter(rng.standard_normal((SIZE + 30, SIZE + 30)), 5))
-    found = []
+    frames = []
     for number in range(count):
         kernel, angle = np.zeros((21, 21)), np.pi * number / count
         for t in np.linspace(-6, 6, 60):
             kernel[round(10 + t * np.sin(angle)), round(10 + t * np.cos(angle))] += 1 / 60
         y, x = rng.integers(0, 10, 2)
-        found.append(fftconvolve(scene, kernel, mode="valid")[y : y + SIZE, x : x + SIZE])
-    return np.stack(found) + 0.01 * rng.standard_normal((count, SIZE, SIZE))
+        frames.append(fftconvolve(scene, kernel, mode="valid")[y : y + SIZE, x : x + SIZE])
+    return np.stack(frames) + 0.01 * rng.standard_normal((count, SIZE, SIZE))
 
 
 @pytest.mark.parametrize("count", [3, 9])
-def test_shake_of_any_direction_makes_none_odd(count):
-    assert odd_photographs(shaken(1, count)) == []
+def test_shake_of_any_direction_is_no_outlier(count):
+    assert outlier_frames(shaken(1, count)) == []
 
 
 @pytest.mark.parametrize(("count", "odd"), [(3, [2]), (3, [0]), (9, [3, 7])])
-def test_another_scene_is_told_whichever_it_is(count, odd):
+def test_another_scene_is_detected_at_any_position(count, odd):
     photographs = shaken(1, count)
     photographs[odd] = shaken(2, len(odd))
-    assert odd_photographs(photographs) == odd
+    assert outlier_frames(photographs) == odd
 
 
-def test_of_two_photographs_or_two_halves_none_is_the_odd_one():
+def test_two_photographs_or_two_halves_have_no_outlier():
     photographs = np.concatenate([shaken(1, 2), shaken(2, 2)])
-    assert odd_photographs(photographs[1:3]) == odd_photographs(photographs) == []
+    assert outlier_frames(photographs[1:3]) == outlier_frames(photographs) == []
 
 
-def test_the_search_names_it_at_once():
+def test_the_search_names_the_outlier():
     photographs = np.concatenate([shaken(1, 2), shaken(2, 1)])
     with pytest.raises(Refused, match="photograph 3 of 3 shows another scene"):
-        kernels_of_turned_scene(photographs)
+        kernels_of_rotated_scene(photographs)

@@ -1,7 +1,7 @@
-"""A small lens known by formulas, a scene, and what a sensor sees of it; the method is given only the lens's PSFs.
+"""A small analytic lens, a scene, and simulated photographs of it; the method is given only the lens's PSFs.
 
-The lens's transfer function at a place is a tilted Gaussian with some coma (an odd phase) times a pixel's aperture; the
-blur is applied where it varies, point by point over a fine grid of places, by transforms of its own.
+The transfer function at a position is a tilted Gaussian with some coma (an odd phase) times a pixel's aperture. The
+blur is applied point by point over a fine grid of positions, by its own transforms.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ RIM = 24
 
 @dataclass(frozen=True)
 class SmallLens:
-    """A lens over a plane of that shape: sigma in pixels of the plane at the middle, and how much it grows outwards."""
+    """A lens over a plane of given shape: sigma in pixels of the plane at the centre, and its growth outwards."""
 
     shape: tuple[int, int]
     sigma_px: float = 0.45
     growth: float = 0.9
     coma: float = 0.12
     shift_px: float = 0.0
-    """Of the picture against the reference's, in pixels of the plane at half the frame's diagonal, outwards."""
+    """Magnification error relative to the reference, in pixels of the plane at half the frame's diagonal, outwards."""
 
     def otf(self, x: float, y: float, fx: Array, fy: Array) -> Array:
-        """At frequencies in cycles per pixel of the plane."""
+        """Transfer function at frequencies in cycles per pixel of the plane."""
         rows, columns = self.shape
         u = np.array([x - (columns - 1) / 2, y - (rows - 1) / 2]) / (np.hypot(rows, columns) / 2)
         radius = np.hypot(*u)
@@ -52,14 +52,14 @@ class SmallLens:
         return (blur * odd).reshape(fx.shape) * np.sinc(fx * 0.7) * np.sinc(fy * 0.7)
 
     def kernel(self, x: float, y: float, per_px: int) -> Array:
-        """The PSF with so many samples per pixel, all that these show of it; odd size, centre in the middle."""
+        """The PSF sampled `per_px` times per pixel; odd size, centre in the middle."""
         n = PERIOD * per_px
         f = np.fft.fftfreq(n) * per_px
         h = np.fft.fftshift(np.fft.ifft2(self.otf(x, y, *np.meshgrid(f, f))).real)
         return h[1:, 1:]
 
     def node(self, x: float, y: float, noise: float, rng: np.random.Generator, number: int) -> Node:
-        """The PSF's support as a chart there would give it, its samples with that error."""
+        """The PSF's support as measured from a chart there, with noise of its samples."""
         whole = self.kernel(x, y, S)
         low = len(whole) // 2 - K // 2
         h = whole[low : low + K, low : low + K] + noise * rng.standard_normal((K, K))
@@ -69,7 +69,7 @@ class SmallLens:
         )
 
     def field(self, name: str, noise: float = 1e-6, seed: int = 11) -> Interpolation:
-        """Measured at 5 x 4 places."""
+        """The PSF field measured at 5 x 4 positions."""
         rng = np.random.default_rng(seed)
         rows, columns = self.shape
         places = [(x, y) for y in np.linspace(0, rows - 1, 4) for x in np.linspace(0, columns - 1, 5)]
@@ -79,7 +79,7 @@ class SmallLens:
 
 
 def scene(shape: tuple[int, int], seed: int = 1, channels: int = 1) -> Array:
-    """Light of things with edges, fine lines and shades (C, H, W), 0.05 to 0.8; no finer than a pixel shows."""
+    """Light of things with edges, fine lines and shades (C, H, W), 0.05 to 0.8; band-limited to the pixels."""
     rng = np.random.default_rng(seed)
     shapes = [np.sign(gaussian_filter(rng.standard_normal(shape), s)) for s in (12, 7, 4)]
     shades = gaussian_filter(rng.standard_normal(shape), 9)
@@ -94,7 +94,7 @@ def scene(shape: tuple[int, int], seed: int = 1, channels: int = 1) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class Photograph:
     """A photograph, the truth (C, H, W) on the sensor's grid, and the light before the sensor's noise."""
 
     frame: RawFrame
@@ -102,19 +102,19 @@ class Seen:
     light: Mapping[str, Array] = field(default_factory=dict)
 
     def psnr(self, picture: Array, rim: int = 0) -> float:
-        """Of a picture (C, H, W) against the truth, white = 1."""
+        """PSNR of a picture (C, H, W) relative to the truth, white = 1."""
         inside = (..., slice(rim, picture.shape[-2] - rim), slice(rim, picture.shape[-1] - rim))
         return float(-10 * np.log10(np.mean((picture - self.truth)[inside] ** 2)))
 
 
-def moved(light: Array, dx: float, dy: float) -> Array:
-    """The light (H, W) moved by so many of its pixels, whatever their part; round the rim."""
+def shifted(light: Array, dx: float, dy: float) -> Array:
+    """The light (H, W) shifted by (dx, dy) pixels, also by fractions; periodic."""
     fy, fx = np.fft.fftfreq(light.shape[0])[:, None], np.fft.rfftfreq(light.shape[1])
     return np.fft.irfft2(np.fft.rfft2(light) * np.exp(-2j * np.pi * (fx * dx + fy * dy)), light.shape)
 
 
-def turned(light: Array, degrees: float, zoom: float) -> Array:
-    """The light (H, W) turned about its middle, and larger."""
+def rotated(light: Array, degrees: float, zoom: float) -> Array:
+    """The light (H, W) rotated about its centre and scaled."""
     matrix = cv2.getRotationMatrix2D(((light.shape[1] - 1) / 2, (light.shape[0] - 1) / 2), degrees, zoom)
     how = {"flags": cv2.INTER_LANCZOS4, "borderMode": cv2.BORDER_REFLECT}
     return np.asarray(cv2.warpAffine(light, matrix, light.shape[::-1], **how))
@@ -123,13 +123,13 @@ def turned(light: Array, degrees: float, zoom: float) -> Array:
 NOTED = Exposure(camera="Bench One", lens="Bench 50mm", f_number=2.8, focal_length_mm=50.0, subject_distance_mm=2000.0)
 
 
-def grey(lens: SmallLens, light: Array, sensor: Sensor, seed: int = 0) -> Seen:
+def grey(lens: SmallLens, light: Array, sensor: Sensor, seed: int = 0) -> Photograph:
     """A grey photograph of light (1, H + 2 RIM, W + 2 RIM)."""
     kernels = kernels_over(lambda x, y: lens.kernel(x, y, 1), lens.shape, (9, 11))
     through = blurred(light[0], kernels, RIM)
     samples = sensor.read(through, np.random.default_rng(seed))
     frame = RawFrame(Path("grey"), "", {"Y": Plane("Y", samples, 1 / sensor.steps)}, NOTED)
-    return Seen(frame, light[:, RIM:-RIM, RIM:-RIM], {"Y": through})
+    return Photograph(frame, light[:, RIM:-RIM, RIM:-RIM], {"Y": through})
 
 
 def bayer(
@@ -138,7 +138,7 @@ def bayer(
     sensor: Sensor,
     origins: Mapping[str, tuple[int, int]] = RGGB,
     seed: int = 0,
-) -> Seen:
+) -> Photograph:
     """A mosaic of light (3, H + 2 RIM, W + 2 RIM) on the sensor's grid; planes have half as many rows and columns."""
     rng, planes, through = np.random.default_rng(seed), {}, {}
     whole = tuple(n - 2 * RIM for n in light.shape[1:])
@@ -150,7 +150,7 @@ def bayer(
         through[name] = blurred(light["RGB".index(name[0])], kernels, RIM)
         samples = sensor.read(through[name][y0::2, x0::2], rng)
         planes[name] = Plane(name, samples, 1 / sensor.steps, 2, (x0, y0))
-    return Seen(RawFrame(Path("mosaic"), "", planes, NOTED), light[:, RIM:-RIM, RIM:-RIM], through)
+    return Photograph(RawFrame(Path("mosaic"), "", planes, NOTED), light[:, RIM:-RIM, RIM:-RIM], through)
 
 
 def burst(
@@ -161,14 +161,13 @@ def burst(
     light: Sequence[float] | None = None,
     turns: Sequence[tuple[float, float]] | None = None,
 ) -> list[RawFrame]:
-    """Photographs of light (C, 2 H + 2 RIM, 2 W + 2 RIM) on a grid twice as fine as the sensor's, each moved by (x, y)
-    pixels of the sensor, as bright as told, turned by so many degrees and so much larger: a mosaic, or grey of one
-    lens."""
-    found, whole = [], tuple(n - 2 * RIM for n in fine.shape[1:])
+    """Photographs of light (C, 2 H + 2 RIM, 2 W + 2 RIM) on a grid twice as fine as the sensor's: each shifted by (x,
+    y) pixels of the sensor, with its own brightness, rotation and scale; a mosaic, or grey of one lens."""
+    photographs, whole = [], tuple(n - 2 * RIM for n in fine.shape[1:])
     origins, pitch = (RGGB, 2) if len(fine) > 1 else ({"Y": (0, 0)}, 1)
     for number, (dx, dy) in enumerate(moves):
         rng, planes = np.random.default_rng(number), {}
-        seen = [moved(one if turns is None else turned(one, *turns[number]), 2 * dx, 2 * dy) for one in fine]
+        scenes = [shifted(one if turns is None else rotated(one, *turns[number]), 2 * dx, 2 * dy) for one in fine]
         for name, (x0, y0) in origins.items():
             lens, per = lenses[name], 2 * pitch
 
@@ -176,9 +175,9 @@ def burst(
                 return lens.kernel(x / per - x0 / pitch, y / per - y0 / pitch, per)
 
             kernels = kernels_over(kernel, whole, (9, 11))
-            through = blurred(seen["RGB".find(name[0]) if len(fine) > 1 else 0], kernels, RIM)
+            through = blurred(scenes["RGB".find(name[0]) if len(fine) > 1 else 0], kernels, RIM)
             through = through * (1.0 if light is None else light[number])
             samples = sensor.read(through[2 * y0 :: per, 2 * x0 :: per], rng)
             planes[name] = Plane(name, samples, 1 / sensor.steps, pitch, (x0, y0))
-        found.append(RawFrame(Path(f"photograph {number + 1}"), "", planes, NOTED))
-    return found
+        photographs.append(RawFrame(Path(f"photograph {number + 1}"), "", planes, NOTED))
+    return photographs
