@@ -19,7 +19,7 @@ from textual.message import Message
 from procedures.drawings import steps as drawings
 from procedures.pattern import BEST_S_OVER_T, Chart
 from procedures.pattern_psf.checks import marks_of
-from procedures.pattern_psf.focus.sweep import Way
+from procedures.pattern_psf.focus.sweep import TurnDirection
 from procedures.plan import Ask
 from station.app.background import Finished
 from station.app.commands import FOCUS, Command, EndFocus, EndRun, TurnFar, TurnNear, bindings
@@ -44,7 +44,7 @@ WORDS = {
 WHENCE = "Live focus. Where do the photographs of the chart come from?"
 NAMED = Ask("folder", "In which folder do they arrive?", "text")
 HOMES = Ask(MOVE, "The simulated stages home, each axis to its switch, then go to the middle of their travel.")
-SIGNS = {Way.TRY: "?", Way.ON: ">", Way.BACK: "<", Way.STAY: "="}
+SIGNS = {TurnDirection.TRY: "?", TurnDirection.ON: ">", TurnDirection.BACK: "<", TurnDirection.STAY: "="}
 """Beside the number: go on, turn back, stay."""
 Coming = Callable[[PhotographSource], Iterator[LiveFrame]]
 
