@@ -1,7 +1,7 @@
 """Stray light on an edge's plains, from other printed areas through the PSF's far tail.
 
-The slanted-edge method assumes an edge between two unbounded plains. On the chart the frame is close, and the black area
-ends: a few thousandths of the contrast, which would be mistaken for the edge's own tail.
+The slanted-edge method assumes an edge between two unbounded plains. On the chart the frame is close, and the black
+area ends: a few thousandths of the contrast, which would be mistaken for the edge's own tail.
 """
 
 from __future__ import annotations

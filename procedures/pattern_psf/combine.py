@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincc, ndtri
 
-from procedures.budget import TERMS, Budget, taken_apart
+from procedures.budget import TERMS, Budget, with_parts
 from procedures.choice import Trial
 from procedures.numerics.warps import inverse
 from procedures.outcome import Check, Outcome, Verdict, verdict_of, with_causes
@@ -79,7 +79,7 @@ class CombinedPsf:
         at = self.shots[0].quality.at
         quality = assess(self.psf, n=sum(shot.n for shot in self.shots), diffraction=self.diffraction, at=at)
         parts = {name: self._parts(name, terms["noise"]) for name, terms in quality.budgets.items()}
-        return taken_apart(quality, parts)
+        return with_parts(quality, parts)
 
     def _parts(self, name: str, noise: float) -> Budget:
         budgets = [shot.quality.budgets[name] for shot in self.shots if name in shot.quality.budgets]

@@ -13,8 +13,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.budget import taken_apart, with_settling
-from procedures.choice import FINEST, START_S, Trial, choose, settling
+from procedures.budget import with_convergence, with_parts
+from procedures.choice import FINEST, START_S, Trial, choose, remaining_change
 from procedures.numbers import (
     GAMMA,
     GAMMA_BOUND,
@@ -266,7 +266,7 @@ def _estimate(
     )
     quality = assess(final.psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at)
     parts = error_parts(final.fit, final.psf, quality, CHECKED_NUMBERS, GROUPS if sensor is None else CALIBRATED)
-    quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
+    quality = with_parts(with_convergence(quality, remaining_change(tried)), parts.parts)
     around = surroundings(final.fit.registration, samples.shape).cut(samples)
     levels = float(light.black[0]), float(light.white[0])
     noise = measure_noise(around, levels, light.variance_at, _residual_image(final.fit)[0])

@@ -142,14 +142,14 @@ def with_sensor(light: Light, sensor: SensorModel, plane: Plane) -> Light:
             f"{signal[2] / sensor.saturation:.0%}",
             "reduce the exposure until white lies at 80 % of full scale",
         )
-    black, middle, white = (float(v) for v in sensor.straightened_variance(straight) * plane.quantisation**2)
+    black, middle, white = (float(v) for v in sensor.linearised_variance(straight) * plane.quantisation**2)
     return replace(light, variance_black=black, variance_middle=middle, variance_white=white)
 
 
 def straighten(plane: Plane, sensor: SensorModel) -> Plane:
     """Plane linearised by the sensor's response."""
     signal = plane.samples / plane.quantisation + (plane.black - sensor.dark_level)
-    straight = sensor.straightened(signal) - (plane.black - sensor.dark_level)
+    straight = sensor.linearised(signal) - (plane.black - sensor.dark_level)
     return replace(plane, samples=(straight * plane.quantisation).astype(np.float32))
 
 
