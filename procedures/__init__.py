@@ -1,12 +1,11 @@
-"""What is computed: arrays become results. No terminal and no port; files only in `raw` and `pattern_print`.
+"""Computation: from arrays to results. No terminal and no device; files only in `raw` and `pattern_print`.
 
-Rooms stand side by side (`pattern_psf`, ...) over what they share (`quality`, `raw`, `psf`, `pattern`,
-`outcome`), over `numerics`, which is mathematics without cameras. A new room is a package whose verb is in
+Packages such as `pattern_psf` are independent of each other. They share `quality`, `raw`, `psf`, `pattern` and
+`outcome`, and below these `numerics`, which is mathematics without cameras. A new package has its main function in
 `estimate.py`; add it to the contract in `pyproject.toml`.
 
-For scripts and notebooks `__all__` is the library, and stays as it is between releases: whatever else has to be
-imported from the rooms may move. Each name is loaded when it is first used, so that one who wants a PSF does not wait
-for the restoration, and the command line, which imports from the rooms, waits for nothing.
+`__all__` is the public API for scripts and notebooks, stable between releases; other names may move. Each name is
+loaded on first use, to keep imports fast.
 """
 
 from __future__ import annotations
@@ -134,9 +133,8 @@ __all__ = [
     "views_of",
 ]  # fmt: skip
 
-# name -> the module under `procedures` that has it, and its name there where it is another: the same imports as above,
-# which a checker of types or imports reads and a running program does not
-_PLACES = {
+# name -> its module under `procedures`, and its name there if different: the imports above, for use at run time
+_MODULES = {
     "BadInput": "outcome",
     "BadParameter": "outcome",
     "BendSettings": "restoration.unknown_motion.basin_hopping",
@@ -265,11 +263,11 @@ _PLACES = {
 
 
 def __getattr__(name: str) -> object:
-    """One name of the library, loaded now (PEP 562)."""
-    if name not in _PLACES:
+    """Load a public name on first use (PEP 562)."""
+    if name not in _MODULES:
         raise AttributeError(f"module 'procedures' has no attribute {name!r}")
-    module, _, there = _PLACES[name].partition(":")
-    value: object = getattr(import_module(f"procedures.{module}"), there or name)
+    module, _, original = _MODULES[name].partition(":")
+    value: object = getattr(import_module(f"procedures.{module}"), original or name)
     globals()[name] = value
     return value
 

@@ -1,8 +1,8 @@
-"""How finely and how widely the PSF is sampled: s and k from the photograph, or what those that were given leave out.
+"""Automatic choice of the sampling s and the support k, and assessment of given ones.
 
-s is raised until the OTF is zero at the band's edge within a few per cent: light beyond the band is missed by widths
-and energies, and left over as noise. k is raised until what the tail's few shapes may miss of the OTF is small beside
-its noise. What was photographed has an end too: no grid may ask for frequencies that it does not have.
+s is raised until the OTF at the band's edge is zero within a few per cent: energy beyond the band is missing in widths
+and energies, and remains as noise in the residual. k is raised until the truncation of the OTF is small compared with
+its noise. The subject limits s: the grid must not have frequencies that the subject lacks.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from procedures.stray_tail import truncation
 
 FINEST = 6
 START_S, START_K = 4, 17
-"""The first try; another s keeps the support's width in pixels."""
-WIDEST = 41
-EQUATIONS = 8
-"""Least samples per PSF value of a try that is not asked for."""
+"""First trial; another s keeps the support's width in pixels."""
+MAX_K = 41
+MIN_SAMPLES_PER_VALUE = 8
+"""Least number of samples per PSF value of an automatic trial."""
 RIM, OPEN = 0.8, 0.05
 """The band is open where the OTF's root mean square over the frequencies beyond `RIM` of it exceeds `OPEN`."""
-HALF = 0.5
-"""Of a standard uncertainty: what may be left out without a doubt."""
-MOST_TRIES = 4
-WIDER = 1.6
-"""By how much one try's support is wider than the last one's at the most: what is left out is known roughly."""
+MAX_TRUNCATION_SIGMAS = 0.5
+"""Greatest truncation that is accepted, in combined standard uncertainties."""
+MAX_TRIALS = 4
+MAX_WIDENING = 1.6
+"""Greatest ratio of successive widths of the support, as the truncation is known only roughly."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One try of s and k, and why it did or did not do.
+    """Trial of s and k, with its assessment.
 
     Attributes
     ----------
@@ -47,12 +47,12 @@ class Trial:
     uncertainty : float
         Noise of the OTF, the mean of its standard uncertainties along x and y where the MTF is one half or at Nyquist.
     truncation : float
-        What the support may leave out of the OTF.
+        Part of the OTF that the support may truncate.
     band_edge : float
-        Root mean square of the OTF near the band's edge, without its noise.
+        Rms of the OTF near the band's edge, corrected for noise.
     reason : str
     better : (int, int) or None
-        The s and k that would leave out less; None where it does, or nothing better can be had.
+        Better s and k; None where these suffice, or none are possible.
     """
 
     s: int
@@ -66,22 +66,22 @@ class Trial:
 
     @property
     def support_short(self) -> bool:
-        """Whether the support leaves out too much beside the noise."""
+        """Whether the truncation is too large compared with the noise."""
         return self.truncation > self.most_truncated
 
     @property
     def most_truncated(self) -> float:
-        """The truncation above which the support is too short."""
-        return HALF * float(np.hypot(self.truncation, self.uncertainty))
+        """Greatest acceptable truncation."""
+        return MAX_TRUNCATION_SIGMAS * float(np.hypot(self.truncation, self.uncertainty))
 
     @property
     def band_open(self) -> bool:
-        """Whether the camera passes what s does not hold."""
+        """Whether the OTF extends beyond the band of s."""
         return self.band_edge > OPEN
 
 
 def assess_trial(psf: Psf) -> Trial:
-    """What a PSF says of its own s and k."""
+    """Assess s and k of a PSF."""
     uncertainties, crossings, C = [], [], psf.parameter_covariance
     for angle in (0.0, np.pi / 2):
         found = mtf50_along(psf, angle)
@@ -96,7 +96,7 @@ def assess_trial(psf: Psf) -> Trial:
 
 
 def band_edge(psf: Psf) -> float:
-    """Root mean square of the OTF over the ring beyond `RIM` of the band's half width, its noise taken away."""
+    """Rms of the OTF over the ring beyond `RIM` of the band's half width, corrected for noise."""
     turn = np.arange(0, np.pi, np.pi / 12)
     f = psf.s / 2 * np.linspace(RIM, 1, 4)[:, None]
     waves = psf.spectra((f * np.cos(turn)).ravel(), (f * np.sin(turn)).ravel())
@@ -107,29 +107,26 @@ def band_edge(psf: Psf) -> float:
 
 
 def _fitting(width_px: float, s: int, samples: int) -> int:
-    """The odd k for a support of a width, as far as the samples determine it."""
-    most = min(int((samples / EQUATIONS) ** 0.5), WIDEST)
+    """Odd k for a width of the support, limited by the number of samples."""
+    most = min(int((samples / MIN_SAMPLES_PER_VALUE) ** 0.5), MAX_K)
     k = min(round(width_px * s), most)
     return max(k - 1 + k % 2, 5)
 
 
-def judged(trial: Trial, samples: int, most_s: int, wider: float = WIDER) -> Trial:
-    """The trial with what is said of it, and the s and k that would do better; `most_s` is the largest s there is.
-
-    `wider` is by how much the support may widen at the most.
-    """
+def with_advice(trial: Trial, samples: int, most_s: int, wider: float = MAX_WIDENING) -> Trial:
+    """Add the reason and better s and k to a trial; `most_s` is the largest s, `wider` the largest ratio of widths."""
     s, width = trial.s, trial.k / trial.s
-    said = []
+    reasons = []
     if trial.band_open:
         s = min(s + 1, max(most_s, s))
-        said.append(f"the OTF is {trial.band_edge:.2f} near the band's edge")
+        reasons.append(f"the OTF is {trial.band_edge:.2f} near the band's edge")
     if trial.support_short:
-        # what is left out falls with the square of the width
-        width *= float(np.clip(np.sqrt(trial.truncation / (HALF * trial.uncertainty)), 1.15, wider))
-        said.append(f"the support may leave out {trial.truncation:.4f} of the OTF, known to {trial.uncertainty:.4f}")
+        # the truncation falls with the square of the width
+        width *= float(np.clip(np.sqrt(trial.truncation / (MAX_TRUNCATION_SIGMAS * trial.uncertainty)), 1.15, wider))
+        reasons.append(f"k may truncate {trial.truncation:.4f} of the OTF, with uncertainty {trial.uncertainty:.4f}")
     k = _fitting(width, s, samples)
-    better = (s, k) if said and (s > trial.s or k > trial.k) else None
-    return replace(trial, reason="; ".join(said) or "nothing left out that matters", better=better)
+    better = (s, k) if reasons and (s > trial.s or k > trial.k) else None
+    return replace(trial, reason="; ".join(reasons) or "s and k suffice", better=better)
 
 
 def choose(
@@ -142,49 +139,49 @@ def choose(
     s: int | None,
     k: int | None,
 ) -> tuple[T, tuple[Trial, ...]]:
-    """The result for the s and k that do, and what was tried.
+    """Choose s and k; returns the result and the trials.
 
     Parameters
     ----------
     attempt : callable
-        From s and k to a result.
+        Function from s and k to a result.
     psf_of : callable
-        The PSF in a result.
+        Function from a result to its PSF.
     samples : int
-        That the PSF is estimated from.
+        Number of samples of the estimate.
     most_s : int
-        The largest s that what was photographed allows.
+        Largest s that the subject allows.
     start_s : int
-        The first try.
+        s of the first trial.
     s, k : int or None
-        What is given; None: chosen.
+        Given values; None: chosen.
     """
-    at = s or min(start_s, most_s, k or start_s)  # a support narrower than a pixel explains no photograph
-    now = (at, k or _fitting(START_K / START_S, at, samples))
-    tried: list[Trial] = []
+    at = s or min(start_s, most_s, k or start_s)  # the support must be at least a pixel wide
+    current = (at, k or _fitting(START_K / START_S, at, samples))
+    trials: list[Trial] = []
     while True:
         try:
-            result = attempt(*now)
+            result = attempt(*current)
         except (Refused, np.linalg.LinAlgError):
-            if not tried:
+            if not trials:
                 raise
-            # finer or wider cannot be had
-            why = f"{tried[-1].reason}; s = {now[0]}, k = {now[1]} is not determined"
-            return result, (*tried[:-1], replace(tried[-1], reason=why, better=None))
-        # what is given is not tried again: told is what would do at once
-        trial = judged(assess_trial(psf_of(result)), samples, most_s, WIDER if k is None else np.inf)
-        tried.append(trial)
-        following = now if trial.better is None else (s or trial.better[0], k or trial.better[1])
-        if following == now or len(tried) == MOST_TRIES:
-            return result, tuple(tried)
-        now = following
+            # a finer or wider grid is not possible
+            why = f"{trials[-1].reason}; s = {current[0]}, k = {current[1]} is not determined"
+            return result, (*trials[:-1], replace(trials[-1], reason=why, better=None))
+        # given values are not changed: the report names a k that suffices at once
+        trial = with_advice(assess_trial(psf_of(result)), samples, most_s, MAX_WIDENING if k is None else np.inf)
+        trials.append(trial)
+        following = current if trial.better is None else (s or trial.better[0], k or trial.better[1])
+        if following == current or len(trials) == MAX_TRIALS:
+            return result, tuple(trials)
+        current = following
 
 
-def settling(tried: tuple[Trial, ...]) -> float:
-    """By what share MTF50 may still move when k is raised: its last move, which falls with the square of the width."""
-    if len(tried) < 2:
+def remaining_change(trials: tuple[Trial, ...]) -> float:
+    """Expected relative change of MTF50 if k is raised: its last change, which falls with the square of the width."""
+    if len(trials) < 2:
         return 0.0
-    before, last = tried[-2:]
+    before, last = trials[-2:]
     narrower = (before.k / before.s) / (last.k / last.s)
-    moves = [abs(b / a - 1) for a, b in zip(before.mtf50, last.mtf50, strict=True) if a and b]
-    return max(moves, default=0.0) * narrower**2 if narrower < 1 else 0.0
+    changes = [abs(b / a - 1) for a, b in zip(before.mtf50, last.mtf50, strict=True) if a and b]
+    return max(changes, default=0.0) * narrower**2 if narrower < 1 else 0.0

@@ -1,8 +1,8 @@
-"""Clipping seen in the samples themselves: they pile up at their own largest or smallest value.
+"""Detection of clipping in the samples: they accumulate at their largest or smallest value.
 
-A sensor, a converter or a program may cut light off anywhere below the nominal white, and black anywhere above 0. What
-is cut off stands in one value where noise would spread it over several. A plain area without noise stands in one value
-too: so there must be noise elsewhere, or an approach to the pile so abrupt that no lens makes it.
+A sensor, a converter or a program may clip light anywhere below the nominal white, and black anywhere above 0. Clipped
+samples have one value where noise would spread them over several. A uniform area without noise has one value too, so
+there must be noise elsewhere, or an approach to that value more abrupt than any lens allows.
 """
 
 from __future__ import annotations
@@ -17,31 +17,31 @@ from procedures.numerics.ordered import distinct, quantile
 Array = npt.NDArray[np.float64]
 
 NOMINAL = 0.998
-"""Samples from here on count as saturated: white is 1, and gain corrections leave a few steps of play."""
-STRAY = 0.0005
-"""Share of the samples, hot pixels and dust, that may lie beyond the pile."""
-LEAST_PILE = 0.005
-"""Share of the samples from which on they are a pile."""
-FEWEST = 6
-"""Samples that make a pile: of few, as a small chart's white blocks have, two are alike by chance."""
-STEEP = 2.0
-"""How many times as many samples a pile holds as the values beside it: on the flank of noise they become more."""
-SOME_NOISE, MUCH_NOISE = 0.3, 2.0
-"""Noise in steps of the numbers, on the dark side, that spreads the brighter one over several values, as light is never
-less noisy where there is more of it; and on the bright side, that the darker one cannot be without."""
-NEAR, FAR = 0.005, 0.05
-"""Of the contrast: the approach to an end is looked at between these distances."""
-LOW = 0.02
-"""Quantile of the samples that stands for the other end."""
-ABRUPT = 0.55
-"""Samples on the approach to a pile, over those on the approach to the other end, under which it was cut off."""
-LOOKED_AT = 200_000
-"""Samples that are looked at to see in which steps they come."""
+"""Level from which samples count as saturated; white is 1, and gain corrections shift it by a few steps."""
+MAX_OUTLIERS = 0.0005
+"""Share of the samples, hot pixels and dust, that may lie beyond the peak."""
+MIN_PEAK_SHARE = 0.005
+"""Least share of the samples in a peak."""
+MIN_PEAK_SAMPLES = 6
+"""Least number of samples in a peak: of few samples, as in a small chart's blocks, two are equal by chance."""
+MIN_PEAK_RATIO = 2.0
+"""Least ratio of the samples in a peak to those at the adjacent values."""
+MIN_DARK_NOISE, MIN_BRIGHT_NOISE = 0.3, 2.0
+"""Noise in quantisation steps above which the other end must be noisy: of the dark end for the bright one, as noise
+never decreases with light, and of the bright end for the dark one."""
+APPROACH_START, APPROACH_END = 0.005, 0.05
+"""Range of distances from an end in which its approach is counted, relative to the contrast."""
+LOW_QUANTILE = 0.02
+"""Quantile of the samples used as the other end."""
+MAX_APPROACH_RATIO = 0.55
+"""Ratio of the samples on the approach to a peak to those at the other end below which it is clipped."""
+MAX_STEP_SAMPLES = 200_000
+"""Number of samples used to determine the step."""
 
 
 @dataclass(frozen=True)
 class Clipping:
-    """Shares of the samples that are cut off: `black` at their smallest value, `white` at their largest."""
+    """Shares of clipped samples: `black` at their smallest value, `white` at their largest."""
 
     black: float
     white: float
@@ -55,18 +55,17 @@ def find_clipping(
     bright_noise: float = 0.0,
     of_edge: bool = False,
 ) -> Clipping:
-    """The shares of samples that pile up at their own ends, and at the nominal white.
+    """Estimate the shares of samples clipped at their smallest and largest value, and at the nominal white.
 
     Parameters
     ----------
     samples : of any shape, black 0 and nominal white 1
     quantisation : float
-        One digital number in these units; where samples come in larger steps, that is seen.
+        One digital number in these units; larger steps are detected.
     dark_noise, bright_noise : float
-        Standard deviations of the noise where it is dark and where it is bright, in these units; 0 where they are not
-        known.
+        Standard deviations of the noise in dark and bright parts, in these units; 0 if not known.
     of_edge : bool
-        Whether the samples are of one edge between two plains: its approach to both is then compared too.
+        Whether the samples are of one edge between two plains, whose approaches are then compared too.
     """
     values = np.ravel(samples).astype(np.float64)
     values = values[np.isfinite(values)]
@@ -74,36 +73,36 @@ def find_clipping(
         return Clipping(0.0, 0.0)
     step = _step(values, quantisation)
     nominal = float(np.mean(values >= NOMINAL))
-    white = _cut_off(values, step, dark_noise, SOME_NOISE, of_edge)
-    black = _cut_off(-values, step, bright_noise, MUCH_NOISE, of_edge)
+    white = _clipped_share(values, step, dark_noise, MIN_DARK_NOISE, of_edge)
+    black = _clipped_share(-values, step, bright_noise, MIN_BRIGHT_NOISE, of_edge)
     return Clipping(black, max(white, nominal))
 
 
 def _step(values: Array, quantisation: float) -> float:
-    """The distance of neighbouring values: more than `quantisation` where few bits became many."""
-    levels = distinct(values[:: max(1, len(values) // LOOKED_AT)])
+    """Distance of adjacent values; more than `quantisation` where the bit depth was increased."""
+    levels = distinct(values[:: max(1, len(values) // MAX_STEP_SAMPLES)])
     return max(quantisation, quantile(np.diff(levels), 0.1) if len(levels) > 1 else 0.0)
 
 
-def _cut_off(values: Array, step: float, noise: float, enough: float, of_edge: bool) -> float:
-    """The share of values that are cut off at the upper end; the other end has a noise."""
-    stray = int(STRAY * len(values))
-    pile = float(np.partition(values, len(values) - 1 - stray)[len(values) - 1 - stray])
-    top = values[values > pile - 4 * step]
-    counts = [np.count_nonzero(np.abs(top - pile + i * step) < step / 2) for i in range(4)]
+def _clipped_share(values: Array, step: float, noise: float, least_steps: float, of_edge: bool) -> float:
+    """Share of values clipped at the upper end; `noise` is that of the other end."""
+    stray = int(MAX_OUTLIERS * len(values))
+    peak = float(np.partition(values, len(values) - 1 - stray)[len(values) - 1 - stray])
+    top = values[values > peak - 4 * step]
+    counts = [np.count_nonzero(np.abs(top - peak + i * step) < step / 2) for i in range(4)]
     share = counts[0] / len(values)
-    if share < LEAST_PILE or counts[0] < FEWEST or counts[0] < STEEP * max(counts[1:]):
+    if share < MIN_PEAK_SHARE or counts[0] < MIN_PEAK_SAMPLES or counts[0] < MIN_PEAK_RATIO * max(counts[1:]):
         return 0.0
-    cut = noise > enough * step or (of_edge and _abrupt(values, pile, max(2.5 * step, 4 * noise)))
-    return share if cut else 0.0
+    clipped = noise > least_steps * step or (of_edge and _abrupt(values, peak, max(2.5 * step, 4 * noise)))
+    return share if clipped else 0.0
 
 
-def _abrupt(values: Array, pile: float, fuzzy: float) -> bool:
-    """Whether far fewer values lie on the approach to the upper end than on that to the lower one, fuzzy by so much."""
-    low = quantile(values, LOW)
-    near = max(NEAR * (pile - low), fuzzy)
-    far = near + (FAR - NEAR) * (pile - low)
+def _abrupt(values: Array, peak: float, blur: float) -> bool:
+    """Whether far fewer values lie on the approach to the upper end than to the lower one, both blurred by `blur`."""
+    low = quantile(values, LOW_QUANTILE)
+    near = max(APPROACH_START * (peak - low), blur)
+    far = near + (APPROACH_END - APPROACH_START) * (peak - low)
     above, below = (
-        np.count_nonzero((distance > near) & (distance < far)) for distance in (pile - values, values - low)
+        np.count_nonzero((distance > near) & (distance < far)) for distance in (peak - values, values - low)
     )
-    return bool(above < ABRUPT * below)
+    return bool(above < MAX_APPROACH_RATIO * below)

@@ -1,4 +1,4 @@
-"""Photographs whose red, green and blue lie on one grid already: RGB files of 16 bits, linear or as sRGB."""
+"""Photographs with red, green and blue on one grid: RGB files of 16 bits, linear or sRGB."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from procedures.reading.grey_image import read_colours
 
 
 def read_colour_frame(path: Path | str, encoding: str, *, data: bytes | None = None) -> RawFrame:
-    """A photograph whose red, green and blue lie on one grid, from a TIFF or PNG of 16 bits: planes R, G and B.
+    """Read planes R, G and B of a TIFF or PNG of 16 bits with three channels.
 
     Parameters
     ----------
     encoding : str
-        What its numbers mean: "linear" in light, or "srgb", the transfer curve of IEC 61966-2-1, which is undone.
+        "linear", or "srgb" for the transfer function of IEC 61966-2-1, which is inverted.
     data : bytes, optional
-        The file's content, where it was read already.
+        Content of the file, if already read.
 
     Raises
     ------
     BadInput
-        If it is no such file.
+        If it is not such a file.
     """
     path = Path(path)
     data = read_photograph(path) if data is None else data
@@ -38,6 +38,6 @@ def read_colour_frame(path: Path | str, encoding: str, *, data: bytes | None = N
 
 
 def _linear(levels: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Light of numbers with sRGB's transfer curve."""
+    """Inverse of sRGB's transfer function."""
     light = np.where(levels <= 0.04045, levels / 12.92, ((levels + 0.055) / 1.055) ** 2.4)
     return np.asarray(light, dtype=np.float32)

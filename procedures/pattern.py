@@ -23,16 +23,16 @@ BLOCK = 32
 BLOCKS = 10
 """Blocks along one side of the whole chart; the noise is in blocks 1 to 8."""
 DEFAULT_SEED = 1
-"""The seed of the station's own chart."""
+"""Seed of the default chart."""
 
-# samples of the PSF in a cell, s/t: what the noise costs over them is told by `pattern_psf.gamma_curve`
+# sampling ratio s/t, samples of the PSF per cell; `pattern_psf.gamma.curve` gives the noise amplification over it
 AIM_S_OVER_T = 1.3
-"""Where a chart is best photographed from: gamma is within some per cent of its least."""
+"""Target of s/t: gamma is within a few per cent of its minimum."""
 BEST_S_OVER_T = (1.0, 1.5)
-"""Within these the PSF's error by noise is at most a third over its least."""
+"""Range in which the PSF's error by noise is at most a third above its minimum."""
 GOOD_S_OVER_T = (0.7, 1.8)
-"""Within these it is at most some two and a half times its least; at 2 the cells lack the finest detail of the PSF, and
-gamma has no bound."""
+"""Range in which it is at most 2.5 times its minimum; at 2 the cells' spectrum has a zero at the band's edge, and gamma
+is unbounded."""
 
 # (column, row) of blocks, clockwise from the top left
 X_CORNER_BLOCKS = (
@@ -56,16 +56,17 @@ WHITE_BLOCKS = (
 
 
 EDGES: npt.NDArray[np.float64] = np.array([[[320, 0], [345, 256]], [[0, 320], [256, 345]]], dtype=np.float64)
-"""The slanted edges of a chart that has them, ends (x, y) in cells, (2, 2, 2): right of the chart, and below it.
+"""Ends (x, y) of the optional slanted edges in cells, (2, 2, 2): right of the chart, and below it.
 
-They lean by atan(25 / 256) = 5.6 degrees, against each other: a roll that turns one onto an axis leaves the other.
+They are slanted by atan(25 / 256) = 5.6 degrees in opposite directions: a roll that aligns one with an axis does not
+align the other.
 """
 EDGE_END = 370
-"""Where the black areas behind the edges end, in x or y; before them all is white, a block and more."""
+"""Outer limit of the black areas behind the edges, in x or y; the white areas are more than a block wide."""
 
 
 def edge_areas() -> npt.NDArray[np.float64]:
-    """The black areas of the slanted edges, (2, 4, 2): corners (x, y) in cells, clockwise on paper."""
+    """Black areas of the slanted edges, (2, 4, 2): corners (x, y) in cells, clockwise on paper."""
     (top, bottom), (left, right) = EDGES
     end = float(EDGE_END)
     return np.array([[top, (end, top[1]), (end, bottom[1]), bottom], [left, right, (right[0], end), (left[0], end)]])
@@ -86,7 +87,7 @@ X_CORNERS: Points = block_centres(X_CORNER_BLOCKS)
 
 
 def triangles() -> npt.NDArray[np.float64]:
-    """The black triangles of the x-corners, (24, 3, 2): each block's upper one, then its lower one."""
+    """Black triangles of the x-corners, (24, 3, 2): each block's upper one, then its lower one."""
     shapes = []
     for column, row in X_CORNER_BLOCKS:
         x, y = block_corner(column, row)
@@ -98,14 +99,14 @@ def triangles() -> npt.NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Chart:
-    """One chart: its cells, and the seed they came from (None when they were given).
+    """A chart: its cells, and their seed (None if the cells were given).
 
     Attributes
     ----------
     cells : (256, 256) uint8
         1 = white, 0 = black, [row, column].
     edges : bool
-        Whether it has the two slanted edges beside it.
+        Whether it has the two slanted edges.
     """
 
     cells: Cells
@@ -118,10 +119,10 @@ class Chart:
 
     @classmethod
     def from_seed(cls, seed: int = DEFAULT_SEED) -> Chart:
-        """The chart of a seed: the same cells on every machine, now and later.
+        """Chart of a seed, with the same cells on every machine and in every version.
 
-        The bits are those of SHAKE-256 over the seed's decimal text, most significant first: a published function
-        that no library release can change, unlike a random generator's stream.
+        The bits are those of SHAKE-256 over the seed's decimal text, most significant first: a standardised function,
+        unlike the stream of a random generator, which may change with library releases.
         """
         digest = hashlib.shake_256(f"calibration-station chart {seed}".encode()).digest(CELLS * CELLS // 8)
         bits = np.unpackbits(np.frombuffer(digest, dtype=np.uint8))
@@ -129,7 +130,7 @@ class Chart:
 
     @classmethod
     def from_image(cls, image: npt.NDArray[np.generic]) -> Chart:
-        """The chart of a 256 x 256 grey image: white where it exceeds half of its maximum."""
+        """Chart of a 256 x 256 grey image: white where it exceeds half of its maximum."""
         if image.shape != (CELLS, CELLS):
             raise ValueError(f"the cells come from a {CELLS} x {CELLS} grey image; got shape {image.shape}")
         levels = np.asarray(image, dtype=np.float64)

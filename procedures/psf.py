@@ -1,4 +1,4 @@
-"""The point spread function as the station keeps it: samples on the 1/s grid, with their covariance."""
+"""Point spread function: samples on the 1/s grid, with their covariance."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ MOST_PER_PX, MOST_SAMPLES = 16, 101
 
 @dataclass(frozen=True)
 class Sampling:
-    """How a PSF is sampled and solved for.
+    """Sampling of a PSF, and solver.
 
     Attributes
     ----------
     s : int or None
-        Samples per pixel of the plane, 2 or more; None: chosen from the photograph.
+        Samples per pixel of the plane, 2 or more; None: automatic.
     k : int or None
-        Samples along one side of the support, odd; None: chosen from the photograph.
+        Samples along one side of the support, odd; None: automatic.
     solver : str
-        "ls" least squares, "clip" its negative part cut, "nnls" non-negative least squares (from the
-        chart: held by the size, width and smoothness that the photograph shows).
+        "ls" least squares, "clip" with its negative part set to 0, "nnls" non-negative least squares (with the chart:
+        under a prior of amplitude, width and smoothness estimated from the photograph).
     at : tuple of float
-        Frequencies in cycles per pixel of the plane at which the MTF is told.
+        Frequencies in cycles per pixel of the plane at which the MTF is reported.
 
     Raises
     ------
     BadParameter
-        If one of them cannot be meant.
+        If one of them is out of range.
     """
 
     s: int | None
@@ -48,38 +48,40 @@ class Sampling:
     def __post_init__(self) -> None:
         if (self.s or 0) > MOST_PER_PX or (self.k or 0) > MOST_SAMPLES:
             raise BadParameter(
-                f"s is at most {MOST_PER_PX} and k at most {MOST_SAMPLES}; got s = {self.s}, k = {self.k}",
-                "choose s = 4 and a k of some pixels times that, or leave them to the program",
+                f"s must be at most {MOST_PER_PX} and k at most {MOST_SAMPLES}; got s = {self.s}, k = {self.k}",
+                "give s = 4 and k = 17, or omit both for the automatic choice",
             )
         if self.s is not None and self.s < 2:
-            raise BadParameter(f"a subpixel PSF needs s of 2 or more; got s = {self.s}", "choose s = 3 or 4")
+            raise BadParameter(f"s must be 2 or more; got s = {self.s}", "give s = 3 or 4")
         if self.k is not None and (self.k < 3 or self.k % 2 == 0):
             raise BadParameter(
-                f"the support needs an odd number k of samples, so that it has a centre; got k = {self.k}",
-                f"choose k = {self.k + 1 if self.k > 3 else 17}",
+                f"k must be odd and 3 or more, so that the support has a centre; got k = {self.k}",
+                f"give k = {self.k + 1 if self.k > 3 else 17}",
             )
         if self.s is not None and self.k is not None and self.k < self.s:
             raise BadParameter(
-                f"the support must be a pixel wide or more, k at least s; got s = {self.s}, k = {self.k}",
-                f"choose k = {4 * self.s + 1}",
+                f"k must be at least s, so that the support is a pixel wide; got s = {self.s}, k = {self.k}",
+                f"give k = {4 * self.s + 1}",
             )
         if self.solver not in SOLVERS:
-            raise BadParameter(f"the solver is one of {', '.join(SOLVERS)}; got {self.solver!r}", "choose one of them")
+            raise BadParameter(
+                f"the solver must be one of {', '.join(SOLVERS)}; got {self.solver!r}", "give one of them"
+            )
 
     def told(self) -> dict[str, int | str | list[float]]:
-        """As a record tells it."""
+        """Entries of a record."""
         at = {"at": list(self.at)} if self.at else {}
         return {"s": self.s or "auto", "k": self.k or "auto", "solver": self.solver, **at}
 
 
 @dataclass(frozen=True)
 class PsfTail:
-    """What a PSF has outside its support: amplitudes of the shapes of `numerics.kernel_tail`, beside samples of sum 1.
+    """Tail of a PSF outside its support: amplitudes of the shapes of `numerics.kernel_tail`, for samples of sum 1.
 
     Attributes
     ----------
     amplitudes : (q,) float64
-        Of the first q shapes; the first one is the energy of the mean tail over that inside the support.
+        Amplitudes of the first q shapes; the first is the energy of the mean tail over that inside the support.
     covariance : (q, q) float64
     cross : (k^2, q) float64
         Covariance of the samples with the amplitudes.
@@ -91,7 +93,7 @@ class PsfTail:
 
     @classmethod
     def none(cls, samples: int) -> PsfTail:
-        """No tail, beside so many samples: the PSF ends with its support."""
+        """Tail of a PSF of `samples` samples that ends with its support."""
         return cls(np.zeros(0), np.zeros((0, 0)), np.zeros((samples, 0)))
 
 
@@ -102,18 +104,18 @@ class Psf:
     Attributes
     ----------
     h : (k, k) float64
-        Samples [row, column], k odd, sum 1; the centre sample is the geometric centre as the chart's marks fix
-        it, or the centroid where there were no marks. The photograph is the *convolution* with h: a tail to
-        larger columns smears light to larger columns.
+        Samples [row, column], k odd, sum 1. The centre sample is the centre by the chart's marks, or the centroid
+        without marks. The photograph is the *convolution* with h: a tail to larger columns smears light to larger
+        columns.
     s : int
         Samples per sensor pixel of the plane: the pitch is 1/s pixel.
     covariance : (k^2, k^2) float64
         Covariance of `h.ravel()`, nuisance parameters included.
     tail : PsfTail
-        What lies outside the support; by default nothing.
+        Tail outside the support; none by default.
     lacking : (k^2, k^2) float64 or None
-        The part of `covariance` that is no noise in the samples but what they lack of the truth, as between the nodes
-        of a field: noise adds energy to the samples, this does not. None: all of it is noise.
+        Part of `covariance` that is model error instead of noise, as between the nodes of a field: unlike noise, it
+        adds no energy to the samples. None: all of it is noise.
 
     Notes
     -----
@@ -139,14 +141,14 @@ class Psf:
 
     @classmethod
     def of(cls, parameters: Array, covariance: Array, k: int, s: int, lacking: Array | None = None) -> Psf:
-        """The PSF of k x k samples with these `parameters` (k^2 + q,) and their covariance.
+        """PSF of k x k samples with these `parameters` (k^2 + q,) and their covariance.
 
-        `lacking` (k^2 + q, k^2 + q) is the part of that which is no noise.
+        `lacking` (k^2 + q, k^2 + q) is the part of the covariance that is not noise.
         """
         n = k * k
         tail = PsfTail(parameters[n:], covariance[n:, n:], covariance[:n, n:])
-        of_samples = None if lacking is None else lacking[:n, :n]
-        return cls(parameters[:n].reshape(k, k), s, covariance[:n, :n], tail, of_samples)
+        lacking_samples = None if lacking is None else lacking[:n, :n]
+        return cls(parameters[:n].reshape(k, k), s, covariance[:n, :n], tail, lacking_samples)
 
     @property
     def k(self) -> int:
@@ -160,8 +162,8 @@ class Psf:
 
     @cached_property
     def parameters(self) -> Array:
-        """The samples and the tail's amplitudes, (k^2 + q,)."""
-        return _unchanging(np.concatenate([self.h.ravel(), self.tail.amplitudes]))
+        """Samples, then the tail's amplitudes, (k^2 + q,)."""
+        return _read_only(np.concatenate([self.h.ravel(), self.tail.amplitudes]))
 
     @property
     def parameter_covariance(self) -> Array:
@@ -176,37 +178,37 @@ class Psf:
 
     @cached_property
     def weights(self) -> Array:
-        """What each parameter adds to the light, (k^2 + q,): 1 for a sample, a shape's energy for an amplitude."""
+        """Energy of unit parameters, (k^2 + q,): 1 for a sample, a shape's energy for an amplitude."""
         sums = tail_sums(self.k)[: len(self.tail.amplitudes)] if len(self.tail.amplitudes) else np.zeros(0)
-        return _unchanging(np.concatenate([np.ones(self.k**2), sums]))
+        return _read_only(np.concatenate([np.ones(self.k**2), sums]))
 
     @cached_property
     def light(self) -> float:
-        """All the light, where that inside the support is 1."""
+        """Total energy, relative to that inside the support."""
         return float(self.weights @ self.parameters)
 
     @property
     def share_outside(self) -> float:
-        """Share of the light outside the support."""
+        """Share of the energy outside the support."""
         return 1 - float(self.h.sum()) / self.light
 
     @property
     def energy_outside(self) -> tuple[float, float]:
-        """Share of the light outside the support, and its standard uncertainty."""
+        """Share of the energy outside the support, and its standard uncertainty."""
         share = self.share_outside
         slope = self.weights * (1 - share) - np.concatenate([np.ones(self.k**2), np.zeros_like(self.tail.amplitudes)])
         slope = slope / self.light
         return share, float(np.sqrt(max(slope @ self.parameter_covariance @ slope, 0.0)))
 
     def narrowed(self, share: float) -> Psf:
-        """The same with its samples low-passed to a share of the band; the covariance is still theirs."""
+        """PSF with its samples low-passed to a share of the band; the covariance is unchanged."""
         n = np.arange(self.k)
         low = share * np.sinc(share * (n[:, None] - n))
         return Psf(low @ self.h @ low.T, self.s, self.covariance, self.tail)
 
     @property
     def tail_density_px(self) -> float:
-        """A of the mean far tail A / r^3 per square pixel, r in pixels, where all light is 1."""
+        """Coefficient A of the mean far tail A / r^3 per square pixel, r in pixels, for total energy 1."""
         if not len(self.tail.amplitudes):
             return 0.0
         return float(self.tail.amplitudes[0]) * tail_density(self.k) / self.s / self.light
@@ -222,11 +224,11 @@ class Psf:
         return np.hstack([inside, tail_spectra(np.asarray(fx) / self.s, np.asarray(fy) / self.s, self.k)[:, :q]])
 
     def extended(self) -> Array:
-        """Samples of the support and of the tail within its reach, as one image (K, K); (k, k) without a tail."""
+        """Image (K, K) of the support and the tail within the range of its shapes; (k, k) without a tail."""
         return extended(self.parameters, self.k)
 
     def contract(self, image: Array) -> Array:
-        """The derivative (k^2 + q,) by the parameters of what has the derivative `image` by `extended()`."""
+        """Derivative (k^2 + q,) by the parameters, given the derivative `image` by `extended()`."""
         q = len(self.tail.amplitudes)
         if not q:
             return np.asarray(image.ravel())
@@ -235,8 +237,8 @@ class Psf:
         return np.concatenate([image[rim:-rim, rim:-rim].ravel(), outside])
 
 
-def _unchanging(array: Array) -> Array:
-    """The array, which is kept and shared by all who ask for it."""
+def _read_only(array: Array) -> Array:
+    """Make an array read-only, as it is cached and shared."""
     array.flags.writeable = False
     return array
 

@@ -1,8 +1,8 @@
-"""What a PSF says about a camera: OTF, MTF and the numbers drawn from them, each with its standard uncertainty.
+"""Sharpness metrics (OTF, MTF, FWHM, Strehl ratio) of a PSF, each with its standard uncertainty.
 
-Every number is of the whole PSF, support and tail, and a smooth function of its parameters; its uncertainty is the
-linear propagation of their covariance (the tests hold it against Monte Carlo), and its gradient is kept, for those who
-take the uncertainty apart. Frequencies are in cycles per pixel of the plane, lengths in its pixels.
+Every number is a smooth function of the parameters of the whole PSF, support and tail. Its uncertainty is the linear
+propagation of their covariance (verified by Monte Carlo in the tests); its gradient is kept for uncertainty budgets.
+Frequencies are in cycles per pixel of the plane, lengths in its pixels.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from procedures.spatial_numbers import (
     section_widths,
     spatial_numbers,
 )
-from procedures.stray_tail import stray_at, stray_energy, truncation
+from procedures.stray_tail import tail_energy_uncertainty, truncation, truncation_at
 from procedures.transfer_function import curve_numbers, first_crossing
 
 Array = npt.NDArray[np.float64]
@@ -39,19 +39,19 @@ STEPS_PER_CYCLE = 50
 """Frequencies of the curves per cycle/pixel."""
 DIRECTIONS = 16
 """Directions of the radial mean over half a turn, a multiple of four."""
-NARROWER = (0.67, 0.75, 0.85)
-"""Shares of the band within which a number is drawn again: half of the most that the rest changes is doubt of what
-lies beyond the band. The photosite's OTF changes sign: one share alone can hit on a balance."""
-BEYOND, SURE = 0.02, 4.0
-"""How far, and by how many standard uncertainties, an MTF lies above diffraction's from which that is not the camera's:
-a plane's colours and pupil differ from the nominal by a few per cent."""
+NARROW_BANDS = (0.67, 0.75, 0.85)
+"""Shares of the band with which a number is computed again: half of the largest change is its uncertainty by missing
+frequencies. Several shares are used, as the photosite's OTF changes sign and a single change may vanish."""
+MAX_EXCESS, EXCESS_SIGMAS = 0.02, 4.0
+"""Excess of an MTF over the diffraction limit, absolute and in standard uncertainties, above which it is flagged;
+colour and pupil differ from the nominal ones by a few per cent."""
 WAVELENGTHS_NM = {"R": 600.0, "G": 530.0, "B": 460.0, "Y": 550.0}
-"""Where a plane of usual colour filters is most sensitive."""
+"""Wavelength of maximum sensitivity of a plane with common colour filters."""
 
 
 @dataclass(frozen=True)
 class Quality:
-    """The curves of one PSF, and its numbers by name.
+    """Curves and numbers of one PSF.
 
     Attributes
     ----------
@@ -60,17 +60,17 @@ class Quality:
     mtf_horizontal, mtf_vertical, mtf_radial : (n,) float64
         |OTF| along x, along y, and its mean over directions.
     mtf_horizontal_uncertainty, ... : (n,) float64
-        Their standard uncertainties.
+        Standard uncertainties of the curves.
     otf_horizontal, otf_vertical : (n,) complex128
-        With phase: the PSF's centre is the origin.
+        OTF relative to the PSF's centre.
     numbers : mapping of str to Quantity
     gradients : mapping of str to (k^2 + q,) float64
-        Of each number by the PSF's parameters.
+        Derivative of each number by the PSF's parameters.
     budgets : mapping of str to mapping of str to float
-        Standard uncertainties that make up that of each number: "noise" what the PSF's covariance gives, "choice" what
-        the support and the band leave open; see `procedures.budget`.
+        Uncertainty budget of each number: "noise" from the PSF's covariance, "choice" from the finite support and band;
+        see `procedures.budget`.
     at : tuple of float
-        Frequencies at which the MTF was asked for.
+        Requested frequencies of the MTF.
     """
 
     frequencies: Array
@@ -89,14 +89,14 @@ class Quality:
 
 
 CAMERA, OPERATOR = "camera", "operator"
-"""Who told an f-number."""
+"""Sources of an f-number."""
 CUTOFFS = (1e-3, 1e3)
-"""Of diffraction, in cycles/pixel: from the smallest pixels behind a pinhole to far above what any camera has."""
+"""Plausible range of the diffraction cutoff, in cycles/pixel."""
 
 
 @dataclass(frozen=True)
 class Diffraction:
-    """What sets the diffraction limit of a plane.
+    """Diffraction limit of a plane.
 
     Attributes
     ----------
@@ -105,40 +105,44 @@ class Diffraction:
         Pitch of the *plane's* pixels (twice the sensor's for a Bayer plane), in micrometres.
     wavelength_nm : float
     told_by : str
-        Of the f-number: `CAMERA`, or `OPERATOR`, whose word it is where the camera noted none or another.
+        Source of the f-number: `CAMERA`, or `OPERATOR` where the camera recorded none or another.
     """
 
     f_number: float
     pixel_pitch_um: float
     wavelength_nm: float
-    told_by: str = CAMERA
+    stated_by: str = CAMERA
 
     def __post_init__(self) -> None:
         f, pitch, wave = self.f_number, self.pixel_pitch_um, self.wavelength_nm
         if not (min(f, pitch, wave) > 0 and CUTOFFS[0] <= self.cutoff <= CUTOFFS[1]):
-            came = f"no camera has f/{f:g}, {pitch:g} um from pixel to pixel of a plane and light of {wave:g} nm"
-            raise BadParameter(came, "check f-number, pixel pitch and wavelength")
+            low, high = CUTOFFS
+            reason = (
+                f"the diffraction cutoff must be {low:g} to {high:g} cycles/pixel; got f/{f:g}, a pixel pitch of "
+                f"{pitch:g} um and a wavelength of {wave:g} nm"
+            )
+            raise BadParameter(reason, "check f-number, pixel pitch and wavelength")
 
     @property
     def typed(self) -> bool:
-        """Whether the f-number is somebody's word."""
-        return self.told_by == OPERATOR
+        """Whether the operator gave the f-number."""
+        return self.stated_by == OPERATOR
 
     @property
     def cutoff(self) -> float:
-        """Highest frequency that the aperture passes, in cycles per pixel: pitch / (lambda N)."""
+        """Cutoff frequency of the aperture, in cycles per pixel: pitch / (lambda N)."""
         return self.pixel_pitch_um / (self.wavelength_nm * 1e-3 * self.f_number)
 
     @property
     def tail_density_px(self) -> float:
-        """A of the mean far tail a / r^3 per square pixel, r in pixels, whatever the aberrations: 1 / (pi^3 f_c).
+        """Coefficient a of the far tail a / r^3 per square pixel, r in pixels, for any aberrations: 1 / (pi^3 f_c).
 
         Source: the OTF's slope at 0 is -4 / (pi f_c) for a circular pupil.
         """
         return 1 / (np.pi**3 * self.cutoff)
 
     def psf(self, r: Array) -> Array:
-        """Diffraction's PSF h_diff at distances r (pixels) from its centre, of unit volume.
+        """Diffraction-limited PSF h_diff at distances r (pixels) from its centre, of unit volume.
 
         Source: thesis, section 2.2.1: the Airy pattern of a circular aperture.
         """
@@ -148,30 +152,30 @@ class Diffraction:
         return np.asarray(np.pi * self.cutoff**2 * ring**2)
 
     def otf(self, f: Array) -> Array:
-        """Diffraction's OTF at frequencies f (cycles/pixel)."""
+        """Diffraction-limited OTF at frequencies f (cycles/pixel)."""
         v = np.clip(np.abs(f) / self.cutoff, 0, 1)
         return np.asarray(2 / np.pi * (np.arccos(v) - v * np.sqrt(1 - v * v)))
 
 
 def otf(psf: Psf, fx: Array, fy: Array) -> Complex:
-    """The optical transfer function of the whole PSF at frequencies (fx, fy) of any common shape; 1 at the origin."""
+    """Optical transfer function of the whole PSF at frequencies (fx, fy) of any common shape; 1 at the origin."""
     fx, fy = np.broadcast_arrays(fx, fy)
     values = psf.spectra(fx.ravel(), fy.ravel()) @ psf.parameters
     return np.asarray(values.reshape(fx.shape) / psf.light)
 
 
 def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequence[float] = ()) -> Quality:
-    """Curves and numbers of a PSF.
+    """Compute the curves and numbers of a PSF.
 
     Parameters
     ----------
     psf : Psf
     n : int
-        Number of samples the PSF was estimated from, for the record.
+        Number of samples from which the PSF was estimated, for the record.
     diffraction : Diffraction, optional
-        Where it is known, the Strehl ratio is reported too.
+        Diffraction limit; with it the Strehl ratio is reported too.
     at : sequence of float
-        Frequencies, in cycles per pixel of the plane, at which the MTF is told too; none beyond s/2.
+        Further frequencies, in cycles per pixel of the plane, at which the MTF is reported; none beyond s/2.
     """
     f = frequencies(psf)
     zero = np.zeros_like(f)
@@ -180,86 +184,87 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequ
     mtf_v, slope_v = _modulus(psf, vertical)
     mtf_r, slope_r = _radial_mean(psf, f)
     curves = {"horizontal": (mtf_h, slope_h), "vertical": (mtf_v, slope_v), "radial": (mtf_r, slope_r)}
-    found: list[DrawnNumber] = []
+    numbers_drawn: list[DrawnNumber] = []
     for name, (mtf, slope) in curves.items():
-        found += curve_numbers(f, mtf, slope, name, at)
-    found += spatial_numbers(psf)
+        numbers_drawn += curve_numbers(f, mtf, slope, name, at)
+    numbers_drawn += spatial_numbers(psf)
     if diffraction is not None:
-        found.append(_strehl(psf, diffraction))
+        numbers_drawn.append(_strehl(psf, diffraction))
     C = psf.parameter_covariance
-    gradients = {one.name: one.gradient for one in found}
+    gradients = {one.name: one.gradient for one in numbers_drawn}
     uncertainties = dict(zip(gradients, _uncertainty(C, np.array(list(gradients.values()))), strict=True))
-    left_open = _left_open(psf, f, curves, uncertainties, found, diffraction)
-    told = [one for one in found if np.isfinite(one.value) and np.isfinite(uncertainties[one.name])]
-    budgets = {one.name: {"noise": float(uncertainties[one.name]), "choice": left_open[one.name]} for one in told}
+    open_parts = _finite_grid_uncertainty(psf, f, curves, uncertainties, numbers_drawn, diffraction)
+    reported = [one for one in numbers_drawn if np.isfinite(one.value) and np.isfinite(uncertainties[one.name])]
+    budgets = {one.name: {"noise": float(uncertainties[one.name]), "choice": open_parts[one.name]} for one in reported}
     numbers = {
         one.name: Quantity(one.value, one.unit, float(np.linalg.norm(list(budgets[one.name].values()))), one.method, n)
-        for one in told
+        for one in reported
     }
-    p, light, stray = psf.parameters, psf.light, stray_at(psf, f)
+    p, light, stray = psf.parameters, psf.light, truncation_at(psf, f)
     bands = (np.hypot(_uncertainty(C, slope), stray) for _, slope in curves.values())
-    of_h, of_v, of_r = bands
+    band_h, band_v, band_r = bands
     return Quality(
         f,
-        *(mtf_h, of_h, mtf_v, of_v, mtf_r, of_r),
+        *(mtf_h, band_h, mtf_v, band_v, mtf_r, band_r),
         horizontal @ p / light,
         vertical @ p / light,
         numbers,
-        {one.name: one.gradient for one in told},
+        {one.name: one.gradient for one in reported},
         budgets,
         tuple(at),
     )
 
 
-def _left_open(
+def _finite_grid_uncertainty(
     psf: Psf,
     f: Array,
     curves: Mapping[str, tuple[Array, Array]],
     uncertainties: Mapping[str, float],
-    found: list[DrawnNumber],
+    numbers_drawn: list[DrawnNumber],
     diffraction: Diffraction | None,
 ) -> dict[str, float]:
-    """What the support (of the curves' numbers) and the band (of the spatial ones) leave open, by number."""
+    """Uncertainty of each number by the finite support (of the curves) or the finite band (of the spatial numbers)."""
     stray = truncation(psf)
-    left = {one.name: 0.0 for one in found}
+    parts = {one.name: 0.0 for one in numbers_drawn}
     for name, (mtf, _) in curves.items():
-        for number in left:
+        for number in parts:
             if number.endswith(f"_{name}") and number.startswith("mtf_"):
-                left[number] = stray
+                parts[number] = stray
         for level in LEVELS:
-            if (number := MTF_CROSSINGS[level, name]) in left:
+            if (number := MTF_CROSSINGS[level, name]) in parts:
                 i = int(np.clip(np.argmax(mtf < level / 100), 1, len(f) - 1))
-                left[number] = stray * float(f[i] - f[i - 1]) / max(float(mtf[i - 1] - mtf[i]), 1e-9)
-    values = {one.name: one.value for one in found}
-    for share in NARROWER:
+                parts[number] = stray * float(f[i] - f[i - 1]) / max(float(mtf[i - 1] - mtf[i]), 1e-9)
+    values = {one.name: one.value for one in numbers_drawn}
+    for share in NARROW_BANDS:
         for name, value in _within_band(psf, share, diffraction).items():
             beyond = (values[name] - value) ** 2 - uncertainties[name] ** 2
             if np.isfinite(beyond):
-                left[name] = max(left[name], 0.5 * float(np.sqrt(max(beyond, 0.0))))
-    left[ENERGY_ABOVE_NYQUIST] = energy_beyond_band(
+                parts[name] = max(parts[name], 0.5 * float(np.sqrt(max(beyond, 0.0))))
+    parts[ENERGY_ABOVE_NYQUIST] = energy_beyond_band(
         psf, values[ENERGY_ABOVE_NYQUIST], uncertainties[ENERGY_ABOVE_NYQUIST]
     )
-    for name, moved in _by_stray_energy(psf, found).items():
-        left[name] = float(np.hypot(left[name], moved))
-    return left
+    for name, changes in _tail_energy_changes(psf, numbers_drawn).items():
+        parts[name] = float(np.hypot(parts[name], changes))
+    return parts
 
 
-def _by_stray_energy(psf: Psf, found: list[DrawnNumber]) -> dict[str, float]:
-    """By how much the numbers that are not of the curves move with the energy outside the support that strays.
+def _tail_energy_changes(psf: Psf, numbers_drawn: list[DrawnNumber]) -> dict[str, float]:
+    """Change of the numbers that are not of the curves by the uncertainty of the energy outside the support.
 
-    It is taken for more or less of the mean tail: of two pupils whose tails differ, the one with more light outside
-    has its 80 % farther out. The curves have their own, `truncation`.
+    That energy is assumed to belong to the mean tail. The numbers of the curves use `truncation` instead.
     """
     if not len(psf.tail.amplitudes):
         return {}
-    mean_tail = psf.k**2  # its place among the parameters
-    share = stray_energy(psf) * psf.light / float(psf.weights[mean_tail])
-    moved = {one.name: share * abs(float(one.gradient[mean_tail])) for one in found if not one.name.startswith("mtf")}
-    return {name: value for name, value in moved.items() if np.isfinite(value)}
+    mean_tail = psf.k**2  # index of its amplitude
+    share = tail_energy_uncertainty(psf) * psf.light / float(psf.weights[mean_tail])
+    changes = {
+        one.name: share * abs(float(one.gradient[mean_tail])) for one in numbers_drawn if not one.name.startswith("mtf")
+    }
+    return {name: value for name, value in changes.items() if np.isfinite(value)}
 
 
 def frequencies(psf: Psf) -> Array:
-    """Where the curves are drawn: 0 to s/2 cycles/pixel."""
+    """Frequencies of the curves: 0 to s/2 cycles/pixel."""
     return np.linspace(0, psf.s / 2, int(STEPS_PER_CYCLE * psf.s / 2) + 1)
 
 
@@ -269,16 +274,16 @@ def mtf_along(psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
 
 
 def mtf50_along(psf: Psf, angle: float) -> tuple[float, Array] | None:
-    """MTF50 along a direction in cycles/pixel, and its derivative by the PSF's parameters; None without."""
+    """MTF50 along a direction in cycles/pixel, and its derivative by the parameters; None where the MTF stays above."""
     return first_crossing(frequencies(psf), lambda f: mtf_along(psf, f, angle))
 
 
 def quantity_along(psf: Psf, angle_deg: float, n: int) -> Quantity | None:
     """MTF50 along a direction, degrees from x towards y, with its uncertainty; None where the MTF stays above 1/2."""
-    found = mtf50_along(psf, float(np.radians(angle_deg)))
-    if found is None:
+    numbers_drawn = mtf50_along(psf, float(np.radians(angle_deg)))
+    if numbers_drawn is None:
         return None
-    value, gradient = found
+    value, gradient = numbers_drawn
     uncertainty = float(_uncertainty(psf.parameter_covariance, gradient[None])[0])
     return Quantity(value, "cycles/pixel", uncertainty, f"|OTF| = 0.5 at {angle_deg:.1f} degrees from x", n)
 
@@ -300,7 +305,7 @@ def _tail_fan(s: int, k: int) -> Array:
     fx, fy = f[:, None] * np.cos(turn), f[:, None] * np.sin(turn)
     octant = tail_spectra(fx.ravel() / s, fy.ravel() / s, k).reshape(*fx.shape, len(SHAPES))
     direction = np.arange(DIRECTIONS)
-    up = np.minimum(direction, DIRECTIONS - direction)  # the others mirror these
+    up = np.minimum(direction, DIRECTIONS - direction)  # the others by mirror symmetry
     signs = np.where((up < direction)[:, None], MIRRORED, 1.0)
     signs = signs * np.where((up > DIRECTIONS // 4)[:, None], EXCHANGED, 1.0)
     return np.asarray(octant[:, np.minimum(up, DIRECTIONS // 2 - up)] * signs)
@@ -321,20 +326,20 @@ def _radial_mean(psf: Psf, f: Array) -> tuple[Array, Array]:
     phase = np.conj(value) / np.maximum(modulus, 1e-12)
     turned = phase[..., None] * ey
     # the real part of the sum over directions of turned[y] ex[x], as one product of real matrices
-    left, right = np.concatenate([turned.real, -turned.imag], axis=1), np.concatenate([ex.real, ex.imag], axis=1)
-    inside = (left.transpose(0, 2, 1) @ right / DIRECTIONS).reshape(len(f), -1)
+    parts, right = np.concatenate([turned.real, -turned.imag], axis=1), np.concatenate([ex.real, ex.imag], axis=1)
+    inside = (parts.transpose(0, 2, 1) @ right / DIRECTIONS).reshape(len(f), -1)
     outside = np.mean(phase.real[..., None] * fan, axis=1)
     mean = modulus.mean(axis=1) / psf.light
     return mean, (np.hstack([inside, outside]) - mean[:, None] * psf.weights) / psf.light
 
 
 def _uncertainty(C: Array, slope: Array) -> Array:
-    """Standard uncertainty of quantities whose derivatives are the rows of `slope`, for parameters' covariance C."""
+    """Standard uncertainties of quantities with the derivatives `slope`, for the parameters' covariance C."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("ij,ij->i", slope @ C, slope), 0)))
 
 
 def _within_band(psf: Psf, share: float, diffraction: Diffraction | None) -> dict[str, float]:
-    """The numbers that hang on the band's outer frequencies, from the samples low-passed to a share of the band."""
+    """Numbers that depend on the band's outer frequencies, from samples low-passed to a share of the band."""
     narrow = psf.narrowed(share)
     horizontal, vertical = section_widths(narrow)
     whole = narrow.extended()
@@ -346,44 +351,44 @@ def _within_band(psf: Psf, share: float, diffraction: Diffraction | None) -> dic
 
 
 def energy_outside_support(psf: Psf, n: int) -> Quantity:
-    """The share of all light outside the support: of this support, not of the camera."""
+    """Share of the energy outside the support; it depends on the support, not only on the camera."""
     share, noise = psf.energy_outside
-    uncertainty = float(np.hypot(noise, stray_energy(psf)))
+    uncertainty = float(np.hypot(noise, tail_energy_uncertainty(psf)))
     return Quantity(share, "1", uncertainty, "share of all light outside the support", n)
 
 
 def _strehl(psf: Psf, diffraction: Diffraction) -> DrawnNumber:
-    """Value of the PSF at its centre over that of diffraction alone, both limited to the s grid's band.
+    """Value of the PSF at its centre over that of the diffraction limit, both band-limited to the s grid.
 
-    The measured PSF holds the pixel's aperture and the optical low-pass filter too: it is the camera's ratio, not
-    the lens's.
+    The measured PSF includes the pixel's aperture and the optical low-pass filter: it is the camera's ratio, not the
+    lens's.
     """
     f = (np.arange(256) + 0.5) / 256 * psf.s - psf.s / 2
     ideal = float(diffraction.otf(np.hypot(f, f[:, None])).mean())
-    if diffraction.cutoff < psf.s / 20:  # too few of these frequencies are inside the cutoff, which all is in the band
+    if diffraction.cutoff < psf.s / 20:  # too few frequencies lie inside the cutoff, and all of it is in the band
         ideal = float(diffraction.psf(np.zeros(1))[0]) / psf.s**2
     centre = psf.k**2 // 2
     value = float(psf.h.ravel()[centre]) / psf.light / ideal
     gradient = -value * psf.weights / psf.light
     gradient[centre] += 1 / psf.light / ideal
-    word = " as typed" if diffraction.typed else ""
-    method = f"centre over diffraction at f/{diffraction.f_number:g}{word}, {diffraction.wavelength_nm:g} nm"
+    source = " as typed" if diffraction.typed else ""
+    method = f"centre over diffraction at f/{diffraction.f_number:g}{source}, {diffraction.wavelength_nm:g} nm"
     return DrawnNumber(STREHL, value, "1", method, gradient)
 
 
 def beyond_diffraction(quality: Quality, diffraction: Diffraction | None) -> list[Check]:
-    """Doubt where an MTF is higher than diffraction lets any be: f-number or pixel pitch are not the camera's."""
+    """Check for an MTF above the diffraction limit, which shows a wrong f-number or pixel pitch."""
     if diffraction is None:
         return []
     limit = diffraction.otf(quality.frequencies)
     both = np.array([quality.mtf_horizontal, quality.mtf_vertical])
-    unsure = np.array([quality.mtf_horizontal_uncertainty, quality.mtf_vertical_uncertainty])
-    above = both - BEYOND - SURE * unsure - limit
+    uncertainties = np.array([quality.mtf_horizontal_uncertainty, quality.mtf_vertical_uncertainty])
+    above = both - MAX_EXCESS - EXCESS_SIGMAS * uncertainties - limit
     way, at = np.unravel_index(np.argmax(above), above.shape)
-    found, most = both[way, at], limit[at]
+    measured, most = both[way, at], limit[at]
     reason = (
-        f"the MTF at {quality.frequencies[at]:.2f} cycles/pixel is {found:.2f}, and diffraction at "
-        f"f/{diffraction.f_number:g} with pixels of {diffraction.pixel_pitch_um:g} um leaves at most {most:.2f}"
+        f"the MTF at {quality.frequencies[at]:.2f} cycles/pixel is {measured:.2f}, above the diffraction limit "
+        f"{most:.2f} of f/{diffraction.f_number:g} and a pixel pitch of {diffraction.pixel_pitch_um:g} um"
     )
-    allowed = BEYOND + SURE * unsure[way, at]
-    return [Check("diffraction", found - most, allowed, Verdict.DOUBTFUL, reason, "check f-number and pixel pitch")]
+    allowed = MAX_EXCESS + EXCESS_SIGMAS * uncertainties[way, at]
+    return [Check("diffraction", measured - most, allowed, Verdict.DOUBTFUL, reason, "check f-number and pixel pitch")]

@@ -1,4 +1,4 @@
-"""Photographs become arrays here: mosaic planes of RAW files, grey images; nothing is demosaicked."""
+"""Reading of photographs into arrays: mosaic planes of RAW files, grey images, without demosaicking."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ __all__ = [
 ]
 
 MOSAIC_PLANES = ("R", "G1", "G2", "B")
-"""The planes of a 2 x 2 mosaic; G1 lies on the red rows."""
+"""Planes of a 2 x 2 mosaic; G1 lies on the red rows."""
 GREY_PLANE = "Y"
-"""The plane of a grey image, or of a sensor without a mosaic."""
+"""Plane of a grey image, or of a sensor without a mosaic."""
 
 
 @dataclass(frozen=True)
@@ -76,11 +76,11 @@ class Plane:
     origin : (int, int)
         Position (x, y) of the plane's first pixel on the sensor, counted from the first pixel that is no border.
     black, white : float
-        The digital numbers that became 0 and 1; where black varies over the plane, its mean.
+        Digital numbers of 0 and 1; where black varies over the plane, its mean.
     bad_pixels : (n, 2) intp
-        [row, column] of pixels stuck at white or at the digital number 0 amid neighbours far from it.
+        [row, column] of pixels stuck at white or at the digital number 0.
     raw : bool
-        Whether it comes from a RAW file or a sensor's dump: no program processed it, at most the camera.
+        Whether it comes from a RAW file or a sensor's dump, processed by the camera at most.
     """
 
     name: str
@@ -95,17 +95,17 @@ class Plane:
 
 
 UNLIKELY_IN_RAW = 0.3
-"""Prior of processing as a cause where the photograph is a RAW file, relative to a picture that a program wrote."""
+"""Prior of processing as a cause for a RAW file, relative to a picture written by a program."""
 
 
 def unprocessed(raw: bool, remedy: str) -> str:
-    """The remedy against processing, given whether the photograph is a RAW file already."""
+    """Remedy against processing, for RAW files or other pictures."""
     return "switch off noise reduction and lossy compression of RAW files in the camera" if raw else remedy
 
 
 @dataclass(frozen=True)
 class RawFrame:
-    """A photograph as read: its planes by name, in the order R, G1, G2, B, and where it came from.
+    """A photograph: its planes by name, in the order R, G1, G2, B, and its provenance.
 
     `imu` and `shaker_path` give the motion during the exposure, where a session recorded it.
     """
@@ -125,7 +125,7 @@ def read_frame(
     *,
     data: bytes | None = None,
 ) -> RawFrame:
-    """The planes of a photograph, linear, black 0 and white 1, with its exposure data.
+    """Read the planes of a photograph, linear, black 0 and white 1, with its exposure data.
 
     RAW files with a 2 x 2 mosaic give R, G1, G2 and B; grey PGM, PNG and TIFF files and monochrome DNGs give Y.
 
@@ -133,19 +133,19 @@ def read_frame(
     ----------
     path : path of the file
     names : sequence of str, optional
-        The planes to read; all by default. What is not asked for takes no memory.
+        Planes to read; all by default. Others take no memory.
     layout : DumpLayout, optional
-        How the samples lie in a file without a header; the file is then read so and not otherwise.
+        Layout of a file without a header; the file is then read only in this layout.
     data : bytes, optional
-        The file's content, where it was read already. Hash and planes are always of the same bytes, also where the
-        file is replaced meanwhile.
+        Content of the file, if already read. Hash and planes always refer to the same bytes, even if the file is
+        replaced meanwhile.
 
     Raises
     ------
     BadInput
-        If there is no such file, or it is no linear mosaic or grey image, or parts of it are missing.
+        If there is no such file, it is not a linear mosaic or grey image, or parts of it are missing.
     BadParameter
-        If a plane is asked for that the file has not.
+        If the file does not have a requested plane.
     """
     path = Path(path)
     data = read_photograph(path) if data is None else data
@@ -154,7 +154,7 @@ def read_frame(
 
 
 def read_planes(path: Path, names: Sequence[str]) -> Mapping[str, Plane]:
-    """The planes of a photograph that no record is made of: without a hash, which takes a sixth of the time."""
+    """Read the planes of a photograph without a record, omitting the hash, which takes a sixth of the time."""
     return _decoded(path, read_photograph(path), names, None)[0]
 
 
@@ -166,12 +166,12 @@ def _decoded(
 
 
 def read_photograph(path: Path) -> bytes:
-    """The content of a photograph's file. Raises BadInput where it cannot be read, is no file, or is too large."""
+    """Read the content of a photograph's file. Raises BadInput if it cannot be read, is not a file, or is too large."""
     return read_file(path)
 
 
 def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:
-    """The plane that is meant where none is named: G1 of a mosaic, otherwise Y. Raises as `read_frame`."""
+    """Default plane: G1 of a mosaic, otherwise Y. Raises as `read_frame`."""
     if layout:
         return GREY_PLANE if GREY_PLANE in layout.first_pixels() else "G1"
     with open_file(Path(path)) as file, decoding(str(path), "a photograph", _COPY):
@@ -180,21 +180,21 @@ def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:
 
 
 def _reader(path: Path, data: bytes, layout: DumpLayout | None) -> Callable[..., tuple[dict[str, Plane], Exposure]]:
-    """What reads this file."""
+    """Reader for this file."""
     if layout:
         return partial(_read_dump, layout)
     return _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic
 
 
-# --- what kind of file -------------------------------------------------------------------------------------------
+# --- kinds of file -----------------------------------------------------------------------------------------------
 
 _GREY_READERS = {"pgm": read_pgm, "png": read_png, "tiff": read_tiff}
 _EXPORT = "give the camera's RAW file, or export one linear plane as a grey 16 bit TIFF"
-_DUMP = "give the camera's RAW file; of a sensor's dump tell the layout: --raw WIDTHxHEIGHT,RGGB,u16le,BLACK,WHITE"
+_DUMP = "give the camera's RAW file; for a sensor's dump give the layout: --raw WIDTHxHEIGHT,RGGB,u16le,BLACK,WHITE"
 
 
 def _kind(path: Path, file: BinaryIO) -> str:
-    """ "pgm", "png", "tiff" or "raw", by the file's first bytes; only TIFF and RAW are told apart by the suffix."""
+    """ "pgm", "png", "tiff" or "raw", by the file's first bytes; only TIFF and RAW are distinguished by the suffix."""
     head = file.read(512)
     holds_mosaic, begins_as_tiff = bool(mosaic_tags(file, str(path))), has_directory(file)
     if not head:
@@ -207,16 +207,16 @@ def _kind(path: Path, file: BinaryIO) -> str:
         return "tiff"
     _refuse_by_name(path, head)
     if not has_raw_header(head) or (head.startswith(TIFF_MAGIC) and not begins_as_tiff):
-        raise BadInput(f"{path} has no header of a RAW format; its size alone does not tell what it holds", _DUMP)
+        raise BadInput(f"{path} must have the header of a RAW format; it has none", _DUMP)
     return "raw"
 
 
 def _refuse_by_name(path: Path, head: bytes) -> None:
-    """Raise BadInput for files that are known to be no linear plane."""
+    """Raise BadInput for formats without a linear plane."""
     if head.startswith(b"\xff\xd8\xff"):
-        raise BadInput(f"{path} is a JPEG, whose grey levels are not linear in light", _EXPORT)
+        raise BadInput(f"{path} is a JPEG, which is not linear in light", _EXPORT)
     if head[:2] in (b"P3", b"P6"):
-        raise BadInput(f"{path} is a PPM with three colours, not one linear plane", _EXPORT)
+        raise BadInput(f"{path} is a PPM with three colours; one linear plane is required", _EXPORT)
     if _is_text(head) and not has_raw_header(head):
         raise BadInput(f"{path} is a text file, not a photograph", _EXPORT)
 
@@ -236,7 +236,7 @@ def _read_grey(path: Path, file: BytesIO, names: Sequence[str] | None) -> tuple[
     _check_names(names, (GREY_PLANE,), path)
     kind = _kind(path, file)
     levels, white = _GREY_READERS[kind](file.getvalue(), str(path))
-    # a PGM has no place for a camera's notes
+    # a PGM has no metadata
     exposure = Exposure(sources={}) if kind == "pgm" else read_exposure(file)
     return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white), raw=False)}, exposure
 
@@ -265,27 +265,27 @@ def _read_mosaic(path: Path, file: BytesIO, names: Sequence[str] | None) -> tupl
 
     tags = mosaic_tags(file, str(path))
     failure: Exception | None = None
-    found: tuple[dict[str, Plane], Exposure] | None = None
+    planes_and_exposure: tuple[dict[str, Plane], Exposure] | None = None
     file.seek(0)
     with captured_noise() as noise:
         try:
-            with rawpy.imread(file) as raw:  # which decodes when it is first asked for samples
+            with rawpy.imread(file) as raw:  # decodes on first access to the samples
                 _check_room(path, raw)
-                found = _mosaic_planes(path, raw, tags, names), read_exposure(file, raw)
+                planes_and_exposure = _mosaic_planes(path, raw, tags, names), read_exposure(file, raw)
         except rawpy.LibRawError as error:
             failure = error
     if noise.errors or isinstance(failure, rawpy.LibRawIOError):
-        raise BadInput(f"{path} is truncated or damaged: parts of its RAW data are missing", _COPY) from failure
-    if found is None:
-        raise BadInput(f"{path} is no RAW file that LibRaw {_libraw(rawpy)} can open", _EXPORT) from failure
-    return found
+        raise BadInput(f"{path} is truncated or damaged: RAW data are missing", _COPY) from failure
+    if planes_and_exposure is None:
+        raise BadInput(f"{path} is not a RAW file that LibRaw {_libraw(rawpy)} can open", _EXPORT) from failure
+    return planes_and_exposure
 
 
 _COPY = "copy it from the camera's card again"
 
 
 BYTES = 4
-"""Of a sample in memory, as it is computed with."""
+"""Bytes of a sample in memory."""
 
 
 def _check_room(path: Path, raw: Any) -> None:
@@ -315,7 +315,7 @@ def _mosaic_planes(path: Path, raw: Any, tags: Tags, names: Sequence[str] | None
 
 
 def _monochrome_plane(path: Path, raw: Any, tags: Tags, names: Sequence[str] | None) -> Plane:
-    """Every pixel of a sensor without a mosaic; a black level that is not written is 0."""
+    """Plane of a sensor without a mosaic; a missing black level is 0."""
     _check_names(names, (GREY_PLANE,), path)
     visible, first = raw.raw_image_visible, (raw.sizes.top_margin, raw.sizes.left_margin)
     black = np.zeros((), np.float32)
@@ -328,31 +328,32 @@ def _monochrome_plane(path: Path, raw: Any, tags: Tags, names: Sequence[str] | N
 def _check_white(path: Path, raw: Any, black: npt.NDArray[np.float32]) -> None:
     """Raise BadInput unless white lies above black."""
     if raw.white_level <= black.max():
-        reason = f"{path} has its white level {raw.white_level} not above its black level {black.max():g}"
+        reason = f"{path} must have its white level above its black level {black.max():g}; it is {raw.white_level}"
         raise BadInput(reason, _COPY)
 
 
 def _check_bayer(path: Path, raw: Any, tags: Tags) -> None:
     """Raise BadInput unless the file holds a 2 x 2 mosaic of red, green, green and blue."""
-    # LibRaw answers anything for a DNG without a pattern of colours
+    # LibRaw gives arbitrary answers for a DNG without a colour pattern
     if raw.num_colors == 1 or (tags and CFA_PATTERN not in tags):
-        raise BadInput(f"{path} comes from a monochrome sensor, without a mosaic", _MONOCHROME)
+        raise BadInput(f"{path} is from a monochrome sensor; a Bayer mosaic is required", _MONOCHROME)
     try:
         pattern = raw.raw_pattern if raw.raw_type.name == "Flat" else None
-    except NotImplementedError as error:  # rawpy knows 2 x 2 and 6 x 6
-        raise BadInput(f"{path} has a mosaic that is not 2 x 2: {error}", _OTHER_CAMERA) from error
+    except NotImplementedError as error:  # rawpy supports 2 x 2 and 6 x 6
+        raise BadInput(f"{path} must have a 2 x 2 mosaic: {error}", _OTHER_CAMERA) from error
     if pattern is None:
-        raise BadInput(f"{path} has no mosaic: its colours are already interpolated", _UNDEVELOPED)
+        raise BadInput(f"{path} is already demosaicked; a mosaic is required", _UNDEVELOPED)
     rows, columns = pattern.shape
     if (rows, columns) == (6, 6):
         raise BadInput(f"{path} has the 6 x 6 mosaic of X-Trans; a 2 x 2 Bayer mosaic is required", _OTHER_CAMERA)
     colours = sorted(raw.color_desc[i : i + 1] for i in pattern.ravel())
     if (rows, columns) != (2, 2) or colours != [b"B", b"G", b"G", b"R"] or not _has_diagonal_greens(pattern):
-        raise BadInput(f"{path} has a {rows} x {columns} mosaic that is not red, green, green, blue", _OTHER_CAMERA)
+        reason = f"{path} must have a 2 x 2 mosaic of red, green, green, blue; it has another of {rows} x {columns}"
+        raise BadInput(reason, _OTHER_CAMERA)
 
 
 _UNDEVELOPED = "give the RAW file as the camera wrote it, not a converted or reduced one"
-_MONOCHROME = "export its plane as a grey 16 bit TIFF, undeveloped and linear"
+_MONOCHROME = "export its plane as a linear grey 16 bit TIFF"
 _OTHER_CAMERA = "use a camera with a Bayer mosaic"
 
 
@@ -361,7 +362,7 @@ def _has_diagonal_greens(pattern: npt.NDArray[np.uint8]) -> bool:
 
 
 def _positions(raw: Any) -> dict[str, tuple[int, int]]:
-    """(row, column) of each plane's first pixel in the visible image; which green is which follows from the red."""
+    """(row, column) of each plane's first pixel in the visible image; G1 is the green on the red rows."""
     top, left = raw.sizes.top_margin, raw.sizes.left_margin
     at = {raw.raw_color(top + row, left + column): (row, column) for row in (0, 1) for column in (0, 1)}
     row, column = at[0]
@@ -369,11 +370,11 @@ def _positions(raw: Any) -> dict[str, tuple[int, int]]:
 
 
 def _black(path: Path, raw: Any, tags: Tags, first: tuple[int, int], shape: tuple[int, int]) -> npt.NDArray[np.float32]:
-    """Black level of a plane, a number or one per row and column, in digital numbers.
+    """Black level of a plane in digital numbers, one number or one per row and column.
 
-    As the file writes it (DNG BlackLevel, relative to ActiveArea), because LibRaw replaces it by the mean of
-    MaskedAreas, takes 0 where the repeat pattern is left out, and keeps it in place when an odd ActiveArea moves the
-    mosaic; else LibRaw's, which is by colour index and not by position.
+    The file's level (DNG BlackLevel, relative to ActiveArea) has priority: LibRaw replaces it by the mean of
+    MaskedAreas, uses 0 where the repeat pattern is missing, and does not move it when an odd ActiveArea moves the
+    mosaic. Otherwise LibRaw's level is used, which is by colour index, not by position.
     """
     if BLACK_LEVEL in tags:
         return written_black(tags, first, shape, str(path))
@@ -387,7 +388,7 @@ def _check_names(names: Sequence[str] | None, available: Sequence[str], path: Pa
     for name in names or ():
         if name not in available:
             raise BadParameter(
-                f"{path} has the planes {', '.join(available)}; got {name!r}", "name one of these, or all"
+                f"the plane must be one of {', '.join(available)} for {path}; got {name!r}", "name one of these"
             )
 
 
@@ -400,7 +401,7 @@ def _scaled_plane(
     *,
     raw: bool = True,
 ) -> Plane:
-    """A plane of samples from its digital numbers; a position (x, y) in the 2 x 2 cell makes it one of a mosaic's."""
+    """Plane from digital numbers; `position` (x, y) is that in the 2 x 2 cell of a mosaic."""
     mean_black = float(np.mean(black))
     samples = levels.astype(np.float32)
     samples -= black

@@ -1,4 +1,4 @@
-"""What is known of a sensor from its own calibration, as other procedures use it: noise, response, saturation."""
+"""Model of a calibrated sensor for other procedures: noise, response, saturation."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 TABLE = 513
-"""Places at which the response is inverted; between them a parabola is a line to a millionth."""
+"""Number of nodes at which the response is inverted; linear interpolation between them errs by 1e-6."""
 
 
 @dataclass(frozen=True)
 class SensorModel:
-    """One plane's sensor, in digital numbers as its file holds them.
+    """Calibration of one plane's sensor, in digital numbers of its file.
 
     The signal y - dark of light x, 1 where the temporal variance is largest, is
     `signal_at_saturation` (x + c1 x^2 + c2 x^3): `bend` is (c1, c2).
@@ -23,21 +23,21 @@ class SensorModel:
     Attributes
     ----------
     gain : float
-        K of small signals, digital numbers per electron.
+        Gain K of small signals, digital numbers per electron.
     gain_uncertainty : float
-        Its standard uncertainty.
+        Standard uncertainty of the gain.
     dark_level, dark_variance : float
         Mean and temporal variance without light, rounding included.
     saturation : float
-        Signal from which on numbers are cut off.
+        Signal above which the samples are clipped.
     signal_at_saturation : float
-        Signal that light 1 would give if the response went on as it begins.
+        Signal of light 1 by the initial slope of the response.
     bend : tuple of float
     bend_uncertainty : float
-        Largest standard uncertainty of the response's departure from a line, over the signal at saturation.
+        Largest standard uncertainty of the response's nonlinearity, over the signal at saturation.
     dsnu, prnu : float
-        Deviation of the pixels in the dark, and of their response as a share of the signal: in one picture they are
-        noise. 0 where they are not known.
+        Standard deviation of the pixels in the dark, and of their relative response, which act as noise in a single
+        picture; 0 if not known.
     """
 
     gain: float
@@ -51,27 +51,27 @@ class SensorModel:
     dsnu: float = 0.0
     prnu: float = 0.0
 
-    def straightened_variance(self, straight: Array) -> Array:
-        """Variance of one picture's straightened samples where their mean is `straight`: over time, and from pixel to
-        pixel. Photon noise and response are before the bend; what is there in the dark comes after it."""
+    def linearised_variance(self, straight: Array) -> Array:
+        """Temporal and spatial variance of a picture's linearised samples at the mean `straight`. Photon noise and PRNU
+        enter before the nonlinearity, dark noise and DSNU after it."""
         light = np.maximum(straight, 0)
         return np.asarray(
             (self.dark_variance + self.dsnu**2) / self._slope(light) ** 2 + self.gain * light + (self.prnu * light) ** 2
         )
 
     def _slope(self, straight: Array) -> Array:
-        """Of the response, over that without light."""
+        """Slope of the response relative to that without light."""
         x = straight / self.signal_at_saturation
         return np.asarray(1 + sum(((i + 2) * c * x ** (i + 1) for i, c in enumerate(self.bend)), np.zeros_like(x)))
 
     def bent(self, straight: Array) -> Array:
-        """The signal that the sensor gives where `straightened` says so: its inverse."""
+        """Signal of the sensor for a linearised signal: the inverse of `linearised`."""
         x = straight / self.signal_at_saturation
-        more = sum((c * np.maximum(x, 0) ** (i + 2) for i, c in enumerate(self.bend)), np.zeros_like(x))
-        return np.asarray((x + more) * self.signal_at_saturation)
+        nonlinear = sum((c * np.maximum(x, 0) ** (i + 2) for i, c in enumerate(self.bend)), np.zeros_like(x))
+        return np.asarray((x + nonlinear) * self.signal_at_saturation)
 
-    def straightened(self, signal: npt.NDArray[np.floating]) -> Array:
-        """The signal that a response which goes on as it begins would have given; same shape."""
+    def linearised(self, signal: npt.NDArray[np.floating]) -> Array:
+        """Linearised signal, by the initial slope of the response; same shape."""
         if not any(self.bend):
             return np.asarray(signal, dtype=np.float64)
         straight = np.linspace(0, 1.1, TABLE) * self.signal_at_saturation

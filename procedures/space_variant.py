@@ -1,4 +1,4 @@
-"""Blur that differs over the frame, and its adjoint: a sum of ordinary convolutions of the weighted image."""
+"""Space-variant blur and its adjoint: a sum of convolutions of the weighted image."""
 
 from __future__ import annotations
 
@@ -15,22 +15,21 @@ from procedures.psf_field import PsfField
 
 Array = npt.NDArray[np.float64]
 CHUNK = 1 << 16
-"""Samples whose coefficients are predicted at a time."""
+"""Number of samples whose coefficients are predicted at a time."""
 
 
 @dataclass(frozen=True, eq=False)
 class SpaceVariantBlur:
-    """The light of every point of an image spread by the PSF of its own place; dark beyond the image.
+    """Blur of every point of an image by the PSF of its position; zero beyond the image.
 
     With h(x) = base + sum_c a_c(x) A_c, a point's light u(x) h(x) gives base * u + sum_c A_c * (a_c u). h is the whole
-    PSF, its tail up to where its shapes end, and of sum 1: the little light from farther away is taken for light from
-    there, as where the image is flat.
+    PSF within the range of its tail's shapes, normalised to sum 1, which is exact where the image is flat.
 
     Attributes
     ----------
     field : PsfField
     samples_per_px : int
-        Of the image, per pixel of the plane: 1 to the field's s. Its first sample lies on the plane's first pixel.
+        Samples of the image per pixel of the plane, 1 to the field's s. Its first sample lies on the first pixel.
     """
 
     field: PsfField
@@ -39,12 +38,12 @@ class SpaceVariantBlur:
     def __post_init__(self) -> None:
         if not 1 <= self.samples_per_px <= self.field.s:
             raise BadParameter(
-                f"the image may have 1 to {self.field.s} samples per pixel; got {self.samples_per_px}",
+                f"the image must have 1 to {self.field.s} samples per pixel; got {self.samples_per_px}",
                 f"resample the image, or estimate the PSF with s = {self.samples_per_px}",
             )
 
     def blur(self, image: Array) -> Array:
-        """The image (rows, columns), blurred; of the same shape."""
+        """Blurred image (rows, columns), of the same shape."""
         weight, coefficients = self._maps(np.shape(image))
         image = weight * np.asarray(image, dtype=np.float64)
         out = oaconvolve(image, self._kernels[0], mode="same")
@@ -53,7 +52,7 @@ class SpaceVariantBlur:
         return np.asarray(out)
 
     def blur_adjoint(self, image: Array) -> Array:
-        """The adjoint of `blur`: sum v blur(u) = sum u blur_adjoint(v) for all images u, v of one shape."""
+        """Adjoint of `blur`: sum v blur(u) = sum u blur_adjoint(v) for all images u, v of one shape."""
         image = np.asarray(image, dtype=np.float64)
         weight, coefficients = self._maps(image.shape)
         out = oaconvolve(image, self._kernels[0][::-1, ::-1], mode="same")
@@ -62,7 +61,7 @@ class SpaceVariantBlur:
         return np.asarray(weight * out)
 
     def product_convolution(self, shape: tuple[int, int]) -> tuple[Array, Array]:
-        """The same as filters (n, K, K) and multipliers (n, rows, columns) of an image of that shape.
+        """Filters (n, K, K) and multipliers (n, rows, columns) for an image of that shape.
 
         `blur` is the sum over n of each filter's convolution with its multiplier times the image.
         """
@@ -70,13 +69,13 @@ class SpaceVariantBlur:
         return np.array(self._kernels), weight * np.concatenate([np.ones((1, *shape)), coefficients])
 
     def at(self, points: Array) -> Array:
-        """The whole PSFs of places (n, 2) of the plane on the image's grid, (n, K, K), each of sum 1."""
+        """PSFs (n, K, K) at points (n, 2) of the plane on the image's grid, each of sum 1."""
         coefficients = self.field.coefficients(points)
-        found = self._kernels[0] + np.tensordot(coefficients, np.array(self._kernels[1:]), axes=1)
-        return np.asarray(found / found.sum(axis=(1, 2), keepdims=True))
+        psfs = self._kernels[0] + np.tensordot(coefficients, np.array(self._kernels[1:]), axes=1)
+        return np.asarray(psfs / psfs.sum(axis=(1, 2), keepdims=True))
 
     def kernel(self, h: Array) -> Array:
-        """A PSF (K, K), K odd, on the image's grid, what that grid cannot show filtered out; its sum is kept."""
+        """Resample a PSF (K, K), K odd, to the image's grid with a low-pass filter; its sum is preserved."""
         ratio, half = self.samples_per_px / self.field.s, len(h) // 2
         if ratio == 1:
             return h
@@ -95,8 +94,8 @@ class SpaceVariantBlur:
         return [self.kernel(image) for image in self._images]
 
     def _maps(self, shape: tuple[int, ...]) -> tuple[Array, Array]:
-        """One over the light of every place's PSF (rows, columns), and its coefficients (r, rows, columns); kept for
-        the next image."""
+        """Reciprocal of the PSF's sum at every position (rows, columns), and its coefficients (r, rows, columns);
+        cached for the last shape."""
         kept: dict[tuple[int, ...], tuple[Array, Array]] = self.__dict__.setdefault("_kept", {})
         if shape not in kept:
             kept.clear()

@@ -1,6 +1,6 @@
-"""Numbers read from the PSF itself: widths, energies inside circles and above Nyquist, shape, with their gradients.
+"""Spatial numbers of a PSF with their gradients: widths, encircled energy, energy above Nyquist, shape.
 
-Every one is of the band-limited PSF between its samples, and of all light: the tail outside the support counts.
+All refer to the band-limited PSF between its samples and to its total energy, including the tail outside the support.
 Lengths are in pixels of the plane.
 """
 
@@ -26,21 +26,21 @@ from procedures.psf import Psf
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-FINE = 4
-"""Points per sample between which the energy inside a circle is summed."""
-FINE_SECTION = 16
-"""The same of a section whose width is read."""
-OUTER = 0.67
-"""Share of the band beyond which its outer third lies."""
+OVERSAMPLING = 4
+"""Points per sample of the sum inside a circle."""
+SECTION_OVERSAMPLING = 16
+"""Points per sample of a section whose width is measured."""
+INNER_BAND = 0.67
+"""Share of the band inside its outer third."""
 CIRCLES = (0.5, 0.8)
-"""Shares of all light whose radii are told."""
-AROUND = 4
-"""Samples around the support that its interpolation needs."""
+"""Shares of the total energy whose radii are reported."""
+INTERPOLATION_MARGIN = 4
+"""Samples around the support required for interpolation."""
 
 
 @dataclass(frozen=True)
 class DrawnNumber:
-    """A number as it is drawn from a PSF: its name, value, unit, method, and its gradient by the parameters."""
+    """A number derived from a PSF, with its gradient by the parameters."""
 
     name: str
     value: float
@@ -50,23 +50,23 @@ class DrawnNumber:
 
 
 def spatial_numbers(psf: Psf) -> list[DrawnNumber]:
-    """Width, shape, energy: the numbers read from the band-limited PSF itself."""
+    """Width, shape and energy of the band-limited PSF."""
     x = psf.offsets_px
     above, slope = energy_above_nyquist(psf)
-    found = [
-        _of_support(psf, CENTROID_X, np.tile(x, psf.k)),
-        _of_support(psf, CENTROID_Y, np.repeat(x, psf.k)),
+    numbers = [
+        _first_moment(psf, CENTROID_X, np.tile(x, psf.k)),
+        _first_moment(psf, CENTROID_Y, np.repeat(x, psf.k)),
         _width(psf, FWHM_HORIZONTAL, 1),
         _width(psf, FWHM_VERTICAL, 0),
         DrawnNumber(ENERGY_ABOVE_NYQUIST, above, "1", "share of |OTF|^2", slope),
     ]
-    return [*found, *_encircled(psf), *_ellipse_numbers(psf)]
+    return [*numbers, *_encircled(psf), *_ellipse_numbers(psf)]
 
 
 def energy_within(psf: Psf, radius_px: float) -> tuple[float, Array]:
-    """Share of all light within a radius about the centre, of the band-limited PSF, and its derivative (k^2 + q,)."""
+    """Encircled energy of the band-limited PSF within a radius about the centre, and its derivative (k^2 + q,)."""
     image, light = psf.extended(), psf.light
-    size = min(2 * (int(np.ceil(radius_px * psf.s)) + AROUND) + 1, len(image))
+    size = min(2 * (int(np.ceil(radius_px * psf.s)) + INTERPOLATION_MARGIN) + 1, len(image))
     rim = (len(image) - size) // 2
     by_image = np.zeros_like(image)
     by_image[rim : len(image) - rim, rim : len(image) - rim] = _fine_grid(size, psf.s).within(radius_px)
@@ -75,7 +75,7 @@ def energy_within(psf: Psf, radius_px: float) -> tuple[float, Array]:
 
 
 def energy_above_nyquist(psf: Psf) -> tuple[float, Array]:
-    """Share of |OTF|^2 outside |fx|, |fy| <= 1/2, what noise adds taken away, and its derivative (k^2 + q,)."""
+    """Share of |OTF|^2 outside |fx|, |fy| <= 1/2, corrected for noise, and its derivative (k^2 + q,)."""
     image = psf.extended()
     S = _band_kernel(len(image), psf.s, 0.5)
     through = S @ image @ S
@@ -87,11 +87,12 @@ def energy_above_nyquist(psf: Psf) -> tuple[float, Array]:
 
 
 def energy_beyond_band(psf: Psf, above: float, uncertainty: float) -> float:
-    """By how much the share of energy above Nyquist may be too small for what lies beyond the band.
+    """Possible error of the energy above Nyquist by frequencies beyond the band.
 
-    As much again as in the band's outer third: behind a zero of the photosite's OTF no less may follow than before it.
+    It is taken equal to the energy in the band's outer third, since beyond a zero of the photosite's OTF as much may
+    follow as before it.
     """
-    image, edge = psf.extended(), OUTER * psf.s / 2
+    image, edge = psf.extended(), INNER_BAND * psf.s / 2
     S = _band_kernel(len(image), psf.s, edge)
     inside = float(np.sum((S @ image @ S) * image)) - _noise_of_energy(psf, edge)
     whole = float(np.sum(image**2)) - _noise_of_energy(psf, psf.s / 2)
@@ -99,8 +100,8 @@ def energy_beyond_band(psf: Psf, above: float, uncertainty: float) -> float:
     return (1 - above) * float(np.sqrt(outer**2 - uncertainty**2)) if outer > uncertainty else 0.0
 
 
-def _of_support(psf: Psf, name: str, x: Array) -> DrawnNumber:
-    """The first moment over the support, which alone has one: a tail of 1/r^3 has none."""
+def _first_moment(psf: Psf, name: str, x: Array) -> DrawnNumber:
+    """First moment over the support; that of a 1/r^3 tail does not exist."""
     h = psf.h.ravel()
     total = h.sum()
     value = float(h @ x / total)
@@ -116,15 +117,15 @@ def section_widths(psf: Psf) -> tuple[float, float]:
 
 
 def _width(psf: Psf, name: str, axis: int) -> DrawnNumber:
-    """One of `section_widths`, along rows (1) or columns (0)."""
+    """Width along rows (axis 1) or columns (axis 0) as in `section_widths`, with its gradient."""
     middle = psf.k // 2
     profile = psf.h[middle] if axis else psf.h[:, middle]
     used = middle * psf.k + np.arange(psf.k) if axis else middle + psf.k * np.arange(psf.k)
     step = 1e-4 * max(float(np.abs(profile).max()), 1e-30)
     steps = step * np.vstack([np.zeros(psf.k), np.eye(psf.k), -np.eye(psf.k)])
-    value, *moved = _widths(profile + steps, psf.s).tolist()
+    value, *changed = _widths(profile + steps, psf.s).tolist()
     gradient = np.zeros(len(psf.parameters))
-    gradient[used] = (np.array(moved[: psf.k]) - moved[psf.k :]) / (2 * step)
+    gradient[used] = (np.array(changed[: psf.k]) - changed[psf.k :]) / (2 * step)
     return DrawnNumber(name, value, "pixel", "band-limited section through the centre", gradient)
 
 
@@ -135,21 +136,21 @@ def _widths(profiles: Array, s: int) -> Array:
     below = values < np.take_along_axis(values, peak, 1) / 2
     at = np.arange(values.shape[1])
     right, left = below & (at > peak), below & (at < peak)
-    there = right.any(axis=1) & left.any(axis=1)
+    exists = right.any(axis=1) & left.any(axis=1)
     high, low = right.argmax(axis=1), values.shape[1] - 1 - left[:, ::-1].argmax(axis=1)
-    width = _half_way(values, peak, high, high - 1) - _half_way(values, peak, low, np.minimum(low + 1, at[-1]))
-    return np.asarray(np.where(there, width, np.nan) / (FINE_SECTION * s))
+    width = _half_maximum(values, peak, high, high - 1) - _half_maximum(values, peak, low, np.minimum(low + 1, at[-1]))
+    return np.asarray(np.where(exists, width, np.nan) / (SECTION_OVERSAMPLING * s))
 
 
 @lru_cache(maxsize=8)
 def _between(k: int) -> Array:
-    """Band-limited interpolation of k samples, `FINE_SECTION` points a sample: (k, n)."""
-    t = np.arange((k - 1) * FINE_SECTION + 1) / FINE_SECTION
+    """Band-limited interpolation of k samples, `SECTION_OVERSAMPLING` points a sample: (k, n)."""
+    t = np.arange((k - 1) * SECTION_OVERSAMPLING + 1) / SECTION_OVERSAMPLING
     return np.asarray(np.sinc(t - np.arange(k)[:, None]))
 
 
-def _half_way(values: Array, peak: Indices, outer: Indices, inner: Indices) -> Array:
-    """Where sections (b, n) fall to half of their value at `peak` (b, 1), between two samples (b,) of each."""
+def _half_maximum(values: Array, peak: Indices, outer: Indices, inner: Indices) -> Array:
+    """Positions where sections (b, n) fall to half of their value at `peak` (b, 1), between two samples (b,)."""
     rows = np.arange(len(values))
     half, beyond, before = values[rows, peak[:, 0]] / 2, values[rows, outer], values[rows, inner]
     with np.errstate(divide="ignore", invalid="ignore"):  # where there is no crossing
@@ -158,13 +159,13 @@ def _half_way(values: Array, peak: Indices, outer: Indices, inner: Indices) -> A
 
 @lru_cache(maxsize=16)
 def _band_kernel(size: int, s: int, edge: float) -> Array:
-    """(size, size): S h S . h is the integral of |OTF|^2 over |fx|, |fy| <= edge (cycles/pixel), of sum h^2."""
+    """Matrix S (size, size): S h S . h is the integral of |OTF|^2 over |fx|, |fy| <= edge (cycles/pixel)."""
     part = 2 * edge / s
     return np.asarray(part * np.sinc(part * (np.arange(size)[:, None] - np.arange(size))))
 
 
 def _noise_of_energy(psf: Psf, edge: float) -> float:
-    """What noise of the samples adds, on average, to the energy at |fx|, |fy| <= edge."""
+    """Expected energy of the samples' noise at |fx|, |fy| <= edge."""
     noise = psf.covariance if psf.lacking is None else psf.covariance - psf.lacking
     if edge >= psf.s / 2:
         return float(np.trace(noise))
@@ -175,45 +176,44 @@ def _noise_of_energy(psf: Psf, edge: float) -> float:
 
 @dataclass(frozen=True)
 class _FineGrid:
-    """Points between the samples of an image, `FINE` a sample, each for a square of light.
+    """Oversampled grid of an image, `OVERSAMPLING` points per sample, each representing a square.
 
     Attributes
     ----------
     M : (n, size) float64
         Band-limited interpolation along one axis.
     r : (n^2,) float64
-        The points' distances from the centre, in pixels.
+        Distances from the centre, in pixels.
     order : (n^2,) int
-        The points by their distance.
+        Permutation that sorts the distances.
     rising : (n^2,) float64
-        The distances in that order.
+        Sorted distances.
     slant : (n^2,) float64
-        |cos| and |sin| of the points' directions, the smaller over the sum of both: 0 along the axes, 1/2 between them.
+        Smaller of |cos| and |sin| of the direction over their sum: 0 along the axes, 1/2 along the diagonals.
     side : float
-        Of a point's square, in pixels.
+        Side of a square, in pixels.
     """
 
     M: Array
     r: Array
     order: Indices
-    rising: Array
+    sorted_r: Array
     slant: Array
     side: float
 
     def within(self, radius_px: float) -> Array:
-        """What each sample (size, size) adds to the light inside a circle."""
+        """Contribution of each sample (size, size) to the energy inside a circle."""
         share = (self.r < radius_px).astype(np.float64)
         rim = np.abs(self.r - radius_px) < 2 * self.side
         share[rim] = self.covered(radius_px, self.r[rim], self.slant[rim])[1]
-        return np.asarray(self.M.T @ (share / FINE**2).reshape(len(self.M), len(self.M)) @ self.M)
+        return np.asarray(self.M.T @ (share / OVERSAMPLING**2).reshape(len(self.M), len(self.M)) @ self.M)
 
     def covered(self, radius_px: float, r: Array, slant: Array) -> Array:
-        """Shares of the squares at distances r (b,) that count as inside three circles, (3, b): one smaller than the
-        radius by a square's side, its own, one larger.
+        """Shares (3, b) of the squares at distances r (b,) inside three circles: smaller by a square's side, exact, and
+        larger.
 
-        Squares that a line covers in part blur the circle by a square's side, whose variance is side^2 / 12: half of it
-        times the second difference is taken away. A line covers a square as far as the integral of a trapezium, the
-        square's shadow along the line.
+        Partly covered squares blur the circle by a square's side, of variance side^2 / 12: half of it times the second
+        difference is subtracted. The covered share is the integral of a trapezium, the projection of the square.
         """
         away = (radius_px - r) / self.side + np.arange(-2, 3)[:, None]
         across = np.clip(away * np.hypot(slant, 1 - slant), -0.5, 0.5)
@@ -224,28 +224,28 @@ class _FineGrid:
 
 @lru_cache(maxsize=8)
 def _fine_grid(size: int, s: int) -> _FineGrid:
-    """The grid of an image (size, size)."""
-    t = (np.arange(FINE * (size - 1) + 1) - FINE * (size // 2)) / FINE
+    """Oversampled grid of an image (size, size)."""
+    t = (np.arange(OVERSAMPLING * (size - 1) + 1) - OVERSAMPLING * (size // 2)) / OVERSAMPLING
     r = np.hypot(t, t[:, None]).ravel() / s
     order = np.argsort(r, kind="stable")
     x, y = np.abs(t), np.abs(t[:, None])
     slant = (np.minimum(x, y) / np.maximum(x + y, 1e-9)).ravel()
     M = np.sinc(t[:, None] - (np.arange(size) - size // 2))
-    return _FineGrid(M, r, order, r[order], slant, 1 / (FINE * s))
+    return _FineGrid(M, r, order, r[order], slant, 1 / (OVERSAMPLING * s))
 
 
 @dataclass(frozen=True)
 class Circle:
-    """The circle about the marks' centre within which a share of all light lies; NaN where there is none.
+    """Circle about the PSF's centre that encloses a share of the total energy; NaN where there is none.
 
     Attributes
     ----------
     radius : float
-        In pixels.
+        Radius in pixels.
     density : float
-        By how much the share grows with the radius, per pixel.
+        Derivative of the share by the radius, per pixel.
     size : int
-        Side of the central square of samples that it was found by.
+        Side of the central square of samples used.
     """
 
     radius: float
@@ -254,20 +254,20 @@ class Circle:
 
 
 def circle(psf: Psf, image: Array, share: float) -> Circle:
-    """The circle of a share of all light of the band-limited PSF, whose `extended()` image is given.
+    """Circle that encloses a share of the energy of the band-limited PSF, given its `extended()` image.
 
-    Most circles lie inside the support: the far samples are only looked at where they must be.
+    Most circles lie inside the support, so the far samples are used only if necessary.
     """
-    near = _circle(psf, image, min(psf.k + 2 * AROUND, len(image)), share)
+    near = _circle(psf, image, min(psf.k + 2 * INTERPOLATION_MARGIN, len(image)), share)
     return near if np.isfinite(near.radius) or near.size == len(image) else _circle(psf, image, len(image), share)
 
 
 def _circle(psf: Psf, image: Array, size: int, share: float) -> Circle:
-    """The same by the central samples of the image alone."""
+    """Circle from the central samples of the image alone."""
     rim, grid = (len(image) - size) // 2, _fine_grid(size, psf.s)
     fine = grid.M @ image[rim : len(image) - rim, rim : len(image) - rim] @ grid.M.T
-    light = fine.ravel()[grid.order] / (FINE**2 * psf.light)
-    r, slant, side = grid.rising, grid.slant[grid.order], grid.side
+    light = fine.ravel()[grid.order] / (OVERSAMPLING**2 * psf.light)
+    r, slant, side = grid.sorted_r, grid.slant[grid.order], grid.side
     running = np.cumsum(light[: np.searchsorted(r, (size // 2) / psf.s)])
     if not len(running) or running.max() < share or running[0] >= share:
         return Circle(np.nan, np.nan, size)
@@ -275,9 +275,9 @@ def _circle(psf: Psf, image: Array, size: int, share: float) -> Circle:
     for _ in range(6):  # Newton's steps on the smooth sum
         first, last = np.searchsorted(r, (radius - 3 * side, radius + 3 * side)).tolist()
         near, places = light[first:last], (r[first:last], slant[first:last])
-        # between circles two sides apart: the points of one side alone are too few, and 15 % off
-        inner, own, outer = (grid.covered(radius, *places) @ near).tolist()
-        inside, density = float(light[:first].sum()) + own, (outer - inner) / (2 * side)
+        # derivative over two sides: over one side the points are too few, and it errs by 15 %
+        inner, exact, outer = (grid.covered(radius, *places) @ near).tolist()
+        inside, density = float(light[:first].sum()) + exact, (outer - inner) / (2 * side)
         step = (share - inside) / density
         radius += step
         if abs(step) < 1e-9:
@@ -286,13 +286,13 @@ def _circle(psf: Psf, image: Array, size: int, share: float) -> Circle:
 
 
 def name_of_circle(share: float) -> str:
-    """The name of the radius of a share of all light."""
+    """Name of the radius of a share of the total energy."""
     return f"encircled_energy_{share * 100:.0f}"
 
 
 def _encircled(psf: Psf) -> list[DrawnNumber]:
-    """Radii about the marks' centre within which shares of all light lie, of the band-limited PSF."""
-    image, found = psf.extended(), []
+    """Radii of encircled energy of the band-limited PSF."""
+    image, numbers = psf.extended(), []
     for share in CIRCLES:
         one, by_image = circle(psf, image, share), np.zeros_like(image)
         gradient = np.full(len(psf.parameters), np.nan)
@@ -301,14 +301,14 @@ def _encircled(psf: Psf) -> list[DrawnNumber]:
             within = _fine_grid(one.size, psf.s).within(one.radius)
             by_image[rim : len(image) - rim, rim : len(image) - rim] = within
             gradient = (share * psf.weights - psf.contract(by_image)) / psf.light / one.density
-        found.append(
+        numbers.append(
             DrawnNumber(name_of_circle(share), one.radius, "pixel", f"radius of {share:.0%} of all light", gradient)
         )
-    return found
+    return numbers
 
 
 def _moment_weight(psf: Psf) -> Array:
-    """Gaussian weight (k^2,) as wide as the PSF's core: without it the far samples' noise rules the moments."""
+    """Gaussian weight (k^2,) as wide as the PSF's core, without which noise of far samples dominates the moments."""
     middle = psf.k // 2
     core = _widths(np.stack([psf.h[middle], psf.h[:, middle]]), psf.s)
     sigma = 1.5 * float(np.nanmean(core)) / 2.355 if np.isfinite(core).any() else psf.k / (4 * psf.s)
@@ -332,7 +332,7 @@ def _ellipse_numbers(psf: Psf) -> list[DrawnNumber]:
 
 
 def _ellipse(sums: Array) -> tuple[Array, Array]:
-    """Ellipticity and angle in degrees (2,) of weighted sums of 1, x, y, xx, xy, yy, and their derivative (2, 6)."""
+    """Ellipticity and angle in degrees (2,) from weighted sums of 1, x, y, xx, xy, yy, and their derivative (2, 6)."""
     total = sums[0]
     cx, cy, mxx, mxy, myy = sums[1:] / total
     xx, xy, yy = mxx - cx * cx, mxy - cx * cy, myy - cy * cy
@@ -340,10 +340,10 @@ def _ellipse(sums: Array) -> tuple[Array, Array]:
     minor, major = half - spread, half + spread
     if not (minor > 0 and spread > 0):
         return np.full(2, np.nan), np.full((2, 6), np.nan)
-    # by the central moments first: half and spread, then minor and major
-    of_spread = np.array([(xx - yy) / 4, xy, (yy - xx) / 4]) / spread
-    of_half = np.array([0.5, 0.0, 0.5])
-    flat = -np.sqrt(minor / major) / 2 * ((of_half - of_spread) / minor - (of_half + of_spread) / major)
+    # derivatives by the central moments: half and spread, then minor and major
+    spread_slope = np.array([(xx - yy) / 4, xy, (yy - xx) / 4]) / spread
+    half_slope = np.array([0.5, 0.0, 0.5])
+    flat = -np.sqrt(minor / major) / 2 * ((half_slope - spread_slope) / minor - (half_slope + spread_slope) / major)
     turn = np.degrees(np.array([-xy / 2, (xx - yy) / 2, xy / 2]) / (2 * spread**2))
     central = np.array(
         [

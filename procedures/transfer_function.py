@@ -1,4 +1,4 @@
-"""A whole PSF's transfer function: phase along a direction, modulus over the band, numbers read from an MTF curve."""
+"""Transfer function of a PSF: phase along a direction, modulus over the band, numbers of an MTF curve."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ Otf = Callable[[Array, Array], npt.NDArray[np.complex128]]
 
 NYQUIST = 0.5
 """Cycles per pixel."""
-AT_ONCE = 16
-"""Frequencies by which a curve is drawn on to where it is looked for."""
+CHUNK = 16
+"""Number of frequencies by which a curve is extended until it crosses a level."""
 
 
 def phase_along(psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
-    """The OTF's phase at frequencies f (n,) along a direction (radians from x towards y), and its standard uncertainty.
+    """Phase of the OTF at frequencies f (n,) along a direction (radians from x to y), with standard uncertainty.
 
-    Both in degrees, unwrapped from 0 at frequency 0; a straight line is a shift from the PSF's centre, what bends away
-    from it is asymmetry. Where the OTF drowns in its noise the phase means nothing.
+    Both in degrees, unwrapped from 0 at frequency 0. A linear phase is a shift from the PSF's centre, the remainder
+    asymmetry. Where the OTF is below its noise the phase is meaningless.
     """
     waves = psf.spectra(f * np.cos(angle), f * np.sin(angle))
     value = waves @ psf.parameters
@@ -48,7 +48,7 @@ def mtf_map(psf: Psf, n: int) -> tuple[Array, Array]:
     f : (n,) float64
         In cycles/pixel.
     mtf : (n, n) float64
-        [fy, fx], 1 in the middle.
+        [fy, fx], 1 in the centre.
     """
     f = np.linspace(-psf.s / 2, psf.s / 2, n)
     upper = f[n // 2 :]  # the rest is its mirror image
@@ -69,7 +69,7 @@ def mtf_map(psf: Psf, n: int) -> tuple[Array, Array]:
 
 
 def curve_numbers(f: Array, mtf: Array, slope: Array, name: str, at: Sequence[float] = ()) -> Iterator[DrawnNumber]:
-    """The numbers of one curve.
+    """Numbers of one curve.
 
     Parameters
     ----------
@@ -78,9 +78,9 @@ def curve_numbers(f: Array, mtf: Array, slope: Array, name: str, at: Sequence[fl
     slope : (n, m) float64
         Derivative of the moduli by the PSF's parameters.
     name : str
-        Of the direction.
+        Name of the direction.
     at : sequence of float
-        Frequencies at which the MTF is told; those beyond the curve are left out.
+        Frequencies at which the MTF is reported; those beyond the curve are omitted.
     """
     i = int(np.searchsorted(f, NYQUIST))
     yield DrawnNumber(MTF_NYQUIST[name], float(mtf[i]), "1", "|OTF| at 0.5 cycles/pixel", slope[i])
@@ -95,7 +95,7 @@ def curve_numbers(f: Array, mtf: Array, slope: Array, name: str, at: Sequence[fl
 
 
 def crossing(f: Array, mtf: Array, slope: Array, level: float = 0.5) -> tuple[float, Array] | None:
-    """Where a curve first falls below a level, and the derivative of that; None where it stays above."""
+    """First frequency below a level, and its derivative; None where the curve stays above."""
     below = np.flatnonzero(mtf < level)
     if not len(below):
         return None
@@ -109,26 +109,26 @@ def crossing(f: Array, mtf: Array, slope: Array, level: float = 0.5) -> tuple[fl
 
 
 def first_crossing(f: Array, curve: Callable[[Array], tuple[Array, Array]]) -> tuple[float, Array] | None:
-    """Where a curve first falls below one half, as `crossing`, drawn no farther than that.
+    """First frequency below one half, as `crossing`, computing the curve no farther than that.
 
     Parameters
     ----------
     f : (n,) float64
-        Where it would be drawn, equally spaced.
+        Equally spaced frequencies.
     curve : callable
-        Values (m,) and slopes (m, p) at some of these.
+        Values (m,) and slopes (m, p) at a range of these.
     """
-    drawn: list[tuple[Array, Array]] = []
-    for first in range(0, len(f), AT_ONCE):
-        drawn.append(curve(f[first : first + AT_ONCE]))
-        if (drawn[-1][0] < 0.5).any():
-            value, slope = (np.concatenate(parts) for parts in zip(*drawn, strict=True))
+    parts: list[tuple[Array, Array]] = []
+    for first in range(0, len(f), CHUNK):
+        parts.append(curve(f[first : first + CHUNK]))
+        if (parts[-1][0] < 0.5).any():
+            value, slope = (np.concatenate(parts) for parts in zip(*parts, strict=True))
             return crossing(f, value, slope)
     return None
 
 
 def _at(f: Array, mtf: Array, slope: Array, frequency: float) -> tuple[float, Array]:
-    """A curve's value at a frequency, and its derivative."""
+    """Value of a curve at a frequency, and its derivative."""
     step = f[1] - f[0]
     i = int(np.clip(round(frequency / step), 1, len(f) - 2))
     weights = _parabola((frequency - f[i]) / step)
@@ -136,7 +136,7 @@ def _at(f: Array, mtf: Array, slope: Array, frequency: float) -> tuple[float, Ar
 
 
 def _parabola(t: float) -> Array:
-    """Weights of three values at -1, 0, 1 in the parabola through them, at t."""
+    """Weights at t of three values at -1, 0, 1 in the parabola through them."""
     return np.array([t * (t - 1) / 2, 1 - t * t, t * (t + 1) / 2])
 
 

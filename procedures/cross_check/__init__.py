@@ -1,4 +1,4 @@
-"""Two ways to one number: the PSF of the noise chart, and the chart's own slanted edges, from one frame.
+"""Comparison of MTF50 by the noise chart's PSF and by the chart's slanted edges, from one frame.
 
-Stands over the rooms it compares (`pattern_psf`, `slanted_edge`). `estimate` is the verb.
+May import the packages that it compares, `pattern_psf` and `slanted_edge`.
 """

@@ -1,4 +1,4 @@
-"""The chart's own slanted edges: MTF50 across them beside that of the PSF, from one frame."""
+"""MTF50 across the chart's slanted edges compared with that of the PSF, from one frame."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-CLEAR_PX = 2.5
-"""Pixels that are left out beside everything else that is printed: the PSF reaches over its border."""
-LEAST_CONTRAST = 0.4
-"""Of the chart's: what is fainter is no printed edge, but what lies behind a chart without one."""
-SHAPE = 0.06
-"""Relative uncertainty of the tail beyond its noise: out there no true tail is quite 1 / r^3."""
-MORE = 0.1
-"""By what share the tail is enlarged to see what hangs on it."""
+MARGIN_PX = 2.5
+"""Margin in pixels excluded next to other printed areas, for the PSF's width."""
+MIN_CONTRAST = 0.4
+"""Least contrast of an edge over the chart's; a fainter step belongs to the background of a chart without edges."""
+TAIL_SHAPE_UNCERTAINTY = 0.06
+"""Relative uncertainty of the tail in addition to noise, since no tail is exactly 1 / r^3."""
+TAIL_INCREASE = 0.1
+"""Relative increase of the tail for the numerical derivative by it."""
 WIDEST_BLOCKS = 1.8
-"""The plains' width, where they are widest."""
-ASIDE_CELLS, ASIDE_PX = 3.0, 3.0
-"""How far from where the chart puts it an edge may be found: what the map is off, out there beyond its marks."""
+"""Greatest width of the plains."""
+MAX_OFFSET_CELLS, MAX_OFFSET_PX = 3.0, 3.0
+"""Greatest distance of an edge from its expected position, for the map's extrapolation beyond its marks."""
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeCheck:
-    """One printed edge: MTF50 across it, and of the PSF along its normal, all light counted in both.
+    """Comparison at one printed edge: MTF50 across it, and MTF50 of the PSF along its normal, both including the tail.
 
     Attributes
     ----------
@@ -55,88 +55,88 @@ class EdgeCheck:
 
     @property
     def difference(self) -> float:
-        """By the PSF less by the edge, over the latter."""
+        """Relative difference of the PSF's MTF50 from the edge's."""
         return self.by_psf.value / self.by_edge.value - 1
 
     @property
     def sigmas(self) -> float:
-        """The difference in its standard errors."""
+        """Difference in standard uncertainties."""
         spread = math.hypot(self.by_psf.uncertainty, self.by_edge.uncertainty)
         return (self.by_psf.value - self.by_edge.value) / spread
 
 
-def check_edges(plane: Plane, found: PatternPsf) -> tuple[EdgeCheck, ...]:
-    """The printed edges that the photograph shows, each beside the PSF; none where the chart has none.
+def check_edges(plane: Plane, psf_estimate: PatternPsf) -> tuple[EdgeCheck, ...]:
+    """Compare each printed edge in the photograph with the PSF; empty for a chart without edges.
 
-    Whether they were printed is seen in the photograph: at their place there must be the chart's own contrast, in
-    their direction, with white on the chart's side.
+    The photograph shows whether edges were printed: at their position there must be a step with the chart's contrast,
+    in their direction, white on the chart's side.
     """
-    found_edges = [edge for i in range(len(EDGES)) if (edge := _measured(plane, found, i)) is not None]
-    pairs = [(edge, quantity_along(found.psf, edge.normal_deg, found.n)) for edge in found_edges]
+    edges = [edge for i in range(len(EDGES)) if (edge := _measured(plane, psf_estimate, i)) is not None]
+    pairs = [(edge, quantity_along(psf_estimate.psf, edge.normal_deg, psf_estimate.n)) for edge in edges]
     return tuple(EdgeCheck(edge, edge.numbers[EDGE_MTF50], by_psf) for edge, by_psf in pairs if by_psf is not None)
 
 
-def _measured(plane: Plane, found: PatternPsf, i: int) -> EdgeMtf | None:
-    """The MTF across one of the chart's edges, None where it is not to be seen or cannot be measured."""
-    placed = _strip(plane, found, i)
-    if placed is None or not _shows_edge(*placed, found):
+def _measured(plane: Plane, psf_estimate: PatternPsf, i: int) -> EdgeMtf | None:
+    """MTF across one of the chart's edges; None where it is not visible or cannot be measured."""
+    strip_and_line = _strip(plane, psf_estimate, i)
+    if strip_and_line is None or not _shows_edge(*strip_and_line, psf_estimate):
         return None
     from procedures.slanted_edge.estimate import measure
     from procedures.slanted_edge.tail import Tail
 
-    strip, line = placed
+    strip, line = strip_and_line
     first = measure(strip, line).value
     if first is None:
         return None
-    density = found.psf.tail_density_px
+    density = psf_estimate.psf.tail_density_px
     alone = without_surroundings(plane.samples, strip, first.course, density)
     # the tail's line spread function is 2 A / d^2, the edge's approach to its plains 2 A / d
     edge = measure(replace(strip, samples=alone, tail=Tail(2 * density)), line).value
-    other = measure(replace(strip, samples=alone, tail=Tail(2 * density * (1 + MORE))), line).value
+    other = measure(replace(strip, samples=alone, tail=Tail(2 * density * (1 + TAIL_INCREASE))), line).value
     if edge is None or EDGE_MTF50 not in edge.numbers or other is None or EDGE_MTF50 not in other.numbers:
         return None
-    edge = _with_tail_uncertainty(edge, other, found)
-    cells = found.registration.to_pattern(edge.course)
+    edge = _with_tail_uncertainty(edge, other, psf_estimate)
+    cells = psf_estimate.registration.to_pattern(edge.course)
     across, along = cells[:, i], cells[:, 1 - i]
     start, end = EDGES[i]
     expected = start[i] + (end - start)[i] * along / CELLS
-    aside = max(ASIDE_CELLS, ASIDE_PX / _cell_px(found))
-    return edge if np.abs(across - expected).max() < aside else None
+    max_offset = max(MAX_OFFSET_CELLS, MAX_OFFSET_PX / _cell_px(psf_estimate))
+    return edge if np.abs(across - expected).max() < max_offset else None
 
 
-def _with_tail_uncertainty(edge: EdgeMtf, other: EdgeMtf, found: PatternPsf) -> EdgeMtf:
-    """The edge's MTF50 with what the tail's uncertainty adds to its own; `other` had a tail larger by `MORE`."""
-    own = edge.numbers[EDGE_MTF50]
-    slope = (other.numbers[EDGE_MTF50].value - own.value) / MORE
-    of_tail = slope * min(_tail_uncertainty(found), 1.0)
-    whole = replace(own, uncertainty=math.hypot(own.uncertainty, of_tail))
-    return replace(edge, numbers={**edge.numbers, EDGE_MTF50: whole})
+def _with_tail_uncertainty(edge: EdgeMtf, other: EdgeMtf, psf_estimate: PatternPsf) -> EdgeMtf:
+    """Add the uncertainty due to the tail to the edge's MTF50; `other` had a tail larger by `TAIL_INCREASE`."""
+    mtf50 = edge.numbers[EDGE_MTF50]
+    slope = (other.numbers[EDGE_MTF50].value - mtf50.value) / TAIL_INCREASE
+    tail_uncertainty = slope * min(_tail_uncertainty(psf_estimate), 1.0)
+    combined = replace(mtf50, uncertainty=math.hypot(mtf50.uncertainty, tail_uncertainty))
+    return replace(edge, numbers={**edge.numbers, EDGE_MTF50: combined})
 
 
-def _tail_uncertainty(found: PatternPsf) -> float:
+def _tail_uncertainty(psf_estimate: PatternPsf) -> float:
     """Relative uncertainty of the tail's energy, noise and shape together; infinite where there is none."""
-    tail = found.psf.tail
+    tail = psf_estimate.psf.tail
     noise = float(tail.covariance[0, 0]) ** 0.5 / abs(float(tail.amplitudes[0])) if tail.amplitudes[0] else math.inf
-    return math.hypot(noise, SHAPE)
+    return math.hypot(noise, TAIL_SHAPE_UNCERTAINTY)
 
 
-def _cell_px(found: PatternPsf) -> float:
+def _cell_px(psf_estimate: PatternPsf) -> float:
     """Side of a cell in pixels of the plane."""
-    return 1 / math.sqrt(abs(np.linalg.det(found.registration.jacobian())))
+    return 1 / math.sqrt(abs(np.linalg.det(psf_estimate.registration.jacobian())))
 
 
-def _strip(plane: Plane, found: PatternPsf, i: int) -> tuple[Strip, EdgeLine] | None:
-    """Where the map puts an edge: its strip, all else that is printed masked, and the line; None outside the frame."""
-    registration = found.registration
-    cell_px = _cell_px(found)
-    clear = CLEAR_PX / cell_px
+def _strip(plane: Plane, psf_estimate: PatternPsf, i: int) -> tuple[Strip, EdgeLine] | None:
+    """Strip of an edge by the map, with other printed areas masked, and its line; None outside the frame."""
+    registration = psf_estimate.registration
+    cell_px = _cell_px(psf_estimate)
+    margin = MARGIN_PX / cell_px
     start, end = EDGES[i]
-    inset = (end - start) / np.linalg.norm(end - start) * clear
+    inset = (end - start) / np.linalg.norm(end - start) * margin
     ends = registration.to_sensor(np.array([start + inset, end - inset]))
     limit = np.array(plane.samples.shape[::-1]) - 1
-    if not (np.isfinite(ends).all() and (ends > CLEAR_PX).all() and (ends < limit - CLEAR_PX).all()):
+    if not (np.isfinite(ends).all() and (ends > MARGIN_PX).all() and (ends < limit - MARGIN_PX).all()):
         return None
-    # most charts are printed without edges: what measures them is imported where there is room for one
+    # imported late, as most charts have no edges
     from procedures.slanted_edge.find import strip_along
     from procedures.slanted_edge.strip import LEAST_SIDE
 
@@ -148,19 +148,21 @@ def _strip(plane: Plane, found: PatternPsf, i: int) -> tuple[Strip, EdgeLine] | 
     x, y = np.meshgrid(roi.x + np.arange(roi.width), roi.y + np.arange(roi.height))
     cells = registration.to_pattern(np.column_stack([x.ravel(), y.ravel()]).astype(np.float64))
     across, along = cells[:, i], cells[:, 1 - i]
-    valid = (across > CELLS + BLOCK + clear) & (across < EDGE_END - clear) & (along > clear) & (along < CELLS - clear)
+    valid = (
+        (across > CELLS + BLOCK + margin) & (across < EDGE_END - margin) & (along > margin) & (along < CELLS - margin)
+    )
     shaped = valid.reshape(roi.height, roi.width)
-    near = replace(line, near_px=max(ASIDE_PX, ASIDE_CELLS * cell_px))
+    near = replace(line, near_px=max(MAX_OFFSET_PX, MAX_OFFSET_CELLS * cell_px))
     return replace(strip, valid=shaped.T if strip.turned else shaped, reach_px=reach), near
 
 
-def _shows_edge(strip: Strip, line: EdgeLine, found: PatternPsf) -> bool:
-    """Whether there are two levels as far apart as the chart's black and white."""
+def _shows_edge(strip: Strip, line: EdgeLine, psf_estimate: PatternPsf) -> bool:
+    """Whether there is a step with the contrast of the chart's black and white."""
     from procedures.slanted_edge.strip import LEAST_SIDE
 
     d = np.arange(strip.samples.shape[1]) - line.middle - line.slope * strip.along[:, None]
-    sides = [strip.samples[strip.usable & (d * sign > CLEAR_PX)] for sign in (-1, 1)]
+    sides = [strip.samples[strip.usable & (d * sign > MARGIN_PX)] for sign in (-1, 1)]
     if min(map(len, sides)) < LEAST_SIDE**2 / 2:
         return False
     contrast = abs(quantile(sides[0], 0.5) - quantile(sides[1], 0.5))
-    return contrast > LEAST_CONTRAST * found.diagnostics["contrast"]
+    return contrast > MIN_CONTRAST * psf_estimate.diagnostics["contrast"]

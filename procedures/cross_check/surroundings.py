@@ -1,7 +1,7 @@
-"""What else is printed around an edge, seen through the PSF's far tail: light on its plains that is not its own.
+"""Stray light on an edge's plains, from other printed areas through the PSF's far tail.
 
-A slanted edge is meant to lie between two endless plains. On the chart the frame stands before it, and its black area
-ends: some thousandths of the contrast, which a window would take for a tail of the edge's own.
+The slanted-edge method assumes an edge between two unbounded plains. On the chart the frame is close, and the black
+area ends: a few thousandths of the contrast, which would be mistaken for the edge's own tail.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 AROUND_PX = 64
-"""How far around a strip things are looked at: a tail's light from beyond is flat over it."""
+"""Width of the surroundings included around a strip: the tail's light from beyond is uniform over it."""
 
 
 def without_surroundings(samples: Array32, strip: Strip, course: Array, density_px: float) -> Array:
-    """The strip's samples as they would be between endless plains, (n, m).
+    """Samples (n, m) of a strip corrected to unbounded plains.
 
     Parameters
     ----------
     samples : (rows, columns) float32
-        The plane, which itself shows what lies around.
+        The plane, including the surroundings.
     strip : Strip
-        Its valid samples show the edge and its plains alone.
+        Valid samples cover the edge and its plains only.
     course : (n, 2) float64
         Points (x, y) of the plane along the edge.
     density_px : float
-        A of the tail A / r^3, per square pixel, of a PSF of sum 1; r in pixels.
+        Coefficient A of the tail A / r^3, per square pixel, of a PSF of sum 1; r in pixels.
     """
     roi = strip.roi
     x0, y0 = max(roi.x - AROUND_PX, 0), max(roi.y - AROUND_PX, 0)
@@ -46,13 +46,13 @@ def without_surroundings(samples: Array32, strip: Strip, course: Array, density_
     line = np.polyfit(along, across, 1)
     beyond = v > np.polyval(line, u)
     levels = [quantile(part[inside & side], 0.5) for side in (~beyond, beyond)]
-    other = np.where(inside, 0.0, part - np.where(beyond, levels[1], levels[0]))
-    seen = _through_tail(other, density_px)[top : top + roi.height, left : left + roi.width]
-    return strip.samples - (seen.T if strip.turned else seen)
+    deviation = np.where(inside, 0.0, part - np.where(beyond, levels[1], levels[0]))
+    stray_light = _through_tail(deviation, density_px)[top : top + roi.height, left : left + roi.width]
+    return strip.samples - (stray_light.T if strip.turned else stray_light)
 
 
 def _through_tail(picture: Array, density_px: float) -> Array:
-    """A picture convolved with A / r^3, (rows, columns); nothing lies beyond its border."""
+    """Picture (rows, columns) convolved with A / r^3; zero beyond its border."""
     shape = [transforms.next_fast_len(2 * n) for n in picture.shape]
     r = np.hypot(*(transforms.fftfreq(n, 1 / n).reshape(s) for n, s in zip(shape, ((-1, 1), (1, -1)), strict=True)))
     kernel = np.where(r > 0, density_px / np.maximum(r, 1) ** 3, 0.0)

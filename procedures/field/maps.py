@@ -24,7 +24,7 @@ from procedures.psf import Psf
 from procedures.psf_field import PsfField
 from procedures.quality import frequencies, mtf_along
 from procedures.spatial_numbers import energy_above_nyquist
-from procedures.stray_tail import stray_energy, truncation
+from procedures.stray_tail import tail_energy_uncertainty, truncation
 from procedures.transfer_function import first_crossing
 
 Array = npt.NDArray[np.float64]
@@ -133,7 +133,9 @@ def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:
     above, slope = energy_above_nyquist(psf)
     of_above = np.sqrt(max(float(slope @ psf.parameter_covariance @ slope), 0.0))
     outside, noise = psf.energy_outside if len(psf.tail.amplitudes) else (np.nan, np.nan)
-    return np.append(values, [above, outside]), np.append(uncertainties, [of_above, np.hypot(noise, stray_energy(psf))])
+    return np.append(values, [above, outside]), np.append(
+        uncertainties, [of_above, np.hypot(noise, tail_energy_uncertainty(psf))]
+    )
 
 
 def mtf50_about(psf: Psf, radius: float, without: WithoutPhotosite | None = None) -> tuple[Array, Array]:

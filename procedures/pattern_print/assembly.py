@@ -1,4 +1,4 @@
-"""The first page of a chart over several sheets: how they are joined, and the caption with the rulers."""
+"""First page of a chart on several sheets: instructions for joining them, and the caption with the rulers."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from procedures.pattern_print.source import Source
 from procedures.pattern_print.tiles import DRAWN_CELLS, Tiling
 
 HEIGHT_MM = 140.0
-"""Of the part above the caption, as it is on A4."""
+"""Height of the part above the caption, on A4."""
 SIDE_MM = LEFT_END - LEFT
-"""Of the drawing of the chart with its white margin."""
+"""Width of the drawing of the chart with its white margin."""
 FRAME = BLOCK * QUIET_BLOCKS
-"""Cells of the white margin, on one side."""
+"""Width of the white margin, in cells."""
 TOP_MM = 18.0
 
 
 def assembly_sheet(source: Source, tiling: Tiling) -> Sheet:
-    """The page, on the upright paper."""
+    """Assembly page, on the upright paper."""
     width, height = sorted((tiling.paper.width_mm, tiling.paper.height_mm))
     across, along = width - 2 * EDGE_MM, height - 2 * EDGE_MM
     scale = min(LARGEST_TYPE, across / PANEL_WIDTH_MM, along / (HEIGHT_MM + PANEL_HEIGHT_MM))
@@ -82,7 +82,7 @@ def _steps(tiling: Tiling) -> tuple[str, ...]:
 
 
 def _plan(panel: Panel, tiling: Tiling) -> Drawing:
-    """The sheets in their places, the outline of the chart, and the overall dimensions."""
+    """Drawing of the sheets, the outline of the chart, and the overall dimensions."""
     unit = SIDE_MM / DRAWN_CELLS
 
     def line(x0: float, y0: float, x1: float, y1: float, thickness: float) -> Stroke:
@@ -113,6 +113,6 @@ def _plan(panel: Panel, tiling: Tiling) -> Drawing:
 
 
 def _in_chart(start: int, end: int) -> tuple[int, int]:
-    """The part of a tile that lies in the chart, or all of it where none does: there its name stands."""
+    """Part of a tile inside the chart, or all of it if there is none; its label is centred there."""
     inner = max(start, FRAME), min(end, DRAWN_CELLS - FRAME)
     return inner if inner[0] < inner[1] else (start, end)

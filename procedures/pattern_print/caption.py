@@ -1,4 +1,4 @@
-"""What is said below the chart: which it is, how to print and photograph it, and from how far."""
+"""Caption below the chart: its origin, instructions for printing and photographing, and a table of distances."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from procedures.pattern_print import distance
 from procedures.pattern_print.panel import Drawing, Panel, Stroke, Text, wrapped
 from procedures.pattern_print.rulers import rulers
 
-# the panel as it is on A4; larger sheets enlarge it
+# size of the panel on A4; it is enlarged on larger sheets
 PANEL_WIDTH_MM = 186.0
 PANEL_HEIGHT_MM = 118.0
 TYPE, SMALL, HEADING, TITLE_TYPE = 2.9, 2.5, 3.3, 5.4
@@ -23,19 +23,19 @@ TITLE = "Noise chart for subpixel point spread functions"
 PRINTING = (
     "Print at 100 %: no scaling, no fitting to the page. Both rulers must measure 100 mm.",
     "No smoothing, no image enhancement, no toner saving; finest resolution, black ink only.",
-    "Matt paper: gloss mirrors the lamps.",
+    "Matt paper: gloss reflects the lamps.",
     "Mount it flat, glued to glass or to an aluminium plate, without waves.",
-    "Keep the white border, one block wide all around, clear of everything.",
+    "Keep the white border, one block wide, free on all sides.",
 )
 PHOTOGRAPHING = (
-    "RAW at the lowest ISO, from a firm support, in even light.",
+    "RAW at the lowest ISO, on a tripod, in even light.",
     "Expose so that white stays below saturation in every plane.",
     "Keep the whole chart with its white border in the frame.",
 )
 
 
 def caption(panel: Panel, titles: Iterable[str], noise_mm: float) -> Drawing:
-    """All that is drawn below the chart; `titles` are two lines saying which chart it is."""
+    """Caption below the chart; `titles` are two lines that identify the chart."""
     ruler_x, _ = panel.at(9, 0)
     _, ruler_y = panel.at(0, PANEL_HEIGHT_MM)
     return (
@@ -62,7 +62,7 @@ def _advice(panel: Panel) -> Drawing:
 def numbered(
     panel: Panel, y: float, heading: str, items: Iterable[str], left: float, right: float
 ) -> tuple[float, Drawing]:
-    """A numbered list between two places of the panel, and where it ends."""
+    """End position of a numbered list between two x positions of the panel, and the list."""
     texts = [panel.text(left, y, heading, HEADING, bold=True)]
     y += 5.4
     for number, item in enumerate(items, start=1):
@@ -107,13 +107,13 @@ def _metres(distance_m: float) -> str:
 def _explanation(panel: Panel, noise_mm: float) -> Drawing:
     low, high = GOOD_S_OVER_T
     paragraphs = (
-        f"There the noise, {noise_mm:.6g} mm wide, covers {distance.ideal_pixels():g} pixels of a plane, for "
-        f"s={distance.SAMPLES_PER_PIXEL} samples of the PSF per pixel. A plane of a Bayer RAW has a pixel for every "
-        "second photosite; without a mosaic (monochrome) stand twice as far.",
+        f"At these distances the noise, {noise_mm:.6g} mm wide, covers {distance.ideal_pixels():g} pixels of a plane, "
+        f"for s={distance.SAMPLES_PER_PIXEL} samples of the PSF per pixel. A plane of a Bayer RAW has a pixel for "
+        "every second photosite; with a monochrome sensor double the distance.",
         f"s/t = s × pixels / 256: {AIM_S_OVER_T:g} is best, {low:g} to {high:g} good, that is "
         f"{1 / AIM_S_OVER_T:.2g} times the distances above, or {1 / high:.2g} to {1 / low:.2g} times, as long as the "
         "noise is at least 60 pixels wide.",
-        "Distance = focal length × noise width / (pixels × pixel pitch of the plane): a smaller chart needs less room.",
+        "Distance = focal length × noise width / (pixels × pixel pitch of the plane).",
     )
     y = TOP + 13.4 + 4.1 * len(distance.FOCAL_LENGTHS_MM) + 6.4
     texts: list[Text] = []

@@ -1,8 +1,7 @@
-"""From how far to photograph a chart of some size: the distance at which s/t is 1.
+"""Distance at which a chart of some size has the sampling ratio s/t = 1.
 
-With t cells of the pattern per pixel of a plane, t = 256 / pixels for a noise region `pixels` wide, so that
-s/t = s pixels / 256. At 1 the chart is as fine as the samples of the PSF; `procedures.pattern` has what is best
-and what is good.
+t is the number of cells per pixel of a plane, t = 256 / pixels for a noise region `pixels` wide, so s/t is
+s pixels / 256. At 1 a cell is as wide as a sample of the PSF; `procedures.pattern` has the recommended ranges.
 """
 
 from __future__ import annotations
@@ -13,14 +12,14 @@ from procedures.pattern import CELLS
 
 FOCAL_LENGTHS_MM = (16, 24, 35, 50, 85, 100, 135, 200)
 SAMPLES_PER_PIXEL = 4
-"""The s that the table is for: the station's default."""
+"""Value of s in the table, the default."""
 PHOTOSITES_PER_PIXEL = 2
 """A colour plane of a Bayer mosaic has every other photosite."""
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """A common sensor: its format, megapixels, and the distance of its photosites in µm."""
+    """A common sensor: its format, megapixels, and pixel pitch in µm."""
 
     format: str
     megapixels: int
@@ -28,7 +27,7 @@ class Sensor:
 
     @property
     def plane_pitch_um(self) -> float:
-        """Distance of the pixels of a colour plane."""
+        """Pixel pitch of a colour plane."""
         return PHOTOSITES_PER_PIXEL * self.pitch_um
 
 
@@ -47,7 +46,7 @@ def ideal_pixels(s: int = SAMPLES_PER_PIXEL) -> float:
 
 
 def distance_mm(focal_mm: float, noise_mm: float, pixels: float, plane_pitch_um: float) -> float:
-    """Distance in mm at which noise of `noise_mm` is `pixels` wide in a plane; it must be far over the focal length."""
+    """Distance in mm at which noise of `noise_mm` is `pixels` wide in a plane; valid far beyond the focal length."""
     return focal_mm * noise_mm / (pixels * plane_pitch_um / 1000)
 
 

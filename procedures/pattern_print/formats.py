@@ -1,4 +1,4 @@
-"""The chart as the bytes of a file, by the file's ending."""
+"""Encoding of the chart as a file, by its suffix."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ IMAGES = {".png": png, ".pgm": pgm}
 
 
 def check_ending(path: Path) -> str:
-    """The file's ending, in lower case.
+    """Suffix of the file in lower case.
 
     Raises
     ------
     BadParameter
-        If no chart can be written as that.
+        If the suffix is not supported.
     """
     ending = path.suffix.lower()
     if ending not in PAGES | IMAGES:
         raise BadParameter(
-            f"the chart is written as .pdf, .svg, .png or .pgm; got {path.name}",
-            "name the file with one of these endings",
+            f"the file of a chart must be .pdf, .svg, .png or .pgm; got {path.name}",
+            "use one of these suffixes",
         )
     return ending
 
 
 @dataclass(frozen=True)
 class Encoded:
-    """A file's bytes, and its extent in words: the paper of a page, the pixels of an image."""
+    """Content of a file, and its extent in words: the paper of a page, the pixels of an image."""
 
     data: bytes
     extent: str
@@ -53,23 +53,23 @@ def encode(
     *,
     tile: bool = False,
 ) -> Encoded:
-    """What to write into the file: a page with caption and rulers for .pdf and .svg, pixels for .png and .pgm.
+    """Encode a chart: a page with caption and rulers for .pdf and .svg, pixels for .png and .pgm.
 
-    `paper` is the one it shall be printed on; with `tile` over several sheets, a page for each, where one does not
-    hold the chart.
+    `paper` is the paper of the printer; with `tile` a chart that does not fit is divided into several sheets, a page
+    for each.
 
     Raises
     ------
     BadParameter
-        If the paper does not hold the chart; with `tile`, if the file is no PDF, the chart has slanted edges, or it
-        takes too many sheets.
+        If the chart does not fit on the paper; with `tile`, if the file is not a PDF, the chart has slanted edges, or
+        too many sheets are required.
     """
     ending, edges = check_ending(path), source.chart.edges
     if tile and paper is not None and not size.fits(paper, edges):
         if ending != ".pdf":
             raise BadParameter(
-                f"a chart over several sheets is written as .pdf, a page for each; got {path.name}",
-                f"name the file {path.stem}.pdf, or order a chart that fits on one sheet",
+                f"the file of a chart on several sheets must be .pdf; got {path.name}",
+                f"name it {path.stem}.pdf, or choose a chart that fits on one sheet",
             )
         tiling = tiling_of(size, paper)
         return Encoded(pdf(*tiled(source, tiling)), f"{tiling}")

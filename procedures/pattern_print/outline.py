@@ -1,7 +1,7 @@
-"""The black of the chart as closed outlines.
+"""Black areas of the chart as closed outlines.
 
-Squares painted side by side show hairlines wherever a viewer smooths edges: two half covered pixels do not add up to
-a black one. Here no edge between black and black exists any more, so there is nothing to show.
+Adjacent squares show hairlines with antialiasing, since two half covered pixels do not add up to a black one. Outlines
+have no edges between black areas, so there are no hairlines.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ Loop = list[Vertex]
 
 
 def outline(chart: Chart) -> list[Loop]:
-    """Closed outlines of all that is black in the chart: cells, blocks and triangles as one shape, then its edges.
+    """Closed outlines of the black areas: cells, blocks and triangles as one shape, then the slanted edges.
 
-    Each is a list of (x, y) in cells, whole numbers, without its first point again; black lies to the right of every
-    edge, y down, so that the non-zero and the even-odd rule fill the same. Outlines meet in corners, never in edges.
+    Each is a list of (x, y) in cells, integers, without repetition of the first point. Black lies to the right of every
+    edge, y down, so that the non-zero and the even-odd rule agree. Outlines meet in corners, never in edges.
     """
     edges = _square_edges(_black_squares(chart.cells))
     for start, end in _triangle_edges():
@@ -37,7 +37,7 @@ def outline(chart: Chart) -> list[Loop]:
 
 
 def _edge_loops(chart: Chart) -> list[Loop]:
-    """The black areas of the slanted edges, where the chart has them."""
+    """Black areas of the slanted edges, if the chart has them."""
     return [[(int(x), int(y)) for x, y in area] for area in edge_areas()] if chart.edges else []
 
 
@@ -55,7 +55,7 @@ def _square_edges(black: npt.NDArray[np.bool_]) -> set[Edge]:
     step_down = np.diff(np.pad(black, 1).astype(np.int8), axis=0)[:, 1:-1]
     step_right = np.diff(np.pad(black, 1).astype(np.int8), axis=1)[1:-1, :]
     y, x = np.nonzero(step_down)
-    left = step_down[y, x] < 0  # that way round
+    left = step_down[y, x] < 0  # orientation
     across = np.stack([x + left, y, x + ~left, y], axis=1)
     y, x = np.nonzero(step_right)
     up = step_right[y, x] > 0
@@ -64,12 +64,12 @@ def _square_edges(black: npt.NDArray[np.bool_]) -> set[Edge]:
 
 
 def _triangle_edges() -> list[tuple[Vertex, Vertex]]:
-    """Edges of the x-corners' triangles; bases in unit steps, because cells may lie on their other side."""
+    """Edges of the x-corners' triangles; bases in unit steps, as cells may adjoin them."""
     edges: list[tuple[Vertex, Vertex]] = []
     for corners in triangles():
         (x, base), (right, _), (apex_x, apex_y) = corners.astype(int).tolist()
         points = [(step, base) for step in range(x, right + 1)] + [(apex_x, apex_y), (x, base)]
-        if apex_y < base:  # keep black to the right of the way round
+        if apex_y < base:  # keep black to the right
             points.reverse()
         edges.extend(pairwise(points))
     return edges
@@ -94,7 +94,7 @@ def _one_loop(first: Vertex, ends: dict[Vertex, list[Vertex]]) -> Loop:
         if len(choices) == 1:
             loop.append(choices.pop())
             continue
-        # where two squares meet in a corner, the sharpest right turn stays on the same one
+        # where two squares meet in a corner, the sharpest right turn stays on the same square
         following = max(choices, key=lambda after: _turn(before, here, after))
         choices.remove(following)
         loop.append(following)

@@ -1,4 +1,4 @@
-"""What a caption is made of: lines, texts, and the panel that places them on the sheet. All in millimetres, y down."""
+"""Elements of a caption: lines, texts, and the panel that places them on the sheet. All in millimetres, y down."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Text:
-    """A line of text: where its base line begins (or has its middle, or ends) and the size of its type, in mm."""
+    """A line of text: start, middle or end of its base line, and its type size, in mm."""
 
     x: float
     y: float
@@ -34,7 +34,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Drawing:
-    """Lines and texts together."""
+    """Lines and texts."""
 
     strokes: tuple[Stroke, ...] = ()
     texts: tuple[Text, ...] = ()
@@ -45,26 +45,26 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Panel:
-    """A rectangle of the sheet, drawn in its own mm: its top left corner, and how much larger it is than drawn."""
+    """A rectangle of the sheet with its own coordinates in mm: its top left corner, and its scale."""
 
     x: float
     y: float
     scale: float
 
     def at(self, x: float, y: float) -> tuple[float, float]:
-        """Sheet coordinates of a place in the panel."""
+        """Sheet coordinates of a point in the panel."""
         return self.x + x * self.scale, self.y + y * self.scale
 
     def text(self, x: float, y: float, words: str, size: float, bold: bool = False, anchor: Anchor = "start") -> Text:
-        """A line of text at a place in the panel."""
+        """Line of text at a point in the panel."""
         return Text(*self.at(x, y), words, size * self.scale, bold, anchor)
 
     def rule(self, y: float, start: float, end: float, thickness: float) -> Stroke:
-        """A horizontal line in the panel."""
+        """Horizontal line in the panel."""
         return Stroke(self.at(start, y), self.at(end, y), thickness * self.scale)
 
 
 def wrapped(words: str, width: float, size: float) -> list[str]:
-    """The words in lines no wider than `width`, which is in the unit of the type's size."""
+    """Wrap words into lines no wider than `width`, which has the unit of the type size."""
     lines: list[str] = simpleSplit(words, FONT, size, width)
     return lines

@@ -1,4 +1,4 @@
-"""Papers by name, and which one a locale uses."""
+"""Paper formats by name, and the formats of a locale."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Paper:
 
     @property
     def key(self) -> str:
-        """By which it is asked for."""
+        """Key in `PAPERS`."""
         return self.name.lower()
 
     def turned(self) -> Paper:
-        """The same sheet, turned by a quarter."""
+        """Sheet rotated by 90 degrees."""
         return Paper(self.name, self.height_mm, self.width_mm)
 
 
@@ -33,24 +33,24 @@ ISO_PAPERS = (
 US_PAPERS = (
     Paper("Letter", 215.9, 279.4), Paper("Legal", 215.9, 355.6), Paper("Tabloid", 279.4, 431.8),
 )  # fmt: skip
-"""Smallest first; larger charts are printed on A sheets there too."""
+"""US formats, smallest first; larger charts are printed on A sheets."""
 PAPERS = {paper.key: paper for paper in ISO_PAPERS + US_PAPERS}
 LETTER_TERRITORIES = frozenset(["BZ", "CA", "CL", "CO", "CR", "GT", "MX", "NI", "PA", "PH", "PR", "SV", "US", "VE"])
-"""Where Letter is the usual paper: Unicode CLDR, supplemental data, measurementData/paperSize."""
+"""Territories where Letter is common: Unicode CLDR, supplemental data, measurementData/paperSize."""
 
 
 def papers_of_locale(environ: Mapping[str, str]) -> tuple[Paper, ...]:
-    """The papers that are used where the environment's locale says, the usual one first.
+    """Formats for the environment's locale, the most common first.
 
-    POSIX: LC_ALL overrides the category LC_PAPER, which overrides LANG; an empty variable counts as not set.
+    POSIX: LC_ALL overrides LC_PAPER, which overrides LANG; an empty variable counts as not set.
     """
-    locale = next((told for name in ("LC_ALL", "LC_PAPER", "LANG") if (told := environ.get(name))), "")
+    locale = next((value for name in ("LC_ALL", "LC_PAPER", "LANG") if (value := environ.get(name))), "")
     territory = locale.partition(".")[0].partition("@")[0].partition("_")[2]
     return US_PAPERS + ISO_PAPERS if territory.upper() in LETTER_TERRITORIES else ISO_PAPERS
 
 
 def paper_named(name: str) -> Paper:
-    """The paper of that name, in capitals or not.
+    """Paper of that name, in any case.
 
     Raises
     ------
@@ -59,5 +59,5 @@ def paper_named(name: str) -> Paper:
     """
     paper = PAPERS.get(name.lower())
     if paper is None:
-        raise BadParameter(f"the paper is one of {', '.join(PAPERS)}; got {name!r}", "name one of these")
+        raise BadParameter(f"the paper must be one of {', '.join(PAPERS)}; got {name!r}", "give one of these")
     return paper

@@ -1,4 +1,4 @@
-"""The chart with its white margin as pixels, a whole number of them per cell: PNG and PGM, without the caption."""
+"""Bitmap of the chart with its white margin, an integer number of pixels per cell, as PNG and PGM without caption."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ Bitmap = npt.NDArray[np.uint8]
 
 CELL_PIXELS = 8
 EDGE_BLOCKS = 2
-"""White and black beyond the margin, on the right and below, for slanted edges."""
+"""Blocks of white and black beyond the margin, on the right and below, for slanted edges."""
 LARGEST_CELL_PIXELS = 32
 PNG_HEADER = 8 + 25
-"""Bytes of a PNG's signature and of its IHDR, after which other chunks may stand."""
+"""Bytes of a PNG's signature and IHDR, after which other chunks may follow."""
 
 
 def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> Bitmap:
-    """The chart in its margin of one block, white 255 and black 0, (384 cell_pixels, 384 cell_pixels).
+    """Bitmap (384 cell_pixels, 384 cell_pixels) of the chart in its margin of one block, white 255 and black 0.
 
-    With slanted edges there are two blocks more on the right and below.
+    With slanted edges it has two more blocks on the right and below.
 
     Raises
     ------
@@ -36,7 +36,7 @@ def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> Bitmap:
     """
     if not 1 <= cell_pixels <= LARGEST_CELL_PIXELS:
         raise BadParameter(
-            f"a cell can have 1 to {LARGEST_CELL_PIXELS} pixels; got {cell_pixels}", "write a PDF for finer print"
+            f"a cell must have 1 to {LARGEST_CELL_PIXELS} pixels; got {cell_pixels}", "use a PDF for a finer print"
         )
     block = BLOCK * cell_pixels
     image = np.full((block * BLOCKS, block * BLOCKS), 255, dtype=np.uint8)
@@ -51,7 +51,7 @@ def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> Bitmap:
 
 
 def _with_edges(image: Bitmap, cell_pixels: int) -> Bitmap:
-    """The image with the black areas of the slanted edges: pixels whose centres lie in them."""
+    """Add the black areas of the slanted edges: pixels whose centres lie in them."""
     first = BLOCK * (1 + QUIET_BLOCKS)
     for area in edge_areas():
         corners = (area + first) * cell_pixels - 0.5
@@ -65,10 +65,10 @@ def _with_edges(image: Bitmap, cell_pixels: int) -> Bitmap:
 
 
 def _x_corner(block: int) -> Bitmap:
-    """The two triangles in a block of so many pixels.
+    """Two triangles in a block of `block` pixels.
 
-    The diagonals halve the pixels on them. One diagonal goes to black and the other to white: so the area is right,
-    and by its half-turn symmetry the corner stays in the centre.
+    The diagonals bisect the pixels on them. One diagonal is black and the other white, so that the area is exact, and
+    the symmetry by half a turn keeps the corner in the centre.
     """
     x = np.arange(block) - (block - 1) / 2
     y = x[:, np.newaxis]
@@ -77,7 +77,7 @@ def _x_corner(block: int) -> Bitmap:
 
 
 def png(image: Bitmap, source: Source, size: Size) -> bytes:
-    """A bitmap as PNG, one bit per pixel, with its resolution, so that it prints at its size."""
+    """Encode a bitmap as PNG of one bit per pixel, with its resolution, so that it prints at true size."""
     done, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_BILEVEL, 1])
     if not done:
         raise RuntimeError("OpenCV could not write a PNG")
@@ -94,7 +94,7 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def pgm(image: Bitmap, source: Source, size: Size) -> bytes:
-    """A bitmap as binary PGM of 8 bit; the chart's origin and size stand in a comment."""
+    """Encode a bitmap as binary PGM of 8 bits, with the chart's origin and size in a comment."""
     rows, columns = image.shape
     words = _words(source, size).replace("×", "x")
     return f"P5\n# {words}\n{columns} {rows}\n255\n".encode("ascii") + image.tobytes()

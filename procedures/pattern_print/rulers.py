@@ -1,4 +1,4 @@
-"""Two rulers that tell whether the printer kept the scale, across and along the paper."""
+"""Two rulers for checking the printed scale, across and along the paper."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ DIGITS_MM = 2.6
 
 
 def rulers(x: float, y: float) -> Drawing:
-    """Rulers of 100 mm from their common zero at (x, y), to the right and upwards; ticks and numbers outside."""
+    """Rulers of 100 mm from a common zero at (x, y), to the right and upwards, with ticks and numbers outside."""
     strokes = [
         Stroke((x, y), (x + LENGTH_MM, y), THICKNESS_MM),
         Stroke((x, y), (x, y - LENGTH_MM), THICKNESS_MM),

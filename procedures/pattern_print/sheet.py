@@ -1,4 +1,4 @@
-"""The page: which paper, where the chart lies on it, and all that is drawn beside it, in millimetres.
+"""Layout of the page in millimetres: paper, position of the chart, caption.
 
 Sheet coordinates are (x, y) in mm from the top left corner of the paper, y down.
 """
@@ -19,33 +19,32 @@ from procedures.pattern_print.source import Source
 
 Box = tuple[float, float, float, float]
 SMALLEST_CELL_MM = 0.1
-"""Below this an office printer's dots are no longer small against a cell."""
+"""Least width of a cell, so that an office printer's dots are small in comparison."""
 SMALLEST_WIDTH_MM = SMALLEST_CELL_MM * BLOCK * BLOCKS
 LARGEST_WIDTH_MM = 3600.0
-"""With margin and caption just under the 5080 mm that a PDF page can have."""
+"""Greatest width of a chart; with margin and caption just below the 5080 mm of a PDF page."""
 QUIET_BLOCKS = 1
-"""White around the chart on every side, in blocks; nothing is drawn there."""
+"""Width of the white margin around the chart, in blocks."""
 EDGE_MM = 5.0
-"""Beside the paper's edge, where nothing is drawn: laser printers do not reach the outer 4.2 mm, inkjets 3 to 5 mm."""
+"""Unprinted margin of the paper: laser printers do not reach the outer 4.2 mm, inkjets 3 to 5 mm."""
 LARGEST_TYPE = 6.0
-"""The caption is read by hand: it grows with the sheet, but no further than this."""
+"""Greatest scale of the caption, which grows with the sheet."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """Width of the whole chart, and what follows from it; all in mm."""
+    """Width of the whole chart, and derived lengths, in mm."""
 
     whole_mm: float
 
     def __post_init__(self) -> None:
         smallest = SMALLEST_WIDTH_MM
-        # written so that "not a number" is refused as well
+        # NaN is rejected as well
         if not smallest <= self.whole_mm <= LARGEST_WIDTH_MM:
             raise BadParameter(
-                f"the chart can be {smallest:g} to {LARGEST_WIDTH_MM:g} mm wide, that is ten blocks; "
-                f"got {self.whole_mm:g} mm",
-                f"below, a cell is smaller than {SMALLEST_CELL_MM:g} mm and does not print square; "
-                "above, the page is larger than a PDF can be",
+                f"the chart must be {smallest:g} to {LARGEST_WIDTH_MM:g} mm wide; got {self.whole_mm:g} mm",
+                f"choose a width in this range: smaller cells than {SMALLEST_CELL_MM:g} mm do not print square, and "
+                "larger pages exceed the limit of PDF",
             )
 
     @property
@@ -64,12 +63,12 @@ class Size:
         return self.cell_mm * BLOCK * QUIET_BLOCKS
 
     def drawn_mm(self, edges: bool) -> float:
-        """Width of the chart with its white margin, or with the slanted edges on one side of it."""
+        """Width of the chart with its white margin, or with the slanted edges on one side."""
         beyond = (EDGE_END - CELLS - BLOCK) * self.cell_mm + EDGE_MM
         return self.whole_mm + self.quiet_mm + (beyond if edges else self.quiet_mm)
 
     def fits(self, paper: Paper, edges: bool) -> bool:
-        """Whether the upright paper holds the chart with its white margin, and the caption below it."""
+        """Whether the chart with its margin and caption fits on the upright paper."""
         drawn = self.drawn_mm(edges)
         return (
             max(drawn, PANEL_WIDTH_MM + 2 * EDGE_MM) <= paper.width_mm
@@ -92,11 +91,11 @@ class Sheet:
     paper : str
         "A4", or "special size" beyond A0.
     corner_mm : (float, float)
-        Where the chart's top left block begins.
+        Top left corner of the chart's frame.
     black : list of loops
-        What is black in the chart, in cells: see `outline`.
+        Black areas of the chart, in cells: see `outline`.
     window_mm : (float, float, float, float), optional
-        Left, top, right and bottom of the part of the sheet that shows the chart, where it shows a part only.
+        Left, top, right and bottom of the visible part of the chart, on a sheet that shows a part only.
     """
 
     paper: str
@@ -111,13 +110,13 @@ class Sheet:
 
     @property
     def noise_corner_mm(self) -> tuple[float, float]:
-        """Where the noise begins: the origin of the pattern's coordinates."""
+        """Top left corner of the noise region, the origin of the pattern's coordinates."""
         x, y = self.corner_mm
         block = BLOCK * self.size.cell_mm
         return x + block, y + block
 
-    def shown(self) -> list[Loop]:
-        """Those outlines that the window may show."""
+    def visible_outlines(self) -> list[Loop]:
+        """Outlines that may intersect the window."""
         if self.window_mm is None:
             return self.black
         x, y = self.noise_corner_mm
@@ -138,42 +137,42 @@ class Sheet:
 
 
 def largest_width_mm(paper: Paper, edges: bool = False) -> float:
-    """Width of the largest chart that the paper holds with its caption, in whole millimetres.
+    """Width of the largest chart that fits on the paper with its caption, in integer millimetres.
 
-    The paper is upright: turned, the caption below leaves less room for every format of `PAPERS`.
+    The paper is upright, since in landscape the caption leaves less space for every format of `PAPERS`.
     """
     smallest, largest = (Size(end).drawn_mm(edges) for end in (SMALLEST_WIDTH_MM, LARGEST_WIDTH_MM))
     room = min(paper.width_mm, paper.height_mm - PANEL_HEIGHT_MM - EDGE_MM)
-    # the drawn width is linear in the chart's; the addition keeps rounding from costing a millimetre
+    # the drawn width is linear in the chart's; the addition prevents the loss of a millimetre by rounding
     share = (room - smallest) / (largest - smallest) + 1e-12
     return float(math.floor(SMALLEST_WIDTH_MM + share * (LARGEST_WIDTH_MM - SMALLEST_WIDTH_MM)))
 
 
 def check_fits(size: Size, paper: Paper, edges: bool = False) -> None:
-    """Raises BadParameter where the paper does not hold the chart with its caption."""
+    """Raise BadParameter if the chart with its caption does not fit on the paper."""
     if not size.fits(paper, edges):
         most = largest_width_mm(paper, edges)
         raise BadParameter(
-            f"a chart on one sheet of {paper.name} can be up to {most:g} mm wide; got {size.whole_mm:g} mm",
-            f"order {most:g} mm or less, take larger paper, or print it over several sheets (--tile)",
+            f"a chart on one sheet of {paper.name} must be at most {most:g} mm wide; got {size.whole_mm:g} mm",
+            f"choose {most:g} mm or less, use larger paper, or print on several sheets (--tile)",
         )
 
 
 def smallest_paper(papers: Sequence[Paper], size: Size, edges: bool = False) -> Paper:
-    """The first of the papers that holds the chart and its caption; beyond all of them, one of special size."""
+    """First paper that the chart fits on with its caption, or else one of special size."""
     return next((paper for paper in papers if size.fits(paper, edges)), _special_paper(size, edges))
 
 
 def _special_paper(size: Size, edges: bool) -> Paper:
     drawn = size.drawn_mm(edges)
-    # no paper is this large: half the chart's width is enough for the caption
+    # larger than all papers: half the chart's width suffices for the caption
     scale = max(1.0, min(LARGEST_TYPE, size.whole_mm / 2 / PANEL_WIDTH_MM))
     width = max(drawn, PANEL_WIDTH_MM + 2 * EDGE_MM)
     return Paper("special size", math.ceil(width), math.ceil(drawn + PANEL_HEIGHT_MM * scale + EDGE_MM))
 
 
 def lay_out(source: Source, size: Size, paper: Paper | None = None) -> Sheet:
-    """The page of a chart: chart, white margin and caption on upright paper, by default the smallest A sheet.
+    """Lay out chart, white margin and caption on upright paper, by default the smallest A sheet.
 
     Raises
     ------
@@ -200,12 +199,12 @@ def lay_out(source: Source, size: Size, paper: Paper | None = None) -> Sheet:
 
 
 def title(source: Source, size: Size) -> str:
-    """Of the document."""
+    """Title of the document."""
     return f"Noise chart, {source.origin}, {size}"
 
 
 def titles(source: Source, size: Size) -> tuple[str, str]:
-    """Two lines that say which chart it is."""
+    """Two lines that identify the chart."""
     return _capital(source.origin), _capital(f"{size}")
 
 
@@ -214,7 +213,7 @@ def _capital(words: str) -> str:
 
 
 def _type_scale(size: Size, width: float, height: float, drawn_mm: float) -> float:
-    """How much larger than on A4 the caption may be: no wider than the chart, and inside the paper."""
+    """Scale of the caption relative to A4: no wider than the chart, and inside the paper."""
     room = (height - drawn_mm - EDGE_MM) / PANEL_HEIGHT_MM
     across = min(size.whole_mm, width - 2 * EDGE_MM) / PANEL_WIDTH_MM
     return max(1.0, min(LARGEST_TYPE, room, across))

@@ -1,4 +1,4 @@
-"""Which cells are printed, and the words that let anyone find them again."""
+"""Cells of a printed chart, and the description of their origin."""
 
 from __future__ import annotations
 
@@ -19,38 +19,39 @@ from procedures.reading.guard import decoding, read_file
 from procedures.reading.library_noise import captured_noise
 
 GREY_SHARE = 0.01
-"""Largest share of an image's pixels that may be neither black nor white: a few damaged ones, no photograph."""
+"""Greatest share of an image's pixels that are neither black nor white."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A chart, and its origin as it is printed: "seed 1", or "from image, SHA-256 ..." of the file."""
+    """A chart and its origin, "seed 1" or "from image, SHA-256 ..."."""
 
     chart: Chart
     origin: str
 
     @classmethod
     def from_seed(cls, seed: int = DEFAULT_SEED) -> Source:
-        """The chart of a seed."""
+        """Chart of a seed."""
         return cls(Chart.from_seed(seed), f"seed {seed}")
 
     def with_edges(self) -> Source:
-        """The same chart with two slanted edges beside it."""
+        """Chart with two slanted edges added."""
         return replace(self, chart=replace(self.chart, edges=True))
 
     @classmethod
     def from_file(cls, path: Path) -> Source:
-        """The chart whose cells are the pixels of a 256 x 256 black and white image.
+        """Chart whose cells are the pixels of a 256 x 256 black and white image.
 
         Raises
         ------
         BadInput
-            If the file cannot be read as a grey image of that size, is not black and white, or has one colour only.
+            If the file is not a grey image of that size, is not black and white, or has one colour only.
         """
         data = read_file(path, "picture of cells")
         chart = Chart.from_image(_black_and_white(path, data))
         if chart.cells.min() == chart.cells.max():
-            raise BadInput(f"all cells of {path} have one colour", "give random cells, half of them white")
+            reason = f"a chart must have black and white cells; all of {path} have one colour"
+            raise BadInput(reason, "give random cells, half of them white")
         return cls(chart, f"from image, SHA-256 {hashlib.sha256(data).hexdigest()}")
 
 
@@ -62,14 +63,14 @@ def _black_and_white(path: Path, data: bytes) -> npt.NDArray[np.generic]:
     grey = float(np.mean((levels > 0.25 * white) & (levels < 0.75 * white)))
     if grey > GREY_SHARE:
         raise BadInput(
-            f"a cell is black or white; in {path} {100 * grey:.0f} % of the pixels are grey",
-            "give the cells themselves, not a photograph of them",
+            f"cells must be black or white; in {path} {100 * grey:.0f} % of the pixels are grey",
+            "give an image of the cells, not a photograph of the chart",
         )
     return image
 
 
 def _decoded(path: Path, data: bytes) -> npt.NDArray[np.generic]:
-    """The picture, once its header tells the right size."""
+    """Picture of the right size by its header."""
     if data.startswith(TIFF_MAGIC):
         return read_tiff(data, str(path))[0]
     if data.startswith(PNG_MAGIC) and len(data) > 24:
@@ -79,11 +80,11 @@ def _decoded(path: Path, data: bytes) -> npt.NDArray[np.generic]:
     elif header := _PNM_HEADER.match(data[:LONGEST_HEAD]):
         _check_size(path, int(header["rows"]), int(header["columns"]))
     else:
-        raise BadInput(f"{path} is no image that can be read", _REMEDY)
+        raise BadInput(f"{path} is not a readable image", _REMEDY)
     with decoding(str(path), "an image", _REMEDY), captured_noise():
         image: npt.NDArray[np.generic] | None = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise BadInput(f"{path} is no image that can be read", _REMEDY)
+        raise BadInput(f"{path} is not a readable image", _REMEDY)
     return image
 
 
@@ -94,8 +95,8 @@ _PNM_HEADER = re.compile(rb"P[1-6]" + _GAP + rb"(?P<columns>\d{1,9})" + _GAP + r
 
 def _check_size(path: Path, rows: int, columns: int, channels: int = 1) -> None:
     if (rows, columns, channels) != (CELLS, CELLS, 1):
-        found = f"{columns} x {rows}" + (f" in {channels} channels" if channels != 1 else "")
+        size = f"{columns} x {rows}" + (f" in {channels} channels" if channels != 1 else "")
         raise BadInput(
-            f"the cells come from a grey image of {CELLS} x {CELLS} pixels; {path} has {found}",
-            "give one pixel per cell, without the chart's frame",
+            f"the image of the cells must be grey and {CELLS} x {CELLS} pixels; {path} has {size}",
+            "give an image with one pixel per cell, without the chart's frame",
         )

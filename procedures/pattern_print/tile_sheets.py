@@ -1,7 +1,7 @@
-"""The sheets of a chart that is printed over several, with the marks by which they are joined.
+"""Sheets of a chart printed on several sheets, with the marks for joining them.
 
-Crosses are centred on the seams, in the bands beyond a sheet's cells, so that two sheets show each of them: where one
-sheet is cut through its crosses and laid on the other, their halves complete each other.
+Crosses are centred on the seams, in the bands beyond a sheet's cells, so that both sheets show each of them: if one
+sheet is cut through its crosses and laid on the other, the halves complete each other.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from procedures.pattern_print.source import Source
 from procedures.pattern_print.tiles import BAND_MM, Tile, Tiling
 
 BLEED_MM = 1.5
-"""How far cells are printed beyond a seam, so that a cut beside it shows cells, not paper."""
+"""Width of the cells printed beyond a seam, so that an inaccurate cut shows cells, not paper."""
 ARM_MM = 3.0
 """Half the size of a cross; along the seam it extends over the whole band beyond the bleed."""
 THICKNESS_MM, TYPE_MM = 0.15, 2.5
 ORIGIN_LETTERS = 24
-"""The beginning of a long origin tells a chart from others at hand."""
+"""Number of characters of a long origin on the label."""
 
 
 def tiled(source: Source, tiling: Tiling) -> list[Sheet]:
-    """The assembly drawing, then the sheets row by row.
+    """Assembly drawing, then the sheets row by row.
 
     Raises
     ------
@@ -33,8 +33,8 @@ def tiled(source: Source, tiling: Tiling) -> list[Sheet]:
     """
     if source.chart.edges:
         raise BadParameter(
-            "slanted edges are printed on one sheet, because a seam would bend them; got several sheets",
-            "order a chart that fits on one sheet, or leave out the edges",
+            "a chart with slanted edges must fit on one sheet, as a seam would bend them; got several sheets",
+            "choose a chart that fits on one sheet, or omit the edges",
         )
     size, paper, black = tiling.size, tiling.paper, outline(source.chart)
     sheets = [assembly_sheet(source, tiling)]
@@ -61,7 +61,7 @@ def tiled(source: Source, tiling: Tiling) -> list[Sheet]:
 
 
 def _box(tiling: Tiling, tile: Tile) -> Box:
-    """Left, top, right and bottom of the tile's cells, in the middle of the paper."""
+    """Left, top, right and bottom of the tile's cells, centred on the paper."""
     cell, paper = tiling.size.cell_mm, tiling.paper
     width, height = (tile.right - tile.left) * cell, (tile.bottom - tile.top) * cell
     x, y = (paper.width_mm - width) / 2, (paper.height_mm - height) / 2
@@ -69,7 +69,7 @@ def _box(tiling: Tiling, tile: Tile) -> Box:
 
 
 def _marks(box: Box, tile: Tile) -> Drawing:
-    """Crosses on the seams, and the word at those that are cut through."""
+    """Crosses on the seams, and the label of those to be cut."""
     left, top, right, bottom = box
     on_left, on_top, on_right, on_bottom = tile.joined
     strokes = _crosses([left] * on_left + [right] * on_right, (top, bottom), upright=True)
@@ -80,7 +80,7 @@ def _marks(box: Box, tile: Tile) -> Drawing:
 
 
 def _crosses(seams: list[float], ends: tuple[float, float], *, upright: bool) -> list[Stroke]:
-    """Crosses in the bands beyond both ends of the seams, which are upright or level."""
+    """Crosses in the bands beyond both ends of the seams, which are vertical or horizontal."""
     arms = []
     for seam in seams:
         for end, outwards in zip(ends, (-1, 1), strict=True):
@@ -91,7 +91,7 @@ def _crosses(seams: list[float], ends: tuple[float, float], *, upright: bool) ->
 
 
 def _label(source: Source, tiling: Tiling, tile: Tile, box: Box) -> Drawing:
-    """Which sheet of which chart it is, in the band below the cells."""
+    """Label of sheet and chart, in the band below the cells."""
     x, y = box[0] + 2 * ARM_MM, box[3] + BAND_MM - 1.5
     rows, columns, size = len(tiling.rows) - 1, len(tiling.columns) - 1, tiling.size
     lines = (

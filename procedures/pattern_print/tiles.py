@@ -1,4 +1,4 @@
-"""Which cells of a chart go on which sheet, where it is printed over several."""
+"""Division of a chart into several sheets."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from procedures.pattern_print.paper import Paper
 from procedures.pattern_print.sheet import EDGE_MM, QUIET_BLOCKS, Size
 
 AUTHORS_WIDTH_MM = 300.0
-"""Width of the whole chart, ten blocks, as the authors of the method printed it."""
+"""Width of the whole chart, ten blocks, printed by the authors of the method."""
 DRAWN_CELLS = BLOCK * (BLOCKS + 2 * QUIET_BLOCKS)
 """Cells across the chart with its white margin."""
 BAND_MM = 10.0
-"""Width of the band around a sheet's cells, which is cut off or lies below the neighbour."""
+"""Width of the band around a sheet's cells, which is cut off or covered by the neighbour."""
 MOST_SHEETS = 100
-"""More sheets than these cannot be joined straight."""
+"""Greatest number of sheets that can be joined accurately."""
 
 
 @dataclass(frozen=True)
 class Tile:
-    """One sheet's cells: its row and column among the sheets, and where its cells begin and end in the white margin."""
+    """Cells of one sheet: its row and column among the sheets, and its limits in cells from the margin's corner."""
 
     row: int
     column: int
@@ -33,25 +33,25 @@ class Tile:
 
     @property
     def name(self) -> str:
-        """A letter for the row, a number for the column: B3."""
+        """Letter of the row and number of the column, as B3."""
         return f"{chr(ord('A') + self.row)}{self.column + 1}"
 
     @property
     def joined(self) -> tuple[bool, bool, bool, bool]:
-        """Whether another sheet follows on the left, above, on the right, below."""
+        """Whether another sheet adjoins on the left, above, on the right, below."""
         return self.left > 0, self.top > 0, self.right < DRAWN_CELLS, self.bottom < DRAWN_CELLS
 
 
 @dataclass(frozen=True)
 class Tiling:
-    """A chart over several sheets.
+    """A chart on several sheets.
 
     Attributes
     ----------
     paper : Paper
-        As the cells lie on it, upright or turned.
+        Paper in portrait or landscape orientation.
     columns, rows : tuple of int
-        Where tiles begin and the last one ends, in cells from the top left of the white margin.
+        Starts of the tiles and the end of the last one, in cells from the top left of the white margin.
     """
 
     size: Size
@@ -61,7 +61,7 @@ class Tiling:
 
     @property
     def tiles(self) -> list[Tile]:
-        """Row by row."""
+        """Tiles row by row."""
         return [
             Tile(row, column, left, top, right, bottom)
             for row, (top, bottom) in enumerate(pairwise(self.rows))
@@ -74,19 +74,19 @@ class Tiling:
 
 
 def tiling_of(size: Size, paper: Paper) -> Tiling:
-    """The tiling with the fewest sheets, on upright paper or turned.
+    """Tiling with the fewest sheets, in portrait or landscape orientation.
 
     Raises
     ------
     BadParameter
-        If it takes too many sheets.
+        If too many sheets are required.
     """
     best = min((_tiling(size, way) for way in (paper, paper.turned())), key=lambda tiling: len(tiling.tiles))
     if len(best.tiles) > MOST_SHEETS:
         raise BadParameter(
-            f"a chart is printed over at most {MOST_SHEETS} sheets; {size.whole_mm:g} mm take {len(best.tiles)} "
-            f"sheets of {paper.name}",
-            "order a smaller chart, or take larger paper",
+            f"a chart must take at most {MOST_SHEETS} sheets; {size.whole_mm:g} mm take {len(best.tiles)} of "
+            f"{paper.name}",
+            "choose a smaller chart, or larger paper",
         )
     return best
 
@@ -96,8 +96,8 @@ def _tiling(size: Size, paper: Paper) -> Tiling:
 
 
 def _seams(size: Size, paper_mm: float) -> tuple[int, ...]:
-    """Where tiles begin and end along one side of the paper: between blocks where that takes no more sheets."""
-    # the addition: a width that fits exactly shall not fail by rounding
+    """Limits of the tiles along one side of the paper, between blocks if that takes no more sheets."""
+    # the addition prevents that a width that fits exactly fails by rounding
     most = int((paper_mm - 2 * (EDGE_MM + BAND_MM)) / size.cell_mm + 1e-9)
     count = -(-DRAWN_CELLS // most)
     step = BLOCK if count * (most // BLOCK * BLOCK) >= DRAWN_CELLS else 1

@@ -1,4 +1,4 @@
-"""The sheet as PDF and as SVG: the chart one filled path in exact millimetres, the caption as text."""
+"""Encoding of sheets as PDF and SVG: the chart as one filled path in exact millimetres, the caption as text."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ PDF_DRAW = {"start": "drawString", "middle": "drawCentredString", "end": "drawRi
 
 
 def pdf(*sheets: Sheet) -> bytes:
-    """The sheets as a PDF with a page for each; equal sheets give equal bytes."""
+    """Encode the sheets as a PDF with a page for each; equal sheets give equal bytes."""
     file = io.BytesIO()
-    # invariant: no date and no random identity
+    # invariant: no date and no random identifier
     canvas = Canvas(file, invariant=1)
     canvas.setTitle(sheets[0].title)
     canvas.setSubject("Print at 100 %, without scaling or smoothing")
@@ -45,15 +45,15 @@ def _pdf_chart(canvas: Canvas, sheet: Sheet) -> None:
         clip = canvas.beginPath()
         clip.rect(left, sheet.height_mm * mm - bottom, right - left, bottom - top)
         canvas.clipPath(clip, stroke=0)
-    # cells become the unit, y down: the path below is whole numbers
+    # unit of one cell, y down: the path consists of integers
     canvas.transform(cell, 0, 0, -cell, x * mm, (sheet.height_mm - y) * mm)
-    # written as it stands: the canvas would format each of 50 000 whole numbers as a length, in a quarter of a second
-    canvas.addLiteral(" ".join(["n", *(_pdf_loop(loop) for loop in sheet.shown()), "f*"]))
+    # literal, as the canvas would format each of 50 000 integers as a length, which takes 0.25 s
+    canvas.addLiteral(" ".join(["n", *(_pdf_loop(loop) for loop in sheet.visible_outlines()), "f*"]))
     canvas.restoreState()
 
 
 def _pdf_loop(loop: Loop) -> str:
-    """A closed outline in operators of PDF: move to, line to, close."""
+    """PDF operators of a closed outline: move to, line to, close."""
     (x, y), *others = loop
     return " ".join([f"{x} {y} m", *(f"{a} {b} l" for a, b in others), "h"])
 
@@ -69,7 +69,7 @@ def _pdf_caption(canvas: Canvas, sheet: Sheet) -> None:
 
 
 def svg(sheet: Sheet) -> bytes:
-    """The sheet as SVG: `viewBox` in mm, so that one unit is one millimetre."""
+    """Encode a sheet as SVG with `viewBox` in mm, so that one unit is one millimetre."""
     width, height = f"{sheet.width_mm:.6g}", f"{sheet.height_mm:.6g}"
     extent = f'width="{width}mm" height="{height}mm" viewBox="0 0 {width} {height}"'
     lines = [
@@ -91,7 +91,7 @@ def _svg_chart(sheet: Sheet) -> Iterator[str]:
 
 
 def _svg_loop(loop: Loop) -> str:
-    """A loop as steps from a corner, along one axis wherever it goes along one."""
+    """SVG path of a loop, with relative steps from a corner."""
     x, y = loop[0]
     return f"M{x} {y}" + "".join(_svg_step(x1 - x0, y1 - y0) for (x0, y0), (x1, y1) in pairwise(loop)) + "z"
 

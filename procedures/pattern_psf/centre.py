@@ -1,10 +1,10 @@
-"""The PSF's centre: where the chart's x-corners appear when they are seen through it.
+"""Centre of the PSF: the apparent position of the chart's x-corners when imaged through it.
 
-A translation of the map and a shift of the PSF explain the photograph equally well, so the marks decide: the map is
-right when the mark of the chart lies where equation (1) of the paper finds it. The twelve marks of one photograph
-are noisy and aliased; the fitted PSF predicts the same mark without noise and on the s grid, and equation (1) on
-that prediction is the mean over infinitely many marks. For a PSF with a centre of symmetry it gives that centre,
-whatever the window. For others (coma) the centre is this convention, and the centroid is reported beside it.
+A translation of the map and a shift of the PSF are indistinguishable in the photograph, so the marks fix the
+translation: the mark of the chart lies where equation (1) of the paper locates it. The twelve marks of one photograph
+are noisy and aliased. The fitted PSF predicts the mark without noise on the s grid, and equation (1) applied to this
+prediction is the mean over infinitely many marks. For a PSF with a centre of symmetry it gives that centre, whatever
+the window. For others (coma) the centre is this convention, and the centroid is reported as well.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ SUPERSAMPLING = 4  # points per sample of the s grid along each axis, for the an
 
 
 def mark_offset(h: Array, s: int, J: Array) -> Array:
-    """Displacement (x, y), in pixels, at which a PSF shows the centre of an x-corner.
+    """Apparent displacement (x, y), in pixels, of the centre of an x-corner imaged through a PSF.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def mark_offset(h: Array, s: int, J: Array) -> Array:
         The PSF on the s grid; its sum does not matter.
     s : int
     J : (2, 2) float64
-        Derivative of cells with respect to pixels: how the mark lies on the sensor.
+        Derivative of cells with respect to pixels, which orients the mark on the sensor.
 
     References
     ----------
@@ -56,9 +56,9 @@ def mark_offset_gradient(h: Array, s: int, J: Array) -> Array:
 
 @dataclass(frozen=True)
 class _View:
-    """An ideal x-corner seen through a PSF, and the solution of equation (1) on it, in samples of the s grid.
+    """An ideal x-corner imaged through a PSF, and the solution of equation (1) on it, in samples of the s grid.
 
-    `slopes` (2, N, N) are the mark's own, `gradient`, `ray` (2, n, n) and `weight` (n, n) those of what is seen.
+    `slopes` (2, N, N) are those of the ideal mark; `gradient`, `ray` (2, n, n) and `weight` (n, n) those of its image.
     """
 
     centre: Array
@@ -89,18 +89,18 @@ def _view(h: Array, J: Array) -> _View:
 
 
 def _correlation(slopes: Array, fields: Array, k: int) -> Array:
-    """Sums of fields (b, n, n) times slopes (b, N, N) shifted by each of the PSF's samples, over all b, (k^2,)."""
+    """Sums over all b of fields (b, n, n) times slopes (b, N, N) shifted by each of the PSF's samples, (k^2,)."""
     n = fields.shape[1]
     first = (slopes.shape[1] - n) // 2 - k // 2
     parts = slopes[:, first : first + n + k - 1, first : first + n + k - 1]
-    # a correlation that goes round: of its places, the first k x k lie within
+    # circular correlation, of which the first k x k positions do not wrap around
     size = transforms.next_fast_len(n + k - 1)
     spectra = transforms.rfft2(parts, (size, size)) * np.conj(transforms.rfft2(fields, (size, size)))
     return np.asarray(transforms.irfft2(spectra.sum(axis=0), (size, size))[k - 1 :: -1, k - 1 :: -1].ravel())
 
 
 def _x_corner(J: Array, reach: int) -> Array:
-    """A boundless x-corner on the s grid, (2 reach + 1) square: black above and below, antialiased, centred."""
+    """An unbounded x-corner on the s grid, (2 reach + 1) square: black above and below, antialiased, centred."""
     n = SUPERSAMPLING * (2 * reach + 1)
     t = (np.arange(n) - (n - 1) / 2) / SUPERSAMPLING
     across = np.abs(J[0, 0] * t + J[0, 1] * t[:, None])

@@ -1,6 +1,6 @@
-"""What a trial photograph of the chart tells about the rig: light, distance, turn, focus, and what to change. Pure.
+"""Checks of a trial photograph of the chart: light, distance, orientation, focus, and how to correct them. Pure.
 
-Every check takes the frame and what is known so far, and gives an `Advice`: one thing to do at a time.
+Every check takes the frame and the facts so far, and returns an `Advice` with one action.
 """
 
 from __future__ import annotations
@@ -18,7 +18,13 @@ from procedures.numerics.warps import fit_homography
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
 from procedures.pattern_psf.distance.consistency import cautious_mm, probe_mm, seed_contradiction, size_contradiction
-from procedures.pattern_psf.distance.ranging import look_now, range_facts, range_readings, without_offset
+from procedures.pattern_psf.distance.ranging import (
+    LASER_REACH_MM,
+    look_now,
+    range_facts,
+    range_readings,
+    without_offset,
+)
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import MONOCHROME, MOSAIC, RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
@@ -30,37 +36,39 @@ from procedures.raw import Plane, RawFrame
 Array = npt.NDArray[np.float64]
 Marks = tuple[tuple[float, float], ...]
 
-SHOWN = ("G1", "Y")
-"""The plane that geometry is told from."""
+PREFERRED_PLANES = ("G1", "Y")
+"""Planes used for geometry, in order of preference."""
 FLAT = 0.8
-"""Least share of the brightest white block's light that the darkest must have."""
+"""Least level of the darkest white block over the brightest."""
 CENTRED = 0.12
-"""How far the chart's centre may lie from the frame's, in parts of the frame's width."""
+"""Greatest distance of the chart's centre from the frame's, as a fraction of the frame's width."""
 SQUARE_DEG, ROLL_DEG = 1.5, 5.0
-"""Tolerance of yaw and pitch, and of roll, which changes nothing but the PSF's axes on the chart."""
+"""Tolerance of yaw and pitch, and of roll, which only rotates the PSF's axes on the chart."""
 
 
 def shown(frame: RawFrame) -> Plane:
-    """The plane that geometry is told from."""
-    return next((frame.planes[name] for name in SHOWN if name in frame.planes), next(iter(frame.planes.values())))
+    """Plane used for geometry."""
+    return next(
+        (frame.planes[name] for name in PREFERRED_PLANES if name in frame.planes), next(iter(frame.planes.values()))
+    )
 
 
 # --- is there a chart --------------------------------------------------------------------------------------------
 
 
 def seen_chart(plane: Plane, known: PatternFacts) -> ChartSighting | Advice:
-    """The one chart in the frame, or what to do so that there is one."""
+    """The one chart in the frame, or advice on how to get one."""
     found = find_charts(plane.samples)
     if not found:
-        say = "No chart is seen: aim at it so that all of it is in the frame, and focus on it."
+        say = "No chart is found: aim at it so that all of it is in the frame, and focus on it."
         return Advice(False, say, by_hand={"aim": 1.0})
     if len(found) > 1:
-        return Advice(False, f"{len(found)} charts are seen: cover all but one.")
+        return Advice(False, f"{len(found)} charts are found: cover all but one.")
     sighting = found[0]
     if sighting.negative:
-        return Advice(False, "The photograph is a negative: it shows the chart's white as black. Use a linear picture.")
+        return Advice(False, "The photograph is a negative: the chart's white is dark. Use a linear picture.")
     if sighting.mirrored:
-        return Advice(False, "The chart is mirrored: photograph it directly, not in a mirror or through its back.")
+        return Advice(False, "The chart is mirrored: photograph it directly, not in a mirror or from its back.")
     cut = sighting.cut_marks(plane.samples.shape)
     if cut:
         return cut_off(cut, sighting, plane, known)
@@ -68,7 +76,7 @@ def seen_chart(plane: Plane, known: PatternFacts) -> ChartSighting | Advice:
 
 
 def cut_off(cut: int, sighting: ChartSighting, plane: Plane, known: PatternFacts) -> Advice:
-    """What to do where the frame cuts the chart; how far to shift the camera, once the lens is known."""
+    """Advice where the frame cuts the chart: the shift of the camera, once the lens is known."""
     say = f"The frame cuts the chart: {cut} of its 12 marks are outside. Aim at its middle."
     moves: dict[str, float] = {}
     if known.lens_known:
@@ -78,12 +86,12 @@ def cut_off(cut: int, sighting: ChartSighting, plane: Plane, known: PatternFacts
 
 
 def marks_of(sighting: ChartSighting) -> Marks:
-    """The marks in sight, for the preview."""
+    """Visible marks, for the preview."""
     return tuple((float(x), float(y)) for x, y in sighting.corners[sighting.visible])
 
 
 def registered(plane: Plane, sighting: ChartSighting) -> Registration:
-    """The map by the marks alone."""
+    """Registration by the marks alone."""
     block = block_size_px(register_marks(sighting.corners))
     return register_marks(refine_corners(plane.samples, sighting.corners, block))
 
@@ -92,9 +100,9 @@ def registered(plane: Plane, sighting: ChartSighting) -> Registration:
 
 
 def check_light(frame: RawFrame, facts: Facts) -> Advice:
-    """White at 80 % of the scale in the brightest plane, evenly lit, nothing clipped, the chart in sight.
+    """Check the exposure: white at 80 % of full scale in the brightest plane, even light, no clipping, a visible chart.
 
-    The first photograph is looked at for this: it tells what kind of sensor took it, too.
+    This check sees the first photograph, and so records the kind of sensor too.
     """
     advice = _light(frame, facts)
     kind = MONOCHROME if shown(frame).pitch == 1 else MOSAIC
@@ -119,25 +127,25 @@ def _light(frame: RawFrame, facts: Facts) -> Advice:
     readings = (*advice.readings, flatness)
     advice = replace(advice, facts={**advice.facts, "white_percent": 100 * float(brightest.white[0])})
     advice = replace(advice, readings=readings, marks=marks_of(sighting), moves={})
-    return held_by_cells(advice, plane, sighting, known) if advice.good else advice
+    return with_cell_check(advice, plane, sighting, known) if advice.good else advice
 
 
-def held_by_cells(advice: Advice, plane: Plane, sighting: ChartSighting, known: PatternFacts) -> Advice:
-    """The advice, if the chart shows its number's cells; once they were found to be these, they are not looked for."""
+def with_cell_check(advice: Advice, plane: Plane, sighting: ChartSighting, known: PatternFacts) -> Advice:
+    """The advice, unless the chart shows other cells than its number's; confirmed cells are not checked again."""
     if known.seed_agreement is not None:
         return advice
-    told = seed_contradiction(plane, sighting, known)
-    if isinstance(told, Advice):
-        return replace(told, readings=advice.readings, facts=advice.facts, marks=advice.marks)
-    return advice if told is None else replace(advice, facts={**advice.facts, "seed_agreement": told})
+    agreement = seed_contradiction(plane, sighting, known)
+    if isinstance(agreement, Advice):
+        return replace(agreement, readings=advice.readings, facts=advice.facts, marks=advice.marks)
+    return advice if agreement is None else replace(advice, facts={**advice.facts, "seed_agreement": agreement})
 
 
 def uneven(light: Light) -> Advice:
-    """Which way the light falls off, and where to move the lamp."""
+    """Advice on the direction in which the illumination falls off."""
     _, x, y = light.white[:3]
     across = abs(x) > abs(y)
     dark = ("left" if x > 0 else "right") if across else ("upper" if y > 0 else "lower")
-    say = f"The chart's {dark} side is darker, at {100 * light.flatness:.0f} % of the brightest: light that side more."
+    say = f"The chart's {dark} side has {100 * light.flatness:.0f} % of the brightest level: add light on that side."
     return Advice(False, say, by_hand={"even_light": 1.0})
 
 
@@ -145,7 +153,7 @@ def uneven(light: Light) -> Advice:
 
 
 def check_distance(frame: RawFrame, facts: Facts) -> Advice:
-    """s/t near its best, the chart in the middle of the frame, and nothing that contradicts lens, sensor and print."""
+    """Check s/t, the chart's centring, and that sizes and distances agree with lens, sensor and print."""
     plane, known = shown(frame), facts_as(PatternFacts, facts)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
@@ -160,40 +168,43 @@ def check_distance(frame: RawFrame, facts: Facts) -> Advice:
         *centre_readings(pose, plane, optics),
     )
     wrong = size_contradiction(look, optics, known, frame.exposure)
-    if wrong is not None:  # before any move: it would be reckoned from what cannot be
+    if wrong is not None:  # before any move, which would be computed from wrong numbers
         return replace(wrong, readings=readings, marks=marks_of(sighting))
-    learned = range_facts(look, optics, known)
-    told = {**learned, S_OVER_T: ratio}
-    seen = Advice(True, "", (*readings, *range_readings(learned)), facts=told, marks=marks_of(sighting))
-    return distance_advice(seen, look, pose, known)
+    new_facts = range_facts(look, optics, known)
+    new_facts[S_OVER_T] = ratio
+    draft = Advice(True, "", (*readings, *range_readings(new_facts)), facts=new_facts, marks=marks_of(sighting))
+    return distance_advice(draft, look, pose, known)
 
 
-def distance_advice(seen: Advice, look: RangeLook, pose: ChartPose, known: PatternFacts) -> Advice:
-    """What to do next about the distance: come to the right s/t, to the middle, or hold the lens against the rail."""
-    z, ratio = pose.centre_mm[2], seen.readings[0].value
-    # the focus is left alone meanwhile: the size goes with 1 / z
+def distance_advice(draft: Advice, look: RangeLook, pose: ChartPose, known: PatternFacts) -> Advice:
+    """Next action on the distance: correct s/t, centre the chart, or move to verify the lens's data."""
+    z, ratio = pose.centre_mm[2], draft.readings[0].value
+    # the focus stays unchanged, so the image size is proportional to 1 / z
     change = cautious_mm(z * (ratio / RATIO - 1), look, z, known)
-    if not seen.readings[0].good:
-        say = f"Move the camera {_way(change)}: s/t is {ratio:.2f} and should be {RATIO:g}."
-        return replace(seen, good=False, say=say, moves={"z_mm": change})
-    if not all(reading.good for reading in seen.readings[:4]):
-        return aim(pose, seen.readings, seen.facts, seen.marks)
-    if not all(reading.good for reading in seen.readings[4:]):
-        say = f"The laser cannot be {seen.readings[4].value:.0f} mm behind the lens: aim it at the chart's wall."
-        return replace(seen, good=False, say=say, facts=without_offset(seen.facts), by_hand={"aim_laser": 1.0})
+    if not draft.readings[0].good:
+        say = f"Move the camera {_direction(change)}: s/t is {ratio:.2f} and should be {RATIO:g}."
+        return replace(draft, good=False, say=say, moves={"z_mm": change})
+    if not all(reading.good for reading in draft.readings[:4]):
+        return aim(pose, draft.readings, draft.facts, draft.marks)
+    if not all(reading.good for reading in draft.readings[4:]):
+        say = (
+            f"The laser reads as if it were {draft.readings[4].value:.0f} mm behind the lens; at most "
+            f"{LASER_REACH_MM:.0f} mm is plausible. Aim it at the chart's wall."
+        )
+        return replace(draft, good=False, say=say, facts=without_offset(draft.facts), by_hand={"aim_laser": 1.0})
     probe = probe_mm(look, z, ratio < RATIO, known)
     if probe:
-        say = f"Move the camera {_way(probe)}: two distances tell whether lens, sensor and print are as given."
-        return replace(seen, good=False, say=say, moves={"z_mm": probe})
-    return replace(seen, say=f"The distance is good: {z / 1000:.2f} m, s/t {ratio:.2f}.")
+        say = f"Move the camera {_direction(probe)}: a second distance verifies the data of lens, sensor and print."
+        return replace(draft, good=False, say=say, moves={"z_mm": probe})
+    return replace(draft, say=f"The distance is good: {z / 1000:.2f} m, s/t {ratio:.2f}.")
 
 
-def _way(change_mm: float) -> str:
+def _direction(change_mm: float) -> str:
     return f"{'back' if change_mm > 0 else 'closer'} by {abs(change_mm) / 1000:.2f} m"
 
 
 def centre_readings(pose: ChartPose, plane: Plane, optics: Optics) -> tuple[Reading, Reading]:
-    """How far the chart's centre lies from the frame's, in per cent of the frame's width."""
+    """Offset of the chart's centre from the frame's, in per cent of the frame's width."""
     x, y, z = pose.centre_mm
     scale = 100 * optics.principal_px(z) / z / plane.samples.shape[1]
     limit = 100 * CENTRED
@@ -208,11 +219,11 @@ def aim(
     facts: Facts,
     marks: Marks,
 ) -> Advice:
-    """Bring the chart to the middle: shift the camera along the chart."""
+    """Advice to centre the chart by shifting the camera parallel to it."""
     x, y, _ = pose.centre_mm
     across = f"{abs(x):.0f} mm to the {'right' if x > 0 else 'left'}"
     down = f"{abs(y):.0f} mm {'down' if y > 0 else 'up'}"
-    say = f"Shift the camera {across} and {down}: the chart is off the middle."
+    say = f"Shift the camera {across} and {down}: the chart is off centre."
     return Advice(False, say, readings, moves={"x_mm": x, "y_mm": -y}, facts=facts, marks=marks)
 
 
@@ -220,38 +231,38 @@ def aim(
 
 
 @dataclass(frozen=True)
-class Turned:
-    """How the chart is turned, and whether the noise cells told it or only the marks."""
+class PoseEstimate:
+    """Pose of the chart, and whether it was estimated from the noise cells or from the marks alone."""
 
     pose: ChartPose
-    fine: bool
+    by_cells: bool
 
 
-def turned(plane: Plane, sighting: ChartSighting, known: PatternFacts) -> Turned:
-    """The chart's pose; by the noise cells it is good to a tenth of a degree, by the marks alone to two degrees."""
+def estimate_pose(plane: Plane, sighting: ChartSighting, known: PatternFacts) -> PoseEstimate:
+    """Pose of the chart, accurate to 0.1° from the noise cells, to 2° from the marks alone."""
     optics, shape = known.optics(plane.pitch), plane.samples.shape
     found = estimate_psf(plane, known.chart, known.quick_parameters).value
     if found is None:
-        return Turned(chart_pose(sighting.H_sensor_pattern, shape, optics), False)
+        return PoseEstimate(chart_pose(sighting.H_sensor_pattern, shape, optics), False)
     grid = np.stack(np.meshgrid(*2 * [np.linspace(0, CELLS, 9)]), axis=-1).reshape(-1, 2)
     H = fit_homography(grid, found.registration.to_sensor(grid))
-    return Turned(chart_pose(H, shape, optics), True)
+    return PoseEstimate(chart_pose(H, shape, optics), True)
 
 
 def check_square(frame: RawFrame, facts: Facts) -> Advice:
-    """The chart's plane across the optical axis, in the middle of the frame."""
+    """Check that the chart is perpendicular to the optical axis and centred."""
     plane, known = shown(frame), facts_as(PatternFacts, facts)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return sighting
-    found, optics = turned(plane, sighting, known), known.optics(plane.pitch)
+    found, optics = estimate_pose(plane, sighting, known), known.optics(plane.pitch)
     pose = found.pose
-    limit = SQUARE_DEG if found.fine else 2 * SQUARE_DEG
+    limit = SQUARE_DEG if found.by_cells else 2 * SQUARE_DEG
     return square_advice(pose, centre_readings(pose, plane, optics), marks_of(sighting), limit)
 
 
 def square_advice(pose: ChartPose, centre: tuple[Reading, ...], marks: Marks, limit_deg: float) -> Advice:
-    """One thing to do so that the chart is square: roll first, which only hands can mend."""
+    """Advice with one correction that squares the chart; roll first, which only the operator can correct."""
     readings = (
         Reading("yaw", pose.yaw_deg, "°", -limit_deg, limit_deg),
         Reading("pitch", pose.pitch_deg, "°", -limit_deg, limit_deg),
@@ -272,7 +283,7 @@ def square_advice(pose: ChartPose, centre: tuple[Reading, ...], marks: Marks, li
 
 
 def square_up(pose: ChartPose, readings: tuple[Reading, ...], marks: Marks) -> Advice:
-    """Turn the chart, the worse angle first; or go around it: pan and tilt the head, and shift the camera back."""
+    """Advice to turn the chart, larger angle first; or to pan and tilt the head and shift the camera."""
     yaw, pitch = pose.yaw_deg, pose.pitch_deg
     if abs(yaw) >= abs(pitch):
         side = "right" if yaw > 0 else "left"
@@ -296,18 +307,18 @@ def square_up(pose: ChartPose, readings: tuple[Reading, ...], marks: Marks) -> A
 
 
 def sharpness(frame: RawFrame, facts: Facts) -> float:
-    """MTF50 of the PSF in the shown plane, in cycles/pixel; NaN where there is none."""
+    """MTF50 of the PSF in the plane used for geometry, in cycles/pixel; NaN where there is no PSF."""
     known = facts_as(PatternFacts, facts)
     found = estimate_psf(shown(frame), known.chart, known.quick_parameters).value
     if found is None:
         return float("nan")
     numbers = found.quality.numbers
-    told = numbers.get(MTF50_RADIAL) or numbers.get(MTF_NYQUIST[RADIAL])
-    return told.value if told else float("nan")
+    mtf = numbers.get(MTF50_RADIAL) or numbers.get(MTF_NYQUIST[RADIAL])
+    return mtf.value if mtf else float("nan")
 
 
 def best_place(places: Sequence[float], scores: Sequence[float]) -> float | None:
-    """Where the score is highest: by a parabola through the best and its neighbours. None without any score."""
+    """Position of the highest score, by a parabola through the best and its neighbours; None without any score."""
     x, y = np.asarray(places, dtype=np.float64), np.asarray(scores, dtype=np.float64)
     if not np.isfinite(y).any():
         return None
@@ -319,7 +330,7 @@ def best_place(places: Sequence[float], scores: Sequence[float]) -> float | None
 
 
 def best_tried(places: Sequence[float], scores: Sequence[float]) -> float | None:
-    """The place of the highest score itself, for what cannot be set between. None without any score."""
+    """Tried position of the highest score, for settings without intermediate values; None without any score."""
     y = np.asarray(scores, dtype=np.float64)
     return float(places[int(np.nanargmax(y))]) if np.isfinite(y).any() else None
 
@@ -328,10 +339,10 @@ def best_tried(places: Sequence[float], scores: Sequence[float]) -> float | None
 
 
 def check_shot(frame: RawFrame, facts: Facts) -> Advice:
-    """A shot that counts shows the whole chart, exposed as the trial was, and nothing clipped."""
+    """Check that a shot shows the whole chart, unclipped, exposed as the trial was."""
     changed = changed_settings(frame.exposure, facts_as(PatternFacts, facts))
     if changed:
-        return Advice(False, f"This shot does not count: {changed}. Set it back and take it again.")
+        return Advice(False, f"This shot is rejected: {changed}. Restore the setting and take it again.")
     plane, known = shown(frame), facts_as(PatternFacts, facts)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
@@ -339,4 +350,4 @@ def check_shot(frame: RawFrame, facts: Facts) -> Advice:
     advice = check_light(frame, facts)
     if not advice.good and "exposure_ev" in advice.by_hand:
         return advice
-    return Advice(True, "This shot counts.", advice.readings, marks=advice.marks)
+    return Advice(True, "This shot is accepted.", advice.readings, marks=advice.marks)

@@ -1,12 +1,13 @@
-"""Several shots of one chart become one PSF: the mean weighted by their covariances, and whether they agree.
+"""Combination of several shots of one chart: the PSF's mean weighted by covariances, and a test of agreement.
 
-A shot's PSF has sum 1, so that its covariance knows nothing of the direction in which all samples grow alike. With Q
-an orthonormal basis of the other directions, a_i = Q' h_i and A_i = Q' C_i Q,
+A shot's PSF has sum 1, so its covariance is singular along the direction in which all samples grow equally. With Q an
+orthonormal basis of the other directions, a_i = Q' h_i and A_i = Q' C_i Q,
 
     a = (sum A_i^-1)^-1 sum A_i^-1 a_i,   C = Q (sum A_i^-1)^-1 Q',   chi^2 = sum (a_i - a)' A_i^-1 (a_i - a).
 
-Nor does it know how well the marks fix the centre. That is left out of chi^2, by a basis that is orthogonal to the
-PSF's shifts too, and told by itself: its scatter from shot to shot, which is added to C.
+Nor does the covariance include the uncertainty of the centre by the marks. chi^2 therefore uses a basis that is
+orthogonal to the PSF's shifts too, and the scatter of the centre from shot to shot is reported separately and added to
+C.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincc, ndtri
 
-from procedures.budget import TERMS, Budget, taken_apart
+from procedures.budget import TERMS, Budget, with_parts
 from procedures.choice import Trial
 from procedures.numerics.warps import inverse
 from procedures.outcome import Check, Outcome, Verdict, verdict_of, with_causes
@@ -31,26 +32,26 @@ from procedures.quality import Diffraction, Quality, assess
 Array = npt.NDArray[np.float64]
 
 UNLIKELY, IMPOSSIBLE = 1e-4, 1e-12
-"""Chances of a chi^2 as large as this, below which the shots are doubted to agree, and below which they do not."""
-VISIBLE = 0.03
-"""Distance of a shot from the mean, over the mean's norm, below which a disagreement is only doubtful."""
+"""p-values of chi^2 below which the result is doubtful, and below which it is refused."""
+MAX_SPREAD = 0.03
+"""Relative distance of a shot from the mean below which a disagreement is only doubtful."""
 CENTRE_PX = 0.05
-"""Scatter of the centre, in pixels, from which it is doubtful."""
+"""Scatter of the centre, in pixels, above which the result is doubtful."""
 
 
 @dataclass(frozen=True, eq=False)
 class CombinedPsf:
-    """One plane's PSF from several shots.
+    """PSF of one plane from several shots.
 
     Attributes
     ----------
     psf : Psf
     shots : tuple of PatternPsf
-        What each shot gave, in their order.
+        Estimates from the single shots, in order.
     chi_square : float
-        Of the shots about their mean, per degree of freedom: near 1 where they agree within their uncertainties.
+        chi^2 of the shots about their mean, per degree of freedom; near 1 where they agree within their uncertainties.
     chance : float
-        Of a chi^2 as large as this by noise alone.
+        p-value of chi^2.
     spread : float
         Largest distance of a shot's PSF from the mean, over the norm of the mean.
     centre_px : float
@@ -66,47 +67,50 @@ class CombinedPsf:
 
     @property
     def charts(self) -> tuple[PatternPsf, ...]:
-        """The estimates from single photographs of a chart that it is made of."""
+        """Estimates from the single photographs."""
         return self.shots
 
     @cached_property
     def quality(self) -> Quality:
-        """MTF and the numbers drawn from the mean, their uncertainties made up as those of the shots are.
+        """MTF and sharpness metrics of the mean, with uncertainty budgets in the proportions of the shots'.
 
-        What the shots' models leave over may be the same in all of them: it does not shrink with their number.
+        The term "mismatch" may be common to all shots, so it does not decrease with their number.
         """
         at = self.shots[0].quality.at
         quality = assess(self.psf, n=sum(shot.n for shot in self.shots), diffraction=self.diffraction, at=at)
         parts = {name: self._parts(name, terms["noise"]) for name, terms in quality.budgets.items()}
-        return taken_apart(quality, parts)
+        return with_parts(quality, parts)
 
-    def _parts(self, name: str, own: float) -> Budget:
+    def _parts(self, name: str, noise: float) -> Budget:
         budgets = [shot.quality.budgets[name] for shot in self.shots if name in shot.quality.budgets]
         if not budgets:
-            return {"noise": own}
+            return {"noise": noise}
         mean = {term: float(np.mean([budget[term] ** 2 for budget in budgets])) for term in TERMS}
         random = {term: mean[term] for term in TERMS if term not in ("mismatch", "choice")}
-        whole = sum(random.values())
-        return {**{t: own * (v / whole) ** 0.5 for t, v in random.items()}, "mismatch": mean["mismatch"] ** 0.5}
+        total = sum(random.values())
+        return {
+            **{t: noise * (v / total) ** 0.5 for t, v in random.items()},
+            "mismatch": mean["mismatch"] ** 0.5,
+        }
 
     @property
     def diffraction(self) -> Diffraction | None:
-        """What limits the plane, where it is known."""
+        """Diffraction limit of the plane, where known."""
         return self.shots[0].diffraction
 
     @property
     def choice(self) -> tuple[Trial, ...]:
-        """What was tried of s and k on the first shot."""
+        """Trials of s and k on the first shot."""
         return self.shots[0].choice
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """MTF50 in the halves of the chart, by the first shot."""
+        """MTF50 in the halves of the chart, from the first shot."""
         return self.shots[0].variations
 
     @property
     def diagnostics(self) -> Mapping[str, float]:
-        """The shots' diagnostics, their means; and how the shots agree."""
+        """Means of the shots' diagnostics, and statistics of their agreement."""
         names = self.shots[0].diagnostics
         means = {name: float(np.mean([shot.diagnostics[name] for shot in self.shots])) for name in names}
         agreement = {"chi_square": self.chi_square, "chance": self.chance, "spread": self.spread}
@@ -114,24 +118,24 @@ class CombinedPsf:
 
     @property
     def inter_image(self) -> None:
-        """Photographs of a chart have none."""
+        """None: the inter-image PSF needs two photographs."""
 
     @property
     def values(self) -> dict[str, float]:
-        """The shots' means of the numbers that have no uncertainty, and how far the shots agree."""
+        """Means of the shots' numbers without an uncertainty, and statistics of their agreement."""
         each = [shot.values for shot in self.shots]
         means = {name: float(np.mean([one[name] for one in each])) for name in each[0]}
         return {**means, "chi_square": self.chi_square, "spread": self.spread}
 
 
 def combine(found: Sequence[Outcome[PatternPsf]]) -> Outcome[CombinedPsf]:
-    """The PSF of all shots of one plane, and the verdict: do they agree, and what was doubted of most of them.
+    """Combine the shots of one plane; the verdict covers their agreement and the doubts common to most of them.
 
-    Refused shots are left out. Source: least squares; ISO/IEC Guide 98-3 (GUM), annex H.5 for the test.
+    Refused shots are excluded. Source: least squares; ISO/IEC Guide 98-3 (GUM), annex H.5 for the test.
     """
     shots = [outcome.value for outcome in found if outcome.value is not None]
     if not shots:
-        return found[0].of_value(None) if found else Outcome(None, Verdict.REFUSED, "no shot counts", "take shots")
+        return found[0].of_value(None) if found else Outcome(None, Verdict.REFUSED, "no shot was taken", "take shots")
     combined = _mean(shots)
     agreement = verdict_of(_agreement(combined), combined)
     doubtful = [one for one in found if one.verdict is Verdict.DOUBTFUL]
@@ -145,7 +149,7 @@ def _mean(shots: Sequence[PatternPsf]) -> CombinedPsf:
     h = p[:, :n]
     C = [shot.psf.parameter_covariance for shot in shots]
     slope_y, slope_x = np.gradient(h.mean(axis=0).reshape(k, k))
-    beyond = np.zeros((p.shape[1] - n, 2))  # a shift of the PSF leaves its far tail where it is
+    beyond = np.zeros((p.shape[1] - n, 2))  # a shift of the PSF does not move its far tail
     shifts = np.vstack([np.column_stack([slope_x.ravel(), slope_y.ravel()]), beyond])
     level = np.append(np.full(n, 1.0 / k), beyond[:, 0])[:, None]
     Q = _complement(level)
@@ -154,12 +158,12 @@ def _mean(shots: Sequence[PatternPsf]) -> CombinedPsf:
     P = _complement(np.column_stack([level, shifts]))
     _, _, chi_square = _weighted(p @ P, [P.T @ one @ P for one in C])
     freedom = (len(shots) - 1) * P.shape[1]
-    moved = np.linalg.lstsq(shifts[:n], (h - mean[:n]).T, rcond=None)[0]  # in samples
-    scatter = np.cov(moved) if len(shots) > 1 else np.zeros((2, 2))
-    whole = Q @ covariance @ Q.T + shifts @ (scatter / len(shots)) @ shifts.T
-    tail = PsfTail(mean[n:], whole[n:, n:], whole[:n, n:])
+    shift = np.linalg.lstsq(shifts[:n], (h - mean[:n]).T, rcond=None)[0]  # in samples
+    scatter = np.cov(shift) if len(shots) > 1 else np.zeros((2, 2))
+    covariance_with_centre = Q @ covariance @ Q.T + shifts @ (scatter / len(shots)) @ shifts.T
+    tail = PsfTail(mean[n:], covariance_with_centre[n:, n:], covariance_with_centre[:n, n:])
     return CombinedPsf(
-        psf=Psf(mean[:n].reshape(k, k), shots[0].psf.s, whole[:n, :n], tail),
+        psf=Psf(mean[:n].reshape(k, k), shots[0].psf.s, covariance_with_centre[:n, :n], tail),
         shots=tuple(shots),
         chi_square=chi_square / freedom if freedom else float("nan"),
         chance=float(gammaincc(freedom / 2, chi_square / 2)) if freedom else 1.0,
@@ -169,13 +173,13 @@ def _mean(shots: Sequence[PatternPsf]) -> CombinedPsf:
 
 
 def _complement(columns: Array) -> Array:
-    """An orthonormal basis (n, n - m) of what is orthogonal to the columns (n, m)."""
+    """Orthonormal basis (n, n - m) of the orthogonal complement of the columns (n, m)."""
     n, m = columns.shape
     return np.asarray(np.linalg.qr(columns, mode="complete")[0][:, m:n])
 
 
 def _weighted(a: Array, A: Sequence[Array]) -> tuple[Array, Array, float]:
-    """Mean of the rows of a by the inverses of their covariances, its covariance, and chi^2 about it."""
+    """Mean of the rows of `a` weighted by the inverses of their covariances, its covariance, and chi^2 about it."""
     W = [inverse(one) for one in A]
     covariance = inverse(np.sum(W, axis=0))
     mean = covariance @ np.sum([w @ one for w, one in zip(W, a, strict=True)], axis=0)
@@ -184,18 +188,18 @@ def _weighted(a: Array, A: Sequence[Array]) -> tuple[Array, Array, float]:
 
 
 def _agreement(combined: CombinedPsf) -> list[Check]:
-    """What the shots say about each other."""
-    far = [float(np.linalg.norm(shot.psf.h - combined.psf.h)) for shot in combined.shots]
+    """Checks of the shots' agreement."""
+    distances = [float(np.linalg.norm(shot.psf.h - combined.psf.h)) for shot in combined.shots]
     reason = (
         f"the shots disagree: chi-square is {combined.chi_square:.2f} per degree of freedom, and shot "
-        f"{int(np.argmax(far)) + 1} of {len(far)} lies {combined.spread:.1%} from the mean"
+        f"{int(np.argmax(distances)) + 1} of {len(distances)} lies {combined.spread:.1%} from the mean"
     )
     return [
         Check("agreement", -ndtri(combined.chance), -ndtri(IMPOSSIBLE), Verdict.REFUSED, reason,
-              "let nothing move between the shots, and take them again", given=combined.spread > VISIBLE),
+              "keep camera and chart still, and take the shots again", given=combined.spread > MAX_SPREAD),
         Check("agreement", -ndtri(combined.chance), -ndtri(UNLIKELY), Verdict.DOUBTFUL, reason,
-              "keep light and focus as they are, and retake"),
+              "keep light and focus unchanged, and take the shots again"),
         Check("centre", combined.centre_px, CENTRE_PX, Verdict.DOUBTFUL,
-              f"the centre scatters by {combined.centre_px:.2f} pixel from shot to shot",
+              f"the PSF's centre scatters by {combined.centre_px:.2f} px from shot to shot",
               "keep the marks free of reflections and shadows"),
     ]  # fmt: skip

@@ -1,10 +1,10 @@
-"""Where parts of the chart are seen: the noise region in bins, each placed by its own cells, with its covariance.
+"""Correspondences: image positions of the noise region's bins, each measured by its own cells, with covariances.
 
-The registration is smooth: a homography and cubics that all cells share. What the print's own errors and a lens of high
-order add to it is left in the residual. In every bin the residual r and the prediction's slopes J give the displacement
-that the smooth map lacks, d = (J'J)^-1 J'r: a Gauss-Newton step of that bin alone. Map and step together are where the
-bin's own cells put it, whatever the smooth map's errors are, so that the errors of different bins have nothing in
-common but the PSF's centre, which moves the whole chart and so tells nothing of the lens.
+The registration is smooth, a homography and cubics common to all cells. Errors of the print and high-order distortion
+remain in the residual. In every bin the residual r and the prediction's slopes J give the displacement that the smooth
+map lacks, d = (J'J)^-1 J'r: a Gauss-Newton step of that bin alone. The sum of map and step is determined by the bin's
+own cells, whatever the errors of the smooth map. The errors of different bins are therefore independent but for the
+PSF's centre, which translates the whole chart and has no effect on the estimated distortion.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ Array = npt.NDArray[np.float64]
 
 BINS = 24
 """Bins along one side of the noise region."""
-LEAST_SHARE = 0.25
-"""Of the usual bin's information: bins with less lie at the rim or behind something, and are left out."""
+MIN_INFORMATION = 0.25
+"""Least information of a bin relative to the median; bins with less, at the border or partly hidden, are excluded."""
 
 
 @dataclass(frozen=True)
 class Correspondences:
-    """Where the chart's bins are seen.
+    """Image positions of the chart's bins.
 
     Attributes
     ----------
     index : (n,) int64
-        Which bins, row by row of `bin_centres`.
+        Indices of the bins, row by row of `bin_centres`.
     points : (n, 2) float64
-        Where their centres are seen, (x, y) in pixels of the plane.
+        Images of their centres, (x, y) in pixels of the plane.
     covariance : (n, 2, 2) float64
-        Of each, in squared pixels.
+        Covariance of each point, in squared pixels.
     """
 
     index: npt.NDArray[np.int64]
@@ -58,34 +58,34 @@ def bin_centres(bins: int = BINS) -> Array:
 
 
 def correspondences(fit: ChartFit) -> Correspondences:
-    """Where the bins are seen, from what the joint fit leaves in each of them.
+    """Measure the positions of the bins from the residual of the joint fit in each of them.
 
     Parameters
     ----------
     fit : ChartFit
-        Of a refinement that came to its end: its slopes are those of its samples.
+        A completed refinement: its slopes are those of its samples.
     """
-    if len(fit.slopes) != len(fit.observation):  # the cells were not found: there was no refinement
+    if len(fit.slopes) != len(fit.observation):  # the cells were not recognised: there was no refinement
         nothing = np.zeros((0, 2))
         return Correspondences(np.zeros(0, dtype=np.int64), nothing, np.zeros((0, 2, 2)))
     which = _bin_of(fit.registration.to_pattern(fit.observation.points))
     JJ, Jr = normal_equations(fit.slopes, fit.residual, which, BINS * BINS)
     index = informed(JJ)
     inverse: Array = np.asarray(np.linalg.inv(JJ[index]), dtype=np.float64)
-    # the map at p should see what it sees at p + d, so what it sees at p is seen at p - d
+    # the cell that the map has at p lies at p - d
     step = np.einsum("nab,nb->na", inverse, Jr[index])
     points = fit.registration.to_sensor(bin_centres()[index]) - step
     return Correspondences(index, points, np.asarray(inverse * fit.residual_std**2, dtype=np.float64))
 
 
 def _bin_of(cells: Array) -> npt.NDArray[np.int64]:
-    """The bin (n,) in which cells (n, 2) lie."""
+    """Indices (n,) of the bins of cells (n, 2)."""
     column, row = np.clip(cells * BINS / CELLS, 0, BINS - 1).astype(np.int64).T
     return np.asarray(row * BINS + column)
 
 
 def normal_equations(slopes: Array, residual: Array, which: npt.NDArray[np.int64], count: int) -> tuple[Array, Array]:
-    """J'J (count, 2, 2) and J'r (count, 2) of every bin."""
+    """Normal equations of every bin: J'J (count, 2, 2) and J'r (count, 2)."""
     JJ, Jr = np.zeros((count, 2, 2)), np.zeros((count, 2))
     for a in range(2):
         Jr[:, a] = np.bincount(which, slopes[:, a] * residual, count)
@@ -95,8 +95,8 @@ def normal_equations(slopes: Array, residual: Array, which: npt.NDArray[np.int64
 
 
 def informed(JJ: Array) -> npt.NDArray[np.int64]:
-    """The bins whose samples tell their place about as well as those of others do."""
+    """Indices of the bins whose information is comparable to the median."""
     least = np.linalg.eigvalsh(JJ)[:, 0]
-    seen = least[least > 0]
-    usual = quantile(seen, 0.5) if len(seen) else np.inf
-    return np.flatnonzero(least > LEAST_SHARE * usual)
+    positive = least[least > 0]
+    median = quantile(positive, 0.5) if len(positive) else np.inf
+    return np.flatnonzero(least > MIN_INFORMATION * median)

@@ -1,4 +1,4 @@
-"""What tells a good photograph from a bad one, measured on the way to its PSF."""
+"""Diagnostics of a PSF estimate: statistics that distinguish a good photograph from a bad one."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy.typing as npt
 
 from procedures.choice import Trial
 from procedures.pattern_psf.error_parts import ErrorParts
-from procedures.pattern_psf.outliers import LeftOut
+from procedures.pattern_psf.outliers import ExcludedSamples
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, ChartFit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf
-from procedures.sharpening.paper import NoiseLook
+from procedures.sharpening.paper import NoiseMeasurement
 from procedures.sharpening.ring import missing_light
 
 Array = npt.NDArray[np.float64]
@@ -22,60 +22,62 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Diagnostics:
-    """What tells a good photograph from a bad one.
+    """Statistics of a PSF estimate on which its verdict rests.
 
     Attributes
     ----------
     agreement : float
-        Share of the noise region's variance that the prediction explains, freedoms allowed for: near 1 with the
-        right cells, 0 with any others.
+        Share of the noise region's variance that the prediction explains, corrected for the degrees of freedom: near 1
+        with the right cells, 0 with any others.
     unexplained : float
         Share of the variance that is neither explained nor noise.
     residual_std : float
         Residual in units of the noise measured on the blocks.
     whiteness : float
-        Largest correlation of the residual with itself one pixel further, along rows or columns: 0 when white.
+        Largest correlation of the residual at a lag of one pixel, along rows or columns; 0 if white.
     relative_uncertainty : float
         sqrt(trace of the covariance) over the norm of the PSF: the relative L2 error to expect.
     support_cut : float
         Share of the PSF's energy outside its support, by the amplitude of a 1/r^3 tail.
     marks_offset_px, marks_rms_px : float
-        Mean distance of the marks, as found, from where the fit sees them, and their scatter.
+        Mean offset of the detected marks from their fitted positions, and their scatter about it.
     moved_px : float
         Largest distance between the marks' map and the refined one, inside the noise region.
     outliers : float
-        Share of the samples left out, several side by side, because no noise explains them.
+        Share of the samples excluded as connected outliers that noise does not explain.
     stray_samples : float
-        Number of samples left out one by one, while all around them fit: hot or dead ones of the sensor.
+        Number of isolated samples excluded although their neighbours fit: hot or dead pixels.
     saturated, flatness, contrast, noise : float
-        Of the light: clipped share of the white blocks, smallest over largest white, white minus black, and the
-        noise over that contrast.
+        Clipped share of the white blocks, smallest over largest white, white minus black, and noise over that contrast.
     response_curvature : float
         beta of the response m + beta (m^2 - m).
     ink_spread : float
-        By how much the edges moved from black to white in print, in cells.
+        Displacement of the printed edges from black towards white, in cells.
     printed_edges_rms : float
         Root mean square offset of the printed lines of edges, in cells; 0 where they were not estimated.
     s_over_t : float
         Sampling ratio: s times pixels per cell.
     noise_correlation : float
-        Of neighbouring samples in the flat blocks: 0 in a RAW plane, not in what was demosaiced, sharpened, compressed.
+        Noise correlation of neighbouring samples in the flat blocks: 0 in a RAW plane, not after demosaicing,
+        sharpening or compression.
     mismatch : float
-        Variance of MTF50 by the scatter of the chart's parts, over that by white noise.
+        Variance of MTF50 from the scatter of the chart's tiles, over that from white noise.
     truncation, band_edge : float
-        What the support may leave out of the OTF, and the OTF near the band's edge.
+        Part of the OTF that the support may truncate, and the OTF near the band's edge.
     tail_sigmas : float
-        Far tail as fitted against what f-number and pitch tell, in standard uncertainties; 0 where they are not known.
+        Difference of the fitted far tail from that expected from f-number and pitch, in standard uncertainties; 0 where
+        these are not known.
     missing_light : float
-        Of the rings around the core against what a lens leaves there, in standard uncertainties.
+        Light missing in the rings around the core, relative to the least a lens leaves there, in standard
+        uncertainties.
     crushed : float
         Share of the black blocks' samples that lie at one value.
     sharpened_by, sharpened_radius_px, sharpened_sigmas : float
-        The unsharp mask that the noise of paper and residual tells: amount, radius, and how surely.
+        Unsharp mask estimated from the noise of paper and residual: amount, radius, and significance.
     sharpening_uncertainty : float
         Standard uncertainty of the amount of a mask of one pixel.
     finest_noise, finest_noise_uncertainty : float
-        Noise variance of the paper's finest detail over that of the sensor's calibration, or of the white blocks.
+        Noise variance at the paper's finest detail over that of the sensor's calibration, or of the white blocks.
     """
 
     agreement: float
@@ -124,29 +126,29 @@ def diagnose(
     light: Light,
     corners: Array,
     marks_map: Registration,
-    lost: LeftOut,
+    excluded: ExcludedSamples,
     parts: ErrorParts,
     prior: TailPrior | None,
     trial: Trial,
-    noise: NoiseLook,
+    noise: NoiseMeasurement,
 ) -> Diagnostics:
-    """Measure what the verdict needs.
+    """Compute the diagnostics of a fit.
 
     Parameters
     ----------
     fit : ChartFit
     psf : Psf
-        The normalised answer.
+        The normalised PSF.
     light : Light
     corners : (12, 2) float64
-        The marks as found, NaN where hidden.
+        The detected marks, NaN where hidden.
     marks_map : Registration
-        The map that the marks alone gave.
+        The map fitted to the marks alone.
     lost : LeftOut
     parts : ErrorParts
     prior : TailPrior or None
     trial : Trial
-        The last one of s and k, whose PSF it is.
+        The trial of s and k that gave the PSF.
     noise : NoiseLook
     """
     marks = mark_residuals(fit.registration, corners)
@@ -161,8 +163,8 @@ def diagnose(
         marks_offset_px=float(np.linalg.norm(marks.mean(axis=0))),
         marks_rms_px=float(np.sqrt(np.mean(np.sum((marks - marks.mean(axis=0)) ** 2, axis=1)))),
         moved_px=map_distance(marks_map, fit.registration, fit.observation.points[::29]),
-        outliers=lost.strange,
-        stray_samples=float(lost.stray),
+        outliers=excluded.connected,
+        stray_samples=float(excluded.stray),
         saturated=light.saturated,
         flatness=light.flatness,
         contrast=light.contrast,
@@ -188,7 +190,7 @@ def diagnose(
 
 
 def _tail_sigmas(fit: ChartFit, s: int, prior: TailPrior | None) -> float:
-    """How far the tail that the photograph alone tells lies from what the f-number tells, in standard uncertainties.
+    """Difference of the tail estimated without prior from that of the f-number, in standard uncertainties.
 
     With c the variance of the fitted amplitude t, for unit noise, and p, m the prior's variance and mean, the data
     alone have the variance d = c / (1 - c / p) and the amplitude t + d (t - m) / p.
@@ -196,12 +198,12 @@ def _tail_sigmas(fit: ChartFit, s: int, prior: TailPrior | None) -> float:
     if prior is None:
         return 0.0
     expected = prior.energy(s, round(len(fit.h) ** 0.5))
-    known, found = (prior.share * expected) ** 2, float(fit.light[TAIL])
+    known, fitted = (prior.share * expected) ** 2, float(fit.light[TAIL])
     equations, place = fit.equations, GEOMETRY + TAIL
     through = equations.E[place]
     c = float(np.linalg.inv(equations.ZZ)[place, place] + through @ equations.inverse @ through)
     alone = c / max(1 - c / known, 1e-9)
-    away = found + alone * (found - expected) / known - expected
+    away = fitted + alone * (fitted - expected) / known - expected
     return float(away / np.sqrt(alone * fit.residual_std**2 + known))
 
 

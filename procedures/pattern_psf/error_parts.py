@@ -1,8 +1,8 @@
-"""What the uncertainty of each number is made of, and how the number varies over the chart, from the fit's equations.
+"""Uncertainty budget of each number, and its variation over the chart, from the fit's equations.
 
-With F the information of samples and nuisance parameters together and g the gradient of a number, its variance is
-g' F^-1 g. Nuisance parameters that are held leave their rows and columns out: freeing one group after the other
-tells what each adds. The same F^-1 g turns the residual of a part of the chart into what that part says of the number.
+With F the joint information matrix of samples and nuisance parameters and g the gradient of a number, its variance is
+g' F^-1 g. Fixed nuisance parameters are removed from F: freeing one group after the other gives the contribution of
+each. F^-1 g also maps the residual of a part of the chart to the change of the number by that part.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ GROUPS = {
     "print": slice(GEOMETRY + SPREAD, GEOMETRY + SPREAD + 1),
     "tail": slice(GEOMETRY + TAIL, None),
 }
-"""Columns of the nuisance parameters by what they are, in the order in which they are freed."""
+"""Columns of the nuisance parameters by group, in the order in which they are freed."""
 CALIBRATED = {
     "light": slice(GEOMETRY, GEOMETRY + RESPONSE),
     "sensor": slice(GEOMETRY + RESPONSE, GEOMETRY + RESPONSE + 1),
     **{group: columns for group, columns in GROUPS.items() if group != "light"},
 }
-"""The same where the sensor's response is known from its own calibration, to a tolerance."""
+"""Groups where the sensor's response is known from its calibration."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Variation:
         "left" and "right", or "top" and "bottom".
     values : (float, float)
     sigmas : float
-        Their difference in its standard errors.
+        Difference of the values in standard uncertainties.
     """
 
     name: str
@@ -58,15 +58,15 @@ class Variation:
 
 @dataclass(frozen=True)
 class ErrorParts:
-    """The parts of every number's uncertainty, and what parts of the chart say of it.
+    """Uncertainty budgets of the numbers, and their scatter over the chart.
 
     Attributes
     ----------
     parts : mapping of str to Budget
     mismatch : mapping of str to float
-        Variance of the numbers as the tiles' scatter tells it, over that which white noise would make.
+        Variance of the numbers by the tiles' scatter, over that by white noise.
     variations : tuple of Variation
-        Of the numbers that are asked for, left against right and top against bottom.
+        Requested numbers, left against right and top against bottom.
     """
 
     parts: Mapping[str, Budget]
@@ -75,13 +75,13 @@ class ErrorParts:
 
 
 def error_parts(
-    fit: ChartFit, psf: Psf, quality: Quality, watched: tuple[str, ...], groups: Mapping[str, slice] = GROUPS
+    fit: ChartFit, psf: Psf, quality: Quality, checked: tuple[str, ...], groups: Mapping[str, slice] = GROUPS
 ) -> ErrorParts:
-    """The uncertainties of all numbers taken apart.
+    """Split the uncertainties of all numbers into their parts.
 
     Parameters
     ----------
-    watched : names of the numbers whose variation over the chart is told
+    watched : names of the numbers whose variation over the chart is reported
     groups : GROUPS, or CALIBRATED
     """
     names = list(quality.gradients)
@@ -95,25 +95,25 @@ def error_parts(
         last = freed[group]
     scale = fit.residual_std**2
     added = {group: variance * scale for group, variance in added.items()}
-    # what the centre's convention adds on top is geometry
+    # the contribution of the centre's convention counts as geometry
     added["geometry"] = added["geometry"] + np.maximum(whole - sum(added.values()), 0)
-    told = fit.scores @ weights.T  # what each tile says of each number
-    ratio = np.sum(told**2, axis=0) / np.maximum(last * scale, 1e-300)
+    changes = fit.scores @ weights.T  # change of each number by each tile
+    ratio = np.sum(changes**2, axis=0) / np.maximum(last * scale, 1e-300)
     added["mismatch"] = np.maximum(ratio - 1, 0) * last * scale
     parts = {
         name: {group: float(np.sqrt(variance[i])) for group, variance in added.items()} for i, name in enumerate(names)
     }
     variations = [
         one
-        for name in watched
+        for name in checked
         if name in names
-        for one in _variations(name, quality.numbers[name].value, told[:, names.index(name)], last, names, scale)
+        for one in _variations(name, quality.numbers[name].value, changes[:, names.index(name)], last, names, scale)
     ]
     return ErrorParts(parts, dict(zip(names, ratio.tolist(), strict=True)), tuple(variations))
 
 
 def _by_fitted(gradients: Array, fit: ChartFit, psf: Psf) -> Array:
-    """Gradients (b, k^2 + q) by the PSF of sum 1 as gradients (b, k^2 + p) by all that was fitted."""
+    """Convert gradients (b, k^2 + q) by the PSF of sum 1 to gradients (b, k^2 + p) by all fitted parameters."""
     n, total = len(fit.h), float(fit.h.sum())
     along = gradients @ psf.parameters
     fitted = np.zeros((len(gradients), n + len(fit.equations.ZZ)))
@@ -128,31 +128,31 @@ def _freed(equations: NormalEquations, gradients: Array, groups: Mapping[str, sl
     n, b = len(AZ), len(gradients)
     solved = equations.inverse_where_known @ np.hstack([AZ, gradients[:, :n].T])
     of_Z, of_g = solved[:, : AZ.shape[1]], solved[:, AZ.shape[1] :]
-    left = ZZ - AZ.T @ of_Z  # information of the nuisance parameters when h is free
-    pull = gradients[:, n:].T - AZ.T @ of_g  # (p, b)
+    information = ZZ - AZ.T @ of_Z  # information of the nuisance parameters with free h
+    right_side = gradients[:, n:].T - AZ.T @ of_g  # (p, b)
     variances = {"noise": np.einsum("bi,ib->b", gradients[:, :n], of_g)}
     free = np.zeros(AZ.shape[1], dtype=bool)
-    moved = np.zeros((AZ.shape[1], b))
+    nuisance = np.zeros((AZ.shape[1], b))
     for group, columns in groups.items():
         free[columns] = True
-        solution = np.linalg.solve(left[np.ix_(free, free)], pull[free])
-        variances[group] = variances["noise"] + np.sum(pull[free] * solution, axis=0)
-        moved = np.zeros((AZ.shape[1], b))
-        moved[free] = solution
-    return variances, np.hstack([(of_g - of_Z @ moved).T, moved.T])
+        solution = np.linalg.solve(information[np.ix_(free, free)], right_side[free])
+        variances[group] = variances["noise"] + np.sum(right_side[free] * solution, axis=0)
+        nuisance = np.zeros((AZ.shape[1], b))
+        nuisance[free] = solution
+    return variances, np.hstack([(of_g - of_Z @ nuisance).T, nuisance.T])
 
 
 def _variations(
-    name: str, value: float, told: Array, variances: Array, names: list[str], scale: float
+    name: str, value: float, changes: Array, variances: Array, names: list[str], scale: float
 ) -> list[Variation]:
-    """One number left against right, and top against bottom; `told` (TILES^2,) is what each tile says of it."""
-    grid = told.reshape(TILES, TILES)
+    """Compare one number left and right, and top and bottom; `changes` (TILES^2,) are those of the tiles."""
+    grid = changes.reshape(TILES, TILES)
     error = float(np.sqrt(variances[names.index(name)] * scale))
     pairs = (
         (("left", "right"), grid[:, : TILES // 2].sum(), grid[:, TILES // 2 :].sum()),
         (("top", "bottom"), grid[: TILES // 2].sum(), grid[TILES // 2 :].sum()),
     )
-    # a half has half of the information: it says of itself twice what it adds to the whole
+    # a half has half of the information: its own change is twice its contribution to the whole
     return [
         Variation(name, halves, (value + 2 * float(a), value + 2 * float(b)), float(a - b) / error)
         for halves, a, b in pairs

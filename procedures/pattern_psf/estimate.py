@@ -1,4 +1,4 @@
-"""The PSF from one photograph of the noise chart, start to end: a number with its error bar, or a refusal.
+"""PSF from one photograph of the noise chart: the whole estimation, with uncertainties and a verdict.
 
 References
 ----------
@@ -13,8 +13,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.budget import taken_apart, with_settling
-from procedures.choice import FINEST, START_S, Trial, choose, settling
+from procedures.budget import with_convergence, with_parts
+from procedures.choice import FINEST, START_S, Trial, choose, remaining_change
 from procedures.numbers import (
     GAMMA,
     GAMMA_BOUND,
@@ -33,9 +33,16 @@ from procedures.pattern_psf.diagnostics import Diagnostics, diagnose
 from procedures.pattern_psf.error_parts import CALIBRATED, GROUPS, ErrorParts, Variation, error_parts
 from procedures.pattern_psf.gamma.amplification import gamma_bound, gamma_of_fit
 from procedures.pattern_psf.observation import Observation, count_inside, noise_window, observe, surroundings
-from procedures.pattern_psf.outliers import LeftOut, left_out, swept, within_reach, without_outliers, without_places
+from procedures.pattern_psf.outliers import (
+    ExcludedSamples,
+    excluded_samples,
+    refit_iteratively,
+    within_levels,
+    without_hidden_places,
+    without_outliers,
+)
 from procedures.pattern_psf.radiometry import Light, bend_of_chart, measure_light, straighten, with_sensor
-from procedures.pattern_psf.refine import GEOMETRY, ChartFit, TailPrior, first_look, refine
+from procedures.pattern_psf.refine import GEOMETRY, ChartFit, TailPrior, fit_by_marks, refine
 from procedures.pattern_psf.registration import (
     Registration,
     block_size_px,
@@ -44,38 +51,37 @@ from procedures.pattern_psf.registration import (
     register_marks,
 )
 from procedures.pattern_psf.solution import SharedErrors, solution
-from procedures.pattern_psf.trust import Doubts, check_cells, check_light, checks_of, misfits
+from procedures.pattern_psf.trust import VerdictInputs, check_cells, check_light, checks_of, is_misfit
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
 from procedures.sensor_model import SensorModel
-from procedures.sharpening.paper import look_at_noise
+from procedures.sharpening.paper import measure_noise
 
 Array = npt.NDArray[np.float64]
 
 
-WATCHED = (MTF50_HORIZONTAL, MTF50_VERTICAL)
-"""The numbers that must be the same all over the chart."""
+CHECKED_NUMBERS = (MTF50_HORIZONTAL, MTF50_VERTICAL)
+"""Numbers checked for variation over the chart."""
 PUPIL_SPREAD = 0.1
-"""Standard uncertainty of the far tail that f-number and pitch tell, over it: a colour's spread of wavelengths, pupils
-that are no circles or partly shaded, f-numbers as they are rounded."""
+"""Relative standard uncertainty of the far tail expected from f-number and pitch: spread of wavelengths, non-circular
+or vignetted pupils, rounded f-numbers."""
 SAMPLES_PER_CELL = 2.0
-"""Largest s/t that is chosen, where the camera passes more than a smaller one holds: the cells' own spectrum is zero
-there at the band's edge."""
-MOST_LOOKS = 10
-"""How often places that something else hides are left out, one after the other."""
-LEAST_SEEN = 0.5
-"""Share of the noise region's samples that must show the chart where places are left out."""
+"""Largest s/t chosen automatically: there the cells' spectrum reaches zero at the band's edge."""
+MAX_EXCLUSIONS = 10
+"""Greatest number of fits that exclude hidden places."""
+MIN_VISIBLE_SHARE = 0.5
+"""Least share of the noise region's samples that remain when hidden places are excluded."""
 
 
 @dataclass(frozen=True)
 class PatternParameters(Sampling):
-    """How the PSF is sampled and solved for: see `Sampling`; k of 3 s + 1 to 6 s + 1 is usual.
+    """Sampling of the PSF and solver, see `Sampling`; k of 3 s + 1 to 6 s + 1 is usual.
 
     Attributes
     ----------
     chosen : bool
-        Whether s and k, where they are given, were chosen from another photograph: they are not doubted then.
+        Whether given s and k were chosen from another photograph; they are not flagged as doubtful then.
     """
 
     s: int | None = None
@@ -87,20 +93,20 @@ class PatternParameters(Sampling):
 
 @dataclass(frozen=True)
 class PatternPsf:
-    """The calibrated PSF of one plane at one place of the frame.
+    """PSF of one plane at one position in the frame.
 
     Attributes
     ----------
     psf : Psf
     n : int
-        Number of samples it was estimated from.
+        Number of samples.
     quality : Quality
-        MTF and the numbers drawn from the PSF, with the budgets of their uncertainties.
+        MTF and the sharpness metrics derived from the PSF, with their uncertainty budgets.
     diffraction : Diffraction or None
-        What limits the plane, where it is known.
+        Diffraction limit of the plane, where known.
     gamma, gamma_bound : float
-        Noise amplification sum 1 / sigma_i^2 of the photograph as the thesis defines it, and the smallest that any
-        chart could have: see `pattern_psf.gamma`.
+        Noise amplification sum 1 / sigma_i^2 of the photograph, and its lower bound over all charts: see
+        `pattern_psf.gamma`.
     residual_std : float
         Residual in units of the noise measured on the blocks.
     pixels_per_pattern : float
@@ -108,25 +114,24 @@ class PatternPsf:
     s_over_t : float
         Sampling ratio; 1 is ideal.
     choice : tuple of Trial
-        What was tried of s and k; the last one is this.
+        Trials of s and k; the last one gave this PSF.
     variations : tuple of Variation
         MTF50 in the halves of the chart.
     registration : Registration
-        Where every pixel lies on the chart.
     centre_covariance : (2, 2) float64
-        Of the place (x, y) in the plane, in pixels, where a mark at the chart's centre would be seen: where the
-        registration has it, plus the `mark_offset` of the PSF, which the last step leaves at its noise.
+        Image (x, y) of a mark at the chart's centre, in pixels of the plane: its position by the registration plus the
+        `mark_offset` of the PSF, which the last step reduces to its noise.
     diagnostics : mapping of str to float
     marks : (12, 2) float64
-        The x-corners as found, (x, y) in pixels, NaN where hidden.
+        Detected x-corners, (x, y) in pixels, NaN where hidden.
     residual : (rows, columns) float64
         Photograph minus prediction in units of the noise, over the noise region; NaN where no sample was used.
     residual_origin : (int, int)
-        Pixel (x, y) of the plane at which `residual` begins.
+        First pixel (x, y) of `residual` in the plane.
     correspondences : Correspondences
-        Where parts of the chart are seen, each measured by its own cells: what geometry is made of.
+        Positions of parts of the chart, each measured by its own cells: the input of geometric calibration.
     shared : SharedErrors
-        What the errors of PSF, centre and these parts have in common.
+        Covariances of PSF, centre and these positions.
     """
 
     psf: Psf
@@ -151,16 +156,16 @@ class PatternPsf:
 
     @property
     def charts(self) -> tuple[PatternPsf, ...]:
-        """The estimates from single photographs of a chart that it is made of: itself."""
+        """Estimates from single photographs: this one."""
         return (self,)
 
     @property
     def inter_image(self) -> None:
-        """One photograph has none."""
+        """None: the inter-image PSF needs two photographs."""
 
     @property
     def values(self) -> dict[str, float]:
-        """The numbers that have no uncertainty."""
+        """Numbers without an uncertainty."""
         return {
             GAMMA: self.gamma,
             GAMMA_BOUND: self.gamma_bound,
@@ -178,26 +183,26 @@ def estimate_psf(
     sighting: ChartSighting | None = None,
     sensor: SensorModel | None = None,
 ) -> Outcome[PatternPsf]:
-    """The PSF of a plane that shows the chart, or the reason why it has none.
+    """Estimate the PSF of a plane that shows the chart.
 
     Parameters
     ----------
     plane : Plane
-        Linear samples, black 0, white 1; the chart may lie anywhere in it.
+        Linear samples, black 0, white 1; the chart may lie anywhere.
     chart : Chart
-        The cells that were printed.
+        The printed cells.
     parameters : PatternParameters, optional
     diffraction : Diffraction, optional
-        What limits this plane: where it is given, the Strehl ratio is reported too.
+        Diffraction limit of this plane; with it the Strehl ratio is reported too.
     sighting : ChartSighting, optional
-        The chart to use, of several in the photograph (`detection.find_charts`); None: the only one is found.
+        The chart to use, of several in the photograph (`detection.find_charts`); None: the only one is detected.
     sensor : SensorModel, optional
-        What the sensor's own calibration tells: its response is undone and not fitted, its noise weighs the samples.
+        Calibration of the sensor: its response is inverted instead of fitted, its noise weights the samples.
 
     Returns
     -------
     Outcome[PatternPsf]
-        Refused outcomes carry the reason and the remedy and no value; poor photographs raise nothing.
+        A refused outcome has a reason and a remedy and no value; poor photographs raise nothing.
     """
     parameters = parameters or PatternParameters()
     try:
@@ -208,18 +213,18 @@ def estimate_psf(
         return Outcome(
             None,
             Verdict.REFUSED,
-            f"the photograph must determine the PSF's values {_asked(parameters)}; it does not",
+            f"the photograph does not determine the PSF {_requested(parameters)}",
             f"photograph the chart from a distance where s/t is near {AIM_S_OVER_T:g}, or lower s or k",
         )
 
 
 def finest(cell_px: float, most: float = SAMPLES_PER_CELL) -> int:
-    """The largest s, of at most so many samples in a cell, for cells of a side in pixels."""
+    """Largest s with at most `most` samples per cell, for cells of a side in pixels."""
     return int(np.clip(np.floor(most / cell_px + 1e-9), 2, FINEST))
 
 
-def _asked(parameters: PatternParameters) -> str:
-    """The sampling asked for, in words."""
+def _requested(parameters: PatternParameters) -> str:
+    """Requested sampling, in words."""
     return f"at s = {parameters.s or 'auto'}, k = {parameters.k or 'auto'}"
 
 
@@ -231,7 +236,7 @@ def _estimate(
     sighting: ChartSighting | None,
     sensor: SensorModel | None,
 ) -> Outcome[PatternPsf]:
-    """The chain itself; raises Refused."""
+    """Run the estimation; raises Refused."""
     plane = plane if sensor is None else straighten(plane, sensor)
     samples = plane.samples
     corners, marks_map = _register(samples, sighting)
@@ -246,37 +251,37 @@ def _estimate(
 
     def attempt(s: int, k: int) -> _Attempt:
         nonlocal best
-        fit, lost = _fit(samples, chart, corners, best, light, s, k, known)
+        fit, excluded = _fit(samples, chart, corners, best, light, s, k, known)
         check_cells(fit)
-        if fit.still:
+        if fit.converged:
             best = fit.registration
         solved = solution(fit, s, k, parameters.solver)
-        return _Attempt(fit, lost, solved.psf, solved.centre_covariance, solved.shared)
+        return _Attempt(fit, excluded, solved.psf, solved.centre_covariance, solved.shared)
 
     cell_px = block_size_px(marks_map) / BLOCK
     count = count_inside(marks_map, noise_window(marks_map, samples.shape))
     first_s = min(START_S, finest(cell_px, GOOD_S_OVER_T[1]))
-    found, tried = choose(
+    final, tried = choose(
         attempt, lambda one: one.psf, count, finest(cell_px), start_s=first_s, s=parameters.s, k=parameters.k
     )
-    quality = assess(found.psf, n=len(found.fit.observation), diffraction=diffraction, at=parameters.at)
-    parts = error_parts(found.fit, found.psf, quality, WATCHED, GROUPS if sensor is None else CALIBRATED)
-    quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
-    around = surroundings(found.fit.registration, samples.shape).cut(samples)
+    quality = assess(final.psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at)
+    parts = error_parts(final.fit, final.psf, quality, CHECKED_NUMBERS, GROUPS if sensor is None else CALIBRATED)
+    quality = with_parts(with_convergence(quality, remaining_change(tried)), parts.parts)
+    around = surroundings(final.fit.registration, samples.shape).cut(samples)
     levels = float(light.black[0]), float(light.white[0])
-    noise = look_at_noise(around, levels, light.variance_at, _residual_picture(found.fit)[0])
+    noise = measure_noise(around, levels, light.variance_at, _residual_image(final.fit)[0])
     diagnostics = diagnose(
-        found.fit, found.psf, light, corners, marks_map, found.lost, parts, known.tail, tried[-1], noise
+        final.fit, final.psf, light, corners, marks_map, final.excluded, parts, known.tail, tried[-1], noise
     )
     contradicted = beyond_diffraction(quality, diffraction)
-    more = Doubts(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor, plane.raw)
-    result = _result(found, quality, parts, tried, diagnostics, corners, diffraction)
-    return verdict_of(checks_of(diagnostics, found.fit, more), result)
+    inputs = VerdictInputs(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor, plane.raw)
+    result = _result(final, quality, parts, tried, diagnostics, corners, diffraction)
+    return verdict_of(checks_of(diagnostics, final.fit, inputs), result)
 
 
 @dataclass(frozen=True)
 class _Known:
-    """What is known before the fit: the far tail, by diffraction; beta's uncertainty, by the sensor's calibration."""
+    """Prior knowledge of the fit: the far tail, by diffraction; beta's uncertainty, by the sensor's calibration."""
 
     tail: TailPrior | None
     bend: float | None
@@ -284,18 +289,17 @@ class _Known:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """The joint fit at one s and k, what it goes without, its PSF with the centre's covariance, what errors
-    share."""
+    """Joint fit at one s and k, its excluded samples, its PSF with the centre's covariance, and shared errors."""
 
     fit: ChartFit
-    lost: LeftOut
+    excluded: ExcludedSamples
     psf: Psf
     centre_covariance: Array
     shared: SharedErrors
 
 
 def _register(samples: npt.NDArray[np.float32], sighting: ChartSighting | None) -> tuple[Array, Registration]:
-    """The chart's marks to subpixel, and the map they give."""
+    """Subpixel positions of the chart's marks, and the map fitted to them."""
     if sighting is None:
         sighting = find_chart(samples)
     else:
@@ -306,8 +310,8 @@ def _register(samples: npt.NDArray[np.float32], sighting: ChartSighting | None) 
     worst = float(np.linalg.norm(mark_residuals(registration, corners), axis=1).max())
     if worst > 0.25 * block:
         raise Refused(
-            f"the chart's marks must lie on one plane; one is {worst:.1f} pixels off",
-            "keep the marks free of reflections and shadows, and lay the chart flat",
+            f"the chart's marks must lie in one plane; one is {worst:.1f} px off",
+            "flatten the chart, and keep its marks free of reflections and shadows",
         )
     return corners, registration
 
@@ -321,38 +325,40 @@ def _fit(
     s: int,
     k: int,
     known: _Known,
-) -> tuple[ChartFit, LeftOut]:
-    """The joint fit, and the samples left out of it as outliers."""
+) -> tuple[ChartFit, ExcludedSamples]:
+    """Joint fit, and the samples excluded from it as outliers."""
     window = noise_window(registration, samples.shape)
     hidden = not np.isfinite(corners).all()
     whole = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)
-    observation = within_reach(whole)
+    observation = within_levels(whole)
     m, n = len(whole), k * k
     if m < 2 * n:
         raise Refused(
-            f"{n} PSF values need at least {2 * n} samples of the noise region; the photograph has {m}",
+            f"{n} PSF values require at least {2 * n} samples of the noise region; the photograph has {m}",
             "move closer, or lower k",
         )
     levels = float(light.black[0]), float(light.white[0])
     far = far_light(samples, (window.x, window.y), (window.rows, window.columns), s, k, levels)
 
-    def fitted(some: Observation) -> ChartFit:
-        return refine(some, chart, registration, window, s, k, far, known.tail, known.bend)
+    def fitted(samples_used: Observation) -> ChartFit:
+        return refine(samples_used, chart, registration, window, s, k, far, known.tail, known.bend)
 
-    def looked(some: Observation) -> ChartFit:
-        return first_look(some, chart, registration, window, s, k)
+    def fit_marks_map(samples_used: Observation) -> ChartFit:
+        return fit_by_marks(samples_used, chart, registration, window, s, k)
 
-    fit = swept(fitted(observation), fitted, without_outliers, 2 * n)
-    if misfits(fit):  # what is hidden in places may leave enough to see
-        clear = swept(looked(observation), looked, without_places, 2 * n, MOST_LOOKS)
-        clear = swept(fitted(clear.observation), fitted, without_places, 2 * n)
-        clear = swept(clear, fitted, without_outliers, 2 * n)
-        fit = fit if misfits(clear) or len(clear.observation) < LEAST_SEEN * m else clear
-    return fit, left_out(whole, fit.observation)
+    fit = refit_iteratively(fitted(observation), fitted, without_outliers, 2 * n)
+    if is_misfit(fit):  # where the chart is partly hidden, the rest may suffice
+        clear = refit_iteratively(
+            fit_marks_map(observation), fit_marks_map, without_hidden_places, 2 * n, MAX_EXCLUSIONS
+        )
+        clear = refit_iteratively(fitted(clear.observation), fitted, without_hidden_places, 2 * n)
+        clear = refit_iteratively(clear, fitted, without_outliers, 2 * n)
+        fit = fit if is_misfit(clear) or len(clear.observation) < MIN_VISIBLE_SHARE * m else clear
+    return fit, excluded_samples(whole, fit.observation)
 
 
 def _result(
-    found: _Attempt,
+    final: _Attempt,
     quality: Quality,
     parts: ErrorParts,
     tried: tuple[Trial, ...],
@@ -360,9 +366,9 @@ def _result(
     corners: Array,
     diffraction: Diffraction | None,
 ) -> PatternPsf:
-    """Everything that is reported, from the final fit."""
-    fit, psf = found.fit, found.psf
-    residual, origin = _residual_picture(fit)
+    """Assemble the reported values from the final fit."""
+    fit, psf = final.fit, final.psf
+    residual, origin = _residual_image(fit)
     m = len(fit.observation.y)
     pixels = CELLS / BLOCK * block_size_px(fit.registration)
     return PatternPsf(
@@ -378,20 +384,20 @@ def _result(
         choice=tried,
         variations=parts.variations,
         registration=fit.registration,
-        centre_covariance=found.centre_covariance,
+        centre_covariance=final.centre_covariance,
         diagnostics=asdict(d),
         marks=corners,
         residual=residual,
         residual_origin=origin,
         correspondences=correspondences(fit),
-        shared=found.shared,
+        shared=final.shared,
     )
 
 
-def _residual_picture(fit: ChartFit) -> tuple[Array, tuple[int, int]]:
-    """The residual where its samples lie, NaN between them, and the pixel (x, y) at which that picture begins."""
+def _residual_image(fit: ChartFit) -> tuple[Array, tuple[int, int]]:
+    """Image of the residual, NaN where there is no sample, and its first pixel (x, y) in the plane."""
     o = fit.observation
-    picture = np.full((o.rows.max() + 1, o.columns.max() + 1), np.nan)
-    picture[o.rows, o.columns] = fit.residual
+    image = np.full((o.rows.max() + 1, o.columns.max() + 1), np.nan)
+    image[o.rows, o.columns] = fit.residual
     x, y = o.points[0]
-    return picture, (int(x) - int(o.columns[0]), int(y) - int(o.rows[0]))
+    return image, (int(x) - int(o.columns[0]), int(y) - int(o.rows[0]))

@@ -1,4 +1,4 @@
-"""The samples of the noise region that the PSF is estimated from, with their place, value and weight."""
+"""Samples of the noise region from which the PSF is estimated: position, value and weight."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ Indices = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Observation:
-    """The samples used: where they lie, and their value between black (0) and white (1).
+    """Samples of the fit: their positions, and their values between black (0) and white (1).
 
     Attributes
     ----------
     rows, columns : (m,) int64
         Pixels, relative to the window.
     points : (m, 2) float64
-        The same as (x, y) of the plane.
+        Positions (x, y) in the plane.
     y : (m,) float64
         Samples, black 0, white 1.
     weight : (m,) float64
-        One over the noise of y.
+        Reciprocal of the noise of y.
     quadratics : (m, 6) float64, cubics : (m, 9) float64
-        Polynomials of place that light and displacement are made of, at the registration's normalised coordinates.
+        Monomials of light and displacement at the registration's normalised coordinates.
     """
 
     rows: npt.NDArray[np.int64]
@@ -49,7 +49,7 @@ class Observation:
         return len(self.y)
 
     def where(self, kept: npt.NDArray[np.bool_] | slice) -> Observation:
-        """Some of the samples."""
+        """Subset of the samples."""
         return Observation(
             self.rows[kept],
             self.columns[kept],
@@ -62,17 +62,17 @@ class Observation:
 
 
 def noise_window(registration: Registration, shape: tuple[int, ...]) -> Window:
-    """The pixels that can lie in the noise region, inside the plane."""
+    """Bounding box of the noise region, clipped to the plane."""
     return _window(registration, shape, 0.0, 0.0)
 
 
 def surroundings(registration: Registration, shape: tuple[int, ...]) -> Window:
-    """The chart with its frame and half of its width around it, inside the plane."""
+    """Bounding box of the chart with its frame and half of its width around it, clipped to the plane."""
     return _window(registration, shape, float(BLOCK), 0.5)
 
 
 def _window(registration: Registration, shape: tuple[int, ...], frame: float, wider: float) -> Window:
-    """The pixels of the noise region, so many cells around it, and a share of that in pixels, inside the plane."""
+    """Bounding box of the noise region with `frame` cells around it, enlarged by `wider` of its size on each side."""
     low, high = -frame, CELLS + frame
     rim = registration.to_sensor(np.array([[low, low], [high, low], [high, high], [low, high]]))
     limit = np.array(shape[::-1]) - 1
@@ -90,8 +90,7 @@ def observe(
     Parameters
     ----------
     margin_px : float
-        Pixels nearer than this to the region's rim are left out: the PSF's radius, when marks are hidden and what
-        lies beyond the rim is not known.
+        Width of the border excluded: the PSF's radius, where marks are hidden and the surroundings are not known.
     """
     rows, columns = _inside(registration, window, margin_px)
     points = np.column_stack([columns + window.x, rows + window.y]).astype(np.float64)
@@ -104,12 +103,12 @@ def observe(
 
 
 def count_inside(registration: Registration, window: Window) -> int:
-    """How many samples of a window lie in the noise region."""
+    """Number of samples of a window in the noise region."""
     return len(_inside(registration, window, 0.0)[0])
 
 
 def _inside(registration: Registration, window: Window, margin_px: float) -> tuple[Indices, Indices]:
-    """Rows and columns (m,) of the window's pixels that lie in the noise region, away from its rim."""
+    """Rows and columns (m,) of the window's pixels in the noise region, away from its border."""
     x, y = np.meshgrid(np.arange(window.columns), np.arange(window.rows))
     columns, rows = x.ravel(), y.ravel()
     points = np.column_stack([columns + window.x, rows + window.y]).astype(np.float64)

@@ -1,5 +1,4 @@
-"""Samples that show something other than the chart: the sensor's own faults, specks, and whole places hidden from the
-camera."""
+"""Outliers: defective pixels, specks on the chart, and places hidden from the camera."""
 
 from __future__ import annotations
 
@@ -15,98 +14,100 @@ from procedures.pattern_psf.refine import ChartFit
 
 Array = npt.NDArray[np.float64]
 
-SPECK = 6.0
+OUTLIER_SIGMAS = 6.0
 """Robust standard deviations beyond which no noise explains a sample."""
 PATCH_PX = 9
-"""Side of the windows whose residual is compared: large enough for its mean square to be known to a sixth."""
-STRANGE = 2.5
-"""Mean square of the residual in a window, over that of half of them, from which something else is seen there."""
-BEYOND = 0.5
-"""Of the contrast between black and white beyond either, and beyond noise: no light of the chart, its edges sharpened
-or not, makes a sample that. A few of them outweigh all of the chart where they are far beyond."""
-STRAYS_SQUARE = 0.1
-"""Share of the residual's square from which hot or dead samples are left out however few they are."""
-MOST_SWEEPS = 3
-"""How often samples are left out, as large specks hide small ones."""
+"""Side of the windows of the local mean square residual, which is then known to a sixth."""
+MAX_LOCAL_RATIO = 2.5
+"""Mean square residual of a window, over the median, above which the chart is hidden there."""
+LEVEL_MARGIN = 0.5
+"""Distance below black or above white, in units of their contrast and in addition to noise, that no sample of the chart
+reaches even if sharpened. A few extreme samples would dominate the fit."""
+STRAY_SHARE = 0.1
+"""Share of the residual's sum of squares above which hot or dead samples are excluded, however few they are."""
+MAX_REFITS = 3
+"""Greatest number of exclusions, as large specks hide small ones."""
 
 
 @dataclass(frozen=True)
-class LeftOut:
-    """What a fit goes without.
+class ExcludedSamples:
+    """Samples excluded from a fit.
 
     Attributes
     ----------
     strange : float
-        Share of the samples that do not fit together with a neighbour: something lies on the chart or before it.
+        Share of the samples excluded together with a neighbour: something covers the chart.
     stray : int
-        Number of samples that do not fit while all eight around them do: hot or dead ones of the sensor.
+        Number of isolated samples excluded: hot or dead pixels.
     """
 
-    strange: float
+    connected: float
     stray: int
 
 
-def left_out(whole: Observation, kept: Observation) -> LeftOut:
-    """What of the whole observation was not kept."""
-    lost, stray = _lost(whole, kept)
+def excluded_samples(whole: Observation, kept: Observation) -> ExcludedSamples:
+    """Count the samples of the whole observation that were not kept."""
+    excluded, stray = _excluded(whole, kept)
     count = int(np.count_nonzero(stray))
-    return LeftOut((int(np.count_nonzero(lost)) - count) / len(whole), count)
+    return ExcludedSamples((int(np.count_nonzero(excluded)) - count) / len(whole), count)
 
 
-def _lost(whole: Observation, kept: Observation) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Which of the whole observation's samples (m,) were not kept, and which of those have none beside them."""
-    lost = np.zeros((int(whole.rows.max()) + 3, int(whole.columns.max()) + 3), dtype=np.int64)  # a rim of one pixel
-    lost[whole.rows + 1, whole.columns + 1] = 1
-    lost[kept.rows + 1, kept.columns + 1] = 0
-    around = sum(np.roll(lost, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1))
+def _excluded(whole: Observation, kept: Observation) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Masks (m,) of the whole observation's samples that were not kept, and of the isolated ones among them."""
+    excluded = np.zeros(
+        (int(whole.rows.max()) + 3, int(whole.columns.max()) + 3), dtype=np.int64
+    )  # a border of one pixel
+    excluded[whole.rows + 1, whole.columns + 1] = 1
+    excluded[kept.rows + 1, kept.columns + 1] = 0
+    around = sum(np.roll(excluded, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1))
     at = whole.rows + 1, whole.columns + 1
-    return lost[at] == 1, (lost * around)[at] == 1
+    return excluded[at] == 1, (excluded * around)[at] == 1
 
 
-def within_reach(o: Observation) -> Observation:
-    """The observation without the samples that no light of the chart makes, before anything is fitted."""
-    margin = BEYOND + SPECK / o.weight
+def within_levels(o: Observation) -> Observation:
+    """Exclude the samples far outside black and white, before any fit."""
+    margin = LEVEL_MARGIN + OUTLIER_SIGMAS / o.weight
     return o.where((o.y > -margin) & (o.y < 1 + margin))
 
 
-def swept(
+def refit_iteratively(
     fit: ChartFit,
     again: Callable[[Observation], ChartFit],
     clean: Callable[[ChartFit], Observation],
     fewest: int,
-    most: int = MOST_SWEEPS,
+    most: int = MAX_REFITS,
 ) -> ChartFit:
-    """A fit `again` to what `clean` leaves of its samples, until that leaves nearly all that tell, or too few."""
+    """Repeat the fit by `again` to the samples that `clean` keeps, until it keeps nearly all of them, or too few."""
     few = max(10, 1e-3 * len(fit.observation))
     for _ in range(most):
         kept = clean(fit)
-        if len(kept) < fewest or (len(kept) >= len(fit.observation) - few and not _strays_tell(fit, kept)):
+        if len(kept) < fewest or (len(kept) >= len(fit.observation) - few and not _strays_dominate(fit, kept)):
             break
         fit = again(kept)
     return fit
 
 
-def _strays_tell(fit: ChartFit, kept: Observation) -> bool:
-    """Whether hot or dead samples, as few as they are, make much of what the fit leaves over."""
+def _strays_dominate(fit: ChartFit, kept: Observation) -> bool:
+    """Whether hot or dead samples contribute much of the residual's sum of squares."""
     if len(kept) == len(fit.observation):
         return False
     square = fit.residual**2
-    return float(square[_lost(fit.observation, kept)[1]].sum()) > STRAYS_SQUARE * float(square.sum())
+    return float(square[_excluded(fit.observation, kept)[1]].sum()) > STRAY_SHARE * float(square.sum())
 
 
 def without_outliers(fit: ChartFit) -> Observation:
-    """The observation without the samples that no noise explains: specks, scratches, a wire before the chart."""
+    """Exclude the samples that noise does not explain: specks, scratches, a wire in front of the chart."""
     scale = 1.4826 * quantile(np.abs(fit.residual), 0.5)
-    return fit.observation.where(np.abs(fit.residual) < SPECK * scale)
+    return fit.observation.where(np.abs(fit.residual) < OUTLIER_SIGMAS * scale)
 
 
-def without_places(fit: ChartFit) -> Observation:
-    """The observation without the places that fit far worse than most: under a finger, in a reflection."""
-    from scipy.ndimage import uniform_filter  # here: few photographs need it, and it is slow to load
+def without_hidden_places(fit: ChartFit) -> Observation:
+    """Exclude the places that fit far worse than most: under a finger, in a reflection."""
+    from scipy.ndimage import uniform_filter  # rarely needed, and slow to import
 
     o = fit.observation
-    square, seen = np.zeros((2, int(o.rows.max()) + 1, int(o.columns.max()) + 1))
-    square[o.rows, o.columns], seen[o.rows, o.columns] = fit.residual**2, 1.0
-    means = (uniform_filter(grid, PATCH_PX, mode="constant")[o.rows, o.columns] for grid in (square, seen))
+    square, used = np.zeros((2, int(o.rows.max()) + 1, int(o.columns.max()) + 1))
+    square[o.rows, o.columns], used[o.rows, o.columns] = fit.residual**2, 1.0
+    means = (uniform_filter(grid, PATCH_PX, mode="constant")[o.rows, o.columns] for grid in (square, used))
     local = np.divide(*means)
-    return o.where(local < STRANGE * quantile(local, 0.5))
+    return o.where(local < MAX_LOCAL_RATIO * quantile(local, 0.5))

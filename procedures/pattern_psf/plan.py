@@ -1,4 +1,4 @@
-"""The plan of the pattern PSF: from the printer to the verdict, with every question, check and choice on the way."""
+"""Plan of the pattern PSF: questions, checks and choices from the print to the verdict."""
 
 from __future__ import annotations
 
@@ -63,14 +63,14 @@ from procedures.raw import Plane, RawFrame
 
 CHART = "chart.pdf"
 FEWEST, MOST = 3, 16
-"""Shots: fewer cannot be tested for agreement."""
-WANTED = 0.002
-"""Standard uncertainty of MTF50 to reach in every plane, in cycles/pixel."""
-S_OVER_T = f"s/t near {RATIO:g}. s/t is how many of the PSF's samples, side by side, fall on one cell of the chart."
+"""Number of shots; fewer cannot be tested for agreement."""
+TARGET_UNCERTAINTY = 0.002
+"""Default target of MTF50's standard uncertainty in every plane, in cycles/pixel."""
+S_OVER_T = f"s/t near {RATIO:g}. s/t is the number of samples of the PSF across one cell of the chart."
 RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
-"""Small turns of the focus ring, from where autofocus or the eye put it; positive towards infinity."""
+"""Steps of the focus ring about the initial focus; positive towards infinity."""
 RAIL = (-1.5, -0.75, 0.0, 0.75, 1.5)
-"""The same on the rail, in depths of focus."""
+"""Positions on the rail about the initial one, in depths of focus."""
 
 
 def plan() -> Plan:
@@ -80,28 +80,28 @@ def plan() -> Plan:
         "PSF from a printed noise chart",
         (
             Step(
-                "print", "Print", "Print the chart at its true size, and measure what came out.", PRINT,
-                drawings.PRINT, gave(lambda known: known.chart_width_mm, "{:g} mm"),
+                "print", "Print", "Print the chart at its true size, and measure the print.", PRINT,
+                drawings.PRINT, result_text(lambda known: known.chart_width_mm, "{:g} mm"),
             ),
             Step(
-                "mount", "Mount and light", "Hang the chart flat, light it evenly, and expose it well.", MOUNT,
-                drawings.MOUNT, gave(lambda known: known.white_percent, "{:.0f} %"),
+                "mount", "Mount and light", "Mount the chart flat, light it evenly, and set the exposure.", MOUNT,
+                drawings.MOUNT, result_text(lambda known: known.white_percent, "{:.0f} %"),
             ),
             Step(
-                "distance", "Distance", f"Go where noise spoils the PSF least: {S_OVER_T}", DISTANCE,
-                drawings.DISTANCE, gave(lambda known: known.s_over_t, "s/t {:.2f}"),
+                "distance", "Distance", f"Set the distance at which the PSF has the least noise: {S_OVER_T}", DISTANCE,
+                drawings.DISTANCE, result_text(lambda known: known.s_over_t, "s/t {:.2f}"),
             ),
             Step(
-                "square", "Square up", "Bring the chart square to the camera.", SQUARE,
-                drawings.SQUARE, gave(lambda known: known.tilt_deg, "{:.1f}°"),
+                "square", "Square up", "Square the chart to the camera.", SQUARE,
+                drawings.SQUARE, result_text(lambda known: known.tilt_deg, "{:.1f}°"),
             ),
             Step(
                 "focus", "Focus", "Find the sharpest focus.", FOCUS,
-                drawings.FOCUS, gave(lambda known: known.focus_mtf50, "MTF50 {:.2f}"),
+                drawings.FOCUS, result_text(lambda known: known.focus_mtf50, "MTF50 {:.2f}"),
             ),
             Step(
-                "shots", "Shots", "Take shots that count, until the uncertainty is small enough.", SHOTS,
-                drawings.SHOTS, gave(lambda known: known.mtf50_uncertainty, "±{:.4f}"),
+                "shots", "Shots", "Take shots until the uncertainty reaches its target.", SHOTS,
+                drawings.SHOTS, result_text(lambda known: known.mtf50_uncertainty, "±{:.4f}"),
             ),
             Step("estimate", "Estimate", "Estimate every plane's PSF from all shots together.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the shots again.", (Decide("shots"),)),
@@ -110,14 +110,14 @@ def plan() -> Plan:
     )  # fmt: skip
 
 
-def gave(number: Callable[[PatternFacts], float | None], words: str) -> Callable[[Facts], str]:
-    """What a step shows of a number that it made known."""
+def result_text(number: Callable[[PatternFacts], float | None], words: str) -> Callable[[Facts], str]:
+    """Function from the facts to the text that a step shows of its result."""
 
-    def told(facts: Facts) -> str:
+    def text(facts: Facts) -> str:
         value = number(facts_as(PatternFacts, facts))
         return "" if value is None else words.format(value)
 
-    return told
+    return text
 
 
 # --- print -------------------------------------------------------------------------------------------------------
@@ -131,7 +131,7 @@ def chart_page(facts: Facts) -> bytes:
 
 @lru_cache(maxsize=2)
 def _pages(seed: int, size: Size, paper: Paper | None) -> bytes:
-    """The same at every call: most sessions are about one chart, and drawing it takes half a second."""
+    """PDF of a chart; cached, as drawing it takes half a second."""
     return encode(Path(CHART), Source.from_seed(seed), size, paper=paper, tile=True).data
 
 
@@ -152,14 +152,14 @@ SEED = Ask(
     "chart_seed", "Which number is printed on the chart?", "number", "", DEFAULT_SEED, low=0, high=2**53,
     when=lambda facts: "chart_seed" in facts,
 )  # fmt: skip
-"""Asked where another than the station's own was given, or the chart shows others."""
+"""Asked where a number other than the default was given, or the chart has other cells."""
 PRINT = (
     Ask(
         "paper", "Which paper is in the printer?", "choice", choices=tuple(PAPERS),
         proposed=lambda facts: papers_of_locale(os.environ)[0].key,
     ),
     Ask(
-        "chart_width_mm", "How wide shall the chart be? If it exceeds one sheet, it is printed over several.",
+        "chart_width_mm", "How wide shall the chart be? If it exceeds one sheet, it is printed on several.",
         "number", "mm", low=SMALLEST_WIDTH_MM, high=LARGEST_WIDTH_MM,
         proposed=lambda facts: facts_as(PatternFacts, facts).size.whole_mm, check=check_sheets,
     ),
@@ -182,14 +182,14 @@ PRINT = (
 
 
 def middle(facts: Facts) -> dict[str, float]:
-    """The middle of every axis' travel: from there everything can be corrected."""
+    """Centre of every axis' travel, from which moves in both directions are possible."""
     return {name: axis.middle for name, axis in axes_of(facts).items() if axis.middle is not None}
 
 
 MOUNT = (
     Home(),
     Go(middle, lambda facts: "going to the middle of the travel" if middle(facts) else ""),
-    Ask("mounted", "Mount the chart flat on a wall or board, upright, its middle before the camera."),
+    Ask("mounted", "Mount the chart flat and upright on a wall or board, its centre in front of the camera."),
     SetLight(lambda facts: 1.0),
     Ask("lit", "Light the chart from both sides, without glare. Keep other light out."),
     Ask("camera_set", "Set the camera: RAW, manual exposure, ISO 100, your aperture, stabiliser off."),
@@ -201,7 +201,7 @@ MOUNT = (
 
 
 def towards_distance(facts: Facts) -> dict[str, float]:
-    """Where the rail should go, by lens and laser: nothing without them, and not beyond its travel."""
+    """Target of the rail within its travel, by lens and laser; empty without them."""
     known = facts_as(PatternFacts, facts)
     rail, laser_mm, offset_mm = known.axes.get("z_mm"), known.distance_mm, known.laser_offset_mm
     if rail is None or rail.at is None or laser_mm is None or offset_mm is None:
@@ -210,15 +210,15 @@ def towards_distance(facts: Facts) -> dict[str, float]:
 
 
 def say_distance(facts: Facts) -> str:
-    """What the operator does where there is no rail; a rail that has not learnt the laser's offset finds its way."""
+    """Instruction without a rail, or announcement of the rail's move; empty until the laser's offset is known."""
     known = facts_as(PatternFacts, facts)
     if "z_mm" in known.where():
-        return f"going to the distance where s/t is near {RATIO:g}" if towards_distance(facts) else ""
+        return f"moving to the distance with s/t near {RATIO:g}" if towards_distance(facts) else ""
     return f"Put the camera {known.wanted_distance_mm() / 1000:.2f} m from the chart, by a tape measure."
 
 
 def explain_distance(facts: Facts) -> Diagram:
-    """What other distances cost, by lens and print."""
+    """Diagram of gamma over the distance, for lens and print."""
     known = facts_as(PatternFacts, facts)
     return gamma_diagram(known.optics(), known.s_or_start, known.parameters.k or START_K, RATIO)
 
@@ -231,10 +231,10 @@ SENSOR = Ask(
     "sensor_kind", "Has the sensor a colour mosaic, or is it monochrome?", "choice", "", MOSAIC, choices=SENSORS,
     when=lambda facts: "sensor_kind" not in facts,
 )  # fmt: skip
-"""Asked where no photograph has told it yet: a monochrome sensor has its pixels half as far apart as a plane's."""
+"""Asked before any photograph has shown it: a mosaic's planes have twice the sensor's pixel pitch."""
 LENS = (
     Ask("focal_length_mm", "What is the lens's focal length?", "number", "mm", low=1.0, high=5000.0),
-    Ask("pixel_pitch_um", "How far apart are the sensor's pixels?", "number", "µm", low=0.5, high=50.0),
+    Ask("pixel_pitch_um", "What is the sensor's pixel pitch?", "number", "µm", low=0.5, high=50.0),
     SENSOR,
 )
 DISTANCE = (
@@ -254,14 +254,14 @@ SQUARE = (Look("square", check_square, tries=10),)
 
 
 def ring_places(facts: Facts) -> Sequence[float]:
-    """Turns of the focus ring, if the operator focuses by it."""
+    """Steps of the focus ring, if the operator focuses by it."""
     return RING if facts_as(PatternFacts, facts).focus_by == "ring" else ()
 
 
 def rail_places(facts: Facts) -> Sequence[float]:
-    """Places of the rail about where it is, if the operator focuses by it, inside its travel.
+    """Positions of the rail about the current one within its travel, if the operator focuses by it.
 
-    The circle of confusion grows by one pixel of the plane c over a way dz with c = f^2 dz / (N z^2): Smith, Modern
+    The circle of confusion c grows by one pixel of the plane over the travel dz, c = f^2 dz / (N z^2): Smith, Modern
     Optical Engineering, section 6.8.
     """
     known = facts_as(PatternFacts, facts)
@@ -269,14 +269,14 @@ def rail_places(facts: Facts) -> Sequence[float]:
     if known.focus_by != "rail" or rail is None or rail.at is None:
         return ()
     optics, here = known.optics(), rail.at
-    f_number = required(known.aperture, "the f-number", "tell it, or focus by the ring")
+    f_number = required(known.aperture, "the f-number", "give it, or focus by the ring")
     pixel_mm, z = optics.plane_pitch_um / 1000, known.wanted_distance_mm()
     depth = pixel_mm * f_number * (z / optics.focal_length_mm) ** 2
     return [here + step * depth for step in RAIL if rail.holds(here + step * depth)]
 
 
 def say_ring(change: float) -> str:
-    """What to do with the focus ring."""
+    """Instruction for the focus ring."""
     way = "infinity" if change > 0 else "near"
     count = abs(change)
     turns = "one small step" if count == 1 else f"{count:.1f} small steps".replace(".0 ", " ")
@@ -284,15 +284,15 @@ def say_ring(change: float) -> str:
 
 
 def choose_focus(axis: str, unit: str) -> Any:
-    """How the sharpest place is chosen from a bracket."""
+    """Function that chooses the best focus of a bracket."""
 
     def choose(places: Sequence[float], scores: Sequence[float]) -> Advice:
         best = best_place(places, scores) if axis.endswith("_mm") else best_tried(places, scores)
         if best is None:
             back = float(places[len(places) // 2]) - float(places[-1])
-            return Advice(False, "No place of the bracket was sharp enough to tell: focus by eye.", moves={axis: back})
+            return Advice(False, "No position of the bracket was sharp enough: focus by eye.", moves={axis: back})
         at_end = best in (places[0], places[-1])
-        more = " The best lies at the bracket's end: focus again and repeat the step if you can." if at_end else ""
+        more = " The best focus lies at the end of the bracket: focus again, and repeat the step." if at_end else ""
         score = float(np.nanmax(np.asarray(scores)))
         say = f"Sharpest at {best:+.2f}{unit}, MTF50 {score:.3f} cycles/pixel.{more}"
         reading = Reading("MTF50", score, "cycles/pixel")
@@ -301,12 +301,12 @@ def choose_focus(axis: str, unit: str) -> Any:
     return choose
 
 
-UNNOTED = Ask(
-    "typed_f_number", "Which f-number is set? The camera does not note it.", "number", "", low=0.5, high=64.0,
+F_NUMBER = Ask(
+    "typed_f_number", "Which f-number is set? The camera does not record it.", "number", "", low=0.5, high=64.0,
     when=lambda facts: facts_as(PatternFacts, facts).f_number is None,
 )  # fmt: skip
 FOCUS = (
-    UNNOTED,
+    F_NUMBER,
     Ask("refocused", "Focus on the chart again: the distance has changed. Leave autofocus off."),
     Ask(
         "focus_by", "How will you search the focus: turn its ring, move the rail, or skip it?", "choice",
@@ -324,58 +324,60 @@ FOCUS = (
 
 
 def estimate_shot(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
-    """The PSF of every plane of one shot, sampled as those of the first of the shots before it that gave any."""
-    like, told = _first_found(results), facts_as(PatternFacts, facts)
-    return {name: _estimate_plane(frame, plane, told, like.get(name), known) for name, plane in frame.planes.items()}
+    """Estimate the PSF of every plane of one shot, with the sampling of the first shot that gave a PSF."""
+    first, known_facts = _first_accepted(results), facts_as(PatternFacts, facts)
+    return {
+        name: _estimate_plane(frame, plane, known_facts, first.get(name), known) for name, plane in frame.planes.items()
+    }
 
 
-def _first_found(results: Sequence[Outcomes]) -> Outcomes:
-    """Of every plane the first shot that was not refused."""
+def _first_accepted(results: Sequence[Outcomes]) -> Outcomes:
+    """First outcome of every plane that was not refused."""
     return {name: one for outcomes in reversed(results) for name, one in outcomes.items() if one.value is not None}
 
 
 def _estimate_plane(
-    frame: RawFrame, plane: Plane, told: PatternFacts, like: Outcome[Any] | None, known: Known
+    frame: RawFrame, plane: Plane, known_facts: PatternFacts, first: Outcome[Any] | None, known: Known
 ) -> Outcome[Any]:
-    parameters, limit = told.parameters, told.diffraction(plane)
-    if like is not None and like.value is not None:
-        parameters = replace(parameters, s=like.value.psf.s, k=like.value.psf.k, chosen=True)
-    key = (frame.sha256, plane.name, told.chart_seed, parameters, limit)
+    parameters, limit = known_facts.parameters, known_facts.diffraction(plane)
+    if first is not None and first.value is not None:
+        parameters = replace(parameters, s=first.value.psf.s, k=first.value.psf.k, chosen=True)
+    key = (frame.sha256, plane.name, known_facts.chart_seed, parameters, limit)
     if key not in known:
-        known[key] = estimate_psf(plane, told.chart, parameters, limit)
+        known[key] = estimate_psf(plane, known_facts.chart, parameters, limit)
     return known[key]
 
 
 def uncertainty(found: Outcome[Any]) -> float:
-    """Standard uncertainty of MTF50 in cycles/pixel, the worse direction; infinite where it was refused."""
+    """Standard uncertainty of MTF50 in cycles/pixel, in the worse direction; infinite where refused."""
     if found.value is None:
         return float("inf")
     numbers = found.value.quality.numbers
-    told = [numbers.get(f"mtf50_{way}", numbers.get(f"mtf_nyquist_{way}")) for way in ("horizontal", "vertical")]
-    return max((quantity.uncertainty for quantity in told if quantity is not None), default=float("inf"))
+    both = [numbers.get(f"mtf50_{way}", numbers.get(f"mtf_nyquist_{way}")) for way in ("horizontal", "vertical")]
+    return max((quantity.uncertainty for quantity in both if quantity is not None), default=float("inf"))
 
 
 def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
-    """Enough when the mean of the shots is as sure as wanted in every plane that was not refused throughout."""
-    wanted = facts_as(PatternFacts, facts).wanted_mtf50 or WANTED
+    """Check whether the mean of the shots reaches the target uncertainty in every plane that is not always refused."""
+    wanted = facts_as(PatternFacts, facts).wanted_mtf50 or TARGET_UNCERTAINTY
     reached = max(_reached([result[name] for result in results if name in result]) for name in results[0])
     shots = len(results)
     readings = (Reading("MTF50 uncertainty", reached, "cycles/pixel", None, wanted),)
-    say = f"Shots: {shots}. MTF50 is known to ±{reached:.4f} cycles/pixel; wanted ±{wanted:g}."
+    say = f"Shots: {shots}. The uncertainty of MTF50 is {reached:.4f} cycles/pixel; the target is {wanted:g}."
     facts = {"mtf50_uncertainty": reached} if np.isfinite(reached) else {}
     return Advice(shots >= FEWEST and reached <= wanted, say, readings, facts=facts)
 
 
 def _reached(found: Sequence[Outcome[Any]]) -> float:
-    """What the shots' mean can be expected to reach: 1/u^2 = sum 1/u_i^2; 0 for a plane that every shot refuses."""
+    """Expected uncertainty of the shots' mean, 1/u^2 = sum 1/u_i^2; 0 for a plane that every shot refuses."""
     weights = [1 / uncertainty(one) ** 2 for one in found if one.verdict is not Verdict.REFUSED]
     return 1 / float(np.sqrt(sum(weights))) if weights else 0.0
 
 
 SHOTS = (
     Ask(
-        "wanted_mtf50", "Which standard uncertainty of MTF50 do you want?", "number", "cycles/pixel", WANTED,
-        low=1e-5, high=0.1,
+        "wanted_mtf50", "Which standard uncertainty of MTF50 is required?", "number", "cycles/pixel",
+        TARGET_UNCERTAINTY, low=1e-5, high=0.1,
     ),
     Look("light", check_light),
     Shoot("shot", check_shot, estimate_shot, enough, MOST),
@@ -385,7 +387,7 @@ SHOTS = (
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-    """The PSF of every plane from all shots, and whether they agree."""
+    """Combine the PSFs of all shots in every plane."""
     found: list[Outcomes] = []
     for frame in frames:
         found.append(estimate_shot(frame, facts, found, known))

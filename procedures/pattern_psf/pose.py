@@ -1,4 +1,4 @@
-"""Where the chart stands before the camera: distance, place and turn, from its homography and the lens.
+"""Pose of the chart: distance, position and orientation, from its homography and the lens.
 
 References
 ----------
@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Optics:
-    """What of camera and print is needed to tell distances.
+    """Data of camera and print that relate sizes to distances.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Optics:
     plane_pitch_um : float
         Distance of the plane's pixels on the sensor (twice the photosites' in a Bayer plane).
     cell_mm : float
-        Side of a printed cell, as measured.
+        Side of a printed cell.
     """
 
     focal_length_mm: float
@@ -35,29 +35,29 @@ class Optics:
     cell_mm: float
 
     def distance_mm(self, px_per_cell: float) -> float:
-        """Distance from the lens at which a frontal chart in focus has so many pixels per cell.
+        """Distance from the lens of a frontal chart in focus with `px_per_cell` pixels per cell.
 
-        A thin lens focused at z draws with F = f z / (z - f) behind it: px = F cell / (z pitch) = f cell / ((z - f)
+        A thin lens focused at z has the image distance F = f z / (z - f): px = F cell / (z pitch) = f cell / ((z - f)
         pitch).
         """
         return self.focal_length_mm * (1 + self.cell_mm / (px_per_cell * self.plane_pitch_um / 1000))
 
     def principal_px(self, distance_mm: float) -> float:
-        """Distance of the image behind the lens, in the plane's pixels, when focused there."""
+        """Image distance for a focus distance, in pixels of the plane."""
         f = self.focal_length_mm
         return 1000 * f * distance_mm / (distance_mm - f) / self.plane_pitch_um
 
 
 @dataclass(frozen=True)
 class ChartPose:
-    """Of the chart's centre and plane in the camera's frame: x right, y down, z away, seen from the camera.
+    """Pose of the chart in the camera's frame: x right, y down, z away from the camera.
 
     Attributes
     ----------
     centre_mm : (x, y, z)
-    yaw_deg : positive where the chart's right edge is the nearer one
-    pitch_deg : positive where its lower edge is the farther one
-    roll_deg : positive where it is turned clockwise
+    yaw_deg : positive if the chart's right edge is nearer
+    pitch_deg : positive if its lower edge is farther
+    roll_deg : positive if it is turned clockwise
     """
 
     centre_mm: tuple[float, float, float]
@@ -67,12 +67,12 @@ class ChartPose:
 
 
 def chart_pose(H_plane_cells: Array, shape: tuple[int, ...], optics: Optics) -> ChartPose:
-    """The pose that a homography from cells to the plane's pixels tells.
+    """Compute the pose from a homography from cells to the plane's pixels.
 
     Parameters
     ----------
     H_plane_cells : (3, 3) float64
-    shape : (rows, columns) of the plane, whose middle is taken for the optical axis
+    shape : (rows, columns) of the plane; its centre is assumed to be the principal point
     optics : Optics
     """
     middle = CELLS / 2
@@ -91,13 +91,13 @@ def chart_pose(H_plane_cells: Array, shape: tuple[int, ...], optics: Optics) -> 
 
 
 def _scale(H: Array) -> float:
-    """Pixels per cell at the chart's centre, along the direction that is not foreshortened."""
+    """Pixels per cell at the chart's centre, along the direction without foreshortening."""
     p = H @ np.array([CELLS / 2, CELLS / 2, 1.0])
     J = (H[:2, :2] - np.outer(p[:2] / p[2], H[2, :2])) / p[2]
     return float(np.linalg.svd(J, compute_uv=False)[0])
 
 
 def _nearest_rotation(a: Array, b: Array) -> Array:
-    """The rotation whose first two columns are nearest to a and b."""
+    """Rotation whose first two columns are nearest to a and b."""
     U, _, Vt = np.linalg.svd(np.column_stack([a, b, np.cross(a, b)]))
     return np.asarray(U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt)

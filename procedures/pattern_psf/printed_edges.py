@@ -1,9 +1,9 @@
-"""The edges as they were printed: every row and column of cells begins where a dot of the printer begins.
+"""Offsets of the printed edges: every row and column of cells begins at a dot of the printer.
 
-A printer puts the edges on its own grid of dots, the same error along a whole line of the chart: at 600 dots per inch
-a 300 mm chart's edges are off by 1.3 % of a cell in the root mean square. Seen through the PSF that looks like noise
-of the chart's own colour; the 514 lines' offsets explain it. They are estimated with the PSF, under a prior of zero
-mean whose width comes from the photograph itself.
+A printer rounds the edges to its grid of dots, with one error along a whole line of the chart: at 600 dots per inch the
+edges of a 300 mm chart have an rms error of 1.3 % of a cell. In the residual it resembles coloured noise. The offsets
+of the 514 lines are estimated jointly with the PSF, under a zero-mean prior whose width is estimated from the
+photograph.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ Indices = npt.NDArray[np.int32]
 
 LINES = CELLS + 1
 """Lines between the cells along one axis, the noise region's rim included."""
-FINE = 4
+OVERSAMPLING = 4
 """Samples of the interpolated PSF per sample of the s grid."""
-LEAST_RMS = 0.001
-"""Narrowest prior of the offsets, in cells: a tenth of what any photograph can tell."""
-CORE = 0.03
-"""Samples of the PSF under this share of its peak are left out of the columns: the offsets are corrections."""
+MIN_PRIOR_RMS = 0.001
+"""Narrowest prior of the offsets, in cells: a tenth of what any photograph can resolve."""
+CORE_SHARE = 0.03
+"""Share of the PSF's peak below which its samples are excluded from the columns, as the offsets are corrections."""
 
 
 @dataclass(frozen=True)
 class EdgeColumns:
-    """The matrix C (m, 514) of the samples' change with the lines' offsets: a few lines of each direction per sample.
+    """Sparse matrix C (m, 514), the derivative of the samples by the lines' offsets.
 
     Attributes
     ----------
@@ -51,15 +51,15 @@ class EdgeColumns:
     horizontal: Array32
     first_horizontal: Indices
 
-    def seen(self, offsets: Array) -> Array:
+    def apply(self, offsets: Array) -> Array:
         """C offsets, (m,)."""
         parts = (self.vertical, self.first_vertical, self.horizontal, self.first_horizontal)
-        return np.asarray(_seen(*parts, offsets.astype(np.float32)), dtype=np.float64)
+        return np.asarray(_apply(*parts, offsets.astype(np.float32)), dtype=np.float64)
 
-    def back(self, samples: Array) -> Array:
+    def apply_transposed(self, samples: Array) -> Array:
         """C' samples, (514,)."""
         parts = (self.vertical, self.first_vertical, self.horizontal, self.first_horizontal)
-        return np.asarray(_back(*parts, samples.astype(np.float32)), dtype=np.float64)
+        return np.asarray(_apply_transposed(*parts, samples.astype(np.float32)), dtype=np.float64)
 
     def gram(self) -> Array:
         """C'C, (514, 514)."""
@@ -69,7 +69,7 @@ class EdgeColumns:
 
 @dataclass(frozen=True)
 class Edges:
-    """How the samples change with the offsets of the 514 lines of edges, in cells.
+    """Derivative of the samples by the offsets of the 514 lines of edges, in cells.
 
     Attributes
     ----------
@@ -86,30 +86,30 @@ class Edges:
         """From the columns."""
         return cls(columns, columns.gram())
 
-    def widths(self, left: Array) -> tuple[float, float]:
-        """Root mean square tau of the offsets, in cells, and of the noise, from the residual without offsets (m,).
+    def widths(self, residual: Array) -> tuple[float, float]:
+        """Estimate the rms of the offsets tau, in cells, and of the noise sigma from the residual (m,) without offsets.
 
-        The residual's mean square is sigma^2 + tau^2 tr(C'C) / m, that of C'left sigma^2 tr(C'C) + tau^2 tr((C'C)^2).
-        What the PSF has already made of the offsets is small, and only makes tau smaller.
+        The mean square of the residual r is sigma^2 + tau^2 tr(C'C) / m, that of C'r is sigma^2 tr(C'C) +
+        tau^2 tr((C'C)^2). The part of the offsets that the PSF absorbs is small, and only lowers tau.
         """
-        back, trace, m = self.C.back(left), float(np.trace(self.CC)), len(left)
-        mean_square = float(left @ left) / m
+        back, trace, m = self.C.apply_transposed(residual), float(np.trace(self.CC)), len(residual)
+        mean_square = float(residual @ residual) / m
         square = (float(back @ back) - mean_square * trace) / (float(np.sum(self.CC**2)) - trace**2 / m)
-        rms = float(np.sqrt(max(square, LEAST_RMS**2)))
+        rms = float(np.sqrt(max(square, MIN_PRIOR_RMS**2)))
         return rms, float(np.sqrt(max(mean_square - rms**2 * trace / m, 0.1 * mean_square)))
 
     def estimator(self, rms: float, noise: float) -> Callable[[Array], Array]:
-        """What takes the residual without offsets (m,) to the most probable offsets (514,), in cells.
+        """Function from the residual without offsets (m,) to the maximum a posteriori offsets (514,), in cells.
 
-        `rms` is the width of their prior, in cells, `noise` the standard deviation of the residual beside them.
+        `rms` is the standard deviation of their prior, in cells, `noise` that of the residual without them.
         """
         penalised = self.CC.astype(np.float32)  # the prior makes it well conditioned
         penalised[np.diag_indices(len(penalised))] += np.float32((noise / rms) ** 2)
         factor = np.linalg.cholesky(penalised)
 
-        def offsets(left: Array) -> Array:
-            back = self.C.back(left).astype(np.float32)
-            return np.asarray(solve_factored(factor, back), dtype=np.float64)
+        def offsets(residual: Array) -> Array:
+            apply_transposed = self.C.apply_transposed(residual).astype(np.float32)
+            return np.asarray(solve_factored(factor, apply_transposed), dtype=np.float64)
 
         return offsets
 
@@ -117,9 +117,9 @@ class Edges:
 def edge_columns(
     whole: Array32, registration: Registration, points: Array, h: Array, s: int, weight: Array
 ) -> EdgeColumns:
-    """Change of the samples when a line of edges moves by one cell: vertical lines first, then horizontal ones.
+    """Compute the derivative of the samples by the offsets, vertical lines first, then horizontal ones.
 
-    Each cell's piece of a line acts as light at its middle, in pieces of at most half a pixel.
+    Each cell's segment of a line is split into pieces of at most half a pixel, each a point source at its middle.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def edge_columns(
     weight : (m,) float64
         Factor of each row.
     """
-    cells, J, scale_of_rows = registration.to_pattern(points), registration.jacobian(), weight.astype(np.float32)
+    cells, J, row_weight = registration.to_pattern(points), registration.jacobian(), weight.astype(np.float32)
     inner = slice(BLOCK, BLOCK + CELLS)
     along_x, along_y = whole[inner, BLOCK - 1 : BLOCK + CELLS + 1], whole[BLOCK - 1 : BLOCK + CELLS + 1, inner]
     right = np.ascontiguousarray((along_x[:, :-1] - along_x[:, 1:]).T)
@@ -143,39 +143,39 @@ def edge_columns(
     fine = _interpolated(h) * np.float32(s * s * abs(np.linalg.det(pixels)))
     reach = np.abs(J).sum(axis=1) * (_core_radius(h) + 1) / s
     pieces = int(np.ceil(np.sqrt(abs(np.linalg.det(pixels))) / 0.5))
-    scale = pixels * (s * FINE)
+    scale = pixels * (s * OVERSAMPLING)
     # a horizontal line is a vertical one of the transposed chart
     return EdgeColumns(
-        *_lines(cells, right, fine, scale, reach, pieces, scale_of_rows),
-        *_lines(*_transposed(cells, lower, fine, scale, reach), pieces, scale_of_rows),
+        *_lines(cells, right, fine, scale, reach, pieces, row_weight),
+        *_lines(*_transposed(cells, lower, fine, scale, reach), pieces, row_weight),
     )
 
 
 def _transposed(
     cells: Array, steps: Array32, fine: Array32, scale: Array, reach: Array
 ) -> tuple[Array, Array32, Array32, Array, Array]:
-    """The same with x and y exchanged."""
+    """Arguments of `_lines` with x and y exchanged."""
     flipped = np.ascontiguousarray(scale[::-1, ::-1])
     return np.ascontiguousarray(cells[:, ::-1]), steps, np.ascontiguousarray(fine.T), flipped, reach[::-1].copy()
 
 
 def _core_radius(h: Array) -> int:
-    """Samples from the centre, along either axis, beyond which the PSF stays under a share of its peak."""
-    rows, columns = np.nonzero(np.abs(h) > CORE * np.abs(h).max())
+    """Radius along either axis, in samples, beyond which the PSF is below `CORE_SHARE` of its peak."""
+    rows, columns = np.nonzero(np.abs(h) > CORE_SHARE * np.abs(h).max())
     return int(max(np.abs(rows - len(h) // 2).max(), np.abs(columns - len(h) // 2).max()))
 
 
 def _interpolated(h: Array) -> Array32:
-    """The PSF by its band-limited interpolation, FINE times as dense, a sample wider on each side."""
+    """PSF interpolated band-limited FINE times as densely, one sample wider on each side."""
     k = len(h)
-    n = (k + 1) * FINE
-    t = (np.arange(n + 1) - n // 2) / FINE + k // 2
+    n = (k + 1) * OVERSAMPLING
+    t = (np.arange(n + 1) - n // 2) / OVERSAMPLING + k // 2
     S = np.sinc(t[:, None] - np.arange(k))
     return np.asarray(S @ h @ S.T, dtype=np.float32)
 
 
 @vectorised
-def _seen(
+def _apply(
     vertical: Array32, first_vertical: Indices, horizontal: Array32, first_horizontal: Indices, offsets: Array32
 ) -> Array32:
     out = np.empty(len(vertical), np.float32)
@@ -190,7 +190,7 @@ def _seen(
 
 
 @vectorised
-def _back(
+def _apply_transposed(
     vertical: Array32, first_vertical: Indices, horizontal: Array32, first_horizontal: Indices, samples: Array32
 ) -> Array32:
     out = np.zeros(2 * LINES, np.float32)

@@ -1,4 +1,4 @@
-"""Light on the chart: black and white levels over the plane, the noise of the pixels, what is clipped."""
+"""Radiometry of the chart: black and white levels over the plane, noise of the pixels, clipping."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from procedures.sensor_model import SensorModel
 
 Array = npt.NDArray[np.float64]
 
-SPECK = 6.0
-"""Robust standard deviations, and digital numbers, from its surface beyond which a block's sample is no light."""
-FEWEST = 12
-"""Samples of a block from which a surface is laid through them."""
-SATURATES = 0.97
-"""Of the signal at saturation: from here on it is no longer known to rise with the light."""
-LEAST_BEND = 1e-4
-"""Uncertainty of the response below which no calibration is believed: a fit of its first powers is no better."""
+OUTLIER_SIGMAS = 6.0
+"""Robust standard deviations, and digital numbers, beyond which a block's sample is an outlier of its surface."""
+MIN_SAMPLES = 12
+"""Samples of a block above which a surface is fitted to them."""
+MAX_SIGNAL_SHARE = 0.97
+"""Share of the saturation signal up to which the response is known."""
+MIN_BEND_UNCERTAINTY = 1e-4
+"""Least uncertainty of the response's curvature: the model error of its polynomial."""
 
 
 @dataclass(frozen=True)
 class Light:
-    """Levels of black and white over the plane, and the noise on them.
+    """Levels of black and white over the plane, and their noise.
 
     Attributes
     ----------
@@ -44,11 +44,11 @@ class Light:
     flatness : float
         Smallest white level over largest, on the blocks.
     crushed : float
-        Share of the black blocks' samples that are cut off.
+        Share of the black blocks' samples that are clipped.
     noise_correlation : float
-        Of neighbouring samples in the blocks, along rows and columns: the larger one.
+        Noise correlation of neighbouring samples in the blocks, the larger of rows and columns.
     variance_middle : float or None
-        Variance half way between black and white, where the sensor's calibration tells.
+        Variance half way between black and white, where known from the sensor's calibration.
     """
 
     black: Array
@@ -67,8 +67,10 @@ class Light:
         return float(self.white[0] - self.black[0])
 
     def variance_at(self, level: Array) -> Array:
-        """Noise variance at levels between black (0) and white (1): linear, as photon and read noise make it, or a
-        parabola where it is known half way."""
+        """Noise variance at levels between black (0) and white (1).
+
+        Linear, by photon and read noise, or a parabola where the variance half way is known.
+        """
         slope, inside = max(self.variance_white - self.variance_black, 0.0), np.clip(level, 0, 1)
         variance = self.variance_black + slope * inside
         if self.variance_middle is None:
@@ -78,29 +80,29 @@ class Light:
 
 
 def quadratic(x: Array, y: Array) -> Array:
-    """The six monomials up to degree two at points (n,): (n, 6). Source: IPOL 2012, section 4.4."""
+    """Monomials up to degree two at points (n,): (n, 6). Source: IPOL 2012, section 4.4."""
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
 
 
 def measure_light(samples: npt.NDArray[np.float32], registration: Registration, quantisation: float) -> Light:
-    """Black and white levels as second-order polynomials of place, from the black and white blocks of the frame.
+    """Fit black and white levels, polynomials of degree two in position, to the black and white blocks of the frame.
 
     Parameters
     ----------
     samples : (rows, columns) float32
         The plane.
     quantisation : float
-        One digital number in the plane's units: rounding is the least noise there is.
+        One digital number in the plane's units; rounding is a lower limit of the noise.
 
     References
     ----------
     Delbracio, Muse, Almansa, IPOL 2012, section 4.4.
     """
     points, block = _block_pixels(registration, samples.shape)
-    seen = _seen_in(samples, registration, points, block, quantisation)
-    black, variance_black, in_black = _fit_blocks(seen, BLACK_BLOCKS)
-    white, variance_white, in_white = _fit_blocks(seen, WHITE_BLOCKS)
-    blacks, whites = ([seen(one).value for one in wanted] for wanted in (BLACK_BLOCKS, WHITE_BLOCKS))
+    block_at = _block_reader(samples, registration, points, block, quantisation)
+    black, variance_black, in_black = _fit_blocks(block_at, BLACK_BLOCKS)
+    white, variance_white, in_white = _fit_blocks(block_at, WHITE_BLOCKS)
+    blacks, whites = ([block_at(block).value for block in places] for places in (BLACK_BLOCKS, WHITE_BLOCKS))
     levels = np.array([quantile(value, 0.5) for value in whites if len(value)])
     floor = quantisation**2 / 12
     dark, bright = float(np.sqrt(variance_black)), float(np.sqrt(variance_white))
@@ -119,12 +121,12 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
 
 
 def with_sensor(light: Light, sensor: SensorModel, plane: Plane) -> Light:
-    """The same light with the noise that the sensor's own calibration tells at its black and white.
+    """Replace the noise by that of the sensor's calibration at black and white.
 
     Parameters
     ----------
     plane : Plane
-        Its samples straightened by the sensor's response, as `straighten` does.
+        Samples linearised by `straighten`.
 
     Raises
     ------
@@ -134,44 +136,45 @@ def with_sensor(light: Light, sensor: SensorModel, plane: Plane) -> Light:
     levels = np.array([light.black[0], (light.black[0] + light.white[0]) / 2, light.white[0]])
     straight = levels / plane.quantisation + plane.black - sensor.dark_level
     signal = sensor.bent(straight)
-    if signal[2] > SATURATES * sensor.saturation:
+    if signal[2] > MAX_SIGNAL_SHARE * sensor.saturation:
         raise Refused(
-            f"the chart's white must lie below the sensor's saturation; it is at {signal[2] / sensor.saturation:.0%}",
-            "expose less: white at 80 % of the scale is right",
+            f"the chart's white must lie below {MAX_SIGNAL_SHARE:.0%} of the sensor's saturation; it lies at "
+            f"{signal[2] / sensor.saturation:.0%}",
+            "reduce the exposure until white lies at 80 % of full scale",
         )
-    black, middle, white = (float(v) for v in sensor.straightened_variance(straight) * plane.quantisation**2)
+    black, middle, white = (float(v) for v in sensor.linearised_variance(straight) * plane.quantisation**2)
     return replace(light, variance_black=black, variance_middle=middle, variance_white=white)
 
 
 def straighten(plane: Plane, sensor: SensorModel) -> Plane:
-    """The plane as a sensor of straight response would have given it."""
+    """Plane linearised by the sensor's response."""
     signal = plane.samples / plane.quantisation + (plane.black - sensor.dark_level)
-    straight = sensor.straightened(signal) - (plane.black - sensor.dark_level)
+    straight = sensor.linearised(signal) - (plane.black - sensor.dark_level)
     return replace(plane, samples=(straight * plane.quantisation).astype(np.float32))
 
 
 def bend_of_chart(light: Light, sensor: SensorModel, plane: Plane) -> float:
-    """Standard uncertainty of the response's beta over the chart's contrast, by the sensor's calibration.
+    """Standard uncertainty of the response's curvature beta over the chart's contrast, by the sensor's calibration.
 
-    A parabola that departs by d from a line over the whole range has 4 d for its beta, and over a part of the range
-    that part of it.
+    A parabola that departs by d from a line over the whole range has beta = 4 d, and proportionally less over a part of
+    the range.
     """
     share = light.contrast / plane.quantisation / sensor.saturation
-    return max(4 * sensor.bend_uncertainty * share, LEAST_BEND)
+    return max(4 * sensor.bend_uncertainty * share, MIN_BEND_UNCERTAINTY)
 
 
-def _neighbour_correlation(points: npt.NDArray[np.int64], left: Array) -> tuple[float, float]:
-    """Sums of products of the samples left over (n,) at pixels (n, 2) with their right and lower neighbours."""
+def _neighbour_correlation(points: npt.NDArray[np.int64], residual: Array) -> tuple[float, float]:
+    """Sums of products of residuals (n,) at pixels (n, 2) with their right and lower neighbours."""
     corner = points.min(axis=0)
     grid = np.zeros(points.max(axis=0) - corner + 1)
-    grid[tuple((points - corner).T)] = left
+    grid[tuple((points - corner).T)] = residual
     return float(np.sum(grid[1:] * grid[:-1])), float(np.sum(grid[:, 1:] * grid[:, :-1]))
 
 
 def _block_pixels(
     registration: Registration, shape: tuple[int, ...]
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Pixels (x, y) inside the chart's blocks, clear of their rims, and the blocks they lie in (column, row)."""
+    """Pixels (x, y) inside the chart's blocks, away from their borders, and their blocks (column, row)."""
     low, high = -float(BLOCK), float(CELLS + BLOCK)
     rim = registration.to_sensor(np.array([[low, low], [high, low], [high, high], [low, high]]))
     limit = np.array(shape[::-1]) - 1
@@ -189,87 +192,89 @@ def _block_pixels(
 
 @dataclass(frozen=True)
 class _Block:
-    """The pixels of one block (n, 2), their quadratics and samples, and which of them are no specks; and the samples
-    about their own surface, of second order as light of the neighbours comes in, where there are enough of them."""
+    """Pixels of one block (n, 2), their monomials and samples, the mask of inliers, and the residuals of the block's
+    own surface, of degree two because stray light from the neighbours enters, where there are enough samples."""
 
     pixels: npt.NDArray[np.int64]
     design: Array
     value: Array
-    clean: npt.NDArray[np.bool_]
-    around: Array
+    inliers: npt.NDArray[np.bool_]
+    residuals: Array
 
 
-def _seen_in(
+def _block_reader(
     samples: npt.NDArray[np.float32],
     registration: Registration,
     points: npt.NDArray[np.int64],
     block: npt.NDArray[np.int64],
     quantisation: float,
 ) -> Callable[[tuple[int, int]], _Block]:
-    """What is seen in the block of a column and row."""
+    """Function from a column and row to the block there."""
     number = block[:, 0] + BLOCKS * block[:, 1]
     order = np.argsort(number, kind="stable")
     starts = np.searchsorted(number[order], np.arange(BLOCKS * BLOCKS + 1)).tolist()
 
     @cache
-    def seen(place: tuple[int, int]) -> _Block:
+    def block_at(place: tuple[int, int]) -> _Block:
         n = place[0] + BLOCKS * place[1]
         pixels = points[order[starts[n] : starts[n + 1]]]
         value = samples[pixels[:, 1], pixels[:, 0]].astype(np.float64)
         design = quadratic(*((pixels - registration.centre) / registration.radius).T)
-        return _Block(pixels, design, value, *_clean(design, value, SPECK * quantisation))
+        return _Block(pixels, design, value, *_find_inliers(design, value, OUTLIER_SIGMAS * quantisation))
 
-    return seen
+    return block_at
 
 
-def _about_surface(design: Array, value: Array, kept: npt.NDArray[np.bool_]) -> Array:
-    """The samples (n,) less the surface through those kept."""
+def _surface_residuals(design: Array, value: Array, kept: npt.NDArray[np.bool_]) -> Array:
+    """Residuals (n,) of the surface through the kept samples."""
     return np.asarray(value - design @ np.linalg.lstsq(design[kept], value[kept], rcond=None)[0])
 
 
-def _clean(design: Array, value: Array, least: float) -> tuple[npt.NDArray[np.bool_], Array]:
-    """Which samples (n,) of a block no speck, scratch or rim of a shadow lies on, if most are clean; and all of them
-    less the surface through those."""
-    if len(value) <= FEWEST:
+def _find_inliers(design: Array, value: Array, least: float) -> tuple[npt.NDArray[np.bool_], Array]:
+    """Mask (n,) of a block's samples free of specks, scratches and shadows, if most are; and the residuals of the
+    surface through these."""
+    if len(value) <= MIN_SAMPLES:
         return np.ones(len(value), dtype=bool), value
-    kept, around = np.zeros(len(value), dtype=bool), value - quantile(value, 0.5)
+    kept, residuals = np.zeros(len(value), dtype=bool), value - quantile(value, 0.5)
     for _ in range(4):
-        away = np.abs(around)
-        last, kept = kept, np.asarray(away <= max(SPECK * 1.4826 * quantile(away, 0.5), least))
-        if np.count_nonzero(kept) <= FEWEST or np.array_equal(kept, last):
+        away = np.abs(residuals)
+        last, kept = kept, np.asarray(away <= max(OUTLIER_SIGMAS * 1.4826 * quantile(away, 0.5), least))
+        if np.count_nonzero(kept) <= MIN_SAMPLES or np.array_equal(kept, last):
             break
-        around = _about_surface(design, value, kept)
-    return kept, around
+        residuals = _surface_residuals(design, value, kept)
+    return kept, residuals
 
 
 def _fit_blocks(
-    seen: Callable[[tuple[int, int]], _Block], wanted: tuple[tuple[int, int], ...]
+    block_at: Callable[[tuple[int, int]], _Block], places: tuple[tuple[int, int], ...]
 ) -> tuple[Array, float, float]:
-    """Quadratic through the wanted blocks' pixels, their variance about a quadratic per block, and the correlation of
-    neighbours."""
-    blocks = [seen(place) for place in wanted]
+    """Quadratic through the pixels of the given blocks, their variance about a quadratic per block, and the correlation
+    of neighbours."""
+    blocks = [block_at(place) for place in places]
     square, freedom, neighbours = 0.0, 0, np.zeros(2)
-    for one in blocks:
-        left = one.around[one.clean] if np.count_nonzero(one.clean) > FEWEST else np.zeros(0)
-        if len(left):
-            square += float(left @ left)
-            freedom += len(left) - one.design.shape[1]
-            neighbours += _neighbour_correlation(one.pixels[one.clean], left)
-    coefficients = _robust_fit([one.design[one.clean] for one in blocks], [one.value[one.clean] for one in blocks])
+    for block in blocks:
+        residual = block.residuals[block.inliers] if np.count_nonzero(block.inliers) > MIN_SAMPLES else np.zeros(0)
+        if len(residual):
+            square += float(residual @ residual)
+            freedom += len(residual) - block.design.shape[1]
+            neighbours += _neighbour_correlation(block.pixels[block.inliers], residual)
+    coefficients = _robust_fit(
+        [block.design[block.inliers] for block in blocks], [block.value[block.inliers] for block in blocks]
+    )
     correlation = float(max(neighbours, key=abs)) / square if square > 0 else 0.0
     return coefficients, square / max(freedom, 1), correlation
 
 
 def _robust_fit(designs: list[Array], values: list[Array]) -> Array:
-    """Least squares over all blocks without those (hidden, shaded) whose mean is far from the others' fit."""
+    """Least squares over all blocks except the hidden or shaded ones, whose mean is an outlier of the fit."""
     used = [i for i, value in enumerate(values) if len(value)]
     design = np.array([designs[i].mean(axis=0) for i in used])
     level = np.array([values[i].mean() for i in used])
     weight = np.ones(len(used))
     for _ in range(10):
         fit = np.linalg.lstsq(design * weight[:, None], level * weight, rcond=None)[0]
-        left = np.abs(level - design @ fit)
-        weight = 1 / np.sqrt(1 + (left / (2 * quantile(left, 0.5) + 1e-4)) ** 4)
+        residual = np.abs(level - design @ fit)
+        weight = 1 / np.sqrt(1 + (residual / (2 * quantile(residual, 0.5) + 1e-4)) ** 4)
     kept = [used[i] for i in np.flatnonzero(weight > 0.2)]
     return np.asarray(
         np.linalg.lstsq(np.vstack([designs[i] for i in kept]), np.concatenate([values[i] for i in kept]), rcond=None)[0]

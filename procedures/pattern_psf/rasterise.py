@@ -1,4 +1,4 @@
-"""The chart on the s grid of the sensor: cells and frame, band-limited to s pi, read through the map."""
+"""Chart on the s grid of the sensor: cells and frame, band-limited to s pi, resampled through the registration."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array32 = npt.NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Window:
-    """The pixels around the noise region: first pixel (x, y), columns and rows."""
+    """Pixels around the noise region: first pixel (x, y), columns and rows."""
 
     x: int
     y: int
@@ -56,14 +56,14 @@ def whole_chart(chart: Chart) -> Array32:
 
 @dataclass(frozen=True)
 class Raster:
-    """The chart as spline coefficients, ready to be read through any map near the one it was made for.
+    """Spline coefficients of the chart, to be resampled through any map near the one they were made for.
 
     Attributes
     ----------
     coefficients : (320 G, 320 G) float32
         G grid points per cell. The mean of black and white is subtracted: values lie about 0.
     outline : (320 G, 320 G) float32
-        The same of the cells' outlines: what is added when ink spreads over the edges.
+        Coefficients of the cells' outlines, which are added where ink spreads over the edges.
     per_cell : int
         G.
     s : int
@@ -110,10 +110,10 @@ class Raster:
 
 
 def band_limited_chart(chart: Chart, registration: Registration, s: int) -> Raster:
-    """The chart with the frequencies that the s grid holds, s/2 cycles per pixel along each axis of the sensor.
+    """Band-limit the chart to the s grid: s/2 cycles per pixel along each axis of the sensor.
 
-    The cut is made in the chart's Fourier domain, for the map's derivative at the chart's centre: over a tilted
-    chart it moves by a few per cent, where the optics pass nothing any more.
+    The cutoff is applied in the chart's Fourier domain for the map's derivative at the chart's centre. Over a tilted
+    chart it varies by a few per cent, at frequencies beyond the cutoff of the optics.
 
     References
     ----------
@@ -130,6 +130,6 @@ def band_limited_chart(chart: Chart, registration: Registration, s: int) -> Rast
 
 @lru_cache(maxsize=4)
 def _spectra(cells: bytes) -> CellSpectra:
-    """Spectra of a chart's cells about their mean; kept, since one chart serves every plane of every photograph."""
+    """Spectra of a chart's cells about their mean; cached for all planes and photographs of one chart."""
     chart = Chart(np.frombuffer(cells, dtype=np.uint8).reshape(CELLS, CELLS))
     return CellSpectra.of(whole_chart(chart) - np.float32(0.5))

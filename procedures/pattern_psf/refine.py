@@ -1,16 +1,16 @@
-"""Geometry, light and response refined against the noise cells themselves, jointly with the PSF.
+"""Joint refinement of geometry, light, response and PSF on the noise cells.
 
-The marks give a map good to a few tenths of a pixel when the chart is tilted or the lens distorts; sixty-five
-thousand cells give it to a few thousandths. Every Gauss-Newton step linearises
+The map from the marks is accurate to a few tenths of a pixel where the chart is tilted or the lens distorts; that from
+the 65,536 cells to a few thousandths. Every Gauss-Newton step linearises
 
     y = A h + sum a_i q_i + sum b_i q_i m + beta (m^2 - m) + delta o + sum tau_j v_j
 
 about the current map, PSF and light, and eliminates everything but h (variable projection, Kaufman's form). y is the
-sample between the black and white levels, A the chart of values -1/2 and 1/2 (a_0 holds the mean), q_i the quadratics
-of place, m what the whole PSF shows of the chart, o the cells' outlines seen through the PSF, v_j the chart seen
-through the shapes of the PSF's far tail. delta is the spread of the ink, in cells: the printer makes black cells larger
-than white ones, which darkens the noise region just as a curved response would; only the picture of the outlines tells
-the two apart.
+sample between the black and white levels, A the chart of values -1/2 and 1/2 (a_0 contains the mean), q_i the
+quadratics of position, m the image of the chart through the whole PSF, o that of the cells' outlines, v_j those of the
+chart through the shapes of the PSF's far tail. delta is the ink spread, in cells: the printer makes black cells larger
+than white ones, which darkens the noise region as a curved response does; the image of the outlines distinguishes the
+two.
 """
 
 from __future__ import annotations
@@ -43,45 +43,45 @@ Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 GEOMETRY = 18  # nuisance columns of the displacement: nine cubics each for x and y
-RESPONSE, SPREAD, TAIL = 11, 12, 13  # places of beta, delta and the tail's first amplitude among the light's numbers
+RESPONSE, SPREAD, TAIL = 11, 12, 13  # indices of beta, delta and the tail's first amplitude in the light parameters
 NUISANCE = GEOMETRY + TAIL + len(SHAPES)
-LOST = 0.1  # agreement by the marks' map under which these are other cells, or none can be seen
-PRINT_TELLS = 1.06  # residual over noise from which the printed edges are worth estimating
+MIN_AGREEMENT = 0.1  # agreement by the marks' map below which the cells are others, or not resolved
+EDGES_RESIDUAL = 1.06  # residual over noise above which the printed edges are estimated
 COARSE_STEPS, FINE_STEPS, SWEEPS = 4, 4, 2
-TILES = 6  # along each side of the noise region: large beside the PSF, small beside what curls, shades or defocuses
-COARSE_SAMPLES = 9  # samples per PSF value that the coarse steps make do with
-NEAR_PX = 0.15  # below this a step's system is that of the answer, to the noise
-AT_ONCE = 256  # rows of a system that stay in the processor's cache
-STILL_PX = 0.015  # the step itself is accounted for to first order: what is left of it is a hundredth
+TILES = 6  # along each side of the noise region: wider than the PSF, narrower than curl, shading or defocus
+COARSE_SAMPLES = 9  # samples per PSF value in the coarse steps
+NEAR_PX = 0.15  # step below which the next linearisation agrees with that of the solution, to the noise
+ROWS_PER_BLOCK = 256  # rows of a system that fit the processor's cache
+TOLERANCE_PX = 0.015  # convergence tolerance: the step is applied to first order, and its remainder is a hundredth
 
 
 @dataclass(frozen=True)
 class ChartFit:
-    """The state of the refinement: the map, the PSF, the light's corrections, and what is left over.
+    """State of the refinement: map, PSF, light parameters, and residual.
 
     Attributes
     ----------
     registration : Registration
     h : (k^2,) float64
-        The PSF, not yet normalised: its sum is the contrast's correction.
+        PSF before normalisation; its sum is the contrast's correction.
     light : (19,) float64
         a (6), b without its constant (5), beta, delta, the tail's amplitudes (6).
     observation : Observation
     prediction : (m,) float64
         The model at the samples.
     equations : NormalEquations
-        Of the last step, for unit noise.
+        Normal equations of the last step, for unit noise.
     edges : (514,) or (0,) float64
-        Offsets of the printed edges, in cells: vertical lines, then horizontal ones; empty where they do not tell.
+        Offsets of the printed edges, in cells: vertical lines, then horizontal ones; empty where not estimated.
     edge_rms : float
-        Their root mean square, in cells.
+        Root mean square of the offsets, in cells.
     scores : (TILES^2, k^2 + p) float64
-        What each tile of the noise region, row by row, adds to the normal equations' right side at the answer: their
-        sum is 0, and their scatter is that of the answer, whatever the residual is made of.
+        Contribution of each tile of the noise region, row by row, to the normal equations' right side at the solution.
+        Their sum is 0, and their scatter gives that of the solution, whatever the cause of the residual.
     still : bool
-        Whether the map came to rest.
+        Whether the map converged.
     slopes : (m, 2) float64
-        Change of the prediction, in units of the noise, per pixel by which the map is moved along x and y.
+        Derivative of the prediction, in units of the noise, by a shift of the map along x and y in pixels.
     """
 
     registration: Registration
@@ -93,7 +93,7 @@ class ChartFit:
     edges: Array
     edge_rms: float = 0.0
     scores: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    still: bool = False
+    converged: bool = False
     slopes: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
@@ -103,19 +103,19 @@ class ChartFit:
 
     @property
     def freedom(self) -> int:
-        """Samples minus parameters; the edges' count by half and the tail's shapes not, as priors hold them."""
+        """Degrees of freedom; the edges count by half and the tail's shapes not at all, because of their priors."""
         return len(self.observation) - len(self.h) - GEOMETRY - TAIL - 1 - len(self.edges) // 2
 
     @property
     def residual_std(self) -> float:
-        """Standard deviation of the residual, freedoms allowed for: 1 when only the blocks' noise is left."""
+        """Standard deviation of the residual in units of the blocks' noise, corrected for the degrees of freedom."""
         return float(np.sqrt(self.residual @ self.residual / self.freedom))
 
     @property
     def agreement(self) -> float:
-        """Share of the samples' variance that the prediction explains, freedoms allowed for."""
-        left = self.observation.y - self.prediction
-        return 1 - float(left @ left) / self.freedom / float(np.var(self.observation.y))
+        """Share of the samples' variance that the prediction explains, corrected for the degrees of freedom."""
+        residual = self.observation.y - self.prediction
+        return 1 - float(residual @ residual) / self.freedom / float(np.var(self.observation.y))
 
     @property
     def cut(self) -> float:
@@ -126,27 +126,27 @@ class ChartFit:
 
 @dataclass(frozen=True)
 class TailPrior:
-    """What optics tell of the mean far tail before it is fitted.
+    """Prior of the mean far tail from diffraction.
 
     Attributes
     ----------
     density_px : float
         a of the tail a / r^3 per square pixel of a PSF of sum 1, r in pixels.
     share : float
-        Its standard uncertainty over it.
+        Relative standard uncertainty.
     """
 
     density_px: float
     share: float
 
     def energy(self, s: int, k: int) -> float:
-        """The first amplitude, beside light of 1."""
+        """First amplitude of the tail of a PSF of sum 1."""
         return self.density_px * s / tail_density(k)
 
 
 @dataclass(frozen=True)
 class _Model:
-    """The chart as it can be seen: what does not change while the map is refined."""
+    """Chart model: everything that stays constant during the refinement."""
 
     chart: Array32
     raster: Raster
@@ -157,19 +157,19 @@ class _Model:
     bend: float | None = None
 
     def read(self, registration: Registration, border: int) -> Array32:
-        """The chart on the s grid of the window, with a border."""
+        """Chart on the s grid of the window, with a border."""
         return self.raster.read(registration, self.window, border)
 
     def system(self, o: Observation, u: Array32, more: int = 0) -> Array32:
-        """The weighted convolution matrix, for the chart `u` with a border of the support's or more; and more columns
-        that are to be filled."""
+        """Weighted convolution matrix of the chart `u`, whose border is at least the support's, and `more` columns to
+        be filled."""
         extra = (u.shape[0] - (self.raster.s * (self.window.rows - 1) + self.k)) // 2
         inner = u[extra : len(u) - extra, extra : u.shape[1] - extra]
         weight = o.weight.astype(np.float32)
         return np.asarray(sample_convolution(inner, o.rows, o.columns, weight, self.raster.s, self.k, more))
 
     def far(self, fit: ChartFit, u: Array32) -> Array:
-        """What is no part of h: the outlines seen through the PSF, the chart `u` seen through the tail, (m, 7)."""
+        """Columns outside h (m, 7): the outlines through the PSF, the chart `u` through the tail's shapes."""
         o, s = fit.observation, self.raster.s
         outline = self.raster.read_outline(fit.registration, self.window, self.k // 2)
         h = fit.h.reshape(self.k, self.k).astype(np.float32)
@@ -179,7 +179,7 @@ class _Model:
         return np.column_stack([spread, tail])
 
     def edges(self, fit: ChartFit) -> Edges:
-        """How the samples change with the printed edges."""
+        """Derivative of the samples by the printed edges."""
         o, h = fit.observation, fit.h.reshape(self.k, self.k)
         return Edges.of(edge_columns(self.chart, fit.registration, o.points, h, self.raster.s, o.weight))
 
@@ -195,25 +195,25 @@ def refine(
     tail: TailPrior | None = None,
     bend: float | None = None,
 ) -> ChartFit:
-    """The joint estimate of PSF, map and light, from the marks' map on; of the printed edges where they tell.
+    """Estimate PSF, map and light jointly, starting from the marks' map; and the printed edges where significant.
 
-    Some of the samples bring the map near, all of them bring it to rest.
+    Coarse steps use a subset of the samples, fine steps all of them.
 
     Parameters
     ----------
     observation : Observation
     chart : Chart
     registration : Registration
-        The marks' map, or that of another fit.
+        Map by the marks, or by another fit.
     window : Window
     s, k : int
         Samples per pixel, and their number along the PSF's side.
     far : (rows, columns) float32
-        What comes into the window from beyond the tail's reach, black -1/2 and white 1/2, from `far_light`.
+        Light in the window from beyond the range of the tail's shapes, black -1/2 and white 1/2, from `far_light`.
     tail : TailPrior, optional
-        What is known of the far tail.
+        Prior of the far tail.
     bend : float, optional
-        Standard uncertainty of beta, where the response was straightened by the sensor's own calibration.
+        Standard uncertainty of beta, where the response was linearised by the sensor's calibration.
     """
     model = _Model(whole_chart(chart), band_limited_chart(chart, registration, s), window, k, far, tail, bend)
     stride = max(2, len(observation) // (COARSE_SAMPLES * k * k))
@@ -222,7 +222,7 @@ def refine(
     A = model.system(coarse, model.read(registration, k // 2))
     AA = gram(A)
     fit = _first_fit(coarse, A, AA, registration)
-    if fit.agreement < LOST:
+    if fit.agreement < MIN_AGREEMENT:
         return fit
     for step in range(COARSE_STEPS):
         if step > 0:
@@ -235,18 +235,18 @@ def refine(
     fit = replace(fit, observation=observation)
     for _ in range(FINE_STEPS):
         start = _centred(fit, model)
-        fit, whole = _fine_step(start, model)
-        moved = map_distance(start.registration, fit.registration, coarse.points[::29])
-        if moved < STILL_PX:
+        fit, system_matrix = _fine_step(start, model)
+        step_px = map_distance(start.registration, fit.registration, coarse.points[::29])
+        if step_px < TOLERANCE_PX:
             break
-    slopes = _seen(whole[:, : k * k], fit.h, s, k)[1]
-    return replace(fit, still=bool(moved < 10 * STILL_PX), scores=_scores(fit, whole), slopes=slopes)
+    slopes = _predict(system_matrix[:, : k * k], fit.h, s, k)[1]
+    return replace(fit, converged=bool(step_px < 10 * TOLERANCE_PX), scores=_scores(fit, system_matrix), slopes=slopes)
 
 
-def first_look(
+def fit_by_marks(
     observation: Observation, chart: Chart, registration: Registration, window: Window, s: int, k: int
 ) -> ChartFit:
-    """The PSF by the marks' map as it stands, which nothing before the chart can lead astray."""
+    """Fit the PSF with the unrefined map of the marks, which is robust to partly hidden cells."""
     model = _Model(
         whole_chart(chart), band_limited_chart(chart, registration, s), window, k, np.zeros((0, 0), np.float32)
     )
@@ -254,16 +254,16 @@ def first_look(
     return _first_fit(observation, A, gram(A), registration)
 
 
-def _scores(fit: ChartFit, whole: Array32) -> Array:
-    """The share of every tile in A'r and Z'r, (TILES^2, k^2 + p); A and Z are the system's columns but the last."""
+def _scores(fit: ChartFit, system_matrix: Array32) -> Array:
+    """Contribution of every tile to A'r and Z'r, (TILES^2, k^2 + p); A and Z are the system's columns but the last."""
     o = fit.observation
     row, column = (np.minimum(place * TILES // (place.max() + 1), TILES - 1) for place in (o.rows, o.columns))
-    sums = sums_of_groups(whole, row * TILES + column, fit.residual.astype(np.float32), TILES * TILES)
+    sums = sums_of_groups(system_matrix, row * TILES + column, fit.residual.astype(np.float32), TILES * TILES)
     return np.asarray(sums[:, :-1], dtype=np.float64)
 
 
 def _first_fit(o: Observation, A: Array32, AA: Array, registration: Registration) -> ChartFit:
-    """The PSF by the marks' map with the light's quadratics free."""
+    """Fit the PSF and the light's quadratics with the map of the marks."""
     equations = eliminate(products(AA, A, o.quadratics * o.weight[:, None], o.y * o.weight))
     h = equations.kernel
     light = np.zeros(TAIL + len(SHAPES))
@@ -273,7 +273,7 @@ def _first_fit(o: Observation, A: Array32, AA: Array, registration: Registration
 
 
 def _centred(fit: ChartFit, model: _Model) -> ChartFit:
-    """The same fit with the map shifted to where the marks are seen through its PSF; the next step moves the PSF."""
+    """Shift the map of a fit by the mark offset of its PSF; the next step moves the PSF."""
     h = fit.h.reshape(model.k, model.k)
     return replace(
         fit, registration=fit.registration.translated(-mark_offset(h, model.raster.s, fit.registration.jacobian()))
@@ -281,44 +281,44 @@ def _centred(fit: ChartFit, model: _Model) -> ChartFit:
 
 
 def _coarse_step(fit: ChartFit, model: _Model, A: Array32, AA: Array) -> ChartFit:
-    """A Gauss-Newton step of geometry, light and response by the map's system A, with its Gram matrix."""
+    """One Gauss-Newton step of PSF, geometry, light and response, for the system A and its Gram matrix."""
     start, Z = _linearised(fit, A, model, np.zeros((len(fit.observation), 0)))
     return _advanced(start, A, Z, eliminate(products(AA, A, Z * fit.observation.weight[:, None], start.residual)))
 
 
 def _fine_step(fit: ChartFit, model: _Model) -> tuple[ChartFit, Array32]:
-    """A Gauss-Newton step of everything, with the printed edges where it leaves more than noise; and its system."""
+    """One Gauss-Newton step of all parameters, with the printed edges where the residual exceeds the noise."""
     n, u = model.k**2, model.read(fit.registration, tail_border(model.k))
-    whole = model.system(fit.observation, u, NUISANCE + 1)
-    A = whole[:, :n]
+    system_matrix = model.system(fit.observation, u, NUISANCE + 1)
+    A = system_matrix[:, :n]
     start, Z = _linearised(fit, A, model, model.far(fit, u))
     weighted = Z * fit.observation.weight[:, None]
-    parts = _with_known(products_within(whole, n, weighted, start.residual), start, model)
-    found = _advanced(start, A, Z, eliminate(parts))
-    if found.residual_std < PRINT_TELLS:
-        return found, whole
+    parts = _with_priors(products_within(system_matrix, n, weighted, start.residual), start, model)
+    result = _advanced(start, A, Z, eliminate(parts))
+    if result.residual_std < EDGES_RESIDUAL:
+        return result, system_matrix
     edges = model.edges(fit)
-    rms, noise = edges.widths(found.residual)
-    estimator, moved = edges.estimator(rms, noise), np.zeros(len(found.residual))
-    for _ in range(SWEEPS):  # edges and PSF have little in common: the sweeps close in by a factor of ten each
-        offsets = estimator(found.residual + moved)
-        moved = edges.C.seen(offsets)
-        shifted = replace(start, prediction=start.prediction + moved / start.observation.weight)
+    rms, noise = edges.widths(result.residual)
+    estimator, step_px = edges.estimator(rms, noise), np.zeros(len(result.residual))
+    for _ in range(SWEEPS):  # weakly coupled: the error falls tenfold each time
+        offsets = estimator(result.residual + step_px)
+        step_px = edges.C.apply(offsets)
+        shifted = replace(start, prediction=start.prediction + step_px / start.observation.weight)
         parts = parts.with_right_side(A, weighted, shifted.residual)
-        found = _advanced(shifted, A, Z, found.equations.with_right_side(parts))
-    return replace(found, edges=offsets, edge_rms=rms), whole
+        result = _advanced(shifted, A, Z, result.equations.with_right_side(parts))
+    return replace(result, edges=offsets, edge_rms=rms), system_matrix
 
 
-def _with_known(parts: Products, fit: ChartFit, model: _Model) -> Products:
-    """The products with what is known of the response and of the tail's amplitudes before they are fitted."""
-    first, known = GEOMETRY + TAIL, model.tail
+def _with_priors(parts: Products, fit: ChartFit, model: _Model) -> Products:
+    """Add the priors of the response and of the tail's amplitudes to the products."""
+    first, tail_prior = GEOMETRY + TAIL, model.tail
     precision, pull = np.zeros((2, len(parts.ZZ)))
     if model.bend is not None:
         precision[GEOMETRY + RESPONSE] = 1 / model.bend**2
         pull[GEOMETRY + RESPONSE] = -fit.light[RESPONSE]
-    if known is not None:
-        expected = known.energy(model.raster.s, model.k)
-        precision[first] = 1 / (known.share * expected) ** 2
+    if tail_prior is not None:
+        expected = tail_prior.energy(model.raster.s, model.k)
+        precision[first] = 1 / (tail_prior.share * expected) ** 2
         pull[first] = expected - fit.light[TAIL]
     precision[first + 1 :] = 1e12
     tail = fit.light[TAIL]
@@ -331,7 +331,7 @@ def _with_known(parts: Products, fit: ChartFit, model: _Model) -> Products:
 
 
 def _advanced(start: ChartFit, A: Array32, Z: Array, equations: NormalEquations) -> ChartFit:
-    """The fit with the increments that solve the equations, and the prediction they make, to first order."""
+    """Apply the increments that solve the equations, with the prediction to first order."""
     o, n = start.observation, Z.shape[1]
     dh = equations.kernel
     t = equations.nuisance(dh)
@@ -348,24 +348,24 @@ def _advanced(start: ChartFit, A: Array32, Z: Array, equations: NormalEquations)
 
 
 def _linearised(fit: ChartFit, A: Array32, model: _Model, far: Array) -> tuple[ChartFit, Array]:
-    """The fit with its prediction by the system A, and the columns of geometry, light, response and `far`."""
+    """Linearise a fit: its prediction by the system A, and the columns of geometry, light, response and `far`."""
     o, k = fit.observation, model.k
-    seen, slopes = _seen(A, fit.h, model.raster.s, k)
-    seen, slopes = seen / o.weight, slopes / o.weight[:, None]
+    predicted, slopes = _predict(A, fit.h, model.raster.s, k)
+    predicted, slopes = predicted / o.weight, slopes / o.weight[:, None]
     tail = fit.light[TAIL:] if far.shape[1] else np.zeros(0)
-    m = (seen + far[:, 1:] @ tail + (fit.h.sum() + tail_sums(k)[: len(tail)] @ tail) / 2)[:, None]
+    m = (predicted + far[:, 1:] @ tail + (fit.h.sum() + tail_sums(k)[: len(tail)] @ tail) / 2)[:, None]
     geometry = displacement_columns(slopes, o.cubics)
     Z = np.hstack([geometry, o.quadratics, o.quadratics[:, 1:] * m, m * m - m, far])
-    return replace(fit, prediction=seen + Z[:, GEOMETRY:] @ fit.light[: Z.shape[1] - GEOMETRY]), Z
+    return replace(fit, prediction=predicted + Z[:, GEOMETRY:] @ fit.light[: Z.shape[1] - GEOMETRY]), Z
 
 
-def _seen(A: Array32, h: Array, s: int, k: int) -> tuple[Array, Array]:
-    """The weighted prediction (m,) of a PSF, and its change per pixel of displacement along x and y, (m, 2)."""
+def _predict(A: Array32, h: Array, s: int, k: int) -> tuple[Array, Array]:
+    """Weighted prediction (m,) of a PSF, and its derivative (m, 2) by a displacement along x and y in pixels."""
     slope_y, slope_x = np.gradient(h.reshape(k, k))
     columns = [one.ravel().astype(np.float32) for one in (h, slope_x, slope_y)]
-    found = np.empty((len(A), 3))
-    for first in range(0, len(A), AT_ONCE):
-        part = A[first : first + AT_ONCE]
-        for j, column in enumerate(columns):  # a product each: one of a matrix and three columns takes longer
-            found[first : first + AT_ONCE, j] = part @ column
-    return found[:, 0], found[:, 1:] * s
+    result = np.empty((len(A), 3))
+    for first in range(0, len(A), ROWS_PER_BLOCK):
+        part = A[first : first + ROWS_PER_BLOCK]
+        for j, column in enumerate(columns):  # faster than one product with three columns
+            result[first : first + ROWS_PER_BLOCK, j] = part @ column
+    return result[:, 0], result[:, 1:] * s

@@ -1,4 +1,4 @@
-"""The map from the sensor to the chart: x-corners to subpixel, a homography, and what the lens adds to it."""
+"""Map from the sensor to the chart: subpixel x-corners, a homography, and a cubic for the lens distortion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Registration(CubicWarp):
-    """Where every pixel of the plane lies on the chart: pixels (x, y) -> cells (x, y); the marks fix its constant."""
+    """Map from pixels (x, y) of the plane to cells (x, y) of the chart; the marks fix its translation."""
 
     @property
     def H_pattern_sensor(self) -> Array:
@@ -28,18 +28,18 @@ class Registration(CubicWarp):
         return self.forward(points)
 
     def to_sensor(self, cells: Array) -> Array:
-        """Points (n, 2) of the plane at which cells (n, 2) are seen."""
+        """Points (n, 2) of the plane at which cells (n, 2) are imaged."""
         return self.backward(cells)
 
 
 def refine_corners(plane: npt.NDArray[np.float32], corners: Array, block_px: float) -> Array:
-    """The x-corners (n, 2) to subpixel: where the gradients around are orthogonal to the rays (NaN rows stay).
+    """Refine x-corners (n, 2) to subpixel accuracy, where the surrounding gradients are orthogonal to the rays.
 
     Parameters
     ----------
     plane : (rows, columns) float32
     corners : (n, 2) float64
-        First positions (x, y), to about a pixel.
+        Initial positions (x, y), accurate to about a pixel; NaN rows stay.
     block_px : float
         Side of a block of the chart's frame, in pixels: the window must stay inside the block.
 
@@ -48,25 +48,25 @@ def refine_corners(plane: npt.NDArray[np.float32], corners: Array, block_px: flo
     Delbracio, Muse, Almansa, IPOL 2012, section 4.2, equation (1).
     """
     half = max(2, int(0.25 * block_px))
-    seen = np.isfinite(corners).all(axis=1)
-    first = corners[seen].astype(np.float32).reshape(-1, 1, 2)
+    visible = np.isfinite(corners).all(axis=1)
+    first = corners[visible].astype(np.float32).reshape(-1, 1, 2)
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-5)
-    found = cv2.cornerSubPix(plane, first.copy(), (half, half), (-1, -1), criteria)
+    refined_visible = cv2.cornerSubPix(plane, first.copy(), (half, half), (-1, -1), criteria)
     refined = np.full_like(corners, np.nan)
-    refined[seen] = found.reshape(-1, 2)
+    refined[visible] = refined_visible.reshape(-1, 2)
     return refined
 
 
 def register_marks(corners: Array) -> Registration:
-    """The map that the x-corners alone support: a homography, by least squares on the sensor.
+    """Fit a homography to the x-corners by least squares on the sensor.
 
     Parameters
     ----------
     corners : (12, 2) float64
         x-corners (x, y) in pixels, in the order of `pattern.X_CORNERS`; NaN where hidden.
     """
-    seen = np.isfinite(corners).all(axis=1)
-    H_sensor_pattern = fit_homography(X_CORNERS[seen], corners[seen])
+    visible = np.isfinite(corners).all(axis=1)
+    H_sensor_pattern = fit_homography(X_CORNERS[visible], corners[visible])
     middle = np.array([[CELLS / 2, CELLS / 2]])
     rim = np.array([[0.0, 0.0], [CELLS, 0.0], [CELLS, CELLS], [0.0, CELLS]])
     centre = apply_homography(H_sensor_pattern, middle)[0]
@@ -75,13 +75,13 @@ def register_marks(corners: Array) -> Registration:
 
 
 def mark_residuals(registration: Registration, corners: Array) -> Array:
-    """Distances (n, 2), in pixels, of the visible marks from where the map sees them."""
-    seen = np.isfinite(corners).all(axis=1)
-    return np.asarray(corners[seen] - registration.to_sensor(X_CORNERS[seen]))
+    """Offsets (n, 2), in pixels, of the visible marks from their mapped positions."""
+    visible = np.isfinite(corners).all(axis=1)
+    return np.asarray(corners[visible] - registration.to_sensor(X_CORNERS[visible]))
 
 
 def map_distance(a: Registration, b: Registration, points: Array) -> float:
-    """Largest distance, in pixels, between the places where two maps see the cells that `b` sees at points (n, 2)."""
+    """Largest distance, in pixels, between two maps of the cells that `b` has at points (n, 2)."""
     cells = a.to_pattern(points) - b.to_pattern(points)
     return float(np.abs(cells @ inverse(b.jacobian()).T).max())
 

@@ -1,10 +1,11 @@
-"""The PSF that is reported, of sum 1 and by the solver asked for, with its covariance and its centre's.
+"""Reported PSF, of sum 1 and by the requested solver, with its covariance and that of its centre.
 
-Its errors, its centre's and those of the chart's bins come from the same samples. The joint fit has errors of the PSF,
-h, and of the displacement, g: g = -E h + w, w what the noise adds to it where h is known. The chart's centre is seen
-where the map and the PSF's own mark put it, c = F h - D g. A bin is placed by its own samples (`correspondences`), with
-r = n - A h - J g - ...: map and step of the bin together have no g in them, only the noise n, h, and F h, by which the
-marks hold the whole map. The covariance of n with the fit's errors is that of the fit's part of it, so that
+The errors of the PSF, of its centre and of the chart's bins come from the same samples. The joint fit has the errors h
+of the PSF and g of the displacement, g = -E h + w, where w is the error by the noise if h is known. The chart's centre
+is imaged at c = F h - D g, by the map and the PSF's mark offset. A bin is located by its own samples
+(`correspondences`), with r = n - A h - J g - ...: the sum of map and bin step does not depend on g, only on the noise
+n, on h, and on F h, by which the marks fix the map's translation. The covariance of n with the fit's errors is that of
+the fitted part of n, so that
 
     Cov(x, p) = Cov(F h - D_x g, p)
 
@@ -31,18 +32,18 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class SharedErrors:
-    """Covariances of a chart's parts, P the number of the PSF's parameters.
+    """Covariances shared by PSF, centre and map of a chart; P is the number of the PSF's parameters.
 
     Attributes
     ----------
     centre : (P, 2) float64
-        Of the PSF's parameters with the place where the chart's centre is seen, in pixels of the plane.
+        PSF's parameters with the image of the chart's centre, in pixels of the plane.
     displacement : (18, P + 2) float64
-        Of the coefficients of the map's displacement with the PSF's parameters, then with that place.
+        Coefficients of the map's displacement with the PSF's parameters, then with that centre.
     mark : (2, P + 2) float64
-        Of the place of the PSF's mark with the same.
+        Mark offset of the PSF with the PSF's parameters, then with that centre.
     middle : (9,) float64
-        Mean of the displacement's monomials over the samples: where the map stays in place.
+        Mean of the displacement's monomials over the samples, the fixed point of the map.
     """
 
     centre: Array
@@ -51,7 +52,7 @@ class SharedErrors:
     middle: Array
 
     def of_points(self, registration: Registration, points: Array) -> Array:
-        """Covariance (n, 2, P + 2) of places (n, 2), as bins are seen there, with the PSF's parameters and centre."""
+        """Covariance (n, 2, P + 2) of bin positions (n, 2) with the PSF's parameters and centre."""
         monomials = registration.monomials(points) - self.middle
         halves = self.displacement.reshape(2, 9, -1)
         return np.asarray(self.mark - np.einsum("nm,amp->nap", monomials, halves))
@@ -59,7 +60,7 @@ class SharedErrors:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The PSF, the covariance (2, 2) of where the chart's centre is seen, and what both share with the map."""
+    """PSF, covariance (2, 2) of the image of the chart's centre, and the covariances that both share with the map."""
 
     psf: Psf
     centre_covariance: Array
@@ -67,34 +68,34 @@ class Solution:
 
 
 def solution(fit: ChartFit, s: int, k: int, solver: str) -> Solution:
-    """The PSF as asked for, of sum 1, with the covariance of the least-squares solution.
+    """PSF of sum 1 by the requested solver, with the covariance of the least-squares solution.
 
-    For "clip" and "nnls" the same covariance is an upper limit: what they add to the data only takes noise away.
+    For "clip" and "nnls" this covariance is an upper limit, as their constraints only reduce the noise.
     """
-    covariance = _with_tail(fit)
+    covariance = _joint_covariance(fit)
     h = _kernel(fit, covariance[: k * k, : k * k], s, solver)
     amplitudes = fit.light[TAIL:] + fit.equations.response(h - fit.h)[GEOMETRY + TAIL :]
     p, covariance = _normalised(np.concatenate([h, amplitudes]), covariance, len(h))
-    # the centre follows the PSF: an error of h that shifts it shifts the map back
+    # the centre follows the PSF: an error of h that shifts the PSF shifts the map back
     n, image = len(h), p[: len(h)].reshape(k, k)
     slope_y, slope_x = np.gradient(image)
-    back = np.zeros((len(p), 2))
-    back[:n] = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
-    forth = mark_offset_gradient(image, s, fit.registration.jacobian())
-    displaced = _displaced(fit)
-    shared = _following(_shared(fit, covariance, forth, displaced), forth, back)
-    centre_covariance = _centre_covariance(fit, covariance[:n, :n], forth, displaced)
-    covariance = covariance + back @ (forth @ covariance[:n])
-    covariance = covariance + (covariance[:, :n] @ forth.T) @ back.T
+    shift_gradient = np.zeros((len(p), 2))
+    shift_gradient[:n] = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
+    mark_gradient = mark_offset_gradient(image, s, fit.registration.jacobian())
+    centre_gradient = _centre_gradient(fit)
+    shared = _recentred(_shared(fit, covariance, mark_gradient, centre_gradient), mark_gradient, shift_gradient)
+    centre_covariance = _centre_covariance(fit, covariance[:n, :n], mark_gradient, centre_gradient)
+    covariance = covariance + shift_gradient @ (mark_gradient @ covariance[:n])
+    covariance = covariance + (covariance[:, :n] @ mark_gradient.T) @ shift_gradient.T
     tail = PsfTail(p[n:], covariance[n:, n:], covariance[:n, n:])
     return Solution(Psf(image, s, covariance[:n, :n], tail), centre_covariance, shared)
 
 
 def _kernel(fit: ChartFit, covariance: Array, s: int, solver: str) -> Array:
-    """The kernel (k^2,) as the solver has it, its sum the contrast's correction.
+    """Kernel (k^2,) by the solver; its sum is the contrast's correction.
 
-    Non-negativity alone leaves the noise that is positive: where a photograph is noisy that is most of the
-    error. How large, wide and smooth the kernel is shows above that noise, and holds the rest of it down.
+    Non-negativity alone keeps positive noise, most of the error of a noisy photograph. "nnls" therefore adds a Gaussian
+    prior whose amplitude, width and smoothness are estimated from the least-squares kernel.
     """
     if solver == "ls":
         return fit.h
@@ -105,8 +106,8 @@ def _kernel(fit: ChartFit, covariance: Array, s: int, solver: str) -> Array:
     return solve_constrained(G, b, solver)
 
 
-def _with_tail(fit: ChartFit) -> Array:
-    """Covariance of the samples and the tail's amplitudes, (k^2 + q, k^2 + q), before they are normalised.
+def _joint_covariance(fit: ChartFit) -> Array:
+    """Covariance of the PSF's samples and the tail's amplitudes, (k^2 + q, k^2 + q), before normalisation.
 
     Given h, the nuisance parameters are linear in it: t = (Z'Z)^-1 (Z'r - Z'A h).
     """
@@ -114,12 +115,12 @@ def _with_tail(fit: ChartFit) -> Array:
     of_tail = slice(GEOMETRY + TAIL, None)
     C, E = equations.inverse, equations.E[of_tail]
     cross = -C @ E.T
-    own = cholesky_inverse(equations.ZZ)[of_tail, of_tail] - E @ cross
-    return np.block([[C, cross], [cross.T, own]]) * fit.residual_std**2
+    conditional = cholesky_inverse(equations.ZZ)[of_tail, of_tail] - E @ cross
+    return np.block([[C, cross], [cross.T, conditional]]) * fit.residual_std**2
 
 
 def _normalised(p: Array, covariance: Array, n: int) -> tuple[Array, Array]:
-    """Parameters over the sum of the first n of them, the samples, and their covariance, to first order."""
+    """Parameters divided by the sum of the first n, the samples, and their covariance to first order."""
     total = p[:n].sum()
     p = p / total
     # J C J' with J = (I - p 1_n') / total
@@ -128,73 +129,82 @@ def _normalised(p: Array, covariance: Array, n: int) -> tuple[Array, Array]:
     return p, covariance / total**2
 
 
-def _displaced(fit: ChartFit) -> Array:
-    """How the displacement's coefficients move the chart's centre, (2, 18), from the samples' mean, which stays."""
+def _centre_gradient(fit: ChartFit) -> Array:
+    """Derivative (2, 18) of the chart's centre by the displacement's coefficients, relative to the samples' mean."""
     middle = fit.registration.to_sensor(np.full((1, 2), CELLS / 2))
     return np.kron(np.eye(2), fit.registration.monomials(middle)[0] - fit.observation.cubics.mean(axis=0))
 
 
-def _shared(fit: ChartFit, covariance: Array, forth: Array, displaced: Array) -> SharedErrors:
-    """What the map's displacement shares with a PSF of sum 1 of that covariance, and with its centre."""
-    own = cholesky_inverse(fit.equations.ZZ)[:GEOMETRY] * fit.residual_std**2
-    kept = np.hstack([own[:, :GEOMETRY], own[:, GEOMETRY + TAIL :]])
+def _shared(fit: ChartFit, covariance: Array, mark_gradient: Array, centre_gradient: Array) -> SharedErrors:
+    """Covariances of the map's displacement with a PSF of sum 1 and with its centre."""
+    conditional = cholesky_inverse(fit.equations.ZZ)[:GEOMETRY] * fit.residual_std**2
+    selected = np.hstack([conditional[:, :GEOMETRY], conditional[:, GEOMETRY + TAIL :]])
     middle, total = fit.observation.cubics.mean(axis=0), float(fit.h.sum())
-    return _shared_errors(kept, fit.equations.E[:GEOMETRY] * total, covariance, forth, displaced, middle, total)
+    return _shared_errors(
+        selected, fit.equations.E[:GEOMETRY] * total, covariance, mark_gradient, centre_gradient, middle, total
+    )
 
 
-def _centre_covariance(fit: ChartFit, covariance: Array, forth: Array, displaced: Array) -> Array:
-    """Covariance (2, 2), in squared pixels, of the place where the chart's centre is seen.
+def _centre_covariance(fit: ChartFit, covariance: Array, mark_gradient: Array, centre_gradient: Array) -> Array:
+    """Covariance (2, 2), in squared pixels, of the image of the chart's centre.
 
-    An error of h moves where the marks are seen, by `forth`, and brings errors of the displacement with it; the
-    displacement's own come on top.
+    An error of h moves the images of the marks, by `mark_gradient`, and the displacement, whose own errors add.
     """
     equations = fit.equations
     with_h = equations.E[:GEOMETRY] * fit.h.sum()
-    own = cholesky_inverse(equations.ZZ)[:GEOMETRY, :GEOMETRY] * fit.residual_std**2
-    moved = forth + displaced @ with_h
-    return np.asarray(moved @ covariance @ moved.T + displaced @ own @ displaced.T)
+    conditional = cholesky_inverse(equations.ZZ)[:GEOMETRY, :GEOMETRY] * fit.residual_std**2
+    moved = mark_gradient + centre_gradient @ with_h
+    return np.asarray(moved @ covariance @ moved.T + centre_gradient @ conditional @ centre_gradient.T)
 
 
-# --- what errors share ----------------------------------------------------------------------------------------------
+# --- shared errors --------------------------------------------------------------------------------------------------
 
 
 def _shared_errors(
-    own: Array, with_h: Array, covariance: Array, forth: Array, displaced: Array, middle: Array, total: float
+    conditional: Array,
+    with_h: Array,
+    covariance: Array,
+    mark_gradient: Array,
+    centre_gradient: Array,
+    middle: Array,
+    total: float,
 ) -> SharedErrors:
-    """The covariances, before the PSF's samples follow their centre (`_following`).
+    """Compute the covariances before the PSF's samples follow their centre (`_recentred`).
 
     Parameters
     ----------
     own : (18, 18 + q) float64
-        Covariance of the displacement's coefficients with themselves and the tail's amplitudes, h known.
+        Covariance of the displacement's coefficients with themselves and the tail's amplitudes, for known h.
     with_h : (18, n) float64
-        By what the displacement falls as a PSF of sum 1 grows: E.
+        Negative derivative of the displacement by a PSF of sum 1: E.
     covariance : (P, P) float64
-        Of the PSF's parameters, of sum 1.
+        PSF's parameters, of sum 1.
     forth : (2, n) float64
-        How the mark's place follows the PSF: F.
+        Derivative of the mark offset by the PSF: F.
     displaced : (2, 18) float64
-        How the chart's centre follows the displacement: D.
+        Derivative of the chart's centre by the displacement: D.
     middle : (9,) float64
     total : float
         Sum of the PSF's samples before they were normalised.
     """
     n = with_h.shape[1]
-    of_parameters = -with_h @ covariance[:n]
-    of_parameters[:, n:] += own[:, 18:] / total
-    itself = with_h @ covariance[:n, :n] @ with_h.T + own[:, :18]
-    of_centre = of_parameters[:, :n] @ forth.T - itself @ displaced.T
-    centre = covariance[:, :n] @ forth.T - of_parameters.T @ displaced.T
-    mark = np.hstack([forth @ covariance[:n], forth @ centre[:n]])
-    return SharedErrors(centre, np.hstack([of_parameters, of_centre]), mark, middle)
+    with_parameters = -with_h @ covariance[:n]
+    with_parameters[:, n:] += conditional[:, 18:] / total
+    itself = with_h @ covariance[:n, :n] @ with_h.T + conditional[:, :18]
+    with_centre = with_parameters[:, :n] @ mark_gradient.T - itself @ centre_gradient.T
+    centre = covariance[:, :n] @ mark_gradient.T - with_parameters.T @ centre_gradient.T
+    mark = np.hstack([mark_gradient @ covariance[:n], mark_gradient @ centre[:n]])
+    return SharedErrors(centre, np.hstack([with_parameters, with_centre]), mark, middle)
 
 
-def _following(shared: SharedErrors, forth: Array, back: Array) -> SharedErrors:
-    """The same where the PSF's samples have followed their centre: h + back forth h."""
-    n = forth.shape[1]
+def _recentred(shared: SharedErrors, mark_gradient: Array, shift_gradient: Array) -> SharedErrors:
+    """Covariances after the PSF's samples have followed their centre: h + back forth h."""
+    n = mark_gradient.shape[1]
 
-    def followed(of_parameters: Array) -> Array:
-        return np.asarray(of_parameters + (of_parameters[:, :n] @ forth.T) @ back.T)
+    def recentred(with_parameters: Array) -> Array:
+        return np.asarray(with_parameters + (with_parameters[:, :n] @ mark_gradient.T) @ shift_gradient.T)
 
-    displacement, mark = (np.hstack([followed(one[:, :-2]), one[:, -2:]]) for one in (shared.displacement, shared.mark))
-    return SharedErrors(followed(shared.centre.T).T, displacement, mark, shared.middle)
+    displacement, mark = (
+        np.hstack([recentred(one[:, :-2]), one[:, -2:]]) for one in (shared.displacement, shared.mark)
+    )
+    return SharedErrors(recentred(shared.centre.T).T, displacement, mark, shared.middle)

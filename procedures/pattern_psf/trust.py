@@ -1,4 +1,4 @@
-"""Whether a PSF can be trusted: the verdict drawn from what was measured on the way."""
+"""Verdict on a PSF: checks of the diagnostics against their thresholds."""
 
 from __future__ import annotations
 
@@ -21,64 +21,64 @@ from procedures.sensor_model import SensorModel
 
 Array = npt.NDArray[np.float64]
 
-SEEN = 0.3
-"""Share of the noise region that its own cells explain at the least."""
-UNEXPLAINED = 0.15
-"""Share of the variance that is neither chart nor noise, at the most."""
-UNMODELLED = 0.03
-"""The same share from which a result is doubted."""
-COLOURED_RESIDUAL = 0.3
-"""Correlation of neighbouring pixels' residual from which a result is doubted."""
-CORRELATED = 0.25
-"""Correlation of neighbouring samples' noise from which a picture was processed."""
-CURVED = 0.15
-"""Curvature of the response from which it is no linear picture."""
-SPREAD_OUT = 0.25
-"""Spread of the ink, in cells, that the model of thin outlines does not describe any more."""
-CUT_OFF = 0.15
-"""Share of the PSF's energy outside its support from which a result is doubted."""
-LEAST_STEPS = 16
-"""Digital numbers between black and white from which rounding is no worse than noise."""
-OTHER_APERTURE = 3.0
-"""Standard uncertainties between the far tail and the f-number's, from which one of them is wrong."""
-DUG_OUT = 3.0
-"""Standard uncertainties of missing light from which a picture was sharpened."""
-COLOURED = 3.0
-"""The same of noise whose neighbours go apart and of missing light together. White noise goes 2.6 in one photograph of
-a hundred, and what a lens leaves around its core is mostly many below 0."""
-HINT = 1.0
-"""Of the noise alone, from which it has a say in that."""
-OTHER_NOISE, SURELY = 0.1, 4.0
-"""Share by which the finest noise's variance differs from the sensor's calibration, and standard uncertainties of that,
-from which the picture was processed or taken at another gain."""
-CRUSHED = 0.05
-"""Share of black samples at one value from which black is cut off."""
-LEFT_OVER = 2.0
-"""Residual over noise from which a result is doubted."""
-SCATTERED = 9.0
-"""Variance of a number by the chart's parts, over that by noise, from which it is doubted."""
-STRAY = 0.03
-"""Share of the samples that are hot or dead from which a result is doubted."""
-VARYING = 0.03
-"""Difference of MTF50 in the chart's halves from which it is told."""
+MIN_AGREEMENT = 0.3
+"""Least share of the noise region's variance that the expected cells must explain."""
+MAX_UNEXPLAINED = 0.15
+"""Greatest share of the variance that is neither chart nor noise; above it the result is refused."""
+DOUBTFUL_UNEXPLAINED = 0.03
+"""Share of the variance that is neither chart nor noise above which a result is doubtful."""
+MAX_RESIDUAL_CORRELATION = 0.3
+"""Correlation of the residual at neighbouring pixels above which a result is doubtful."""
+MAX_NOISE_CORRELATION = 0.25
+"""Noise correlation of neighbouring samples above which the picture was processed."""
+MAX_CURVATURE = 0.15
+"""Curvature of the response above which the picture is not linear."""
+MAX_INK_SPREAD = 0.25
+"""Ink spread, in cells, above which the model of thin outlines fails."""
+MAX_SUPPORT_CUT = 0.15
+"""Share of the PSF's energy outside its support above which a result is doubtful."""
+MIN_CONTRAST_STEPS = 16
+"""Digital numbers between black and white above which rounding is no worse than noise."""
+TAIL_SIGMAS = 3.0
+"""Standard uncertainties between the fitted far tail and that of the f-number above which one of them is wrong."""
+MISSING_LIGHT_SIGMAS = 3.0
+"""Standard uncertainties of missing light above which the picture was sharpened."""
+SHARPENING_SIGMAS = 3.0
+"""Standard uncertainties of anticorrelated noise and missing light combined above which the picture was sharpened.
+White noise exceeds 2.6 in 1 % of photographs; an unprocessed lens leaves missing light far below 0."""
+ANTICORRELATION_SIGMAS = 1.0
+"""Least significance of the anticorrelated noise alone for the combined check to apply."""
+MAX_NOISE_DIFFERENCE, NOISE_DIFFERENCE_SIGMAS = 0.1, 4.0
+"""Relative difference of the finest noise's variance from the sensor's calibration, and its significance, above which
+the picture was processed or taken at another gain."""
+MAX_BLACK_CLIPPING = 0.05
+"""Share of black samples at one value above which black is clipped."""
+MAX_RESIDUAL = 2.0
+"""Residual in units of the noise above which a result is doubtful."""
+MAX_MISMATCH = 9.0
+"""Variance of a number over the chart's tiles, relative to that by noise, above which it is doubtful."""
+MAX_STRAY = 0.03
+"""Share of hot or dead samples above which a result is doubtful."""
+MAX_VARIATION = 0.03
+"""Relative difference of MTF50 between the chart's halves above which it is reported."""
 
 
 @dataclass(frozen=True)
-class Doubts:
-    """What a verdict looks at beside the diagnostics.
+class VerdictInputs:
+    """Inputs of the verdict in addition to the diagnostics.
 
     Attributes
     ----------
     parameters : Sampling
-        As asked for: what was given is obeyed, and doubted where it leaves too much out.
+        As requested. Given values of s and k are used, and flagged where they truncate the PSF or its band.
     chosen : bool
-        Whether it was the program that chose.
+        Whether the program chose s and k.
     tried : tuple of Trial
     variations : tuple of Variation
     contradicted : list of Check
-        What f-number and pitch forbid, as far as they are known.
+        Violations of the diffraction limit, where f-number and pitch are known.
     sensor : SensorModel or None
-        Its calibration, which tells the noise.
+        The sensor's calibration, which gives the noise.
     raw : bool
         Whether the photograph is a RAW file.
     """
@@ -93,89 +93,93 @@ class Doubts:
 
 
 def check_light(light: Light, quantisation: float) -> None:
-    """Refuse what no estimate can come of: clipped white, no light, no contrast over the noise."""
+    """Raise Refused for photographs without an estimate: clipped white, too dark, or contrast below the noise."""
     if light.saturated > 0.01:
         raise Refused(
-            f"the chart's white must not be clipped; {light.saturated:.0%} of its white samples are",
-            "expose less: white at 80 % of the scale is right",
+            f"at most 1 % of the chart's white samples may be clipped; {light.saturated:.0%} are",
+            "reduce the exposure until white lies at 80 % of full scale",
         )
     steps = light.contrast / quantisation
-    if steps < LEAST_STEPS:
+    if steps < MIN_CONTRAST_STEPS:
         raise Refused(
-            f"white must lie at least {LEAST_STEPS} digital numbers above black; it is {steps:.0f}",
-            "expose longer or light the chart: the photograph is too dark",
+            f"the photograph is too dark: white must lie at least {MIN_CONTRAST_STEPS} digital numbers above black; "
+            f"it lies {steps:.0f} above",
+            "expose longer, or add light to the chart",
         )
     noise = float(np.sqrt(max(light.variance_white, light.variance_black)))
     if light.contrast < 0.01 or light.contrast < 4 * noise:
         raise Refused(
-            f"white must stand clear of black and noise; it is {light.contrast:.3f} of the scale above black, with "
-            f"noise of {noise:.3f}",
-            "expose longer or light the chart: the photograph is too dark",
+            "the photograph is too dark: the contrast of the chart must be at least 0.01 of full scale and 4 times the "
+            f"noise; it is {light.contrast:.3f}, with noise of {noise:.3f}",
+            "expose longer, or add light to the chart",
         )
 
 
 def check_cells(fit: ChartFit) -> None:
-    """Raises Refused where the noise region does not show the cells: nothing else can be told then."""
-    seen: Outcome[ChartFit] = verdict_of(_unseen(fit.agreement, unexplained(fit)), fit)
+    """Raise Refused where the noise region does not show the expected cells; no other check is meaningful then."""
+    seen: Outcome[ChartFit] = verdict_of(_cell_checks(fit.agreement, unexplained(fit)), fit)
     seen.result()
 
 
-def _unseen(agreement: float, unexplained: float) -> list[Check]:
-    """Other cells, or none that can be seen."""
+def _cell_checks(agreement: float, unexplained: float) -> list[Check]:
+    """Checks for other cells than expected, or none resolved."""
     refused, other_cells = Verdict.REFUSED, unexplained > 0.1
     return [
-        Check("cells", agreement, SEEN, refused,
-              f"the noise region shows other cells than expected: they explain {max(agreement, 0):.0%} of it",
-              "give the chart's own cells (--bits or --seed, printed on the sheet) and photograph it unmirrored",
+        Check("cells", agreement, MIN_AGREEMENT, refused,
+              f"the chart shows other cells than expected: those explain {max(agreement, 0):.0%} of the noise region",
+              "give the seed printed on the sheet (--seed) or the file of its cells (--bits)",
               least=True, given=other_cells),
-        Check("cells", agreement, SEEN, refused,
-              f"the noise region is blurred or noisy beyond use: the cells explain {max(agreement, 0):.0%} of it",
+        Check("cells", agreement, MIN_AGREEMENT, refused,
+              "the noise region is too blurred or too noisy: the cells explain "
+              f"{max(agreement, 0):.0%} of its variance",
               "focus, and expose longer", least=True, given=not other_cells),
     ]  # fmt: skip
 
 
-def misfits(fit: ChartFit) -> bool:
-    """Whether a fit would be refused for what it leaves over."""
-    return fit.agreement < SEEN or unexplained(fit) > UNEXPLAINED
+def is_misfit(fit: ChartFit) -> bool:
+    """Whether a fit would be refused for its residual."""
+    return fit.agreement < MIN_AGREEMENT or unexplained(fit) > MAX_UNEXPLAINED
 
 
-def checks_of(d: Diagnostics, fit: ChartFit, more: Doubts) -> list[Check]:
+def checks_of(d: Diagnostics, fit: ChartFit, inputs: VerdictInputs) -> list[Check]:
     """All checks on a PSF."""
     return [
-        *_refusals(d, more.raw), *_doubts(d, fit), *_left_out(more), *_processed(d, more),
-        *_other_noise(d, more.sensor, more.raw), *_mismatched(d, more.raw), *more.contradicted,
-        *_varying(more.variations),
+        *_refusing_checks(d, inputs.raw), *_doubtful_checks(d, fit), *_truncation_checks(inputs),
+        *_processing_checks(d, inputs), *_noise_checks(d, inputs.sensor, inputs.raw),
+        *_model_checks(d, inputs.raw), *inputs.contradicted,
+        *_variation_checks(inputs.variations),
     ]  # fmt: skip
 
 
-def _refusals(d: Diagnostics, raw: bool) -> list[Check]:
-    """What makes a PSF unusable."""
+def _refusing_checks(d: Diagnostics, raw: bool) -> list[Check]:
+    """Checks that refuse a PSF."""
     refused = Verdict.REFUSED
     return [
-        *_unseen(d.agreement, d.unexplained),
-        Check("noise correlation", abs(d.noise_correlation), CORRELATED, refused,
-              f"{d.unexplained:.0%} of the noise region is neither the chart nor noise, and its noise is correlated "
-              f"by {d.noise_correlation:.2f}: "
-              + (IN_RAW if raw else "the picture was demosaiced, smoothed, turned or resized"),
-              unprocessed(raw, "use the RAW file"), given=d.unexplained > UNEXPLAINED, prior=_processing(raw)),
-        Check("unexplained", d.unexplained, UNEXPLAINED, refused,
-              f"{d.unexplained:.0%} of the noise region is neither the chart nor noise: the registration slipped, or "
-              "something lies before the chart",
-              "lay the chart flat, keep all its marks in view and free of reflections, and photograph it again",
+        *_cell_checks(d.agreement, d.unexplained),
+        Check("noise correlation", abs(d.noise_correlation), MAX_NOISE_CORRELATION, refused,
+              f"{d.unexplained:.0%} of the noise region's variance is neither chart nor noise, and the noise of "
+              f"neighbouring samples is correlated by {d.noise_correlation:.2f}: "
+              + (IN_RAW if raw else "the picture was demosaiced, smoothed, rotated or resized"),
+              unprocessed(raw, "use the RAW file"), given=d.unexplained > MAX_UNEXPLAINED, prior=_processing(raw)),
+        Check("unexplained", d.unexplained, MAX_UNEXPLAINED, refused,
+              f"{d.unexplained:.0%} of the noise region's variance is neither chart nor noise: the registration "
+              "failed, or something covers the chart",
+              "flatten the chart, keep all its marks visible and free of reflections, and photograph it again",
               prior=SYMPTOM),
         Check("support", d.support_cut, 0.3, refused,
-              f"{d.support_cut:.0%} of the PSF's energy lies outside its support", "focus, or raise k"),
+              f"about {d.support_cut:.0%} of the PSF's energy lies outside its support", "focus, or raise k"),
         Check("uncertainty", d.relative_uncertainty, 1.0, refused,
               f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF",
               "expose longer, or lower s or k"),
         Check("marks", d.marks_offset_px, 0.75, refused,
-              f"the marks lie {d.marks_offset_px:.2f} pixel from where the cells put them: the centre is not known",
+              f"the PSF's centre is not determined: the marks lie {d.marks_offset_px:.2f} px from their positions by "
+              "the cells",
               "keep the marks free of reflections and shadows"),
     ]  # fmt: skip
 
 
-IN_RAW = "the camera reduced the noise, or the light flickered"
-"""What correlates the noise of a RAW file."""
+IN_RAW = "the camera applied noise reduction, or the light flickered"
+"""Cause of correlated noise in a RAW file."""
 
 
 def _processing(raw: bool) -> float:
@@ -183,133 +187,136 @@ def _processing(raw: bool) -> float:
     return UNLIKELY_IN_RAW if raw else 1.0
 
 
-def _doubts(d: Diagnostics, fit: ChartFit) -> list[Check]:
-    """What leaves a PSF usable but less than the photograph could have given."""
+def _doubtful_checks(d: Diagnostics, fit: ChartFit) -> list[Check]:
+    """Checks that flag a usable PSF as doubtful."""
     doubtful, stray = Verdict.DOUBTFUL, d.stray_samples
     low, high = GOOD_S_OVER_T
     return [
-        Check("convergence", not fit.still, 0, doubtful,
-              "the registration did not converge", "photograph the chart more squarely"),
-        Check("unexplained", d.unexplained, UNMODELLED, doubtful,
-              f"{d.unexplained:.1%} of the noise region is neither the chart nor noise",
-              "lay the chart flat and light it evenly", prior=SYMPTOM),
-        Check("whiteness", abs(d.whiteness), COLOURED_RESIDUAL, doubtful,
-              f"the residual is not white: neighbouring pixels are correlated by {d.whiteness:.0%}",
-              "raise k, lay the chart flat, and keep reflections off it", prior=SYMPTOM),
-        Check("support", d.support_cut, CUT_OFF, doubtful,
+        Check("convergence", not fit.converged, 0, doubtful,
+              "the registration did not converge", "square the chart to the camera"),
+        Check("unexplained", d.unexplained, DOUBTFUL_UNEXPLAINED, doubtful,
+              f"{d.unexplained:.1%} of the noise region's variance is neither chart nor noise",
+              "flatten the chart and light it evenly", prior=SYMPTOM),
+        Check("whiteness", abs(d.whiteness), MAX_RESIDUAL_CORRELATION, doubtful,
+              f"the residual is not white: its correlation at neighbouring pixels is {d.whiteness:.2f}",
+              "raise k, flatten the chart, and keep reflections off it", prior=SYMPTOM),
+        Check("support", d.support_cut, MAX_SUPPORT_CUT, doubtful,
               f"about {d.support_cut:.0%} of the PSF's energy lies outside its support", "focus, or raise k"),
         Check("uncertainty", d.relative_uncertainty, 0.3, doubtful,
               f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF",
               "expose longer, take more shots, or lower s or k"),
         Check("sampling ratio", max(low / d.s_over_t, d.s_over_t / high), 1.0, doubtful,
-              f"the sampling ratio s/t is {d.s_over_t:.2f}; {low:g} to {high:g} is good",
+              f"the sampling ratio s/t must be {low:g} to {high:g}; it is {d.s_over_t:.2f}",
               f"photograph from {d.s_over_t / AIM_S_OVER_T:.2g} times the distance"),
         Check("outliers", d.outliers, 0.02, doubtful,
-              f"{d.outliers:.1%} of the samples do not fit the chart",
-              "clean the chart and keep everything out of its way"),
-        Check("stray samples", stray, STRAY * (stray + len(fit.observation)), doubtful,
-              f"{stray:.0f} samples of the sensor do not follow the light (hot or dead)",
-              "expose less long or at a lower gain, with the camera cool"),
+              f"{d.outliers:.1%} of the samples are outliers",
+              "clean the chart, and clear what covers it"),
+        Check("stray samples", stray, MAX_STRAY * (stray + len(fit.observation)), doubtful,
+              f"{stray:.0f} pixels of the sensor are hot or dead",
+              "use a shorter exposure or a lower gain, with the camera cool"),
         Check("flatness", d.flatness, 0.5, doubtful,
-              f"the darkest white block has {d.flatness:.0%} of the brightest's light", "light the chart evenly",
+              f"the lighting is uneven: the darkest white block has {d.flatness:.0%} of the brightest's level",
+              "light the chart evenly",
               least=True),
     ]  # fmt: skip
 
 
-def _left_out(more: Doubts) -> list[Check]:
-    """What s and k as they were given leave out."""
-    doubtful, last, obeyed = Verdict.DOUBTFUL, more.tried[-1], not more.chosen
+def _truncation_checks(inputs: VerdictInputs) -> list[Check]:
+    """Checks of the PSF's energy and band that the given s and k exclude."""
+    doubtful, last, obeyed = Verdict.DOUBTFUL, inputs.tried[-1], not inputs.chosen
     would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else ""
-    farther = "raise s, from a distance at which the cells allow it"
+    farther = "raise s, and photograph from a distance where s/t stays near its best"
     return [
         Check("truncation", last.truncation, last.most_truncated, doubtful,
-              f"k = {last.k} may leave out {last.truncation:.4f} of the OTF, which is known to {last.uncertainty:.4f}",
-              would or "raise k", given=more.parameters.k is not None and obeyed),
+              f"k = {last.k} may truncate {last.truncation:.4f} of the OTF, with uncertainty {last.uncertainty:.4f}",
+              would or "raise k", given=inputs.parameters.k is not None and obeyed),
         Check("band edge", last.band_edge, OPEN, doubtful,
-              f"s = {last.s} ends the band where the OTF is still {last.band_edge:.2f}",
+              f"s = {last.s} undersamples the PSF: the OTF is still {last.band_edge:.2f} at the band's edge",
               would if last.better and last.better[0] > last.s else farther,
-              given=more.parameters.s is not None and obeyed),
+              given=inputs.parameters.s is not None and obeyed),
         Check("MTF50", None in last.mtf50, 0, doubtful, f"MTF50 lies beyond the band of s = {last.s}", farther),
     ]  # fmt: skip
 
 
-def _processed(d: Diagnostics, more: Doubts) -> list[Check]:
-    """What a camera's processing leaves in a photograph."""
-    doubtful, raw, prior = Verdict.DOUBTFUL, more.raw, _processing(more.raw)
-    less = "expose less" if more.sensor else "expose less, or calibrate the sensor's response"
-    structured = d.unexplained > UNMODELLED or abs(d.whiteness) > COLOURED_RESIDUAL
-    # uneven light, reflections and a support that is too small leave such rings as well
-    sharpened = SYMPTOM if raw or structured or d.support_cut > CUT_OFF else 1.0
-    by = "uneven light or a reflection" if raw else "the picture was sharpened"
-    unsharpened = (
+def _processing_checks(d: Diagnostics, inputs: VerdictInputs) -> list[Check]:
+    """Checks for traces of the camera's processing."""
+    doubtful, raw, prior = Verdict.DOUBTFUL, inputs.raw, _processing(inputs.raw)
+    less = "expose less" if inputs.sensor else "expose less, or calibrate the sensor's response"
+    structured = d.unexplained > DOUBTFUL_UNEXPLAINED or abs(d.whiteness) > MAX_RESIDUAL_CORRELATION
+    # uneven light, reflections and a support that is too small cause such rings as well
+    sharpened = SYMPTOM if raw or structured or d.support_cut > MAX_SUPPORT_CUT else 1.0
+    origin = "uneven light or a reflection" if raw else "the picture was sharpened"
+    remedy = (
         "light the chart evenly, and keep reflections and shadows off it"
         if raw
         else "use the RAW file, or switch sharpening off"
     )
     masked = float(np.hypot(d.sharpened_sigmas, max(d.missing_light, 0.0)))
     return [
-        Check("noise correlation", abs(d.noise_correlation), CORRELATED, doubtful,
+        Check("noise correlation", abs(d.noise_correlation), MAX_NOISE_CORRELATION, doubtful,
               f"the noise of neighbouring samples is correlated by {d.noise_correlation:.2f}: "
               + (IN_RAW if raw else "the picture was demosaiced, sharpened or compressed"),
-              unprocessed(raw, "use the RAW file"), given=abs(d.whiteness) > CORRELATED / 2, prior=prior),
-        Check("sharpening", d.missing_light, DUG_OUT, doubtful,
-              f"a ring around the PSF's core has less light than a lens leaves, by {d.missing_light:.0f} standard "
-              f"uncertainties: {by}", unsharpened, prior=sharpened),
-        Check("sharpening", masked, COLOURED, doubtful,
-              f"the noise of neighbouring pixels is anticorrelated, by {d.sharpened_sigmas:.1f} standard "
-              f"uncertainties, as by an unsharp mask of {d.sharpened_by:.0%} and {d.sharpened_radius_px:g} px: {by}",
-              unsharpened, given=d.sharpened_sigmas > HINT, prior=sharpened),
-        Check("black", d.crushed, CRUSHED, doubtful,
-              f"black is cut off: {d.crushed:.0%} of its samples lie at one value",
+              unprocessed(raw, "use the RAW file"), given=abs(d.whiteness) > MAX_NOISE_CORRELATION / 2, prior=prior),
+        Check("sharpening", d.missing_light, MISSING_LIGHT_SIGMAS, doubtful,
+              f"a ring around the PSF's core is darker than any lens makes it, by {d.missing_light:.0f} standard "
+              f"uncertainties: {origin}", remedy, prior=sharpened),
+        Check("sharpening", masked, SHARPENING_SIGMAS, doubtful,
+              f"the noise of neighbouring pixels is anticorrelated by {d.sharpened_sigmas:.1f} standard uncertainties, "
+              f"as by an unsharp mask of {d.sharpened_by:.0%} and {d.sharpened_radius_px:g} px: {origin}",
+              remedy, given=d.sharpened_sigmas > ANTICORRELATION_SIGMAS, prior=sharpened),
+        Check("black", d.crushed, MAX_BLACK_CLIPPING, doubtful,
+              f"black is clipped: {d.crushed:.0%} of its samples have one value",
               "raise the black level (offset) of the camera" if raw else "use the RAW file, or raise the black level"),
-        Check("response", abs(d.response_curvature), CURVED, doubtful,
-              f"the response is curved by {d.response_curvature:.2f}"
-              + ("" if raw else ": a tone curve, or light that is not linear"),
+        Check("response", abs(d.response_curvature), MAX_CURVATURE, doubtful,
+              f"the response is not linear: its curvature is {d.response_curvature:.2f}"
+              + ("" if raw else ", as of a tone curve"),
               less if raw else "use the RAW file, or a linear picture"),
-        Check("ink spread", abs(d.ink_spread), SPREAD_OUT, doubtful,
-              f"the cells' edges moved by {d.ink_spread:.2f} cells in print",
-              "print with less ink, on paper that does not take it up, or print a larger chart"),
+        Check("ink spread", abs(d.ink_spread), MAX_INK_SPREAD, doubtful,
+              f"the ink spread by {d.ink_spread:.2f} cells",
+              "print with less ink, on coated paper, or print a larger chart"),
     ]  # fmt: skip
 
 
-def _other_noise(d: Diagnostics, sensor: SensorModel | None, raw: bool) -> list[Check]:
-    """Noise that the sensor's calibration does not know."""
+def _noise_checks(d: Diagnostics, sensor: SensorModel | None, raw: bool) -> list[Check]:
+    """Check for noise that contradicts the sensor's calibration."""
     if sensor is None:
         return []
     off = abs(d.finest_noise - 1)
     uncertainty = float(np.hypot(d.finest_noise * d.finest_noise_uncertainty, sensor.gain_uncertainty / sensor.gain))
+    threshold = max(MAX_NOISE_DIFFERENCE, NOISE_DIFFERENCE_SIGMAS * uncertainty)
     what = "sharpened" if d.finest_noise > 1 else "smoothed"
     return [
-        Check("noise of the sensor", off, max(OTHER_NOISE, SURELY * uncertainty), Verdict.DOUBTFUL,
-              f"noise from pixel to pixel has {d.finest_noise:.2f} ± {uncertainty:.2f} times the variance that the "
-              f"sensor's calibration tells: the picture was {'' if raw else f'{what}, or '}taken at another gain",
-              f"{'take it' if raw else 'use the RAW file,'} at the gain of the calibration"),
+        Check("noise of the sensor", off, threshold, Verdict.DOUBTFUL,
+              f"the noise variance is {d.finest_noise:.2f} ± {uncertainty:.2f} times that of the sensor's calibration: "
+              f"the picture was {'' if raw else f'{what}, or '}taken at another gain",
+              f"{'photograph' if raw else 'use the RAW file,'} at the gain of the calibration"),
     ]  # fmt: skip
 
 
-def _mismatched(d: Diagnostics, raw: bool) -> list[Check]:
-    """What the model leaves over, and what contradicts it."""
+def _model_checks(d: Diagnostics, raw: bool) -> list[Check]:
+    """Checks of the residual, and of contradictions to the model."""
     doubtful, less = Verdict.DOUBTFUL, d.tail_sigmas < 0
-    plain = "lay the chart flat, light it evenly, and let nothing move"
+    plain = "flatten the chart, light it evenly, and keep everything still"
     return [
-        Check("tail", abs(d.tail_sigmas), OTHER_APERTURE, doubtful,
-              f"the far tail lies {abs(d.tail_sigmas):.0f} standard uncertainties from what the f-number tells"
-              + (": there is less light, as where a picture was sharpened" if less else ""),
+        Check("tail", abs(d.tail_sigmas), TAIL_SIGMAS, doubtful,
+              f"the PSF's far tail lies {abs(d.tail_sigmas):.0f} standard uncertainties "
+              f"{'below' if less else 'above'} that of the f-number"
+              + (", as in a sharpened picture" if less and not raw else ""),
               "check f-number and pixel pitch" + (", or use the RAW file" if less and not raw else "")),
-        Check("residual", d.residual_std, LEFT_OVER, doubtful,
+        Check("residual", d.residual_std, MAX_RESIDUAL, doubtful,
               f"the residual is {d.residual_std:.1f} times the noise",
-              plain if raw else f"{plain}; keep the picture unprocessed", prior=SYMPTOM),
-        Check("parts", d.mismatch**0.5, SCATTERED**0.5, doubtful,
-              f"parts of the chart disagree: {d.mismatch**0.5:.1f} times as far as noise explains",
-              "lay the chart flat, square to the camera, and light it evenly", prior=SYMPTOM),
+              plain if raw else f"{plain}; use the unprocessed picture", prior=SYMPTOM),
+        Check("parts", d.mismatch**0.5, MAX_MISMATCH**0.5, doubtful,
+              f"parts of the chart disagree: their scatter is {d.mismatch**0.5:.1f} times that expected from noise",
+              "flatten the chart, square it to the camera, and light it evenly", prior=SYMPTOM),
     ]  # fmt: skip
 
 
-def _varying(variations: tuple[Variation, ...]) -> Iterator[Check]:
-    """A PSF that is not the same all over the chart."""
+def _variation_checks(variations: tuple[Variation, ...]) -> Iterator[Check]:
+    """Checks of the PSF's variation over the chart."""
     for one in variations:
         a, b = one.values
-        yield Check("variation", abs(a - b), VARYING * (a + b) / 2, Verdict.DOUBTFUL,
+        yield Check("variation", abs(a - b), MAX_VARIATION * (a + b) / 2, Verdict.DOUBTFUL,
                     f"the PSF varies over the chart: {one.name} is {a:.4f} {one.halves[0]} and {b:.4f} {one.halves[1]}",
                     "square the camera to the chart, or let it fill less of the frame",
                     given=abs(one.sigmas) > 5)  # fmt: skip

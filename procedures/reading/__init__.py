@@ -1,1 +1,1 @@
-"""Foreign files become plain data: one module per format, all behind one guard. Photographs: `procedures.raw`."""
+"""Readers of foreign files: one module per format, all with the limits of `guard`. Photographs: `procedures.raw`."""

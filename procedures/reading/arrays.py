@@ -1,4 +1,4 @@
-"""NumPy's files: npy, and the zip archives of them. An array is read once its header fits the bytes that follow.
+"""NumPy's files npy and npz. An array is read only if its header matches the number of bytes that follow.
 
 Reference: numpy.lib.format, versions 1.0 and 2.0; PKWARE's APPNOTE.TXT, 4.3.16 (end of central directory).
 """
@@ -23,38 +23,38 @@ from procedures.reading.guard import Room, decoding, open_file, read_file
 Arrays = dict[str, npt.NDArray[Any]]
 
 LONGEST_HEAD = 1 << 14
-"""Bytes within which an array's header ends."""
+"""Greatest length of an array's header, in bytes."""
 LARGEST_DIRECTORY = 1 << 20
-"""Of an archive's list of members, bytes: some ten thousand of them."""
+"""Greatest size of an archive's central directory, in bytes: some ten thousand members."""
 BLOCK = 1 << 20
 LARGEST, SMALLEST = 1e30, 1e-30
-"""Magnitudes within which numbers are read: their squares and ratios, and sums of these, stay finite."""
+"""Range of magnitudes that are read: squares and ratios of them stay finite."""
 LONGEST = 1_000_000
-"""Pixels along a side of a frame: of no sensor."""
+"""Limit of pixels along a side of a frame, beyond any sensor."""
 Shape = tuple[int | str | None, ...]
-"""Lengths of the axes: a number, a letter for axes of equal length, None for any. Only the number 0 allows no entry."""
-_AGAIN = "correct it, or write it again"
-_PLAIN = "write it again with numpy.save or numpy.savez_compressed"
+"""Lengths of the axes: a number, a letter for axes of equal length, None for any. Only 0 allows an empty axis."""
+_REWRITE = "correct it, or write it again"
+_SAVE_AGAIN = "write it again with numpy.save or numpy.savez_compressed"
 
 
-def read_npy(path: Path, what: str = "array", remedy: str = _PLAIN) -> npt.NDArray[Any]:
-    """The array of an npy file. Raises BadInput if it cannot be read as such, or would take too much memory."""
+def read_npy(path: Path, what: str = "array", remedy: str = _SAVE_AGAIN) -> npt.NDArray[Any]:
+    """Read an npy file. Raises BadInput if it is invalid or too large."""
     return parse_npy(read_file(path, what), str(path), remedy)
 
 
-def parse_npy(data: bytes, name: str, remedy: str = _PLAIN) -> npt.NDArray[Any]:
-    """The array in the bytes of an npy file. Raises BadInput."""
+def parse_npy(data: bytes, name: str, remedy: str = _SAVE_AGAIN) -> npt.NDArray[Any]:
+    """Array of the bytes of an npy file. Raises BadInput."""
     with decoding(name, "an array of numbers", remedy):
         return _array(bytearray(data))
 
 
-def read_npz(path: Path, wanted: Container[str], remedy: str = _PLAIN) -> tuple[Arrays, list[str]]:
-    """The wanted arrays of an npz archive, and the names of all that are in it; the others are not read.
+def read_npz(path: Path, wanted: Container[str], remedy: str = _SAVE_AGAIN) -> tuple[Arrays, list[str]]:
+    """Read the wanted arrays of an npz archive, and the names of all.
 
     Raises
     ------
     BadInput
-        If it cannot be read as such, or what is wanted would take too much memory.
+        If it is invalid, or the wanted arrays are too large.
     """
     with decoding(str(path), "an npz archive of arrays", remedy), open_file(path, "npz archive") as file:
         _check_directory(file)
@@ -68,21 +68,24 @@ def read_npz(path: Path, wanted: Container[str], remedy: str = _PLAIN) -> tuple[
 
 
 def _check_directory(file: BinaryIO) -> None:
-    """Raise ValueError unless the archive's list of members is there and of a size that can be meant."""
+    """Raise ValueError unless the archive has a central directory of plausible size."""
     end = file.seek(0, io.SEEK_END)
     file.seek(max(0, end - (1 << 16) - 22))
     tail = file.read()
     at = tail.rfind(b"PK\5\6")
     if at < 0 or len(tail) < at + 16:
-        raise ValueError("it has no list of members, as where its end is missing")
+        raise ValueError("it is truncated: its list of members is missing")
     (size,) = struct.unpack_from("<I", tail, at + 12)
     if size > LARGEST_DIRECTORY:
-        raise ValueError(f"its list of members is announced with {size} bytes")
+        raise ValueError(f"its list of members must have at most {LARGEST_DIRECTORY} bytes; it declares {size}")
 
 
 def _content(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytearray:
-    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others bring dictionaries of any size
-        raise ValueError(f"{member.filename!r} is compressed in a way that numpy does not write")
+    if member.compress_type not in (
+        zipfile.ZIP_STORED,
+        zipfile.ZIP_DEFLATED,
+    ):  # others may use dictionaries of any size
+        raise ValueError(f"{member.filename!r} must be stored or deflated; it has another compression")
     data = bytearray()
     with archive.open(member) as file:
         while block := file.read(BLOCK):
@@ -91,20 +94,20 @@ def _content(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytearray:
 
 
 def _array(data: bytearray) -> npt.NDArray[Any]:
-    """The array in the bytes of an npy file, sharing their memory. Raises ValueError."""
+    """Array of the bytes of an npy file, sharing their memory. Raises ValueError."""
     head = io.BytesIO(data[:LONGEST_HEAD])
     version = np.lib.format.read_magic(head)
     if version not in ((1, 0), (2, 0)):
-        raise ValueError(f"version {version} of the format is not known")
+        raise ValueError(f"version {version} of the format is not supported")
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, by_columns, kind = read(head)
     if kind.hasobject or kind.fields is not None or kind.itemsize == 0:
-        raise ValueError(f"it holds {kind}, no plain numbers")
+        raise ValueError(f"it must contain plain numbers; it has {kind}")
     if min(shape, default=0) < 0:
-        raise ValueError(f"it announces the shape {shape}")
-    needed, there = math.prod(shape) * kind.itemsize, len(data) - head.tell()
-    if needed != there:
-        raise ValueError(f"its header announces {needed} bytes, {there} are there")
+        raise ValueError(f"it declares the shape {shape}")
+    needed, present = math.prod(shape) * kind.itemsize, len(data) - head.tell()
+    if needed != present:
+        raise ValueError(f"its header declares {needed} bytes; {present} follow")
     flat = np.frombuffer(data, kind, math.prod(shape), head.tell())
     return flat.reshape(shape[::-1]).T if by_columns else flat.reshape(shape)
 
@@ -118,25 +121,25 @@ def checked_array(
     high: float = LARGEST,
     finite: bool = True,
     dtype: type[np.floating[Any]] | None = np.float64,
-    remedy: str = _AGAIN,
+    remedy: str = _REWRITE,
 ) -> npt.NDArray[Any]:
-    """An array that was read, or nested lists of a record, as an array of real numbers.
+    """Convert a value, an array or nested lists of a record, to an array of real numbers, and check it.
 
     Parameters
     ----------
     what : str
-        What it is, and where it was read: the subject of the message.
+        Name and source of the value, the subject of the message.
     low, high : float
-        Of every number, both included.
+        Inclusive limits of the numbers.
     finite : bool
-        False leaves the range unchecked where infinities and NaN have a meaning.
+        False disables the check of the range where infinities and NaN have a meaning.
     dtype : float type or None
-        Of the result; None keeps the array's own.
+        Type of the result; None keeps that of the array.
 
     Raises
     ------
     BadInput
-        If it is of another rank or shape, holds no real numbers, or numbers out of range.
+        If it has another shape, is not real, or has numbers out of range.
     """
     try:
         array = np.asarray(value)
@@ -155,9 +158,9 @@ def checked_array(
 
 
 def checked_number(
-    value: object, what: str, low: float = -LARGEST, high: float = LARGEST, *, remedy: str = _AGAIN
+    value: object, what: str, low: float = -LARGEST, high: float = LARGEST, *, remedy: str = _REWRITE
 ) -> float:
-    """A number of a record. Raises BadInput as `checked_array`."""
+    """Number of a record. Raises BadInput as `checked_array`."""
     return float(checked_array(value, what, (), low=low, high=high, remedy=remedy))
 
 

@@ -1,4 +1,4 @@
-"""What a camera wrote about a shot: LibRaw's reading first, then EXIF, with the source of every field."""
+"""Exposure data of a photograph from LibRaw and EXIF, with the source of every field."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from procedures.outcome import BadParameter
 
 @dataclass(frozen=True)
 class Exposure:
-    """What the camera wrote about a shot; None where it wrote nothing. `sources` tells where each field came from."""
+    """Exposure data recorded by the camera; None where missing. `sources` names the source of each field."""
 
     camera: str | None = None
     lens: str | None = None
@@ -33,23 +33,23 @@ Tags = Mapping[str, Any]
 
 
 def read_exposure(file: BinaryIO, raw: Any = None) -> Exposure:
-    """The exposure data of one file.
+    """Read the exposure data of one file.
 
     Parameters
     ----------
     file : a seekable binary file
         Read for EXIF.
     raw : rawpy.RawPy, optional
-        The same file as LibRaw opened it; its answers come first.
+        The file opened by LibRaw, whose answers have priority.
     """
     tags = _exif_tags(file)
     answers: dict[str, Field] = {}
     sources: dict[str, str] = {}
-    for source, found in (("LibRaw", _from_libraw(raw, tags)), ("EXIF", _from_exif(tags))):
-        for name, value in found.items():
+    for source, fields in (("LibRaw", _from_libraw(raw, tags)), ("EXIF", _from_exif(tags))):
+        for name, value in fields.items():
             if value is not None and name not in answers:
                 answers[name], sources[name] = value, source
-    return Exposure(**answers, sources=sources)  # type: ignore[arg-type]  # the keys are the fields' names
+    return Exposure(**answers, sources=sources)  # type: ignore[arg-type]  # the keys are the names of fields
 
 
 def _exif_tags(file: BinaryIO) -> Tags:
@@ -57,38 +57,38 @@ def _exif_tags(file: BinaryIO) -> Tags:
 
     logging.getLogger("exifread").addHandler(logging.NullHandler())
     try:
-        tags: Tags = exifread.process_file(cast(BinaryIO, _Rationed(file)), details=False)
-    except Exception:  # exposure data are a courtesy: whatever breaks in foreign tags, the pixels are read all the same
+        tags: Tags = exifread.process_file(cast(BinaryIO, _LimitedFile(file)), details=False)
+    except Exception:  # exposure data are optional: damaged tags must not prevent reading the pixels
         return {}
     return tags
 
 
-RATION = 1 << 26
-"""Bytes that are read for a photograph's notes; all of a camera's take some thousand."""
-LEAST = 64
-"""Bytes that each reading counts at least, for the time that it takes."""
+MAX_METADATA_BYTES = 1 << 26
+"""Limit of bytes read for metadata; a camera writes some thousand."""
+MIN_BYTES_PER_READ = 64
+"""Bytes that each read counts at least, to limit the time."""
 
 
-class _Rationed:
-    """A file that gives out so many bytes and then no more: tags may announce the whole file a thousand times."""
+class _LimitedFile:
+    """File with a limit of bytes read, since damaged tags may refer to the whole file a thousand times."""
 
     def __init__(self, file: BinaryIO) -> None:
-        self._file, self._left = file, RATION
+        self._file, self._left = file, MAX_METADATA_BYTES
         file.seek(0)
         self.seek, self.tell = file.seek, file.tell
 
     def read(self, n: int = -1) -> bytes:
-        """The next bytes. Raises EOFError where the ration is used up."""
+        """Read bytes. Raises EOFError beyond the limit."""
         data = self._file.read(n if 0 <= n < self._left else self._left)
-        self._left -= max(len(data), LEAST)
+        self._left -= max(len(data), MIN_BYTES_PER_READ)
         if self._left <= 0:
-            raise EOFError("the file announces more notes than any camera writes")
+            raise EOFError("the file has more metadata than any camera writes")
         return data
 
 
 def _from_libraw(raw: Any, tags: Tags) -> dict[str, Field | None]:
-    """LibRaw's fields. It turns an ApertureValue of 0 into f/1 and a ShutterSpeedValue of 0 into 1 s: these it is not
-    believed where the camera wrote a zero FNumber or ExposureTime."""
+    """LibRaw's fields. It turns an ApertureValue of 0 into f/1 and a ShutterSpeedValue of 0 into 1 s, so these are
+    ignored where FNumber or ExposureTime is 0."""
     if raw is None:
         return {}
     other, lens = raw.other, raw.lens
@@ -117,11 +117,11 @@ def _from_exif(tags: Tags) -> dict[str, Field | None]:
 
 
 _MICROMETRES = {2: 25400.0, 3: 10000.0, 4: 1000.0, 5: 1.0}
-"""Of EXIF's units of the focal plane's resolution: inch, centimetre, and two that cameras use besides."""
+"""Micrometres per EXIF FocalPlaneResolutionUnit: inch, centimetre, and two unofficial ones."""
 
 
 def _pitch_um(tags: Tags) -> float | None:
-    """Distance of the sensor's pixels, from EXIF FocalPlaneXResolution: pixels in a unit; inches where none is told."""
+    """Pixel pitch from EXIF FocalPlaneXResolution, in pixels per unit; the default unit is the inch."""
     resolution = _number(tags, "EXIF FocalPlaneXResolution", "Image FocalPlaneXResolution")
     unit = _number(tags, "EXIF FocalPlaneResolutionUnit", "Image FocalPlaneResolutionUnit") or 2
     if resolution is None or unit not in _MICROMETRES:
@@ -134,7 +134,7 @@ def _positive(value: float) -> float | None:
 
 
 def _rounded(value: float) -> float:
-    """LibRaw keeps single precision; seven digits undo its 5.599999904632568."""
+    """Round to seven digits, since LibRaw has single precision: 5.599999904632568."""
     return float(f"{value:.7g}")
 
 
@@ -147,7 +147,7 @@ def _blank(tags: Tags, name: str) -> bool:
 
 
 def _number(tags: Tags, *names: str) -> float | None:
-    """The first of the tags that holds a positive finite number."""
+    """Value of the first tag with a positive finite number."""
     for name in names:
         value = _attempt(lambda name=name: float(tags[name].values[0]))  # type: ignore[misc]
         if value is not None and _positive(value):
@@ -180,38 +180,38 @@ def _moment(text: str | None) -> str | None:
         return None
 
 
-# --- what was typed beside what the camera wrote ------------------------------------------------------------------
+# --- comparison of typed settings with recorded ones --------------------------------------------------------------
 
 TYPED = {"f_number": ("f-number", "", 0.04), "focal_length_mm": ("focal length", " mm", 0.06),
          "pixel_pitch_um": ("pixel pitch", " µm", 0.06)}  # fmt: skip
-"""Of settings that are typed: their name, unit, and the difference that is none: apertures are rounded on the ring by
-up to 3 % (22 for 22.6), focal lengths and sensors' sizes are engraved and printed as round numbers."""
+"""Name, unit and relative tolerance of typed settings: f-numbers are rounded by up to 3 % (22 for 22.6), focal lengths
+and sizes of sensors are nominal."""
 
 
 def disagreements(exposure: Exposure, typed: Mapping[str, float | None]) -> list[str]:
-    """Where the camera wrote something else than was typed, a sentence for each; `typed` by the names of `TYPED`."""
+    """Sentences on typed settings that differ from recorded ones; `typed` by the names of `TYPED`."""
     by_camera = asdict(exposure)
     return [
-        f"the {words} was given as {value:g}{unit}, and the camera noted {noted:g}{unit}"
-        for name, (words, unit, near) in TYPED.items()
-        if (value := typed.get(name)) and (noted := by_camera[name]) and abs(value / noted - 1) > near
+        f"the {words} was given as {value:g}{unit}, but the camera recorded {recorded:g}{unit}"
+        for name, (words, unit, tolerance) in TYPED.items()
+        if (value := typed.get(name)) and (recorded := by_camera[name]) and abs(value / recorded - 1) > tolerance
     ]
 
 
 def check_typed(exposure: Exposure, typed: Mapping[str, float | None], name: str, insist: str) -> None:
-    """Refuse settings that contradict the photograph.
+    """Reject settings that contradict the photograph.
 
     Parameters
     ----------
-    name : of the photograph
+    name : name of the photograph
     insist : str
-        How the operator says that what was typed is right all the same.
+        Instruction to keep the typed value.
 
     Raises
     ------
     BadParameter
-        If one does.
+        If a setting differs from the recorded one.
     """
-    found = disagreements(exposure, typed)
-    if found:
-        raise BadParameter(f"{name}: {'; '.join(found)}", f"leave it out, or correct it; to insist, {insist}")
+    fields = disagreements(exposure, typed)
+    if fields:
+        raise BadParameter(f"{name}: {'; '.join(fields)}", f"omit or correct it; to keep it, {insist}")

@@ -1,4 +1,4 @@
-"""OpenEXR pictures: the channels asked for of the first part, once the headers say that they fit into memory."""
+"""OpenEXR pictures: selected channels of the first part, within the limit of memory."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from procedures.outcome import BadInput
 from procedures.reading.guard import Room, decoding, open_file
 
 BYTES = 4
-"""Of a sample in memory, at most: OpenEXR has half and single precision and 32 bit counts."""
+"""Greatest size of a sample in memory: OpenEXR has half and single precision and 32 bit integers."""
 MOST_CHANNELS = 1024
 
 
 def read_exr(path: Path, wanted: Container[str]) -> tuple[dict[str, npt.NDArray[Any]], list[str]]:
-    """The wanted channels, each (rows, columns), and the names of all that the first part has.
+    """Read the wanted channels, each (rows, columns), and the names of all in the first part.
 
     Raises
     ------
     BadInput
-        If the package OpenEXR is not there, the file is no picture in lines or tiles, or it would take too much memory.
+        If the package OpenEXR is missing, the file is not a picture in scan lines or tiles, or it is too large.
     """
     try:
         import OpenEXR
     except ImportError as error:
-        raise BadInput(f"{path} needs the package OpenEXR", "pip install 'calibration-station[exr]'") from error
+        raise BadInput(f"{path} requires the package OpenEXR", "pip install 'calibration-station[exr]'") from error
     open_file(path, "picture").close()
     with decoding(str(path), "an OpenEXR picture", "write it again"):
         with OpenEXR.File(str(path), separate_channels=True, header_only=True) as file:
@@ -37,18 +37,18 @@ def read_exr(path: Path, wanted: Container[str]) -> tuple[dict[str, npt.NDArray[
                 _check_part(part.header, room)
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = file.channels()
-            found = {name: np.array(channels[name].pixels) for name in channels if name in wanted}
-            return found, sorted(channels)
+            pixels = {name: np.array(channels[name].pixels) for name in channels if name in wanted}
+            return pixels, sorted(channels)
 
 
 def _check_part(header: Mapping[str, Any], room: Room) -> None:
-    """Raise BadInput where a part would take too much memory, ValueError where it is no plain picture."""
+    """Raise BadInput if a part is too large, ValueError if it is not a plain picture."""
     if "deep" in str(header["type"]):
-        raise ValueError("it holds deep data: lists of samples in place of numbers")
+        raise ValueError("it has deep data, which are not supported")
     (left, top), (right, bottom) = ([int(v) for v in corner] for corner in header["dataWindow"])
     columns, rows, channels = right - left + 1, bottom - top + 1, len(header["channels"])
     if min(columns, rows, channels) < 1 or channels > MOST_CHANNELS:
-        raise ValueError(f"it announces {columns} x {rows} samples of {channels} channels")
+        raise ValueError(f"it declares {columns} x {rows} samples of {channels} channels")
     tile = header.get("tiles")
     wide, high = (int(getattr(tile, name, 1)) for name in ("xSize", "ySize"))
     room.take(

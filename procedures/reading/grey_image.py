@@ -1,4 +1,4 @@
-"""Grey PGM, PNG and TIFF files become samples with their full scale; everything else is refused by name."""
+"""Readers of grey PGM, PNG and TIFF files: samples and full scale."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ TIFF_MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _EXPORT = "export one linear colour plane as an 8 or 16 bit grey PGM, PNG or TIFF, or give the RAW file itself"
 _AGAIN = "copy or export it again"
 BYTES, PLAIN_BYTES = 4, 80
-"""Of a sample in memory: as it is computed with, and as a word of text before that."""
+"""Bytes of a sample in memory, as a number and as text."""
 LONGEST_HEAD = 1 << 16
-"""Bytes within which a PGM's header ends, with its comments."""
+"""Greatest length of a PGM's header with its comments, in bytes."""
 
 
 def read_pgm(data: bytes, name: str) -> tuple[Samples, int]:
@@ -53,14 +53,15 @@ def read_pgm(data: bytes, name: str) -> tuple[Samples, int]:
     """
     header = _PGM_HEADER.match(data[:LONGEST_HEAD])
     if header is None:
-        raise BadInput(f"{name} begins like a PGM file but has no width, height and maxval", _AGAIN)
+        raise BadInput(f"{name} is a PGM file without width, height and maxval", _AGAIN)
     columns, rows, white = (int(header[group]) for group in ("columns", "rows", "white"))
     if not (columns and rows and 1 <= white <= 65535):
-        raise BadInput(f"a PGM needs pixels and a maxval of 1 to 65535; {name} has {columns} x {rows}, {white}", _AGAIN)
+        reason = f"a PGM must have pixels and a maxval of 1 to 65535; {name} has {columns} x {rows}, {white}"
+        raise BadInput(reason, _AGAIN)
     read = _plain_samples if data[:2] == b"P2" else _raw_samples
     levels = read(data[header.end() :], columns * rows, white, name)
     if levels.max() > white:
-        raise BadInput(f"{name} has the sample {levels.max()} above its maxval {white}", _AGAIN)
+        raise BadInput(f"samples must not exceed the maxval {white}; {name} has {levels.max()}", _AGAIN)
     return levels.reshape(rows, columns), white
 
 
@@ -85,7 +86,7 @@ def _plain_samples(body: bytes, n: int, white: int, name: str) -> Samples:
     try:
         levels = np.array(words, dtype=np.int64)
     except (ValueError, OverflowError) as error:
-        raise BadInput(f"plain PGM samples are whole numbers; {name} has other text among them", _AGAIN) from error
+        raise BadInput(f"plain PGM samples must be whole numbers; {name} has other text", _AGAIN) from error
     if levels.min() < 0 or levels.max() > 65535:
         raise BadInput(f"{name} has samples from {levels.min()} to {levels.max()}, outside its maxval {white}", _AGAIN)
     return levels.astype(np.uint16)
@@ -93,7 +94,7 @@ def _plain_samples(body: bytes, n: int, white: int, name: str) -> Samples:
 
 def _check_count(found: int, n: int, name: str) -> None:
     if found < n:
-        raise BadInput(f"{name} is truncated: its header announces {n} samples, {found} are there", _AGAIN)
+        raise BadInput(f"{name} is truncated: its header declares {n} samples; it has {found}", _AGAIN)
 
 
 def read_png(data: bytes, name: str) -> tuple[Samples, int]:
@@ -111,7 +112,7 @@ def read_png(data: bytes, name: str) -> tuple[Samples, int]:
         kinds = {2: "colours", 3: "a palette", 4: "transparency", 6: "colours and transparency"}
         refused = ColourInput if colour == 2 else BadInput
         raise refused(
-            f"a photograph is one linear grey plane; {name} has {kinds.get(colour, 'no known kind')}", _EXPORT
+            f"a photograph must be one linear grey plane; {name} has {kinds.get(colour, 'an unknown type')}", _EXPORT
         )
     _check_depth(depth, name)
     columns, rows = struct.unpack_from(">II", data, 16)
@@ -122,7 +123,7 @@ def read_png(data: bytes, name: str) -> tuple[Samples, int]:
 
 
 def png_ends(data: bytes) -> bool:
-    """Whether a PNG file's chunks follow one another to the last: decoders allocate what a chunk announces."""
+    """Whether a PNG file's chunks are complete: decoders allocate the size that a chunk declares."""
     at = len(PNG_MAGIC)
     while at + 8 <= len(data):
         size, kind = struct.unpack_from(">I4s", data, at)
@@ -138,30 +139,31 @@ def read_tiff(data: bytes, name: str) -> tuple[Samples, int]:
     Raises
     ------
     BadInput
-        If the file has colours, another depth than 8 or 16 bit whole numbers, or cannot be decoded whole.
+        If the file has colours, another depth than 8 or 16 bit integers, or cannot be decoded completely.
     """
     for tags in image_directories(io.BytesIO(data), name)[:1]:
         _check_page(tags, name)
         levels = _decode(data, name)
         break
     else:
-        raise BadInput(f"{name} is truncated or damaged: it cannot be decoded whole", _AGAIN)
+        raise BadInput(f"{name} is truncated or damaged: it cannot be decoded completely", _AGAIN)
     if levels.ndim != 2:
-        raise BadInput(f"a photograph is one linear grey plane; {name} has {levels.shape[2]} colour channels", _EXPORT)
+        channels = levels.shape[2]
+        raise BadInput(f"a photograph must be one linear grey plane; {name} has {channels} channels", _EXPORT)
     if levels.dtype not in (np.uint8, np.uint16):
-        raise BadInput(f"grey levels are whole numbers of 8 or 16 bit; {name} has {levels.dtype}", _EXPORT)
+        raise BadInput(f"grey levels must be integers of 8 or 16 bits; {name} has {levels.dtype}", _EXPORT)
     return levels, int(np.iinfo(levels.dtype).max)
 
 
 def _check_page(tags: Tags, name: str) -> None:
-    """Raise BadInput where a TIFF's page is no grey plane, or announces more than fits into memory."""
+    """Raise BadInput if a TIFF's page is not a grey plane, or too large."""
     channels = _first(tags, SAMPLES_PER_PIXEL, 1)
     if channels != 1:
         refused = ColourInput if channels == 3 else BadInput
-        raise refused(f"a photograph is one linear grey plane; {name} has {channels} colour channels", _EXPORT)
+        raise refused(f"a photograph must be one linear grey plane; {name} has {channels} channels", _EXPORT)
     _check_depth(_first(tags, BITS_PER_SAMPLE, 1), name)
     if _first(tags, PHOTOMETRIC, -1) == WHITE_IS_ZERO:
-        raise BadInput(f"grey levels grow with light; {name} is a TIFF that writes white as 0", _EXPORT)
+        raise BadInput(f"grey levels must increase with light; {name} is a TIFF with white as 0", _EXPORT)
     columns, rows = _first(tags, WIDTH, 0), _first(tags, LENGTH, 0)
     tile = max(columns, _first(tags, TILE_WIDTH, 1)) * max(rows, _first(tags, TILE_LENGTH, 1))
     Room(name).take(BYTES * tile, f"{columns} x {rows} samples")
@@ -177,30 +179,30 @@ def read_colours(data: bytes, name: str) -> npt.NDArray[np.uint16]:
     Raises
     ------
     BadInput
-        If the file has other channels or another depth, or cannot be decoded whole.
+        If the file has other channels or another depth, or cannot be decoded completely.
     """
-    columns, rows = _announced(data, name)
+    columns, rows = _declared_size(data, name)
     Room(name).take(3 * BYTES * rows * columns, f"{columns} x {rows} pixels of three colours")
     if data.startswith(PNG_MAGIC) and not png_ends(data):
         raise BadInput(f"{name} is truncated: the PNG has no end chunk", _AGAIN)
     levels = _decode(data, name)
     if levels.ndim != 3 or levels.shape[2] != 3:
         channels = levels.shape[2] if levels.ndim == 3 else 1
-        raise BadInput(f"a colour photograph has red, green and blue; {name} has {channels} channels", _COLOURS)
+        raise BadInput(f"a colour photograph must have three channels; {name} has {channels}", _COLOURS)
     if levels.dtype != np.uint16:
-        raise BadInput(f"a colour photograph has whole numbers of 16 bits; {name} has {levels.dtype}", _COLOURS)
+        raise BadInput(f"a colour photograph must have integers of 16 bits; {name} has {levels.dtype}", _COLOURS)
     return np.ascontiguousarray(levels[..., ::-1])  # OpenCV has blue first
 
 
-def _announced(data: bytes, name: str) -> tuple[int, int]:
-    """Columns and rows that a PNG or TIFF announces. Raises BadInput where it announces none."""
+def _declared_size(data: bytes, name: str) -> tuple[int, int]:
+    """Declared columns and rows of a PNG or TIFF. Raises BadInput where there are none."""
     if data.startswith(PNG_MAGIC) and len(data) >= 26:
         columns, rows = struct.unpack_from(">II", data, 16)
         return columns, rows
     for tags in image_directories(io.BytesIO(data), name)[:1]:
         tile = max(1, _first(tags, TILE_WIDTH, 1)), max(1, _first(tags, TILE_LENGTH, 1))
         return max(_first(tags, WIDTH, 0), tile[0]), max(_first(tags, LENGTH, 0), tile[1])
-    raise BadInput(f"{name} is no TIFF or PNG that can be read", _COLOURS)
+    raise BadInput(f"{name} is not a readable TIFF or PNG", _COLOURS)
 
 
 _COLOURS = "export it as RGB TIFF or PNG of 16 bits, without transparency"
@@ -208,11 +210,11 @@ _COLOURS = "export it as RGB TIFF or PNG of 16 bits, without transparency"
 
 def _check_depth(depth: int, name: str) -> None:
     if depth not in (8, 16):
-        raise BadInput(f"grey levels have 8 or 16 bit; {name} has {depth}", _EXPORT)
+        raise BadInput(f"grey levels must have 8 or 16 bits; {name} has {depth}", _EXPORT)
 
 
 def _decode(data: bytes, name: str) -> Samples:
-    """The file's samples as they are. What OpenCV reports on the way is a refusal: it returns half pictures too."""
+    """Samples of the file, unchanged. Errors that OpenCV reports raise BadInput, as it returns partial pictures too."""
     import cv2
 
     with captured_noise() as noise:
@@ -221,5 +223,5 @@ def _decode(data: bytes, name: str) -> Samples:
         except cv2.error:
             image = None
     if image is None or noise.errors:
-        raise BadInput(f"{name} is truncated or damaged: it cannot be decoded whole", _AGAIN)
+        raise BadInput(f"{name} is truncated or damaged: it cannot be decoded completely", _AGAIN)
     return cast(Samples, image)

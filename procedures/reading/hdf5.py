@@ -1,7 +1,7 @@
-"""Data sets of an HDF5 file, each read once its announced size fits into memory.
+"""Data sets of an HDF5 file, within the limit of memory.
 
-With some damaged files the C library does not come to an end, and nothing in this process could stop it. So a file is
-gone through once in a process of its own that the system ends.
+With some damaged files the C library never returns, and nothing in this process could stop it. A file is therefore
+first read in a separate process with a time limit.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     import h5py
 
 
-SECONDS = 5
-"""Of processor; the field of a sensor takes some tenths."""
-PATIENCE_S = 300
-"""Seconds on the clock, on a machine that has other things to do."""
+CPU_LIMIT_S = 5
+"""Limit of processor time; the field of a sensor takes some tenths."""
+WALL_TIMEOUT_S = 300
+"""Limit of wall time, for a machine under load."""
 PROGRAM = """
 import contextlib, sys
 path, most, seconds = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
@@ -47,24 +47,24 @@ with contextlib.suppress(Exception), h5py.File(path, "r") as file:
 
 
 def check_ends(path: Path, largest: int) -> None:
-    """Raise ValueError where the library does not come to an end with a file, or breaks down.
+    """Raise ValueError if the library does not terminate or crashes.
 
     Parameters
     ----------
     largest : int
-        Bytes of the largest data set that is read.
+        Size in bytes of the largest data set that is read.
     """
-    words = [sys.executable, "-c", PROGRAM, str(path), str(largest), str(SECONDS)]
+    command = [sys.executable, "-c", PROGRAM, str(path), str(largest), str(CPU_LIMIT_S)]
     try:
-        ended = subprocess.run(words, capture_output=True, timeout=PATIENCE_S, check=False).returncode
+        status = subprocess.run(command, capture_output=True, timeout=WALL_TIMEOUT_S, check=False).returncode
     except subprocess.TimeoutExpired as error:
-        raise ValueError("the HDF5 library does not come to an end with it") from error
-    if ended < 0:  # by a signal: of its time, or of a fault in the library
-        raise ValueError(f"the HDF5 library does not come to an end with it, or breaks down (signal {-ended})")
+        raise ValueError("the HDF5 library does not terminate") from error
+    if status < 0:  # by a signal: time limit or crash
+        raise ValueError(f"the HDF5 library does not terminate or crashes (signal {-status})")
 
 
 class Stored:
-    """The data sets of one group, by name; `room` is what the file may still take."""
+    """Data sets of one group by name; `room` is the memory budget of the file."""
 
     def __init__(self, group: h5py.Group, room: Room) -> None:
         self._group, self._room = group, room
@@ -74,33 +74,33 @@ class Stored:
         return name in self._group
 
     def numbers(self, name: str, shape: Shape | None = None, largest: float = LARGEST) -> npt.NDArray[np.float64]:
-        """A data set of real numbers. Raises BadInput as `checked_array` and for its memory, ValueError, KeyError."""
+        """Data set of real numbers. Raises BadInput as `checked_array` and `Room.take`, ValueError, KeyError."""
         return checked_array(self.values(name), self._where(name), shape, low=-largest, high=largest)
 
     def count(self, name: str, low: int, high: int) -> int:
-        """An attribute that counts something. Raises BadInput, KeyError."""
+        """Attribute that is a count. Raises BadInput, KeyError."""
         return int(checked_number(self._group.attrs[name], self._where(name), low, high))
 
     def _where(self, name: str) -> str:
         return f"`{name}` of {self._group.name} in {self._room.name}"
 
     def values(self, name: str) -> npt.NDArray[Any]:
-        """A data set of numbers of any kind. Raises as `numbers`."""
+        """Data set of numbers of any type. Raises as `numbers`."""
         data = self._group[name]
         if data.dtype.hasobject or data.is_virtual or data.external:
-            raise ValueError(f"`{name}` holds {data.dtype} that are not in this file, or of no fixed length")
+            raise ValueError(f"`{name}` must be stored in this file with a fixed length; it is {data.dtype}")
         chunk = math.prod(data.chunks or (0,)) * data.dtype.itemsize
-        # beside what is stored: numbers of other precisions are made float64, and a chunk is decoded by itself
+        # includes the conversion to float64 and the decoding of a chunk
         self._room.take(2 * data.size * max(data.dtype.itemsize, 8) + chunk, f"`{name}` of shape {data.shape}")
-        found: npt.NDArray[Any] = data[()]
-        return found
+        content: npt.NDArray[Any] = data[()]
+        return content
 
     def texts(self, name: str) -> list[str]:
-        """A data set of texts. Raises as `numbers`."""
+        """Data set of texts. Raises as `numbers`."""
         data = self._group[name]
-        found = []
-        for i in range(len(data)):  # one by one: many may point to one long text
+        content = []
+        for i in range(len(data)):  # one by one, as many may refer to one long text
             text = data[i].decode()
             self._room.take(len(text), f"`{name}` of {len(data)} texts")
-            found.append(text)
-        return found
+            content.append(text)
+        return content

@@ -1,4 +1,4 @@
-"""Keeps what C libraries print about a file off the operator's terminal, and hands it to the reader instead."""
+"""Capture of messages that C libraries print to standard error, for the reader instead of the terminal."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _one_at_a_time = threading.RLock()
 
 @dataclass
 class LibraryWords:
-    """What was printed: `text` of the libraries, after the block."""
+    """Messages of the libraries; `text` is available after the block."""
 
     text: bytes = field(default=b"")
 
@@ -38,13 +38,13 @@ class LibraryWords:
 def captured_noise() -> Iterator[LibraryWords]:
     """Collect what libraries write to the process's standard error during the block.
 
-    The file descriptor is shared by all threads, so what others write meanwhile is passed on afterwards, complete.
+    The file descriptor is shared by all threads, so output of others meanwhile is passed on afterwards.
     """
     noise = LibraryWords()
     with _one_at_a_time, _unnamed_file() as file:
         try:
             kept = os.dup(2)
-        except OSError:  # no standard error at all, as under a service manager: nothing to keep clean
+        except OSError:  # no standard error, as under a service manager
             yield noise
             return
         sys.stderr.flush()
@@ -61,7 +61,7 @@ def captured_noise() -> Iterator[LibraryWords]:
 
 
 def _unnamed_file() -> BinaryIO:
-    """A file for what is printed: in memory where the system has such files, because a disk may be full."""
+    """Temporary file, in memory where the system supports it, since a disk may be full."""
     if hasattr(os, "memfd_create"):
         return os.fdopen(os.memfd_create("noise"), "w+b")
     return cast(BinaryIO, tempfile.TemporaryFile())

@@ -1,4 +1,4 @@
-"""Sensor dumps: a sensor's samples row by row in a file without a header, whose layout is told beside it."""
+"""Sensor dumps: samples row by row in a file without a header, whose layout is given separately."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ Samples = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 MONOCHROME = "Y"
 ORDERS = ("RGGB", "BGGR", "GRBG", "GBRG", MONOCHROME)
-"""Colours of the first two rows' first two pixels, or Y of a sensor without a mosaic."""
+"""Colours of the first two pixels of the first two rows, or Y for a sensor without a mosaic."""
 KINDS = {"u8": "u1", "u16le": "<u2", "u16be": ">u2"}
 """NumPy's name for each kind of sample: 8 bit, or 16 bit with the low (le) or the high (be) byte first."""
 EXAMPLE = "1920x1080,RGGB,u16le,64,1023"
-_FORM = f"write WIDTHxHEIGHT,ORDER,KIND,BLACK,WHITE, for example {EXAMPLE}"
+_FORM = f"give WIDTHxHEIGHT,ORDER,KIND,BLACK,WHITE, for example {EXAMPLE}"
 
 
 @dataclass(frozen=True)
 class DumpLayout:
-    """How a sensor dump lies in its file.
+    """Layout of a sensor dump.
 
     Attributes
     ----------
     columns, rows : int
-        All that the file holds.
+        Size of the frame.
     order : one of ORDERS
     kind : one of KINDS
     black, white : int
-        Digital numbers of no light and of saturation.
+        Digital numbers of darkness and saturation.
     """
 
     columns: int
@@ -43,10 +43,10 @@ class DumpLayout:
 
     @classmethod
     def parse(cls, text: str) -> DumpLayout:
-        """The layout that WIDTHxHEIGHT,ORDER,KIND,BLACK,WHITE tells. Raises BadParameter where it tells none."""
+        """Parse WIDTHxHEIGHT,ORDER,KIND,BLACK,WHITE. Raises BadParameter."""
         words = [word.strip() for word in text.split(",")]
         if len(words) != 5:
-            raise BadParameter(f"the layout of a sensor dump has five parts; got {text!r}", _FORM)
+            raise BadParameter(f"the layout of a sensor dump must have five parts; got {text!r}", _FORM)
         size, order, kind, black, white = words
         columns, _, rows = size.lower().partition("x")
         layout = cls(
@@ -62,39 +62,40 @@ class DumpLayout:
 
     def _check(self) -> None:
         if min(self.columns, self.rows) < 2:
-            raise BadParameter(f"a sensor has two pixels or more each way; got {self.columns} x {self.rows}", _FORM)
+            raise BadParameter(f"a frame must have at least 2 x 2 pixels; got {self.columns} x {self.rows}", _FORM)
         largest = int(np.iinfo(KINDS[self.kind]).max)
         if not self.black < self.white <= largest:
-            asked = f"black must be under white, and white at most {largest} in {self.kind}"
+            requirement = f"black must be below white, and white at most {largest} for {self.kind}"
             raise BadParameter(
-                f"{asked}; got {self.black} and {self.white}", "give both in digital numbers of the dump"
+                f"{requirement}; got {self.black} and {self.white}", "give both as digital numbers of the dump"
             )
 
     def __str__(self) -> str:
         return f"{self.columns}x{self.rows},{self.order},{self.kind},{self.black},{self.white}"
 
     def read(self, data: bytes, name: str) -> Samples:
-        """The samples (rows, columns) of a dump.
+        """Samples (rows, columns) of a dump.
 
         Raises
         ------
         BadInput
-            If the dump has another size, or samples with more bits than white has.
+            If the dump has another size, or samples with more bits than white.
         """
         kind = np.dtype(KINDS[self.kind])
         needed = self.columns * self.rows * kind.itemsize
         if len(data) != needed:
-            reason = f"{self.columns} x {self.rows} samples of {self.kind} are {needed} bytes; {name} has {len(data)}"
-            raise BadInput(reason, "tell the size and kind that the sensor wrote, and leave out what is no sample")
+            size = f"{self.columns} x {self.rows} samples of {self.kind}"
+            reason = f"a dump of {size} must have {needed} bytes; {name} has {len(data)}"
+            raise BadInput(reason, "give the size and kind of the samples, and remove any header from the file")
         levels = np.frombuffer(data, kind).reshape(self.rows, self.columns)
         most = (1 << self.white.bit_length()) - 1
         if levels.max() > most:
-            reason = f"a white of {self.white} leaves samples of at most {most}; {name} has {levels.max()}"
-            raise BadInput(reason, "tell the order of bytes (u16le, u16be) and the white level that the sensor wrote")
+            reason = f"with a white of {self.white} samples must be at most {most}; {name} has {levels.max()}"
+            raise BadInput(reason, "check the byte order (u16le, u16be) and the white level")
         return levels
 
     def first_pixels(self) -> dict[str, tuple[int, int]]:
-        """[row, column] of each plane's first pixel: R, G1 (on the red rows), G2 and B, or Y."""
+        """(row, column) of each plane's first pixel: R, G1 (on the red rows), G2 and B, or Y."""
         if self.order == MONOCHROME:
             return {MONOCHROME: (0, 0)}
         row, column = divmod(self.order.index("R"), 2)
@@ -103,13 +104,13 @@ class DumpLayout:
 
 def _whole(what: str, word: str) -> int:
     if not (word.isascii() and word.isdigit()):
-        raise BadParameter(f"the {what} of a sensor dump is a whole number; got {word!r}", _FORM)
+        raise BadParameter(f"the {what} of a sensor dump must be a whole number; got {word!r}", _FORM)
     return int(word)
 
 
 def _one_of(what: str, word: str, known: tuple[str, ...]) -> str:
     if word not in known:
-        raise BadParameter(f"the {what} of a sensor dump is one of {', '.join(known)}; got {word!r}", _FORM)
+        raise BadParameter(f"the {what} of a sensor dump must be one of {', '.join(known)}; got {word!r}", _FORM)
     return word
 
 
@@ -119,10 +120,10 @@ def _one_of(what: str, word: str, known: tuple[str, ...]) -> str:
 _DIALECTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"IIU\0", b"IIRO", b"IIRS", b"MMOR", b"II\x1a\0", b"IIII", b"MMMM")
 # RAF, X3F, MRW, Arri, Cine, Sinar, Rollei, Logitech, QuickTake
 _MAGIC = (b"FUJIFILM", b"FOVb", b"\0MRM", b"ARRI", b"CI,\0", b"PWAD", b"DSC-Image", b"PXN\0", b"qktk", b"qktn")
-# at some bytes from the beginning: CR3, Redcode, Nokia, Contax
-_WITHIN: tuple[tuple[int, bytes], ...] = ((4, b"ftypcrx"), (4, b"RED"), (0, b"NOKIARAW"), (25, b"ARECOYK"))
+# at an offset: CR3, Redcode, Nokia, Contax
+_AT_OFFSET: tuple[tuple[int, bytes], ...] = ((4, b"ftypcrx"), (4, b"RED"), (0, b"NOKIARAW"), (25, b"ARECOYK"))
 
 
 def has_raw_header(head: bytes) -> bool:
-    """Whether a file that begins so is of a RAW format. Others LibRaw takes by their size for some old camera's."""
-    return head.startswith(_DIALECTS + _MAGIC) or any(head[at:].startswith(magic) for at, magic in _WITHIN)
+    """Whether a file's head is that of a RAW format; LibRaw identifies others by their size as those of old cameras."""
+    return head.startswith(_DIALECTS + _MAGIC) or any(head[at:].startswith(magic) for at, magic in _AT_OFFSET)

@@ -1,4 +1,4 @@
-"""Pixels that always tell the same, amid neighbours that do not."""
+"""Detection of stuck pixels."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ import numpy.typing as npt
 
 
 def no_pixels() -> npt.NDArray[np.intp]:
-    """None of them."""
+    """Empty list of pixels."""
     return np.empty((0, 2), dtype=np.intp)
 
 
 def stuck_pixels(samples: npt.NDArray[np.float32], zero: float) -> npt.NDArray[np.intp]:
-    """[row, column] of pixels at white whose eight neighbours stay under half of it, and of pixels at the digital
-    number 0 whose neighbours all exceed a tenth of white. Over one such pixel in a hundred, they are the picture."""
+    """[row, column] of pixels at white whose eight neighbours are all below half of it, and of pixels at the digital
+    number 0 whose neighbours all exceed 10 % of white; none if more than 1 % qualify, which is detail of the picture."""
     white, dead = np.float32(1 - 1e-6), np.float32(zero + 1e-6)
-    bad = [_alone(samples, samples >= white, lambda near: near.max(axis=0) < 0.5)]
-    bad += [_alone(samples, samples <= dead, lambda near: near.min(axis=0) > 0.1)]
+    bad = [_isolated(samples, samples >= white, lambda near: near.max(axis=0) < 0.5)]
+    bad += [_isolated(samples, samples <= dead, lambda near: near.min(axis=0) > 0.1)]
     return np.concatenate(bad)
 
 
-def _alone(samples: npt.NDArray[np.float32], chosen: npt.NDArray[np.bool_], differs: Any) -> npt.NDArray[np.intp]:
+def _isolated(samples: npt.NDArray[np.float32], chosen: npt.NDArray[np.bool_], differs: Any) -> npt.NDArray[np.intp]:
     rows, columns = samples.shape
     places = np.column_stack(np.divmod(np.flatnonzero(chosen), columns))
     if len(places) == 0 or len(places) > samples.size / 100:
@@ -31,5 +31,5 @@ def _alone(samples: npt.NDArray[np.float32], chosen: npt.NDArray[np.bool_], diff
     places = places[(row > 0) & (row < rows - 1) & (column > 0) & (column < columns - 1)]
     around = [(r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if r or c]
     near = np.stack([samples[places[:, 0] + r, places[:, 1] + c] for r, c in around])
-    found: npt.NDArray[np.intp] = places[differs(near)]
-    return found
+    isolated: npt.NDArray[np.intp] = places[differs(near)]
+    return isolated

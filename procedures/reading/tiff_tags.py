@@ -1,7 +1,7 @@
-"""The tags of a TIFF-like file's image directories, as far as a RAW reader needs them.
+"""Tags of the image directories of TIFF-like files that are required for reading RAW data.
 
-LibRaw forgets where a black level was written: it drops repeat patterns other than 2 x 2, replaces the level by the
-mean of MaskedAreas, and does not move the pattern when it trims an odd ActiveArea. The tags say what was meant.
+LibRaw does not preserve black levels: it drops repeat patterns other than 2 x 2, replaces the level by the mean of
+MaskedAreas, and does not move the pattern when it trims an odd ActiveArea. The tags have the original levels.
 Reference: TIFF 6.0, section 2; Adobe DNG 1.6, chapter 4.
 """
 
@@ -41,23 +41,23 @@ WANTED = frozenset((
     WIDTH, LENGTH, TILE_WIDTH, TILE_LENGTH, SAMPLES_PER_PIXEL, SUB_DIRECTORIES, BITS_PER_SAMPLE, PHOTOMETRIC,
     CFA_PATTERN, DNG_VERSION, ACTIVE_AREA, BLACK_REPEAT, BLACK_LEVEL, BLACK_DELTA_COLUMNS, BLACK_DELTA_ROWS,
 ))  # fmt: skip
-"""The tags whose values are read; of the others nothing is."""
+"""Tags whose values are read."""
 
-# type code -> (struct letter, how many of them make one value)
+# type code -> (struct letter, number of items per value)
 _KINDS = {1: ("B", 1), 3: ("H", 1), 4: ("I", 1), 5: ("I", 2), 6: ("b", 1), 8: ("h", 1), 9: ("i", 1), 10: ("i", 2),
           11: ("f", 1), 12: ("d", 1), 13: ("I", 1), 16: ("Q", 1)}  # fmt: skip
 _TYPES = range(1, 19)
-"""Of fields, the makers' additions and BigTIFF's included."""
+"""Known types of fields, including those of manufacturers and BigTIFF."""
 MOST_DIRECTORIES = 32
-"""Cameras write up to ten: the mosaic, previews of some sizes, notes."""
+"""Limit of directories; cameras write up to ten: mosaic, previews, metadata."""
 MOST_TAGS = 1000
-"""Of one directory. Cameras write up to a hundred; every reader after this one goes through them all."""
+"""Limit of tags per directory; cameras write up to a hundred."""
 MOST_VALUES = 1 << 17
-"""Of one tag: a black level for each row of the largest sensor."""
+"""Limit of values per tag: a black level for each row of the largest sensor."""
 
 
 class _Form(NamedTuple):
-    """How numbers lie in a file: TIFF's, or BigTIFF's, which counts and points with eight bytes."""
+    """Byte order and integer sizes of a TIFF, or of a BigTIFF with counts and pointers of eight bytes."""
 
     order: str
     number: str
@@ -71,12 +71,9 @@ class _Form(NamedTuple):
 
 
 def mosaic_tags(file: BinaryIO, name: str = "the file") -> Tags:
-    """The numeric tags of the directory that holds a DNG file's mosaic, or the samples of a sensor without one.
+    """Numeric tags of the directory with the mosaic or monochrome samples of a DNG; empty for other files.
 
-    Empty where there is none to be read.
-
-    Other RAW files are left to LibRaw: their makers use some of the same tags in their own ways. Raises as
-    `image_directories`.
+    Other RAW files are left to LibRaw, as manufacturers use some tags differently. Raises as `image_directories`.
     """
     directories = image_directories(file, name)
     if not any(DNG_VERSION in tags for tags in directories):
@@ -85,24 +82,24 @@ def mosaic_tags(file: BinaryIO, name: str = "the file") -> Tags:
 
 
 def is_monochrome(tags: Tags) -> bool:
-    """Whether these are of a sensor without a mosaic: linear samples, one of each pixel (DNG 1.6, chapter 3)."""
+    """Whether the tags are of a monochrome sensor: linear samples, one per pixel (DNG 1.6, chapter 3)."""
     return tags.get(PHOTOMETRIC) == (LINEAR_RAW,) and tags.get(SAMPLES_PER_PIXEL) == (1,)
 
 
 def image_directories(file: BinaryIO, name: str = "the file") -> list[Tags]:
-    """The `WANTED` tags of every image directory, in the file's order.
+    """Read the `WANTED` tags of every image directory, in the file's order.
 
     Parameters
     ----------
     file : a seekable binary file
-        Any file; what is no TIFF, or a broken one, gives no directories.
+        Files other than TIFF, or damaged ones, give no directories.
     name : str
-        The file's, for people.
+        Name of the file for messages.
 
     Raises
     ------
     BadInput
-        If it has more directories, or more tags in one of them, than a photograph has.
+        If it has too many directories, or too many tags in one of them.
     """
     try:
         return _directories(file, name)
@@ -111,7 +108,7 @@ def image_directories(file: BinaryIO, name: str = "the file") -> list[Tags]:
 
 
 def has_directory(file: BinaryIO) -> bool:
-    """Whether a file has a whole first image directory, which begins with a field of a known type."""
+    """Whether a file has a complete first image directory that begins with a field of a known type."""
     try:
         form = _form(file)
         if form is None:
@@ -125,8 +122,7 @@ def has_directory(file: BinaryIO) -> bool:
 
 
 def as_stored(data: bytes) -> bytes:
-    """A TIFF file with its first page marked as upright: decoders turn the others as a viewer wants them, and places in
-    the frame are the sensor's. Any other file comes back as it is."""
+    """Reset the orientation of a TIFF's first page, so that decoders do not rotate it; other files are unchanged."""
     file = io.BytesIO(data)
     try:
         form = _form(file)
@@ -146,7 +142,7 @@ def as_stored(data: bytes) -> bytes:
 
 
 def _form(file: BinaryIO) -> _Form | None:
-    """How the file's numbers lie; None where it is no TIFF. The pointer to the first directory is read next."""
+    """Format of integers; None for other files. The pointer to the first directory follows in the file."""
     file.seek(0)
     head = file.read(4)
     order = {b"II": "<", b"MM": ">"}.get(head[:2])
@@ -158,40 +154,43 @@ def _form(file: BinaryIO) -> _Form | None:
 
 
 LARGEST_COUNT = 0xFFFF
-"""Tags that a directory of a TIFF can have; a BigTIFF could announce more than there is memory for."""
+"""Limit of tags in a TIFF's directory; a BigTIFF could declare more than fits into memory."""
 BIG = 43
-"""Version of a BigTIFF."""
+"""Version number of BigTIFF."""
 
 
 def _directories(file: BinaryIO, name: str) -> list[Tags]:
-    """All image directories: the chain from the header, and what it refers to as sub-directories."""
+    """All image directories: the chain from the header, and their sub-directories."""
     form = _form(file)
     if form is None:
         return []
-    waiting = [form.read(file, form.pointer)]
-    found: dict[int, Tags] = {}
-    while waiting:
-        at = waiting.pop(0)
-        if at == 0 or at in found:
+    pending = [form.read(file, form.pointer)]
+    directories: dict[int, Tags] = {}
+    while pending:
+        at = pending.pop(0)
+        if at == 0 or at in directories:
             continue
-        if len(found) == MOST_DIRECTORIES:
-            raise BadInput(f"{name} has more than {MOST_DIRECTORIES} image directories", _NO_CAMERA)
-        found[at], following = _directory(file, form, at, name)
-        waiting += [int(v) for v in found[at].get(SUB_DIRECTORIES, ())[: MOST_DIRECTORIES + 1]] + [following]
-    return list(found.values())
+        if len(directories) == MOST_DIRECTORIES:
+            raise BadInput(
+                f"a file must have at most {MOST_DIRECTORIES} image directories; {name} has more", _NO_CAMERA
+            )
+        directories[at], following = _directory(file, form, at, name)
+        pending += [int(v) for v in directories[at].get(SUB_DIRECTORIES, ())[: MOST_DIRECTORIES + 1]] + [following]
+    return list(directories.values())
 
 
-_NO_CAMERA = "no camera writes so many; give the file as the camera wrote it"
+_NO_CAMERA = "give the camera's original file"
 
 
 def _directory(file: BinaryIO, form: _Form, at: int, name: str) -> tuple[Tags, int]:
-    """The wanted tags of the directory at an offset, and the offset of the next one."""
+    """Wanted tags of the directory at an offset, and the offset of the next one."""
     file.seek(at)
     count = form.read(file, form.number)
     if count > MOST_TAGS:
         if form.read(file, "I") >> (16 if form.order == "<" else 0) & 0xFFFF not in _TYPES:
-            raise struct.error("no directory is there")
-        raise BadInput(f"{name} has an image directory of {count} tags, more than {MOST_TAGS}", _NO_CAMERA)
+            raise struct.error("not a directory")
+        reason = f"an image directory must have at most {MOST_TAGS} tags; {name} has one of {count}"
+        raise BadInput(reason, _NO_CAMERA)
     entries = file.read(form.begin * count)
     following = form.read(file, form.pointer)
     tags = {}
@@ -204,7 +203,7 @@ def _directory(file: BinaryIO, form: _Form, at: int, name: str) -> tuple[Tags, i
 
 
 def _values(file: BinaryIO, form: _Form, kind: int, n: int, field: bytes) -> tuple[float, ...]:
-    """The values of one entry, which lie in its last bytes or where these point to."""
+    """Values of one entry, stored in its last bytes or at the offset given there."""
     letter, parts = _KINDS[kind]
     layout = f"{form.order}{n * parts}{letter}"
     size = struct.calcsize(layout)
@@ -221,18 +220,18 @@ def _values(file: BinaryIO, form: _Form, kind: int, n: int, field: bytes) -> tup
 
 
 def written_black(tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str) -> npt.NDArray[np.float32]:
-    """Black level of a mosaic's plane as its tags write it, a number or one per row and column.
+    """Black level of a mosaic's plane by its tags, one number or one per row and column.
 
     Parameters
     ----------
-    tags : of a mosaic, with BLACK_LEVEL among them
-    first : [row, column] of the plane's first pixel on the whole sensor
+    tags : tags of a mosaic, including BLACK_LEVEL
+    first : (row, column) of the plane's first pixel on the whole sensor
     shape : (rows, columns) of the plane
 
     Raises
     ------
     BadInput
-        If the levels are not as many as they must be, or no numbers.
+        If the number of levels is wrong, or a level is not a number.
     """
     top, left = (int(v) for v in (*tags.get(ACTIVE_AREA, ()), 0, 0)[:2])
     row, column = first[0] - top, first[1] - left
@@ -242,14 +241,14 @@ def written_black(tags: Tags, first: tuple[int, int], shape: tuple[int, int], na
     if BLACK_DELTA_COLUMNS in tags:
         level = level + _delta(tags[BLACK_DELTA_COLUMNS], column, shape[1], "column", name)
     if not np.isfinite(level).all():
-        raise BadInput(f"{name} writes a black level that is no number", "write its black levels again")
+        raise BadInput(f"black levels must be finite numbers; {name} has others", "correct its DNG tag BlackLevel")
     return level.astype(np.float32)
 
 
 def written_black_everywhere(
     tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str
 ) -> npt.NDArray[np.float32]:
-    """The same of every pixel, for a sensor without a mosaic. Raises BadInput."""
+    """Black level of every pixel of a sensor without a mosaic. Raises BadInput."""
     black = np.empty(shape, np.float32)
     for row, column in np.ndindex(2, 2):
         part = black[row::2, column::2]
@@ -258,24 +257,24 @@ def written_black_everywhere(
 
 
 def _delta(values: tuple[float, ...], first: int, n: int, what: str, name: str) -> npt.NDArray[np.float64]:
-    """What each row or column of a plane has more of black than the level itself."""
-    chosen = np.array(values[max(first, 0) :: 2][:n], dtype=np.float64)
-    if len(chosen) != n:
-        reason = f"{name} writes {len(values)} differences of black, which is not one for each {what}"
-        raise BadInput(reason, f"write the DNG tag BlackLevelDelta again, with a value for each {what}")
-    return chosen
+    """Offsets of the black level of each row or column of a plane."""
+    offsets = np.array(values[max(first, 0) :: 2][:n], dtype=np.float64)
+    if len(offsets) != n:
+        reason = f"BlackLevelDelta must have one value per {what}; {name} has {len(values)}"
+        raise BadInput(reason, f"correct its DNG tag BlackLevelDelta{'V' if what == 'row' else 'H'}")
+    return offsets
 
 
 def _repeated_black(tags: Tags, name: str) -> npt.NDArray[np.float64]:
-    """The BlackLevel pattern as (2, 2), by position in the active area."""
+    """BlackLevel pattern (2, 2), by position in the active area."""
     rows, columns = (int(v) for v in (*tags.get(BLACK_REPEAT, ()), 1, 1)[:2])
     levels = np.array(tags[BLACK_LEVEL], dtype=np.float64)
     if levels.size != rows * columns or not levels.size:
-        reason = f"{name} writes {levels.size} black levels for a repeat pattern of {rows} x {columns}"
-        raise BadInput(reason, "write it again with the DNG tag BlackLevelRepeatDim, or with one black level")
+        reason = f"a repeat pattern of {rows} x {columns} requires as many black levels; {name} has {levels.size}"
+        raise BadInput(reason, "correct its DNG tag BlackLevelRepeatDim, or write one black level")
     if np.ptp(levels) == 0:
         return np.full((2, 2), levels[0])
     if 2 % rows or 2 % columns:
-        reason = f"black has to be one level per plane; {name} repeats it every {rows} x {columns} pixels"
-        raise BadInput(reason, "write it again with one black level for each position of the 2 x 2 mosaic")
+        reason = f"black must be one level per plane; {name} repeats it every {rows} x {columns} pixels"
+        raise BadInput(reason, "write one black level for each position of the 2 x 2 mosaic")
     return np.tile(levels.reshape(rows, columns), (2 // rows, 2 // columns))

@@ -1,1 +1,1 @@
-"""Whether a picture was sharpened: by the ring that this digs around a PSF, and by what it makes of white noise."""
+"""Detection of sharpening in a picture, from the ring around a PSF's core and from correlated noise."""

@@ -13,8 +13,8 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.budget import taken_apart, with_settling
-from procedures.choice import Trial, choose, settling
+from procedures.budget import with_convergence, with_parts
+from procedures.choice import Trial, choose, remaining_change
 from procedures.numbers import GAIN, NOISE, RESIDUAL_STD, SCALE
 from procedures.numerics.solvers import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
@@ -176,7 +176,7 @@ def _estimate(
     psf = widened(found.psf, errors)
     quality = assess(psf, n=len(fit.residual), diffraction=diffraction, at=parameters.at)
     parts = error_parts(fit, kernel, found.recovered, found.free, quality, errors)
-    quality = taken_apart(with_settling(quality, settling(tried)), parts.parts)
+    quality = with_parts(with_convergence(quality, remaining_change(tried)), parts.parts)
     check = psf_by_equation(kernel.total, psf.s, J)
     off = float(np.linalg.norm(found.recovered.h - check.h) / np.linalg.norm(check.h))
     diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, off, saturated, alike, parts)

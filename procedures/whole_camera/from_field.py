@@ -17,7 +17,7 @@ from procedures.geometry.response import camera_response
 from procedures.geometry.shape import shape_model
 from procedures.geometry.views import ChartView, chart_nodes
 from procedures.outcome import Outcome, Verdict
-from procedures.psf_field import Node, moved_by_priors
+from procedures.psf_field import Node, prior_sensitivity
 from procedures.whole_camera.joint import ChartKey, JointNumbers, Part, join
 
 Array = npt.NDArray[np.float64]
@@ -129,7 +129,7 @@ def psf_part(plane: str, charts: Sequence[SeenChart]) -> Part:
         values += [number.value for number in one.numbers.values()]
         slope = _slopes(one)
         slopes.append(slope)
-        moves.append(slope @ moved_by_priors(one.node.psf))
+        moves.append(slope @ prior_sensitivity(one.node.psf))
     ends = np.cumsum([0, *(len(slope) for slope in slopes)])
     covariance, by_charts = np.zeros((ends[-1], ends[-1])), {}
     for i, one in enumerate(charts):

@@ -206,7 +206,7 @@ def _sensor(path: Path) -> None:
 def _read_sensor(path: Path) -> None:
     photograph: Any = SimpleNamespace(exposure=SimpleNamespace(iso=100.0), planes={"G1": None})
     known = read_sensor(path.parent / "sensor.json", photograph)
-    known.models["G1"].straightened(np.linspace(-10, 4000, 50))
+    known.models["G1"].linearised(np.linspace(-10, 4000, 50))
     if known.noise:
         known.information("G1", _psf())
 

@@ -24,7 +24,7 @@ from damage import sharpened  # noqa: E402
 from procedures.outcome import Verdict, causes_of  # noqa: E402
 from procedures.pattern import Chart  # noqa: E402
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf  # noqa: E402
-from procedures.pattern_psf.trust import COLOURED, HINT  # noqa: E402
+from procedures.pattern_psf.trust import ANTICORRELATION_SIGMAS, SHARPENING_SIGMAS  # noqa: E402
 from procedures.raw import Plane  # noqa: E402
 
 CHART = Chart.from_seed(1)
@@ -62,8 +62,8 @@ def main() -> None:
                     value, verdict, reason = found(plane)
                     own = value.diagnostics
                     sure = (
-                        own["sharpened_sigmas"] > HINT
-                        and np.hypot(own["sharpened_sigmas"], max(own["missing_light"], 0.0)) > COLOURED
+                        own["sharpened_sigmas"] > ANTICORRELATION_SIGMAS
+                        and np.hypot(own["sharpened_sigmas"], max(own["missing_light"], 0.0)) > SHARPENING_SIGMAS
                     )
                     told, by_noise = told + ("sharpened" in reason), by_noise + sure
                     amounts += [value.diagnostics["sharpened_by"]] if sure else []

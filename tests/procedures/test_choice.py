@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.choice import assess_trial, band_edge, choose, settling
+from procedures.choice import assess_trial, band_edge, choose, remaining_change
 from procedures.psf import Psf, PsfTail
 
 SIGMA = 0.35
@@ -63,5 +63,5 @@ def test_samples_limit_the_support() -> None:
 def test_settled_when_the_last_step_moved_nothing() -> None:
     trial = assess_trial(gaussian(4, 17))
     wider = assess_trial(gaussian(4, 25))
-    assert settling((trial,)) == 0
-    assert settling((trial, wider)) < 1e-3
+    assert remaining_change((trial,)) == 0
+    assert remaining_change((trial, wider)) < 1e-3

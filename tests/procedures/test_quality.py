@@ -13,7 +13,7 @@ from procedures.outcome import BadParameter
 from procedures.psf import Psf, PsfTail
 from procedures.quality import Diffraction, assess, beyond_diffraction, otf
 from procedures.spatial_numbers import circle
-from procedures.stray_tail import stray_energy
+from procedures.stray_tail import tail_energy_uncertainty
 
 S, K = 4, 33
 
@@ -113,7 +113,7 @@ def test_share_outside_is_as_unsure_as_rings_of_a_small_aperture_make_it() -> No
         h = whole[part, part]
         amplitude = np.array([limit.tail_density_px * S / tail_density(k) / h.sum()])
         psf = Psf(h / h.sum(), S, np.zeros((k * k, k * k)), PsfTail(amplitude, no_noise, np.zeros((k * k, 1))))
-        away.append((psf.share_outside - (1 - h.sum())) / stray_energy(psf))
+        away.append((psf.share_outside - (1 - h.sum())) / tail_energy_uncertainty(psf))
     assert 0.3 < np.sqrt(np.mean(np.square(away))) < 1.3
     assert np.abs(away).max() < 2.5
 
@@ -199,7 +199,7 @@ def test_share_outside_is_less_sure_where_the_tail_is_not_that_of_a_lens_in_focu
         """Over what is told of rings, a quarter of E / (R sqrt(8 pi)); amplitudes in units of what is expected."""
         amplitudes = 0.002 * np.array([1, *(np.array(others) * DIFFERS)])
         psf = Psf(h, S, 1e-12 * np.eye(h.size), PsfTail(amplitudes, no_noise, np.zeros((h.size, 6))))
-        return stray_energy(psf) / (0.25 * psf.energy_outside[0] / (17 / 2 / S * np.sqrt(8 * np.pi)))
+        return tail_energy_uncertainty(psf) / (0.25 * psf.energy_outside[0] / (17 / 2 / S * np.sqrt(8 * np.pi)))
 
     assert stray(0, 0, 0, 0, 0) == pytest.approx(1, rel=1e-3)  # so faint a tail is of no small aperture
     assert stray(1, 0, -1, 1, 1) == pytest.approx(1, rel=1e-3)

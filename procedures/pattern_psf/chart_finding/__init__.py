@@ -1,1 +1,1 @@
-"""Where charts are in a photograph: saddle points, x-corners, their layout, and the frame they must lie on."""
+"""Detection of charts in a photograph: saddle points, x-corners, their layout, and verification by the frame."""

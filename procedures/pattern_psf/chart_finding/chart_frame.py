@@ -1,4 +1,4 @@
-"""The chart's frame as it should look, and how far a rectified picture agrees with it: place, turn, score."""
+"""Template of the chart's frame, and its agreement with a rectified picture: positions, orientation, score."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ PIXELS_PER_CELL = PIXELS / BLOCK
 ORIGIN = -BLOCK * (1 + RIM_BLOCKS)
 """Cell coordinate of the rectified picture's top left edge."""
 BLUR = 0.1 * PIXELS
-"""Blur of the expected frame: that of a typical photograph; agreement hardly depends on it."""
+"""Blur of the template, that of a typical photograph; the agreement hardly depends on it."""
 SCREEN_SAMPLES = 4
 """Samples of a block along one side when candidates are screened."""
 SCREENED_AT_ONCE = 128
-"""Candidates whose samples stay in the processor's cache together."""
+"""Candidates whose samples fit the processor's cache together."""
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
 
@@ -54,7 +54,7 @@ def transform(H: Array, points: Array) -> Array:
 
 @cache
 def expected() -> Picture:
-    """The rectified chart, black 0, white 1, its noise at one half."""
+    """Rectified chart, black 0, white 1, its noise region 1/2."""
     picture = np.ones((SIDE, SIDE), dtype=np.float32)
     for place in BLACK_BLOCKS:
         picture[_pixels_of(*place)] = 0.0
@@ -66,7 +66,7 @@ def expected() -> Picture:
 
 
 def _pixels_of(column: int, row: int) -> tuple[slice, slice]:
-    """Where the rectified picture shows a block."""
+    """Pixels of a block in the rectified picture."""
     first = np.array([row, column]) + RIM_BLOCKS
     rows, columns = (slice(at * PIXELS, (at + 1) * PIXELS) for at in first.tolist())
     return rows, columns
@@ -82,7 +82,7 @@ def _bow_tie() -> Picture:
 
 @cache
 def ring() -> npt.NDArray[np.bool_]:
-    """Where the rectified picture shows the frame: the blocks around the noise, a quarter block off it."""
+    """Mask of the frame in the rectified picture: the blocks around the noise region, a quarter block off it."""
     mask = np.zeros((SIDE, SIDE), dtype=np.bool_)
     outer, inner = RIM_BLOCKS * PIXELS, (RIM_BLOCKS + 1) * PIXELS - PIXELS // 4
     mask[outer:-outer, outer:-outer] = True
@@ -91,28 +91,28 @@ def ring() -> npt.NDArray[np.bool_]:
 
 
 @cache
-def turned_frames() -> npt.NDArray[np.float32]:
-    """The expected frame seen through each of the symmetries, (8, SIDE, SIDE)."""
-    return np.stack([seen for _, seen in symmetries()])
+def oriented_frames() -> npt.NDArray[np.float32]:
+    """Template in each of the eight orientations, (8, SIDE, SIDE)."""
+    return np.stack([template for _, template in symmetries()])
 
 
 @cache
 def symmetries() -> tuple[tuple[Array, Picture], ...]:
-    """The square's eight maps g of cells onto cells, each with the expected frame seen through it."""
+    """Symmetries of the square as maps of cells onto cells, each with the template in that orientation."""
     maps = []
     for swap in (False, True):
         for flip_x in (False, True):
             for flip_y in (False, True):
-                seen = expected()[:: -1 if flip_y else 1, :: -1 if flip_x else 1]
+                template = expected()[:: -1 if flip_y else 1, :: -1 if flip_x else 1]
                 flips = np.diag([-1.0 if flip_x else 1.0, -1.0 if flip_y else 1.0, 1.0])
                 flips[:2, 2] = CELLS * (np.diag(flips)[:2] < 0)
                 g = flips @ np.eye(3)[[1, 0, 2]] if swap else flips
-                maps.append((g, np.ascontiguousarray(seen.T if swap else seen)))
+                maps.append((g, np.ascontiguousarray(template.T if swap else template)))
     return tuple(maps)
 
 
 def rectify(image: Picture, H_image_cells: Array) -> Picture:
-    """The picture in the chart's own frame, NaN where the photograph does not reach, (SIDE, SIDE)."""
+    """Picture resampled to the chart's coordinates (SIDE, SIDE), NaN outside the photograph."""
     return np.asarray(
         cv2.warpPerspective(
             image,
@@ -127,10 +127,10 @@ def rectify(image: Picture, H_image_cells: Array) -> Picture:
 
 
 def agreements(rectified: Picture, frames: npt.NDArray[np.float32], where: npt.NDArray[np.bool_]) -> Array:
-    """Correlations (n,) of a rectified picture with frames (n, SIDE, SIDE), light varying linearly over it; 0 to 1.
+    """Correlations (n,), 0 to 1, of a rectified picture with templates (n, SIDE, SIDE) under linear illumination.
 
-    With T a frame, the picture is fitted by a(x, y) + b(x, y) T, a and b linear; the correlation is the root of the
-    share of the variance around a alone that b T explains, 0 where b would be negative.
+    The picture is fitted by a(x, y) + b(x, y) T with a template T and linear a and b. The correlation is the root of
+    the share of the variance about a alone that b T explains, 0 where b is negative.
     """
     rows, columns = np.nonzero(where & np.isfinite(rectified))
     if len(rows) < ring().sum() / 3:
@@ -154,20 +154,20 @@ def agreements(rectified: Picture, frames: npt.NDArray[np.float32], where: npt.N
 
 @cache
 def _screen_samples() -> tuple[Array, Array]:
-    """Cells (n, 2) of a few points in every block of the frame, and the eight expected frames there, (n, 8)."""
+    """Cells (n, 2) of a few points in every block of the frame, and the eight templates there, (n, 8)."""
     index = np.arange(SCREEN_SAMPLES * SIDE // PIXELS) * PIXELS // SCREEN_SAMPLES + PIXELS // (2 * SCREEN_SAMPLES)
     rows, columns = (grid.ravel() for grid in np.meshgrid(index, index, indexing="ij"))
     inside = ring()[rows, columns]
     rows, columns = rows[inside], columns[inside]
     cells = transform(H_CELLS_RECTIFIED, np.column_stack([columns, rows]).astype(np.float64))
-    return cells, np.column_stack([seen[rows, columns] for _, seen in symmetries()]).astype(np.float64)
+    return cells, np.column_stack([template[rows, columns] for _, template in symmetries()]).astype(np.float64)
 
 
 def screen(image: Picture, layouts: Layouts) -> Array:
-    """Correlation of layouts' surroundings with the eight expected frames, (n, 8).
+    """Correlation (n, 8) of the surroundings of layouts with the eight templates.
 
-    A coarse and fast `agreement`: a few samples per block, light only added; where a layout has no x-corner,
-    something hides the frame and nothing is compared.
+    A coarse and fast version of `agreements`: a few samples per block, with additive light only; blocks around missing
+    x-corners are excluded as hidden.
     """
     parts = range(0, len(layouts.maps), SCREENED_AT_ONCE)
     scores = [_screen_part(image, layouts.maps[i : i + SCREENED_AT_ONCE], layouts.hits[i : i + SCREENED_AT_ONCE])
@@ -195,23 +195,23 @@ def _screen_part(image: Picture, maps: Array, hits: npt.NDArray[np.bool_]) -> Ar
 
 
 @dataclass(frozen=True)
-class PlacedMarks:
-    """Where the marks of a rectified picture really are.
+class LocatedMarks:
+    """Located marks of a rectified picture.
 
     Attributes
     ----------
     cells : (12, 2) float64
-        Cell coordinates, by the present map, of the places that look like the x-corners.
+        Cell coordinates of the x-corners by the present map.
     likeness : (12,) float64
-        Normalised correlation with the expected mark; 0 where it leaves the photograph or the window searched.
+        Normalised correlation with the template; 0 where it leaves the photograph or the search window.
     """
 
     cells: Array
     likeness: Array
 
 
-def place_marks(rectified: Picture, *, half: int = 5, search: int = 6) -> PlacedMarks:
-    """Find each mark near its expected place by normalised correlation, to a fraction of a rectified pixel."""
+def locate_marks(rectified: Picture, *, half: int = 5, search: int = 6) -> LocatedMarks:
+    """Locate each mark near its expected position by normalised correlation, to a fraction of a rectified pixel."""
     offsets = np.zeros((len(X_CORNERS), 2))
     likeness = np.zeros(len(X_CORNERS))
     for n, (column, row) in enumerate(X_CORNER_BLOCKS):
@@ -219,16 +219,16 @@ def place_marks(rectified: Picture, *, half: int = 5, search: int = 6) -> Placed
         mark = expected()[y - half : y + half, x - half : x + half]
         reach = half + search
         window = rectified[y - reach : y + reach, x - reach : x + reach]
-        seen = np.isfinite(window)
-        if not seen[search:-search, search:-search].all():
+        template = np.isfinite(window)
+        if not template[search:-search, search:-search].all():
             continue
-        window = np.where(seen, window, window[seen].mean())
+        window = np.where(template, window, window[template].mean())
         offsets[n], likeness[n] = _peak(cv2.matchTemplate(window, mark, cv2.TM_CCOEFF_NORMED))
-    return PlacedMarks(X_CORNERS + offsets / PIXELS_PER_CELL, likeness)
+    return LocatedMarks(X_CORNERS + offsets / PIXELS_PER_CELL, likeness)
 
 
 def _peak(likeness: npt.NDArray[np.generic]) -> tuple[Array, float]:
-    """Offset (x, y) of the greatest value from the middle, by parabolas, and the value; 0 on the border."""
+    """Offset (x, y) of the maximum from the middle, by parabolas, and its value; 0 on the border."""
     row, column = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
     middle = (likeness.shape[0] - 1) / 2
     if not (0 < row < likeness.shape[0] - 1 and 0 < column < likeness.shape[1] - 1):
@@ -245,7 +245,7 @@ def _vertex(v: Array) -> float:
 
 
 def around_marks(which: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """The blocks of some of the marks, with a block around each, in the rectified picture."""
+    """Mask of the blocks of some marks in the rectified picture, with a block around each."""
     mask = np.zeros((SIDE, SIDE), dtype=np.bool_)
     for (column, row), chosen in zip(X_CORNER_BLOCKS, which, strict=True):
         if chosen:

@@ -1,7 +1,7 @@
-"""Sets of saddles that lie like the chart's twelve x-corners, whatever its place, size, roll and tilt.
+"""Sets of saddles in the layout of the chart's twelve x-corners, for any position, size, roll and tilt.
 
-The x-corners are the rim of a 4 x 4 lattice, all with the same axis, and that axis is one of the lattice's. Three
-equally spaced collinear saddles propose a side of it; what lies where the other nine should be decides.
+The x-corners are the border of a 4 x 4 lattice. They have one common axis, parallel to an axis of the lattice. Three
+equally spaced collinear saddles propose a side; saddles at the other nine points confirm it.
 """
 
 from __future__ import annotations
@@ -17,42 +17,42 @@ from procedures.pattern_psf.chart_finding.marks import SAME_AXIS, Saddles
 from procedures.pattern_psf.chart_finding.spatial_bins import Field, alike, all_nearest, bins_within, field_of, nearest
 
 MIN_STEP, MAX_STEP = 16.5, 38.0
-"""Lattice steps looked for at one level of the pyramid, in its pixels (three blocks of the chart)."""
+"""Range of lattice steps at one level of the pyramid, in its pixels (three blocks of the chart)."""
 ALONG_AXIS = np.cos(2 * np.deg2rad(11))
-"""The lattice is along the axes or across them, up to the shear of a tilt and the axes' own error."""
+"""Tolerance of the lattice's direction relative to the axes, for shear by tilt and errors of the axes."""
 SAME_STRENGTH = 2.5
 """Greatest ratio of strengths within one side: light gradient, noise, focus."""
 COLLINEAR = 0.15
-"""Greatest distance of a third x-corner from where two put it, in steps: perspective, distortion."""
-BETWEEN = 0.2
-"""A finer lattice has a like saddle this close to the middle of every step, in steps; clutter may have one in one."""
-FEWEST_NEAR, FEWEST_NEAR_CROWDED = 2, 4
-"""Of the five x-corners nearest to a triple, at least; and where something lies in the middle of one of its steps, as
-mostly in textures."""
-BOTH_WAYS = 0.3
-"""Slope under which a line is looked at from both of its ends: more than COLLINEAR can turn a step."""
-MOST_TRIPLES = 20_000
-BIN = 12.0
-"""Side of the bins in which saddles are looked up, in pixels."""
+"""Greatest distance of a third x-corner from its extrapolation by two, in steps: perspective, distortion."""
+MIDDLE_RADIUS = 0.2
+"""Radius about the middle of a step, in steps; a finer lattice has a similar saddle there in every step."""
+MIN_NEAR, MIN_NEAR_CROWDED = 2, 4
+"""Least number of hits of the five x-corners nearest to a triple, without and with a saddle in the middle of one of its
+steps, which is common in textures."""
+LEVEL_SLOPE = 0.3
+"""Slope below which a line is tested in both directions: more than COLLINEAR can turn a step."""
+MAX_TRIPLES = 20_000
+BIN_SIDE = 12.0
+"""Side of the bins of the spatial index, in pixels."""
 SQUARE = 0.3
-"""The same from where a side puts a neighbouring one, supposing a square: tilt."""
+"""Greatest distance of an x-corner from its prediction by a side of a square, in steps: tilt."""
 AFFINE = 0.25
 PROJECTIVE = 0.15
-"""The same for affine and projective lattices."""
+"""Greatest distances from the predictions by affine and projective lattices, in steps."""
 MIN_HITS = 7
-"""A chart with fewer x-corners in sight is not found."""
+"""Least number of visible x-corners of a chart."""
 HITS_PER_OCTAVE = 4.0
-"""What twice the strength is worth, in hits, where there are too many layouts: a chart has the strongest saddles."""
-MOST = 4000
-"""Layouts given for one picture; textures and lattices have many."""
+"""Hits equivalent to twice the strength when layouts are ranked: a chart has the strongest saddles."""
+MAX_LAYOUTS = 4000
+"""Greatest number of layouts of one picture; textures and lattices have many."""
 
 RIM = np.array([(s, t) for t in range(4) for s in range(4) if s in (0, 3) or t in (0, 3)], dtype=np.float64)
-"""The lattice coordinates (s, t) of the twelve x-corners, (12, 2)."""
+"""Lattice coordinates (s, t) of the twelve x-corners, (12, 2)."""
 INSIDE = np.array([(1, 1), (2, 1), (1, 2), (2, 2)], dtype=np.float64)
 MOST_INSIDE = 3
-"""Like saddles at the lattice points inside, where the chart has noise, that tell a lattice from a chart."""
+"""Similar saddles at the inner lattice points, where a chart has noise, from which on it is a lattice."""
 RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2
-"""The same places in cells."""
+"""The x-corners in cells, (12, 2)."""
 H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -61,16 +61,16 @@ Indices = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Layouts:
-    """Sets of saddles that lie like a chart's x-corners.
+    """Sets of saddles in the layout of a chart's x-corners.
 
-    A square's eight symmetries leave the x-corners in place: which of them applies is not known here.
+    The orientation, one of the square's eight symmetries, is not determined here.
 
     Attributes
     ----------
     maps : (n, 3, 3) float64
         Homographies from cells to pixels.
     hits : (n, 12) bool
-        Which x-corners there are, in the order of RIM.
+        Mask of the x-corners that have a saddle, in the order of RIM.
     """
 
     maps: Array
@@ -79,7 +79,7 @@ class Layouts:
 
 @compiled
 def _is_step(field: Field, i: int, j: int) -> bool:
-    """Whether two like saddles lie one lattice step apart, along their axis or across it."""
+    """Whether two similar saddles lie one lattice step apart, parallel or perpendicular to their axis."""
     d = field.points[j] - field.points[i]
     square = d.real * d.real + d.imag * d.imag
     if square <= MIN_STEP * MIN_STEP or square >= MAX_STEP * MAX_STEP:
@@ -92,10 +92,10 @@ def _is_step(field: Field, i: int, j: int) -> bool:
 
 @vectorised
 def _may_be_steps(field: Field, i: int, first: int, last: int, fit: npt.NDArray[np.bool_]) -> None:
-    """Which of the saddles from the first to before the last are alike one, a lattice step away and not backwards.
+    """Mask of the saddles in a range that are similar to one, a lattice step away and not backwards.
 
-    All of `_is_step` but the direction, for many at a time; and of a line's two directions one, or both where it is
-    nearly level: the second step may turn a little.
+    A vectorised pre-test of `_is_step` without the direction. Each line is tested in one direction, or in both where it
+    is nearly horizontal, as the second step may turn a little.
     """
     x, y = field.points[i].real, field.points[i].imag
     u, v, merit = field.axes[i].real, field.axes[i].imag, field.merits[i]
@@ -103,21 +103,21 @@ def _may_be_steps(field: Field, i: int, first: int, last: int, fit: npt.NDArray[
     for n in range(last - first):
         dx, dy = points[n].real - x, points[n].imag - y
         square = dx * dx + dy * dy
-        near = (square > MIN_STEP * MIN_STEP) & (square < MAX_STEP * MAX_STEP) & (dy >= -BOTH_WAYS * abs(dx))
+        near = (square > MIN_STEP * MIN_STEP) & (square < MAX_STEP * MAX_STEP) & (dy >= -LEVEL_SLOPE * abs(dx))
         like = (merits[n] < SAME_STRENGTH * merit) & (merit < SAME_STRENGTH * merits[n])
         fit[n] = near & like & (axes[n].real * u + axes[n].imag * v > SAME_AXIS)
 
 
 @compiled
 def _is_free(field: Field, i: int, j: int) -> bool:
-    """Whether no like saddle lies in the middle of two."""
+    """Whether no similar saddle lies midway between two."""
     a, b = field.points[i], field.points[j]
-    return nearest(field, (a + b) / 2, BETWEEN * abs(a - b), i, SAME_AXIS, SAME_STRENGTH) < 0
+    return nearest(field, (a + b) / 2, MIDDLE_RADIUS * abs(a - b), i, SAME_AXIS, SAME_STRENGTH) < 0
 
 
 @compiled
-def _longer(triples: Indices) -> Indices:
-    """The same with as many free rows after them."""
+def _double_capacity(triples: Indices) -> Indices:
+    """Copy of the triples with the capacity doubled."""
     out = np.empty((2 * len(triples), 3), np.int64)
     for n in range(len(triples)):
         for m in range(3):
@@ -127,14 +127,14 @@ def _longer(triples: Indices) -> Indices:
 
 @compiled
 def _triples(field: Field) -> Indices:
-    """Triples (n, 3) of like saddles, equally spaced on a line, a line once or in both directions."""
+    """Triples (n, 3) of similar saddles, equally spaced on a line, in one or both directions."""
     out = np.empty((1024, 3), np.int64)
     count = 0
     fit = np.empty(len(field.points), np.bool_)
     for i in range(len(field.points)):
         place = field.points[i]
         top, bottom, first, last = bins_within(field, place, MAX_STEP)
-        highest = int((place.imag - BOTH_WAYS * MAX_STEP - field.top) / field.side)
+        highest = int((place.imag - LEVEL_SLOPE * MAX_STEP - field.top) / field.side)
         for row in range(max(top, highest), bottom + 1):
             start, end = field.starts[row * field.columns + first], field.starts[row * field.columns + last + 1]
             _may_be_steps(field, i, start, end, fit)
@@ -145,26 +145,26 @@ def _triples(field: Field) -> Indices:
                 k = nearest(field, field.points[j] + step, COLLINEAR * abs(step), j, SAME_AXIS, SAME_STRENGTH)
                 if k >= 0 and _is_step(field, j, k) and (_is_free(field, i, j) or _is_free(field, j, k)):
                     if count == len(out):
-                        out = _longer(out)
+                        out = _double_capacity(out)
                     out[count, 0], out[count, 1], out[count, 2] = i, j, k
                     count += 1
     return out[:count]
 
 
 def _strongest(field: Field, triples: Indices) -> Indices:
-    """At most MOST_TRIPLES of the triples."""
-    if len(triples) <= MOST_TRIPLES:
+    """The strongest triples, at most MOST_TRIPLES."""
+    if len(triples) <= MAX_TRIPLES:
         return triples
     strengths = field.merits[triples].min(axis=1)
-    return triples[np.argpartition(-strengths, MOST_TRIPLES)[:MOST_TRIPLES]]
+    return triples[np.argpartition(-strengths, MAX_TRIPLES)[:MAX_TRIPLES]]
 
 
 @compiled
 def _sides(field: Field, triples: Indices) -> Indices:
-    """Hypotheses that triples start at s = 0 or 1 of the side t = 0, the chart lying to one side of it or the other.
+    """Hypotheses that triples start at s = 0 or 1 of the side t = 0, with the chart on one side of it or the other.
 
-    Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find enough of the five nearest others,
-    one of them off the side, and not both of the inner neighbours, which only a lattice of saddles has.
+    Returns the hits (n, 12) in the order of RIM, -1 for none, of the hypotheses with enough of the five nearest other
+    x-corners, one of them off the side, and without both inner neighbours, which only a lattice of saddles has.
     """
     out = np.empty((4 * len(triples), 12), np.int64)
     count = 0
@@ -172,7 +172,7 @@ def _sides(field: Field, triples: Indices) -> Indices:
         i, j, k = triples[n, 0], triples[n, 1], triples[n, 2]
         u = (field.points[k] - field.points[i]) / 2
         reach, near = COLLINEAR * abs(u), SQUARE * abs(u)
-        least = FEWEST_NEAR if _is_free(field, i, j) and _is_free(field, j, k) else FEWEST_NEAR_CROWDED
+        least = MIN_NEAR if _is_free(field, i, j) and _is_free(field, j, k) else MIN_NEAR_CROWDED
         for which in range(4):
             first, v = which % 2, u * (1j if which < 2 else -1j)
             origin = field.points[i] - first * u
@@ -200,22 +200,22 @@ def _sides(field: Field, triples: Indices) -> Indices:
 
 
 def _normalised(field: Field, hits: Indices) -> tuple[Complex, Complex, Array]:
-    """Hits about their mean in units of their spread, (n, 12), 0 where none; the means and the spreads, (n, 1)."""
-    there = hits >= 0
-    z = np.where(there, field.points[hits], 0)
-    count = there.sum(axis=1, keepdims=True)
+    """Hits (n, 12) normalised by their means and spreads, 0 for none; the means and the spreads, (n, 1)."""
+    present = hits >= 0
+    z = np.where(present, field.points[hits], 0)
+    count = present.sum(axis=1, keepdims=True)
     mean = z.sum(axis=1, keepdims=True) / count
-    z = np.where(there, z - mean, 0)
+    z = np.where(present, z - mean, 0)
     spread = np.sqrt((np.abs(z) ** 2).sum(axis=1, keepdims=True) / count)
     return z / spread, mean, spread
 
 
 def _affine(field: Field, hits: Indices) -> Array:
-    """Affine maps fitted to hits, from lattice to pixels, (n, 3, 3)."""
+    """Affine maps (n, 3, 3) from lattice to pixels, fitted to hits."""
     z, mean, spread = _normalised(field, hits)
     design = np.column_stack([RIM, np.ones(len(RIM))])
-    there = (hits >= 0).astype(np.float64)
-    normal = np.einsum("nr,ra,rb->nab", there, design, design)
+    present = (hits >= 0).astype(np.float64)
+    normal = np.einsum("nr,ra,rb->nab", present, design, design)
     c = np.linalg.solve(normal + 0j, (z @ design)[..., None])[..., 0] * spread
     c[:, 2] += mean[:, 0]
     bottom = np.broadcast_to([0.0, 0.0, 1.0], c.shape)
@@ -223,17 +223,17 @@ def _affine(field: Field, hits: Indices) -> Array:
 
 
 def _projective(field: Field, hits: Indices) -> Array:
-    """Homographies fitted to hits, from lattice to pixels, (n, 3, 3); the fit is linear, from the middle out."""
+    """Homographies (n, 3, 3) from lattice to pixels, fitted to hits linearly in centred coordinates."""
     z, mean, spread = _normalised(field, hits)
     p = np.column_stack([RIM - 1.5, np.ones(len(RIM))])
-    there = (hits >= 0).astype(np.float64)
+    present = (hits >= 0).astype(np.float64)
     zero = np.zeros_like(p)
     rows = []
     for value, left in ((z.real, (p, zero)), (z.imag, (zero, p))):
         fixed = np.broadcast_to(np.hstack(left), (len(z), len(RIM), 6))
-        rows.append(np.concatenate([fixed, -value[..., None] * p[:, :2]], axis=2) * there[..., None])
+        rows.append(np.concatenate([fixed, -value[..., None] * p[:, :2]], axis=2) * present[..., None])
     design = np.concatenate(rows, axis=1)
-    right = np.concatenate([z.real * there, z.imag * there], axis=1)[..., None]
+    right = np.concatenate([z.real * present, z.imag * present], axis=1)[..., None]
     transposed = design.transpose(0, 2, 1)
     h = np.linalg.solve(transposed @ design + 1e-9 * np.eye(8), transposed @ right)[..., 0]
     local = np.concatenate([h, np.ones((len(h), 1))], axis=1).reshape(-1, 3, 3)
@@ -245,7 +245,7 @@ def _projective(field: Field, hits: Indices) -> Array:
 
 
 def _mapped(maps: Array, lattice: Array) -> Complex:
-    """Where maps put lattice points, (n, m)."""
+    """Lattice points mapped to pixels, (n, m)."""
     q = maps @ np.column_stack([lattice, np.ones(len(lattice))]).T
     with np.errstate(divide="ignore", invalid="ignore"):
         out: Complex = (q[:, 0] + 1j * q[:, 1]).astype(np.complex128) / q[:, 2]
@@ -253,7 +253,7 @@ def _mapped(maps: Array, lattice: Array) -> Complex:
 
 
 def _gather(field: Field, hits: Indices, maps: Array, reach: float) -> Indices:
-    """The hits nearest to mapped lattices, `reach` in steps, of those that keep enough and are empty inside."""
+    """Hits nearest to mapped lattices within `reach` steps, for those with enough hits and an empty interior."""
     predicted, inner = _mapped(maps, RIM), _mapped(maps, INSIDE)
     step = np.abs(predicted[:, 3] - predicted[:, 0]) / 3
     like = np.take_along_axis(hits, np.argmax(hits >= 0, axis=1)[:, None], 1)[:, 0]
@@ -274,26 +274,26 @@ def _gather(field: Field, hits: Indices, maps: Array, reach: float) -> Indices:
 
 
 def _distinct(field: Field, hits: Indices) -> Indices:
-    """One of each set of saddles, those with the most hits and the strongest first, at most MOST."""
+    """Remove duplicates, and keep at most MOST, those with the most hits and the strongest first."""
     _, first = np.unique(np.sort(hits, axis=1), axis=0, return_index=True)
     hits = hits[first]
     count = (hits >= 0).sum(axis=1)
     strengths = np.where(hits >= 0, np.log2(field.merits)[hits], 0).sum(axis=1) / np.maximum(count, 1)
-    return hits[np.argsort(-count - HITS_PER_OCTAVE * strengths, kind="stable")[:MOST]]
+    return hits[np.argsort(-count - HITS_PER_OCTAVE * strengths, kind="stable")[:MAX_LAYOUTS]]
 
 
 def find_layouts(saddles: Saddles) -> Layouts:
-    """The sets of saddles that lie like a chart's x-corners, those with the most hits first.
+    """Find the sets of saddles in the layout of a chart's x-corners, those with the most hits first.
 
     Parameters
     ----------
     saddles : Saddles
-        Of one level of the pyramid, where the lattice step is MIN_STEP to MAX_STEP pixels.
+        Saddles of one level of the pyramid, where the lattice step is MIN_STEP to MAX_STEP pixels.
     """
     none = Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
     if len(saddles.points) < MIN_HITS:
         return none
-    field, _ = field_of(saddles.points, saddles.axes, saddles.strengths, BIN)
+    field, _ = field_of(saddles.points, saddles.axes, saddles.strengths, BIN_SIDE)
     hits = _sides(field, _strongest(field, _triples(field)))
     if not len(hits):
         return none

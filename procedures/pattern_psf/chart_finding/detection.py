@@ -1,7 +1,7 @@
-"""The charts in a photograph: where their x-corners are, which way they turn, and how sure that is.
+"""Detection of the charts in a photograph: positions of their x-corners, orientation, and score.
 
-Coarse to fine: saddles at each level of a pyramid, sets of them that lie like the marks, the frame's blocks and
-triangles to tell chart from clutter and one turn from the other seven, the marks' places at full resolution.
+Coarse to fine: saddles at each level of a pyramid, sets of them in the layout of the marks, the frame's blocks and
+triangles to reject clutter and to choose one of eight orientations, the marks' positions at full resolution.
 """
 
 from __future__ import annotations
@@ -20,54 +20,54 @@ from procedures.pattern_psf.chart_finding.corner_layouts import find_layouts
 from procedures.pattern_psf.chart_finding.marks import find_saddles
 
 MIN_WIDTH, MAX_WIDTH = 60.0, 300.0
-"""Widths of the noise region that the estimator works with, in pixels."""
+"""Widths of the noise region that the estimator accepts, in pixels."""
 TOLERANCE = 1.06
-"""Widths are known to this factor: a tilted chart has no one width."""
+"""Tolerance of a width, as a factor: the width of a tilted chart varies."""
 MAX_HIDDEN = 2
-SCREENED = 0.4
-"""Agreement that a set of saddles must show before its marks are placed."""
-MOST_SETTLED = 60
-"""Candidates per level whose marks are placed."""
-ACCEPTED = 0.75
-"""Agreement of a chart; clutter that lies like the marks stays below."""
-LIKENESS = 0.6
-"""Normalised correlation of a visible mark with what it should look like."""
-PLACE_TOLERANCE = 0.08
+MIN_SCREENING = 0.4
+"""Least coarse agreement with the frame of a candidate whose marks are located."""
+MAX_CANDIDATES = 60
+"""Greatest number of candidates per level whose marks are located."""
+MIN_SCORE = 0.75
+"""Least agreement of a chart; clutter in the layout of the marks stays below."""
+MIN_CORRELATION = 0.6
+"""Least normalised correlation of a visible mark with its template."""
+POSITION_TOLERANCE = 0.08
 """Greatest distance of a mark from the homography of the others, in blocks: lens distortion is less."""
-PLACE_NOISE = 0.6
-"""The same in pixels, where it is more: noise, and what hides a part of a small mark."""
-PLACINGS = 3
-"""Times that the marks are placed, each with the map of the last."""
-PLACED_BLOCK = 12
-"""Marks are placed on the coarsest level whose blocks have this many pixels."""
+POSITION_NOISE_PX = 0.6
+"""Least value of this distance in pixels, for noise and partly hidden small marks."""
+LOCATING_STEPS = 3
+"""Number of times that the marks are located, each with the map of the last."""
+LOCATING_BLOCK_PX = 12
+"""Pixels per block of the coarsest level on which marks are located."""
 MIN_VISIBLE = 6
-"""Marks in sight, of 12, that tell a chart from clutter."""
-MARGIN = 0.1
-"""By how much the best turn must agree better than any other."""
+"""Least number of visible marks, of 12, that distinguish a chart from clutter."""
+ORIENTATION_MARGIN = 0.1
+"""Least difference in agreement between the best orientation and any other."""
 SMALLEST_LEVEL = 48
-"""The pyramid ends before a side gets shorter than this."""
+"""Least side of a level of the pyramid."""
 Image = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class ChartSighting:
-    """One chart found in a photograph.
+    """A chart detected in a photograph.
 
     Attributes
     ----------
     corners : (12, 2) float64
         (x, y) of the x-corners in pixels of the plane, in the order of `pattern.X_CORNERS`, NaN where hidden.
     H_sensor_pattern : (3, 3) float64
-        Homography from cells to pixels, fitted to the corners found.
+        Homography from cells to pixels, fitted to the visible corners.
     visible : (12,) bool
-        Which corners were found.
+        Mask of the detected corners.
     score : float
-        Agreement of the frame's blocks and triangles with the picture, 0 to 1; the noise cells have no part in it.
+        Agreement of the frame's blocks and triangles with the picture, 0 to 1; independent of the noise cells.
     mirrored : bool
-        Whether the photograph shows the chart as in a mirror.
+        Whether the image is mirrored.
     negative : bool
-        Whether it shows white for black: the frame then looks much as in a mirror, and H turns it over, too.
+        Whether black and white are exchanged: the frame then resembles its mirror image, and H mirrors it, too.
     """
 
     corners: Array
@@ -77,8 +77,8 @@ class ChartSighting:
     mirrored: bool
     negative: bool
 
-    def sure(self) -> bool:
-        """Whether enough marks are in sight that no other map of the same chart could have more."""
+    def is_complete(self) -> bool:
+        """Whether so many marks are visible that no other map of the same chart can have more."""
         return int(np.count_nonzero(self.visible)) >= len(X_CORNERS) - MAX_HIDDEN
 
     def predicted(self) -> Array:
@@ -97,17 +97,17 @@ class ChartSighting:
         return out
 
     def moved(self, x: float, y: float) -> ChartSighting:
-        """The same chart in a plane where everything appears so many pixels further right and down."""
+        """Sighting in a plane whose content is shifted by (x, y) pixels."""
         T = np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
         return replace(self, corners=self.corners + np.array([x, y]), H_sensor_pattern=T @ self.H_sensor_pattern)
 
     def reduced(self, factor: int) -> ChartSighting:
-        """The same chart in the means over squares of `factor` x `factor` pixels."""
+        """Sighting in the means over squares of `factor` x `factor` pixels."""
         H = np.linalg.inv(_to_full(factor)) @ self.H_sensor_pattern
         return replace(self, corners=(self.corners - (factor - 1) / 2) / factor, H_sensor_pattern=H)
 
     def cut_marks(self, shape: tuple[int, ...], margin_px: float = 0.0) -> int:
-        """How many x-corners lie nearer to the edge of a photograph of this shape (rows, columns), or beyond it."""
+        """Number of x-corners within a margin of the border of a photograph of this shape, or beyond it."""
         x, y = self.predicted().T
         inside = (x >= margin_px) & (y >= margin_px)
         inside &= (x <= shape[1] - 1 - margin_px) & (y <= shape[0] - 1 - margin_px)
@@ -132,13 +132,13 @@ def _pyramid(image: Image) -> Iterator[tuple[int, Image]]:
 
 
 def _candidates(level: Image) -> Iterator[Array]:
-    """Homographies from cells to the level's pixels, turned as the frame tells, the best agreement first."""
+    """Homographies from cells to the level's pixels, oriented by the frame, the best agreement first."""
     layouts = find_layouts(find_saddles(level))
     scores = chart_frame.screen(level, layouts)
     best = scores.argmax(axis=1)
     scores = scores.max(axis=1)
-    for n in np.argsort(-scores, kind="stable")[:MOST_SETTLED]:
-        if scores[n] > SCREENED:
+    for n in np.argsort(-scores, kind="stable")[:MAX_CANDIDATES]:
+        if scores[n] > MIN_SCREENING:
             yield layouts.maps[n] @ np.linalg.inv(chart_frame.symmetries()[best[n]][0])
 
 
@@ -150,16 +150,16 @@ def _homography(pixels: Array, chosen: npt.NDArray[np.bool_], tolerance: float) 
     return None if H is None else np.asarray(H, dtype=np.float64)
 
 
-def _settle(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | None:
-    """The chart near a homography from cells to pixels, its marks placed and everything checked."""
+def _verify(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | None:
+    """Locate the marks near a homography from cells to pixels, and verify the chart; None for clutter."""
     block = BLOCK * np.sqrt(abs(np.linalg.det(_jacobian(start))))
-    factor, level = levels[int(np.clip(np.log2(block / PLACED_BLOCK), 0, len(levels) - 1))]
+    factor, level = levels[int(np.clip(np.log2(block / LOCATING_BLOCK_PX), 0, len(levels) - 1))]
     to_level = np.linalg.inv(_to_full(factor))
-    tolerance = max(PLACE_TOLERANCE * block, PLACE_NOISE)
+    tolerance = max(POSITION_TOLERANCE * block, POSITION_NOISE_PX)
     H = start
-    for _ in range(PLACINGS):
-        placed = chart_frame.place_marks(chart_frame.rectify(level, to_level @ H))
-        pixels, visible = chart_frame.transform(H, placed.cells), placed.likeness > LIKENESS
+    for _ in range(LOCATING_STEPS):
+        located = chart_frame.locate_marks(chart_frame.rectify(level, to_level @ H))
+        pixels, visible = chart_frame.transform(H, located.cells), located.likeness > MIN_CORRELATION
         if (better := _homography(pixels, visible, tolerance)) is None:
             return None
         H = better
@@ -167,13 +167,13 @@ def _settle(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | No
     if (best := _homography(pixels, visible, 0.0)) is None:
         return None
     rectified = chart_frame.rectify(level, to_level @ best)
-    score = _sure_score(rectified, visible)
-    if score < ACCEPTED:
+    score = _oriented_score(rectified, visible)
+    if score < MIN_SCORE:
         return None
     corners = np.where(visible[:, None], pixels, np.nan)
-    turned_over = bool(np.linalg.det(_jacobian(best)) < 0)
-    negative = turned_over and _frame_scores(-rectified, visible).max() > score
-    return ChartSighting(corners, best / best[2, 2], visible, score, turned_over and not negative, bool(negative))
+    flipped = bool(np.linalg.det(_jacobian(best)) < 0)
+    negative = flipped and _frame_scores(-rectified, visible).max() > score
+    return ChartSighting(corners, best / best[2, 2], visible, score, flipped and not negative, bool(negative))
 
 
 def _centre(H: Array) -> Array:
@@ -189,99 +189,101 @@ def _jacobian(H: Array) -> Array:
     return out
 
 
-def _sure_score(rectified: Image, visible: npt.NDArray[np.bool_]) -> float:
-    """Agreement where nothing hides the frame; 0 unless it is clearly better than for any other turn."""
+def _oriented_score(rectified: Image, visible: npt.NDArray[np.bool_]) -> float:
+    """Agreement with the visible frame; 0 unless it clearly exceeds that of any other orientation."""
     scores = _frame_scores(rectified, visible)
-    return float(scores[0]) if scores[0] - scores[1:].max() > MARGIN else 0.0
+    return float(scores[0]) if scores[0] - scores[1:].max() > ORIENTATION_MARGIN else 0.0
 
 
 def _frame_scores(rectified: Image, visible: npt.NDArray[np.bool_]) -> Array:
-    """Agreement with the frame's eight turns where nothing hides it, (8,)."""
+    """Agreements (8,) with the visible frame in its eight orientations."""
     where = chart_frame.ring() & ~chart_frame.around_marks(~visible)
-    return chart_frame.agreements(rectified, chart_frame.turned_frames(), where)
+    return chart_frame.agreements(rectified, chart_frame.oriented_frames(), where)
 
 
 def find_charts(image: npt.NDArray[np.floating]) -> list[ChartSighting]:
-    """The charts in a photograph, the most marks in best agreement first; also mirrored, partly hidden and cut ones.
+    """Detect the charts in a photograph, the best first; also mirrored, partly hidden and cut ones.
 
     Parameters
     ----------
     image : (rows, columns) float
-        One linear grey plane, black 0, white 1 (any positive scale will do).
+        One linear grey plane, black 0, white 1; any positive scale is valid.
 
     Raises
     ------
     BadInput
-        If it has not two dimensions.
+        If the image is not two-dimensional.
     """
     if image.ndim != 2:
-        raise BadInput(f"detection needs one grey plane; got an array of shape {image.shape}", "choose one plane")
+        raise BadInput(f"detection requires one grey plane; got an array of shape {image.shape}", "choose one plane")
     levels = list(_pyramid(np.ascontiguousarray(image, dtype=np.float32)))
-    found: list[ChartSighting] = []
+    sightings: list[ChartSighting] = []
     for factor, level in levels:
         for H in _candidates(level):
             at_full = _to_full(factor) @ H
-            if not _known(_centre(at_full), [s for s in found if s.sure()]):
-                sighting = _settle(levels, at_full)
+            if not _overlaps(_centre(at_full), [s for s in sightings if s.is_complete()]):
+                sighting = _verify(levels, at_full)
                 if sighting is not None:
-                    found.append(sighting)
-    return _apart(sorted(found, key=lambda s: -s.score * s.visible.sum()))
+                    sightings.append(sighting)
+    return _without_overlaps(sorted(sightings, key=lambda s: -s.score * s.visible.sum()))
 
 
-def _apart(found: list[ChartSighting]) -> list[ChartSighting]:
-    """The first of those that overlap; a side of one chart can pass for the opposite side of another."""
+def _without_overlaps(sightings: list[ChartSighting]) -> list[ChartSighting]:
+    """Remove overlapping sightings but the first; a side of one chart can match the opposite side of another."""
     kept: list[ChartSighting] = []
-    for sighting in found:
-        if not _known(sighting.centre(), kept) and not any(_share_marks(sighting, s) for s in kept):
+    for sighting in sightings:
+        if not _overlaps(sighting.centre(), kept) and not any(_share_marks(sighting, s) for s in kept):
             kept.append(sighting)
     return kept
 
 
 def _share_marks(one: ChartSighting, other: ChartSighting) -> bool:
-    """Whether two sightings have x-corners in common, which two charts cannot."""
+    """Whether two sightings share x-corners, which two charts cannot."""
     a, b = one.corners[one.visible], other.corners[other.visible]
     near = np.linalg.norm(a[:, None] - b, axis=2) < other.widths().min() * BLOCK / CELLS / 4
     return bool(near.any())
 
 
-def _known(centre: Array, found: list[ChartSighting]) -> bool:
-    """Whether a chart with its centre there would overlap one that was found."""
-    return any(np.linalg.norm(s.centre() - centre) < s.widths().min() / 2 for s in found)
+def _overlaps(centre: Array, sightings: list[ChartSighting]) -> bool:
+    """Whether a chart with this centre would overlap one of the sightings."""
+    return any(np.linalg.norm(s.centre() - centre) < s.widths().min() / 2 for s in sightings)
 
 
 def find_chart(image: npt.NDArray[np.floating]) -> ChartSighting:
-    """The one chart in a photograph.
+    """Detect the one chart in a photograph.
 
     Raises
     ------
     Refused
-        If there is none, more than one, a mirrored one, a negative, one that is cut by the photograph's edge or hidden
-        at more than two marks, or one whose noise region is too small or too large.
+        If there is none or more than one, or it is mirrored, negative, cut by the photograph's border, hidden at more
+        than two marks, or its noise region is too small or too large.
     """
-    found = one_chart(find_charts(image))
-    check_usable(found, image.shape)
-    return found
+    sightings = one_chart(find_charts(image))
+    check_usable(sightings, image.shape)
+    return sightings
 
 
-def one_chart(found: list[ChartSighting]) -> ChartSighting:
-    """The one of the charts found. Raises Refused where there is none, or more than one."""
-    if not found:
+def one_chart(sightings: list[ChartSighting]) -> ChartSighting:
+    """The only sighting. Raises Refused where there is none, or more than one."""
+    if not sightings:
         raise Refused(
-            "no chart in the photograph: nothing has the twelve x-corners and the blocks of its frame",
-            "show the whole chart, sharp and evenly lit, its noise region 60 to 300 pixels wide",
+            "no chart was detected in the photograph",
+            "photograph the whole chart, in focus and evenly lit, with its noise region 60 to 300 pixels wide",
         )
-    if len(found) > 1:
-        places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in (s.centre() for s in found))
-        raise Refused(f"one chart is needed; got {len(found)}, centred at {places}", "cover or crop away the others")
-    return found[0]
+    if len(sightings) > 1:
+        places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in (s.centre() for s in sightings))
+        raise Refused(
+            f"one chart is required; got {len(sightings)}, centred at {places}", "cover or crop away the others"
+        )
+    return sightings[0]
 
 
 def check_usable(sighting: ChartSighting, shape: tuple[int, ...]) -> None:
-    """Raise Refused for a chart that the estimator cannot use, in a photograph of this shape; see `find_chart`."""
+    """Raise Refused for a chart that the estimator cannot use; see `find_chart`."""
     if sighting.negative:
         raise Refused(
-            "the photograph is a negative: it shows the chart's white as black",
-            "exchange white and black of the picture, or of the print",
+            "the photograph is a negative: the chart's white is dark",
+            "invert the picture, or print the chart again",
         )
     if sighting.mirrored:
         raise Refused("the chart is mirrored", "flip the picture left to right, or photograph the chart directly")
@@ -290,13 +292,13 @@ def check_usable(sighting: ChartSighting, shape: tuple[int, ...]) -> None:
     cut = sighting.cut_marks(shape, half_block if hidden > MAX_HIDDEN else 0.0)
     if cut:
         raise Refused(
-            f"the chart is cut by the photograph's edge: {cut} of its 12 marks are not whole in it",
-            "aim so that the whole chart is in the frame",
+            f"the chart is cut off by the frame: {cut} of its 12 marks are not completely inside",
+            "aim the camera so that the whole chart is in the frame",
         )
     if hidden > MAX_HIDDEN:
         raise Refused(
             f"at most {MAX_HIDDEN} of the chart's 12 marks may be hidden; {hidden} are",
-            "clear what stands or lies in front of the chart, and avoid hard shadows and glare on it",
+            "remove what covers the chart, and avoid hard shadows and glare on it",
         )
     widths = sighting.widths()
     if widths.max() * TOLERANCE < MIN_WIDTH:

@@ -1,7 +1,7 @@
-"""Candidate x-corners in a picture: its saddle points, each with the axis along which it is dark.
+"""Candidate x-corners of a picture: its saddle points, each with its dark axis.
 
-An x-corner is a saddle of grey levels at every scale from the blur up to half a block, whatever the roll, so
-saddles of one small scale at each level of a pyramid are enough.
+An x-corner is a saddle of grey levels at every scale from the blur up to half a block, for any roll, so saddles of one
+small scale at each level of a pyramid suffice.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from procedures.numerics.ordered import quantile
 from procedures.pattern_psf.chart_finding.saddle_kernels import best_of_tiles, ring_purity, saddles
-from procedures.pattern_psf.chart_finding.spatial_bins import field_of, unrivalled
+from procedures.pattern_psf.chart_finding.spatial_bins import field_of, non_maximum_suppression
 
 SCALE = 1.25
 """Standard deviation of the Gaussian whose second derivatives are taken, in pixels of the level."""
@@ -22,30 +22,30 @@ KERNEL_RADIUS = 4
 ISOTROPY = 0.9
 """Greatest mean curvature of a saddle, relative to its curvature difference: 0 for an ideal x-corner, 1 for an edge."""
 ABOVE_NOISE = 4.0
-"""Least strength of a saddle, in root mean squares of the strength that the noise has."""
+"""Least strength of a saddle, relative to the rms strength by noise."""
 HIGH_PASS = np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32)
 QUIET_TILE = 16
 QUIET = 0.01
-"""The quiet share of the places, of QUIET_TILE pixels square, where noise is measured."""
+"""Quantile of the energies of squares of QUIET_TILE pixels at which noise is measured."""
 RING_RADIUS = 2.0
 OFF_CENTRE = 0.8
-"""Share of the first harmonic that is excused: that of a ring whose centre is a fraction of a pixel off the saddle."""
-PURITY = 0.62
-"""Least share of the second harmonic in what remains of the variance around a saddle: 1 for an ideal x-corner."""
-RIVAL = 3.0
-"""Radius in which only the best of the saddles of like axis is kept: under half a block."""
+"""Share of the first harmonic that is subtracted: that of a ring a fraction of a pixel off the saddle."""
+MIN_PURITY = 0.62
+"""Least share of the second harmonic in the remaining variance around a saddle: 1 for an ideal x-corner."""
+SUPPRESSION_RADIUS = 3.0
+"""Radius of non-maximum suppression among saddles of similar axis: less than half a block."""
 SAME_AXIS = np.cos(2 * np.deg2rad(11))
-"""Axes are alike when their angle is less than this: tilt and noise turn those of a chart by less."""
+"""Least cosine of twice the angle between similar axes; tilt and noise turn those of a chart by less."""
 TILE = 32
-"""Side of the squares from which the strongest saddles are taken when there are too many."""
-MOST = 40_000
-CROWDING = 400
-"""Saddles kept in one picture: at most MOST, and so many that their square is CROWDING per pixel, because the pairs
-of neighbours grow as that. Textures yield hundreds of thousands, a chart twelve."""
-IMPURE = 4
-"""How many times as many are kept before they are looked at closer."""
-NOISE_BANDS = 128
-"""Rows from one band in which noise is measured to the next."""
+"""Side of the squares of which the strongest saddles are kept when there are too many."""
+MAX_SADDLES = 40_000
+MAX_SQUARE_PER_PIXEL = 400
+"""Greatest number of saddles kept in one picture, and of their square per pixel, to which the number of neighbouring
+pairs is proportional. Textures yield hundreds of thousands, a chart twelve."""
+PRESELECTION_FACTOR = 4
+"""Factor by which more saddles are kept before their purity is computed."""
+NOISE_BAND_DISTANCE = 128
+"""Distance between the bands of rows in which noise is measured."""
 Picture = npt.NDArray[np.float32]
 Complex = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.int64]
@@ -60,7 +60,7 @@ class Saddles:
     points : (n,) complex128
         x + iy in pixels of the level.
     axes : (n,) complex128
-        Unit numbers whose angle is twice that of the dark axis (an axis has no sign).
+        Unit complex numbers with twice the angle of the dark axis (an axis has no sign).
     strengths : (n,) float64
         Curvature difference, in grey levels per squared pixel.
     """
@@ -70,12 +70,12 @@ class Saddles:
     strengths: npt.NDArray[np.float64]
 
     def take(self, chosen: npt.NDArray[np.generic]) -> Saddles:
-        """The chosen ones, by index or by mask."""
+        """Subset by index or mask."""
         return Saddles(self.points[chosen], self.axes[chosen], self.strengths[chosen])
 
 
 def _kernels() -> Picture:
-    """Sampled Gaussian and its first two derivatives, with exact moments 0, 1 and 2, from the middle on, (3, 5)."""
+    """Right halves (3, 5) of the sampled Gaussian and its first two derivatives, with exact moments 0, 1 and 2."""
     x = np.arange(-KERNEL_RADIUS, KERNEL_RADIUS + 1, dtype=np.float64)
     g = np.exp(-0.5 * (x / SCALE) ** 2)
     g /= g.sum()
@@ -89,11 +89,10 @@ def _kernels() -> Picture:
 def _noise(image: Picture) -> float:
     """Standard deviation of white noise, from the highest frequencies in the quietest places.
 
-    Light and blurred texture have little at the highest frequencies. Bands of rows are enough, and clipped places,
-    without noise, are left out.
+    Illumination and blurred texture have little energy there. Bands of rows suffice; clipped places are excluded.
     """
     energies = []
-    for top in range(0, image.shape[0] - QUIET_TILE - 1, NOISE_BANDS):
+    for top in range(0, image.shape[0] - QUIET_TILE - 1, NOISE_BAND_DISTANCE):
         band = cv2.filter2D(image[top : top + QUIET_TILE + 2], cv2.CV_32F, HIGH_PASS)[1:-1, 1:-1]
         tiles = (max(band.shape[1] // QUIET_TILE, 1), 1)
         energies.append(cv2.resize(band * band, tiles, interpolation=cv2.INTER_AREA).ravel())
@@ -103,7 +102,7 @@ def _noise(image: Picture) -> float:
 
 
 def _noise_gain() -> float:
-    """Root mean square strength that white noise of unit standard deviation has."""
+    """Rms strength of saddles by white noise of unit standard deviation."""
     right = _kernels().astype(np.float64)
     g, d, dd = (np.concatenate([sign * k[:0:-1], k]) for k, sign in zip(right, (1, -1, 1), strict=True))
     half = (np.outer(dd, g) - np.outer(g, dd)) / 2
@@ -111,7 +110,7 @@ def _noise_gain() -> float:
 
 
 def find_saddles(image: Picture) -> Saddles:
-    """The saddle points of a picture that stand out of its noise and look like x-corners, in no order.
+    """Find the saddle points of a picture that exceed its noise and resemble x-corners, in no order.
 
     A saddle of the Gaussian scale space: Lxx Lyy - Lxy^2 < 0 at a local extremum, with curvatures of nearly equal
     size and opposite sign, as between two black and two white quadrants.
@@ -119,21 +118,23 @@ def find_saddles(image: Picture) -> Saddles:
     Parameters
     ----------
     image : (rows, columns) float32
-        Grey levels; any positive scale gives the same points.
+        Grey levels, at any positive scale.
     """
-    most = int(min(MOST, np.sqrt(CROWDING * image.size)))
+    most = int(min(MAX_SADDLES, np.sqrt(MAX_SQUARE_PER_PIXEL * image.size)))
     weakest = ABOVE_NOISE * _noise_gain() * _noise(image)
     index, half, xy = saddles(image, _kernels(), ISOTROPY, weakest)
     z = np.asarray(-half - 1j * xy, dtype=np.complex128)
-    kept = best_of_tiles(index, image.shape, np.abs(z), TILE, IMPURE * most)
+    kept = best_of_tiles(index, image.shape, np.abs(z), TILE, PRESELECTION_FACTOR * most)
     index, z = index[kept], z[kept]
     purity = ring_purity(image, index, RING_RADIUS, OFF_CENTRE)
-    merits = np.abs(z) * np.where(purity > PURITY, purity, 0) ** 2
+    merits = np.abs(z) * np.where(purity > MIN_PURITY, purity, 0) ** 2
     kept = best_of_tiles(index, image.shape, merits, TILE, most)
     kept = kept[merits[kept] > 0]
     strengths = np.abs(z[kept])
-    found = Saddles(index[kept] % image.shape[1] + 1j * (index[kept] // image.shape[1]), z[kept] / strengths, strengths)
+    candidates = Saddles(
+        index[kept] % image.shape[1] + 1j * (index[kept] // image.shape[1]), z[kept] / strengths, strengths
+    )
     if not len(kept):
-        return found
-    field, order = field_of(found.points, found.axes, merits[kept], RIVAL)
-    return found.take(order[unrivalled(field, RIVAL, SAME_AXIS)])
+        return candidates
+    field, order = field_of(candidates.points, candidates.axes, merits[kept], SUPPRESSION_RADIUS)
+    return candidates.take(order[non_maximum_suppression(field, SUPPRESSION_RADIUS, SAME_AXIS)])

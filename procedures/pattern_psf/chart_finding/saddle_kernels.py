@@ -1,4 +1,4 @@
-"""Saddle points of a picture's Gaussian scale space, and how much like an x-corner they are: the inner loops."""
+"""Inner loops of the saddle detector: saddle points of a Gaussian scale space, and their similarity to x-corners."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = npt.NDArray[np.float64]
 
 @vectorised
 def _down(image: Picture, y: int, g: Picture, d: Picture, dd: Picture, v: Picture) -> None:
-    """Row y filtered along its columns by the three kernels into v (3, 4 + columns + 4), mirrored at the rim."""
+    """Filter row y vertically by the three kernels into v (3, 4 + columns + 4), mirrored at the border."""
     last, n = image.shape[0] - 1, image.shape[1]
     middle = image[y]
     a1, b1 = image[abs(y - 1)], image[last - abs(last - y - 1)]
@@ -37,7 +37,8 @@ def _across(
     v: Picture, g: Picture, d: Picture, dd: Picture, flatter: float, weakest: float,
     determinant: Picture, half: Picture, xy: Picture, fit: npt.NDArray[np.bool_],
 ) -> None:  # fmt: skip
-    """From `_down`: the squared strength less the squared mean curvature, (Lxx - Lyy) / 2, Lxy, and where both suit."""
+    """Filter the result of `_down` horizontally: squared strength minus squared mean curvature, (Lxx - Lyy) / 2, Lxy,
+    and the mask of sufficient strength and isotropy."""
     a, b, c = v[0], v[1], v[2]
     flat, least = np.float32(flatter * flatter), np.float32(weakest * weakest)
     for j in range(len(half)):
@@ -63,7 +64,7 @@ def _across(
 
 @vectorised
 def _peaks(above: Picture, here: Picture, below: Picture, fit: npt.NDArray[np.bool_]) -> None:
-    """Keep what fits and is no less than its eight neighbours; rows (1 + columns + 1)."""
+    """Restrict the mask to local maxima among eight neighbours; rows (1 + columns + 1)."""
     for j in range(len(fit)):
         p = here[j + 1]
         rows = (p >= above[j]) & (p >= above[j + 1]) & (p >= above[j + 2])
@@ -73,7 +74,7 @@ def _peaks(above: Picture, here: Picture, below: Picture, fit: npt.NDArray[np.bo
 
 @compiled
 def _clear(row: Picture) -> None:
-    """No strength anywhere."""
+    """Set a row to no strength."""
     for j in range(len(row)):
         row[j] = -np.inf
 
@@ -99,7 +100,7 @@ def saddles(image: Picture, kernels: Picture, flatter: float, weakest: float) ->
     for m in range(3):
         _clear(determinant[m])
     half, xy, fit = np.empty((2, n), np.float32), np.empty((2, n), np.float32), np.empty((2, n), np.bool_)
-    # memory that is not written to is not taken; extrema side by side are equal to the last bit, a quarter is plenty
+    # unwritten memory is not allocated; adjacent extrema are equal to the last bit, so a quarter suffices
     most = image.size // 4
     index, halves, crosses = np.empty(most, np.int64), np.empty(most, np.float32), np.empty(most, np.float32)
     count = 0
@@ -122,16 +123,16 @@ def saddles(image: Picture, kernels: Picture, flatter: float, weakest: float) ->
 
 @compiled
 def ring_purity(image: Picture, index: Indices, radius: float, off_centre: float) -> Picture:
-    """Share of the second harmonic in what is left of the variance on a ring of eight samples around pixels (n,).
+    """Share of the second harmonic in the remaining variance on a ring of eight samples around pixels (n,).
 
     Parameters
     ----------
     index : (n,) int64
         Pixels of the picture, flattened.
     radius : float
-        Of the ring, in pixels.
+        Radius of the ring, in pixels.
     off_centre : float
-        Share of the first harmonic that is taken away from the variance.
+        Share of the first harmonic that is subtracted from the variance.
     """
     rows, columns = image.shape
     left, upper = np.empty(8, np.int64), np.empty(8, np.int64)
@@ -157,7 +158,7 @@ def ring_purity(image: Picture, index: Indices, radius: float, off_centre: float
             mean += v[t] / np.float32(8)
         for t in range(8):
             square += (v[t] - mean) ** 2
-        # the harmonics of eight samples by their symmetries
+        # harmonics of eight samples by their symmetries
         p, q, u, w = v[0] - v[4], v[1] - v[5], v[2] - v[6], v[3] - v[7]
         first = (p + r * (q - w)) ** 2 + (u + r * (q + w)) ** 2
         second = (v[0] + v[4] - v[2] - v[6]) ** 2 + (v[1] + v[5] - v[3] - v[7]) ** 2
@@ -168,7 +169,7 @@ def ring_purity(image: Picture, index: Indices, radius: float, off_centre: float
 
 @compiled
 def best_of_tiles(index: Indices, shape: tuple[int, int], merits: Array, side: int, most: int) -> Indices:
-    """Which pixels (n,), flattened, have the most merit, as many from every tile as make `most` in all or just more."""
+    """Indices of the best pixels (n,), equally many from every tile, `most` in total or just more."""
     across = (shape[1] - 1) // side + 1
     starts = np.zeros(((shape[0] - 1) // side + 1) * across + 1, np.int64)
     tiles, crowds = np.empty(len(index), np.int64), np.zeros(side * side + 1, np.int64)
@@ -179,12 +180,12 @@ def best_of_tiles(index: Indices, shape: tuple[int, int], merits: Array, side: i
         crowds[starts[tile + 1]] += 1
     each, kept, more = 0, 0, len(starts) - 1
     while kept < min(most, len(index)):
-        more -= crowds[each]  # tiles that have another
+        more -= crowds[each]  # number of tiles with another pixel
         kept += more
         each += 1
     for tile in range(len(starts) - 1):
         starts[tile + 1] = starts[tile] + min(starts[tile + 1], each)
-    # a tile's best so far, the least of them first
+    # best pixels of a tile so far, in ascending order
     best, held = np.empty(starts[-1], np.int64), np.zeros(len(starts) - 1, np.int64)
     for n in range(len(index)):
         first, room = starts[tiles[n]], starts[tiles[n] + 1] - starts[tiles[n]]

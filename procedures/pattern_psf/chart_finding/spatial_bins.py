@@ -1,4 +1,4 @@
-"""Saddles sorted into square bins, so that those near a place are few and side by side in memory."""
+"""Spatial index of saddles: sorted into square bins, so that neighbours are contiguous in memory."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ Complex = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.int64]
 
 FAR = 1e9
-"""Places farther off than this are none: homographies put points anywhere."""
+"""Greatest coordinate, as homographies can map points arbitrarily far."""
 
 
 class Field(NamedTuple):
-    """Saddles bin after bin, one row of bins after the other.
+    """Saddles sorted by bins, one row of bins after the other.
 
     Attributes
     ----------
     points, axes : (n,) complex128
         As in `marks.Saddles`.
     merits : (n,) float64
-        By which they compete: strengths, for those of a chart.
+        Merit by which saddles compete: strength, for those of a chart.
     starts : (rows columns + 1,) int64
-        Where each bin begins.
+        Index of the first saddle of each bin.
     rows, columns : int
     left, top : float
-        Where the first bin begins, in pixels.
+        Origin of the first bin, in pixels.
     side : float
-        Of a bin, in pixels.
+        Side of a bin, in pixels.
     """
 
     points: Complex
@@ -47,7 +47,7 @@ class Field(NamedTuple):
 
 
 def field_of(points: Complex, axes: Complex, merits: Array, side: float) -> tuple[Field, Indices]:
-    """Saddles (n > 0,) sorted into bins, and the index that each had before."""
+    """Sort saddles (n > 0,) into bins; return them with their original indices."""
     left, top = float(points.real.min()), float(points.imag.min())
     rows, columns = int((points.imag.max() - top) / side) + 1, int((points.real.max() - left) / side) + 1
     order, starts = _sorted_into_bins(points, left, top, side, rows, columns)
@@ -58,7 +58,7 @@ def field_of(points: Complex, axes: Complex, merits: Array, side: float) -> tupl
 def _sorted_into_bins(
     points: Complex, left: float, top: float, side: float, rows: int, columns: int
 ) -> tuple[Indices, Indices]:
-    """The order (n,) in which the bins follow each other, and where each begins in it."""
+    """Permutation (n,) that sorts the saddles by bins, and the start of each bin in it."""
     bins, starts = np.empty(len(points), np.int64), np.zeros(rows * columns + 1, np.int64)
     for n in range(len(points)):
         bins[n] = np.int64((points[n].imag - top) / side) * columns + np.int64((points[n].real - left) / side)
@@ -76,7 +76,7 @@ def _sorted_into_bins(
 
 @compiled
 def bins_within(field: Field, place: complex, reach: float) -> tuple[int, int, int, int]:
-    """The first and last row, the first and last column of bins within `reach` of a place; none: last before first."""
+    """First and last row, first and last column of bins within `reach` of a place; last < first for none."""
     if not (abs(place) < FAR):
         return 0, -1, 0, -1
     x, y = (place.real - field.left) / field.side, (place.imag - field.top) / field.side
@@ -90,7 +90,7 @@ def bins_within(field: Field, place: complex, reach: float) -> tuple[int, int, i
 
 @compiled
 def alike(field: Field, i: int, j: int, same_axis: float, same_merit: float) -> bool:
-    """Whether two saddles have nearly the same axis, and merits of no more than a ratio."""
+    """Whether two saddles have nearly the same axis, and merits within a ratio."""
     a, b = field.merits[i], field.merits[j]
     cosine = (field.axes[i] * field.axes[j].conjugate()).real
     return bool(cosine > same_axis and a < same_merit * b and b < same_merit * a)
@@ -98,7 +98,7 @@ def alike(field: Field, i: int, j: int, same_axis: float, same_merit: float) -> 
 
 @compiled
 def nearest(field: Field, place: complex, reach: float, like: int, same_axis: float, same_merit: float) -> int:
-    """The nearest saddle within reach of a place that is alike a given one; -1 for none."""
+    """Nearest saddle within reach of a place that is similar to a given one; -1 for none."""
     best, found = reach * reach, -1
     top, bottom, first, last = bins_within(field, place, reach)
     for row in range(top, bottom + 1):
@@ -114,7 +114,7 @@ def nearest(field: Field, place: complex, reach: float, like: int, same_axis: fl
 def all_nearest(
     field: Field, places: Complex, reaches: Array, likes: Indices, same_axis: float, same_merit: float
 ) -> Indices:
-    """`nearest` for places (n, m), with reaches (n,) and alike those of indices (n,)."""
+    """`nearest` for places (n, m), with reaches (n,) and similar to the saddles of indices (n,)."""
     out = np.empty(places.shape, np.int64)
     for i in range(places.shape[0]):
         for j in range(places.shape[1]):
@@ -123,8 +123,8 @@ def all_nearest(
 
 
 @compiled
-def unrivalled(field: Field, radius: float, same_axis: float) -> npt.NDArray[np.bool_]:
-    """Which saddles have none of more merit and like axis within a radius; of equal ones the last."""
+def non_maximum_suppression(field: Field, radius: float, same_axis: float) -> npt.NDArray[np.bool_]:
+    """Mask of the saddles with no better one of similar axis within a radius; the last of equal ones."""
     alone = np.empty(len(field.points), np.bool_)
     for i in range(len(field.points)):
         place, alone[i] = field.points[i], True

@@ -1,1 +1,1 @@
-"""What laser, rail and the chart's size say of the distance, and what contradicts what."""
+"""Distance of the chart by laser, rail and its size in the image, and contradictions between them."""

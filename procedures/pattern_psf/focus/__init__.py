@@ -1,1 +1,1 @@
-"""Focus: the sharpness of one photograph after the other, the top of a sweep, and whether the f-number can be true."""
+"""Focus: sharpness of single photographs, best focus of a sweep, and plausibility of the f-number."""

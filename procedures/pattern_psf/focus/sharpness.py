@@ -1,7 +1,7 @@
-"""How sharp one photograph after the other is, soon enough to turn the focus ring by it.
+"""Sharpness of one photograph after the other, fast enough to guide the focus ring.
 
-The PSF is estimated as everywhere, at an s and k that are given, from a part of the frame about the chart: it is
-looked for where it was seen last, and over the whole frame where it is not there.
+The PSF is estimated at given s and k from the part of the frame around the chart. The chart is searched for at its last
+position first, then in the whole frame.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estim
 from procedures.raw import Plane
 
 REACH = 0.9
-"""Half the side of the part about the chart, over the width of its noise region: its rim, and room to have moved."""
+"""Half the side of the part around the chart over the width of its noise region: its frame, and a margin for motion."""
 QUICK = PatternParameters(START_S, START_K, chosen=True)
-"""How the PSF is sampled where nothing else is asked."""
+"""Default sampling of the PSF."""
 
 
 @dataclass(frozen=True)
 class Sharpness:
-    """What a photograph tells about the focus.
+    """Sharpness of a photograph of the chart.
 
     Attributes
     ----------
     mtf50 : Quantity
         Mean over all directions, in cycles per pixel of the plane.
     along_rows, along_columns : Quantity
-        Of detail that repeats along the rows (upright lines) and along the columns.
+        MTF50 of detail that varies along the rows (vertical lines) and along the columns.
     s_over_t : float
         Sampling ratio of the chart; 1 is ideal.
     sighting : ChartSighting
@@ -47,7 +47,7 @@ class Sharpness:
 
     @property
     def astigmatism(self) -> tuple[float, float]:
-        """MTF50 along the rows less that along the columns, and its uncertainty as if both were independent."""
+        """MTF50 along the rows minus that along the columns, and its uncertainty if both are independent."""
         one, two = self.along_rows, self.along_columns
         return one.value - two.value, float(np.hypot(one.uncertainty, two.uncertainty))
 
@@ -55,7 +55,7 @@ class Sharpness:
 def measure_sharpness(
     plane: Plane, chart: Chart, parameters: PatternParameters = QUICK, near: ChartSighting | None = None
 ) -> Outcome[Sharpness]:
-    """The sharpness of a plane that shows the chart, with the verdict on its PSF, or why there is none.
+    """Measure the sharpness of a plane that shows the chart; the verdict is that of its PSF.
 
     Parameters
     ----------
@@ -63,43 +63,41 @@ def measure_sharpness(
     chart : Chart
         The cells that were printed.
     parameters : PatternParameters
-        s and k must be given: to choose them takes many estimates.
+        s and k must be given: choosing them takes many estimates.
     near : ChartSighting, optional
-        Where the chart was in the photograph before.
+        Position of the chart in the previous photograph.
     """
     try:
-        sighting = _seen_near(plane, near) or find_chart(plane.samples)
+        sighting = _find_near(plane, near) or find_chart(plane.samples)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    x, y, part = _about(plane, sighting)
-    found = estimate_psf(part, chart, parameters, None, sighting.moved(-x, -y))
-    if found.value is None:
-        return found.of_value(None)
-    return _sharpness(found, found.value, sighting)
+    x, y, part = _crop(plane, sighting)
+    outcome = estimate_psf(part, chart, parameters, None, sighting.moved(-x, -y))
+    if outcome.value is None:
+        return outcome.of_value(None)
+    return _sharpness(outcome, outcome.value, sighting)
 
 
-def _sharpness(found: Outcome[PatternPsf], value: PatternPsf, sighting: ChartSighting) -> Outcome[Sharpness]:
+def _sharpness(outcome: Outcome[PatternPsf], value: PatternPsf, sighting: ChartSighting) -> Outcome[Sharpness]:
     numbers = value.quality.numbers
-    told = [numbers.get(f"mtf50_{way}") for way in ("radial", "horizontal", "vertical")]
-    radial, rows, columns = told
+    radial, rows, columns = (numbers.get(f"mtf50_{way}") for way in ("radial", "horizontal", "vertical"))
     if radial is None or rows is None or columns is None:
-        reason = "the MTF must fall to one half within the band that s holds; it does not"
-        return Outcome(None, Verdict.REFUSED, reason, "give a larger s")
-    one = Sharpness(radial, rows, columns, value.s_over_t, sighting)
-    return found.of_value(one)
+        reason = f"the MTF must fall below 0.5 within the band of s = {value.psf.s}; it does not"
+        return Outcome(None, Verdict.REFUSED, reason, "raise s")
+    return outcome.of_value(Sharpness(radial, rows, columns, value.s_over_t, sighting))
 
 
-def _seen_near(plane: Plane, near: ChartSighting | None) -> ChartSighting | None:
-    """The chart about where it was; None where it is not, or not alone."""
+def _find_near(plane: Plane, near: ChartSighting | None) -> ChartSighting | None:
+    """The chart near its last position; None where there is none, or more than one."""
     if near is None:
         return None
-    x, y, part = _about(plane, near)
-    found = find_charts(part.samples) if min(part.samples.shape) > 0 else []
-    return found[0].moved(x, y) if len(found) == 1 else None
+    x, y, part = _crop(plane, near)
+    outcome = find_charts(part.samples) if min(part.samples.shape) > 0 else []
+    return outcome[0].moved(x, y) if len(outcome) == 1 else None
 
 
-def _about(plane: Plane, sighting: ChartSighting) -> tuple[int, int, Plane]:
-    """The part of a plane about a chart, and its first pixel (x, y)."""
+def _crop(plane: Plane, sighting: ChartSighting) -> tuple[int, int, Plane]:
+    """First pixel (x, y) of the part of a plane around a chart, and that part."""
     half = REACH * float(sighting.widths().max())
     (x, y), (rows, columns) = sighting.centre(), plane.samples.shape
     left, right = (int(np.clip(round(x + side), 0, columns)) for side in (-half, half))

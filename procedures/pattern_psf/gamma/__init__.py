@@ -1,1 +1,1 @@
-"""gamma, the amplification of noise: of a view of the chart, against s/t, and in words."""
+"""Noise amplification gamma: of a photograph, as a function of s/t, and its explanation for the operator."""

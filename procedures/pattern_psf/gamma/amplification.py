@@ -1,9 +1,9 @@
-"""How much a view of the chart amplifies the photograph's noise, and how little any chart could: gamma.
+"""Noise amplification gamma of a view of the chart, and its lower bound over all charts.
 
-gamma = sum 1 / sigma_i^2 over the singular values of S_s C[u], the chart as the sensor's s grid sees it, from black 0
-to white 1. Noise of variance sigma^2 then makes an expected square error gamma sigma^2 of all PSF values together: the
-root of gamma times the noise is the error's norm. It is a number of the view alone. What light, geometry, print and
-tail cost beside it is in the uncertainties.
+gamma = sum 1 / sigma_i^2 over the singular values of S_s C[u], the chart on the sensor's s grid, black 0, white 1.
+Noise of variance sigma^2 causes an expected squared error of the PSF of gamma sigma^2, so sqrt(gamma) times the noise
+is the norm of the error. gamma depends on the view alone; the contributions of light, geometry, print and tail are in
+the uncertainties.
 
 References
 ----------
@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 
 
 def gamma(gram: Array) -> float:
-    """The trace of the inverse of A'A (n, n), which is the sum of 1 / sigma_i^2; infinite where A does not determine h.
+    """Trace of the inverse of A'A (n, n), the sum of 1 / sigma_i^2; infinite where A does not determine h.
 
     Source: thesis, section 2.3.1.
     """
@@ -34,18 +34,18 @@ def gamma(gram: Array) -> float:
 
 
 def gamma_of_fit(equations: NormalEquations, constant: int, weight: Array) -> float:
-    """The gamma of a photograph, whatever the scale of its weights.
+    """Compute gamma of a photograph, independent of the scale of its weights.
 
     Parameters
     ----------
     equations : NormalEquations
-        Of a chart from black -1/2 to white 1/2.
+        Normal equations of a chart from black -1/2 to white 1/2.
     constant : int
-        The nuisance column that is 1 for every sample.
+        Index of the nuisance column that is 1 for every sample.
     weight : (m,) float64
-        One over each sample's noise.
+        Reciprocal of each sample's noise.
     """
-    # every entry of A gains a half: A'A gains l 1' + 1 l' + c, of rank 2, and Woodbury's identity tells its inverse
+    # adding 1/2 to every entry of A adds l 1' + 1 l' + c, of rank 2, to A'A; Woodbury's identity gives the inverse
     squares = float(weight @ weight)
     level = equations.AZ[:, constant] / 2
     C, gained = equations.inverse_where_known, np.column_stack([level, np.ones_like(level)])
@@ -56,7 +56,7 @@ def gamma_of_fit(equations: NormalEquations, constant: int, weight: Array) -> fl
 
 
 def gamma_bound(m: int, n: int) -> float:
-    """Smallest gamma of any chart with values in [0, 1], m samples and n PSF values.
+    """Lower bound of gamma for any chart with values in [0, 1], m samples and n PSF values.
 
     Source: thesis, Proposition 1 with a = 0, b = 1.
     """

@@ -1,8 +1,8 @@
-"""gamma against s/t: what the distance of the noise chart does to the noise of the PSF.
+"""gamma as a function of s/t: effect of the chart's distance on the noise of the PSF.
 
-The chart is seen squarely, whole, by an ideal sensor: no lens is in it, since gamma belongs to the chart on the s grid,
-cut to the frequencies that this grid holds. Nearer than s/t = 1 more samples see the noise region, and the chart's own
-spectrum falls, to zero at the band's edge for s/t = 2; farther away the cells blur into grey.
+The whole chart is imaged squarely by an ideal sensor. No lens is included, since gamma is defined for the chart on the
+s grid, band-limited to it. Closer than s/t = 1 more samples cover the noise region, and the chart's spectrum falls, to
+zero at the band's edge for s/t = 2; farther away the cells average to grey.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from procedures.pattern_psf.gamma.amplification import gamma_bound
 Array = npt.NDArray[np.float64]
 
 RATIOS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6, 1.7, 1.8, 1.9)
-"""Where the curve is drawn."""
+"""Sampling ratios of the curve."""
 NODES = 200
-"""Of the quadrature over the band: the spectra turn over some ten times in it at most."""
+"""Nodes of the quadrature over the band, in which the spectra oscillate about ten times at most."""
 
 
 @dataclass(frozen=True)
 class View:
-    """The noise region seen squarely.
+    """Square view of the noise region.
 
     Attributes
     ----------
     s_over_t : float
         Samples of the PSF per cell of the chart.
     pixels : int
-        Of the plane, along one side.
+        Pixels of the plane along one side.
     gamma, bound : float
-        Of this view, and of the best chart that as many pixels could see.
+        gamma of this view, and its lower bound for as many pixels.
     """
 
     s_over_t: float
@@ -45,9 +45,9 @@ class View:
 
 
 def gamma_curve(s: int, k: int, ratios: tuple[float, ...] = RATIOS) -> tuple[View, ...]:
-    """gamma over s/t of random cells, the whole noise region in sight, where its pixels determine the PSF.
+    """Expected gamma over s/t for random cells and the whole noise region, where its pixels determine the PSF.
 
-    That of a single chart lies within some per cent, most at the far end.
+    That of a single chart differs by a few per cent, most at the far end.
     """
     views = []
     for ratio in ratios:
@@ -59,11 +59,11 @@ def gamma_curve(s: int, k: int, ratios: tuple[float, ...] = RATIOS) -> tuple[Vie
 
 
 def expected_gamma(s_over_t: float, k: int, m: int) -> float:
-    """gamma of m samples of random cells, half of them white, each s/t samples wide, for k x k PSF values.
+    """Expected gamma of m samples of random cells, half of them white, each s/t samples wide, for k x k PSF values.
 
     The expected A'A of stationary noise is m (C x C / 4 + 1 1' / 4), C (k, k) the covariance of cells along one axis
-    cut to the band. The inverse of a sum of m products is larger than that of its mean by m / (m - k^2 - 1), were the
-    samples independent. Source: thesis, section 2.3.2, whose cells are one sample wide and not cut.
+    limited to the band. The inverse of a sum of m products is larger than that of its mean by m / (m - k^2 - 1) for
+    independent samples. Source: thesis, section 2.3.2, whose cells are one sample wide and not band-limited.
     """
     inverse = scipy.linalg.inv(scipy.linalg.toeplitz(_covariance(s_over_t, k)))
     level = inverse.sum(axis=0)
@@ -73,7 +73,7 @@ def expected_gamma(s_over_t: float, k: int, m: int) -> float:
 
 
 def _covariance(cell: float, k: int) -> Array:
-    """Covariance (k,) over whole samples of a line of independent cells of variance 1, cut to the samples' band."""
+    """Covariance (k,) at whole samples of a line of independent cells of variance 1, limited to the samples' band."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     f, df = nodes / 2, weights / 2  # cycles per sample
     power = cell * np.sinc(cell * f) ** 2

@@ -19,7 +19,7 @@ from textual.message import Message
 from procedures.drawings import steps as drawings
 from procedures.pattern import BEST_S_OVER_T, Chart
 from procedures.pattern_psf.checks import marks_of
-from procedures.pattern_psf.focus.sweep import Way
+from procedures.pattern_psf.focus.sweep import TurnDirection
 from procedures.plan import Ask
 from station.app.background import Finished
 from station.app.commands import FOCUS, Command, EndFocus, EndRun, TurnFar, TurnNear, bindings

@@ -14,7 +14,7 @@ from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.focus.sharpness import QUICK, Sharpness, measure_sharpness
-from procedures.pattern_psf.focus.sweep import Peak, Way, best_focus, which_way
+from procedures.pattern_psf.focus.sweep import Peak, TurnDirection, advise_turn, best_focus
 from procedures.raw import Plane, default_plane, read_planes
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class FocusReading:
     uncertainties: tuple[float, ...]
     peak: Peak | None
     say: str
-    way: Way = Way.TRY
+    way: TurnDirection = TurnDirection.TRY
     places: tuple[float, ...] = ()
 
     @property

@@ -12,7 +12,7 @@ from procedures.field.models import Separate
 from procedures.numerics.scattered import ThinPlate
 from procedures.outcome import Refused
 from procedures.psf import Psf
-from procedures.psf_field import held_by_priors
+from procedures.psf_field import prior_covariance_part
 
 from .conftest import SEED
 from .lens import NEAR, SHAPE, FieldCamera, K, S, grid, nodes
@@ -70,7 +70,7 @@ def test_the_noise_of_a_place_is_that_of_repeated_measurements(camera, covarianc
     count = len(found.field.components)
     base = [n.psf.parameters for n in nodes(camera, grid(), 0 * covariance, rng, centre_px=0.0)]
     drawn = []
-    held = [held_by_priors(node.psf) for node in found.field.nodes]
+    held = [prior_covariance_part(node.psf) for node in found.field.nodes]
     roots = [root_of(covariance - one) for one in held]
     for _ in range(40):
         noisy = []

@@ -17,7 +17,7 @@ from procedures.pattern_psf.checks import (
     sharpness,
     square_advice,
 )
-from procedures.pattern_psf.distance.consistency import ALIKE
+from procedures.pattern_psf.distance.consistency import MIN_CELL_CORRELATION
 from procedures.pattern_psf.distance.ranging import fit_offset_mm
 from procedures.pattern_psf.facts import RATIO
 from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
@@ -201,7 +201,7 @@ def test_a_chart_of_another_number_is_named_by_its_cells(shoot, wrong):
     right = check_light(taken, FACTS)
     assert right.good
     # 62 500 cells seen by 5600 pixels: others agree by chance to 1/75, the best of 49 shifts to some hundredths
-    assert right.facts["seed_agreement"] > 3 * ALIKE
+    assert right.facts["seed_agreement"] > 3 * MIN_CELL_CORRELATION
     advice = check_light(taken, {**FACTS, "chart_seed": float(wrong)})
     assert advice.contradictory == ("chart_seed",)
     assert f"number {wrong}; they are those of 1" in advice.say

@@ -88,7 +88,7 @@ def test_white_beyond_saturation_is_refused() -> None:
 def test_straightened_is_the_inverse_of_bent() -> None:
     straight = np.linspace(-20, 3900, 200)
     # the table's places are a 466th of the range apart: a parabola of 5 % is off by 5 % / 8 / 466^2
-    assert SENSOR.straightened(SENSOR.bent(straight)) == pytest.approx(straight, abs=0.01)
+    assert SENSOR.linearised(SENSOR.bent(straight)) == pytest.approx(straight, abs=0.01)
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from procedures.pattern_psf.observation import Observation
-from procedures.pattern_psf.outliers import left_out, within_reach
+from procedures.pattern_psf.outliers import excluded_samples, within_levels
 
 
 def observation(y: np.ndarray, noise: float = 0.01) -> Observation:
@@ -22,12 +22,12 @@ def test_single_samples_are_told_from_specks() -> None:
     lost[[0, 5, 19], [0, 7, 3]] = True  # at the rim, too
     lost[10:12, 10:12] = True
     lost[[15, 16], [15, 16]] = True  # corners touch
-    found = left_out(whole, whole.where(~lost.ravel()))
+    found = excluded_samples(whole, whole.where(~lost.ravel()))
     assert found.stray == 3
-    assert found.strange == 6 / 400
+    assert found.connected == 6 / 400
 
 
 def test_only_what_no_light_of_the_chart_makes_is_beyond_reach() -> None:
     # half of the contrast beyond white or black, and six standard deviations of noise
     y = np.array([[-0.57, -0.55, 0.0, 1.0, 1.55, 1.57]])
-    assert within_reach(observation(y)).y.tolist() == [-0.55, 0.0, 1.0, 1.55]
+    assert within_levels(observation(y)).y.tolist() == [-0.55, 0.0, 1.0, 1.55]

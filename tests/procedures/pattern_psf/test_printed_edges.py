@@ -39,14 +39,14 @@ def test_moving_all_lines_moves_the_chart(bench: Bench, columns) -> None:
     ]
     expected = (pictures[0] - pictures[1]) / 0.04
     # light at the pieces' middles, and a PSF cut at 3 % of its peak: good to some per cent
-    assert np.linalg.norm(C(np.ones(len(o.y))).seen(every) - expected) < 0.1 * np.linalg.norm(expected)
+    assert np.linalg.norm(C(np.ones(len(o.y))).apply(every) - expected) < 0.1 * np.linalg.norm(expected)
 
 
 def test_offsets_come_back(columns, rng: np.random.Generator) -> None:
     _, o, _, C = columns
     truth = 0.03 * rng.standard_normal(2 * LINES)
     noise = 0.004
-    v = (C(np.ones(len(o.y))).seen(truth) + noise * rng.standard_normal(len(o.y))) / noise
+    v = (C(np.ones(len(o.y))).apply(truth) + noise * rng.standard_normal(len(o.y))) / noise
     edges = Edges.of(C(np.full(len(o.y), 1 / noise)))
     rms, left = edges.widths(v)
     # 514 offsets give their own width to 1 / sqrt(1028) = 3 %, the cells' random signs a few per cent more
@@ -64,8 +64,8 @@ def test_noise_alone_has_no_offsets(columns, rng: np.random.Generator) -> None:
 def test_products_are_those_of_one_matrix(columns, rng: np.random.Generator) -> None:
     _, o, _, C = columns
     edges = C(np.ones(len(o.y)))
-    C_whole = np.column_stack([edges.seen(line) for line in np.eye(2 * LINES)])
+    C_whole = np.column_stack([edges.apply(line) for line in np.eye(2 * LINES)])
     samples, scale = rng.standard_normal(len(o.y)), np.abs(C_whole).sum(axis=0).max()
     # single precision
-    assert np.allclose(edges.back(samples), C_whole.T @ samples, atol=1e-5 * scale)
+    assert np.allclose(edges.apply_transposed(samples), C_whole.T @ samples, atol=1e-5 * scale)
     assert np.allclose(edges.gram(), C_whole.T @ C_whole, atol=1e-5 * scale)

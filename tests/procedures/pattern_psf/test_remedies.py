@@ -10,7 +10,7 @@ import pytest
 from procedures.choice import Trial
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import estimate_psf
-from procedures.pattern_psf.trust import Doubts, _left_out
+from procedures.pattern_psf.trust import VerdictInputs, _truncation_checks
 from procedures.psf import Sampling
 from procedures.raw import Plane, read_frame
 
@@ -24,7 +24,7 @@ from .damage import damaged
 def test_a_band_that_ends_too_soon_asks_for_s(better: tuple[int, int] | None, words: str) -> None:
     tried = Trial(2, 11, (0.41, 0.41), uncertainty=0.0004, truncation=0.0001, band_edge=0.06, better=better)
     assert tried.band_open
-    doubts = _left_out(Doubts(Sampling(2, 11, "ls", ()), False, (tried,), (), []))
+    doubts = _truncation_checks(VerdictInputs(Sampling(2, 11, "ls", ()), False, (tried,), (), []))
     assert [doubt.remedy.startswith(words) for doubt in doubts if doubt.fails] == [True]
 
 

@@ -147,7 +147,7 @@ def test_spectrogram_holds_the_variance(found):
 def test_model_undoes_the_response(found):
     model = sensor_model(found)
     e = np.linspace(0, 0.9, 50) * SENSOR.full_scale_e()
-    straight = model.straightened(SENSOR.gain * SENSOR.bent(e))
+    straight = model.linearised(SENSOR.gain * SENSOR.bent(e))
     line = straight[-1] / e[-1] * e
     assert np.abs(straight - line).max() < 4 * model.bend_uncertainty * model.saturation
     assert np.abs(SENSOR.gain * SENSOR.bent(e) - straight).max() > 20  # there was something to undo
@@ -156,7 +156,7 @@ def test_model_undoes_the_response(found):
 def test_model_of_a_line_changes_nothing_beyond_its_uncertainty():
     model = sensor_model(characterised(replace(SENSOR, bend=0.0, outliers=0), shares=FEWER, stack=0))
     signal = np.linspace(-10, 3900, 40)
-    assert np.abs(model.straightened(signal) / model.straightened(signal)[-1] * 3900 - signal).max() < 4 * (
+    assert np.abs(model.linearised(signal) / model.linearised(signal)[-1] * 3900 - signal).max() < 4 * (
         model.bend_uncertainty * 3900
     )
 

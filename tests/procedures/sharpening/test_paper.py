@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.sharpening.paper import NoiseLook, look_at_noise
+from procedures.sharpening.paper import NoiseMeasurement, measure_noise
 from tests.procedures.sharpening.test_noise import masked
 
 NOISE = 0.006
 
 
-def look(noise: np.ndarray, slope: float) -> NoiseLook:
+def look(noise: np.ndarray, slope: float) -> NoiseMeasurement:
     """At paper whose light falls by `slope` per pixel to the right and half as much downwards."""
     y, x = np.mgrid[: noise.shape[0], : noise.shape[1]] - 75
     picture = (0.65 + slope * (x + y / 2) + noise).astype(np.float32)
-    return look_at_noise(
+    return measure_noise(
         picture, (0.0, 0.65), lambda level: np.full(level.shape, NOISE**2), np.full(noise.shape, np.nan)
     )
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.budget import taken_apart
+from procedures.budget import with_parts
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.physics.estimate import Physics
 from procedures.psf import Psf
@@ -51,7 +51,7 @@ def test_every_term_of_every_number_is_told_beside_it(tmp_path):
     h = np.exp(-(x[:, None] ** 2 + x**2))
     psf = Psf(h / h.sum(), 3, 1e-8 * np.eye(169))
     limit = Diffraction(8.0, 8.0, 530.0)
-    quality = taken_apart(assess(psf, n=5000, diffraction=limit), {"strehl": {"noise": 3e-4, "light": 4e-4}})
+    quality = with_parts(assess(psf, n=5000, diffraction=limit), {"strehl": {"noise": 3e-4, "light": 4e-4}})
     record = PlaneResult.of("G1", Verdict.PASS, psf, quality, diffraction=limit)
     with ResultFolder(tmp_path) as folder:
         told = json.loads(write_psf_result(folder, [record], RecordHead("pattern")))["planes"]["G1"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.clock import SystemClock
-from procedures.budget import taken_apart
+from procedures.budget import with_parts
 from procedures.outcome import BadParameter, Verdict
 from procedures.psf import Psf
 from procedures.quality import assess
@@ -69,7 +69,7 @@ def plane():
     quality = assess(psf, n=9)
     noise = {name: terms["noise"] for name, terms in quality.budgets.items()}
     parts = {name: {"noise": own, "mismatch": 2 * own} for name, own in noise.items()}
-    return PlaneResult.of("G1", Verdict.PASS, psf, taken_apart(quality, parts), pitch=2)
+    return PlaneResult.of("G1", Verdict.PASS, psf, with_parts(quality, parts), pitch=2)
 
 
 def test_mtf_that_is_limited_is_reported_with_all_terms_of_its_uncertainty(tmp_path, specification):

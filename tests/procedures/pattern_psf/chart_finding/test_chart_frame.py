@@ -11,7 +11,7 @@ SQUARE = np.array([[0.0, 0.0], [1, 0], [1, 1], [0, 1]]) * CELLS
 
 
 def test_frame_is_like_none_of_its_own_images() -> None:
-    scores = chart_frame.agreements(chart_frame.expected(), chart_frame.turned_frames(), chart_frame.ring())
+    scores = chart_frame.agreements(chart_frame.expected(), chart_frame.oriented_frames(), chart_frame.ring())
     assert scores[0] == pytest.approx(1, abs=1e-6)
     # the nearest is the transposed chart: its blocks are the same, its x-corners inverted
     assert max(scores[1:]) < 0.8
@@ -35,14 +35,15 @@ def test_symmetry_is_that_of_its_picture(n: int) -> None:
 def test_linear_light_does_not_matter() -> None:
     y, x = np.mgrid[0 : chart_frame.SIDE, 0 : chart_frame.SIDE] / chart_frame.SIDE
     lit = (0.1 + 0.05 * x + (1 + 0.3 * x - 0.4 * y) * chart_frame.expected()).astype(np.float32)
-    assert chart_frame.agreements(lit, chart_frame.turned_frames()[:1], chart_frame.ring())[0] == pytest.approx(
+    assert chart_frame.agreements(lit, chart_frame.oriented_frames()[:1], chart_frame.ring())[0] == pytest.approx(
         1, abs=1e-5
     )
 
 
 def test_negative_is_no_agreement() -> None:
     assert (
-        chart_frame.agreements(1 - chart_frame.expected(), chart_frame.turned_frames()[:1], chart_frame.ring())[0] == 0
+        chart_frame.agreements(1 - chart_frame.expected(), chart_frame.oriented_frames()[:1], chart_frame.ring())[0]
+        == 0
     )
 
 
@@ -51,7 +52,7 @@ def test_marks_are_placed_to_a_tenth_of_a_rectified_pixel(shift: tuple[float, fl
     A = np.array([[1, 0, shift[0]], [0, 1, shift[1]]])
     size = (chart_frame.SIDE, chart_frame.SIDE)
     moved = cv2.warpAffine(chart_frame.expected(), A, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    placed = chart_frame.place_marks(moved)
+    placed = chart_frame.locate_marks(moved)
     # parabolas through a correlation sampled in whole pixels
     assert np.abs((placed.cells - X_CORNERS) * chart_frame.PIXELS_PER_CELL - shift).max() < 0.1
     # at most half a pixel from the nearest sample of the correlation
@@ -61,4 +62,4 @@ def test_marks_are_placed_to_a_tenth_of_a_rectified_pixel(shift: tuple[float, fl
 def test_marks_outside_the_photograph_are_unlike() -> None:
     rectified = chart_frame.expected().copy()
     rectified[: 2 * chart_frame.PIXELS] = np.nan
-    assert np.flatnonzero(chart_frame.place_marks(rectified).likeness == 0).tolist() == [0, 1, 2, 3]
+    assert np.flatnonzero(chart_frame.locate_marks(rectified).likeness == 0).tolist() == [0, 1, 2, 3]

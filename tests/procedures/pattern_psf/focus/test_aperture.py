@@ -71,9 +71,9 @@ def test_an_f_number_that_the_camera_noted_is_not_held_against_the_photograph(ph
 
 def test_whose_word_the_f_number_is_is_told(plane):
     known = PatternFacts(pixel_pitch_um=4.0, typed_f_number=4.0)
-    assert (known.diffraction(plane).f_number, known.diffraction(plane).told_by) == (4.0, OPERATOR)
+    assert (known.diffraction(plane).f_number, known.diffraction(plane).stated_by) == (4.0, OPERATOR)
     noted = replace(known, f_number=5.6)
-    assert (noted.diffraction(plane).f_number, noted.diffraction(plane).told_by) == (5.6, CAMERA)
+    assert (noted.diffraction(plane).f_number, noted.diffraction(plane).stated_by) == (5.6, CAMERA)
     assert PatternFacts(pixel_pitch_um=4.0).diffraction(plane) is None
 
 
