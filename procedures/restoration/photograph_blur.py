@@ -202,7 +202,7 @@ def blur_of(spec: BlurSpec, photographs: Sequence[Array], report: Callable[[Find
 def _shaped(source: KnownShapes, max_w: float | None, photographs: Sequence[Array], shape: Size) -> SceneBlur:
     shapes = source.shapes
     measured = [one.half_width_px + 1 for one in shapes if isinstance(one, MeasuredShape)]
-    widest = max_w or max([default_max_w(_drawn(shapes)), *measured])
+    widest = max_w or max([default_max_w(_arrays(shapes)), *measured])
     check_max_w(widest)
     ratios = source.ratios or _ratios(source, widest, photographs)
     finer = partial(_masks_of_shapes, shapes, ratios, source.offsets or (0.0,) * len(shapes), widest, shape)

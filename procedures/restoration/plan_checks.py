@@ -155,10 +155,10 @@ def contradicts_camera(which: str, frame: RawFrame, known: RestorationFacts) -> 
     typed = {"f_number": f_numbers.get(known.blur_by), "pixel_pitch_um": known.pixel_pitch_um}
     keys = {"f_number": "lens_f_number" if known.blur_by == BOTH else f"{which}_f_number"}
     for name, value in typed.items():
-        key = asked.get(name, name)
-        told = disagreements(frame.exposure, {name: value}) if key not in known.insisted else []
-        if told:
-            return Advice(False, f"Of the {which} photograph {told[0]}.", contradictory=(key,))
+        key = keys.get(name, name)
+        contradictions = disagreements(frame.exposure, {name: value}) if key not in known.insisted else []
+        if contradictions:
+            return Advice(False, f"In the {which} photograph {contradictions[0]}.", contradictory=(key,))
     return None
 
 

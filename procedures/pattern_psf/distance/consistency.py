@@ -143,14 +143,14 @@ def seed_contradiction(plane: Plane, sighting: ChartSighting, known: PatternFact
     """Correlation of the cells with the seed's; advice where the cells are others, None where they are not resolved."""
     if "chart_seed" in known.insisted:
         return None
-    found = cells_alike(plane, sighting, known.chart_seed)
-    if found is None or found >= ALIKE:
-        return found
-    say = f"The chart shows other cells than those of its number {known.chart_seed}"
-    own = cells_alike(plane, sighting, DEFAULT_SEED) or 0.0
-    if known.chart_seed != DEFAULT_SEED and own >= ALIKE:
-        say += f"; they are those of {DEFAULT_SEED}"
-    say += ". Give the number that is printed on it, or hang the right chart."
+    correlation = cell_correlation(plane, sighting, known.chart_seed)
+    if correlation is None or correlation >= MIN_CELL_CORRELATION:
+        return correlation
+    say = f"The chart does not have the cells of number {known.chart_seed}"
+    default_correlation = cell_correlation(plane, sighting, DEFAULT_SEED) or 0.0
+    if known.chart_seed != DEFAULT_SEED and default_correlation >= MIN_CELL_CORRELATION:
+        say += f", but those of number {DEFAULT_SEED}"
+    say += ". Give the number printed on it, or mount the right chart."
     return Advice(False, say, contradictory=("chart_seed",))
 
 

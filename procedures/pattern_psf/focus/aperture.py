@@ -50,7 +50,7 @@ def check_aperture(frame: RawFrame, facts: Facts) -> Advice:
     contradiction = _contradiction(reading, estimated, typed, psfs)
     if contradiction and KEY not in known.insisted:
         return Advice(False, contradiction, (reading,), facts=noted, contradictory=(KEY,))
-    say = f"By the far tail of its PSF the lens is at f/{_words(told)}; f/{typed:g} was given."
+    say = f"The far tail of the PSF corresponds to f/{_words(estimated)}; f/{typed:g} was given."
     return Advice(True, say, (replace(reading, low=None, high=None),), facts=noted)
 
 

@@ -153,7 +153,7 @@ def kernels_of_flat_scene(
     if len(photographs) < 2:
         raise BadInput(f"unknown motion needs two photographs or more, got {len(photographs)}", "take another one")
     R = largest or max(1, min(s.largest, (min(photographs.shape[1:]) - 1) // 4))
-    z = _central_part(photographs, R, s)
+    z = _looked_at(photographs, R, s)
     sparse = SparseGradients(z, R)
     searches: list[_Search] = []
     # many photographs outweigh the prior of few edges, which alone keeps a common blur out of their kernels: its weight

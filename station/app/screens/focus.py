@@ -44,7 +44,7 @@ WORDS = {
 SOURCE = "Live focus. Where do the photographs of the chart come from?"
 NAMED = Ask("folder", "Folder in which the photographs arrive?", "text")
 HOMES = Ask(MOVE, "The simulated stages home, each axis to its switch, then move to the middle of their travel.")
-SIGNS = {Way.TRY: "?", Way.ON: ">", Way.BACK: "<", Way.STAY: "="}
+SIGNS = {TurnDirection.TRY: "?", TurnDirection.ON: ">", TurnDirection.BACK: "<", TurnDirection.STAY: "="}
 """Sign after the number: continue, turn back, stay."""
 FrameSource = Callable[[PhotographSource], Iterator[LiveFrame]]
 

@@ -155,7 +155,7 @@ def doubt_of(names: Sequence[str]) -> str | None:
     return next((str(one) for one in doubts if one), None)
 
 
-def _found_array(path: Path, what: str) -> Array:
+def _result_array(path: Path, what: str) -> Array:
     """A kernel or a shape of a result."""
     return blur_models.check_shape(read_npy(path, what, f"give a {what}_N.npy of a result"), str(path))
 
@@ -181,7 +181,7 @@ def _psf(path: Path, samples_per_px: int | None) -> tuple[Array, int] | None:
     """A measured PSF and its samples per pixel; None if the file is a shape."""
     if path.suffix.lower() == ".npy":
         array = checked_array(read_npy(path, "PSF", _GIVE_PSF), str(path), remedy=_GIVE_PSF)
-        return array, samples_per_px or _samples_beside(path)
+        return array, samples_per_px or _samples_of(path)
     return None if samples_per_px is None else (read_numbers(path, "PSF file"), samples_per_px)
 
 
@@ -238,5 +238,5 @@ def _samples_of(path: Path) -> int:
 
 
 _GIVE_PSF = "give a psf_P.npy of a result"
-_TELL_SAMPLES = "name the file in its result's folder; the command takes --samples-per-pixel"
-_NO_SAMPLES = "has no result.json beside it that tells its samples per pixel"
+_GIVE_SAMPLES = "give the file in its result's folder; the command takes --samples-per-pixel"
+_NO_SAMPLES = "has no result.json in its folder that states its samples per pixel"

@@ -110,7 +110,7 @@ class LiveFocus:
         found = self._measure(frame.plane)
         self._last = found.value or self._last
         self._note(frame, found)
-        turn = which_way(self._scores, self._uncertainties, self._places)
+        turn = advise_turn(self._scores, self._uncertainties, self._places)
         return FocusReading(
             frame,
             found,

@@ -31,7 +31,9 @@ def frame(along: int, **exposure):
     position_m[:, along], position_m[:, 1 - along] = 8e-4 * np.cos(ROUND), 3e-4 * np.cos(2 * ROUND + 0.7)
     parameters = Exposure(exposure_s=0.048, **{"focal_length_mm": 24.0, **exposure})
     samples = np.random.default_rng(1).random((80, 96), np.float32)
-    return RawFrame(Path("a"), "", {"Y": Plane("Y", samples, 1e-4)}, told, None, ShakerPath(position_m, 0.001, 0.0))
+    return RawFrame(
+        Path("a"), "", {"Y": Plane("Y", samples, 1e-4)}, parameters, None, ShakerPath(position_m, 0.001, 0.0)
+    )
 
 
 def widths(mask):
