@@ -30,7 +30,7 @@ def hung_and_lit(lab) -> None:
 
 
 async def type_another(driver: Driver) -> None:
-    await driver.until("Or go on with a session")
+    await driver.until("Or continue a session")
     await driver.press("tab", "enter")
     await driver.until("clear: Enter moves")
     await driver.press("enter")
