@@ -132,7 +132,7 @@ class View:
     taken: list[Photograph] = field(default_factory=list)
 
     def chart_pose(self, pose: CameraPoses, behind_mm: float = 0.0) -> tuple[Array, Rotation]:
-        """Centre, (n, 3) mm, and rotation of the chart, or of a sheet behind it, in the camera's frame at each instant."""
+        """Centre, (n, 3) mm, and rotation of the chart or a sheet at each instant, in the camera's frame."""
         mount = self.mount or Mount()
         middle = {name: (low + high) / 2 for name, (low, high) in self.world.room.travel.items()}
         right, down = middle["x_mm"] - pose.x_mm + mount.right_mm, pose.y_mm - middle["y_mm"] + mount.down_mm

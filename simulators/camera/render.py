@@ -2,8 +2,8 @@
 
 The ideal image is integrated exactly over small hat functions on a grid finer than the pixels. Its spectrum is
 multiplied by the ratio of the optical transfer function to that of a hat, and folded to sample it at the pixels'
-centres, with the aliasing of a camera. Aliasing on the fine grid is the only approximation; with 8 samples per pixel it changes no pixel
-of a chart by more than 6e-5 of full light (`tests/simulators/camera/test_render.py`).
+centres, with the aliasing of a camera. Aliasing on the fine grid is the only approximation; with 8 samples per pixel it
+changes no pixel of a chart by more than 6e-5 of full light (`tests/simulators/camera/test_render.py`).
 """
 
 from __future__ import annotations
