@@ -31,7 +31,7 @@ SCREENS = Path(__file__).parent / "screens" / "first-calibration-80.txt"
 
 
 def make_lab(folder: Path) -> StationLab:
-    """The bench in virtual time; its images are rendered more coarsely than its optics require, without effect on the verdicts.
+    """The bench in virtual time; its images are rendered more coarsely than its optics require, with the same verdicts.
 
     Its sensor is without a mosaic: a fourth of the work, and what four planes bring is in `test_guide`.
     """

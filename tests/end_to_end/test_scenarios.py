@@ -1,4 +1,4 @@
-"""Random work on a bench where random things go wrong: everything ends in success or a stated error, in time and in order.
+"""Random work on a bench where random things go wrong: all ends in success or a stated error, in time and in order.
 
 A hundred scenarios by default; `STATION_SCENARIOS=1000` runs the thousand of the acceptance, `STATION_SCENARIO=n` one.
 """

@@ -44,7 +44,7 @@ async def type_another(driver: Driver) -> None:
 
 
 def test_a_wrong_focal_length_is_named_on_the_screen_within_two_steps(tmp_path, monkeypatch):
-    monkeypatch.setattr(parts, "READ_S", 0.0)
+    monkeypatch.setattr(parts, "MIN_READ_S", 0.0)
     lab = make_lab(tmp_path)
     hung_and_lit(lab)
     try:
