@@ -1,1 +1,1 @@
-"""The bench put together: one world, its devices, a body that drops RAW files, an operator's hands, and faults."""
+"""The complete bench: one world, its devices, a camera body that writes RAW files, an operator model, and faults."""

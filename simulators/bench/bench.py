@@ -1,6 +1,6 @@
-"""A whole simulated bench: one world, its devices at the ends of cables, and a body that drops RAW files.
+"""A whole simulated bench: one world, its devices on cables, and a camera body that writes RAW files.
 
-Every cable is reachable as `sim://NAME/DEVICE`; `simulators.devices.ports` opens them to other programs too.
+Every cable is reachable as `sim://NAME/DEVICE`; `simulators.devices.ports` makes them available to other programs.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ UNIT_PER_STEP = {"pan_deg": 0.000234375, "tilt_deg": 0.000234375, "y_mm": 0.0004
 
 @dataclass(frozen=True)
 class Setup:
-    """Which bench to simulate.
+    """Configuration of a simulated bench.
 
-    `faults` by cable, `fault_events` of devices; `develop` makes the RAW file of an opening, by default a rendering of
-    the chart. With `virtual_time` time jumps during waits; otherwise it runs `speed` times as fast as real time.
-    `motors_on_box`: the motors of rail and height have current only while the box's enable output is set.
+    `faults` by cable, `fault_events` of devices; `develop` makes the RAW file of an opening, by default a rendering of the
+    chart. With `virtual_time` the time jumps during waits; otherwise it runs `speed` times as fast as real time. With
+    `motors_on_box` the motors of rail and height are powered only while the box's enable output is set.
     """
 
     seed: int = 0
@@ -108,25 +108,25 @@ class SimulatedBench:
 
     @cached_property
     def hands(self) -> Hands:
-        """A person at this bench, who begins with an empty room; without him the chart hangs straight and in focus."""
+        """The operator model, which begins with an empty room; without it the chart hangs straight and in focus."""
         width_mm = None if self.subject == "tilt" else Person.width_mm
         return Hands(self, self._seed, Person(width_mm))
 
     def show(self, subject: str) -> None:
-        """Stand before one of `SUBJECTS`; a person who had begun with another subject begins again."""
+        """Photograph one of `SUBJECTS`; the operator model restarts when the subject changes."""
         if subject == self.subject:
             return
         self.__dict__.pop("hands", None)
-        shown = SUBJECTS[subject](np.random.default_rng(self._seed))
-        self.subject, self.view.sheets, self.motions = subject, shown.sheets, shown.motions
-        self.view.held = replace(self.view.held, slopes=shown.slopes)
+        chosen = SUBJECTS[subject](np.random.default_rng(self._seed))
+        self.subject, self.view.sheets, self.motions = subject, chosen.sheets, chosen.motions
+        self.view.held = replace(self.view.held, slopes=chosen.slopes)
         usual, self._usual_camera = self._usual_camera or self.view.camera, None
-        if shown.camera is not None:
+        if chosen.camera is not None:
             self._usual_camera = usual
-        camera = shown.camera or usual
-        self.view.camera = replace(camera, lens=replace(camera.lens, f_number=shown.f_number))
-        arm_mm = float("inf") if shown.motions else self._room.arm_mm
-        self.world.room = replace(self._room, arm_mm=arm_mm, near_mm=shown.near_mm or self._room.near_mm)
+        camera = chosen.camera or usual
+        self.view.camera = replace(camera, lens=replace(camera.lens, f_number=chosen.f_number))
+        arm_mm = float("inf") if chosen.motions else self._room.arm_mm
+        self.world.room = replace(self._room, arm_mm=arm_mm, near_mm=chosen.near_mm or self._room.near_mm)
 
     def _enable(self, on: bool, now_s: float) -> None:
         if self._motors_on_box:
@@ -150,21 +150,21 @@ class SimulatedBench:
         return f"sim://{self.name}/{device}"
 
     def open_ports(self, devices: Sequence[str] = CABLES) -> dict[str, tuple[str, str]]:
-        """Each cable's pseudo-terminal and TCP address for other programs, by device; the bare RTS line has neither.
+        """Pseudo-terminal and TCP address of each cable for other programs; the bare RTS line has neither.
 
-        One program at a time: a cable that is in use is refused, wherever it is asked for.
+        A cable serves one program at a time.
         """
-        found = {}
+        addresses = {}
         for name, cable in self.cables.items():
             if name != "rts" and name in devices:
                 pty = PtyPort(cable) if hasattr(os, "openpty") else None
                 tcp = TcpPort(cable)
                 self._ports += [tcp, *([pty] if pty else [])]
-                found[name] = (pty.address if pty else "", tcp.address)
-        return found
+                addresses[name] = (pty.address if pty else "", tcp.address)
+        return addresses
 
     def close(self) -> None:
-        """Take the addresses away."""
+        """Close the ports and unregister the cables."""
         for port in self._ports:
             port.end()
         for port in self._ports:
@@ -177,6 +177,6 @@ class SimulatedBench:
 
 
 def random_trouble(seed: int) -> tuple[dict[str, Faults], tuple[FaultEvent, ...]]:
-    """Faults of cables and devices for the first minutes of a bench."""
+    """Random faults of cables and devices within the first minutes of a bench."""
     cables, devices = np.random.default_rng(seed).spawn(2)
     return random_faults(cables, CABLES), tuple(random_fault_events(devices))

@@ -1,7 +1,6 @@
-"""The body on the contacts: exposes when they close, and drops a RAW file into a folder when it is done.
+"""The camera body: exposes when its contacts close, then writes a RAW file into a folder.
 
-What the file contains is the renderer's business; when it appears, under which name, and what may go wrong with it
-is this one's.
+The renderer gives the contents of the file; this module models its time, its name and its faults.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ NEVER = float("inf")
 
 @dataclass(frozen=True)
 class Opening:
-    """One opening of the shutter: when light comes in, and how long; the frame's noise follows from its number."""
+    """One opening of the shutter: begin and duration; its number seeds the frame's noise."""
 
     begin_s: float
     exposure_s: float
@@ -29,10 +28,10 @@ class Opening:
 
 @dataclass
 class BodySettings:
-    """What is set on the body, and what it does wrong on request.
+    """Settings of the body, and its faults.
 
-    `bulb`: the exposure is as long as the contact is closed. `pause_s` and `pieces`: the file grows in so many pieces
-    with pauses between them. `companion`: a JPEG comes with each RAW. `rename`: it is written as `.part` first.
+    `bulb` : the exposure lasts as long as the contact is closed. `pause_s` and `pieces` : the file is written in pieces
+    with pauses. `companion` : a JPEG accompanies each RAW. `rename` : the file is first written as `.part`.
     """
 
     exposure_s: float = 0.02
@@ -51,10 +50,9 @@ class BodySettings:
 class CameraBody:
     """A tethered body whose software saves to `folder`. `develop(opening)` gives the bytes of the RAW file.
 
-    Where time passes by itself, the body's later doings run in timers, so that no wire waits for the developing; where
-    it jumps, they are events of the clock.
-
-    `next_number` is the next opening's. The files go on counting where those end that lie in the folder already.
+    In real time, later actions of the body run in timers, so that no wire waits for the rendering; in virtual time they
+    are events of the clock. `next_number` is that of the next opening. The numbers of the files continue those in the
+    folder.
     """
 
     world: World
@@ -69,20 +67,20 @@ class CameraBody:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def close(self, now_s: float) -> None:
-        """The contact closes: after the lag the shutter opens, and shakes the bench."""
+        """Close the contact: after the lag the shutter opens and shakes the bench."""
         self._begun_s = now_s + self.settings.lag_s
         self.world.shake(self._begun_s)
         if not self.settings.bulb:
             self._expose(self._begun_s, self.settings.exposure_s)
 
     def release(self, now_s: float) -> None:
-        """The contact opens: a bulb exposure ends."""
+        """Open the contact, which ends a bulb exposure."""
         if self.settings.bulb and self._begun_s != NEVER:
             self._expose(self._begun_s, max(now_s + self.settings.lag_s - self._begun_s, 0.001))
         self._begun_s = NEVER
 
     def flash_s(self) -> float | None:
-        """The hot shoe closes when the shutter is open."""
+        """Time at which the hot shoe closes: when the shutter is open."""
         return None if self._begun_s == NEVER else self._begun_s
 
     def _expose(self, begin_s: float, exposure_s: float) -> None:
@@ -105,12 +103,12 @@ class CameraBody:
             self._agenda.sort(key=lambda entry: entry[0])
 
     def next_event_s(self) -> float | None:
-        """When the next file grows."""
+        """Time of the next write."""
         with self._lock:
             return self._agenda[0][0] if self._agenda else None
 
     def wake(self) -> None:
-        """Do what is due."""
+        """Carry out the actions that are due."""
         while (action := self._due(self.clock.now_s())) is not None:
             action()
 
@@ -119,15 +117,15 @@ class CameraBody:
             return self._agenda.pop(0)[1] if self._agenda and self._agenda[0][0] <= now_s else None
 
     def settled(self) -> bool:
-        """It does all at once."""
+        """True: actions are instantaneous."""
         return True
 
     def settle(self, real_s: float) -> None:
-        """Nothing to wait for."""
+        """No-op: actions are instantaneous."""
 
     @cached_property
     def _files_before(self) -> int:
-        """The number of the last file that an earlier body left in the folder."""
+        """Number of the last file in the folder at the start."""
         numbers = (path.stem.removeprefix("IMG_") for path in self.folder.glob("IMG_*.*"))
         return max((int(number) for number in numbers if number.isdecimal()), default=0)
 

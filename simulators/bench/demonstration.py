@@ -1,4 +1,4 @@
-"""The photographs of a demonstration: one chart before one camera, at places and sizes that show what matters."""
+"""Photographs of the demonstration: one chart and one camera at representative positions and sizes."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
 
 WIDTH_MM = 124.0
-"""Of the chart: the largest on A4 that has slanted edges beside it."""
+"""Width of the chart: the largest on A4 with slanted edges next to it."""
 S = 4
-"""Samples per pixel that the charts' sizes are meant for."""
+"""Samples per pixel for which the charts' sizes are chosen."""
 PITCH_UM = 5.94
 LENS = Lens(
     focal_length_mm=50.0,
@@ -28,7 +28,7 @@ LENS = Lens(
     field_curvature_um=0.05,
 )
 OPTICS = Optics((CircularPupil(LENS.f_number), PixelAperture(0.95, 0.95), FourSpots(0.8), GaussianBlur(0.3)), PITCH_UM)
-"""Diffraction, photosites with a little border, an optical low-pass filter, and charge that wanders."""
+"""Diffraction, photosites with gaps, an optical low-pass filter, and charge diffusion."""
 ISO = 400
 EXPOSURE_S = 0.02
 WHITE_E_PER_S = 1.5e5
@@ -36,20 +36,20 @@ WHITE_E_PER_S = 1.5e5
 
 @dataclass(frozen=True)
 class Staging:
-    """One photograph: where the chart appears in which frame, how large and how turned.
+    """One photograph: frame, and position, size and orientation of the chart.
 
     Attributes
     ----------
     name : str
-        For files.
+        Name of the files.
     title : str
-        For people.
+        Displayed title.
     at : (x, y)
         The chart's centre, in fractions of the frame from the top left.
     s_over_t : float
         Sampling ratio with four samples per pixel.
     slope : (float, float)
-        Change of the light from the chart's centre to the sides of its noise region.
+        Relative change of the illumination from the chart's centre to the edges of its noise region.
     """
 
     name: str
@@ -74,11 +74,11 @@ SETUPS = (
         rows=2000, columns=3000, pitch_deg=-7.0, roll_deg=-24.0, slope=(-0.03, -0.04),
     ),
 )  # fmt: skip
-"""The photographs of the demonstration, in their order."""
+"""The photographs of the demonstration, in order."""
 
 
 def stage(setup: Staging, chart: Chart) -> tuple[SimulatedCamera, Scene]:
-    """The camera, and what stands before it."""
+    """The camera and its scene."""
     sensor = Sensor(setup.rows, setup.columns, full_well_e=60000.0, gain_e_per_dn=3.78)
     camera = SimulatedCamera(LENS, sensor, PITCH_UM, OPTICS, WHITE_E_PER_S)
     placed = camera.place(

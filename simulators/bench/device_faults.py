@@ -1,4 +1,4 @@
-"""What happens to a bench by itself, at random from a seed: to its cables, and to the devices behind them."""
+"""Random faults of a bench's cables and devices, from a seed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FAULT_KINDS = ("reset", "alarm", "box_reset", "stall", "range_error", "lose_fram
 
 @dataclass(frozen=True)
 class FaultEvent:
-    """One fault of a device at a time."""
+    """A fault of a device at a given time."""
 
     moment_s: float
     kind: str
@@ -30,7 +30,7 @@ class FaultEvent:
 
 
 def cable_fault(kind: str, rng: np.random.Generator) -> Faults:
-    """A cable with one kind of fault, beginning within the first minutes."""
+    """Faults of one kind on a cable, beginning within the first two minutes."""
     begin_s = float(rng.uniform(0, 120))
     rate = float(10 ** rng.uniform(-3.5, -1.5))
     match kind:
@@ -50,20 +50,20 @@ def cable_fault(kind: str, rng: np.random.Generator) -> Faults:
             return Faults(rng, unplugged_at_s=begin_s, replugged_at_s=begin_s + float(rng.uniform(1, 60)))
         case "wrong_baud":
             return Faults(rng, wrong_baud=True)
-    raise ValueError(f"no fault is called {kind!r}; use one of {CABLE_FAULTS}")
+    raise ValueError(f"fault must be one of {CABLE_FAULTS}; got {kind!r}")
 
 
 def random_faults(rng: np.random.Generator, cables: Sequence[str], chance: float = 0.5) -> dict[str, Faults]:
-    """One kind of fault on some of the cables."""
+    """Faults of one kind on each of some random cables."""
     return {
-        name: cable_fault(str(own.choice(CABLE_FAULTS)), own)
-        for name, own in zip(cables, rng.spawn(len(cables)), strict=True)
-        if own.random() < chance
+        name: cable_fault(str(stream.choice(CABLE_FAULTS)), stream)
+        for name, stream in zip(cables, rng.spawn(len(cables)), strict=True)
+        if stream.random() < chance
     }
 
 
 def random_fault_events(rng: np.random.Generator, mean: float = 3.0, within_s: float = 150.0) -> list[FaultEvent]:
-    """A few random fault events within a span."""
+    """Random faults of devices within a time span."""
     return [
         FaultEvent(float(rng.uniform(0, within_s)), str(rng.choice(FAULT_KINDS)), int(rng.integers(1, 5)))
         for _ in range(rng.poisson(mean))
@@ -71,7 +71,7 @@ def random_fault_events(rng: np.random.Generator, mean: float = 3.0, within_s: f
 
 
 class FaultPlan:
-    """Applies fault events to a bench at their times."""
+    """Injects faults into a bench at their times."""
 
     def __init__(
         self, body: CameraBody, cables: Mapping[str, Cable], clock: SimClock, fault_events: Sequence[FaultEvent]
@@ -81,28 +81,28 @@ class FaultPlan:
         for fault_event in fault_events:
             real_s = clock.real_s(fault_event.moment_s)
             if real_s is not None:
-                timer = threading.Timer(real_s, self._apply, (fault_event,))
+                timer = threading.Timer(real_s, self._inject, (fault_event,))
                 timer.daemon = True
                 timer.start()
         clock.attach(self)
 
     def next_event_s(self) -> float | None:
-        """Time of the next event."""
+        """Time of the next fault."""
         return self._due[0].moment_s if self._due else None
 
     def wake(self) -> None:
-        """Apply the events that are due."""
+        """Inject the faults that are due."""
         while self._due and self._due[0].moment_s <= self._clock.now_s():
-            self._apply(self._due.pop(0))
+            self._inject(self._due.pop(0))
 
     def settled(self) -> bool:
-        """Always."""
+        """True: faults are instantaneous."""
         return True
 
     def settle(self, real_s: float) -> None:
-        """No-op."""
+        """No-op: faults are instantaneous."""
 
-    def _apply(self, fault_event: FaultEvent) -> None:
+    def _inject(self, fault_event: FaultEvent) -> None:
         body = self._body
         stage, head, box, laser = (self._cables[name].device for name in ("stage", "head", "shutter", "rangefinder"))
         assert isinstance(stage, GrblController)

@@ -1,4 +1,4 @@
-"""Random photographs for trials of detection and estimation: everything that varies between one shot and the next."""
+"""Random photographs for trials of detection and estimation."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from simulators.world.scene import Light, Scene, Wall
 
 @dataclass(frozen=True)
 class Trials:
-    """From what the random photographs are drawn.
+    """Ranges of the parameters of random photographs.
 
     Attributes
     ----------
     rows, columns : int
-        Of the grey frames.
+        Size of the grey frames.
     pixels : (float, float)
-        Width of the noise region, least and most.
+        Width of the noise region, minimum and maximum.
     tilt_deg : float
         Largest angle between the chart's normal and the axis.
     noise : (float, float)
-        Standard deviation of the white paper, relative to the chart's contrast, least and most.
+        Standard deviation of the white paper, relative to the chart's contrast, minimum and maximum.
     gradient : float
         Largest relative change of the light between the chart's centre and its rim (or the middle of the frame's half).
     clutter : bool
-        Whether things stand around the chart.
+        Whether there are objects around the chart.
     """
 
     rows: int = 480
@@ -46,7 +46,7 @@ class Trials:
 
 
 def random_camera(rng: np.random.Generator, trials: Trials) -> SimulatedCamera:
-    """A camera with a grey sensor whose noise on white is drawn from the trials' range."""
+    """A camera with a grey sensor and random noise on white."""
     noise = float(np.exp(rng.uniform(*np.log(trials.noise))))
     lens = Lens(k1=rng.uniform(-1, 1) * trials.distortion, f_number=float(rng.choice([4.0, 5.6, 8.0, 11.0])))
     # on paper of 0.9, with a contrast of 0.86: sd / contrast = sqrt(0.9 white_e) / (0.86 white_e)
@@ -57,14 +57,14 @@ def random_camera(rng: np.random.Generator, trials: Trials) -> SimulatedCamera:
     )  # fmt: skip
     optics = Optics.typical(f_number=lens.f_number, pitch_um=trials.pitch_um, gaussian_px=rng.uniform(0.1, 0.5))
     aperture = (5.6 / lens.f_number) ** 2
-    # 5 fine samples err by up to 2e-3 of full light in a pixel at f/4, 2e-4 root mean square: below any of the noise
+    # 5 fine samples have errors of at most 2e-3 of full light at f/4, 2e-4 root mean square: below the noise
     return SimulatedCamera(
         lens, sensor, trials.pitch_um, optics, white_e_per_s=white_e / aperture / 0.02, oversampling=5
     )
 
 
 def random_scene(rng: np.random.Generator, camera: SimulatedCamera, chart: Chart | None, trials: Trials) -> Scene:
-    """A chart anywhere in the frame, whole, turned and tilted at random; only clutter where `chart` is None."""
+    """A whole chart at a random position and orientation; only clutter where `chart` is None."""
     wall_mm = 6000.0
     width, height = (n * trials.pitch_um / 1000 * wall_mm / 50 for n in (trials.columns, trials.rows))
     shapes = random_clutter(rng, width, height) if trials.clutter or chart is None else ()

@@ -1,7 +1,7 @@
-"""A person's hands and eyes at the simulated bench: they hang the chart, turn the ring, set the dial, read the ruler.
+"""Operator model of the simulated bench: hangs the chart, turns the focus ring, sets the exposure, reads the ruler.
 
-They begin with an empty wall and a camera that is set to anything, and are never quite exact. What they do depends on
-the seed and on what was asked of them, not on when: whoever goes on with a session finds the bench as it was left.
+The operator begins with an empty wall and arbitrary camera settings, and is inexact. The actions depend on the seed and
+on the requests, not on time, so that a resumed session finds the bench in the same state.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from simulators.world.world import SinusoidalDrive, World
 
 Known = str | float | bool
 HAND = "hand_"
-"""Before a name: how much was asked of the hands under it, all in all."""
+"""Prefix of a fact's name: the sum of all manual changes of that name requested so far."""
 EYES_DIOPTRES = 0.04
-"""How well focus is found by eye or autofocus."""
+"""Largest error of focusing by eye or autofocus."""
 STEP_DIOPTRES = 0.03
 """A small turn of the focus ring."""
 EXACT = ("exposure_ev",)
-"""What has clicks."""
+"""Settings with detents."""
 RIM_PX, MAX_W = 8, 4.0
-"""Of the marked part of a scene from the frame's side; of the widest blur as it is guessed, both in plane pixels."""
+"""Margin of the marked region to the frame's edge, and the assumed widest blur, both in plane pixels."""
 TAPE_MM = 5.0
-"""A distance is read off a tape to this."""
+"""Resolution of a distance read from a tape measure."""
 SQUARE_DEG = 0.4
-"""How square to a wall a camera is put by eye."""
-SLOPPY = 0.04
-"""Hands do what they are asked to this share of it."""
+"""Standard deviation of each angle of a camera squared to a wall by eye."""
+RELATIVE_ERROR = 0.04
+"""Largest relative error of a manual change."""
 SET_UP = (
     "printed",
     "panel",
@@ -52,22 +52,22 @@ SET_UP = (
     "third",
     "truth",
 )
-"""The questions by whose keys something is done, in their order."""
+"""Keys of the questions that trigger an action, in order."""
 MOTION_OF = {"first_moves": 0, "second": 1, "third": 2}
-"""Which of its motions the rig is set in, by the question."""
+"""Index of the rig's motion, by the question."""
 F_NUMBERS = {"first": 4.0, "second": 2.8, "third": 5.6, "truth": 22.0}
-"""That the ring of apertures is set to, by the question, where apertures blur."""
+"""f-number set for each question where apertures blur."""
 LENS_AND_MOTIONS = {"first": 8.0, "truth": 22.0}
-"""The same where the lens blurs beside motions: so wide that it does, and so long exposed that the IMU feels a path."""
+"""f-numbers where lens and motions blur: wide enough for defocus, with exposures long enough for the IMU."""
 NEARER = 0.65
-"""Of a scene's distance: nearer than anything in it."""
+"""Fraction of a scene's distance that is nearer than anything in it."""
 
 
 @dataclass(frozen=True)
 class Person:
-    """How somebody leaves things who was not told numbers: the chart, the lamp, the dial; and what the printer does.
+    """Initial settings of an operator without instructions: chart, lamp, exposure; and the printer's scale.
 
-    `width_mm` of the chart that is ordered, which the rail's reach suits; None orders what is proposed.
+    `width_mm` is the width of the requested chart, chosen for the rail's travel; None accepts the proposal.
     """
 
     width_mm: float | None = 96.0
@@ -78,7 +78,7 @@ class Person:
 
 
 class Standing(Protocol):
-    """What hands and eyes reach of a bench; `motions` are what shakes the rig during each photograph."""
+    """Parts of the bench that the operator uses; `motions` are the rig's vibrations for each photograph."""
 
     world: World
     view: View
@@ -88,7 +88,7 @@ class Standing(Protocol):
 
 
 class Hands:
-    """What a person does at this bench."""
+    """Actions of the operator at this bench."""
 
     def __init__(self, at: Standing, seed: int, person: Person | None = None) -> None:
         self._at = at
@@ -101,7 +101,7 @@ class Hands:
         self.empty_the_room()
 
     def empty_the_room(self) -> None:
-        """No chart, the camera set to anything."""
+        """Remove the chart and reset the camera to arbitrary settings."""
         view, body = self._at.view, self._at.body
         view.mount, view.slope, view.focus_mm = None, self._person.slope, 1000 / self._dioptres
         body.settings.exposure_s = self._person.exposure_s
@@ -109,10 +109,10 @@ class Hands:
     def _rng(self, what: str) -> np.random.Generator:
         return np.random.default_rng([self._seed, zlib.crc32(what.encode())])
 
-    # --- what a person would answer
+    # --- answers
 
     def knows(self, key: str) -> Known | None:
-        """What is read off here: rulers to a quarter of a millimetre, the camera's data sheet."""
+        """Values read at the bench: rulers to a quarter of a millimetre, the camera's data sheet."""
         camera = self._at.view.camera
         ruler = round(400 * self._person.printer) / 4
         known: dict[str, Known] = {
@@ -127,12 +127,12 @@ class Hands:
             "screw_radius_mm": self._held.radius_mm,
             "screw_pitch_mm": self._held.pitch_mm,
             "first_screw_deg": self._held.first_deg,
-            **(self._of_depth() if self._at.motions else {}),
+            **(self._depth_answers() if self._at.motions else {}),
         }
         return known.get(key)
 
-    def _of_depth(self) -> dict[str, Known]:
-        """What is seen of a scene in depth and its rig: where the nearest sheet is, and how far its details smear."""
+    def _depth_answers(self) -> dict[str, Known]:
+        """Answers about a scene in depth and its rig."""
         camera = self._at.view.camera
         rows, columns = (size // camera.plane_pitch_px for size in (camera.sensor.rows, camera.sensor.columns))
         return {
@@ -144,10 +144,10 @@ class Hands:
             **{f"{which}_f_number": f_number for which, f_number in F_NUMBERS.items()},
         }
 
-    # --- what a person does
+    # --- actions
 
     def do(self, key: str, facts: Mapping[str, Known]) -> None:
-        """Confirmed: it was done."""
+        """Carry out the action of a confirmed question."""
         view = self._at.view
         if key in F_NUMBERS and facts.get("blur_by") == "apertures":
             self._stop_down(F_NUMBERS[key])
@@ -158,7 +158,7 @@ class Hands:
                 ordered_mm = facts.get("chart_width_mm", self._person.width_mm or Person.width_mm)
                 view.cell_mm = float(ordered_mm or 0.0) / 320 * self._person.printer
             case "mounted":
-                view.sheets = ()  # a panel that was before the lens is put away
+                view.sheets = ()  # remove the panel
                 view.mount = self._mount()
             case "panel":
                 view.sheets = view.sheets or panel().sheets
@@ -178,14 +178,14 @@ class Hands:
                 self._focus()
 
     def follow(self, by_hand: Mapping[str, float]) -> None:
-        """What was asked in numbers: so much more of each."""
+        """Carry out manual changes, by name."""
         for name, change in by_hand.items():
-            inexact = 1 + float(self._rng(f"{name} {change:.6g}").uniform(-SLOPPY, SLOPPY))
+            inexact = 1 + float(self._rng(f"{name} {change:.6g}").uniform(-RELATIVE_ERROR, RELATIVE_ERROR))
             self._asked[name] = self._asked.get(name, 0.0) + change * (1.0 if name in EXACT else inexact)
         self._apply()
 
     def take_up(self, facts: Mapping[str, Known]) -> None:
-        """The bench as the facts of an earlier run tell that it was left, the axes being there already."""
+        """Restore the bench from the facts of an earlier run, except for the axes."""
         for key in SET_UP:
             if facts.get(key):
                 self.do(key, facts)
@@ -193,7 +193,7 @@ class Hands:
         self._apply()
 
     def _stop_down(self, f_number: float) -> None:
-        """The ring of apertures, and as much more or less time."""
+        """Set the aperture and compensate the exposure time."""
         camera = self._at.view.camera
         self._at.view.camera = replace(camera, lens=replace(camera.lens, f_number=f_number))
         self._stops = 2 * float(np.log2(f_number / F_NUMBERS["first"]))
@@ -203,7 +203,7 @@ class Hands:
         self._at.world.drive(drives, self._at.clock.now_s())
 
     def _before_wall(self) -> Mount:
-        """The wall's middle before the camera where it is, seen squarely as far as the eye can tell."""
+        """Mount of a wall centred on the camera and squared by eye."""
         world, rng = self._at.world, self._rng("wall")
         pose = world.pose(np.array([self._at.clock.now_s()]))
         x_mm, y_mm = (sum(world.room.travel[name]) / 2 for name in ("x_mm", "y_mm"))
@@ -211,15 +211,15 @@ class Hands:
         return Mount(float(pose.x_mm[0]) - x_mm, y_mm - float(pose.y_mm[0]), yaw, pitch, roll)
 
     def _mount(self) -> Mount:
-        hung, asked = self._person.mount, self._asked
+        initial, asked = self._person.mount, self._asked
         off = 1.0 - min(asked.get("aim", 0.0), 1.0)
         return replace(
-            hung,
-            right_mm=off * hung.right_mm,
-            down_mm=off * hung.down_mm,
-            yaw_deg=hung.yaw_deg + asked.get("chart_yaw_deg", 0.0),
-            pitch_deg=hung.pitch_deg + asked.get("chart_pitch_deg", 0.0),
-            roll_deg=hung.roll_deg + asked.get("chart_roll_deg", 0.0),
+            initial,
+            right_mm=off * initial.right_mm,
+            down_mm=off * initial.down_mm,
+            yaw_deg=initial.yaw_deg + asked.get("chart_yaw_deg", 0.0),
+            pitch_deg=initial.pitch_deg + asked.get("chart_pitch_deg", 0.0),
+            roll_deg=initial.roll_deg + asked.get("chart_roll_deg", 0.0),
         )
 
     def _apply(self) -> None:
@@ -234,11 +234,11 @@ class Hands:
         self._focus()
 
     def _focus(self) -> None:
-        """The ring as it stands: so many small steps towards infinity from where eye or autofocus left it."""
+        """Set the focus: the initial focus plus the requested steps towards infinity."""
         dioptres = self._dioptres - STEP_DIOPTRES * self._asked.get("focus_steps", 0.0)
         self._at.view.focus_mm = 1000 / max(dioptres, 1e-3)
 
 
 def _nearest_third(seconds: float) -> float:
-    """The camera's dial has thirds of stops, from 1 s."""
+    """The nearest exposure time in thirds of stops from 1 s."""
     return float(2 ** (round(3 * np.log2(seconds)) / 3))

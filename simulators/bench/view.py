@@ -1,4 +1,4 @@
-"""What the bench's camera photographs: chart or sheets from where it is, blurred by the path it took meanwhile."""
+"""View of the bench's camera: chart or sheets, with the blur of the camera's motion during the exposure."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from simulators.world.projection import Projection
 from simulators.world.scene import Light, PlacedChart, Scene, Wall
 from simulators.world.world import Array, CameraPoses, World
 
-INSTANTS_PER_S = 480  # of an exposure: modes up to 60 Hz are met eight times a period
-FEWEST, MOST = 8, 96
+INSTANTS_PER_S = 480  # samples modes up to 60 Hz eight times per period
+MIN_INSTANTS, MAX_INSTANTS = 8, 96
 NEGLIGIBLE_PX = 0.01
 NEGLIGIBLE_DEG = 0.05
 
@@ -35,14 +35,14 @@ def bench_camera() -> SimulatedCamera:
 
 
 def instants(opening: Opening) -> Array:
-    """Times, equally spaced over an exposure, at which the camera's path is looked at."""
-    count = min(max(round(INSTANTS_PER_S * opening.exposure_s), FEWEST), MOST)
+    """Times, equally spaced over an exposure, at which the camera's path is sampled."""
+    count = min(max(round(INSTANTS_PER_S * opening.exposure_s), MIN_INSTANTS), MAX_INSTANTS)
     return np.asarray(opening.begin_s + opening.exposure_s * (np.arange(count) + 0.5) / count)
 
 
 @dataclass(frozen=True)
 class Mount:
-    """How the chart hangs: off the middle of the stage's travel, and turned as `projection.Pose` says."""
+    """Mounting of the chart: offset from the middle of the stage's travel, and rotation as in `projection.Pose`."""
 
     right_mm: float = 0.0
     down_mm: float = 0.0
@@ -51,21 +51,22 @@ class Mount:
     roll_deg: float = 0.0
 
     def turn(self) -> Rotation:
-        """Its turn against a chart that hangs straight."""
+        """Rotation relative to a chart that hangs straight."""
         return Rotation.from_euler("ZYX", [self.roll_deg, self.yaw_deg, self.pitch_deg], degrees=True)
 
 
 @dataclass(frozen=True)
 class SensorMount:
-    """Screws that hold the sensor, equally spaced about its centre, and how they stand.
+    """The sensor's tilt and the screws that hold it, equally spaced around its centre.
 
     Attributes
     ----------
     slopes : (x, y)
-        The sensor behind the image of a chart that is square to the lens, in um/mm, right and down as the photograph
-        counts.
+        Slope of the sensor relative to the image of a chart square to the lens, in um/mm, right and down in the
+        photograph.
     count, radius_mm, pitch_mm, first_deg
-        Of the screws; the first is so far clockwise from the top for who stands behind the camera.
+        Of the screws: number, radius, pitch, and angle of the first, clockwise from the top as seen from behind the
+        camera.
     """
 
     slopes: tuple[float, float] = (0.0, 0.0)
@@ -75,10 +76,10 @@ class SensorMount:
     first_deg: float = 30.0
 
     def turned(self, turns: Sequence[float]) -> SensorMount:
-        """The same after turns of the screws, each of which moves its place away from the lens by its pitch.
+        """The mount after turns of the screws, each of which moves its position away from the lens by the pitch.
 
-        Seen from behind the camera a screw at the right is where the photograph's left falls, one at the top where its
-        lower edge does.
+        Seen from behind the camera, a screw on the right is at the left of the photograph, one at the top at its lower
+        edge.
         """
         angles = np.radians(self.first_deg + 360 * np.arange(self.count) / self.count)
         at = self.radius_mm * np.column_stack([-np.sin(angles), np.cos(angles)])
@@ -86,33 +87,35 @@ class SensorMount:
         return replace(self, slopes=(self.slopes[0] + float(moved[1]), self.slopes[1] + float(moved[2])))
 
     def tilt_um(self, camera: SimulatedCamera) -> tuple[float, float]:
-        """What the slopes are as the lens counts them: defocus per half diagonal."""
+        """The slopes as defocus per half diagonal."""
         half_mm = np.hypot(camera.sensor.rows, camera.sensor.columns) * camera.pitch_um / 2000
         x, y = (defocus_um(slope * half_mm / 1000, camera.lens.f_number) for slope in self.slopes)
         return x, y
 
 
 def mean_pose(centres: Array, turns: Rotation) -> ChartPose:
-    """Of a flat thing, from its centre and turn at each instant of an exposure."""
+    """Mean pose of a flat object, from its centre and rotation at each instant of an exposure."""
     x, y, z = (float(value) for value in centres.mean(axis=0))
     roll, yaw, pitch = (float(angle) for angle in turns.mean().as_euler("ZYX", degrees=True))
     return ChartPose((x, y, z), yaw, pitch, roll)
 
 
 def turning(pose: CameraPoses) -> bool:
-    """Whether a camera turns so much that no one path tells how the whole frame is blurred."""
+    """Whether the camera rotates so much that the blur varies over the frame."""
     return max(float(np.ptp(angle)) for angle in (pose.pan_deg, pose.tilt_deg, pose.roll_deg)) > NEGLIGIBLE_DEG
 
 
 @dataclass
 class View:
-    """The camera in the world, in front of a chart, or of sheets, in the middle of the stage's travel.
+    """The camera in front of a chart, or of sheets, in the middle of the stage's travel.
 
-    `focus_mm` None focuses on the chart before each exposure; a fixed focus drifts by `focus_drift_mm_per_c`.
-    `mount` None: nothing hangs there. `sheets`: what hangs there in place of the chart, from the back to the front, in
-    light that does not change over them; a photograph's truths are theirs, in texels. `slope`: how the light changes
-    over the chart, from its centre to its sides. `held`: how the sensor stands in the camera. The noise of a frame
-    follows from the seed of `rng` and the opening's number, however many were taken before it.
+    focus_mm : fixed focus, which drifts by `focus_drift_mm_per_c`; None focuses on the chart before each exposure
+    mount : position of the chart; None for no chart
+    sheets : evenly lit sheets instead of the chart, from back to front; the truths of a photograph are then in texels
+    slope : relative change of the illumination from the chart's centre to its edges
+    held : mounting of the sensor
+
+    The noise of a frame depends only on the seed of `rng` and the opening's number.
     """
 
     world: World
@@ -128,8 +131,8 @@ class View:
     held: SensorMount = field(default_factory=SensorMount)
     taken: list[Photograph] = field(default_factory=list)
 
-    def chart_seen(self, pose: CameraPoses, behind_mm: float = 0.0) -> tuple[Array, Rotation]:
-        """The chart's centre in the camera's frame at each instant, (n, 3) mm, and its turn; or what hangs behind."""
+    def chart_pose(self, pose: CameraPoses, behind_mm: float = 0.0) -> tuple[Array, Rotation]:
+        """Centre, (n, 3) mm, and rotation of the chart or a sheet at each instant, in the camera's frame."""
         mount = self.mount or Mount()
         middle = {name: (low + high) / 2 for name, (low, high) in self.world.room.travel.items()}
         right, down = middle["x_mm"] - pose.x_mm + mount.right_mm, pose.y_mm - middle["y_mm"] + mount.down_mm
@@ -138,13 +141,17 @@ class View:
         return np.asarray(turned.apply(offset)), turned * mount.turn()
 
     def photograph(self, opening: Opening, path: FilePath | None = None) -> Photograph:
-        """Expose once; the path of the chart's centre over the sensor becomes part of the blur."""
-        taken = self._of_sheets(opening, path) if self.sheets and self.mount else self._of_chart(opening, path)
+        """Expose once, with the motion of the chart's image as part of the blur."""
+        taken = (
+            self._sheets_photograph(opening, path)
+            if self.sheets and self.mount
+            else self._chart_photograph(opening, path)
+        )
         self.taken.append(taken)
         return taken
 
-    def _of_chart(self, opening: Opening, path: FilePath | None) -> Photograph:
-        centres, turns = self.chart_seen(self.world.pose(instants(opening)))
+    def _chart_photograph(self, opening: Opening, path: FilePath | None) -> Photograph:
+        centres, turns = self.chart_pose(self.world.pose(instants(opening)))
         centre = centres.mean(axis=0)
         placed = PlacedChart(self.chart, mean_pose(centres, turns), self.cell_mm)
         middle_s = opening.begin_s + opening.exposure_s / 2
@@ -155,24 +162,24 @@ class View:
         camera = replace(self.camera, lens=lens, focus_mm=focus_mm, optics=self._optics(centres, focus_mm))
         return camera.photograph(scene, self._noise(opening.number), path, exposure_s=opening.exposure_s)
 
-    def _of_sheets(self, opening: Opening, path: FilePath | None) -> Photograph:
+    def _sheets_photograph(self, opening: Opening, path: FilePath | None) -> Photograph:
         pose, middle_s = self.world.pose(instants(opening)), opening.begin_s + opening.exposure_s / 2
         camera = replace(self.camera, focus_mm=self._focus_mm(middle_s, float(pose.z_mm.mean())))
         placed = [self._placed(sheet, pose, camera) for sheet in self.sheets]
         sensor, projection = camera.sensor, camera.projection(camera.focused_at(Scene()))
-        seen = self._drawn(placed, pose, projection, (sensor.rows, sensor.columns), sensor.tile)
-        light = self.world.lamp(middle_s) * seen
+        drawn = self._drawn(placed, pose, projection, (sensor.rows, sensor.columns), sensor.tile)
+        light = self.world.lamp(middle_s) * drawn
         rng = self._noise(opening.number)
         taken = camera.photograph(Scene(), rng, path, exposure_s=opening.exposure_s, light=light)
         truths = (ChartTruth(projection.pinhole() @ one.to_space(), projection, one.optics) for one in placed)
         return replace(taken, truths=tuple(truths))
 
     def _placed(self, sheet: Sheet, pose: CameraPoses, camera: SimulatedCamera) -> PlacedSheet:
-        """Where a sheet is in the mean, and its blur: by the optics, its distance from the focus, and its path.
+        """Mean pose of a sheet, and its blur by optics, defocus and motion.
 
-        Where the camera turns, the path is another everywhere: it is drawn instant by instant.
+        If the camera rotates, the motion varies over the frame and is drawn instant by instant instead.
         """
-        centres, turns = self.chart_seen(pose, sheet.behind_mm)
+        centres, turns = self.chart_pose(pose, sheet.behind_mm)
         focus_mm = camera.focused_at(Scene())
         path = centres.mean(axis=0)[None] if turning(pose) else centres
         placed = PlacedSheet(sheet, mean_pose(centres, turns), self._optics(path, focus_mm))
@@ -184,8 +191,8 @@ class View:
     ) -> Frame:  # fmt: skip
         if not turning(pose):
             return draw(placed, projection, shape, tile)
-        ways = [self.chart_seen(pose, one.sheet.behind_mm) for one in placed]
-        instants = [[mean_pose(centres[k : k + 1], turns[k : k + 1]) for centres, turns in ways]
+        poses = [self.chart_pose(pose, one.sheet.behind_mm) for one in placed]
+        instants = [[mean_pose(centres[k : k + 1], turns[k : k + 1]) for centres, turns in poses]
                     for k in range(pose.x_mm.size)]  # fmt: skip
         return draw_moving(placed, instants, projection, shape, tile)
 
@@ -206,10 +213,10 @@ class View:
         """The camera's optics with the movement of the chart's image during the exposure."""
         sharp = self.camera.optics or Optics.typical(f_number=self.camera.lens.f_number, pitch_um=self.camera.pitch_um)
         image = self.camera.projection(focus_mm).principal_px * centres[:, :2] / centres[:, 2:]
-        way = image - image.mean(axis=0)
-        if np.abs(way).max() < NEGLIGIBLE_PX:
+        path = image - image.mean(axis=0)
+        if np.abs(path).max() < NEGLIGIBLE_PX:
             return sharp
-        return sharp.also(Path(tuple((float(x), float(y)) for x, y in way)))
+        return sharp.also(Path(tuple((float(x), float(y)) for x, y in path)))
 
     def develop(self, opening: Opening) -> bytes:
         """The bytes of the DNG of one opening."""

@@ -1,4 +1,4 @@
-"""A camera: lens, optics, sensor and shutter put together; it writes a DNG and knows what it photographed."""
+"""A camera of lens, optics, sensor and shutter; it writes a DNG and records the ground truth."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Lens:
         )
 
     def falloff(self, shape: tuple[int, int]) -> npt.NDArray[np.float32]:
-        """The light of an evenly lit frame (rows, columns), 1 on the lens's axis."""
+        """Illumination of the frame by a uniform scene, (rows, columns), 1 on the optical axis."""
         (rows, columns), (k1, k2, k3) = shape, self.vignetting
         radius = math.hypot(rows, columns) / 2
         x, y = ((np.arange(size) - (size - 1) / 2) / radius for size in (columns, rows))
@@ -89,7 +89,7 @@ class Lens:
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """One exposure: its numbers, where they were written, and what is true about it.
+    """One exposure: digital numbers, file, and ground truth.
 
     Attributes
     ----------
@@ -172,7 +172,7 @@ class SimulatedCamera:
         return 1 if self.sensor.cfa is None else 2
 
     def projection(self, focus_mm: float) -> Projection:
-        """How this camera, focused at a distance, draws space on its sensor."""
+        """Projection of the camera focused at a distance."""
         rows, columns = self.sensor.rows, self.sensor.columns
         principal = 1000 * image_distance_mm(self.lens.focal_length_mm, focus_mm) / self.pitch_um
         centre = (columns - 1) / 2, (rows - 1) / 2
@@ -243,7 +243,7 @@ class SimulatedCamera:
         return Photograph(mosaic, sensor, truths, path)
 
     def light(self, scene: Scene) -> npt.NDArray[np.floating]:
-        """What reaches the photosites, (rows, columns), 1 where a perfect white stands in full light."""
+        """Light on the photosites, (rows, columns), 1 for a perfect white in full light."""
         focus = self.focused_at(scene)
         return render_frame(
             Picture.of(scene, self.projection(focus)),
@@ -257,7 +257,7 @@ class SimulatedCamera:
         self, chart: Chart, rng: np.random.Generator, path: Path | None = None, *, s_over_t: float, s: int = 4,
         at: tuple[float, float] = (0.5, 0.5), exposure_s: float = 0.02,
     ) -> Photograph:  # fmt: skip
-        """One exposure of one frontal chart, so large that an estimate with s samples per pixel has this s/t."""
+        """One exposure of a frontal chart whose size gives this s/t at s samples per pixel."""
         placed = self.place(chart, pixels=pixels_at(s_over_t, s), at=at)
         return self.photograph(Scene((placed,)), rng, path, exposure_s=exposure_s)
 
@@ -277,27 +277,27 @@ class SimulatedCamera:
         return scene.charts[0].pose.centre_mm[2] if scene.charts else scene.wall.distance_mm
 
     def optics_at(self, placed: Placed, focus_mm: float) -> Optics:
-        """What blurs a flat thing: the camera's optics, the lens's aberrations there, and defocus at its centre."""
+        """Blur of a flat object: the camera's optics, local aberrations, and defocus at its centre."""
         f, z = self.lens.focal_length_mm, placed.pose.centre_mm[2]
         shift = image_distance_mm(f, focus_mm) - image_distance_mm(f, z)
         wavefront = self.lens.wavefront(*self._field(placed, focus_mm))
         return self.sharp_optics().aberrated(wavefront + Wavefront(defocus_um(shift, self.lens.f_number)))
 
     def colour_shift_at(self, placed: PlacedChart, focus_mm: float) -> ColourShift:
-        """Lateral colour at a chart's centre, taken for that of the whole chart as the aberrations are."""
+        """Lateral colour at a chart's centre, used for the whole chart, as the aberrations are."""
         per_um = self.lens.lateral_colour * self.projection(focus_mm).radius_px
         x, y = (q - c for q, c in zip(self._field(placed, focus_mm), self.lens.axis, strict=True))
         return ColourShift((per_um * x, per_um * y))
 
     def _field(self, placed: Placed, focus_mm: float) -> tuple[float, float]:
-        """Where a chart's centre appears, (x, y) from the frame's centre in half diagonals, distortion apart."""
+        """Position of a chart's centre without distortion, (x, y) from the frame's centre in half diagonals."""
         projection = self.projection(focus_mm)
         x, y, z = placed.pose.centre_mm
         reach = projection.principal_px / projection.radius_px / z
         return reach * x, reach * y
 
     def _drawn_optics(self, placed: PlacedChart | None, focus_mm: float) -> Optics:
-        """All that blurs and shifts a chart, or what stands on the wall."""
+        """Blur and shift of a chart, or of the wall."""
         if placed is None:
             return self.sharp_optics()
         shift = self.colour_shift_at(placed, focus_mm)
@@ -305,13 +305,13 @@ class SimulatedCamera:
         return optics.also(shift) if any(shift.px_per_um) else optics
 
     def sharp_optics(self) -> Optics:
-        """What blurs a thing in focus on the axis; `replace(camera, optics=...)` of it adds movement."""
+        """Blur of an object in focus on the axis; `replace(camera, optics=...)` adds motion to it."""
         return self.optics or Optics.typical(f_number=self.lens.f_number, pitch_um=self.pitch_um)
 
     def _noted(
         self, exposure_s: float, iso: int, focus_mm: float, at: datetime | None, truths: tuple[ChartTruth, ...]
     ) -> Shot:
-        """What the camera notes about an exposure, and in the comment where the charts truly are."""
+        """The camera's metadata of an exposure, with the true positions of the charts in the comment."""
         maps = [truth.H_sensor_pattern.tolist() for truth in truths]
         return replace(
             self.shot,

@@ -1,4 +1,4 @@
-"""What blurs the light before it is counted, as optical transfer functions: exact, continuous, one factor each.
+"""Blur before sampling as exact, continuous optical transfer functions, one factor per cause.
 
 Frequencies are in cycles per sensor pixel. The photograph is the convolution with the point spread function h, and
 H(f) = integral of h(x) exp(-2 pi i f . x): a tail of h towards +x smears light towards +x.
@@ -36,7 +36,7 @@ class Blur(Protocol):
         ...
 
     def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
-        """How far it throws light, in sensor pixels; what goes farther does not matter."""
+        """Radius beyond which its light is negligible, in sensor pixels."""
         ...
 
 
@@ -57,7 +57,7 @@ class CircularPupil:
 
     @property
     def separable(self) -> bool:
-        """No: it is round, or bent."""
+        """False: the pupil is circular or aberrated."""
         return False
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array | Complex:
@@ -68,25 +68,25 @@ class CircularPupil:
         return aberrated_otf(scale * fx, scale * fy, self.wavefront, wavelength_um)
 
     def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
-        """Airy's disc has 0.2 / q of its energy beyond q wavelength N: here 1 / 150. Rays go 2 N dW/dr astray."""
+        """The Airy disc has 0.2 / q of its energy beyond q wavelength N: here 1 / 150. Rays deviate by 2 N dW/dr."""
         astray_um = 2 * self.f_number * self.wavefront.steepest_um()
         return (30 * wavelength_um * self.f_number + astray_um) / pitch_um
 
 
 @dataclass(frozen=True)
 class PixelAperture:
-    """A rectangle that counts all light falling on it alike; sides in sensor pixels."""
+    """A rectangle of uniform sensitivity; sides in sensor pixels."""
 
     width: float = 1.0
     height: float = 1.0
 
     @property
     def separable(self) -> bool:
-        """Yes."""
+        """True."""
         return True
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array:
-        """Product of two sinc."""
+        """Product of two sinc functions."""
         return np.sinc(fx * self.width) * np.sinc(fy * self.height)
 
     def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
@@ -96,7 +96,7 @@ class PixelAperture:
 
 @dataclass(frozen=True)
 class LShapedAperture:
-    """A photosite whose electronics take one corner: an upright bar and a shorter one beside it.
+    """A photosite without one corner: a vertical bar and a shorter one next to it.
 
     Attributes
     ----------
@@ -117,11 +117,11 @@ class LShapedAperture:
 
     @property
     def separable(self) -> bool:
-        """No: a corner is missing."""
+        """False: a corner is missing."""
         return False
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Complex:
-        """Mean of two bars, each at its place, by its area."""
+        """Mean of two shifted bars, weighted by area."""
         turns = self.quarter_turns + (self.others if wavelength_um in (WAVELENGTHS_UM["R"], WAVELENGTHS_UM["B"]) else 0)
         for _ in range(turns % 4):
             fx, fy = fy, -fx
@@ -144,7 +144,7 @@ class FourSpots:
 
     @property
     def separable(self) -> bool:
-        """Yes."""
+        """True."""
         return True
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array:
@@ -166,7 +166,7 @@ class GaussianBlur:
 
     @property
     def separable(self) -> bool:
-        """Where its axes are those of the pixels, or it is round."""
+        """Whether its axes are those of the pixels, or it is circular."""
         return self.other_sigma_px in (None, self.sigma_px) or self.angle_deg == 0
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array:
@@ -190,7 +190,7 @@ class Path:
 
     @property
     def separable(self) -> bool:
-        """No, but for straight ones along the pixels."""
+        """False, except for straight motion along the pixels."""
         return False
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Complex:
@@ -203,7 +203,7 @@ class Path:
         return np.asarray(phases.mean(axis=-1))
 
     def reach_px(self, wavelength_um: float, pitch_um: float) -> float:
-        """The farthest displacement."""
+        """The largest displacement."""
         return float(np.max(np.abs(self.points_px)))
 
 
@@ -222,7 +222,7 @@ class ColourShift:
 
     @property
     def separable(self) -> bool:
-        """Yes."""
+        """True."""
         return True
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Complex:
@@ -261,7 +261,7 @@ class Optics:
         gaussian_px: float = 0.0,
         wavefront: Wavefront | None = None,
     ) -> Optics:
-        """Aperture and photosites, with what else is not zero: low-pass filter, Gaussian, aberrations."""
+        """Aperture and photosites, with nonzero low-pass filter, Gaussian blur and aberrations."""
         blurs: list[Blur] = [CircularPupil(f_number, wavefront or Wavefront()), PixelAperture(fill, fill)]
         if olpf_px:
             blurs.append(FourSpots(olpf_px))
@@ -271,7 +271,7 @@ class Optics:
 
     def otf(self, fx: Array, fy: Array, colour: str = "Y") -> Array | Complex:
         """The whole transfer function in a colour, broadcast over frequencies in cycles per sensor pixel."""
-        apart = [blur for blur in self.blurs if blur.separable]  # over a grid, a row and a column: hardly any time
+        apart = [blur for blur in self.blurs if blur.separable]  # over a grid: one row and one column
         product = self._product(apart, fx, np.zeros(()), colour) * self._product(apart, np.zeros(()), fy, colour)
         return product * self._product([blur for blur in self.blurs if not blur.separable], fx, fy, colour)
 

@@ -1,4 +1,4 @@
-"""Functions over the disc of a pupil's shifts, read from tables over root and angle."""
+"""Interpolation of functions over the disc of a pupil's shifts, tabulated over root and angle."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ Complex = npt.NDArray[np.complex128]
 
 
 FINER = 4
-"""Values in a table to one that was integrated: splines through those are too slow where every frequency is asked."""
+"""Tabulated values per integrated one: evaluating splines at every frequency is too slow."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Wavefront:
 
     @property
     def round(self) -> bool:
-        """Whether it looks the same in every direction."""
+        """Whether it is rotationally symmetric."""
         return self == Wavefront(defocus_um=self.defocus_um, spherical_um=self.spherical_um)
 
     def __add__(self, other: Wavefront) -> Wavefront:
@@ -65,13 +65,13 @@ class Wavefront:
         )
 
     def round_at(self, r2: Array) -> Array:
-        """What of it is the same in every direction, at squares of the distance from the pupil's middle."""
+        """Its rotationally symmetric part at squared distances from the pupil's centre."""
         defocus, spherical = self.defocus_um * 3**0.5, self.spherical_um * 5**0.5
         return defocus * (2 * r2 - 1) + spherical * (6 * r2 * r2 - 6 * r2 + 1)
 
 
 def defocus_um(focus_shift_mm: float, f_number: float) -> float:
-    """Defocus, as Wavefront counts it, of a sensor `focus_shift_mm` away from the sharp image.
+    """Defocus, as defined by `Wavefront`, of a sensor `focus_shift_mm` away from the sharp image.
 
     The path differs by shift / (8 N^2) between centre and rim, of which 1 / (2 sqrt 3) is the root mean square.
     """
@@ -87,9 +87,9 @@ def circular_otf(shift: Array) -> Array:
 
 def aberrated_otf(sx: Array, sy: Array, wavefront: Wavefront, wavelength_um: float) -> Array | Complex:
     """Autocorrelation of the aberrated pupil at shifts (sx, sy) in pupil radii, broadcast; real for a round one."""
-    from simulators.camera.polar_table import read  # it loads the compiler, which a lens without aberrations spares
+    from simulators.camera.polar_table import read  # it loads the compiler, not needed without aberrations
 
-    if wavefront.round and sy.ndim == 2 and sy.shape[1] == 1:  # a grid: what lies below is what lies above
+    if wavefront.round and sy.ndim == 2 and sy.shape[1] == 1:  # a symmetric grid
         sy, below = np.unique(np.abs(sy), return_inverse=True)
         sy = sy[:, None]
     else:
@@ -141,7 +141,7 @@ def _round_overlap(shifts: Array, wavefront: Wavefront, wavelength_um: float, qu
     """As `_overlap`, at many shifts of a round wavefront, from a quarter of the lens: across the shift the path is the
     same on both sides, along it the paths' difference changes sign, which leaves the cosine."""
     nodes, weights = quadrature
-    half = nodes >= 0  # they lie as far on both sides; the middle one, if there is one, counts once
+    half = nodes >= 0  # the nodes are symmetric; a middle one counts once
     nodes, weights = nodes[half], np.where(nodes > 0, 2.0, 1.0)[half] * weights[half]
     area, along, across = _lens(shifts, nodes, weights)
     apart, r2 = shifts[:, None, None] / 2, across * across

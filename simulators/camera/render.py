@@ -1,9 +1,9 @@
-"""The picture on the sensor: scene through projection and optics, sampled at the centres of the pixels.
+"""The image on the sensor: scene, projection and optics, sampled at the centres of the pixels.
 
-The ideal picture is seen exactly through small hats on a grid finer than the pixels, its spectrum multiplied by the
-optical transfer function over that of a hat, and sampled at the pixels' centres by folding the spectrum: so it aliases
-as in a camera. What the fine grid itself aliases is the only approximation; with 8 samples per pixel it changes no
-pixel of a chart by more than 6e-5 of full light (`tests/simulators/camera/test_render.py`).
+The ideal image is integrated exactly over small hat functions on a grid finer than the pixels. Its spectrum is
+multiplied by the ratio of the optical transfer function to that of a hat, and folded to sample it at the pixels'
+centres, with the aliasing of a camera. Aliasing on the fine grid is the only approximation; with 8 samples per pixel it
+changes no pixel of a chart by more than 6e-5 of full light (`tests/simulators/camera/test_render.py`).
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ Array = npt.NDArray[np.float64]
 Frame = npt.NDArray[np.float32]
 
 LEAST_MARGIN_PX = 24
-"""Sensor pixels rendered around what is kept, at least: the Fourier transform takes a region for periodic."""
+"""Smallest margin of sensor pixels around a rendered region: the Fourier transform is periodic."""
 
 SURROUND_PX = 16
 """Sensor pixels around a chart's sheet that are rendered as exactly as the chart."""
 FINE_SIDE = 3072
-"""Fine samples along a side that are transformed at once, margins apart: larger regions are rendered in tiles."""
+"""Fine samples per side of a transform, without margins; larger regions are rendered in tiles."""
 PLAIN_OVERSAMPLING = 2
-"""Fine samples per sensor pixel where there is no chart: the picture is right to a few per cent of an edge there."""
+"""Fine samples per sensor pixel outside charts, where the image is accurate to a few per cent of an edge."""
 TILE_PX = 512
 """Side of the tiles in which the rest of a frame is drawn."""
 
 
 STRIP_ROWS = 256
-"""Fine rows that are painted at once: a strip stays in the cache, and a slanted line meets few columns of it."""
+"""Fine rows painted at once: a strip fits the cache, and a slanted line crosses few of its columns."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +53,12 @@ class Region:
     height: int
 
     def meets(self, bounds: tuple[float, float, float, float]) -> bool:
-        """Whether something from x to x and y to y may be seen on it, or within a pixel of it."""
+        """Whether an object within these x and y limits may touch it, with a margin of one pixel."""
         x0, x1, y0, y1 = bounds
         return x0 <= self.x + self.width and x1 >= self.x - 1 and y0 <= self.y + self.height and y1 >= self.y - 1
 
     def tiles(self, side: int) -> Iterator[Region]:
-        """It, cut into equal tiles no longer than `side`."""
+        """The region cut into equal tiles no longer than `side`."""
         columns, rows = -(-self.width // side), -(-self.height // side)
         xs = [self.x + self.width * i // columns for i in range(columns + 1)]
         ys = [self.y + self.height * i // rows for i in range(rows + 1)]
@@ -67,7 +67,7 @@ class Region:
                 yield Region(x0, y0, x1 - x0, y1 - y0)
 
     def grown(self, pixels: int) -> Region:
-        """The same with a margin on all sides, from even pixels on; its sizes even, and products of small primes."""
+        """The region with a margin on all sides, at even pixels; sizes are even products of small primes."""
         x, y = (2 * ((p - pixels) // 2) for p in (self.x, self.y))
         right, bottom = self.x + self.width + pixels, self.y + self.height + pixels
         width, height = (2 * fft.next_fast_len(-(-n // 2), real=True) for n in (right - x, bottom - y))
@@ -76,7 +76,7 @@ class Region:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """The ideal picture of a scene on the sensor, without blur: outlines from the back to the front, and the light."""
+    """The ideal image of a scene without blur: outlines from back to front, and the light."""
 
     outlines: Sequence[Stroke]
     background: float
@@ -84,15 +84,15 @@ class Picture:
 
     @classmethod
     def of(cls, scene: Scene, projection: Projection) -> Picture:
-        """What a lens draws of a scene."""
+        """The ideal image of a scene through a lens."""
         return cls(list(strokes(scene, projection)), scene.wall.reflectance, scene.light)
 
     def behind(self) -> list[Stroke]:
-        """What belongs to no chart."""
+        """The strokes outside charts."""
         return [stroke for stroke in self.outlines if stroke.chart is None]
 
     def by_chart(self) -> dict[PlacedChart, list[Stroke]]:
-        """The charts, the farthest first, and what belongs to each."""
+        """The charts from back to front with their strokes."""
         charts = {stroke.chart: None for stroke in self.outlines if stroke.chart}
         return {one: [stroke for stroke in self.outlines if stroke.chart is one] for one in charts}
 
@@ -157,7 +157,7 @@ def render_frame(
         frame[top : top + STRIP_ROWS] = picture.background * light
     for region in _busy_tiles(picture.behind(), shape):
         light = render_region(picture, optics(None), region, colours, oversampling=PLAIN_OVERSAMPLING)
-        _paste(frame, region, np.maximum(light, 0.0))  # so coarse a grid may undershoot beside an edge
+        _paste(frame, region, np.maximum(light, 0.0))  # a coarse grid may undershoot at an edge
     for placed, pieces in picture.by_chart().items():
         around = bounding_region(pieces, shape, SURROUND_PX)
         if around is not None:
@@ -168,7 +168,7 @@ def render_frame(
 
 
 def bounding_region(pieces: Sequence[Stroke], shape: tuple[int, int], pixels: int) -> Region | None:
-    """The part of a frame (rows, columns) that strokes touch, with so many pixels around them; None if they miss it."""
+    """The part of a frame (rows, columns) that strokes touch, with a margin in pixels; None if they miss it."""
     boxes = np.array([stroke.bounds for stroke in pieces])
     x0, y0 = (max(int(np.floor(boxes[:, i].min())) - pixels, 0) for i in (0, 2))
     x1, y1 = (min(int(np.ceil(boxes[:, i].max())) + pixels + 1, size) for i, size in ((1, shape[1]), (3, shape[0])))
@@ -176,7 +176,7 @@ def bounding_region(pieces: Sequence[Stroke], shape: tuple[int, int], pixels: in
 
 
 def transfer(optics: Optics, colour: str, wide: Region, oversampling: int) -> Array | Complex:
-    """What the fine picture's spectrum is multiplied by: the optics' transfer function over that of its hats.
+    """Factor of the fine image's spectrum: the optics' transfer function divided by that of its hats.
 
     Its rows, zero first, then up, then the negative ones, and its columns end where the pupil passes nothing more.
     """
@@ -193,7 +193,7 @@ def _transfer(optics: Optics, colour: str, rows: int, columns: int, oversampling
 
 
 def _spectrum(picture: Array, columns: int) -> Complex:
-    """The first columns of a picture's spectrum; the picture is lost."""
+    """The first columns of an image's spectrum; overwrites the image."""
     lines = fft.rfft(picture, axis=1, workers=2, overwrite_x=True)[:, :columns]
     return np.asarray(fft.fft(lines, axis=0, workers=2, overwrite_x=True), dtype=np.complex128)
 

@@ -1,4 +1,4 @@
-"""A rendered picture as the camera takes it: blurred by its optics, counted by its sensor, written as a DNG."""
+"""A rendered image as photographed by the camera: blurred by its optics, sampled by its sensor, written as a DNG."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from simulators.camera.sensor import Mosaic, Sensor
 Array = npt.NDArray[np.float64]
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
-"""What a sensor without a mosaic makes of red, green and blue (ITU-R BT.709)."""
+"""Response of a sensor without a mosaic to red, green and blue (ITU-R BT.709)."""
 
 
 def photograph_render(

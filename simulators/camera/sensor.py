@@ -1,4 +1,4 @@
-"""From light to numbers: electrons with their noise, full well, gain, black level, quantisation, clipping."""
+"""Sensor model: electrons with noise, full well, gain, black level, quantisation, clipping."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ Array = npt.NDArray[np.float64]
 Mosaic = npt.NDArray[np.uint16]
 
 SENSITIVITY: Mapping[str, float] = {"R": 0.6, "G": 1.0, "B": 0.7, "Y": 1.0}
-"""Electrons that each colour filter lets through from a white sheet, relative to green."""
+"""Electrons from a white sheet through each colour filter, relative to green."""
 GAUSSIAN_FROM_E = 1000.0
-"""From here on photon noise is drawn from a Gaussian: the Poisson law's skewness is 0.03 there, and falls."""
+"""Mean from which photon noise is Gaussian: the skewness of the Poisson distribution is below 0.03."""
 
 BAND_ROWS = 128
-"""Rows that are exposed at once: what is in between then stays small."""
+"""Rows exposed at once, which limits the memory."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Sensor:
 
     @property
     def white(self) -> int:
-        """The number at which the first position of the tile saturates: full well or end of scale."""
+        """Digital number at which the first position of the tile saturates: full well or end of scale."""
         top: int = 2**self.bits - 1
         return min(top, int(self.full_well_e / self.gain_e_per_dn) + min(self.black))
 
@@ -133,7 +133,7 @@ class Sensor:
         return mosaic
 
     def linear(self, numbers: Mosaic) -> Array:
-        """Numbers with their black level subtracted, scaled so that saturation is 1: what a RAW reader would give."""
+        """Digital numbers with the black level subtracted and saturation scaled to 1, as from a RAW reader."""
         values = numbers.astype(np.float64)
         for i, black in enumerate(self.black):
             values[i // 2 :: 2, i % 2 :: 2] -= black

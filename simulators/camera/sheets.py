@@ -1,7 +1,7 @@
-"""Pictures on flat sheets, one before the other, as a camera sees them: warped, blurred each for itself, laid over.
+"""Images on flat sheets at several distances: projected, blurred separately, and composited.
 
-Where charts are drawn from their outlines, these are drawn from texels: a smooth picture, read between its texels by
-cubic convolution and so fine that what the optics pass is in the samples.
+Charts are drawn from outlines, sheets from texels: a smooth image, interpolated by cubic convolution and sampled above
+the cutoff of the optics.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ Frame = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
 
 OVERSAMPLING = 3
-"""Fine samples per sensor pixel along each axis: apertures and photosites pass next to nothing above half of it."""
+"""Fine samples per sensor pixel along each axis; optics and photosites pass almost nothing above half of it."""
 SMOOTH_TEXELS = 0.7
-"""Standard deviation of what makes a picture smooth enough to be read between its texels."""
+"""Standard deviation of the low-pass filter applied before interpolation."""
 SUPERSAMPLED = 4
-"""Bits of subtexels at which the leaves' outlines are drawn."""
+"""Subtexel bits of the leaves' outlines."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class Sheet:
 
 @dataclass(frozen=True, eq=False)
 class PlacedSheet:
-    """A sheet in space, `pose` being that of its middle, and what blurs it."""
+    """A sheet in space, with the pose of its centre, and its blur."""
 
     sheet: Sheet
     pose: Pose
@@ -74,7 +74,7 @@ def leaves(
     background: float = 0.4,
     per_leaf: float = 300.0,
 ) -> Frame:
-    """Discs over discs whose number falls with the cube of their size: detail of all sizes, (rows, columns) float32.
+    """Dead leaves: occluding discs whose number falls with the cube of their size, (rows, columns) float32.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def leaves(
 
 
 def smooth(picture: Frame) -> Frame:
-    """A picture without what cannot be read between its texels."""
+    """The image low-passed for interpolation."""
     return np.asarray(cv2.GaussianBlur(picture, (0, 0), SMOOTH_TEXELS), dtype=np.float32)
 
 
@@ -128,7 +128,7 @@ def draw(
 
 
 def _even(sheets: Sequence[PlacedSheet]) -> np.float32 | None:
-    """The level of a panel that shines evenly, which no blur changes; None of all else."""
+    """Level of a uniform panel, which blur does not change; None for other sheets."""
     (first, *others) = sheets
     picture = first.sheet.reflectance
     return None if others or np.ptp(picture) else np.float32(picture.flat[0])
@@ -179,19 +179,19 @@ def _drawn(placed: PlacedSheet, projection: Projection) -> Array:
 
 
 def _farthest(ways: Sequence[Sequence[Array]], shape: tuple[int, int]) -> int:
-    """Pixels that the frame's corners move, at most."""
+    """Largest displacement of the frame's corners in pixels."""
     corners = np.array([[x, y] for x in (0, shape[1] - 1) for y in (0, shape[0] - 1)], dtype=np.float64)
     moved = (np.abs(apply_homography(M, corners) - corners).max() for way in ways for M in way)
     return int(np.ceil(max(moved)))
 
 
 def _layer(spectra: tuple[Spectrum, Spectrum | None], transfer: Spectrum, wide: tuple[int, ...]) -> list[Frame]:
-    """A sheet's picture, and its cover if it has one, as the optics leave them."""
+    """A sheet's blurred image, and its blurred cover if it has one."""
     return [np.asarray(fft.irfft2(one * transfer, wide), np.float32) for one in spectra if one is not None]
 
 
 def _seen(layers: Sequence[Sequence[Frame]], maps: Sequence[Array], shape: tuple[int, ...]) -> Frame:
-    """Layers over each other, each read through its map from pixels to fine samples."""
+    """Composite of layers, each interpolated through its map from pixels to fine samples."""
     light = np.zeros(shape, np.float32)
     for layer, M in zip(layers, maps, strict=True):
         flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
@@ -216,7 +216,7 @@ def _laid_over(
 def _spectra(
     placed: PlacedSheet, projection: Projection, margin: int, wide: tuple[int, ...]
 ) -> tuple[Spectrum, Spectrum | None]:
-    """Of a sheet's picture where it covers, and of its cover, on fine samples."""
+    """Spectra of a sheet's covered image and of its cover, on fine samples."""
     to_sensor = np.array([[1 / OVERSAMPLING, 0, -margin], [0, 1 / OVERSAMPLING, -margin], [0, 0, 1]])
     M = np.linalg.inv(_drawn(placed, projection)) @ to_sensor
 

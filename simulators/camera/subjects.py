@@ -1,4 +1,4 @@
-"""What else than the chart a simulated bench may stand before."""
+"""Subjects of a simulated bench other than the chart."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ MOTIONS = (
 
 @dataclass(frozen=True)
 class Subject:
-    """Sheets from the back to the front; none: the chart.
+    """Sheets from back to front; none for the chart.
 
     `camera`: None is the bench's usual one. `f_number`: the lens is stopped down to it. `slopes`: of the sensor behind
     the image, in um/mm. `motions`: what the rig's shaker can do; only that turns the camera of such a rig, along which
@@ -100,7 +100,7 @@ PANEL_MM = 4000.0
 
 
 def panel() -> Subject:
-    """A panel that shines evenly."""
+    """A uniform light panel."""
     return Subject((Sheet(np.ones((8, 8), dtype=np.float32), PANEL_MM / 8),))
 
 
@@ -120,4 +120,4 @@ SUBJECTS: Mapping[str, Callable[[np.random.Generator], Subject]] = {
     "depth": depth,
     "panel": lambda rng: panel(),
 }
-"""By the name that plans call them."""
+"""Subjects by the names used in plans."""

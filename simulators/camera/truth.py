@@ -1,4 +1,4 @@
-"""What a calibration of the simulated bench should find: the continuous point spread function, sampled."""
+"""Ground truth of a simulated calibration: the sampled continuous point spread function."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PERIOD_PX = 160
 
 @dataclass(frozen=True, eq=False)
 class TruePsf:
-    """The PSF of one plane, low-passed to s / 2 cycles per pixel: all that an estimate on the 1/s grid can see.
+    """The PSF of one plane, low-passed to s / 2 cycles per pixel: the part resolved by an estimate on the 1/s grid.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ def true_mtf(optics: Optics, frequency: Array, angle_deg: float, *, colour: str 
 
 @dataclass(frozen=True, eq=False)
 class ChartTruth:
-    """Where a chart appears, and the optics that drew it.
+    """Position and optics of a chart in an image.
 
     Attributes
     ----------
@@ -97,5 +97,5 @@ class ChartTruth:
         return np.asarray(self.projection.distort(points) + self.colour_shift.at(WAVELENGTHS_UM[colour]))
 
     def psf(self, s: int, k: int, *, colour: str = "Y", pitch: int = 1) -> TruePsf:
-        """The PSF that an estimate from this chart should find, in one colour."""
+        """The true PSF at this chart in one colour."""
         return true_psf(self.optics, s, k, colour=colour, pitch=pitch)

@@ -23,12 +23,12 @@ Progress = Callable[[int, int], None]
 TILE = 32
 """Pixels along one side of a tile."""
 BATCH = 1 << 16
-"""Samples handed over at once, about."""
+"""Approximate number of samples per batch."""
 
 
 @dataclass(frozen=True)
 class Material:
-    """What a surface does with light.
+    """Reflection and emission of a surface.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Sphere:
 
 @dataclass(frozen=True)
 class Rectangle:
-    """A rectangle from a corner along two perpendicular edges; the only shape that shows a texture, or shines."""
+    """A rectangle from a corner along two perpendicular edges; the only shape with texture or emission."""
 
     corner_mm: Vector
     edge_u_mm: Vector
@@ -165,7 +165,7 @@ def cast(
     threads: int = 1,
     progress: Progress | None = None,
 ) -> None:
-    """Cast samples until every pixel has had as many as wanted, and hand them over tile by tile.
+    """Cast the requested number of samples per pixel, and deliver them tile by tile.
 
     A sample depends on the seed, its pixel and its number alone: not on tiles, threads, pauses, or what else is cast.
 
@@ -178,7 +178,7 @@ def cast(
     taken : (rows, columns) int, optional
         Samples each pixel has had already, those that were dropped included.
     progress : callable, optional
-        Told samples cast and to cast in this call.
+        Called with the numbers of samples cast and to be cast.
 
     Raises
     ------
@@ -208,7 +208,7 @@ def cast(
 
 
 def _groups(batches: Iterator[tuple[Ints, Ints, Ints]], size: int) -> Iterator[list[tuple[Ints, Ints, Ints]]]:
-    """A few batches at a time, so that no more than that wait in memory."""
+    """Compute a few batches at a time to limit the memory."""
     group = []
     for batch in batches:
         group.append(batch)
@@ -251,7 +251,7 @@ def _per_pixel(camera: ThinLensCamera, samples: int | Ints, what: str) -> Ints:
 
 
 def build_world(scene: Scene) -> World:
-    """The scene as the kernels read it."""
+    """The scene as arrays for the kernels."""
     if not scene.shapes:
         raise ValueError("a scene needs at least one shape; got none")
     materials = [shape.material for shape in scene.shapes]
@@ -301,7 +301,7 @@ def _geometry(shape: Shape) -> tuple[int, list[float]]:
 
 
 def build_lens(camera: ThinLensCamera) -> Lens:
-    """The camera as the kernels read it."""
+    """The camera as arrays for the kernels."""
     forward = np.subtract(camera.target_mm, camera.position_mm)
     forward = forward / np.linalg.norm(forward)
     right = np.cross((0.0, 1.0, 0.0), forward)

@@ -62,7 +62,7 @@ class Lens(NamedTuple):
 
 @compiled
 def mixed(z: np.uint64) -> np.uint64:
-    """A word with all its bits stirred (the finaliser of SplitMix64)."""
+    """A hashed word (the finaliser of SplitMix64)."""
     z = (z ^ (z >> np.uint64(30))) * _MIX1
     z = (z ^ (z >> np.uint64(27))) * _MIX2
     return z ^ (z >> np.uint64(31))
@@ -128,7 +128,7 @@ def leave_camera(lens: Lens, row: int, column: int, state: Words) -> tuple[Vecto
 
 @compiled
 def mirrored(normal: Vector, away: Vector) -> Vector:
-    """Where a mirror would send light that goes `away` from the surface."""
+    """Mirror direction of `away`."""
     double = 2.0 * dot(normal, away)
     return double * normal[0] - away[0], double * normal[1] - away[1], double * normal[2] - away[2]
 
@@ -179,7 +179,7 @@ def light_density(world: World, shape: int, origin: Vector, point: Vector, direc
 def seek_light(
     world: World, m: int, albedo: Vector, point: Vector, normal: Vector, away: Vector, state: Words
 ) -> Vector:
-    """Light that arrives straight from a random place on a random light, scattered towards `away`."""
+    """Direct light from a random point of a random lamp, scattered towards `away`."""
     black = (0.0, 0.0, 0.0)
     if world.lights.size == 0:
         return black
@@ -202,7 +202,7 @@ def seek_light(
 
 @compiled
 def follow(world: World, origin: Vector, direction: Vector, state: Words, light: Doubles) -> None:
-    """Add to `light` (3,) what one path that starts as this ray brings home."""
+    """Add the contribution of one path that starts with this ray to `light` (3,)."""
     carried = (1.0, 1.0, 1.0)
     density = 0.0
     for surface in range(LONGEST):
@@ -237,7 +237,7 @@ def follow(world: World, origin: Vector, direction: Vector, state: Words, light:
 
 @compiled
 def gather(light: Doubles, carried: Vector, shine: Vector, weight: float) -> None:
-    """Add what a path brings home."""
+    """Add a contribution to the light."""
     for b in range(3):
         light[b] += weight * carried[b] * shine[b]
 

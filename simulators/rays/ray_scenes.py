@@ -1,4 +1,4 @@
-"""Scenes to photograph with `rays`, in depth through an open aperture most of them, and what is printed there."""
+"""Scenes for `rays`, most of them with depth and an open aperture, and their textures."""
 
 from __future__ import annotations
 
@@ -58,12 +58,12 @@ def dead_leaves(rng: np.random.Generator, side: int = 256, smallest: float = 3.0
         cx, cy = rng.uniform(-largest, side + largest, 2)
         colour = rng.uniform(0.05, 0.85) * rng.uniform(0.6, 1.0, 3)
         rows, columns = (slice(int(max(c - radius, 0)), int(min(max(c + radius + 1, 0), side))) for c in (cy, cx))
-        seen = bare[rows, columns]  # nothing of the leaf lies elsewhere
-        if not seen.any():
+        visible = bare[rows, columns]  # the slices contain the whole leaf
+        if not visible.any():
             continue
-        leaf = seen & ((places[columns] - cx) ** 2 + (places[rows, None] - cy) ** 2 < radius**2)
+        leaf = visible & ((places[columns] - cx) ** 2 + (places[rows, None] - cy) ** 2 < radius**2)
         picture[rows, columns][leaf] = colour
-        seen[leaf] = False
+        visible[leaf] = False
         left -= int(np.count_nonzero(leaf))
     return picture
 
@@ -151,7 +151,7 @@ def steps_from_a_slider(rows: int = 120, columns: int = 160) -> tuple[Scene, Thi
 def leaves_in_depth(rows: int = 120, columns: int = 160, f_number: float = 2.0) -> tuple[Scene, ThinLensCamera]:
     """A wall of dead leaves that recedes to the left and two sheets of them before it, all beyond the plane in focus.
 
-    Blur then grows with distance alone, up to that of infinity, and texture tells of it nearly everywhere.
+    Blur then grows with distance only, up to that of infinity, and is visible in the texture nearly everywhere.
     """
     printed = [Material((1.0, 1.0, 1.0), texture=leaves) for leaves in _three_leaves()]
     things: list[Shape] = [
@@ -169,7 +169,7 @@ def leaves_in_depth(rows: int = 120, columns: int = 160, f_number: float = 2.0) 
 
 @cache
 def _three_leaves() -> tuple[Texture, ...]:
-    """The leaves of that scene: they take longer than its frame, and are the same at every aperture."""
+    """Cached leaves of that scene, which are the same at every aperture."""
     rng = np.random.default_rng(11)
     return tuple(dead_leaves(rng, side=384, largest=24.0) for _ in range(3))
 
@@ -179,4 +179,4 @@ SCENES: Mapping[str, Callable[[int, int], tuple[Scene, ThinLensCamera]]] = {
     "chart-in-depth": chart_in_depth,
     "steps-from-a-slider": steps_from_a_slider,
 }
-"""By name: rows and columns to scene and camera."""
+"""Scenes by name: functions of rows and columns that give scene and camera."""

@@ -1,4 +1,4 @@
-"""Where a ray meets a shape, and what is there: distance, normal, place on the surface. Millimetres; x right, y down,
+"""Intersection of rays with shapes: distance, normal, position on the surface. Millimetres; x right, y down,
 z forward.
 
 A shape is a kind and a row of 16 numbers: plane: point, normal; sphere: centre, radius; rectangle: corner, edge u,
@@ -22,11 +22,11 @@ PLANE, SPHERE, RECTANGLE, BOX = range(4)
 GEOMETRY = 16
 """Numbers per shape."""
 NEAR_MM = 1e-4
-"""A ray that leaves a surface does not meet it again within this distance."""
+"""A ray that leaves a surface ignores intersections within this distance."""
 
 
 class World(NamedTuple):
-    """A scene as arrays: what the kernels read.
+    """A scene as arrays for the kernels.
 
     kind (n,), geometry (n, 16) and material (n,) per shape; albedo (m, 3), gloss (m, 2) as share and exponent, and
     emission (m, 3) per material; texture (m, 4) as first texel, rows, columns and whether there is one; texels (t, 3);

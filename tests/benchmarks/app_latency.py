@@ -107,11 +107,11 @@ def keys(photographs: Path, busy: bool) -> None:
         terminal.wait_for("estimat" if busy else "resting")
         time.sleep(SETTLE_S)
         terminal.drain()
-        terminal.press(F3, "Move by hand")
+        terminal.press(F3, "Manual moves")
         terminal.press(F2, "Nothing to do now")
         times = []
         for _ in range(KEYS // 2):
-            times += [terminal.press(F3, "Move by hand"), terminal.press(F2, "Nothing to do now")]
+            times += [terminal.press(F3, "Manual moves"), terminal.press(F2, "Nothing to do now")]
         os.write(terminal.master, F12)
         while not told.exists():
             terminal.drain()

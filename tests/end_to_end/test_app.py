@@ -27,11 +27,11 @@ PATIENCE_S = 240.0
 """Real seconds for the whole of it on a slow machine."""
 SPECIFICATION = "title = 'a simulated lens'\nlimits = { mtf50 = { min = 0.1 } }\n"
 SCREENS = Path(__file__).parent / "screens" / "first-calibration-80.txt"
-"""What stands above the pictures when a question is asked for the first time, its numbers masked."""
+"""The text above the images at the first occurrence of each question, numbers masked."""
 
 
 def make_lab(folder: Path) -> StationLab:
-    """The bench in virtual time; its pictures are drawn more coarsely than its optics ask, which no verdict notices.
+    """The bench in virtual time; its images are rendered more coarsely than its optics require, with the same verdicts.
 
     Its sensor is without a mosaic: a fourth of the work, and what four planes bring is in `test_guide`.
     """
@@ -47,21 +47,21 @@ def make_lab(folder: Path) -> StationLab:
 
 
 async def answer(app: StationApp, pilot: Pilot[int], guide: GuideScreen) -> None:
-    """What an operator does who reads the screen: Enter; but a rough result is enough."""
+    """Actions of an operator who reads the screen: Enter; a rough result suffices."""
     if "uncertainty of MTF50" in guide.answers.question:
         await pilot.press("end", *["backspace"] * 8, *"0.05")
     await pilot.press("enter")
 
 
 def upper_part(screen: str) -> str:
-    """Step, instruction and question, as far as the box's lower edge."""
+    """Step, instruction and question, down to the lower edge of the box."""
     lines = screen.splitlines()
     edge = next((i for i, line in enumerate(lines) if "┗" in line), 0)
     return re.sub(r"\d", "0", "\n".join(lines[1 : edge + 1]))
 
 
 async def look(driver: Driver, question: str, seen: dict[str, str]) -> None:
-    """The screen at a question of the plan: wait until it is as it is kept, where it is asked for the first time."""
+    """The screen at a question of the plan: compared with the stored one when asked for the first time."""
     questions = [ask.question for ask in plan_named("pattern").asks().values()]
     if question not in questions or question in seen:
         return

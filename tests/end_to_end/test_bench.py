@@ -1,4 +1,4 @@
-"""From a cold bench to a calibrated PSF, through wires, protocols and a file: what was found is what was there."""
+"""From a cold bench to a calibrated PSF, through wires, protocols and a file: the estimate agrees with the truth."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_a_bench_at_rest_is_calibrated_as_well_as_its_error_bars_say(bench):
 
 
 @pytest.mark.slow
-def test_who_photographs_from_a_moving_stage_finds_the_blur_of_its_movement(bench):
+def test_a_photograph_from_a_moving_stage_shows_the_motion_blur(bench):
     bench.head.move_to(pan_deg=0.0, tilt_deg=0.0)
     bench.stage.move_to(z_mm=750.0, x_mm=130.0, y_mm=100.0)
     still, _ = photographed(bench)

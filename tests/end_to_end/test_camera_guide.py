@@ -49,7 +49,7 @@ VIGNETTING = (-0.12, -0.02, 0.0)
 
 
 def as_left(bench) -> dict:
-    """What is known when the chart hangs straight, in focus, at its distance: the steps that other tests go through."""
+    """Facts after the steps that other tests cover: the chart hangs straight, in focus, at its distance."""
     hands, hung = bench.simulated.hands, Person().mount
     keys = ("chart_width_mm", "ruler_mm", "focal_length_mm", "pixel_pitch_um", "sensor_kind")
     facts = {key: hands.knows(key) for key in keys}
@@ -71,16 +71,16 @@ def is_fourth_place(event) -> bool:
 
 
 def counted(monkeypatch) -> SimpleNamespace:
-    """Of all PSFs estimated from now on: by which sensor, by the room that asks, and the answers by samples too."""
-    told = SimpleNamespace(sensors=[], answers={})
+    """Of all PSFs estimated from now on: sensor, calling module, and results by samples."""
+    collected = SimpleNamespace(sensors=[], answers={})
     for room in ROOMS:
 
         def estimated(plane, *words, room=room, **more):
-            told.sensors.append((room, more.get("sensor")))
-            return told.answers.setdefault((room, plane.samples.tobytes()), estimate_psf(plane, *words, **more))
+            collected.sensors.append((room, more.get("sensor")))
+            return collected.answers.setdefault((room, plane.samples.tobytes()), estimate_psf(plane, *words, **more))
 
         monkeypatch.setattr(room, "estimate_psf", estimated)
-    return told
+    return collected
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def done(tmp_path_factory, monkeypatch_module):
     root = tmp_path_factory.mktemp("camera")
     monkeypatch_module.setattr(conclusion, "derive", partial(derive, columns=7))  # maps of a ninth of their places
     whole, folder = plan(estimate, LEVELS, PICTURES), None
-    told = SimpleNamespace(heard=[], asked=[], ends=[], shots=[], taken=(), minutes=0.0)
+    collected = SimpleNamespace(heard=[], asked=[], ends=[], shots=[], taken=(), minutes=0.0)
     estimates = counted(monkeypatch_module)
     for part, stops in enumerate((is_print, is_fourth_place, lambda event: False)):
         incoming = Path(root, f"incoming-{part}")
@@ -123,25 +123,25 @@ def done(tmp_path_factory, monkeypatch_module):
                 run.ask_to_stop()
 
         operator.listen = listen
-        told.ends.append(run.go())
-        told.heard.append(operator.heard)
-        told.asked += operator.asked
-        told.shots.append(session.state.counting())
-        told.view, told.state = bench.simulated.view, session.state
-        told.taken = (*told.taken, *bench.simulated.view.taken)
-        told.minutes += bench.clock.now_s() / 60
+        collected.ends.append(run.go())
+        collected.heard.append(operator.heard)
+        collected.asked += operator.asked
+        collected.shots.append(session.state.counting())
+        collected.view, collected.state = bench.simulated.view, session.state
+        collected.taken = (*collected.taken, *bench.simulated.view.taken)
+        collected.minutes += bench.clock.now_s() / 60
         session.close()
         bench.close()
-    told.estimates, told.answers, told.folder = list(estimates.sensors), dict(estimates.answers), folder
-    (told.result,) = (event for event in operator.heard if isinstance(event, Result))
-    return told
+    collected.estimates, collected.answers, collected.folder = list(estimates.sensors), dict(estimates.answers), folder
+    (collected.result,) = (event for event in operator.heard if isinstance(event, Result))
+    return collected
 
 
 def places_of(shots) -> list:
     return [shot for shot in shots if shot.step == "tour"]
 
 
-def test_each_place_is_photographed_once_though_it_was_interrupted(done):
+def test_each_place_is_photographed_once_despite_the_interruption(done):
     assert [end.how for end in done.ends] == ["stopped", "stopped", "finished"]
     assert [len(places_of(shots)) for shots in done.shots] == [0, 3, FEWEST]
     assert [shot.purpose for shot in places_of(done.shots[2])] == [
@@ -149,7 +149,7 @@ def test_each_place_is_photographed_once_though_it_was_interrupted(done):
     ]
 
 
-def test_nothing_is_gone_on_with_as_it_is(done):
+def test_every_check_passes(done):
     assert {"look", "place"}.isdisjoint(ask.key for ask in done.asked)
 
 
@@ -167,14 +167,14 @@ def test_panel_and_turned_chart_are_photographed_too(done):
     assert all(max(abs(one.yaw_deg), abs(one.pitch_deg)) < 35 + TURN_DEG for one in poses)
 
 
-def test_what_turned_views_are_worth_is_told_before_they_are_taken(done):
+def test_the_benefit_of_turned_views_is_shown_before_they_are_taken(done):
     (diagram,) = (e.diagram for e in done.heard[2] if isinstance(e, DiagramEvent) and "turned" in e.diagram.label)
     assert diagram.x[0] == 0
     assert list(diagram.y) == sorted(diagram.y, reverse=True)
     assert diagram.y[-1] < diagram.y[0] / 2
 
 
-def test_what_counts_was_seen_where_it_was_wanted(done):
+def test_counting_charts_are_at_their_target_positions(done):
     # the truth is the simulator's own projection; the check allows NEAR, detection errs by far less than 1 % of that
     facts = done.state.facts
     wanted = np.array([(one.x, one.y) for one in locations(facts)])
@@ -197,7 +197,7 @@ def test_the_field_s_nodes_are_the_lens_s(done):
         assert np.linalg.norm(node.psf.h - true.h) < 1.6 * expected
 
 
-def test_all_that_the_photographs_tell_of_the_camera_has_one_covariance(done):
+def test_all_numbers_of_the_camera_have_one_covariance(done):
     found = read_camera_numbers(done.result.folder / "camera.h5")
     parts = {name.partition(".")[0] for name in found.names}
     assert parts == {"geometry", "psf", "vignetting", "sensor"}  # one plane: no colours
@@ -217,11 +217,11 @@ def test_the_numbers_are_the_simulated_camera_s(done):
     for name, true in truths.items():
         value, uncertainty = found[name]
         assert value == pytest.approx(true, abs=4 * uncertainty + 0.003 * true), name
-    # the coefficients stand for each other, the light does not
+    # the coefficients are correlated, the light is not
     assert sum(found[f"vignetting.Y.k{i}"][0] for i in (1, 2, 3)) == pytest.approx(sum(VIGNETTING), abs=0.002)
 
 
-def test_every_place_is_estimated_once_and_by_the_sensor_that_was_found(done):
+def test_every_place_is_estimated_once_with_the_measured_sensor(done):
     by_room = {room: [sensor for of, sensor in done.estimates if of is room] for room, _ in done.estimates}
     assert len(by_room[field_estimate]) == FEWEST
     assert len(by_room[geometry_photographs]) == VIEWS
@@ -233,7 +233,7 @@ def test_every_place_is_estimated_once_and_by_the_sensor_that_was_found(done):
     assert model.prnu < 2e-4
 
 
-def test_page_record_and_covariance_tell_that_the_sensor_was_used(done):
+def test_page_record_and_covariance_state_the_use_of_the_sensor(done):
     folder, page = done.result.folder, done.ends[2].report.read_text()
     record = json.loads((folder / "result.json").read_text())["field"]
     assert record["parts"]["sensor"]["used"] == f"Y: {USED}"
@@ -247,9 +247,9 @@ def test_page_record_and_covariance_tell_that_the_sensor_was_used(done):
 
 def test_one_page_leads_to_all_parts(done):
     folder, page = done.result.folder, done.ends[2].report.read_text()
-    told = json.loads((folder / "result.json").read_text())["field"]["parts"]
-    assert set(told) == {"geometry", "vignetting", "sensor"}
-    for one in told.values():
+    collected = json.loads((folder / "result.json").read_text())["field"]["parts"]
+    assert set(collected) == {"geometry", "vignetting", "sensor"}
+    for one in collected.values():
         assert f'href="{one["look"]}"' in page
         assert (folder / one["look"]).is_file()
     assert "The whole camera" in page
@@ -261,12 +261,12 @@ def test_it_ends_with_a_report_of_the_field(done):
     assert session_page(done.folder) == page
 
 
-def test_it_can_be_computed_again_to_the_last_bit(done):
+def test_it_is_recomputed_bitwise(done):
     (again,) = recompute(done.folder)
     assert again.identical, again
 
 
-def test_its_photographs_are_what_the_command_line_takes_of_a_session(done):
+def test_the_command_line_uses_the_same_photographs_of_the_session(done):
     assert photographs(done.folder) == [done.folder / shot.path for shot in done.shots[2]]
 
 
@@ -274,7 +274,7 @@ def test_its_photographs_are_what_the_command_line_takes_of_a_session(done):
 
 
 def concluded(root: Path, name: str, photographs: list, facts: dict) -> SimpleNamespace:
-    """What the guide makes of photographs at the end of a plan: its last two steps after all of them were taken."""
+    """The last two steps of a plan, given its photographs."""
     waiting, whole = [path.read_bytes() for path in photographs], plan_named(name)
     enough = partial(sensor_enough, len(waiting))
     taken = Shoot("photograph", lambda frame, facts: Advice(True, "good"), estimate_none, enough, len(waiting))
@@ -297,7 +297,7 @@ def concluded(root: Path, name: str, photographs: list, facts: dict) -> SimpleNa
 
 @pytest.fixture
 def facts(done) -> dict:
-    """What the session knew of camera, chart and tour, without what is of single photographs."""
+    """Facts of the session without those of single photographs."""
     return {key: one for key, one in done.state.facts.items() if not key.startswith(SHOT_FACTS)}
 
 
@@ -306,15 +306,15 @@ def test_the_plan_field_concludes_from_the_places(done, facts, tmp_path, monkeyp
         return done.answers[field_estimate, plane.samples.tobytes()]
 
     monkeypatch.setattr(field_estimate, "estimate_psf", known_already)
-    told = concluded(tmp_path, "field", [done.folder / shot.path for shot in places_of(done.shots[2])], facts)
-    assert told.end.how == "finished"
-    folder, whole = told.result.folder, done.result.folder
-    # of the same estimates comes the same field
+    collected = concluded(tmp_path, "field", [done.folder / shot.path for shot in places_of(done.shots[2])], facts)
+    assert collected.end.how == "finished"
+    folder, whole = collected.result.folder, done.result.folder
+    # the same estimates give the same field
     own, known = (read_field(one / "field.h5")["Y"] for one in (folder, whole))
     assert [node.position.tolist() for node in own.nodes] == [node.position.tolist() for node in known.nodes]
     assert {name.partition(".")[0] for name in read_camera_numbers(folder / "camera.h5").names} <= {"geometry", "psf"}
     assert "parts" not in json.loads((folder / "result.json").read_text())["field"]
-    assert told.end.report.read_text().startswith("<!doctype html>")
+    assert collected.end.report.read_text().startswith("<!doctype html>")
 
 
 def test_the_plan_geometry_concludes_from_turned_views(done, facts, tmp_path, monkeypatch):
@@ -324,10 +324,10 @@ def test_the_plan_geometry_concludes_from_turned_views(done, facts, tmp_path, mo
 
     monkeypatch.setattr(geometry_photographs, "estimate_psf", estimated)
     shots = [shot for shot in done.shots[2] if shot.step == "views"] + places_of(done.shots[2])[:1]
-    told = concluded(tmp_path, "geometry", [done.folder / shot.path for shot in shots], facts)
-    assert told.end.how == "finished"
-    record = json.loads((told.result.folder / "result.json").read_text())["planes"]["Y"]
+    collected = concluded(tmp_path, "geometry", [done.folder / shot.path for shot in shots], facts)
+    assert collected.end.how == "finished"
+    record = json.loads((collected.result.folder / "result.json").read_text())["planes"]["Y"]
     true = np.mean([one.truths[0].projection.principal_px for one in done.taken if one.truths][-VIEWS:])
     for name in ("fx", "fy"):
         assert record[name]["value"] == pytest.approx(true, abs=4 * record[name]["uncertainty"] + 0.003 * true), name
-    assert (told.result.folder / "report.html").is_file()
+    assert (collected.result.folder / "report.html").is_file()

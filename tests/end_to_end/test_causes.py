@@ -1,4 +1,4 @@
-"""Photographs that a camera processed: one cause first, the others beside it, in terminal, record and page."""
+"""Photographs that a camera processed: the most likely cause first, then the others, in terminal, record and page."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def processed() -> np.ndarray:
 
 
 def estimated(file: Path) -> tuple[str, dict[str, Any], str, Path]:
-    """What the terminal, the record and the page tell of it."""
+    """Output in terminal, record and page."""
     out = file.parent / "out"
     words = ["psf", "pattern", str(file), "--plane", "Y", "--report", "--out", str(out)]
     done = CliRunner().invoke(main, words, prog_name="station")
@@ -60,7 +60,7 @@ def test_the_tone_curve_of_a_processed_picture_comes_first(processed: np.ndarray
 
 
 @pytest.mark.slow
-def test_the_same_picture_in_a_raw_file_is_not_told_to_be_one(processed: np.ndarray, tmp_path: Path) -> None:
+def test_the_same_image_in_a_raw_file_is_not_called_processed(processed: np.ndarray, tmp_path: Path) -> None:
     file = tmp_path / "processed.dng"
     write_dng(file, processed, Shot(), cfa=None, black=(0,) * 4, white=WHITE)
     said, plane, page, _ = estimated(file)

@@ -1,4 +1,4 @@
-"""The demonstration through its command: what a person with a fresh machine gets."""
+"""The demonstration through its command: its output on a new machine."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def planes(demonstration):
     return [plane for one in demonstration.record["photographs"] for plane in one["planes"].values()]
 
 
-def test_everything_of_the_contract_is_there(demonstration):
+def test_all_documented_files_are_written(demonstration):
     out = demonstration.out
     assert {path.name for path in out.iterdir()} == {"chart.pdf", "photographs", "results", "result.json", "index.html"}
     exports = ("psf_{}.fits", "psf_{}.tiff", "profile_{}.csv")
@@ -71,10 +71,10 @@ def test_everything_of_the_contract_is_there(demonstration):
         assert np.load(out / "results" / setup.name / "psf_G1.npy").sum() == pytest.approx(1)
 
 
-def test_photographs_are_raw_files_with_the_frame_and_exposure_that_the_record_tells(demonstration):
-    for setup, told in zip(SETUPS, demonstration.record["photographs"], strict=True):
-        frame = read_frame(demonstration.out / told["input"]["path"])
-        assert frame.sha256 == told["input"]["sha256"]
+def test_photographs_are_raw_files_with_the_frame_and_exposure_of_the_record(demonstration):
+    for setup, collected in zip(SETUPS, demonstration.record["photographs"], strict=True):
+        frame = read_frame(demonstration.out / collected["input"]["path"])
+        assert frame.sha256 == collected["input"]["sha256"]
         assert tuple(frame.planes) == PLANES
         assert frame.planes["R"].samples.shape == (setup.rows // 2, setup.columns // 2)
         assert (frame.exposure.f_number, frame.exposure.iso) == (2.8, 400)
@@ -110,14 +110,14 @@ def test_centres_are_where_the_marks_are_seen(demonstration):
     assert max(np.hypot(*plane["centre_px"]) for plane in planes(demonstration)) < 0.03
 
 
-def test_table_on_stdout_tells_every_plane_in_eighty_columns(demonstration):
+def test_table_on_stdout_lists_every_plane_in_eighty_columns(demonstration):
     lines = demonstration.done.stdout.splitlines()
     assert max(map(len, lines)) <= 80
     assert [line.split()[0] for line in lines if line.rstrip().endswith("pass")] == list(PLANES) * len(SETUPS)
     assert f"{4 * len(SETUPS)} of {4 * len(SETUPS)} planes pass" in demonstration.done.stdout
 
 
-def test_progress_is_a_line_for_each_step_where_nobody_watches(demonstration):
+def test_progress_is_a_line_for_each_step_without_a_terminal(demonstration):
     lines = demonstration.done.stderr.splitlines()
     assert len(lines) == demo.steps() + 1
     assert lines[1] == f"{SETUPS[0].title}: photographed"
@@ -171,7 +171,7 @@ def test_page_begins_with_the_verdict_and_shows_every_plane(demonstration):
         assert one["input"]["sha256"] in text
 
 
-# --- again, and when it goes wrong: one photograph is enough -----------------------------------------------------
+# --- repeated and failing runs, with one photograph ------ -----------------------------------------------------
 
 
 def test_same_seed_gives_the_same_bytes_and_another_does_not(demonstration, tmp_path, monkeypatch):
@@ -202,7 +202,7 @@ def refused(monkeypatch):
     monkeypatch.setattr(demo, "run_demo", partial(demo.run_demo, setups=far))
 
 
-def test_refused_planes_are_told_everywhere_and_are_exit_5(refused, tmp_path):
+def test_refused_planes_are_reported_everywhere_with_exit_5(refused, tmp_path):
     done = CliRunner().invoke(main, ["demo", "--out", str(tmp_path)], prog_name="station")
     assert done.exit_code == 5
     assert done.stdout.count("refused") == 4
@@ -216,13 +216,13 @@ def test_refused_planes_are_told_everywhere_and_are_exit_5(refused, tmp_path):
     assert f"N{plane['reason'][1:]}. S{plane['remedy'][1:]}." in text  # no chart ...: show the whole chart ...
 
 
-def test_json_is_the_record_and_nothing_else(refused, tmp_path):
+def test_json_is_the_record_only(refused, tmp_path):
     done = CliRunner().invoke(main, ["demo", "--out", str(tmp_path), "--json", "--log-json"], prog_name="station")
     assert done.stdout == (tmp_path / "result.json").read_text()
     assert all(json.loads(line)["event"] in ("step", "written") for line in done.stderr.splitlines())
 
 
-def test_interrupted_demonstration_leaves_what_was_there(monkeypatch, tmp_path):
+def test_interrupted_demonstration_leaves_existing_files(monkeypatch, tmp_path):
     (tmp_path / "index.html").write_text("older")
     monkeypatch.setattr(demo, "read_frame", lambda path: (_ for _ in ()).throw(KeyboardInterrupt))
     small = (Staging("small", "Small", (0.5, 0.5), 0.5, rows=200, columns=300),)

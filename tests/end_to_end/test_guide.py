@@ -44,10 +44,10 @@ def estimated():
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory, estimated):
-    """One run, stopped before its shots and gone on with on another bench, as after a power cut."""
+    """One run, stopped before its shots and resumed on another bench, as after a power cut."""
     root = tmp_path_factory.mktemp("guide")
     plan = plan_named("pattern")
-    told = SimpleNamespace(plan=plan, heard=[], asked=[], ends=[])
+    collected = SimpleNamespace(plan=plan, heard=[], asked=[], ends=[])
     folder = None
     for stop_at in ("wanted_mtf50", None):
         incoming = root / f"incoming-{stop_at}"
@@ -68,16 +68,16 @@ def done(tmp_path_factory, estimated):
             return ask.default
 
         operator.answers = {} if stop_at is None else {stop_at: stop}
-        told.ends.append(run.go())
-        told.heard += operator.heard
-        told.asked += operator.asked
-        told.view, told.world = bench.simulated.view, bench.simulated.world
-        told.state = session.state
+        collected.ends.append(run.go())
+        collected.heard += operator.heard
+        collected.asked += operator.asked
+        collected.view, collected.world = bench.simulated.view, bench.simulated.world
+        collected.state = session.state
         session.close()
         bench.close()
-    told.folder = folder
-    told.estimated = list(estimated)
-    return told
+    collected.folder = folder
+    collected.estimated = list(estimated)
+    return collected
 
 
 @pytest.fixture(scope="module")
@@ -103,13 +103,13 @@ def test_every_plane_of_every_counting_shot_was_estimated_once(done):
     assert sorted(done.estimated) == sorted(name for _ in shots for name in ("R", "G1", "G2", "B"))
 
 
-def test_the_report_of_the_run_is_kept_and_not_computed_again(done, estimated):
+def test_the_report_of_the_run_is_kept_and_not_recomputed(done, estimated):
     before, page = len(estimated), done.ends[1].report.read_text()
     assert session_page(done.folder) == page
     assert len(estimated) == before
 
 
-def test_a_report_that_was_altered_is_computed_again(done, again):
+def test_a_report_that_was_altered_is_recomputed(done, again):
     assert again.page.startswith("<!doctype html>")
     assert again.estimated == len(done.estimated)
 
@@ -125,14 +125,14 @@ def test_it_goes_through_and_ends_with_a_report(done):
     assert len([e for e in done.heard if isinstance(e, StepEnded)]) == len(done.plan.steps)
 
 
-def test_what_was_wrong_in_the_room_was_told_and_mended(done):
+def test_errors_of_the_setup_were_reported_and_corrected(done):
     asked = " ".join(ask.question for ask in done.asked if ask.key == "by_hand")
     assert "set the exposure time from 1/160 s to 1/50 s" in asked
     assert "light that side more" in asked
     assert "Turn the chart counter-clockwise by 6." in asked
     assert "focus ring" in asked
     assert abs(done.view.mount.roll_deg) < 1
-    # yaw and pitch were mended by going around the chart
+    # yaw and pitch were corrected by moving around the chart
     assert done.state.facts["at_pan_deg"] == pytest.approx(done.view.mount.yaw_deg, abs=1.5)
     assert done.state.facts["at_tilt_deg"] == pytest.approx(done.view.mount.pitch_deg, abs=1.5)
     assert done.state.facts["laser_offset_mm"] == pytest.approx(120.0, abs=15)
@@ -159,7 +159,7 @@ def test_the_psf_is_the_camera_s(done, again):
     assert max(q.uncertainty for q in (mtf50, found.quality.numbers["mtf50_vertical"])) <= 0.002
 
 
-def test_every_photograph_is_in_the_session_with_what_the_devices_said(done):
+def test_every_photograph_is_in_the_session_with_the_state_of_the_devices(done):
     assert len(done.state.counting()) >= 3
     for shot in done.state.shots:
         assert read_frame(done.folder / shot.path, ["G1"]).sha256 == shot.sha256

@@ -1,4 +1,4 @@
-"""A scene in depth before the simulated bench's shaking rig: picture and depth beside what the rig stood before."""
+"""A scene in depth before the simulated bench's shaking rig: image and depth compared with the truth."""
 
 from __future__ import annotations
 
@@ -60,12 +60,12 @@ def small_bench(root, rows, columns):
     return bench
 
 
-def test_it_goes_through_by_itself_and_the_verdict_is_good(done):
+def test_it_completes_without_manual_work_and_passes(done):
     assert done.ended.how == "finished"
     assert done.result.verdict is Verdict.PASS, done.result.reason
     assert [shot.purpose for shot in done.state.counting()] == ["first", "second", "truth"]
     assert len(read_imu(done.result.folder / "imu_2.csv").time_s) > 50
-    # the IMU felt the shaker: 1.9 mm at 10 Hz are 7.5 m/s^2 along the axis that it drives most
+    # the IMU measures the shaker: 1.9 mm at 10 Hz are 7.5 m/s^2 along the axis that it drives most
     for shot, axis in zip(done.state.counting()[:2], (0, 1), strict=True):
         imu = np.array(shot.snapshot["motion"]["acceleration_m_s2"])[:, axis]
         assert np.ptp(imu) / 2 == pytest.approx(0.0019 * (20 * np.pi) ** 2, rel=0.4)
@@ -79,7 +79,7 @@ def test_depth_is_that_of_the_sheets(done):
         # know, adds
         assert np.median(done.w[part]) == pytest.approx(1000 / distance_mm, rel=0.08)
         assert np.percentile(np.abs(done.w[part] - np.median(done.w[part])), 80) < 0.03
-    # against each other the unit's error is gone
+    # the unit's scale error cancels in ratios
     medians = [np.median(done.w[part]) for part in (NEAREST, ROUND, BACK)]
     assert medians[1] / medians[0] == pytest.approx(front / middle, rel=0.04)
     assert medians[2] / medians[0] == pytest.approx(front / back, rel=0.04)
@@ -96,25 +96,25 @@ def test_the_picture_is_as_sharp_as_from_a_still_rig(done, part):
         return float(np.std(seen - trial[part]) / truth.std())
 
     assert error(restored) < 0.4 * error(first)
-    # the rig turns: masks that are the same everywhere bring nothing
+    # the rig rotates: space-invariant masks give no improvement
     assert error(restored) < 0.4 * error(nearest_shift(done.straight, trial))
     fine = [float(np.std((p - gaussian_filter(p, 1.5))[part])) for p in (trial, restored, first)]
     assert fine[2] < 0.7 * fine[0]
     assert fine[1] == pytest.approx(fine[0], rel=0.25)
 
 
-def test_the_photograph_of_the_rig_at_rest_bears_witness(done):
+def test_the_photograph_at_rest_confirms_the_restoration(done):
     witness = json.loads((done.result.folder / "result.json").read_text())["ground_truth"]
-    # the bench's own sharp photograph, which the restoration never saw: the trial before
+    # the sharp trial photograph, which the restoration did not use
     trial, truth = (done.view.taken[i].plane("G1") for i in (-4, -1))
     assert np.std(nearest_shift(truth, trial) - trial) < 0.1 * trial.std()
     assert witness["psnr_db"] > max(witness["before_db"]) + 3
-    # of the error told, no more than from where a restoration is doubted
+    # relative to the reported error, within the limit of a doubtful restoration
     assert witness["error"] < 2 * witness["told"]
 
 
 def nearest_shift(picture, like):
-    """The picture shifted to where it is nearest: where the rig came to rest after the trial leaves the place open."""
+    """The image registered to the reference: the rest position after the trial is unknown."""
     steps = np.arange(-1.5, 1.6, 0.5)
     moved = [shift(picture, (dy, dx), order=3, mode="nearest") for dy in steps for dx in steps]
     return min(moved, key=lambda one: float(np.std(one - like)))

@@ -58,7 +58,7 @@ class Scenario:
         self.clock = self.truth.clock
         self.bench = make_bench(simulated_tables(self.truth.address, folder), folder=folder, clock=self.clock)
         self.bench.devices["camera"]._inspect = inspect
-        self.told = []
+        self.collected = []
 
     def do(self, name):
         """One piece of work: success or a stated error, within its limit."""
@@ -67,7 +67,7 @@ class Scenario:
             result = getattr(self, name)()
         except DeviceError as error:
             result = error
-        self.told.append((name, result))
+        self.collected.append((name, result))
         assert result is None or (result.reason and result.remedy)
         assert self.clock.now_s() - begin_s <= LIMITS_S[name], (name, result)
         return result
@@ -79,7 +79,7 @@ class Scenario:
     def target(self, stage):
         name = str(self.rng.choice(list(stage.travel())))
         travel = stage.travel()[name]
-        # one in ten lies outside
+        # one in ten is outside
         return {name: float(self.rng.uniform(travel.low, travel.high) + (self.rng.random() < 0.1) * 2 * travel.high)}
 
     def go(self, stage):

@@ -34,12 +34,12 @@ def done(tmp_path_factory):
         operator = ScriptedOperator()
         end = Run(plan(estimate, LEVELS, PICTURES), bench, session, operator).go()
         (result,) = (event for event in operator.heard if isinstance(event, Result))
-        told = SimpleNamespace(
+        collected = SimpleNamespace(
             end=end, state=session.state, folder=session.folder, result=result, sensor=sensor,
             minutes=bench.clock.now_s() / 60,
         )  # fmt: skip
     bench.close()
-    return told
+    return collected
 
 
 def test_dark_ladder_and_flats_are_taken_once_each_in_under_ten_minutes(done):
@@ -51,14 +51,14 @@ def test_dark_ladder_and_flats_are_taken_once_each_in_under_ten_minutes(done):
 
 
 def test_gain_and_noise_are_the_sensor_s(done):
-    told = json.loads((done.result.folder / "result.json").read_text())["planes"]["Y"]
-    assert told["verdict"] != "refused", told["reason"]
+    collected = json.loads((done.result.folder / "result.json").read_text())["planes"]["Y"]
+    assert collected["verdict"] != "refused", collected["reason"]
     truths = {
         "system_gain": 1 / done.sensor.gain_e_per_dn,
         "temporal_dark_noise": done.sensor.read_noise_e,
     }
     for name, true in truths.items():
-        one = told[name]
+        one = collected[name]
         assert one["value"] == pytest.approx(true, abs=4 * one["uncertainty"] + 0.003 * true), name
 
 

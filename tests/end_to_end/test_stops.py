@@ -50,7 +50,7 @@ def test_a_signal_during_homing_stops_and_says_so(bench, tmp_path, number, start
     rest, _ = program.communicate(timeout=PATIENCE_S)
     assert not axis.moves(bench.clock.now_s())
     assert program.returncode == 3
-    assert "Every device was told to stop." in rest
+    assert "Stop sent to every device." in rest
     assert "Emergency stop." in rest
     assert ">>" not in rest  # no further question
 

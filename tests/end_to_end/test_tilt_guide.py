@@ -1,4 +1,4 @@
-"""The loop of a sensor's tilt: measured, screws turned by hands that slip, measured again, until it is left."""
+"""The loop of a sensor's tilt: measured, screws turned inexactly, measured again, until no improvement is possible."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.slow
 SIZE_MM = (7.6, 5.7)
 NINE = np.array([(x, y) for y in (-2.0, 0.0, 2.0) for x in (-2.7, 0.0, 2.7)])
 PLACE_UM = 0.7
-"""Of a place's height: what a bracket of rendered photographs tells it to."""
+"""Standard uncertainty of a height from a bracket of rendered photographs."""
 MOUNT = SensorMount(slopes=(9.0, -6.0))
 SCREWS = Screws(MOUNT.count, MOUNT.radius_mm, MOUNT.pitch_mm, MOUNT.first_deg, turn_uncertainty=0.004)
 
@@ -44,12 +44,12 @@ def done(tmp_path_factory):
     root = tmp_path_factory.mktemp("tilt")
     (root / "incoming").mkdir()
     bench = simulated_bench(root / "incoming", seed=3, virtual_time=True)
-    told = SimpleNamespace(true=[])
+    collected = SimpleNamespace(true=[])
 
     def estimate(frames, facts, known):
-        """The simulated sensor, as nine places of a bracket would tell it."""
-        slopes, rng = bench.simulated.view.held.slopes, np.random.default_rng(len(told.true))
-        told.true.append(slopes)
+        """The simulated sensor, as measured at nine places of a bracket."""
+        slopes, rng = bench.simulated.view.held.slopes, np.random.default_rng(len(collected.true))
+        collected.true.append(slopes)
         heights = NINE @ np.array(slopes) + PLACE_UM * rng.standard_normal(9)
         found = fit_plane(NINE, heights, PLACE_UM**2 * np.eye(9), SIZE_MM)
         turns = turns_for(found, SCREWS, with_focus=False)
@@ -59,12 +59,12 @@ def done(tmp_path_factory):
     loop = replace(loop, steps=tuple(loop.step(name) for name in ("turn", "estimate", "verdict")))
     with Session.create(root, plan="tilt", camera="C", lens="L", config={}, clock=bench.clock, seed=3) as session:
         operator = ScriptedOperator()
-        told.end, told.state = Run(loop, bench, session, operator).go(), session.state
-        told.asked = [ask for ask in operator.asked if isinstance(ask, Ask)]
-        told.results = [event for event in operator.heard if isinstance(event, Result)]
-        told.left = bench.simulated.view.held.slopes
+        collected.end, collected.state = Run(loop, bench, session, operator).go(), session.state
+        collected.asked = [ask for ask in operator.asked if isinstance(ask, Ask)]
+        collected.results = [event for event in operator.heard if isinstance(event, Result)]
+        collected.left = bench.simulated.view.held.slopes
     bench.close()
-    return told
+    return collected
 
 
 def test_two_turns_of_the_screws_leave_less_than_five_micrometres(done):
@@ -98,5 +98,5 @@ def test_the_chart_that_is_proposed_has_its_bracket_in_the_rail_s_reach(tmp_path
         assert Run(begun, bench, session, operator).go().how == "finished"
         facts = facts_as(TiltFacts, session.state.facts)
     bench.close()
-    assert operator.count("look") == 0  # nothing was gone on with as it was
+    assert operator.count("look") == 0  # every check passed
     assert off_reach_mm(facts, bracket_mm(facts.optics(1), 2.8, facts.begun().distance_mm)) == 0.0

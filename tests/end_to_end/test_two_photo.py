@@ -1,4 +1,4 @@
-"""Two photographs of the simulated bench's wall, from homing to the report, beside the optics that took them."""
+"""Two photographs of the simulated bench's wall, from homing to the report, compared with the true optics."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_the_psf_is_the_camera_s(done):
     true = [one.true_psf("G1", found.psf.s, found.psf.k) for one in taken]
     aligned, _ = align(true[0].h, found.psf.h)
     error = np.linalg.norm(found.psf.h - aligned) / np.linalg.norm(aligned)
-    # the eye focuses a little differently at either distance, which the estimate cannot know
+    # focus by eye differs slightly between the distances, which the estimate cannot know
     focus = np.linalg.norm(true[1].h - true[0].h) / np.linalg.norm(aligned)
     # 1 where the error bars are true; the norm of 169 correlated values scatters by a third
     assert error / math.hypot(found.diagnostics["relative_uncertainty"], true[0].floor, focus) < 1.6

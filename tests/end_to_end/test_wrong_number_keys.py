@@ -30,7 +30,7 @@ def hung_and_lit(lab) -> None:
 
 
 async def type_another(driver: Driver) -> None:
-    await driver.until("Or go on with a session")
+    await driver.until("Or continue a session")
     await driver.press("tab", "enter")
     await driver.until("clear: Enter moves")
     await driver.press("enter")
@@ -44,7 +44,7 @@ async def type_another(driver: Driver) -> None:
 
 
 def test_a_wrong_focal_length_is_named_on_the_screen_within_two_steps(tmp_path, monkeypatch):
-    monkeypatch.setattr(parts, "READ_S", 0.0)
+    monkeypatch.setattr(parts, "MIN_READ_S", 0.0)
     lab = make_lab(tmp_path)
     hung_and_lit(lab)
     try:

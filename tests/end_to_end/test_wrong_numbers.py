@@ -1,4 +1,4 @@
-"""A lens or a print given wrongly on the simulated bench: it is named before the rail is driven anywhere by it."""
+"""A lens or a print given wrongly on the simulated bench: it is named before the rail moves by it."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def test_it_is_named_within_two_steps_and_within_two_photographs(plan, case, tmp
     incoming.mkdir()
     bench = simulated_bench(incoming, seed=3, virtual_time=True)
     view = bench.simulated.view
-    view.camera = replace(view.camera, oversampling=4)  # finer than any of these numbers is wrong
+    view.camera = replace(view.camera, oversampling=4)  # error below that of any of these numbers
     session = Session.create(tmp_path, plan=plan, camera="C", lens="L", config={}, clock=bench.clock, seed=3)
     session.learn({key: value for key, value in answers.items() if key == "chart_seed"})
     operator = ScriptedOperator({**answers, "contradiction": "stop"})
@@ -71,7 +71,7 @@ BEFORE_FOCUS = ("print", "mount", "distance", "square")
 
 
 @pytest.mark.parametrize(("plan", "factor"), [("pattern", 0.5), ("pattern", 1.0), ("field", 2.0)])
-def test_an_f_number_that_the_camera_does_not_note_is_held_against_the_far_tail(plan, factor, tmp_path):
+def test_an_f_number_that_the_camera_does_not_note_is_compared_with_the_far_tail(plan, factor, tmp_path):
     incoming = tmp_path / "incoming"
     incoming.mkdir()
     bench = simulated_bench(incoming, seed=3, virtual_time=True)

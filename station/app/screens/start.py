@@ -61,7 +61,7 @@ class StartScreen(StationScreen):
         """The form."""
         camera, lens = self._names
         with VerticalScroll(id="form", can_focus=False):
-            yield Part("Calibrate a camera: choose what to measure. The arrow keys also lead to camera and lens.")
+            yield Part("Choose what to measure. The arrow keys also reach camera and lens.")
             for what, name in (("camera", camera), ("lens", lens)):
                 with Horizontal(classes="row"):
                     yield Part(f"Name of the {what}", classes="label-left")

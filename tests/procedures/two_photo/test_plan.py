@@ -85,7 +85,7 @@ def test_light_that_went_away_between_the_photographs_is_told(wall):
 def test_another_aperture_from_afar_is_told(wall):
     near = check_near(frame(wall[0][0], f_number=8.0, exposure_s=0.02), FACTS)
     advice = check_far(frame(wall[1][0], f_number=4.0, exposure_s=0.02), {**FACTS, **near.facts})
-    assert "aperture f/ is 4 in place of 8" in advice.say
+    assert "aperture f/ is 4 instead of 8" in advice.say
 
 
 @pytest.mark.parametrize("share", [0.5, 0.65, 1.4, 2.0])

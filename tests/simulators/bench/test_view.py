@@ -104,7 +104,7 @@ def test_an_exposure_during_ring_down_is_blurred_by_the_path_the_camera_took(vie
         mean = np.sum(columns * across)
         return np.sum((columns - mean) ** 2 * across)
 
-    centres, _ = view.chart_seen(world.pose(instants(Opening(end_s, 0.1, 1))))
+    centres, _ = view.chart_pose(world.pose(instants(Opening(end_s, 0.1, 1))))
     path_px = 24.377 / 0.00594 * centres[:, 0] / centres[:, 2]
     # variances add; PSF samples are a quarter of a G1 pixel, which is two sensor pixels; 17 samples cut the tails
     assert spread(shaken) - spread(still) == pytest.approx(np.var(path_px) / 0.25, rel=0.15)

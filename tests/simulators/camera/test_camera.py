@@ -35,8 +35,8 @@ def test_a_photograph_is_on_disk_as_it_was_taken(tmp_path, rng):
         tags = exifread.process_file(file, details=True)
     distance = scene.charts[0].pose.centre_mm[2]
     assert float(tags["EXIF SubjectDistance"].values[0]) == pytest.approx(distance / 1000, rel=1e-5)
-    told = json.loads(bytes(tags["EXIF UserComment"].values)[8:])
-    np.testing.assert_allclose(told["H_sensor_pattern"][0], photo.truths[0].H_sensor_pattern)
+    collected = json.loads(bytes(tags["EXIF UserComment"].values)[8:])
+    np.testing.assert_allclose(collected["H_sensor_pattern"][0], photo.truths[0].H_sensor_pattern)
 
 
 @pytest.mark.parametrize("cfa", ["RGGB", "GBRG"])

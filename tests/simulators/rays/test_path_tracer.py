@@ -241,10 +241,10 @@ def test_other_seeds_give_other_samples_of_the_same_light(scene):
 
 def test_every_pixel_gets_as_many_samples_as_it_wants(scene, rng):
     wanted = rng.integers(0, 5, (40, 70))
-    recorder, told = Recorder(40, 70), []
-    cast(scene, CAMERA, wanted, recorder, seed=1, progress=lambda done, total: told.append((done, total)))
+    recorder, collected = Recorder(40, 70), []
+    cast(scene, CAMERA, wanted, recorder, seed=1, progress=lambda done, total: collected.append((done, total)))
     np.testing.assert_array_equal(recorder.count(), wanted)
-    assert told[-1] == (wanted.sum(), wanted.sum())
+    assert collected[-1] == (wanted.sum(), wanted.sum())
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ class Bystander:
         try:
             for name in STEPS:
                 before = self.pressed.count("enter")
-                run.step(name, Ask(MOVE, "Homing, each axis to its switch: z."))
+                run.step(name, Ask(MOVE, "Homing each axis to its switch: z."))
                 self.expect(self.pressed.count("enter") > before, "the run moves")
                 self.moves += 1
                 run.step(name, doing("exposing"), seen(), WIDTH, VERDICT)

@@ -109,7 +109,7 @@ def test_leaving_asks_first_when_a_run_goes(tmp_path):
         await driver.begin()
         await driver.until("How wide?")
         await driver.press("ctrl+q")
-        await driver.until("Something is running")
+        await driver.until("A run or a movement is in progress")
         await driver.press("enter")
         assert driver.app.running("run")
         await driver.press("ctrl+q")
@@ -147,7 +147,7 @@ def test_the_loop_goes_on_while_a_run_computes(tmp_path):
         await driver.begin()
         await driver.until("computing")
         await driver.press("f3")
-        await driver.until("Move by hand")
+        await driver.until("Manual moves")
         end.set()
 
     drive(StationApp(FakeLab(tmp_path, busy)), use)

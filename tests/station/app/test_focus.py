@@ -171,7 +171,7 @@ def test_the_simulated_ring_turns_by_keys_and_stages_move_by_enter_alone(tmp_pat
         await driver.until("best 0.400, photograph 1")
         await driver.until("Photograph 4, 1.png")
         await driver.press("f2", "1")
-        await driver.until("Live focus has the bench: end it first")
+        await driver.until("Live focus uses the bench: end it first")
         assert lab.runs == []
         await driver.press("f12")
         await driver.until(lambda: lab.stage.stops)
@@ -211,7 +211,7 @@ def test_a_photograph_that_tells_nothing_says_why_where_one_looks(tmp_path, meas
         await driver.press("enter", ".", "enter")
         await driver.until("Take a photograph.")
         cv2.imwrite("1.png", np.zeros((4, 4), np.uint8))
-        await driver.until("This photograph tells nothing: no chart in the photograph. What to do: ")
+        await driver.until("This photograph cannot be measured: no chart in the photograph. What to do: ")
 
     drive(StationApp(lab), use)
 

@@ -193,7 +193,7 @@ def test_what_breaks_a_run_is_a_sentence(tmp_path, error, words):
     async def use(driver: Driver) -> None:
         await driver.begin()
         await driver.until(words)
-        await driver.until("What was taken is kept")
+        await driver.until("All photographs are kept")
         assert "Traceback" not in driver.text
 
     drive(StationApp(FakeLab(tmp_path, broken)), use)
@@ -218,12 +218,12 @@ def test_work_is_ended_after_this_exposure_then_gone_on_with(tmp_path):
         await driver.until("Ending after this exposure")
         assert not lab.runs[0].halted.is_set()
         lab.runs[0].may_end.set()
-        await driver.until("go on where it stopped")
+        await driver.until("continue where it stopped")
         await driver.press("enter")
         await driver.until(lambda: len(lab.runs) == 2)
         lab.runs[1].may_end.set()
         await driver.press("ctrl+c")
-        await driver.until("go on where it stopped")
+        await driver.until("continue where it stopped")
 
     drive(StationApp(lab), use)
     assert lab.begun[1] == (tmp_path / "one", None)
@@ -239,7 +239,7 @@ def test_pressed_twice_it_ends_now(tmp_path):
         await driver.press("ctrl+c", "ctrl+c")
         await driver.until(lambda: lab.runs[0].halted.is_set() and lab.stage.stops)
         lab.runs[0].may_end.set()
-        await driver.until("Everything was stopped")
+        await driver.until("Every device was stopped")
 
     drive(StationApp(lab), use)
 
@@ -249,7 +249,7 @@ def test_ending_at_a_question_ends_at_once(tmp_path):
         await driver.begin()
         await driver.until(WIDTH.question)
         await driver.press("ctrl+c")
-        await driver.until("go on where it stopped")
+        await driver.until("continue where it stopped")
 
     drive(StationApp(FakeLab(tmp_path, whole)), use)
 
@@ -347,11 +347,11 @@ def test_a_question_is_heard_of_on_the_other_screens(tmp_path):
         await driver.begin()
         await driver.until("Opening the session")
         await driver.press("f3")
-        await driver.until("Move by hand")
+        await driver.until("Manual moves")
         go.set()
         await driver.until("The guide (F2) asks")
         await driver.press("f2", "enter")
-        await driver.until("another session")
+        await driver.until("new session")
 
     drive(StationApp(FakeLab(tmp_path, late)), use)
 
@@ -364,7 +364,7 @@ def test_a_run_that_tells_faster_than_can_be_shown_loses_no_step(tmp_path):
 
     async def use(driver: Driver) -> None:
         await driver.begin()
-        await driver.until("another session")
+        await driver.until("new session")
         assert all(f"✓ {name.capitalize()}" in driver.text for name in STEPS)
 
     drive(StationApp(FakeLab(tmp_path, hasty)), use)
@@ -395,11 +395,11 @@ def test_a_session_that_began_with_a_shaker_goes_on_with_one_and_others_do_not(t
     lab = StationLab(sessions=began.sessions, config=None, simulate=True)
 
     async def use(driver: Driver) -> None:
-        await driver.until("Or go on with a session")
+        await driver.until("Or continue a session")
         await driver.press("tab", "enter")
         await driver.until("The shaker makes")
         await driver.press("ctrl+c")
-        await driver.until("go on where it stopped")
+        await driver.until("continue where it stopped")
 
     drive(StationApp(lab), use)
     lines = read_session(lab.kept()[0].folder).contents.lines

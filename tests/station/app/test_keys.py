@@ -28,7 +28,7 @@ def test_a_move_is_begun_by_enter_alone_once_it_can_have_been_read(tmp_path):
     async def use(driver: Driver) -> None:
         await driver.begin()
         await driver.until(ask.question)
-        await driver.until("clear: Enter moves, F12 stops")
+        await driver.until("clear: press Enter to move; F12 stops")
         await driver.press("space", "1", "y", "escape")
         assert driver.app._guide.answers.open
         await driver.pilot.pause(1.25 * MIN_READ_S)
@@ -38,7 +38,7 @@ def test_a_move_is_begun_by_enter_alone_once_it_can_have_been_read(tmp_path):
         await driver.pilot.pause()
         assert driver.app._guide.answers.open
         await driver.press("enter")
-        await driver.until("another session")
+        await driver.until("new session")
 
     drive(StationApp(lab), use)
     assert lab.runs[0].answers == [True]
@@ -118,7 +118,7 @@ def test_what_is_typed_replaces_what_is_proposed(tmp_path):
         await driver.begin()
         await driver.until(WIDTH.question)
         await driver.press(*"210", "enter")
-        await driver.until("another session")
+        await driver.until("new session")
 
     drive(StationApp(lab), use)
     assert lab.runs[0].answers == [210.0]
@@ -153,7 +153,7 @@ def test_a_number_begun_before_its_question_is_there_is_not_cut_short(tmp_path):
         may_ask.set()
         await driver.until(FINE.question)
         await driver.press(*"01", "enter")
-        await driver.until("another session")
+        await driver.until("new session")
 
     with patch.object(parts, "TYPE_AHEAD_S", 20.0):
         drive(StationApp(lab), use)
@@ -178,7 +178,7 @@ def test_what_is_asked_has_the_focus_at_once_and_keeps_it(tmp_path):
         await driver.until(lambda: box.query_one(parts.Line).value == "0.01")
         assert box.open
         await driver.press("enter")
-        await driver.until("another session")
+        await driver.until("new session")
 
     drive(StationApp(lab), use)
     assert lab.runs[0].answers == [0.01]
@@ -199,7 +199,7 @@ def test_a_key_pressed_while_the_program_loads_is_not_lost(tmp_path):
         await driver.press("f3")
         await driver.until(lambda: driver.app._wanted_mode)
         may_load.set()
-        await driver.until("Move by hand")
+        await driver.until("Manual moves")
 
     drive(StationApp(lab), use)
 
@@ -245,6 +245,6 @@ def test_what_moves_is_shown_with_target_place_and_time_left_and_stands_where_th
         lab.stage.place["z_mm"] = 130.5
         await driver.press("f12")
         go_on.set()
-        await driver.until("last told: z 130.5 mm")
+        await driver.until("last position: z 130.5 mm")
 
     drive(StationApp(lab), use, (120, 40))

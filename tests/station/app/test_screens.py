@@ -66,7 +66,7 @@ def test_the_first_screen_says_what_to_do_about_each_device(tmp_path):
     _, app = bench_app(tmp_path)
 
     async def use(driver: Driver) -> None:
-        await driver.until("stage: not homed: the guide homes it, or F3 and H")
+        await driver.until("stage: not homed: the guide homes it; or press F3, then H")
 
     drive(app, use)
 
@@ -83,10 +83,10 @@ def test_a_stage_is_homed_and_moved_by_hand(tmp_path):
         await driver.press("f3")
         await driver.until("not homed. home it")
         await driver.press("h")
-        await driver.until("Clear?")
+        await driver.until("way clear?")
         assert not lab.stage.homed
         await driver.press("enter")
-        await driver.until("found its reference")
+        await driver.until("is homed")
         await driver.press("right_square_bracket", "right")
         await driver.until("z_mm is at 10.000 mm")
         await driver.press("left_square_bracket", "left")
@@ -104,7 +104,7 @@ def test_an_emergency_stop_takes_a_question_back_that_would_begin_a_movement(tmp
         await driver.press("f3")
         await driver.until("not homed. home it")
         await driver.press("h")
-        await driver.until("Clear?")
+        await driver.until("way clear?")
         await driver.press("f12", "enter")
         await driver.until(lambda: not isinstance(driver.app.screen, Choose))
         await driver.press("enter")
@@ -226,7 +226,7 @@ def test_a_restoration_is_shown(tmp_path, refused):
         await driver.until("Restoration: ✗ refused" if refused else "Restoration: ? doubtful")
         assert "the light differs" in driver.text
         assert ("w of the depth map: 1.5 to 7.25 pixel" in driver.text) != refused
-        assert ("the sharp" in driver.text) != refused
+        assert ("restored image" in driver.text) != refused
 
     drive(StationApp(FakeLab(tmp_path, nothing)), use)
 
@@ -240,7 +240,7 @@ def test_two_results_are_compared(tmp_path):
         await driver.press("f4")
         await driver.until("Plane G1")
         await driver.press("c", "down")
-        await driver.until("apart by")
+        await driver.until("differ by")
         await driver.press("c")
         await driver.until("Plane G1: ✓ trusted")
 

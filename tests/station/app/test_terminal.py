@@ -125,7 +125,7 @@ def test_suspended_it_gives_the_terminal_back_and_takes_it_again(terminal):
     terminal.wait_for("EMERGENCY STOP: everything was halted")
     assert terminal.raw()
     terminal.press(b"\x1bOR")  # F3
-    terminal.wait_for("Move by hand")
+    terminal.wait_for("Manual moves")
     terminal.press(b"\x11")
     terminal.wait_for("\x1b[?1049l")
     assert terminal.program.wait(PATIENCE_S) == 0
