@@ -115,5 +115,5 @@ def test_photographs_of_another_size_and_psfs_too_coarse_are_refused(photographs
     cut = changed(photographs[1], photographs[1].planes["Y"].samples[:-2])
     with pytest.raises(BadInput, match=r"160 x 120.*160 x 118"):
         correct(photographs[0], {"Y": field}, others=[cut])
-    with pytest.raises(BadInput, match="8 samples per pixel of plane Y, the field's PSFs have 4"):
+    with pytest.raises(BadInput, match="8 samples per pixel of plane Y; the field's PSFs have 4"):
         correct(photographs[0], {"Y": field}, parameters=CorrectionParameters(scale=8))

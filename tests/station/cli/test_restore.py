@@ -106,7 +106,7 @@ def test_the_same_photograph_twice_exits_4(photographs, tmp_path):
 def test_ratio_one_with_one_shape_exits_2(photographs, tmp_path):
     result = run(*photographs[0], "--blur", "defocus", "--shape", "pillbox", *QUICK, "--out", tmp_path / "o")
     assert result.exit_code == 2
-    assert "alike" in result.stderr
+    assert "equally" in result.stderr
 
 
 def test_a_missing_shape_file_exits_4(photographs, tmp_path):

@@ -209,7 +209,7 @@ def test_a_field_must_fit_plane_and_frame(defocused, tmp_path):
         cv2.imwrite(str(one), cv2.imread(str(defocused / one.name), cv2.IMREAD_UNCHANGED)[:80])
     cropped = run(*small, *images[2:], "--out", tmp_path / "p")
     assert cropped.exit_code == 4
-    assert "of a plane of 124 x 104" in cropped.stderr
+    assert "the size of the field's plane, 124 x 104" in cropped.stderr
     # named before there are photographs: its first plane, over itself
     shape = read_blur_shape(str(tmp_path / "field.h5"), None, None)
     assert shape.half_width_px == pytest.approx(3.0, abs=0.5)
