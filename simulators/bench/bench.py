@@ -44,8 +44,8 @@ UNIT_PER_STEP = {"pan_deg": 0.000234375, "tilt_deg": 0.000234375, "y_mm": 0.0004
 class Setup:
     """Configuration of a simulated bench.
 
-    `faults` by cable, `fault_events` of devices; `develop` makes the RAW file of an opening, by default a rendering of the
-    chart. With `virtual_time` the time jumps during waits; otherwise it runs `speed` times as fast as real time. With
+    `faults` by cable, `fault_events` of devices; `develop` makes the RAW file of an opening, by default a rendering of
+    the chart. With `virtual_time` time jumps during waits; otherwise it runs `speed` times as fast as real time. With
     `motors_on_box` the motors of rail and height are powered only while the box's enable output is set.
     """
 
