@@ -15,7 +15,7 @@ def no_pixels() -> npt.NDArray[np.intp]:
 
 def stuck_pixels(samples: npt.NDArray[np.float32], zero: float) -> npt.NDArray[np.intp]:
     """[row, column] of pixels at white whose eight neighbours are all below half of it, and of pixels at the digital
-    number 0 whose neighbours all exceed 10 % of white; none if more than 1 % qualify, which is detail of the picture."""
+    number 0 whose neighbours all exceed 10 % of white; none if over 1 % qualify, which is detail of the picture."""
     white, dead = np.float32(1 - 1e-6), np.float32(zero + 1e-6)
     bad = [_isolated(samples, samples >= white, lambda near: near.max(axis=0) < 0.5)]
     bad += [_isolated(samples, samples <= dead, lambda near: near.min(axis=0) > 0.1)]

@@ -141,7 +141,7 @@ class Procedure:
         layout = {"raw": str(self.layout)} if self.layout else {}
         trust = {"trust_typed": True} if self.trust_typed else {}
         physics = {"physics": True} if self.physics else {}
-        sampling = {} if self.parameters is None else self.parameters.told()
+        sampling = {} if self.parameters is None else self.parameters.to_record()
         if self.restoration is not None:
             sampling = self.restoration.told
         if self.settings is not None:

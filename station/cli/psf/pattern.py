@@ -43,5 +43,5 @@ def psf_pattern(
         known = read_sensor(sensor, frame) if sensor else NO_SENSOR
         limit = request.limit_of(frame, needed=physics)
         found = calibrate(frame, source.chart, parameters, limit, physics=physics, sensor=known)
-        given = {**parameters.told(), "physics": physics, **known.told(), "chart": source.origin}
+        given = {**parameters.to_record(), "physics": physics, **known.told(), "chart": source.origin}
         request.answer(folder, [frame], found, given)

@@ -28,4 +28,4 @@ def psf_two_photo(a: Path, b: Path, **options: Any) -> None:
         first, second = request.read(a), request.read(b)
         parameters = request.at_frequencies(parameters, first)
         found = calibrate_pair(first, second, parameters, request.limit_of(first))
-        request.answer(folder, [first, second], found, parameters.told())
+        request.answer(folder, [first, second], found, parameters.to_record())

@@ -1,4 +1,4 @@
-"""What the guide advises is what is wrong, and following it makes it good: held against the simulator's truth."""
+"""Advice of the checks corrects the actual deviation, compared with the simulator's truth."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_a_turned_chart_is_told_by_how_much_and_which_way_and_following_it_makes
     advice = check_square(shoot(turned(**{name: angle})), FACTS)
     assert not advice.good
     assert WORDS[name, angle] in advice.say
-    # the noise cells tell the turn to 0.1 degree at this size (four times what was measured)
+    # the angles by the noise cells are accurate to 0.1 degree at this size (four times the measured error)
     assert advice.by_hand == {f"chart_{name}_deg": pytest.approx(-angle, abs=0.4)}
     mended = check_square(shoot(turned(**{name: angle + advice.by_hand[f"chart_{name}_deg"]})), FACTS)
     assert mended.good, mended.say
@@ -133,9 +133,9 @@ def test_the_way_to_the_right_distance_is_told_in_metres_and_leads_there(shoot, 
 
 @pytest.mark.slow
 def test_the_distance_is_that_of_the_simulator(shoot):
-    told = {reading.name: reading.value for reading in check_distance(shoot(), FACTS).readings}
+    readings = {reading.name: reading.value for reading in check_distance(shoot(), FACTS).readings}
     # marks to a hundredth of a pixel of 70
-    assert told["distance"] == pytest.approx(FAR_MM / 1000, rel=2e-3)
+    assert readings["distance"] == pytest.approx(FAR_MM / 1000, rel=2e-3)
 
 
 OFF = [(48.0, -24.0, "Shift the camera"), (60.0, -40.0, "cuts the chart")]

@@ -1,4 +1,4 @@
-"""Where the plan sends the camera before the chart's size tells: by the lens, the print and the sensor's planes."""
+"""Target distance of the plan before the chart is in sight, by lens, print and the sensor's planes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""NumPy's files: what is there is read, what is not asked for is left, and nothing that a zip can do ends untidily."""
+"""NumPy's files: wanted arrays are read, others skipped, and damaged archives raise BadInput."""
 
 from __future__ import annotations
 

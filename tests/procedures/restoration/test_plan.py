@@ -84,7 +84,7 @@ def test_an_f_number_that_the_camera_noted_otherwise_is_named_and_may_be_insiste
     advice = check(frame(image, f_number=noted), facts)
     assert not advice.good
     assert advice.doubted == (f"{which}_f_number",)
-    assert f"given as {wrong:g}, and the camera noted {noted:g}" in advice.say
+    assert f"given as {wrong:g}, but the camera recorded {noted:g}" in advice.say
     assert check(frame(image, f_number=noted), {**facts, f"insisted_{which}_f_number": True}).doubted == ()
 
 

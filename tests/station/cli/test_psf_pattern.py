@@ -186,8 +186,8 @@ def test_older_result_stays_whole_when_the_new_photograph_cannot_be_read(run, es
     ("words", "sentence"),
     [
         (["--plane", "G9"], "has the planes Y; got 'G9'"),
-        (["-s", "1"], "s of 2 or more; got s = 1"),
-        (["-k", "16"], "odd number k of samples, so that it has a centre; got k = 16"),
+        (["-s", "1"], "s must be 2 or more; got s = 1"),
+        (["-k", "16"], "k must be odd and 3 or more, so that the support has a centre; got k = 16"),
         (["-k", "1"], "got k = 1"),
         (["-s", "four"], "give a whole number, or auto; got 'four'"),
         (["--solver", "magic"], "'magic' is not one of"),

@@ -55,7 +55,7 @@ def test_every_command_says_what_its_dump_lacks(run, dump, tmp_path, words):
     assert f"64 x 80 samples of u16le are 10240 bytes; {dump} has 9600" in done.stderr
     done = run(*words, "--out", tmp_path / "out")
     assert done.exit_code == 4
-    assert "has no header of a RAW format" in done.stderr
+    assert "must have the header of a RAW format" in done.stderr
     done = run(*words, "--raw", "64x80,RGGB", "--out", tmp_path / "out")
     assert done.exit_code == 2
     assert "for example 1920x1080,RGGB,u16le,64,1023" in done.stderr

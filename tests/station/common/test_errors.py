@@ -74,7 +74,7 @@ def test_facts_that_are_not_finite_are_null():
     [
         (PermissionError(13, "Permission denied", "/locked/out"), 2, "/locked/out: Permission denied"),
         (OSError(28, "No space left on device"), 2, "a file: No space left on device"),
-        (MemoryError(), 5, "more memory than there is"),
+        (MemoryError(), 5, "not enough memory"),
         (OSError("a sentence of some library"), 70, "did not foresee"),
     ],
 )

@@ -44,7 +44,7 @@ def plain() -> tuple[np.ndarray, np.ndarray]:
 
 
 def turned(points: np.ndarray, shape: tuple[int, ...], quarters: int, mirror: bool) -> np.ndarray:
-    """Where points go when the picture is turned counterclockwise, as by numpy.rot90, then mirrored."""
+    """Points of a picture rotated counterclockwise, as by numpy.rot90, then mirrored."""
     rows, columns = shape
     for _ in range(quarters):
         points, (rows, columns) = np.column_stack([points[:, 1], columns - 1 - points[:, 0]]), (columns, rows)
