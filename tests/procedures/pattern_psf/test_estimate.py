@@ -234,7 +234,7 @@ def test_defocus_beyond_use_is_refused_or_doubted(rng: np.random.Generator) -> N
 
 def test_support_larger_than_the_samples_is_refused() -> None:
     small = photograph(pixels=64, size=(150, 150), yaw_deg=0)
-    refused(changed(small, small.clean), "need at least", parameters=PatternParameters(4, 51))
+    refused(changed(small, small.clean), "require at least", parameters=PatternParameters(4, 51))
 
 
 @pytest.mark.parametrize(

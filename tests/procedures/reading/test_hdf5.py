@@ -47,7 +47,7 @@ def test_data_sets_are_numbers_and_texts_within_the_limit(path, monkeypatch):
             stored.numbers("wrong")
         with pytest.raises(BadInput, match=r"must be an array \(any, 2\); got an array \(2, 3\)"):
             stored.numbers("numbers", (None, 2))
-        with pytest.raises(ValueError, match="no fixed length"):
+        with pytest.raises(ValueError, match="a fixed length"):
             stored.numbers("texts")
         with pytest.raises(KeyError):
             stored.numbers("elsewhere")

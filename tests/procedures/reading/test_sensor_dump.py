@@ -37,14 +37,14 @@ def test_what_is_no_layout_is_said_with_an_example(text, reason):
 @pytest.mark.parametrize("more", [-1, 1, 96])
 def test_size_that_disagrees_is_told_in_bytes(more):
     layout = DumpLayout.parse("8x6,RGGB,u16le,64,1023")
-    with pytest.raises(BadInput, match=f"8 x 6 samples of u16le are 96 bytes; x.raw has {96 + more}"):
+    with pytest.raises(BadInput, match=f"8 x 6 samples of u16le must have 96 bytes; x.raw has {96 + more}"):
         layout.read(bytes(96 + more), "x.raw")
 
 
 def test_bytes_in_the_other_order_are_found_by_their_bits():
     levels = np.full((6, 8), 900, "<u2")
     assert (DumpLayout.parse("8x6,RGGB,u16le,64,1000").read(levels.tobytes(), "x.raw") == 900).all()
-    with pytest.raises(BadInput, match=r"a white of 1000 leaves samples of at most 1023; x\.raw has 33795"):
+    with pytest.raises(BadInput, match=r"a white of 1000 samples must be at most 1023; x\.raw has 33795"):
         DumpLayout.parse("8x6,RGGB,u16be,64,1000").read(levels.tobytes(), "x.raw")
 
 

@@ -61,9 +61,9 @@ def test_record_and_spectrum_are_read_as_written(written):
         (lambda plane: plane["model"].update(bend=[0.1, "x"]), "`bend` of the sensor must be real numbers"),
         (lambda plane: plane["model"].update(saturation=0), "`saturation` of the sensor must be finite, from 1e-30"),
         (lambda plane: plane["model"].update(dark_variance=-1), "`dark_variance` of the sensor must be finite, from 0"),
-        (lambda plane: plane["model"].pop("gain"), "not whole"),
+        (lambda plane: plane["model"].pop("gain"), "incomplete"),
         (lambda plane: plane.update(model=[1, 2]), "cannot be read as a sensor's record"),
-        (lambda plane: plane.update(noise_power={"file": "nps.npy"}), "not whole"),
+        (lambda plane: plane.update(noise_power={"file": "nps.npy"}), "incomplete"),
         (lambda plane: plane["noise_power"].update(signal=1e400), "is not a finite number"),
         (
             lambda plane: plane["noise_power"].update(blocks=0),

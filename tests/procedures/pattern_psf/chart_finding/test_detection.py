@@ -136,7 +136,7 @@ def test_three_hidden_marks_are_refused() -> None:
 def test_cut_chart_is_refused() -> None:
     image, truth = plain()
     second_from_right = np.sort(truth[:, 0])[-2]
-    assert "cut by the photograph's edge: 2 of its 12 marks" in refusal(image[:, : int(second_from_right) - 2])
+    assert "cut off by the frame: 2 of its 12 marks" in refusal(image[:, : int(second_from_right) - 2])
 
 
 def test_mirrored_chart_is_refused() -> None:
