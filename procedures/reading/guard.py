@@ -49,8 +49,8 @@ class Room:
         self._taken += needed
         if self._taken > self._largest:
             megabytes = math.ceil(self._taken / 1e6)
-            limit = f"one file may take {self._largest / 1e6:g} MB in memory"
-            reason = f"{limit}; {self.name} has {what}, which take {megabytes} MB"
+            limit = f"one file may take {self._largest / 1e6:g} MB"
+            reason = f"{self.name} has {what}: {megabytes} MB in memory; {limit}"
             raise BadInput(reason, f"if the size is right and the memory suffices, set {LIMIT}={megabytes}")
 
 

@@ -133,7 +133,7 @@ class Procedure:
         chart = {} if self.chart is None else {"chart": self.chart.origin}
         layout = {"raw": str(self.layout)} if self.layout else {}
         trust = {"trust_typed": True} if self.trust_typed else {}
-        sampling = {} if self.parameters is None else self.parameters.told()
+        sampling = {} if self.parameters is None else self.parameters.to_record()
         if self.restoration is not None:
             sampling = self.restoration.entries
         if self.settings is not None:

@@ -92,7 +92,7 @@ def _shoot(
     head = RecordHead(
         "pattern",
         (InputFile(path.as_posix(), frame.sha256),),
-        {**parameters.told(), "chart": chart.origin, "pixel_pitch_um": PITCH_UM},
+        {**parameters.to_record(), "chart": chart.origin, "pixel_pitch_um": PITCH_UM},
         duration_s=round(time.perf_counter() - start, 3),
     )
     with ResultFolder(root / "results" / setup.name) as folder:
@@ -125,7 +125,7 @@ def _record(found: Demonstration, duration_s: float) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "procedure": "demo",
-        "parameters": {"seed": found.seed, **found.parameters.told(), "chart": found.chart.origin},
+        "parameters": {"seed": found.seed, **found.parameters.to_record(), "chart": found.chart.origin},
         "summary": asdict(summary(found)),
         "photographs": [_shot_entry(shot) for shot in found.shots],
         "software": software(),

@@ -394,7 +394,7 @@ CIRCLE = np.stack([np.cos(np.arange(30) / 5), np.sin(np.arange(30) / 5)], axis=1
 
 def _finite(values: np.ndarray) -> None:
     if not values.size or not np.isfinite(values).all():
-        raise ArithmeticError("a result that is no finite number")
+        raise ArithmeticError("a result that is not a finite number")
 
 
 def _positions(path: Path) -> None:

@@ -46,7 +46,7 @@ def test_the_tone_curve_of_a_processed_picture_comes_first(processed: np.ndarray
     file = tmp_path / "processed.png"
     cv2.imwrite(str(file), processed)
     said, plane, page, out = estimated(file)
-    assert plane["reason"].startswith("the response is curved")
+    assert plane["reason"].startswith("the response is not linear")
     assert plane["remedy"] == "use the RAW file, or a linear picture"
     others = plane["other_causes"]
     assert others

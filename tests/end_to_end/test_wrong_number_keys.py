@@ -13,7 +13,7 @@ from tests.station.app.driving import Driver, drive
 
 pytestmark = pytest.mark.slow
 DONE = ("print", "mount")
-NAMED = "the focal length was given as 50 mm, and the camera noted 24 mm"
+NAMED = "the focal length was given as 50 mm, but the camera recorded 24 mm"
 REMEDY = "Enter the numbers again, or confirm that they are right."
 SIZES = ("focal_length_mm", "pixel_pitch_um")
 

@@ -1,4 +1,4 @@
-"""What s and k are chosen from."""
+"""Choice of s and k."""
 
 from __future__ import annotations
 

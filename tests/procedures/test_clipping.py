@@ -1,4 +1,4 @@
-"""Samples that are cut off pile up at one value; plains with noise, in steps or without, do not."""
+"""Clipped samples accumulate at one value; uniform areas with noise, quantised or not, do not."""
 
 from __future__ import annotations
 

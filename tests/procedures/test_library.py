@@ -119,8 +119,8 @@ def test_five_lines_tell_the_camera_s_mtf50_with_its_error_bar(photograph, monke
     monkeypatch.chdir(folder)
     exec(five_lines(PAGES[0]), {})
     lines = re.findall(r"(\w+) = (\S+) ± (\S+)", capsys.readouterr().out)
-    told = {name: (float(value), float(bar)) for name, value, bar in lines}
-    value, uncertainty = told["mtf50_horizontal"]
+    printed = {name: (float(value), float(bar)) for name, value, bar in lines}
+    value, uncertainty = printed["mtf50_horizontal"]
     f = np.arange(0.0, 1.0, 1e-3)
     mtf = true_mtf(optics, f, 0.0, colour="G", pitch=2)
     true = f[np.flatnonzero(mtf < 0.5)[0]]

@@ -154,11 +154,11 @@ def test_strehl_has_its_peak_where_the_cutoff_is_far_inside_the_band() -> None:
 
 
 @pytest.mark.parametrize(
-    "told", [(8, 1e6, 550), (1e9, 5, 550), (8, 5, 1e9), (0, 5, 550), (-8, -5, 550), (8, np.nan, 5)]
+    "values", [(8, 1e6, 550), (1e9, 5, 550), (8, 5, 1e9), (0, 5, 550), (-8, -5, 550), (8, np.nan, 5)]
 )
-def test_no_camera_has_them(told: tuple[float, float, float]) -> None:
-    with pytest.raises(BadParameter, match="no camera has"):
-        Diffraction(*told)
+def test_implausible_diffraction_is_refused(values: tuple[float, float, float]) -> None:
+    with pytest.raises(BadParameter, match="diffraction cutoff must be"):
+        Diffraction(*values)
 
 
 @pytest.mark.parametrize(
@@ -167,8 +167,8 @@ def test_no_camera_has_them(told: tuple[float, float, float]) -> None:
 )
 def test_an_mtf_above_diffraction_contradicts_f_number_or_pitch(f_number, pitch_um, contradicted) -> None:
     # at f/8 with pixels of 5 um the pattern is at its own limit, below a wider aperture's
-    told = Diffraction(f_number, pitch_um, 550)
-    (rule,) = beyond_diffraction(assess(airy(Diffraction(8, 5.0, 550)), n=1), told)
+    limit_given = Diffraction(f_number, pitch_um, 550)
+    (rule,) = beyond_diffraction(assess(airy(Diffraction(8, 5.0, 550)), n=1), limit_given)
     assert rule.fails is contradicted
 
 
@@ -196,7 +196,7 @@ def test_share_outside_is_less_sure_where_the_tail_is_not_that_of_a_lens_in_focu
     h, no_noise = gaussian(0.5, 0.5, k=17), np.zeros((6, 6))
 
     def stray(*others: float) -> float:
-        """Over what is told of rings, a quarter of E / (R sqrt(8 pi)); amplitudes in units of what is expected."""
+        """Ratio to the estimate for rings, a quarter of E / (R sqrt(8 pi)); amplitudes in units of their priors."""
         amplitudes = 0.002 * np.array([1, *(np.array(others) * DIFFERS)])
         psf = Psf(h, S, 1e-12 * np.eye(h.size), PsfTail(amplitudes, no_noise, np.zeros((h.size, 6))))
         return tail_energy_uncertainty(psf) / (0.25 * psf.energy_outside[0] / (17 / 2 / S * np.sqrt(8 * np.pi)))

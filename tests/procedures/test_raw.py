@@ -118,9 +118,9 @@ def test_planes_alone_are_those_of_the_frame(write_dng):
 
 
 def test_unknown_plane_is_a_bad_parameter(write_dng, shared_data):
-    with pytest.raises(BadParameter, match="has the planes R, G1, G2, B; got 'Y'"):
+    with pytest.raises(BadParameter, match=r"must be one of R, G1, G2, B for .*; got 'Y'"):
         read_frame(write_dng(mosaic_of("RGGB")), ["Y"])
-    with pytest.raises(BadParameter, match="has the planes Y; got 'G1'"):
+    with pytest.raises(BadParameter, match=r"must be one of Y for .*; got 'G1'"):
         read_frame(shared_data / "pattern_photo" / "img_example.pgm", ["G1"])
 
 
@@ -187,7 +187,7 @@ def test_greens_of_a_grbg_camera_agree(shared_data):
 
 
 def test_interpolated_dng_is_refused(shared_data):
-    with pytest.raises(BadInput, match="no mosaic: its colours are already interpolated"):
+    with pytest.raises(BadInput, match="already demosaicked; a mosaic is required"):
         read_frame(shared_data / "raw" / "linear_no_mosaic.dng")
 
 
@@ -196,14 +196,14 @@ def test_interpolated_dng_is_refused(shared_data):
     [
         (X_TRANS, {}, "6 x 6 mosaic of X-Trans"),
         (ORDERS["RGGB"], {33421: None, 33422: None}, "monochrome sensor"),
-        ((3, 1, 5, 4), {}, "not red, green, green, blue"),
-        ((0, 0, 1, 1), {}, "not red, green, green, blue"),
-        (ORDERS["RGGB"], {50717: ("I", [200])}, "white level 200 not above its black level 256"),
-        (ORDERS["RGGB"], {50713: None}, "4 black levels for a repeat pattern of 1 x 1"),
-        (ORDERS["RGGB"], {50715: ("r", [1.0] * 7)}, "7 differences of black, which is not one for each column"),
-        (ORDERS["RGGB"], {50716: ("r", [])}, "0 differences of black, which is not one for each row"),
-        (ORDERS["RGGB"], {50713: ("H", [0, 0])}, "4 black levels for a repeat pattern of 0 x 0"),
-        (ORDERS["RGGB"], {50713: ("H", [4, 4]), 50714: ("R", range(16))}, "black has to be one level per plane"),
+        ((3, 1, 5, 4), {}, "must have a 2 x 2 mosaic of red, green, green, blue"),
+        ((0, 0, 1, 1), {}, "must have a 2 x 2 mosaic of red, green, green, blue"),
+        (ORDERS["RGGB"], {50717: ("I", [200])}, "white level above its black level 256; it is 200"),
+        (ORDERS["RGGB"], {50713: None}, "repeat pattern of 1 x 1 requires as many black levels; .* has 4"),
+        (ORDERS["RGGB"], {50715: ("r", [1.0] * 7)}, "one value per column; .* has 7"),
+        (ORDERS["RGGB"], {50716: ("r", [])}, "one value per row; .* has 0"),
+        (ORDERS["RGGB"], {50713: ("H", [0, 0])}, "repeat pattern of 0 x 0 requires as many black levels; .* has 4"),
+        (ORDERS["RGGB"], {50713: ("H", [4, 4]), 50714: ("R", range(16))}, "black must be one level per plane"),
     ],
 )
 def test_what_is_no_bayer_mosaic_is_refused_by_name(write_dng, cfa, tags, reason):
@@ -221,7 +221,7 @@ def test_a_monochrome_dng_gives_every_pixel_as_y(write_dng):
     black = np.tile([[256.0, 257.0], [258.0, 259.0]], (20, 25))
     np.testing.assert_allclose(plane.samples * (16383 - 257.5) + black, truth, atol=0.01)  # single precision
     assert (plane.pitch, plane.origin, frame.exposure.exposure_s) == (1, (0, 0), 0.02)
-    with pytest.raises(BadParameter, match="has the planes Y"):
+    with pytest.raises(BadParameter, match="must be one of Y"):
         read_frame(path, ["G1"])
 
 
@@ -249,10 +249,10 @@ def test_truncated_raw_without_a_known_layout_is_refused(shared_data, tmp_path):
         (b"", "is empty"),
         (b"remember to photograph the chart\n", "is a text file"),
         (b"remember to photograph the chart\n" * 500, "is a text file"),
-        (b"II*\0" + bytes(range(256)) * 40, "has no header of a RAW format"),
-        (b"FUJIFILM" + bytes(range(256)) * 40, "no RAW file that LibRaw"),
-        (bytes(range(256)) * 40, "has no header of a RAW format"),
-        (b"\xff\xd8\xff\xe0" + bytes(100), "is a JPEG, whose grey levels are not linear"),
+        (b"II*\0" + bytes(range(256)) * 40, "must have the header of a RAW format"),
+        (b"FUJIFILM" + bytes(range(256)) * 40, "is not a RAW file that LibRaw"),
+        (bytes(range(256)) * 40, "must have the header of a RAW format"),
+        (b"\xff\xd8\xff\xe0" + bytes(100), "is a JPEG, which is not linear in light"),
         (b"P6 2 2 255\n" + bytes(12), "three colours"),
     ],
 )
@@ -281,7 +281,7 @@ def test_name_with_other_letters_is_read(shared_data, tmp_path):
 def test_no_size_makes_a_photograph_of_random_bytes(tmp_path, begins):
     path = tmp_path / "noise.raw"
     path.write_bytes((begins + np.random.default_rng(0).bytes(4_147_200))[:4_147_200])
-    with pytest.raises(BadInput, match="has no header of a RAW format; its size alone") as refused:
+    with pytest.raises(BadInput, match="must have the header of a RAW format") as refused:
         read_frame(path)
     assert "--raw WIDTHxHEIGHT" in refused.value.remedy
 

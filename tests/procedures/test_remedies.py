@@ -1,4 +1,4 @@
-"""Remedies of all checks: nobody who gave a RAW file is told to give one."""
+"""Remedies of all checks: a RAW file is not asked for where one was given."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def of_ones(kind: type) -> Any:
 
 def of_a_chart(raw: bool, sensor: Any = None, **changed: float) -> Iterable[Check]:
     d = SimpleNamespace(**{**vars(of_ones(of_chart.Diagnostics)), **changed})
-    fit = SimpleNamespace(still=False, observation=[1.0])
-    more = chart.Doubts(Sampling(2, 11, "ls", ()), False, TRIED, (), [], sensor, raw)
-    return chart.checks_of(d, fit, more)
+    fit = SimpleNamespace(converged=False, observation=[1.0])
+    inputs = chart.VerdictInputs(Sampling(2, 11, "ls", ()), False, TRIED, (), [], sensor, raw)
+    return chart.checks_of(d, fit, inputs)
 
 
 def of_a_calibrated_chart(raw: bool) -> Iterable[Check]:
@@ -72,9 +72,9 @@ def test_a_raw_file_is_asked_for_only_where_there_is_none(checks: Callable[[bool
 
 
 def test_a_sensor_that_is_calibrated_is_not_to_be_calibrated() -> None:
-    told = {
+    remedies = {
         sensor is None: next(one.remedy for one in of_a_chart(True, sensor) if one.name == "response")
         for sensor in (None, SimpleNamespace(gain_uncertainty=0.1, gain=1.0))
     }
-    assert "calibrate" in told[True]
-    assert "calibrate" not in told[False]
+    assert "calibrate" in remedies[True]
+    assert "calibrate" not in remedies[False]

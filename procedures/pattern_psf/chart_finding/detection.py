@@ -267,7 +267,7 @@ def one_chart(sightings: list[ChartSighting]) -> ChartSighting:
     """The only sighting. Raises Refused where there is none, or more than one."""
     if not sightings:
         raise Refused(
-            "no chart was detected in the photograph",
+            "no chart in the photograph",
             "photograph the whole chart, in focus and evenly lit, with its noise region 60 to 300 pixels wide",
         )
     if len(sightings) > 1:

@@ -79,7 +79,7 @@ def test_edges_outside_the_frame_have_no_check() -> None:
 
 
 def test_what_lies_around_is_taken_out_by_its_tail() -> None:
-    # a bright square of 4 x 4 at 20 pixels' distance adds 16 A / r^3; plains without it are left as they are
+    # a bright square of 4 x 4 at 20 pixels' distance adds 16 A / r^3; plains without it are unchanged
     samples = np.full((60, 90), 0.2, dtype=np.float32)
     samples[:, 25:] = 0.8
     strip = strip_of(samples, Roi(10, 10, 30, 40), turned=False)

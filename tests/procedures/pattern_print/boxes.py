@@ -1,4 +1,4 @@
-"""What lies where on a sheet, in millimetres."""
+"""Bounding boxes of the elements of a sheet, in millimetres."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def text_box(text: Text) -> Box:
 
 
 def line_boxes(drawing: Drawing) -> list[Box]:
-    """Of the lines, without their thickness."""
+    """Bounding box of the lines, without their thickness."""
     return [
         (min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1))
         for (x0, y0), (x1, y1) in ((stroke.start, stroke.end) for stroke in drawing.strokes)
@@ -25,5 +25,5 @@ def line_boxes(drawing: Drawing) -> list[Box]:
 
 
 def apart(a: Box, b: Box) -> bool:
-    """Whether two boxes have nothing in common."""
+    """Whether two boxes are disjoint."""
     return a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]

@@ -1,4 +1,4 @@
-"""What a viewer does with a path: fill it by the non-zero rule. Independent of how the outlines were traced."""
+"""Filling of a path by the non-zero rule, as in a viewer, independent of the tracing of outlines."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Loops = Sequence[Sequence[tuple[int, int]]]
 
 
 def winding(loops: Loops, first: float, step: float, count: int) -> npt.NDArray[np.int64]:
-    """How often the loops go clockwise, y down, around each point (x, y) of a square grid; 0 is outside."""
+    """Winding number (clockwise, y down) of the loops around each point (x, y) of a square grid; 0 is outside."""
     centres = first + step * np.arange(count)
     crossings = np.zeros((count, count + 1), dtype=np.int64)
     for loop in loops:

@@ -1,4 +1,4 @@
-"""The chart with slanted edges: the same chart, and two edges in white beside it."""
+"""Chart with slanted edges: the chart is unchanged, and two edges in white are added."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def test_outlines_and_pixels_show_the_same_edges(source: Source) -> None:
     chart = source.with_edges().chart
     image = bitmap(chart, per_cell)
     inside = winding(outline(chart), -64 + 0.5 / per_cell, 1 / per_cell, len(image))
-    beside = np.zeros(image.shape, dtype=bool)
+    outside = np.zeros(image.shape, dtype=bool)
     first = per_cell * (2 * BLOCK + CELLS + BLOCK)
-    beside[:, first:] = beside[first:, :] = True
+    outside[:, first:] = outside[first:, :] = True
     # a side may run through a pixel's centre
-    assert np.mean((inside[beside] != 0) == (image[beside] == 0)) > 0.999
+    assert np.mean((inside[outside] != 0) == (image[outside] == 0)) > 0.999
 
 
 def test_edges_lean_against_each_other_and_a_block_of_white_lies_before_them() -> None:

@@ -40,5 +40,5 @@ def test_papers_are_upright_and_listed_from_small_to_large(papers) -> None:  # t
 
 def test_a_paper_is_found_by_its_name() -> None:
     assert paper_named("LETTER") is PAPERS["letter"]
-    with pytest.raises(BadParameter, match=r"the paper is one of a4, .*tabloid; got 'b5'"):
+    with pytest.raises(BadParameter, match=r"the paper must be one of a4, .*tabloid; got 'b5'"):
         paper_named("b5")

@@ -114,7 +114,7 @@ def test_ruler_is_100_mm_long(page: tuple[Sheet, Image], direction: str) -> None
 
 
 def _ruler_line(sheet: Sheet, direction: str) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ends of the ruler's own line, where its ticks are to be looked for."""
+    """Ends of the ruler's line, near which its ticks are searched."""
     for stroke in sheet.caption.strokes:
         (x0, y0), (x1, y1) = stroke.start, stroke.end
         lengths = {"across": (x1 - x0, y1 - y0), "along": (y0 - y1, x1 - x0)}[direction]

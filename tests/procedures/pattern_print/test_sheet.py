@@ -72,12 +72,9 @@ def test_the_largest_chart_of_a_paper(paper: str, width_mm: float) -> None:
 def test_no_larger_chart_fits(paper: Paper, edges: bool) -> None:
     most = largest_width_mm(paper, edges)
     check_fits(Size(most), paper, edges)
-    with pytest.raises(BadParameter, match=f"one sheet of {paper.name} can be up to {most:g} mm wide") as refused:
+    with pytest.raises(BadParameter, match=f"one sheet of {paper.name} must be at most {most:g} mm wide") as refused:
         check_fits(Size(most + 1), paper, edges)
-    assert (
-        refused.value.remedy
-        == f"order {most:g} mm or less, take larger paper, or print it over several sheets (--tile)"
-    )
+    assert refused.value.remedy == f"choose {most:g} mm or less, use larger paper, or print on several sheets (--tile)"
 
 
 def test_size_counts_ten_blocks_of_32_cells() -> None:

@@ -82,13 +82,13 @@ def test_seams_lie_between_cells_where_blocks_would_take_more_sheets() -> None:
 
 
 def test_too_many_sheets_are_refused() -> None:
-    with pytest.raises(BadParameter, match="at most 100 sheets; 3600 mm take 408 sheets of A4") as refused:
+    with pytest.raises(BadParameter, match="at most 100 sheets; 3600 mm take 408 of A4") as refused:
         tiling_of(Size(3600), PAPERS["a4"])
     assert "larger paper" in refused.value.remedy
 
 
 def test_slanted_edges_are_not_cut(plain: Source) -> None:
-    with pytest.raises(BadParameter, match="printed on one sheet"):
+    with pytest.raises(BadParameter, match="must fit on one sheet"):
         tiled(plain.with_edges(), tiling_of(Size(300), PAPERS["a4"]))
 
 

@@ -33,7 +33,7 @@ def circular(cutoff: float, *, fill: float = 1.0, blur_px: float = 0.0) -> Otf:
 
 
 def mtf50(otf: Otf, axis: int = 0) -> float:
-    """Where the MTF along x (0) or y (1) first falls to one half."""
+    """MTF50 along x (0) or y (1)."""
 
     def less(f: float) -> float:
         at = np.array([f]), np.zeros(1)
@@ -46,7 +46,7 @@ def mtf50(otf: Otf, axis: int = 0) -> float:
 
 @dataclass(frozen=True)
 class View:
-    """How the chart stands before the camera: width of the noise region in pixels, roll, perspective, where."""
+    """Pose of the chart: width of the noise region in pixels, roll, perspective, position."""
 
     width_px: float = 104.0
     roll: float = 0.03

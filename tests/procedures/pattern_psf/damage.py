@@ -1,4 +1,4 @@
-"""What goes wrong before a chart, on its way to the sensor and inside a camera: damaged copies of a photograph.
+"""Damaged copies of a photograph: faults of the chart, of the optics and of a camera's processing.
 
 Photographs are from black 0 to white 1; a damaged copy keeps its photograph's scale and is clipped to it.
 """
@@ -53,7 +53,7 @@ def gloss(radius_px: float, strength: float) -> Change:
 
 
 def shadow(share: float) -> Change:
-    """Of an edge across the chart."""
+    """Shape of an edge across the chart."""
     return lambda x: np.where(np.subtract(*_places(x)) > 20, x * (1 - share), x)
 
 
@@ -131,7 +131,7 @@ def curved(gamma: float) -> Change:
 
 
 def picture(quality: int, amount: float) -> Change:
-    """As a camera makes its JPEG: tone curve, sharpening, compression."""
+    """Processing of a camera's JPEG: tone curve, sharpening, compression."""
     return lambda x: jpeg(quality)(sharpened(amount, 1.0)(curved(1 / 2.2)(x)))
 
 
@@ -246,7 +246,7 @@ def _all() -> Iterator[tuple[str, Change]]:
 
 CHANGES: dict[str, Change] = dict(_all())
 SLIGHT: dict[str, Change] = {f"sharpened 0.1, {r} px": sharpened(0.1, r) for r in (0.6, 1.0, 2.0)}
-"""What leaves a PSF that a lens could have, too: no photograph of a chart tells it from one."""
+"""Damages whose PSF a lens could have, too: no photograph of a chart distinguishes them."""
 
 
 def damaged(photograph: Array, name: str) -> Array:

@@ -1,4 +1,4 @@
-"""What the guide advises is what is wrong, and following it makes it good: held against the simulator's truth."""
+"""Advice of the checks corrects the actual deviation, compared with the simulator's truth."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_a_turned_chart_is_told_by_how_much_and_which_way_and_following_it_makes
     advice = check_square(shoot(turned(**{name: angle})), FACTS)
     assert not advice.good
     assert WORDS[name, angle] in advice.say
-    # the noise cells tell the turn to 0.1 degree at this size (four times what was measured)
+    # the angles by the noise cells are accurate to 0.1 degree at this size (four times the measured error)
     assert advice.by_hand == {f"chart_{name}_deg": pytest.approx(-angle, abs=0.4)}
     mended = check_square(shoot(turned(**{name: angle + advice.by_hand[f"chart_{name}_deg"]})), FACTS)
     assert mended.good, mended.say
@@ -133,9 +133,9 @@ def test_the_way_to_the_right_distance_is_told_in_metres_and_leads_there(shoot, 
 
 @pytest.mark.slow
 def test_the_distance_is_that_of_the_simulator(shoot):
-    told = {reading.name: reading.value for reading in check_distance(shoot(), FACTS).readings}
+    readings = {reading.name: reading.value for reading in check_distance(shoot(), FACTS).readings}
     # marks to a hundredth of a pixel of 70
-    assert told["distance"] == pytest.approx(FAR_MM / 1000, rel=2e-3)
+    assert readings["distance"] == pytest.approx(FAR_MM / 1000, rel=2e-3)
 
 
 OFF = [(48.0, -24.0, "Shift the camera"), (60.0, -40.0, "cuts the chart")]
@@ -182,7 +182,7 @@ def test_clipped_white_is_exposed_shorter(shoot):
 
 def test_uneven_light_names_the_darker_side(shoot):
     advice = check_light(shoot(slope=(0.2, 0.0), exposure_s=0.02), FACTS)
-    assert "left side is darker" in advice.say
+    assert "left side has" in advice.say
     assert "even_light" in advice.by_hand
 
 
@@ -191,7 +191,7 @@ def test_without_a_chart_the_brightest_paper_is_exposed_for_and_the_chart_is_ask
     assert "too dark" in dark.say
     # the wall reflects 0.35 where paper reflects 0.9
     bright = check_light(shoot(charts=0, exposure_s=0.024 * 0.9 / 0.35), FACTS)
-    assert "No chart is seen" in bright.say
+    assert "No chart is found" in bright.say
 
 
 @pytest.mark.slow
@@ -204,7 +204,7 @@ def test_a_chart_of_another_number_is_named_by_its_cells(shoot, wrong):
     assert right.facts["seed_agreement"] > 3 * MIN_CELL_CORRELATION
     advice = check_light(taken, {**FACTS, "chart_seed": float(wrong)})
     assert advice.contradictory == ("chart_seed",)
-    assert f"number {wrong}; they are those of 1" in advice.say
+    assert f"number {wrong}, but those of number 1" in advice.say
     assert check_light(taken, {**FACTS, "chart_seed": float(wrong), "insisted_chart_seed": True}).good
 
 

@@ -24,7 +24,7 @@ def truth():
 
 @pytest.fixture
 def covariance(rng):
-    """Of samples whose sum is fixed; a hundredth of the PSF's peak."""
+    """Covariance of samples of fixed sum; 1 % of the PSF's peak."""
     A = rng.normal(size=(K * K, K * K)) / K
     return 1e-6 * LEVEL @ (A @ A.T + 0.2 * np.eye(K * K)) @ LEVEL
 
@@ -33,7 +33,7 @@ def shot(h, covariance, verdict=Verdict.PASS, **numbers):
     found = SimpleNamespace(
         psf=Psf(h, 4, covariance), n=5000, diffraction=None, residual_std=1.0, diagnostics={"agreement": 0.9}, **numbers
     )
-    return Outcome(found, verdict, "it is doubted" if verdict is Verdict.DOUBTFUL else "", "")
+    return Outcome(found, verdict, "it is doubtful" if verdict is Verdict.DOUBTFUL else "", "")
 
 
 def draw(rng, truth, covariance, shift=0.0):
@@ -84,8 +84,8 @@ def test_a_shot_that_does_not_belong_is_refused_and_named(rng, truth, covariance
 def test_refused_shots_are_left_out_and_a_doubt_of_most_is_kept(rng, truth, covariance):
     refused = Outcome(None, Verdict.REFUSED, "too dark", "expose longer")
     good = shot(draw(rng, truth, covariance), covariance)
-    doubted = shot(draw(rng, truth, covariance), covariance, Verdict.DOUBTFUL)
-    assert combine([refused, good, good, doubted]).verdict is Verdict.PASS
-    assert combine([good, doubted, doubted]).reason == "it is doubted"
+    doubtful = shot(draw(rng, truth, covariance), covariance, Verdict.DOUBTFUL)
+    assert combine([refused, good, good, doubtful]).verdict is Verdict.PASS
+    assert combine([good, doubtful, doubtful]).reason == "it is doubtful"
     assert combine([refused]).reason == "too dark"
-    assert combine([]).reason == "no shot counts"
+    assert combine([]).reason == "no shot was taken"

@@ -44,8 +44,8 @@ def test_bins_err_independently(bench):
     grid = np.full((BINS * BINS, 2), np.nan)
     grid[one.index] = left
     grid = grid.reshape(BINS, BINS, 2)
-    beside = np.nanmean(grid[:, 1:] * grid[:, :-1]) / np.nanmean(grid**2)
-    assert abs(beside) < 4 / np.sqrt(2 * BINS * (BINS - 1))
+    neighbours = np.nanmean(grid[:, 1:] * grid[:, :-1]) / np.nanmean(grid**2)
+    assert abs(neighbours) < 4 / np.sqrt(2 * BINS * (BINS - 1))
 
 
 def test_normal_equations_are_summed_bin_by_bin(rng):

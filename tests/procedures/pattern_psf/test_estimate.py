@@ -63,7 +63,7 @@ def test_real_photograph_agrees_with_the_published_answers(shared_data: Path) ->
         found = value(outcome)
         assert outcome.verdict is Verdict.PASS
         assert np.corrcoef(found.psf.h.ravel(), published.ravel())[0, 1] > 0.98
-        # nothing but noise is left once ink spread and printed edges are allowed for
+        # the residual is noise once ink spread and printed edges are modelled
         assert found.residual_std == pytest.approx(1, abs=0.1)
         assert found.diagnostics["ink_spread"] == pytest.approx(0.023, abs=0.006)
 
@@ -91,7 +91,7 @@ def test_noise_of_three_per_cent_is_held_down_where_nothing_may_be_negative(
     free, held = (value(outcome) for outcome in outcomes.values())
     errors = [aligned_error(found.psf.h, truth.h)[0] for found in (free, held)]
     assert held.psf.h.min() >= 0
-    # non-negativity alone halves the error; a few tens of numbers describe the PSF, not 289: a quarter is left
+    # non-negativity alone halves the error; with the prior, a few tens of parameters instead of 289, it is a quarter
     assert errors[1] < 0.35 * errors[0]
     # what the noise leaves open, of the whole PSF, is the same for both
     for name, free_number in free.quality.numbers.items():
@@ -172,9 +172,7 @@ def test_hot_and_dead_samples_are_not_the_charts_fault(bench: Bench, rng: np.ran
     )
     assert outcome.verdict is Verdict.PASS, outcome.reason
     before, after = (value(one).quality.numbers["mtf50_horizontal"] for one in (clean, outcome))
-    assert after.value == pytest.approx(
-        before.value, abs=before.uncertainty
-    )  # what 0.2 % of the samples tell, and less
+    assert after.value == pytest.approx(before.value, abs=before.uncertainty)  # 0.2 % of the samples, and fewer
     x, y = bench.photograph.true_points("Y", np.array([[0.0, 0.0], [CELLS, 0], [CELLS, CELLS], [0, CELLS]])).T
     region = 0.5 * abs(x @ np.roll(y, 1) - y @ np.roll(x, 1))
     strays = value(outcome).diagnostics["stray_samples"]
@@ -220,7 +218,7 @@ def test_coarse_steps_are_refused_as_too_dark(bench: Bench) -> None:
 
 
 def test_faint_chart_is_refused_as_too_dark(bench: Bench, rng: np.random.Generator) -> None:
-    refused(changed(bench, 0.01 * bench.clean), "clear of black")
+    refused(changed(bench, 0.01 * bench.clean), "too dark")
 
 
 @pytest.mark.slow
@@ -236,16 +234,16 @@ def test_defocus_beyond_use_is_refused_or_doubted(rng: np.random.Generator) -> N
 
 def test_support_larger_than_the_samples_is_refused() -> None:
     small = photograph(pixels=64, size=(150, 150), yaw_deg=0)
-    refused(changed(small, small.clean), "need at least", parameters=PatternParameters(4, 51))
+    refused(changed(small, small.clean), "require at least", parameters=PatternParameters(4, 51))
 
 
 @pytest.mark.parametrize(
     ("s", "k", "solver", "match"),
     [
-        (1, 17, "ls", "s of 2 or more; got s = 1"),
-        (4, 16, "ls", "odd number k"),
-        (4, 3, "ls", "k at least s"),
-        (4, 17, "qr", "solver is one of"),
+        (1, 17, "ls", "s must be 2 or more; got s = 1"),
+        (4, 16, "ls", "k must be odd"),
+        (4, 3, "ls", "k must be at least s"),
+        (4, 17, "qr", "solver must be one of"),
     ],
 )
 def test_parameters_that_cannot_be_meant(s: int, k: int, solver: str, match: str) -> None:
@@ -290,7 +288,7 @@ def test_each_of_several_charts_can_be_chosen() -> None:
 
 
 def centre_seen(found: PatternPsf) -> np.ndarray:
-    """Where a mark at the chart's centre is seen, (x, y)."""
+    """Image (x, y) of a mark at the chart's centre."""
     offset = mark_offset(found.psf.h, found.psf.s, found.registration.jacobian())
     return np.asarray(found.registration.to_sensor(np.full((1, 2), CELLS / 2))[0] + offset)
 

@@ -55,7 +55,7 @@ def test_response_that_no_parabola_is_moves_the_psf_unless_it_is_known() -> None
     ]
     assert off[1] > 1e-3
     assert off[0] < 0.2 * off[1]
-    # what is not understood of the response is seen in what is left over, too
+    # an error of the response appears in the residual, too
     assert with_it.residual_std < 0.9 * without.residual_std
 
 
@@ -71,9 +71,9 @@ def test_response_is_undone_and_known() -> None:
 
 @pytest.mark.slow
 def test_noise_is_the_sensors() -> None:
-    # the noise was made by that model: what is left is of that size
+    # the noise follows that model, so the residual has its size
     assert found(SENSOR).residual_std == pytest.approx(1, abs=0.03)
-    # a sensor said to have four times the variance leaves half of it
+    # with four times the variance the normalised residual is half as large
     noisier = replace(SENSOR, gain=1.2, dark_variance=16.0)
     assert found(noisier).residual_std == pytest.approx(0.5, abs=0.02)
 
@@ -110,7 +110,7 @@ def test_noise_beside_the_calibration_is_told() -> None:
     )
     assert "sensor's calibration" not in as_it_is.reason
     assert sharpened.verdict is Verdict.DOUBTFUL
-    assert "sensor's calibration tells: the picture was sharpened" in sharpened.reason
+    assert "sensor's calibration: the picture was sharpened" in sharpened.reason
     assert sharpened.value is not None
     # a mask of 0.1 makes 1.1 of the finest detail
     assert sharpened.value.diagnostics["finest_noise"] == pytest.approx(1.21, rel=0.1)

@@ -1,4 +1,4 @@
-"""Which samples are the sensor's own faults, and which lie under something."""
+"""Classification of outliers as defective pixels or covered places."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from procedures.pattern_psf.outliers import excluded_samples, within_levels
 
 
 def observation(y: np.ndarray, noise: float = 0.01) -> Observation:
-    """Of a whole square of samples."""
+    """Observation of a whole square of samples."""
     rows, columns = (place.ravel() for place in np.indices(y.shape))
     points = np.column_stack([columns, rows]).astype(np.float64)
     flat, n = y.ravel(), y.size
@@ -18,13 +18,13 @@ def observation(y: np.ndarray, noise: float = 0.01) -> Observation:
 
 def test_single_samples_are_told_from_specks() -> None:
     whole = observation(np.zeros((20, 20)))
-    lost = np.zeros((20, 20), dtype=bool)
-    lost[[0, 5, 19], [0, 7, 3]] = True  # at the rim, too
-    lost[10:12, 10:12] = True
-    lost[[15, 16], [15, 16]] = True  # corners touch
-    found = excluded_samples(whole, whole.where(~lost.ravel()))
-    assert found.stray == 3
-    assert found.connected == 6 / 400
+    excluded = np.zeros((20, 20), dtype=bool)
+    excluded[[0, 5, 19], [0, 7, 3]] = True  # at the rim, too
+    excluded[10:12, 10:12] = True
+    excluded[[15, 16], [15, 16]] = True  # corners touch
+    counts = excluded_samples(whole, whole.where(~excluded.ravel()))
+    assert counts.stray == 3
+    assert counts.connected == 6 / 400
 
 
 def test_only_what_no_light_of_the_chart_makes_is_beyond_reach() -> None:

@@ -1,4 +1,4 @@
-"""Where the plan sends the camera before the chart's size tells: by the lens, the print and the sensor's planes."""
+"""Target distance of the plan before the chart is in sight, by lens, print and the sensor's planes."""
 
 from __future__ import annotations
 
@@ -92,5 +92,5 @@ def test_a_chart_that_exceeds_the_paper_is_given_on_several_sheets(paper, width_
 
 def test_a_chart_of_too_many_sheets_is_asked_again():
     printing("chart_width_mm").check(1000.0, {"paper": "a4"})
-    with pytest.raises(BadParameter, match="at most 100 sheets; 3600 mm take 408 sheets of A4"):
+    with pytest.raises(BadParameter, match="at most 100 sheets; 3600 mm take 408 of A4"):
         printing("chart_width_mm").check(3600.0, {"paper": "a4"})

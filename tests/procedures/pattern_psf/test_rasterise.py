@@ -46,7 +46,7 @@ def test_raster_blurred_is_the_photograph(bench: Bench) -> None:
     model = np.array(
         [[np.sum(u[s * i : s * i + k, s * j : s * j + k] * h[::-1, ::-1]) for j in range(60)] for i in range(60)]
     )
-    # the marks' map is off by some hundredths of a pixel on this tilted chart: the correlation says the rest
+    # the marks' map errs by some hundredths of a pixel on this tilted chart, which limits the correlation
     assert np.corrcoef(model.ravel(), samples[65:125, 70:130].ravel())[0, 1] > 0.985
 
 

@@ -1,4 +1,4 @@
-"""What a doubt about s and k that were given asks for, and the cause that damaged photographs show first."""
+"""Remedies for unsuitable given s and k, and the first cause of damaged photographs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,11 @@ from .damage import damaged
 
 @pytest.mark.parametrize(
     ("better", "words"),
-    [((3, 13), "use -s 3 -k 13"), ((2, 17), "raise s, from a distance"), (None, "raise s, from a distance")],
+    [
+        ((3, 13), "use -s 3 -k 13"),
+        ((2, 17), "raise s, and photograph from a distance"),
+        (None, "raise s, and photograph from a distance"),
+    ],
 )
 def test_a_band_that_ends_too_soon_asks_for_s(better: tuple[int, int] | None, words: str) -> None:
     tried = Trial(2, 11, (0.41, 0.41), uncertainty=0.0004, truncation=0.0001, band_edge=0.06, better=better)
@@ -33,13 +37,13 @@ def test_a_band_that_ends_too_soon_asks_for_s(better: tuple[int, int] | None, wo
     ("name", "reason"),
     [
         ("sharpened 0.5, 1.0 px", "the picture was sharpened"),
-        ("gamma 0.5", "the response is curved"),
-        ("black floored 0.1", "black is cut off"),
+        ("gamma 0.5", "the response is not linear"),
+        ("black floored 0.1", "black is clipped"),
         ("half defocused 0.5", "the PSF varies over the chart"),
         ("finger 0.1, 20 px", "the darkest white block"),
-        ("toner 80 of 2.0 px", "of the samples do not fit the chart"),
+        ("toner 80 of 2.0 px", "of the samples are outliers"),
         ("red demosaiced", "the picture was demosaiced"),
-        ("shadow 0.3", "neither the chart nor noise"),
+        ("shadow 0.3", "neither chart nor noise"),
     ],
 )
 def test_what_was_done_to_a_photograph_is_the_first_cause(shared_data: Path, name: str, reason: str) -> None:

@@ -35,7 +35,7 @@ def test_psf_and_centre_have_one_covariance(found):
     whole = together(found)
     spread = np.sqrt(np.diag(whole))
     assert np.linalg.eigvalsh(whole / np.outer(spread, spread)).min() > -1e-9
-    # where the PSF's mark is seen, and so its first moment against it, is a part of where the centre is
+    # the mark offset, and so the first moment relative to it, is a part of the centre's position
     x = np.tile((np.arange(found.psf.k) - found.psf.k // 2) / found.psf.s, found.psf.k)
     moment = np.concatenate([x, np.zeros(len(whole) - len(x))])
     shared = moment @ whole[:, -2]

@@ -1,4 +1,4 @@
-"""The numbers are the camera's: held to optics without an end, analytic, which share nothing with the method."""
+"""Numbers of the PSF compared with analytic optics of unlimited extent, independent of the method."""
 
 from __future__ import annotations
 
@@ -95,11 +95,11 @@ def test_known_aperture_narrows_the_tail(rng: np.random.Generator) -> None:
 
     plane = exposed(photograph(), rng)
     limit = Diffraction(f_number=5.6, pixel_pitch_um=1.62 * 0.55 * 5.6, wavelength_nm=550)  # cutoff 1.62
-    free, told = (estimate_psf(plane, CHART, PatternParameters(4, 17), one).value for one in (None, limit))
+    free, with_prior = (estimate_psf(plane, CHART, PatternParameters(4, 17), one).value for one in (None, limit))
     assert free is not None
-    assert told is not None
-    assert told.psf.energy_outside[1] < free.psf.energy_outside[1]
-    assert abs(told.diagnostics["tail_sigmas"]) < 3
+    assert with_prior is not None
+    assert with_prior.psf.energy_outside[1] < free.psf.energy_outside[1]
+    assert abs(with_prior.diagnostics["tail_sigmas"]) < 3
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""What a file announces is held against the limit before anything is decoded: time and memory stay small."""
+"""Declared sizes are compared with the limit before anything is decoded: time and memory stay small."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from procedures.reading.guard import LIMIT, Room, read_file
 from . import bombs
 
 ROOM = 500_000_000
-"""Bytes that a reader may take beside what its libraries take."""
+"""Memory that a reader may take in addition to its libraries."""
 
-# name -> how it is written, how read, and what is said
+# name -> writer, reader, and message
 BOMBS = {
     "picture.tif": ("bombs.tiff(path)", "raw.read_frame(path)", "20000 x 20000 samples"),
     "tile.tif": ("bombs.tiff(path, side=64, tile=32768)", "raw.read_frame(path)", "64 x 64 samples: 4295 MB"),
@@ -64,8 +64,8 @@ for path, read in {todo!r}:
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
-    """What one program says of each bomb, each read in a process of its own that may take 500 MB more."""
+def messages(tmp_path_factory):
+    """Messages for all bombs, each read in a process of its own that may take 500 MB more."""
     if sys.platform != "linux":
         pytest.skip("the program's own size is read from /proc")
     folder, todo = tmp_path_factory.mktemp("bombs"), []
@@ -80,16 +80,16 @@ def told(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BOMBS)
-def test_bomb_is_refused_by_name_within_500_mb(told, name):
-    assert name in told
-    assert BOMBS[name][2] in told[name]
+def test_bomb_is_refused_by_name_within_500_mb(messages, name):
+    assert name in messages
+    assert BOMBS[name][2] in messages[name]
 
 
 def test_limit_is_a_setting_that_the_refusal_names(tmp_path, monkeypatch):
     path = tmp_path / "wall.pgm"
     path.write_bytes(b"P5 1000 500 255\n" + bytes(range(250)) * 2000)
     monkeypatch.setenv(LIMIT, "1.5")  # half a million samples of four bytes are 2 MB
-    with pytest.raises(BadInput, match=r"500000 samples: 2 MB in memory, and one file may take 1\.5") as refused:
+    with pytest.raises(BadInput, match=r"500000 samples: 2 MB in memory; one file may take 1\.5 MB") as refused:
         read_frame(path)
     assert refused.value.remedy.endswith(f"set {LIMIT}=2")
     monkeypatch.setenv(LIMIT, "2")
@@ -104,8 +104,8 @@ def test_file_larger_than_the_limit_is_not_read_at_all(tmp_path, monkeypatch):
         read_file(tmp_path / "long.dng")
 
 
-@pytest.mark.parametrize("told", ["lots", "0", "-1", "nan", "inf"])
-def test_limit_that_is_no_number_is_named(monkeypatch, told):
-    monkeypatch.setenv(LIMIT, told)
-    with pytest.raises(BadParameter, match=f"{LIMIT} is a number of megabytes; it is '{told}'"):
+@pytest.mark.parametrize("setting", ["lots", "0", "-1", "nan", "inf"])
+def test_invalid_limit_is_named(monkeypatch, setting):
+    monkeypatch.setenv(LIMIT, setting)
+    with pytest.raises(BadParameter, match=f"{LIMIT} must be a positive number of megabytes; got '{setting}'"):
         Room("a.dng")

@@ -67,8 +67,8 @@ def test_what_is_typed_must_not_contradict_the_camera():
     assert disagreements(noted, {"f_number": 2.83, "focal_length_mm": 51.6, "pixel_pitch_um": 4.35}) == []
     assert disagreements(noted, {"f_number": None}) == disagreements(Exposure(), {"f_number": 5.6}) == []
     with pytest.raises(
-        BadParameter, match=r"a\.dng: the f-number was given as 5\.6, and the camera noted 2\.8; "
+        BadParameter, match=r"a\.dng: the f-number was given as 5\.6, but the camera recorded 2\.8; "
     ) as found:
         check_typed(noted, {"f_number": 5.6, "pixel_pitch_um": 8.6}, "a.dng", "add --trust-typed")
-    assert "the pixel pitch was given as 8.6 µm, and the camera noted 4.3 µm" in found.value.reason
-    assert found.value.remedy == "leave it out, or correct it; to insist, add --trust-typed"
+    assert "the pixel pitch was given as 8.6 µm, but the camera recorded 4.3 µm" in found.value.reason
+    assert found.value.remedy == "omit or correct it; to keep it, add --trust-typed"

@@ -26,7 +26,7 @@ def encoded(suffix, image, flags=()):
 
 
 def tiff_without_samples(photometric, bits=8):
-    """A TIFF directory alone, which is refused before any sample is looked at."""
+    """A TIFF directory alone, which is refused before any sample is read."""
     tags = ((256, 20), (257, 12), (258, bits), (259, 1), (262, photometric), (273, 8), (277, 1), (278, 12), (279, 240))
     entries = b"".join(
         np.array([code, 3], "<u2").tobytes() + np.array([1, value], "<u4").tobytes() for code, value in tags
@@ -83,14 +83,14 @@ def test_slanted_edge_sample_is_read(shared_data):
 @pytest.mark.parametrize(
     ("name", "content", "reason"),
     [
-        ("short.pgm", b"P5 4 2 255\n123", "announces 8 samples, 3 are there"),
-        ("short.pgm", b"P2 4 2 255\n1 2 3", "announces 8 samples, 3 are there"),
-        ("short.pgm", b"P5 4 2 65535\n12345678", "announces 8 samples, 4 are there"),
+        ("short.pgm", b"P5 4 2 255\n123", "declares 8 samples; it has 3"),
+        ("short.pgm", b"P2 4 2 255\n1 2 3", "declares 8 samples; it has 3"),
+        ("short.pgm", b"P5 4 2 65535\n12345678", "declares 8 samples; it has 4"),
         ("vast.pgm", b"P5 99999999 99999999 255\n12", "is truncated"),
-        ("odd.pgm", b"P5 of a dog", "no width, height and maxval"),
+        ("odd.pgm", b"P5 of a dog", "without width, height and maxval"),
         ("odd.pgm", b"P5 0 2 255\n12", "0 x 2"),
         ("odd.pgm", b"P5 1 1 70000\n12", "maxval of 1 to 65535"),
-        ("odd.pgm", b"P5 1 1 100\n\xff", "sample 255 above its maxval 100"),
+        ("odd.pgm", b"P5 1 1 100\n\xff", "must not exceed the maxval 100; .* has 255"),
         ("odd.pgm", b"P2 2 1 255\n1 x", "other text"),
         ("odd.pgm", b"P2 2 1 255\n1 -1", "outside its maxval"),
         ("colour.png", encoded(".png", np.zeros((4, 4, 3), np.uint8)), "has colours"),
@@ -98,16 +98,16 @@ def test_slanted_edge_sample_is_read(shared_data):
         (
             "bits.png",
             encoded(".png", np.zeros((4, 4), np.uint8), (cv2.IMWRITE_PNG_BILEVEL, 1)),
-            "8 or 16 bit; .* has 1",
+            "8 or 16 bits; .* has 1",
         ),
         ("cut.png", encoded(".png", LEVELS)[:-40], "no end chunk"),
         ("cut.png", encoded(".png", LEVELS)[:20], "truncated: 20 bytes"),
-        ("colour.tif", encoded(".tif", np.zeros((4, 4, 3), np.uint8)), "3 colour channels"),
+        ("colour.tif", encoded(".tif", np.zeros((4, 4, 3), np.uint8)), "3 channels"),
         ("real.tif", encoded(".tif", np.zeros((4, 4), np.float32)), "has 32"),
-        ("cut.tif", encoded(".tif", LEVELS)[:40], "cannot be decoded whole"),
-        ("none.tif", b"II*\0" + bytes(50), "cannot be decoded whole"),
-        ("inverted.tif", tiff_without_samples(0), "writes white as 0"),
-        ("deep.tif", tiff_without_samples(1, 12), "8 or 16 bit; .* has 12"),
+        ("cut.tif", encoded(".tif", LEVELS)[:40], "cannot be decoded completely"),
+        ("none.tif", b"II*\0" + bytes(50), "cannot be decoded completely"),
+        ("inverted.tif", tiff_without_samples(0), "with white as 0"),
+        ("deep.tif", tiff_without_samples(1, 12), "8 or 16 bits; .* has 12"),
     ],
 )
 def test_what_is_no_grey_plane_is_refused_by_name(tmp_path, capfd, name, content, reason):
@@ -123,7 +123,7 @@ def test_damaged_png_is_refused(tmp_path, rng, capfd):
     content[1500] ^= 0xFF
     path = tmp_path / "damaged.png"
     path.write_bytes(content)
-    with pytest.raises(BadInput, match="cannot be decoded whole"):
+    with pytest.raises(BadInput, match="cannot be decoded completely"):
         read_frame(path)
     assert capfd.readouterr() == ("", "")
 

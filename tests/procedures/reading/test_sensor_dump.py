@@ -1,4 +1,4 @@
-"""Sensor dumps: the layout that is told, and files that disagree with it."""
+"""Sensor dumps: parsing of layouts, and files that disagree with them."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ def test_layout_reads_as_it_is_written():
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("1920x1080,RGGB,u16le,64", "has five parts; got '1920x1080,RGGB,u16le,64'"),
-        ("1920,RGGB,u16le,64,1023", "the height of a sensor dump is a whole number; got ''"),
-        ("-8x6,RGGB,u16le,64,1023", "the width of a sensor dump is a whole number; got '-8'"),
-        ("8x1,RGGB,u16le,64,1023", "two pixels or more each way; got 8 x 1"),
+        ("1920x1080,RGGB,u16le,64", "must have five parts; got '1920x1080,RGGB,u16le,64'"),
+        ("1920,RGGB,u16le,64,1023", "the height of a sensor dump must be a whole number; got ''"),
+        ("-8x6,RGGB,u16le,64,1023", "the width of a sensor dump must be a whole number; got '-8'"),
+        ("8x1,RGGB,u16le,64,1023", "at least 2 x 2 pixels; got 8 x 1"),
         ("8x6,RGBG,u16le,64,1023", "one of RGGB, BGGR, GRBG, GBRG, Y; got 'RGBG'"),
         ("8x6,RGGB,u12,64,1023", "one of u8, u16le, u16be; got 'u12'"),
-        ("8x6,RGGB,u16le,64.5,1023", "the black of a sensor dump is a whole number; got '64.5'"),
-        ("8x6,RGGB,u16le,1023,1023", "black must be under white.*got 1023 and 1023"),
-        ("8x6,RGGB,u8,0,1023", "white at most 255 in u8; got 0 and 1023"),
+        ("8x6,RGGB,u16le,64.5,1023", "the black of a sensor dump must be a whole number; got '64.5'"),
+        ("8x6,RGGB,u16le,1023,1023", "black must be below white.*got 1023 and 1023"),
+        ("8x6,RGGB,u8,0,1023", "white at most 255 for u8; got 0 and 1023"),
     ],
 )
 def test_what_is_no_layout_is_said_with_an_example(text, reason):
@@ -37,14 +37,14 @@ def test_what_is_no_layout_is_said_with_an_example(text, reason):
 @pytest.mark.parametrize("more", [-1, 1, 96])
 def test_size_that_disagrees_is_told_in_bytes(more):
     layout = DumpLayout.parse("8x6,RGGB,u16le,64,1023")
-    with pytest.raises(BadInput, match=f"8 x 6 samples of u16le are 96 bytes; x.raw has {96 + more}"):
+    with pytest.raises(BadInput, match=f"8 x 6 samples of u16le must have 96 bytes; x.raw has {96 + more}"):
         layout.read(bytes(96 + more), "x.raw")
 
 
 def test_bytes_in_the_other_order_are_found_by_their_bits():
     levels = np.full((6, 8), 900, "<u2")
     assert (DumpLayout.parse("8x6,RGGB,u16le,64,1000").read(levels.tobytes(), "x.raw") == 900).all()
-    with pytest.raises(BadInput, match=r"a white of 1000 leaves samples of at most 1023; x\.raw has 33795"):
+    with pytest.raises(BadInput, match=r"a white of 1000 samples must be at most 1023; x\.raw has 33795"):
         DumpLayout.parse("8x6,RGGB,u16be,64,1000").read(levels.tobytes(), "x.raw")
 
 

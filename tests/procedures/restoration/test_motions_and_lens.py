@@ -74,7 +74,7 @@ def test_the_first_photograph_names_missing_lens_data():
     assert advice.contradictory == ("lens_f_number", "focus_m", "pixel_pitch_um")
     noted = check_first(frame(0, f_number=5.6), FACTS)
     assert noted.contradictory == ("lens_f_number",)
-    assert "given as 4, and the camera noted 5.6" in noted.say
+    assert "given as 4, but the camera recorded 5.6" in noted.say
 
 
 def test_uniform_motion_starts_with_the_even_masks_of_its_axis():

@@ -91,7 +91,7 @@ def test_an_f_number_that_contradicts_the_camera_is_named_and_may_be_insisted_on
     advice = check(frame(image, f_number=noted), facts)
     assert not advice.good
     assert advice.contradictory == (f"{which}_f_number",)
-    assert f"given as {wrong:g}, and the camera noted {noted:g}" in advice.say
+    assert f"given as {wrong:g}, but the camera recorded {noted:g}" in advice.say
     assert check(frame(image, f_number=noted), {**facts, f"insisted_{which}_f_number": True}).contradictory == ()
 
 

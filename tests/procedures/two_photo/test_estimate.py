@@ -139,7 +139,7 @@ def test_recursion_and_equation_agree(positive: TwoPhotoPsf) -> None:
 
 @pytest.mark.parametrize(
     ("parameters", "match"),
-    [({"s": 1}, "s of 2 or more"), ({"k": 12}, "odd number k"), ({"solver": "svd"}, "ls, clip, nnls")],
+    [({"s": 1}, "s must be 2 or more"), ({"k": 12}, "k must be odd"), ({"solver": "svd"}, "ls, clip, nnls")],
 )
 def test_parameters_that_cannot_be_meant(parameters: dict[str, object], match: str) -> None:
     with pytest.raises(BadParameter, match=match):

@@ -234,9 +234,9 @@ def test_what_is_no_camera_is_refused_by_name(tmp_path, result):
     ("change", "words"),
     [
         ({"columns": 1 << 62}, "1 to 1000000 pixels each way"),
-        ({"columns": 1 << 70}, "whole numbers have up to 64 bits"),
+        ({"columns": 1 << 70}, "integers must have at most 64 bits"),
         ({"rows": 480.5}, "1 to 1000000 pixels each way"),
-        ({"params": [1e400, 1, 1, 1, 0, 0, 0, 0]}, "is no finite number"),
+        ({"params": [1e400, 1, 1, 1, 0, 0, 0, 0]}, "is not a finite number"),
         ({"params": [-1.0, 1, 1, 1, 0, 0, 0, 0]}, "the focal length of a camera must be finite, from 1e-30"),
         (
             {"params": [900.0, 900, 320]},

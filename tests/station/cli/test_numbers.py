@@ -56,7 +56,7 @@ def test_no_real_option_takes_what_is_no_finite_number(words, option, value):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["psf", "pattern", "x.dng", "--out", "out", "-s", "1000000"], "s is at most 16"),
+        (["psf", "pattern", "x.dng", "--out", "out", "-s", "1000000"], "s must be at most 16"),
         (["psf", "pattern", "x.dng", "--out", "out", "-k", "99999"], "k at most 101"),
         (["psf", "pattern", "x.dng", "--out", "out", "-s", "9" * 5000], "auto"),
         (["simulate", "--for-s", "1e300"], "range"),

@@ -199,9 +199,9 @@ def test_older_result_stays_whole_when_the_new_photograph_cannot_be_read(run, es
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--plane", "G9"], "has the planes Y; got 'G9'"),
-        (["-s", "1"], "s of 2 or more; got s = 1"),
-        (["-k", "16"], "odd number k of samples, so that it has a centre; got k = 16"),
+        (["--plane", "G9"], "; got 'G9'"),
+        (["-s", "1"], "s must be 2 or more; got s = 1"),
+        (["-k", "16"], "k must be odd and 3 or more, so that the support has a centre; got k = 16"),
         (["-k", "1"], "got k = 1"),
         (["-s", "four"], "give a whole number, or auto; got 'four'"),
         (["--solver", "magic"], "'magic' is not one of"),
@@ -237,7 +237,7 @@ def test_photograph_that_cannot_be_read_is_exit_4_and_leaves_nothing(run, estima
     done = run("psf", "pattern", shared_data / "raw" / "linear_no_mosaic.dng", "--out", out)
     assert done.exit_code == 4
     assert "error: " in done.stderr
-    assert "already interpolated" in done.stderr
+    assert "already demosaicked" in done.stderr
     assert "what to do: give the RAW file as the camera wrote it" in done.stderr
     assert not (tmp_path / "a").exists()
 

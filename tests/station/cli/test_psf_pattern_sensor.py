@@ -73,7 +73,7 @@ def test_nothing_is_known_without_it(run, estimator, photograph, tmp_path):
     [
         (lambda record: record.update(schema="station/psf/1"), "no result of station sensor"),
         (lambda record: record["planes"].pop("Y"), "tells of no plane"),
-        (lambda record: record["planes"]["Y"]["model"].pop("gain"), "not whole"),
+        (lambda record: record["planes"]["Y"]["model"].pop("gain"), "incomplete"),
     ],
     ids=["another record", "another plane", "a part missing"],
 )

@@ -78,7 +78,7 @@ SHAPES = {
     "": (4, "got an array (0)", "text array of numbers"),
     "1 2 3\n1 2\n1 2 3\n": (4, "rows of equal length", "text array of numbers"),
     "hello world\n": (4, "could not convert string to float: 'hello'", "text array of numbers"),
-    "\x00\xff": (4, "it is not text", "text array of numbers"),
+    "\x00\xff": (4, "must be UTF-8 text", "text array of numbers"),
 }
 
 

@@ -52,10 +52,10 @@ def test_every_command_says_what_its_dump_lacks(run, dump, tmp_path, words):
     words = [str(dump) if word == "{}" else word for word in words]
     done = run(*words, "--raw", "64x80,RGGB,u16le,64,1023", "--out", tmp_path / "out")
     assert done.exit_code == 4
-    assert f"64 x 80 samples of u16le are 10240 bytes; {dump} has 9600" in done.stderr
+    assert f"64 x 80 samples of u16le must have 10240 bytes; {dump} has 9600" in done.stderr
     done = run(*words, "--out", tmp_path / "out")
     assert done.exit_code == 4
-    assert "has no header of a RAW format" in done.stderr
+    assert "must have the header of a RAW format" in done.stderr
     done = run(*words, "--raw", "64x80,RGGB", "--out", tmp_path / "out")
     assert done.exit_code == 2
     assert "for example 1920x1080,RGGB,u16le,64,1023" in done.stderr
@@ -64,4 +64,4 @@ def test_every_command_says_what_its_dump_lacks(run, dump, tmp_path, words):
 def test_field_names_the_dump_that_disagrees(run, dump, tmp_path):
     done = run("psf", "field", dump.parent, "--raw", "64x80,RGGB,u16le,64,1023", "--out", tmp_path / "out")
     assert done.exit_code != 0
-    assert "64 x 80 samples of u16le are 10240 bytes" in done.stderr
+    assert "64 x 80 samples of u16le must have 10240 bytes" in done.stderr

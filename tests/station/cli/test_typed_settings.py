@@ -22,8 +22,8 @@ def test_f_number_that_contradicts_the_file_is_refused_with_both(run, estimator,
     images = {"pattern": [photograph], "two-photo": [photograph, photograph], "field": [photograph.parent]}[command]
     done = run("psf", command, *images, "--f-number", 5.6, "--pixel-pitch-um", 5, "--out", tmp_path / "out")
     assert done.exit_code == 2
-    assert f"{photograph}: the f-number was given as 5.6, and the camera noted 2.8" in done.stderr
-    assert "what to do: leave it out, or correct it; to insist, add --trust-typed" in done.stderr
+    assert f"{photograph}: the f-number was given as 5.6, but the camera recorded 2.8" in done.stderr
+    assert "what to do: omit or correct it; to keep it, add --trust-typed" in done.stderr
     assert not (tmp_path / "out").exists()
     assert estimator.asked == []
 

@@ -27,7 +27,7 @@ def test_symmetries_map_the_square_and_the_marks_onto_themselves() -> None:
 @pytest.mark.parametrize("n", range(8))
 def test_symmetry_is_that_of_its_picture(n: int) -> None:
     g, seen = chart_frame.symmetries()[n]
-    # the picture seen through g, rectified by g's inverse, is the expected frame again
+    # the template transformed by g and rectified by its inverse is the template
     back = chart_frame.rectify(seen, np.linalg.inv(chart_frame.H_CELLS_RECTIFIED) @ np.linalg.inv(g))
     assert np.nanmax(np.abs(back - chart_frame.expected())) < 1e-3
 

@@ -11,7 +11,7 @@ from procedures.pattern_psf.chart_finding.marks import Saddles
 
 
 def tilted(turn: float, step: float, tilt: float, toward: float, perspective: float) -> np.ndarray:
-    """Homography of a chart seen tilted by `tilt`, three blocks `step` pixels long, centred at (100, 100)."""
+    """Homography of a chart tilted by `tilt`, three blocks `step` pixels long, centred at (100, 100)."""
     c, s = np.cos(toward), np.sin(toward)
     axes = np.array([[c, -s], [s, c]]) @ np.diag([np.cos(tilt), 1]) @ np.array([[c, s], [-s, c]])
     turned = axes @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])

@@ -44,7 +44,7 @@ def plain() -> tuple[np.ndarray, np.ndarray]:
 
 
 def turned(points: np.ndarray, shape: tuple[int, ...], quarters: int, mirror: bool) -> np.ndarray:
-    """Where points go when the picture is turned counterclockwise, as by numpy.rot90, then mirrored."""
+    """Points of a picture rotated counterclockwise, as by numpy.rot90, then mirrored."""
     rows, columns = shape
     for _ in range(quarters):
         points, (rows, columns) = np.column_stack([points[:, 1], columns - 1 - points[:, 0]]), (columns, rows)
@@ -136,7 +136,7 @@ def test_three_hidden_marks_are_refused() -> None:
 def test_cut_chart_is_refused() -> None:
     image, truth = plain()
     second_from_right = np.sort(truth[:, 0])[-2]
-    assert "cut by the photograph's edge: 2 of its 12 marks" in refusal(image[:, : int(second_from_right) - 2])
+    assert "cut off by the frame: 2 of its 12 marks" in refusal(image[:, : int(second_from_right) - 2])
 
 
 def test_mirrored_chart_is_refused() -> None:

@@ -20,7 +20,7 @@ NOTED_NOTHING = Exposure()
 
 
 def look(z_mm, *, laser=False, rail=False):
-    """The chart from a distance, the focus left at 1.5 m, as a thin lens draws it: F = f d / (d - f)."""
+    """Size of the chart at a distance with the focus at 1.5 m, by a thin lens: F = f d / (d - f)."""
     F_px = 1000 * 24.0 * 1500.0 / (1500.0 - 24.0) / (2 * 5.94)
     cell_mm = 96.0 / 320 * 0.995
     return RangeLook(F_px * cell_mm / z_mm, z_mm + OFFSET_MM if laser else None, z_mm - 800.0 if rail else None)
@@ -30,7 +30,7 @@ def given(name, share, *before):
     return replace(TRUE, **{name: share * getattr(TRUE, name)}, looks=before)
 
 
-def told(known, now, exposure=NOTED_NOTHING):
+def contradiction(known, now, exposure=NOTED_NOTHING):
     return size_contradiction(now, known.optics(), known, exposure)
 
 
@@ -38,7 +38,7 @@ def told(known, now, exposure=NOTED_NOTHING):
 @pytest.mark.parametrize("name", SIZES)
 def test_any_of_the_numbers_that_is_wrong_is_named_after_one_move_of_the_rail(name, share):
     known, now = given(name, share, look(1300.0, rail=True)), look(1400.0, rail=True)
-    advice = told(known, now)
+    advice = contradiction(known, now)
     assert not advice.good
     assert advice.moves == {}
     assert name in advice.contradictory
@@ -50,28 +50,28 @@ def test_any_of_the_numbers_that_is_wrong_is_named_after_one_move_of_the_rail(na
 @pytest.mark.parametrize("share", [0.5, 1.5, 2.0])
 @pytest.mark.parametrize("name", SIZES)
 def test_the_laser_alone_names_what_puts_it_farther_from_the_lens_than_it_can_be(name, share):
-    assert name in told(given(name, share), look(1300.0, laser=True)).contradictory
+    assert name in contradiction(given(name, share), look(1300.0, laser=True)).contradictory
 
 
 @pytest.mark.parametrize("way", ["laser", "rail"])
 def test_nothing_is_named_where_all_is_right_though_the_focus_is_elsewhere(way):
     known = replace(TRUE, looks=(look(1300.0, **{way: True}),))
-    assert told(known, look(1390.0, **{way: True})) is None
-    assert told(TRUE, look(1300.0, laser=True)) is None
+    assert contradiction(known, look(1390.0, **{way: True})) is None
+    assert contradiction(TRUE, look(1300.0, laser=True)) is None
 
 
 def test_numbers_that_the_camera_noted_are_not_doubted_and_those_insisted_on_neither():
     known, now = given("ruler_mm", 0.8, look(1300.0, rail=True)), look(1400.0, rail=True)
-    noted = Exposure(focal_length_mm=24.0, pixel_pitch_um=5.94)
-    assert told(known, now, noted).contradictory == ("chart_width_mm", "ruler_mm")
-    assert told(replace(known, insisted=frozenset(SIZES)), now) is None
+    recorded = Exposure(focal_length_mm=24.0, pixel_pitch_um=5.94)
+    assert contradiction(known, now, recorded).contradictory == ("chart_width_mm", "ruler_mm")
+    assert contradiction(replace(known, insisted=frozenset(SIZES)), now) is None
 
 
 @pytest.mark.parametrize("share", WRONG)
 def test_a_tape_measure_names_them_where_there_is_neither_laser_nor_rail(share):
     known = replace(given("focal_length_mm", share), tape_mm=1500.0)
-    assert "focal_length_mm" in told(known, look(1500.0)).contradictory
-    assert told(replace(TRUE, tape_mm=1530.0), look(1500.0)) is None
+    assert "focal_length_mm" in contradiction(known, look(1500.0)).contradictory
+    assert contradiction(replace(TRUE, tape_mm=1530.0), look(1500.0)) is None
 
 
 def test_one_distance_tells_no_scale_and_two_do_without_any_number_that_was_typed():

@@ -25,7 +25,7 @@ def photographed(request, tmp_path_factory):
     """A photograph by a lens at that f-number, which the file does not note."""
     path = tmp_path_factory.mktemp("taken") / "shot.dng"
     camera = bench_camera()
-    lens = replace(camera.lens, f_number=request.param, noted=False)
+    lens = replace(camera.lens, f_number=request.param, recorded=False)
     camera = replace(camera, lens=lens, focus_mm=Z_MM, oversampling=4)
     placed = PlacedChart(Chart.from_seed(), Pose((0.0, 0.0, Z_MM), 0.0, 0.0, 0.0), CELL_MM)
     exposure_s = 0.022 * (request.param / 5.6) ** 2  # green at four fifths of the scale
@@ -52,7 +52,7 @@ def test_the_right_f_number_is_taken_and_the_tail_s_is_told(photographed):
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_half_and_twice_are_named(photographed, factor):
     true, frame = photographed
-    if true * factor < 4:  # a tail as small as that of f/2.8 is not told from that of f/5.6 by one photograph
+    if true * factor < 4:  # one photograph does not distinguish the small tails of f/2.8 and f/5.6
         assert look(frame, true * factor).good
         return
     advice = look(frame, factor * true)
@@ -65,15 +65,15 @@ def test_half_and_twice_are_named(photographed, factor):
 @pytest.mark.slow
 def test_an_f_number_that_the_camera_noted_is_not_held_against_the_photograph(photographed):
     true, frame = photographed
-    noted = replace(frame, exposure=replace(frame.exposure, f_number=true))
-    assert look(noted, 2 * true).good
+    recorded = replace(frame, exposure=replace(frame.exposure, f_number=true))
+    assert look(recorded, 2 * true).good
 
 
 def test_whose_word_the_f_number_is_is_told(plane):
     known = PatternFacts(pixel_pitch_um=4.0, typed_f_number=4.0)
     assert (known.diffraction(plane).f_number, known.diffraction(plane).stated_by) == (4.0, OPERATOR)
-    noted = replace(known, f_number=5.6)
-    assert (noted.diffraction(plane).f_number, noted.diffraction(plane).stated_by) == (5.6, CAMERA)
+    recorded = replace(known, f_number=5.6)
+    assert (recorded.diffraction(plane).f_number, recorded.diffraction(plane).stated_by) == (5.6, CAMERA)
     assert PatternFacts(pixel_pitch_um=4.0).diffraction(plane) is None
 
 

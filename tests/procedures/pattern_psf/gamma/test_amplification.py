@@ -16,7 +16,7 @@ PUBLISHED = {9: (0.19, 0.10), 17: (0.69, 0.35), 25: (1.54, 0.70), 33: (2.98, 1.1
 
 
 def frontal_system(s: int, k: int, s_over_t: float, pixels: int) -> npt.NDArray[np.float64]:
-    """S_s C[u] of the station's chart seen squarely, for a square of pixels at its middle."""
+    """S_s C[u] of a square view of the default chart, for a square of pixels at its centre."""
     window = (pixels, pixels)
     cells = whole_chart(Chart.from_seed()).astype(np.float64)
     return patterns.system(patterns.of_cells(cells, s_over_t, patterns.side(window, s, k)), s, k, window)
