@@ -35,7 +35,7 @@ class TwoPhoto(PsfProcedure[PsfSettings]):
         first, second = frames
         parameters = TwoPhotoParameters(**settings.sampling(), at=terms.frequencies(settings.plane_pixels(first)))
         found = calibrate_pair(first, second, parameters, settings.limit(first.exposure))
-        return self.measurement(frames, found, parameters.told(), settings, terms)
+        return self.measurement(frames, found, parameters.to_record(), settings, terms)
 
 
 PROCEDURE = TwoPhoto()
