@@ -130,11 +130,7 @@ class WorkingApp(App[int]):
             return "The guide uses the bench: end its run first (Ctrl+C)."
         if self._focus_on_bench and self.running("focus"):
             return "Live focus uses the bench: end it first (F7, then Esc)."
-        return (
-            "The bench is still busy with the last command: wait, or stop it with F12."
-            if self.running("by hand")
-            else ""
-        )
+        return "The bench is busy with the last command: wait, or press F12." if self.running("by hand") else ""
 
     def by_hand(self, work: Callable[[], Any]) -> None:
         """Run a command of the bench screen."""
@@ -277,9 +273,8 @@ class WorkingApp(App[int]):
         exiting = self.return_code is not None  # a screen that appears then has no parts
         if self._operator_session is not None and self._guide is not None and not exiting:
             self._guide.begin("Opening the session and the bench.")
-            self._start(
-                "run", self._operator_session.work, ask=self._operator_session.ask, halt=self._operator_session.halt
-            )
+            session = self._operator_session
+            self._start("run", session.work, ask=session.ask, halt=session.halt)
             self.refresh_frame()
 
     @on(MailboxFilled)
@@ -368,10 +363,8 @@ class WorkingApp(App[int]):
     def _halt(self) -> None:
         if self._focus_on_bench and (focus := self.running("focus")):
             focus.cancel()
-        running = self._operator_session is not None and self.running("run")
-        at_once(
-            self._operator_session.halt if self._operator_session is not None and running else self.lab.emergency_stop
-        )
+        session = self._operator_session
+        at_once(session.halt if session is not None and self.running("run") else self.lab.emergency_stop)
 
     def get_driver_class(self) -> type[Driver]:
         """The terminal driver, whose thread stops the bench when it reads the stop key."""

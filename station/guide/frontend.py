@@ -121,18 +121,8 @@ class RunEnded:
     empty: bool = False
 
 
-Event = (
-    RunBegan
-    | StepBegan
-    | StepEnded
-    | ProgressEvent
-    | FrameEvent
-    | ScanEvent
-    | DiagramEvent
-    | ProblemEvent
-    | Result
-    | RunEnded
-)
+Event = (RunBegan | StepBegan | StepEnded | ProgressEvent | FrameEvent | ScanEvent | DiagramEvent | ProblemEvent
+         | Result | RunEnded)  # fmt: skip
 
 
 class Operator(Protocol):

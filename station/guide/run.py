@@ -380,9 +380,8 @@ class Run:
         )
         self._result = result
         self._talk.learn(estimate.facts_from({name: one.found for name, one in result.planes.items()}))
-        self._talk.notify(
-            Result(folder, result.planes, result.verdict, result.reason, result.remedy, result.other_causes)
-        )
+        causes = result.reason, result.remedy, result.other_causes
+        self._talk.notify(Result(folder, result.planes, result.verdict, *causes))
 
     @_carry.register
     def _(self, decide: Decide) -> None:
@@ -400,9 +399,8 @@ class Run:
             if not self._rig.has_camera:
                 camera = self._talk.attempt(lambda: HandCamera(self._talk.ask_and_learn, self._clock))
             recorder = PhotographRecorder(self._rig, camera, self._session, self._talk, self._clock, self._timeouts)
-            self._photographs = PhotographRequests(
-                self._rig, recorder, self._session, self._talk, self._known, self._approval
-            )
+            rig, talk = self._rig, self._talk
+            self._photographs = PhotographRequests(rig, recorder, self._session, talk, self._known, self._approval)
             self._photographs.asks = self.plan.asks()
         self._photographs.step = self._step.name
         return self._photographs

@@ -184,9 +184,8 @@ class BenchScreen(StationScreen):
         if self.bench is None or self.app.bench_taken:  # type: ignore[attr-defined]
             self._do("", _home)
             return
-        question = (
-            f"Homing: {', '.join(axis.name for axis in self._axes)} each move to a switch. Is the way clear? F12 stops."
-        )
+        names = ", ".join(axis.name for axis in self._axes)
+        question = f"Homing: {names} each move to a switch. Is the way clear? F12 stops."
         self.app.push_screen(Choose(question, ("home now", "not now"), moves=True), self._home_or_not)
 
     def _home_or_not(self, answer: int | None) -> None:

@@ -247,11 +247,8 @@ WIDE = 110
 
 def _preview(reading: FocusReading) -> Thumbnail | None:
     """The photograph with the chart's marks."""
-    if reading.frame.plane.value is None:
-        return None
-    return thumbnail(
-        reading.frame.plane.value, () if reading.found.value is None else marks_of(reading.found.value.sighting)
-    )
+    plane, sharpness = reading.frame.plane.value, reading.found.value
+    return None if plane is None else thumbnail(plane, () if sharpness is None else marks_of(sharpness.sighting))
 
 
 def _took(reading: FocusReading) -> str:

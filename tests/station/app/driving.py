@@ -33,12 +33,12 @@ class Driver:
 
     @property
     def words(self) -> str:
-        """The screen's words, as if its lines had not been broken."""
+        """The screen's text without line breaks."""
         return " ".join(self.text.split())
 
     @property
     def behind(self) -> str:
-        """What the application is at, for who reads of a failure: a screen alone does not tell why it is as it is."""
+        """State of the application for failure messages."""
         threads = ", ".join(thread.name for thread in threading.enumerate())
         app = vars(self.app)
         return f"jobs {app['_jobs']}, devices {app['_bench_words']!r} {app['_states']}, threads {threads}"
@@ -54,12 +54,12 @@ class Driver:
             await self.pilot.pause(0.01)
 
     async def begin(self) -> None:
-        """From the first screen into a run, by Enter alone."""
+        """Begin a run from the first screen by Enter."""
         await self.until("press Enter to begin")
         await self.press("enter")
 
     async def looks_like(self, name: str) -> None:
-        """Compare with the stored screen, until it has come to rest as that."""
+        """Compare with the stored screen, until both agree."""
         stored = SCREENS / f"{name}.txt"
         if os.environ.get(WRITE):
             await self.pilot.pause(0.1)
@@ -71,7 +71,7 @@ class Driver:
 
 
 def drive(app: StationApp, use: Callable[[Driver], Awaitable[None]], size: tuple[int, int] = (80, 24)) -> None:
-    """Run the application in a terminal of that size and do something with it."""
+    """Run the application in a terminal of that size and use it."""
 
     async def run() -> None:
         async with app.run_test(size=size, notifications=True) as pilot:

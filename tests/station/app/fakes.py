@@ -1,4 +1,4 @@
-"""A lab whose runs are scripts: what the application is shown, without bench and mathematics."""
+"""A lab with scripted runs, without bench and computations."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def plane(rows: int = 60, columns: int = 90) -> Plane:
 
 
 class FakeStage:
-    """A stage on no wire."""
+    """A stage without a wire."""
 
     address = "nowhere"
 
@@ -80,7 +80,7 @@ Script = Callable[["FakeRun"], RunEnded]
 
 
 class FakeRun:
-    """A run that a script tells."""
+    """A scripted run."""
 
     def __init__(self, script: Script, operator: Mailbox, folder: Path, done: tuple[str, ...]) -> None:
         self.script, self.operator, self.folder, self.done = script, operator, folder, done
@@ -102,11 +102,11 @@ class FakeRun:
     def stop_now(self) -> None:
         self.halted.set()
 
-    def step(self, name: str, *tells: Any) -> list[Any]:
-        """One step; what is an Ask is asked. The answers."""
+    def step(self, name: str, *entries: Any) -> list[Any]:
+        """Carry out one step with these events and questions; gives the answers."""
         self.operator.notify(StepBegan(PLAN.step(name)))
         answers = []
-        for one in tells:
+        for one in entries:
             if isinstance(one, Ask):
                 answers.append(self.operator.answer(one))
             else:
@@ -170,7 +170,7 @@ def doing(say: str) -> ProgressEvent:
     return ProgressEvent(say, 2, 5, 12.0)
 
 
-def chosen_step(run: FakeRun, *tells: Any) -> RunEnded:
+def chosen_step(run: FakeRun, *entries: Any) -> RunEnded:
     """A run of one step."""
-    run.answers = run.step("print", *tells)
+    run.answers = run.step("print", *entries)
     return RunEnded("finished")

@@ -1,4 +1,4 @@
-"""Pictures and curves in characters, against what they show."""
+"""Images and curves in characters, compared with their data."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_a_band_lies_on_both_sides_of_its_curve():
     assert column.index(".") < column.index("*") < column.rindex(".")
 
 
-def test_two_curves_are_told_apart_without_colour():
+def test_two_curves_are_distinguished_without_colour():
     x = np.linspace(0, 1, 50)
     one, other = TerminalCurve(x, 0 * x + 0.2), TerminalCurve(x, 0 * x + 0.8, dashed=True)
     lines = plot([one, other], TerminalFrame((0, 1), (0, 1)), 45, 12)
@@ -139,7 +139,7 @@ def test_the_time_left_follows_from_the_parts_done():
     assert "2 of 8" in progress_in_words(now, 5.0, None, UNICODE)
 
 
-def test_time_that_is_told_is_counted_down():
+def test_a_given_time_is_counted_down():
     assert "about 1 min 10 s left" in progress_in_words(ProgressEvent("homing", left_s=75.0), 5.0, 75.0, UNICODE)
 
 
@@ -148,7 +148,7 @@ def test_the_devices_line_ends_between_devices():
     assert packed(parts, 28).plain == "F12 STOP ALL  stage: homing\nimu: ready\na name that is much too long"
 
 
-def test_devices_told_before_the_width_is_known_take_the_lines_that_they_need():
+def test_devices_shown_before_the_width_is_known_get_their_lines():
     class Bare(App[None]):
         glyphs = UNICODE
 

@@ -25,7 +25,7 @@ HOSTILE = "[bold red]x[/] \x1b[31mred\x1b[0m \u202egpj.exe \x07 [@click=app.quit
     ("screen", "stop"),
     [("guide", "ctrl+x"), ("f1", "f12"), ("f3", "f12"), ("f4", "f12"), ("ctrl+p", "ctrl+x"), ("ctrl+q", "f12")],
 )
-def test_the_emergency_stop_is_heard_everywhere(tmp_path, screen, stop):
+def test_the_emergency_stop_works_on_every_screen(tmp_path, screen, stop):
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, ASK))
 
     async def use(driver: Driver) -> None:
@@ -56,7 +56,7 @@ def test_the_stop_waits_for_no_one(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("screen", ["f2", "f3"])
-def test_help_and_palette_tell_of_every_command_of_the_screen(tmp_path, screen):
+def test_help_and_palette_list_every_command_of_the_screen(tmp_path, screen):
     async def use(driver: Driver) -> None:
         await driver.until("press Enter to begin")
         await driver.press(*(() if screen == "f2" else (screen,)))

@@ -57,7 +57,7 @@ def measured(monkeypatch, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", ROOMS, ids=str)
-def test_every_photograph_of_a_folder_tells_which_way_to_turn(tmp_path, measured, size, monkeypatch):
+def test_every_photograph_of_a_folder_shows_which_way_to_turn(tmp_path, measured, size, monkeypatch):
     monkeypatch.setattr(screen, "_took", lambda seen: f"Photograph {seen.number}: measured.")
     lab = FakeLab(tmp_path, lambda run: chosen_step(run))
     incoming = tmp_path / "in"
@@ -85,7 +85,7 @@ def test_every_photograph_of_a_folder_tells_which_way_to_turn(tmp_path, measured
 
 
 @pytest.mark.slow
-def test_it_is_chosen_on_the_first_screen_and_a_run_may_go_on_beside_a_folder(tmp_path, measured):
+def test_it_is_chosen_on_the_first_screen_and_a_run_may_use_the_bench_meanwhile(tmp_path, measured):
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, Ask("width", "How wide?", "number", default=1.0)))
 
     async def use(driver: Driver) -> None:
@@ -131,7 +131,7 @@ class FakeCamera:
 
 
 class SimulatedLab(FakeLab):
-    """A bench with a camera, a lamp, and hands that turn the ring."""
+    """A bench with a camera, a lamp, and an operator model that turns the ring."""
 
     def __init__(self, folder) -> None:
         super().__init__(folder, lambda run: chosen_step(run, Ask("width", "How wide?", "number", default=1.0)))
@@ -199,7 +199,7 @@ def test_a_folder_that_is_not_there_is_named_and_asked_again(tmp_path):
     drive(StationApp(lab), use)
 
 
-def test_a_photograph_that_tells_nothing_says_why_where_one_looks(tmp_path, measured, monkeypatch):
+def test_a_photograph_without_a_measurement_shows_the_reason(tmp_path, measured, monkeypatch):
     refused = Outcome(None, Verdict.REFUSED, "no chart in the photograph", "show all of it")
     monkeypatch.setattr(live, "measure_sharpness", lambda *_: refused)
     lab = FakeLab(tmp_path, lambda run: chosen_step(run))

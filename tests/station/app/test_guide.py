@@ -80,7 +80,7 @@ def test_before_the_first_photograph_a_drawing_shows_what_to_do(tmp_path, size, 
 
 
 @BOTH
-def test_a_curve_never_stands_beside_half_a_drawing(tmp_path, size):
+def test_a_curve_is_never_shown_with_half_a_drawing(tmp_path, size):
     diagram = gamma_diagram(Optics(24.0, 11.88, 0.3), 4, 17, 1.3)
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, DiagramEvent(diagram), MOVED))
 
@@ -200,7 +200,7 @@ def test_what_breaks_a_run_is_a_sentence(tmp_path, error, words):
 
 
 def patient(run: FakeRun) -> RunEnded:
-    """Exposes until it is asked to stop, then ends the exposure it is at when told to."""
+    """Exposes until asked to stop, then ends the current exposure on request."""
     run.step("print", doing("exposing"))
     run.asked.wait(20)
     run.may_end.wait(20)
@@ -287,7 +287,7 @@ def test_a_bench_that_cannot_be_opened_is_a_sentence(tmp_path):
     drive(StationApp(lab), use, (120, 40))
 
 
-def test_a_simulated_bench_that_cannot_be_opened_is_not_told_to_be_simulated(tmp_path):
+def test_a_simulated_bench_that_cannot_be_opened_is_not_advised_to_simulate(tmp_path):
     lab = FakeLab(tmp_path, whole)
 
     def broken() -> OpenedBench:
@@ -319,7 +319,7 @@ def test_stepping_back_opens_the_step_before_again(tmp_path):
     assert lab.begun[1] == (tmp_path / "one", "print")
 
 
-def test_an_old_session_is_gone_on_with_from_the_first_screen(tmp_path):
+def test_an_old_session_is_continued_from_the_first_screen(tmp_path):
     kept = SessionSummary(
         tmp_path / "old", "pattern", "D90", "50 mm", "2026-03-14T09:26:53", ("print", "distance"), None
     )
@@ -336,7 +336,7 @@ def test_an_old_session_is_gone_on_with_from_the_first_screen(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_question_is_heard_of_on_the_other_screens(tmp_path):
+def test_a_question_is_announced_on_other_screens(tmp_path):
     go = threading.Event()
 
     def late(run: FakeRun) -> RunEnded:
@@ -356,7 +356,7 @@ def test_a_question_is_heard_of_on_the_other_screens(tmp_path):
     drive(StationApp(FakeLab(tmp_path, late)), use)
 
 
-def test_a_run_that_tells_faster_than_can_be_shown_loses_no_step(tmp_path):
+def test_a_run_with_more_events_than_can_be_shown_loses_no_step(tmp_path):
     def hasty(run: FakeRun) -> RunEnded:
         for name in STEPS:
             run.step(name, *(ProgressEvent(f"frame {i}", i, 300) for i in range(300)), seen(True))
@@ -372,7 +372,7 @@ def test_a_run_that_tells_faster_than_can_be_shown_loses_no_step(tmp_path):
 
 @pytest.mark.slow
 @BOTH
-def test_a_curve_that_explains_stands_beside_its_sentence_and_leaves_room_for_the_question(tmp_path, size):
+def test_a_curve_that_explains_is_shown_with_its_sentence_and_leaves_room_for_the_question(tmp_path, size):
     def explained(run: FakeRun) -> RunEnded:
         optics = Optics(50.0, 8.0, 0.9375)
         run.answers = [*run.step("distance", DiagramEvent(gamma_diagram(optics, 4, 17, 1.3)), MOVED)]

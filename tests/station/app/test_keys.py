@@ -1,4 +1,4 @@
-"""What keys may and may not do: begin a move, begin a second run, open a dialog twice, get lost."""
+"""Effects of keys: no accidental move, no second run, no dialog twice, no lost key."""
 
 from __future__ import annotations
 
@@ -226,7 +226,7 @@ def test_a_run_waits_for_the_bench_where_enter_came_before_anything_was_loaded(t
 
 
 @pytest.mark.slow
-def test_what_moves_is_shown_with_target_place_and_time_left_and_stands_where_the_wire_told(tmp_path):
+def test_what_moves_is_shown_with_target_place_and_time_left_and_position_from_the_wire(tmp_path):
     lab, reached, go_on = FakeLab(tmp_path, whole), threading.Event(), threading.Event()
 
     def move_to(**target: float) -> None:

@@ -17,7 +17,7 @@ from .fakes import PLAN, plane
 ASK = Ask("k", "?")
 
 
-def test_what_stands_now_replaces_its_forerunner_and_nothing_else_is_lost():
+def test_current_state_replaces_its_predecessor_and_nothing_else_is_lost():
     rings: list[int] = []
     mailbox = Mailbox(lambda: rings.append(1))
     step = PLAN.steps[0]
@@ -33,7 +33,7 @@ def test_what_stands_now_replaces_its_forerunner_and_nothing_else_is_lost():
     assert len(rings) == 1  # once until it is taken
 
 
-def test_an_answer_goes_to_whoever_asked():
+def test_an_answer_goes_to_the_asking_run():
     rung = threading.Event()
     mailbox, answers = Mailbox(rung.set), []
     asking = threading.Thread(target=lambda: answers.append(mailbox.answer(ASK)))
@@ -72,11 +72,11 @@ def finished(job_of: object) -> Finished:
     heard: list[Finished] = []
     done = threading.Event()
 
-    def tell(one: Finished) -> None:
+    def on_finished(one: Finished) -> None:
         heard.append(one)
         done.set()
 
-    BackgroundJob("test", job_of, tell).start()  # type: ignore[arg-type]
+    BackgroundJob("test", job_of, on_finished).start()  # type: ignore[arg-type]
     assert done.wait(5)
     return heard[0]
 

@@ -1,4 +1,4 @@
-"""What the guide says of the work, while there is nothing to do and beside a question."""
+"""Progress display of the guide during work and with a question."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WIDTH = Ask("width", "How wide is the chart?", "number", unit="mm", low=1e-5, hi
 MOUNT = Ask("mount", "Mount the chart.")
 
 
-def test_work_that_is_over_is_not_shown_beside_a_question_and_a_note_is(tmp_path):
+def test_finished_work_is_not_shown_with_a_question_but_a_note_is(tmp_path):
     note = replace(doing("the chart to print: chart.pdf"), lasts=True)
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, ProgressEvent("going to the middle"), MOUNT, note, WIDTH))
 
@@ -72,7 +72,7 @@ def test_a_run_that_ends_while_its_screen_is_taken_down_is_no_fault(tmp_path):
     drive(StationApp(FakeLab(tmp_path, script)), use)
 
 
-def test_time_that_passed_is_not_told_as_a_time_to_wait():
+def test_time_that_passed_is_not_shown_as_a_remaining_time():
     assert (
         progress_in_words(ProgressEvent("homing: keep clear"), 5.0, None, UNICODE) == "homing: keep clear  (5 s so far)"
     )

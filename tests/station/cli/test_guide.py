@@ -49,7 +49,7 @@ def test_a_session_in_which_nothing_was_answered_is_not_kept(tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(main, ["--plain", "--simulate"], input="D90\n50/1.8\n", prog_name="station")
     assert done.exit_code == 130
-    assert "no session is kept" in done.stdout
+    assert "the session is not kept" in done.stdout
     assert os.listdir("sessions") == []
 
 
