@@ -487,6 +487,47 @@ UNDETERMINED = _restoration(
     "part of the frame whose depth is uncertain by more than half a pixel", _U, short="no reliable depth",
 )  # fmt: skip
 
+# --- of a corrected photograph ---------------------------------------------------------------------------------------
+
+_correction = Section("Of a corrected photograph")
+MTF50_BEFORE = _correction(
+    "mtf50_before", CYCLES, "MTF50 of the photograph", "MTF50 of the lens's field, mean over directions, median over "
+    "the frame", _H, short="MTF50 before",
+)  # fmt: skip
+MTF50_AFTER = _correction(
+    "mtf50_after", CYCLES, "Predicted MTF50 of the picture", "the same after the correction, as predicted",
+    _H, _L, _C, _U, short="MTF50 after",
+)  # fmt: skip
+NOISE_GAIN = _correction(
+    "noise_gain", "1", "Noise of the picture over the photograph's", "predicted standard deviation of the noise where "
+    "the scene is flat, after over before, median over the frame", _H, _L, _C, _U, short="noise gain",
+)  # fmt: skip
+FIELD_ERROR = _correction(
+    "field_error", "1", "Error from the field", "rms error of the picture from the uncertainty of the field, white = 1",
+    _H, _C, short="field error",
+)  # fmt: skip
+
+# --- of a filtered render --------------------------------------------------------------------------------------------
+
+_render = Section("Of a filtered render")
+SIMILAR_PATCHES = _render(
+    "similar_patches", "1", "Similar patches per pixel", "median over the frame at the finest scale", _H, _L, _C, _U,
+    short="similar patches",
+)  # fmt: skip
+SAMPLES_CAST = _render("mean_samples", "1", "Samples per pixel", "mean over the frame", _H, _C, short="samples")
+DROPPED_SAMPLES = _render("dropped_samples", "1", "Dropped samples", "samples that were NaN or infinite", _H, _C, _U)
+RENDER_UNCERTAINTY = _render(
+    "render_uncertainty", "1", "Standard uncertainty of a value, median",
+    "median over the frame of the picture's standard uncertainty, white = 1", _H, _L, _C, _U, short="uncertainty",
+)  # fmt: skip
+COVERAGE = _render(
+    "coverage_2_sigma", "1", "Values within two standard uncertainties",
+    "share of the values that lie within two standard uncertainties of the converged render", _H, _C, short="coverage",
+)  # fmt: skip
+_PSNR = "peak signal-to-noise ratio against the converged render, both cut to 0...1"
+PSNR_RENDERED = _render("psnr_rendered", "dB", "PSNR as rendered", _PSNR, _H, _C)
+PSNR_FILTERED = _render("psnr_filtered", "dB", "PSNR filtered", _PSNR, _H, _L, _C, _U)
+
 
 # --- families --------------------------------------------------------------------------------------------------------
 

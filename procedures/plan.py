@@ -303,7 +303,8 @@ class Step:
 class Plan:
     """A guided procedure. `name` is what sessions and procedure files call it.
 
-    `subject` is what it photographs, "chart", "wall", "depth" or "panel": a simulated bench stands before that.
+    `subject` is what it photographs: a simulated bench stands before that. "chart", "frame" (the chart, small in the
+    frame), "tilt" (the same, by a tilted sensor), "wall", "depth" or "panel".
     `facts` is the dataclass of what it knows (`procedures.facts`), where it has one.
     """
 

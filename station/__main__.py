@@ -20,16 +20,16 @@ COMMANDS = {
     "psf": ("psf.group", "psf", "Estimate a point spread function."),
     "sensor": ("procedure_command", "sensor", "Measure gain, noise and non-uniformity of a sensor (EMVA 1288)."),
     "geometry": ("camera.geometry", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
-    "rig": ("camera.rig", "rig", "Tell how two cameras on one rig stand to each other."),
+    "rig": ("procedure_command", "rig", "Measure the pose of one camera on a rig by the other."),
     "vignetting": ("procedure_command", "vignetting", "Measure the light lost towards the corners, from flats."),
     "tilt": ("procedure_command", "tilt", "Find the sensor's tilt, and the turns of its screws that mend it."),
     "export": ("export", "export", "Write a result as a file of another program."),
     "focus": ("focus", "focus", "Tell how sharp every photograph is as it comes, and which way to turn."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
     "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
-    "correct": ("correct", "correct", "Sharpen a photograph by the measured PSF field of its lens."),
-    "rays": ("rays", "rays", "Remove the noise of a Monte Carlo render."),
-    "batch": ("batch", "batch", "Estimate the PSFs of folders of photographs."),
+    "correct": ("procedure_command", "correct", "Sharpen a photograph by the measured PSF field of its lens."),
+    "rays": ("procedure_command", "rays", "Remove the noise of a Monte Carlo render."),
+    "batch": ("batch", "batch", "Measure folders of photographs by any procedure."),
     "session": ("session.group", "session", "List, resume, recompute and compare sessions."),
     "devices": ("bench.devices", "devices", "Show what is configured and what answers."),
     "serve": ("bench.serve", "serve", "Serve the bench to other programs: HTTP and JSON, Alpaca, a page for a phone."),
@@ -75,7 +75,8 @@ LARGE_HEAP = 50_000
 @click.option("--plan", help="What to be guided through.  [default: pattern]")
 @click.option(
     "--specification", type=click.Path(path_type=Path),
-    help="Limits to hold results to, in TOML.  [also for: psf, sensor, vignetting, tilt, mtf, serve]",
+    help="Limits to hold results to, in TOML.  [also for: psf, sensor, rig, vignetting, tilt, mtf, correct, rays,"
+    " serve]",
 )  # fmt: skip
 @click.option(
     "--unit", type=UNITS,

@@ -2,7 +2,12 @@ from __future__ import annotations
 
 import gc
 import os
+import random
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 # as the program does for itself, before numpy is loaded: see station.__main__
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -27,6 +32,12 @@ gc.set_threshold(500_000)
 # power cut leaves is played by tests/station/sessions/faulty_disk.py, and programs that tests start do wait
 os.fsync = os.fstat  # refuses what is no file, as it does
 
+# nohup and shell scripts start the tests with signals ignored, and programs that tests start would inherit that. With a
+# handler, which no program inherits, the signals have their usual effect there and still none here
+for _number in (getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, name)):
+    if signal.getsignal(_number) == signal.SIG_IGN:
+        signal.signal(_number, lambda number, frame: None)
+
 ROOT = Path(__file__).resolve().parent.parent
 ABSENT = "no shared data"
 
@@ -45,20 +56,71 @@ def shared_data() -> Path:
     return folder
 
 
+@pytest.fixture
+def start_program() -> Iterator[Callable[..., subprocess.Popen[Any]]]:
+    """start_program(words, **options): subprocess.Popen; killed after the test if it still runs then.
+
+    A program that outlives a failed test opens the ports of the tests that follow.
+    """
+    started: list[subprocess.Popen[Any]] = []
+
+    def start(words: list[object], **options: Any) -> subprocess.Popen[Any]:
+        started.append(subprocess.Popen([str(word) for word in words], **options))
+        return started[-1]
+
+    yield start
+    for program in started:
+        program.kill()
+        program.wait()
+        for stream in (program.stdin, program.stdout, program.stderr):
+            if stream is not None:
+                stream.close()
+
+
+@pytest.fixture(scope="session")
+def read_until() -> Callable[[Any, str], str]:
+    """read_until(stream, text): what a program writes, up to this text; fails if the program ends without it."""
+
+    def read(stream: Any, text: str) -> str:
+        seen = ""
+        while text not in seen:
+            character = stream.read(1)
+            assert character, f"the program ended without {text!r}: {seen!r}"
+            seen += character
+        return seen
+
+    return read
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--nightly`: the tests marked so, too, which otherwise never run, whatever `-m` selects."""
+    parser.addoption("--nightly", action="store_true", help="run the tests marked nightly, too")
+    parser.addoption("--shuffle", metavar="SEED", help="files, and the tests in each, in a random order")
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Where processes share the tests, files come in the order below, not by the number of tests in them."""
     config.option.loadscopereorder = False
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """The house rules first, then the files with slow tests, so that none of these is waited for at the end.
 
     A test is slow too that asks for one of the fixtures which its file calls SLOW_FIXTURES: these take seconds to make.
     """
+    if not config.getoption("--nightly"):
+        nightly = [item for item in items if item.get_closest_marker("nightly")]
+        config.hook.pytest_deselected(items=nightly)
+        items[:] = [item for item in items if not item.get_closest_marker("nightly")]
     for item in items:
         if isinstance(item, pytest.Function) and set(item.fixturenames) & getattr(item.module, "SLOW_FIXTURES", set()):
             item.add_marker(pytest.mark.slow)
+    if seed := config.getoption("--shuffle"):
+        chance = random.Random(seed)
+        places = {path: chance.random() for path in sorted({item.path for item in items})}
+        items.sort(key=lambda item: (places[item.path], chance.random()))
+        return
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     items.sort(key=lambda item: (item.path.name != "test_house.py", item.path not in slow))
 

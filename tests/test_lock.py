@@ -40,4 +40,6 @@ def test_lock_has_a_fitting_version_of_all_that_is_asked_for(locked):
 
 def test_lock_tells_no_place_to_load_from(locked):
     assert len(locked) > 20
-    assert not re.search(r"https?:|--index|--find-links|--extra", re.sub(r"(?m)^ *#.*", "", LOCK.read_text()))
+    text = LOCK.read_text()
+    assert not re.search(r"https?:|\b[a-z-]+\.(org|com|net|io|dev)\b", text)
+    assert not re.search(r"--index|--find-links|--extra", re.sub(r"(?m)^ *#.*", "", text))

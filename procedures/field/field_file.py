@@ -20,8 +20,9 @@ from procedures.field.surfaces import fit_surface
 from procedures.numbers import ENERGY_OUTSIDE_SUPPORT
 from procedures.numerics.kernel_tail import SHAPES, tail_kernels
 from procedures.outcome import BadInput
-from procedures.psf import Psf, PsfTail
+from procedures.psf import MOST_PER_PX, Psf, PsfTail
 from procedures.psf_field import Node, PsfField, in_half_diagonals
+from procedures.reading.arrays import LONGEST
 from procedures.reading.exposure import Exposure
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 from procedures.reading.hdf5 import Stored, check_ends
@@ -121,8 +122,13 @@ def read_lights(path: Path | str) -> dict[str, LightSurface]:
 
 
 def _read_light(group: h5py.Group, room: Room) -> LightSurface:
-    shape = int(group.attrs["rows"]), int(group.attrs["columns"])
-    return LightSurface(shape, int(group.attrs["degree"]), Stored(group, room).numbers("coefficients"))
+    stored = Stored(group, room)
+    degree = stored.count("degree", 1, LONGEST)
+    return LightSurface(_shape_of(stored), degree, stored.numbers("coefficients", (None,)))
+
+
+def _shape_of(plane: Stored) -> tuple[int, int]:
+    return plane.count("rows", 1, LONGEST), plane.count("columns", 1, LONGEST)
 
 
 def _put(group: h5py.Group, name: str, values: npt.ArrayLike, unit: str, **options: Any) -> None:
@@ -234,13 +240,14 @@ def read_colours(path: Path | str) -> dict[str, LateralColour]:
     """Lateral colour by plane, as it was written; planes without any are left out. Raises BadInput as `read_field`."""
     with _opened(path) as file:
         group, room = file.get("lateral_colour", {}), Room(str(path))
-        shapes = {name: (int(one.attrs["rows"]), int(one.attrs["columns"])) for name, one in _planes(file)}
+        shapes = {name: _shape_of(Stored(one, room)) for name, one in _planes(file)}
         return {name: _read_colour(name, one, shapes[name], room) for name, one in group.items() if name in shapes}
 
 
 def _read_colour(name: str, group: h5py.Group, shape: tuple[int, int], room: Room) -> LateralColour:
     stored = Stored(group, room)
-    positions, shift, covariance = (stored.numbers(part) for part in ("position", "shift", "covariance"))
+    positions, shift = (stored.numbers(part, (None, 2), LONGEST) for part in ("position", "shift"))
+    covariance = stored.numbers("covariance", (len(positions), 2, 2))
     surface = fit_surface(in_half_diagonals(positions, shape), shift, covariance, DEGREES)
     return LateralColour(name, str(group.attrs["reference"]), shape, positions, shift, covariance, surface)
 
@@ -268,9 +275,13 @@ def _check_version(file: h5py.File, path: Path | str) -> None:
 
 
 def _read_plane(name: str, plane: h5py.Group, room: Room) -> PsfField:
-    stored = Stored(plane["nodes"], room)
-    s = int(plane.attrs["samples_per_pixel"])
-    places = (stored.numbers(column) for column in ("position", "position_covariance", "sensor_position"))
+    stored, told = Stored(plane["nodes"], room), Stored(plane, room)
+    s = told.count("samples_per_pixel", 1, MOST_PER_PX)
+    places = (
+        stored.numbers("position", (None, 2), LONGEST),
+        stored.numbers("position_covariance", (None, 2, 2)),
+        stored.numbers("sensor_position", (None, 2), LONGEST),
+    )
     rows = zip(*places, stored.texts("source"), stored.values("number"), _read_psfs(stored, s), strict=True)
     nodes = [
         Node(position, spread, on_sensor, psf, source, int(number))
@@ -278,15 +289,22 @@ def _read_plane(name: str, plane: h5py.Group, room: Room) -> PsfField:
     ]
     x, y = plane.attrs["model_axis"]
     recipe = Recipe(str(plane.attrs["model_kind"]), float(plane.attrs["model_setting"]), (float(x), float(y)))
-    shape = int(plane.attrs["rows"]), int(plane.attrs["columns"])
-    return rebuild(name, shape, nodes, recipe, int(plane.attrs["components"]))
+    field = rebuild(name, _shape_of(told), nodes, recipe, told.count("components", 0, len(nodes)))
+    _ = field.hull  # nodes that enclose nothing are the file's fault: ValueError here
+    return field
 
 
 def _read_psfs(stored: Stored, s: int) -> Iterator[Psf]:
     """The nodes' PSFs, with their tails where the file has them."""
-    supports, covariances = stored.numbers("psf"), stored.numbers("covariance")
+    supports = stored.numbers("psf", (None, "k", "k"))
+    samples = supports.shape[1] ** 2
+    covariances = stored.numbers("covariance", (len(supports), samples, samples))
     if "tail" in stored:
-        tails = (stored.numbers(name) for name in ("tail", "tail_covariance", "tail_cross"))
+        tails = (
+            stored.numbers("tail", (None, None)),
+            stored.numbers("tail_covariance", (None, "q", "q")),
+            stored.numbers("tail_cross", (None, samples, None)),
+        )
         for h, covariance, *tail in zip(supports, covariances, *tails, strict=True):
             yield Psf(h, s, covariance, PsfTail(*tail))
     else:

@@ -16,8 +16,10 @@ import numpy.typing as npt
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
 from procedures.facts import AxisTravel, facts_as
+from procedures.field.conclusion import SMALL_SHARE
 from procedures.field.facts import BASE, FieldFacts, TourStart
 from procedures.field.locations import Location, chosen_locations, direction, pan_tilt_deg, rail_mm, ray
+from procedures.numerics.scattered import hull_area
 from procedures.numerics.warps import apply_homography
 from procedures.pattern import CELLS
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
@@ -73,7 +75,7 @@ def plan(estimate: Estimator) -> Plan:
             Step(
                 "places",
                 "Places",
-                "Choose how many places of the frame to measure; they reach its corners.",
+                "Choose how many places of the frame to measure.",
                 PLACES,
                 drawings.TOUR,
                 gave_places,
@@ -82,6 +84,7 @@ def plan(estimate: Estimator) -> Plan:
             Step("estimate", "Estimate", "Put the field together from all photographs.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the tour again.", (Decide("tour"),)),
         ),
+        subject="frame",
         facts=FieldFacts,
     )
 
@@ -106,10 +109,29 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
         return sighting
     half = half_size(sighting, plane)
     if max(half) > ROOM:
-        say = "The chart fills the frame: print a smaller one, and begin again."
-        return replace(advice, good=False, say=say, by_hand={"smaller_chart": 1.0})
+        return small_frame(advice)
     start = start_facts(sighting, plane, known)
     return replace(advice, facts={**advice.facts, **start, "tour_half_x": half[0], "tour_half_y": half[1]})
+
+
+def check_places(frame: RawFrame, facts: Facts) -> Advice:
+    """The same, and places that enclose as much of the frame as the result needs."""
+    advice = check_start(frame, facts)
+    if not advice.good:
+        return advice
+    places = locations({**facts, **advice.facts})
+    share = hull_area(np.array([(one.x, one.y) for one in places]))
+    enclosed = Reading("enclosed by the places", 100 * share, "% of the frame", 100 * SMALL_SHARE)
+    advice = replace(advice, readings=(*advice.readings, enclosed))
+    return advice if enclosed.good else small_frame(advice)
+
+
+def small_frame(advice: Advice) -> Advice:
+    """The advice where the chart, which has its best size in pixels at any distance, is too large for the frame."""
+    say = (
+        "The frame is too small for the chart, whose best size in pixels is the same at every distance: set the camera "
+    )
+    return replace(advice, good=False, say=f"{say}to its whole sensor, without binning or a region of interest.")
 
 
 def half_size(sighting: ChartSighting, plane: Plane) -> tuple[float, float]:
@@ -146,7 +168,7 @@ def seen_at(sighting: ChartSighting, plane: Plane) -> Location:
 PLACES = (
     Ask("places", "At how many places?", "number", "", USUAL, low=FEWEST, high=MOST),
     Look("light", check_light),
-    Look("start", check_start, tries=10, rests_on=SIZES),
+    Look("start", check_places, tries=10, rests_on=SIZES),
 )
 
 # --- the places --------------------------------------------------------------------------------------------------

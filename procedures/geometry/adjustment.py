@@ -1,7 +1,7 @@
 """Camera, poses and the chart's own shape together, every point weighing what it is worth, with one covariance.
 
 pycolmap knows neither the points' covariances nor what is known beforehand of a chart's shape, so this last adjustment
-is our own: Gauss-Newton steps on
+is our own: the Levenberg-Marquardt method of `procedures.numerics.damped` on
 
     sum |W (project(R (X + B c + e) + t) - x)|^2 + sum (c / prior)^2 + sum (e / node)^2 + sum (k / beforehand)^2
 
@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -29,14 +29,13 @@ from procedures.geometry.cameras import Camera
 from procedures.geometry.node_kernels import add_view
 from procedures.geometry.shape import ShapeModel
 from procedures.geometry.views import ChartView, Pose
+from procedures.numerics.damped import minimise
 from procedures.outcome import Refused
 
 Array = npt.NDArray[np.float64]
 
-STEPS, SHORTER = 40, 4.0
-"""Steps at most; by how much one that leads uphill is shortened, and the next ones grow again."""
-STILL = 1e-3
-"""A step that promises to lower the sum of squares by less is the last: a thirtieth of an uncertainty is left."""
+CONVERGENCE = 1e-3
+"""Decrease of chi-square, over its mean per coordinate, that is worth no other step: a thirtieth of an uncertainty."""
 OPEN = 1e-15
 """Least share of the scaled system's eigenvalues that rounding leaves meaningful."""
 POSE = 6
@@ -82,8 +81,6 @@ class System:
         The same of every node's errors.
     W : (N, 3, M)
         What they have in common.
-    chi_square : float
-        Of the residual and of what is known beforehand.
     """
 
     U: Array
@@ -91,7 +88,11 @@ class System:
     V: Array
     v: Array
     W: Array
-    chi_square: float
+
+    @property
+    def right(self) -> Array:
+        """u and v in one."""
+        return np.concatenate([self.u, self.v.ravel()])
 
     def reduced(self) -> tuple[Array, Array]:
         """Matrix and right side of the first unknowns, the nodes' errors eliminated."""
@@ -138,6 +139,10 @@ class Adjustment:
         return float(np.sqrt(self.chi_square / self.freedom))
 
 
+class NotConverged(Refused):
+    """The adjustment did not reach the minimum: a failure of the numerics, which says nothing of the views."""
+
+
 def adjust(start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> Adjustment:
     """The answer from a state near it.
 
@@ -151,61 +156,108 @@ def adjust(start: AdjustmentState, nodes: Array, views: Sequence[ChartView], sha
 
     Raises
     ------
+    NotConverged
+        If the minimum is not reached.
     Refused
-        If the views do not determine the camera, or the steps come to no end.
+        If the views do not determine the camera.
     """
-    state, share = start, 1.0
-    system = assemble(state, nodes, views, shape)
-    step, errors, promised = _step(system)
-    for _ in range(STEPS):
-        better = _moved(state, share * step, share * errors)
-        if not _chi_square(better, nodes, views, shape) < system.chi_square + STILL:
-            share /= SHORTER
-            continue
-        state, system = better, assemble(better, nodes, views, shape)
-        if share == 1 and promised < STILL:
-            return _concluded(state, nodes, views, shape, system)
-        share = min(1.0, SHORTER * share)
-        step, errors, promised = _step(system)
-    raise _restless()
+    tolerance = CONVERGENCE / sum(2 * len(view) for view in views)
+    found = minimise(_ChartProblem(nodes, views, shape), start, tolerance=tolerance)
+    if not found.converged:
+        raise NotConverged(
+            f"the adjustment of camera and poses must converge; with {start.camera.model} it did not in "
+            f"{found.iterations} iterations; the last relative decrease of the sum of squares was {found.decrease:.1e}",
+            "name a simpler camera model, or add views of the chart, tilted differently and spread over the frame",
+        )
+    return _concluded(found.state, nodes, views, shape, assemble(found.state, nodes, views, shape))
 
 
-def _restless() -> Refused:
-    return Refused(
-        f"the adjustment of camera and poses came to no rest in {STEPS} steps",
-        "add views of the chart, tilted differently and spread over the frame",
-    )
+@dataclass(frozen=True, eq=False)
+class _ChartProblem:
+    """Camera, poses and the chart's shape as a problem of least squares."""
+
+    nodes: Array
+    views: Sequence[ChartView]
+    shape: ShapeModel
+
+    def residual(self, state: AdjustmentState) -> Array:
+        """Of all points, then of what is known beforehand."""
+        points = (residual(state, self.nodes, view, self.shape, i).ravel() for i, view in enumerate(self.views))
+        return np.concatenate([*points, *_prior_residuals(state, self.shape)])
+
+    def linearise(self, state: AdjustmentState) -> _ChartLinearisation:
+        """The normal equations about a state."""
+        return _ChartLinearisation(state, self, self.residual(state))
+
+    def moved(self, state: AdjustmentState, step: Array) -> AdjustmentState:
+        """The state after a step: of the first unknowns, then of the nodes' errors."""
+        errors = self.nodes.size
+        return _moved(state, step[:-errors], step[-errors:].reshape(-1, 3))
 
 
-def _step(system: System) -> tuple[Array, Array, float]:
-    """The step of the first unknowns, that of the nodes' errors, and by how much they promise to lower chi-square."""
-    if not np.isfinite(system.chi_square):
-        raise _restless()
-    S, b = system.reduced()
-    step = _solve(S, b)
-    return step, system.errors(step), float(step @ b)
+@dataclass(frozen=True, eq=False)
+class _ChartLinearisation:
+    """The normal equations about a state, solved with the nodes' errors eliminated."""
+
+    state: AdjustmentState
+    problem: _ChartProblem
+    residual: Array
+
+    @cached_property
+    def _system(self) -> System:
+        return assemble(self.state, self.problem.nodes, self.problem.views, self.problem.shape)
+
+    @property
+    def gradient(self) -> Array:
+        """J'r."""
+        return self._system.right
+
+    @cached_property
+    def scale(self) -> Array:
+        """Diagonal of J'J; 0 for the multipliers, which are no unknowns of the sum of squares."""
+        first = np.diag(self._system.U).copy()
+        first[-self.problem.shape.similarity.shape[-1] :] = 0.0
+        return np.concatenate([first, np.einsum("naa->na", self._system.V).ravel()])
+
+    @property
+    def unknowns(self) -> Array:
+        """Values of the unknowns; poses count by their distance."""
+        state, count = self.state, self.problem.shape.similarity.shape[-1]
+        poses = [np.concatenate([np.zeros(3), pose.t]) for pose in state.poses]
+        return np.concatenate([state.camera.params, state.terms_mm, *poses, np.zeros(count), state.errors_mm.ravel()])
+
+    def transposed(self, residual: Array) -> Array:
+        """J' times residuals; those of what is known beforehand are linear and have no second derivative."""
+        one, cuts = self.problem, np.cumsum([2 * len(view) for view in self.problem.views])
+        parts = [part.reshape(-1, 2) for part in np.split(residual, cuts)[:-1]]
+        return _of_points(self.state, one.nodes, one.views, one.shape, parts).right
+
+    def solve(self, right: Array, damping: float) -> Array:
+        """(J'J + damping D)^-1 times the unknowns' right side."""
+        system = self._system
+        M = len(system.u)
+        damped = replace(
+            system,
+            U=system.U + damping * np.diag(self.scale[:M]),
+            V=system.V + damping * system.V * np.eye(3),
+            u=right[:M],
+            v=right[M:].reshape(-1, 3),
+        )
+        step = _solve(*damped.reduced())
+        return np.concatenate([step, damped.errors(step).ravel()])
 
 
-def _chi_square(state: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> float:
-    """What the system of a state has, without the system."""
-    squares = (float(np.sum(residual(state, nodes, view, shape, i) ** 2)) for i, view in enumerate(views))
-    return sum(squares) + _known_beforehand(state, shape)
-
-
-def _known_beforehand(state: AdjustmentState, shape: ShapeModel) -> float:
-    """The part of chi-square that does not come from points."""
+def _prior_residuals(state: AdjustmentState, shape: ShapeModel) -> tuple[Array, Array]:
+    """What is known beforehand of camera and terms, and of the nodes' own errors, in standard deviations."""
     spread = np.concatenate([state.camera.beforehand, shape.prior_mm])
-    held = float(np.sum((np.concatenate([state.camera.params, state.terms_mm]) / spread) ** 2))
-    return held + (float(np.sum((state.errors_mm / shape.node_mm) ** 2)) if shape.node_mm.all() else 0.0)
+    errors = state.errors_mm / shape.node_mm if shape.node_mm.all() else np.zeros(0)
+    return np.concatenate([state.camera.params, state.terms_mm]) / spread, errors.ravel()
 
 
 def _solve(S: Array, b: Array) -> Array:
     """The step, in unknowns that are scaled so that each is worth about as much."""
     scale = np.sqrt(np.abs(np.diag(S)))
-    try:
-        return np.asarray(np.linalg.solve(S / np.outer(scale, scale), b / scale) / scale)
-    except np.linalg.LinAlgError as error:
-        raise _undetermined() from error
+    return np.asarray(np.linalg.solve(S / np.outer(scale, scale), b / scale) / scale)
 
 
 def _inverse(S: Array) -> Array:
@@ -298,14 +350,21 @@ def assemble(
     extra : sequence of (n, 2, k), optional
         Further unknowns that move the points of every view, in pixels.
     """
+    residuals = [residual(state, nodes, view, shape, i) for i, view in enumerate(views)]
+    return _with_prior(_of_points(state, nodes, views, shape, residuals, extra), state, shape)
+
+
+def _of_points(
+    state: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel, residuals: Sequence[Array],
+    extra: Sequence[Array] | None = None,
+) -> System:  # fmt: skip
+    """The normal equations of residuals (n, 2) of every view's points, without what is known beforehand."""
     p, q, poses = len(state.camera.params), len(shape.prior_mm), POSE * len(views)
     k = extra[0].shape[-1] if extra else 0
     N, M = len(nodes), p + q + poses + k + shape.similarity.shape[-1]
     U, u, W = np.zeros((M, M)), np.zeros(M), np.zeros((N, 3, M))
     V, v = np.zeros((N, 3, 3)), np.zeros((N, 3))
-    chi_square = 0.0
-    for i, view in enumerate(views):
-        r = residual(state, nodes, view, shape, i)
+    for i, (view, r) in enumerate(zip(views, residuals, strict=True)):
         J, E = jacobian(state, nodes, view, shape, i)
         if extra:
             J = np.concatenate([J, extra[i]], axis=-1)
@@ -315,8 +374,7 @@ def assemble(
         flat = J.reshape(-1, J.shape[-1])
         U[np.ix_(places, places)] += flat.T @ flat
         u[places] += flat.T @ r.ravel()
-        chi_square += float(np.sum(r**2))
-    return _with_prior(System(U, u, V, v, W, chi_square), state, shape)
+    return System(U, u, V, v, W)
 
 
 def _with_prior(system: System, state: AdjustmentState, shape: ShapeModel) -> System:
@@ -335,7 +393,7 @@ def _with_prior(system: System, state: AdjustmentState, shape: ShapeModel) -> Sy
         V[:], v[:], W[:] = np.eye(3), 0.0, 0.0
         last = np.arange(len(U) - shape.similarity.shape[-1], len(U))
         U[last, last] = 1.0
-    return System(U, u, V, v, W, system.chi_square + _known_beforehand(state, shape))
+    return System(U, u, V, v, W)
 
 
 def jacobian(

@@ -30,6 +30,11 @@ PLAIN = 1.0
 """Standard deviation beforehand of a distortion's numbers. Views tell them far better, but for a quotient of two
 polynomials that are nearly the same (FULL_OPENCV), where only this keeps both from running away together."""
 SPLINE = "+SPLINE_"
+NESTED = (
+    {"PINHOLE": 0, "SIMPLE_RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 3},
+    {"OPENCV_FISHEYE": 0, "THIN_PRISM_FISHEYE": 1},
+)
+"""Families of models in which each draws all that the poorer ones draw, parameters of one name meaning the same."""
 FEWEST = 4
 """Control points of a cubic B-spline along a side."""
 STEP_PX, STEP, STEP_SHARE = 1e-2, 1e-6, 1e-5
@@ -165,6 +170,18 @@ def simple_camera(
     names = parameter_names(model)
     known = {"f": sum(focal_px) / 2, "fx": focal_px[0], "fy": focal_px[1], "cx": centre[0], "cy": centre[1]}
     return Camera(model, np.array([known.get(name, 0.0) for name in names]), *size)
+
+
+def enriched(camera: Camera, model: str) -> Camera | None:
+    """The same camera by a model that can draw all that its own can, or None where the model is no such one."""
+    if not any(camera.model in family and family[camera.model] <= family.get(model, -1) for family in NESTED):
+        return None
+    (fx, fy), known = camera.focal_px, dict(zip(camera.names, camera.params.tolist(), strict=True))
+    known |= {"f": fx, "fx": fx, "fy": fy}
+    known.setdefault("k1", known.get("k", 0.0))
+    return Camera(
+        model, np.array([known.get(name, 0.0) for name in parameter_names(model)]), camera.columns, camera.rows
+    )
 
 
 def _projected(theirs: pycolmap.Camera, points: Array) -> Array:

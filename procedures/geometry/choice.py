@@ -7,7 +7,7 @@ is too poor cannot draw the other views; one that is too rich has followed its o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,12 +17,13 @@ from procedures.geometry.adjustment import (
     POSE,
     Adjustment,
     AdjustmentState,
+    NotConverged,
     adjust,
     by_pose,
     moved_pose,
 )
 from procedures.geometry.bundle import adjust_flat, first_bundle
-from procedures.geometry.cameras import Camera, parameter_names, simple_camera, split_model
+from procedures.geometry.cameras import Camera, enriched, parameter_names, simple_camera, split_model
 from procedures.geometry.shape import ShapeModel
 from procedures.geometry.spline_camera import SplineCamera, spline_models
 from procedures.geometry.views import ChartView, Pose
@@ -53,11 +54,14 @@ class ModelTrial:
     left_over : float
         Mean square of what it leaves in views that it was not fitted to, in units of the points' covariances; inf where
         it could not be fitted, nan where there were too few views.
+    converged : bool
+        Whether its adjustment reached the minimum; where not, nothing is known of the model.
     """
 
     model: str
     parameters: int
     left_over: float
+    converged: bool = True
 
 
 def first_state(nodes: Array, views: Sequence[ChartView], size: tuple[int, int], shape: ShapeModel) -> AdjustmentState:
@@ -73,16 +77,19 @@ def first_state(nodes: Array, views: Sequence[ChartView], size: tuple[int, int],
 def fit_model(
     model: str, start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
 ) -> Adjustment:
-    """A model fitted to views: by pycolmap with the chart's shape of a state, then with the shape free.
+    """A model fitted to views, the chart's shape with it.
 
-    The state's distortion is not handed on, as other models have other numbers; pycolmap finds it again at once. A
-    spline begins where its formula alone has come to rest.
+    The adjustment begins with the state's own camera where the model draws all that this can, else with what pycolmap
+    finds for a chart of the state's shape. A spline begins where its formula alone ends.
     """
     base, grid = split_model(model)
     if any(grid):
         formula = fit_model(base, start, nodes, views, shape).state
         return adjust(replace(formula, camera=SplineCamera.over(formula.camera, model)), nodes, views, shape)
-    camera = start.camera
+    camera = start.camera.base if isinstance(start.camera, SplineCamera) else start.camera
+    known = enriched(camera, model)
+    if known is not None:
+        return adjust(replace(start, camera=known), nodes, views, shape)
     plain = simple_camera(model, camera.focal_px, camera.centre, (camera.columns, camera.rows))
     bundle = adjust_flat(plain, start.poses, nodes + start.deviations_mm(shape), views)
     return adjust(replace(start, camera=bundle.camera, poses=bundle.poses), nodes, views, shape)
@@ -104,10 +111,12 @@ def choose_model(
         unknown = [ModelTrial(model, len(parameter_names(model)), float("nan")) for model in models]
         first = next((one for one in unknown if one.model == FIRST), unknown[0])
         return (first, *(one for one in unknown if one is not first))
-    left = {model: _left_over(model, start, nodes, views, shape) for model in models}
+    compared = _Comparison(start, nodes, views, shape)
+    left = {model: compared.left_over(model) for model in models}
     freedom = np.array([2 * len(view) - POSE for view in views], dtype=np.float64)
     trials = [
-        ModelTrial(model, len(parameter_names(model)), float(one.sum() / freedom.sum())) for model, one in left.items()
+        ModelTrial(model, len(parameter_names(model)), float(one.sum() / freedom.sum()), model not in compared.failed)
+        for model, one in left.items()
     ]
     best = min(trials, key=lambda trial: trial.left_over)
     chosen = next(one for one in trials if one is best or _as_good(left[one.model], left[best.model], freedom))
@@ -142,22 +151,59 @@ def _as_good(one: Array, best: Array, freedom: Array) -> bool:
     return float(excess.mean()) <= max(AS_GOOD * float(best.sum() / freedom.sum()), error)
 
 
-def _left_over(
-    model: str, start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
-) -> Array:
-    """What a model leaves of every view when it was fitted to the other half, in units of the covariances, (views,)."""
-    left = np.full(len(views), np.inf)
-    for half in (0, 1):
-        fitted, others = list(range(half, len(views), 2)), list(range(1 - half, len(views), 2))
+class _Comparison:
+    """Models fitted to halves of the views one after the other, the poorest first.
+
+    Attributes
+    ----------
+    failed : set of str
+        Models whose adjustment did not converge.
+    """
+
+    def __init__(self, start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> None:
+        self.start, self.nodes, self.views, self.shape = start, nodes, views, shape
+        self.failed: set[str] = set()
+        self._halves = [range(half, len(views), 2) for half in (0, 1)]
+        self._ends: dict[range, AdjustmentState] = {}
+
+    def left_over(self, model: str) -> Array:
+        """What a model leaves of every view when it was fitted to the other half, in units of the covariances."""
+        left = np.full(len(self.views), np.inf)
         try:
-            part = replace(start, poses=tuple(start.poses[i] for i in fitted))
-            found = fit_model(model, part, nodes, [views[i] for i in fitted], shape).state
+            ends = [self._fitted(model, half) for half in self._halves]
+        except NotConverged:
+            self.failed.add(model)
+            return left
         except Refused:
             return left
-        for i in others:
-            r = fit_pose(found.camera, start.poses[i], nodes + found.deviations_mm(shape), views[i])[1]
-            left[i] = np.sum(r**2) if np.isfinite(r).all() else np.inf
-    return left
+        self._ends = dict(zip(self._halves, ends, strict=True))
+        for end, others in zip(ends, reversed(self._halves), strict=True):
+            for i in others:
+                shaped = self.nodes + end.deviations_mm(self.shape)
+                r = fit_pose(end.camera, self.start.poses[i], shaped, self.views[i])[1]
+                left[i] = np.sum(r**2) if np.isfinite(r).all() else np.inf
+        return left
+
+    def _fitted(self, model: str, half: range) -> AdjustmentState:
+        """The state of half of the views, from the first of several starts from which the adjustment converges."""
+        views = [self.views[i] for i in half]
+        for start in self._starts(model, half):
+            try:
+                return fit_model(model, start, self.nodes, views, self.shape).state
+            except NotConverged as error:
+                failure = error
+        raise failure
+
+    def _starts(self, model: str, half: range) -> Iterator[AdjustmentState]:
+        if half in self._ends:
+            yield self._ends[half]
+        yield _part(self.start, half)
+        yield _part(fit_model(model, self.start, self.nodes, self.views, self.shape).state, half)
+
+
+def _part(state: AdjustmentState, views: range) -> AdjustmentState:
+    """The state of some of the views."""
+    return replace(state, poses=tuple(state.poses[i] for i in views))
 
 
 def fit_pose(camera: Camera, pose: Pose, nodes: Array, view: ChartView) -> tuple[Pose, Array]:
@@ -167,6 +213,8 @@ def fit_pose(camera: Camera, pose: Pose, nodes: Array, view: ChartView) -> tuple
         points = pose.apply(nodes[view.index])
         r = np.einsum("nab,nb->na", whitening, view.points - camera.project(points))
         J = (whitening @ by_pose(camera.by_points(points), points)).reshape(-1, POSE)
+        if not (np.isfinite(r).all() and np.isfinite(J).all()):  # a camera that does not see the chart so
+            return pose, np.full_like(r, np.inf)
         step = np.linalg.lstsq(J, r.ravel(), rcond=None)[0]
         if np.linalg.norm(J @ step) < POSE_STILL:
             break

@@ -233,8 +233,10 @@ def calibrate_geometry(
         geometry = _settled(trials, start, nodes, views, shape, parameters)
         if parameters.model is None and too_poor(geometry) and len(views) >= LEAST_VIEWS:
             trials = with_splines(trials, size, start, nodes, views, shape)
-            if trials[0].model != geometry.camera.model:
-                geometry = _settled(trials, start, nodes, views, shape, parameters)
+            same = trials[0].model == geometry.camera.model
+            geometry = (
+                replace(geometry, trials=trials) if same else _settled(trials, start, nodes, views, shape, parameters)
+            )
     except Refused as refusal:
         refusal = _if_square_on(refusal, nodes, views)
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
@@ -335,12 +337,17 @@ def _checks(found: Geometry, parameters: GeometryParameters) -> list[Check]:
     stated = numbers[projection_at(found.maps[0].distance_mm)].value
     focal = next(numbers[name] for name in (FOCAL[0], FOCAL[1]) if name in numbers)
     model, misfit = found.camera.model, found.misfit
+    unknown = [one.model for one in found.trials if not one.converged and one.parameters > found.trials[0].parameters]
     better = "" if parameters.model is None else "; leave the model to be chosen"
     return [
         Check("model", misfit.rms_px, max(stated, NEGLIGIBLE_PX), doubtful,
               f"{model} is too poor a model for this lens: it leaves a field of {misfit.rms_px:.3f} pixel rms undrawn, "
               f"where {stated:.3f} are stated at the charts",
               f"take a richer model{better}, or use the camera only as far as that matters", given=misfit.significant),
+        Check("models compared", len(unknown), 0, doubtful,
+              f"{model} was chosen without a comparison with {' and '.join(unknown)}: the adjustment of half of the "
+              "views did not converge",
+              f"photograph more views, or compare the residuals with --model {' or '.join(unknown)}"),
         Check("views", len(found.views), LEAST_VIEWS, doubtful,
               f"{len(found.views)} views are too few to hold one half of them against the other",
               f"photograph at least {LEAST_VIEWS} views, better 12", least=True),

@@ -20,18 +20,26 @@ from procedures.geometry.adjustment import POSE, Adjustment, by_pose
 from procedures.geometry.cameras import Camera
 from procedures.geometry.shape import ShapeModel, rigid_shape
 from procedures.geometry.views import ChartView, Pose
+from procedures.numerics.scattered import hull_area
 
 Array = npt.NDArray[np.float64]
 
 PLACES = (0.2, 0.5, 0.8)
 """Of the chart's centre, in fractions of the frame, along both sides."""
-TILTS_DEG = ((0.0, 0.0), (35.0, 0.0), (-35.0, 0.0), (0.0, 35.0), (0.0, -35.0))
+TILTS_DEG = ((0.0, 0.0), (30.0, 0.0), (-30.0, 0.0), (0.0, 30.0), (0.0, -30.0))
 """Yaw (positive: the right edge is nearer) and pitch (positive: the lower edge is farther)."""
+STEEPEST_DEG = 40.0
+"""Between a chart's normal and the line of sight to it: charts seen more obliquely are not found in a photograph."""
 SHARES = (0.7, 1.0, 1.4)
 """Distances over the views' median."""
 WITHIN = 0.8
 """Of the chart that must be in the frame."""
 FRAME = (13, 9)
+COVER = 0.65
+"""Share of the frame that planned views enclose first, however much others would tell: a result needs 0.6."""
+WIDENS, ALIKE = 0.01, 0.9
+"""Least share of the frame that a view must add to widen what is covered; places that add so much of the most count.
+"""
 LOOSE: Mapping[str, Callable[[Camera], float]] = {
     "pixel": lambda camera: 0.03 * camera.columns,
     "1": lambda camera: 0.1,
@@ -112,8 +120,38 @@ def planned_view(
     for pose in poses:
         gain = _information(camera, pose, nodes, shape, sigma_px)
         information = information if gain is None else information + gain
-    places = [(x, y) for x in (rim[0], 0.5, 1 - rim[0]) for y in (rim[1], 0.5, 1 - rim[1])]
-    return next(iter(_ranked(camera, information, nodes, shape, sigma_px, (distance_mm,), places)), None)
+    places = list(product((rim[0], 0.5, 1 - rim[0]), (rim[1], 0.5, 1 - rim[1])))
+    seen = [camera.project(pose.apply(nodes)) for pose in poses]
+    if poses:  # hands turn the chart where it is seen next: it comes there as it was turned before
+        places = [at for at in places if _obliquity_deg(camera, at, poses[-1].R) <= STEEPEST_DEG] or places
+    wider = _widening(camera, seen, nodes, distance_mm, places)
+    return next(iter(_ranked(camera, information, nodes, shape, sigma_px, (distance_mm,), wider)), None)
+
+
+def corner_share(camera: Camera, nodes: Array, distance_mm: float, rim: tuple[float, float]) -> float:
+    """Share of the frame that square charts in its four corners enclose, their centres `rim` from its sides."""
+    corners = product((rim[0], 1 - rim[0]), (rim[1], 1 - rim[1]))
+    points = [camera.project(chart_at(camera, at, 0.0, 0.0, distance_mm).apply(nodes)) for at in corners]
+    return _covered(camera, points)
+
+
+def _widening(
+    camera: Camera, seen: Sequence[Array], nodes: Array, distance_mm: float, places: Sequence[tuple[float, float]]
+) -> Sequence[tuple[float, float]]:
+    """The places at which a chart widens the covered part of the frame most, while that is small; else all of them."""
+    before = _covered(camera, seen) if seen else 0.0
+    if before >= COVER:
+        return places
+    there = [camera.project(chart_at(camera, at, 0.0, 0.0, distance_mm).apply(nodes)) for at in places]
+    gains = np.array([_covered(camera, [*seen, one]) for one in there]) - before
+    most = float(gains.max())
+    return [at for at, gain in zip(places, gains, strict=True) if gain >= ALIKE * most] if most > WIDENS else places
+
+
+def _covered(camera: Camera, seen: Sequence[Array]) -> float:
+    """Share of the frame that the points of views, each (n, 2), enclose."""
+    inside = np.clip(np.concatenate(seen), 0, np.array([camera.columns, camera.rows]) - 1)
+    return hull_area(inside) / (camera.columns * camera.rows)
 
 
 def _ranked(
@@ -125,7 +163,9 @@ def _ranked(
     before = _rms(A, np.asarray(np.linalg.inv(information), dtype=np.float64))
     answers = []
     for at, (yaw, pitch), distance in product(places, TILTS_DEG, distances_mm):
-        gain = _information(camera, chart_at(camera, at, yaw, pitch, distance), nodes, shape, sigma_px)
+        pose = chart_at(camera, at, yaw, pitch, distance)
+        visible = _obliquity_deg(camera, at, pose.R) <= STEEPEST_DEG
+        gain = _information(camera, pose, nodes, shape, sigma_px) if visible else None
         if gain is not None:
             after = _rms(A, np.asarray(np.linalg.inv(information + gain), dtype=np.float64))
             answers.append(NextView(at, yaw, pitch, distance, before, after))
@@ -137,11 +177,20 @@ def _scaled(found: Adjustment) -> Array:
 
 
 def chart_at(camera: Camera, at: tuple[float, float], yaw_deg: float, pitch_deg: float, distance_mm: float) -> Pose:
-    """The pose of a chart whose centre is seen at a place, turned against the line of sight to it."""
-    pixel = np.array([[at[0] * (camera.columns - 1), at[1] * (camera.rows - 1)]])
-    ray = camera.rays(pixel)[0]
+    """The pose of a chart whose centre is seen at a place, turned against the frame."""
     turn = Rotation.from_euler("YX", [yaw_deg, pitch_deg], degrees=True)
-    return Pose(np.asarray(turn.as_matrix()), np.asarray(distance_mm * ray / np.linalg.norm(ray)))
+    return Pose(np.asarray(turn.as_matrix()), distance_mm * _sight(camera, at))
+
+
+def _sight(camera: Camera, at: tuple[float, float]) -> Array:
+    """The direction in which a place of the frame is seen, of length 1."""
+    ray = camera.rays(np.array([[at[0] * (camera.columns - 1), at[1] * (camera.rows - 1)]]))[0]
+    return np.asarray(ray / np.linalg.norm(ray))
+
+
+def _obliquity_deg(camera: Camera, at: tuple[float, float], R: Array) -> float:
+    """Angle between the normal of a chart so turned and the line of sight to it."""
+    return float(np.degrees(np.arccos(np.clip(_sight(camera, at) @ R[:, 2], -1.0, 1.0))))
 
 
 def _information(camera: Camera, pose: Pose, nodes: Array, shape: ShapeModel, sigma_px: float) -> Array | None:

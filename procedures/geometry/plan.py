@@ -13,14 +13,15 @@ from functools import lru_cache, partial
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
 from procedures.facts import facts_as
+from procedures.field import plan as field_plan
 from procedures.field.facts import TourStart
 from procedures.field.locations import Location
-from procedures.field.plan import MOST_CLIPPED, check_start, correction, light_readings, off_place, to_place
-from procedures.geometry.cameras import simple_camera
+from procedures.field.plan import MOST_CLIPPED, correction, light_readings, off_place, to_place
+from procedures.geometry.cameras import Camera, simple_camera
 from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.facts import GeometryFacts, ViewPose, as_pose, pose_facts
-from procedures.geometry.next_view import NextView, next_view_words, planned_view
+from procedures.geometry.next_view import COVER, NextView, corner_share, next_view_words, planned_view
 from procedures.geometry.views import ChartView, chart_nodes
 from procedures.outcome import Outcome, Refused, Verdict
 from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown
@@ -49,10 +50,8 @@ BEFORE = ("print", "mount", "distance", "focus")
 """Steps that are the pattern PSF's."""
 USUAL, FEWEST, MOST = 12, 6, 60
 """Views: fewer than six cannot be held against each other."""
-NEAR = 0.08
+NEAR = 0.05
 """How far from its place the chart may appear, in parts of the frame's width: any place near it tells as much."""
-LEAST_RIM = 0.2
-"""How near to the frame's sides the chart's centre comes, where the chart is small."""
 TURN_DEG = 7.0
 """How far its turn may be from the one wanted."""
 SURE_DEG, STEP_DEG = 20.0, 25.0
@@ -83,6 +82,7 @@ def plan() -> Plan:
             Step("estimate", "Estimate", "Put the camera together from all views.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the views again.", (Decide("views"),)),
         ),
+        subject="frame",
         facts=GeometryFacts,
     )  # fmt: skip
 
@@ -97,6 +97,20 @@ def gave_views(facts: Facts) -> str:
     """How many were taken."""
     poses = facts_as(GeometryFacts, facts).poses
     return f"{len(poses)} views" if poses else ""
+
+
+def check_start(frame: RawFrame, facts: Facts) -> Advice:
+    """As the field's, and charts in the frame's corners must cover as much of it as the result needs."""
+    advice = field_plan.check_start(frame, facts)
+    if not advice.good:
+        return advice
+    known = facts_as(GeometryFacts, {**facts, **advice.facts})
+    start = known.begun()
+    camera = camera_as_told(start.shape, start.principal_px)
+    share = corner_share(camera, chart_nodes(known.cell_mm), start.distance_mm, rim_of(start))
+    covered = Reading("covered by the corner views", 100 * share, "% of the frame", 100 * COVER)
+    advice = replace(advice, readings=(*advice.readings, covered))
+    return advice if covered.good else field_plan.small_frame(advice)
 
 
 START = (
@@ -120,7 +134,14 @@ def pose_wanted(number: int, known: GeometryFacts) -> NextView:
 
 def rim_of(start: TourStart) -> tuple[float, float]:
     """How near to the frame's sides the chart's centre may come, in parts of the frame."""
-    return max(start.half[0] + NEAR, LEAST_RIM), max(start.half[1] + NEAR, LEAST_RIM)
+    return start.half[0] + NEAR, start.half[1] + NEAR
+
+
+def camera_as_told(shape: tuple[int, int], principal_px: float) -> Camera:
+    """The camera as its data sheet has it, in the plane's pixels."""
+    rows, columns = shape
+    centre = ((columns - 1) / 2, (rows - 1) / 2)
+    return simple_camera("OPENCV", (principal_px, principal_px), centre, (columns, rows))
 
 
 @lru_cache(maxsize=64)
@@ -128,9 +149,7 @@ def _planned(
     poses: tuple[ChartPose, ...], shape: tuple[int, int], principal_px: float, distance_mm: float, cell_mm: float,
     rim: tuple[float, float],
 ) -> NextView | None:  # fmt: skip
-    rows, columns = shape
-    centre = ((columns - 1) / 2, (rows - 1) / 2)
-    camera = simple_camera("OPENCV", (principal_px, principal_px), centre, (columns, rows))
+    camera = camera_as_told(shape, principal_px)
     return planned_view(camera, [as_pose(one) for one in poses], chart_nodes(cell_mm), distance_mm, SCATTER_PX, rim)
 
 

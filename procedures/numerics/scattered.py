@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import Delaunay, QhullError
+from scipy.spatial import ConvexHull, Delaunay, QhullError
 
 Array = npt.NDArray[np.float64]
 
@@ -107,6 +107,14 @@ def _bending(a: Array, b: Array) -> Array:
     """r^2 log r between points (n, 2) and (m, 2), the Green's function of bending up to a factor: (n, m)."""
     r2 = np.sum((np.asarray(a)[:, None] - np.asarray(b)) ** 2, axis=2)
     return np.asarray(r2 * np.log(np.maximum(r2, 1e-300)) / 2)
+
+
+def hull_area(points: Array) -> float:
+    """Area of the convex hull of points (n, 2); 0 where they lie on a line."""
+    try:
+        return float(ConvexHull(points).volume)  # in two dimensions that is the area
+    except QhullError:
+        return 0.0
 
 
 @dataclass(frozen=True, eq=False)

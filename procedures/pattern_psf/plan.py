@@ -232,10 +232,13 @@ SENSOR = Ask(
     when=lambda facts: "sensor_kind" not in facts,
 )  # fmt: skip
 """Asked where no photograph has told it yet: a monochrome sensor has its pixels half as far apart as a plane's."""
-DISTANCE = (
+LENS = (
     Ask("focal_length_mm", "What is the lens's focal length?", "number", "mm", low=1.0, high=5000.0),
     Ask("pixel_pitch_um", "How far apart are the sensor's pixels?", "number", "µm", low=0.5, high=50.0),
     SENSOR,
+)
+DISTANCE = (
+    *LENS,
     Show(explain_distance),
     Measure(),
     TAPE,

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import BINS, Film, film_of_samples
-from procedures.reading.arrays import Arrays, read_npz
+from procedures.reading.arrays import Arrays, Shape, checked_array, read_npz
 from procedures.reading.exr import read_exr
 
 PARTS = ("samples", "image", "hist", "nsamples", "variance", "dropped")
@@ -64,43 +64,35 @@ def write_film(film: Film, path: Path) -> None:
 
 def _film_of_arrays(arrays: Arrays, names: list[str]) -> Film:
     if "samples" in arrays:
-        return film_of_samples(_real(arrays, "samples"))
+        return film_of_samples(_real(arrays, "samples", (None, None, None, 3)))
     missing = {"image", "hist", "nsamples"} - set(arrays)
     if missing:
         raise BadInput(
             f"a film needs image, hist and nsamples; {', '.join(sorted(missing))} missing among the arrays {names}",
             "give `image`, `hist` and `nsamples`, or `samples`",
         )
-    count = _real(arrays, "nsamples")
-    variance = _real(arrays, "variance") if "variance" in arrays else None
-    if variance is not None and variance.shape != (*count.shape, 3):
-        raise BadInput(
-            f"variance and counts need one size; got {variance.shape} and {count.shape}", "write the film again"
-        )
-    dropped = _real(arrays, "dropped") if "dropped" in arrays else np.zeros(count.shape)
-    counts = _whole(count, "counts")
+    counts = _whole(arrays["nsamples"], "`nsamples`", (None, None))
+    size = counts.shape
+    variance = _real(arrays, "variance", (*size, 3)) if "variance" in arrays else None
     return Film(
-        np.ascontiguousarray(_real(arrays, "hist"), np.float32),
-        _real(arrays, "image").astype(np.float64),
+        np.ascontiguousarray(_real(arrays, "hist", (*size, 3, BINS)), np.float32),
+        _real(arrays, "image", (*size, 3)).astype(np.float64),
         None if variance is None else variance * np.maximum(counts.astype(np.float64) - 1.0, 1.0)[..., None],
         counts,
-        _whole(dropped, "dropped samples"),
+        _whole(arrays["dropped"], "`dropped`", size) if "dropped" in arrays else np.zeros(size, np.uint32),
     )
 
 
-def _real(arrays: Arrays, name: str) -> npt.NDArray[Any]:
-    array = arrays[name]
-    if array.dtype.kind not in "fiu":
-        raise BadInput(f"`{name}` must hold real numbers; got {array.dtype}", "give real numbers")
-    return array
+def _real(arrays: Arrays, name: str, shape: Shape) -> npt.NDArray[Any]:
+    """An array in its own precision; `Film.checked` reports pixels that are not finite."""
+    return checked_array(arrays[name], f"`{name}`", shape, finite=False, dtype=None, remedy="write the film again")
 
 
-def _whole(numbers: npt.NDArray[Any], what: str) -> npt.NDArray[np.uint32]:
-    rounded = np.rint(np.asarray(numbers, np.float64))
-    if not np.isfinite(rounded).all() or (rounded < 0).any() or (rounded > np.iinfo(np.uint32).max).any():
-        worst = np.nanmin(rounded)
-        raise BadInput(f"{what} must be integers from 0 to 2^32 - 1; the smallest is {worst:g}", "write the film again")
-    return rounded.astype(np.uint32)
+def _whole(numbers: npt.NDArray[Any], what: str, shape: Shape) -> npt.NDArray[np.uint32]:
+    high = float(np.iinfo(np.uint32).max)
+    remedy = "write the film again"
+    counts: npt.NDArray[np.float64] = checked_array(numbers, what, shape, low=-0.5, high=high, remedy=remedy)
+    return np.rint(counts).astype(np.uint32)
 
 
 def _read_exr(path: Path, picture: Path | None) -> Film:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import math
+import reprlib
 import struct
 import zipfile
 from collections.abc import Container
@@ -26,14 +27,25 @@ LONGEST_HEAD = 1 << 14
 LARGEST_DIRECTORY = 1 << 20
 """Of an archive's list of members, bytes: some ten thousand of them."""
 BLOCK = 1 << 20
+LARGEST, SMALLEST = 1e30, 1e-30
+"""Magnitudes within which numbers are read: their squares and ratios, and sums of these, stay finite."""
+LONGEST = 1_000_000
+"""Pixels along a side of a frame: of no sensor."""
+Shape = tuple[int | str | None, ...]
+"""Lengths of the axes: a number, a letter for axes of equal length, None for any. Only the number 0 allows no entry."""
+_AGAIN = "correct it, or write it again"
 _PLAIN = "write it again with numpy.save or numpy.savez_compressed"
 
 
 def read_npy(path: Path, what: str = "array", remedy: str = _PLAIN) -> npt.NDArray[Any]:
     """The array of an npy file. Raises BadInput if it cannot be read as such, or would take too much memory."""
-    data = bytearray(read_file(path, what))
-    with decoding(str(path), "an array of numbers", remedy):
-        return _array(data)
+    return parse_npy(read_file(path, what), str(path), remedy)
+
+
+def parse_npy(data: bytes, name: str, remedy: str = _PLAIN) -> npt.NDArray[Any]:
+    """The array in the bytes of an npy file. Raises BadInput."""
+    with decoding(name, "an array of numbers", remedy):
+        return _array(bytearray(data))
 
 
 def read_npz(path: Path, wanted: Container[str], remedy: str = _PLAIN) -> tuple[Arrays, list[str]]:
@@ -97,7 +109,67 @@ def _array(data: bytearray) -> npt.NDArray[Any]:
     return flat.reshape(shape[::-1]).T if by_columns else flat.reshape(shape)
 
 
-def check_real(array: npt.NDArray[Any], name: str) -> None:
-    """Raise BadInput unless these are finite real numbers."""
-    if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
-        raise BadInput(f"{name} holds {array.dtype} that are no finite real numbers", "give numbers")
+def checked_array(
+    value: object,
+    what: str,
+    shape: Shape | None = None,
+    *,
+    low: float = -LARGEST,
+    high: float = LARGEST,
+    finite: bool = True,
+    dtype: type[np.floating[Any]] | None = np.float64,
+    remedy: str = _AGAIN,
+) -> npt.NDArray[Any]:
+    """An array that was read, or nested lists of a record, as an array of real numbers.
+
+    Parameters
+    ----------
+    what : str
+        What it is, and where it was read: the subject of the message.
+    low, high : float
+        Of every number, both included.
+    finite : bool
+        False leaves the range unchecked where infinities and NaN have a meaning.
+    dtype : float type or None
+        Of the result; None keeps the array's own.
+
+    Raises
+    ------
+    BadInput
+        If it is of another rank or shape, holds no real numbers, or numbers out of range.
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise BadInput(f"{what} must be rows of equal length; got {reprlib.repr(value)}", remedy) from error
+    if array.dtype.kind not in "fiu":
+        raise BadInput(f"{what} must be real numbers; got {reprlib.repr(value)}", remedy)
+    if shape is not None and not _has_shape(array.shape, shape):
+        raise BadInput(f"{what} must be {_in_words(shape)}; got {_in_words(array.shape)}", remedy)
+    if finite and array.size:
+        least, most = array.min(), array.max()  # NaN where one is
+        if not (low <= least and most <= high):
+            given = f"{least:g} to {most:g}" if least <= most else "NaN"
+            raise BadInput(f"{what} must be finite, from {low:g} to {high:g}; got {given}", remedy)
+    return array if dtype is None else np.asarray(array, dtype)
+
+
+def checked_number(
+    value: object, what: str, low: float = -LARGEST, high: float = LARGEST, *, remedy: str = _AGAIN
+) -> float:
+    """A number of a record. Raises BadInput as `checked_array`."""
+    return float(checked_array(value, what, (), low=low, high=high, remedy=remedy))
+
+
+def _has_shape(lengths: tuple[int, ...], shape: Shape) -> bool:
+    named: dict[str, int] = {}
+    return len(lengths) == len(shape) and all(
+        (length == named.setdefault(wanted, length) if isinstance(wanted, str) else wanted in (length, None))
+        and (length > 0 or wanted == 0)
+        for length, wanted in zip(lengths, shape, strict=True)
+    )
+
+
+def _in_words(shape: Shape) -> str:
+    lengths = ", ".join("any" if one is None else str(one) for one in shape)
+    return f"an array ({lengths})" if shape else "one number"

@@ -40,7 +40,7 @@ class Room:
     """What one file may still take. `name` is the file's, for people."""
 
     def __init__(self, name: str) -> None:
-        self._name = name
+        self.name = name
         self._taken, self._largest = 0, largest_bytes()
 
     def take(self, needed: int, what: str) -> None:
@@ -48,7 +48,7 @@ class Room:
         self._taken += needed
         if self._taken > self._largest:
             megabytes = math.ceil(self._taken / 1e6)
-            reason = f"{self._name} has {what}: {megabytes} MB in memory, and one file may take {self._largest / 1e6:g}"
+            reason = f"{self.name} has {what}: {megabytes} MB in memory, and one file may take {self._largest / 1e6:g}"
             raise BadInput(reason, f"if it is meant so and there is memory for it, set {LIMIT}={megabytes}")
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from procedures.reading.arrays import LARGEST, Shape, checked_array, checked_number
 from procedures.reading.guard import Room
 
 if TYPE_CHECKING:
@@ -72,12 +73,16 @@ class Stored:
         """Whether the group has this data set."""
         return name in self._group
 
-    def numbers(self, name: str) -> npt.NDArray[np.float64]:
-        """A data set of finite real numbers. Raises BadInput where it takes too much memory, ValueError, KeyError."""
-        values = np.asarray(self.values(name), dtype=np.float64)
-        if not np.isfinite(values).all():
-            raise ValueError(f"`{name}` holds values that are no finite numbers")
-        return values
+    def numbers(self, name: str, shape: Shape | None = None, largest: float = LARGEST) -> npt.NDArray[np.float64]:
+        """A data set of real numbers. Raises BadInput as `checked_array` and for its memory, ValueError, KeyError."""
+        return checked_array(self.values(name), self._where(name), shape, low=-largest, high=largest)
+
+    def count(self, name: str, low: int, high: int) -> int:
+        """An attribute that counts something. Raises BadInput, KeyError."""
+        return int(checked_number(self._group.attrs[name], self._where(name), low, high))
+
+    def _where(self, name: str) -> str:
+        return f"`{name}` of {self._group.name} in {self._room.name}"
 
     def values(self, name: str) -> npt.NDArray[Any]:
         """A data set of numbers of any kind. Raises as `numbers`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -12,10 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadInput
+from procedures.reading.arrays import Shape, checked_array
 from procedures.reading.guard import Room, decoding, read_file
 
 SPREAD = 30
 """Bytes in memory for each byte of text: a number of two letters becomes an object of 32 bytes in a list."""
+LARGEST_WHOLE = 1 << 63
+"""Whole numbers are below, as TOML has them (1.0.0, "Integer"): a larger one does not fit into a float or an array."""
 
 
 def read_text(path: Path, kind: str, remedy: str, errors: str = "strict") -> str:
@@ -32,7 +36,7 @@ def _text(data: bytes, name: str, kind: str, remedy: str, errors: str = "strict"
 
 
 def read_json(path: Path, remedy: str = "write it again") -> Any:
-    """What a JSON file holds; the words NaN and Infinity are no JSON. Raises BadInput."""
+    """What a JSON file holds, its numbers finite. Raises BadInput."""
     return parse_json(read_file(path, "JSON file"), str(path), remedy)
 
 
@@ -40,11 +44,27 @@ def parse_json(data: bytes, name: str, remedy: str) -> Any:
     """What the bytes of a JSON file hold, for those who hash them too. Raises BadInput."""
     text = _text(data, name, "JSON file", remedy)
     with decoding(name, "JSON", remedy):
-        return json.loads(text, parse_constant=_refuse)
+        content = json.loads(text, parse_constant=_refuse, parse_float=_finite)
+        _check_whole_numbers(content)
+        return content
 
 
 def _refuse(word: str) -> NoReturn:
-    raise ValueError(f"{word} is no number of JSON")
+    raise ValueError(f"{word} is no finite number")
+
+
+def _finite(word: str) -> float:
+    number = float(word)
+    return number if math.isfinite(number) else _refuse(word)
+
+
+def _check_whole_numbers(content: object) -> None:
+    """Raise ValueError where a whole number takes more than 64 bits."""
+    if isinstance(content, dict | list):
+        for one in content.values() if isinstance(content, dict) else content:
+            _check_whole_numbers(one)
+    elif isinstance(content, int) and not -LARGEST_WHOLE <= content < LARGEST_WHOLE:
+        raise ValueError(f"whole numbers have up to 64 bits; got one of {content.bit_length()} bits")
 
 
 def read_toml(path: Path, remedy: str = "correct it, or name another file") -> dict[str, Any]:
@@ -58,9 +78,11 @@ def parse_toml(text: str, name: str, remedy: str) -> dict[str, Any]:
 
     with decoding(name, "TOML", remedy):
         try:
-            return tomllib.loads(text)
+            content = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
             raise BadInput(f"{name} is no TOML: {error}", remedy) from error
+        _check_whole_numbers(content)
+        return content
 
 
 def read_rows(path: Path, remedy: str) -> list[list[str]]:
@@ -70,16 +92,11 @@ def read_rows(path: Path, remedy: str) -> list[list[str]]:
         return list(csv.reader(io.StringIO(text, newline="")))
 
 
-def read_numbers(path: Path, what: str, remedy: str = "give a text array of numbers") -> npt.NDArray[np.float64]:
-    """A text array, a row per line, `#` before comments: (rows, columns), finite. Raises BadInput."""
+def read_numbers(
+    path: Path, what: str, shape: Shape = (None, None), remedy: str = "give a text array of numbers"
+) -> npt.NDArray[np.float64]:
+    """A text array, a row per line, `#` before comments: (rows, columns). Raises BadInput as `checked_array`."""
     text = read_text(path, what, remedy)
     with decoding(str(path), what, remedy):
         rows = [[float(word) for word in words] for line in text.splitlines() if (words := line.split("#")[0].split())]
-    widths = {len(row) for row in rows}
-    if len(widths) != 1:
-        found = "is empty" if not widths else f"has rows of {min(widths)} to {max(widths)} numbers"
-        raise BadInput(f"{what} {path} {found}", remedy)
-    numbers = np.array(rows)
-    if not np.isfinite(numbers).all():
-        raise BadInput(f"{what} {path} holds values that are no finite numbers", remedy)
-    return numbers
+    return checked_array(rows, f"{what} {path}", shape, remedy=remedy)

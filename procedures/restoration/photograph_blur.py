@@ -203,6 +203,7 @@ def _shaped(source: KnownShapes, max_w: float | None, photographs: Sequence[Arra
     shapes = source.shapes
     measured = [one.half_width_px + 1 for one in shapes if isinstance(one, MeasuredShape)]
     widest = max_w or max([default_max_w(_arrays(shapes)), *measured])
+    check_max_w(widest)
     ratios = source.ratios or _ratios(source, widest, photographs)
     finer = partial(_masks_of_shapes, shapes, ratios, source.offsets or (0.0,) * len(shapes), widest, shape)
     return SceneBlur(finer(1), finer, max_w=widest, ratios=ratios, doubt=source.doubt)

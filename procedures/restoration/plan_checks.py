@@ -58,8 +58,9 @@ def check_later(which: str, frame: RawFrame, facts: Facts) -> Advice:
         return wrong
     light = light_against_first(frame, known)
     ratio = aperture_ratio(known, which)
-    readings = (light, *((Reading("apertures", ratio, "", LEAST_RATIO, None),) if ratio else ()))
-    if known.blur_by == APERTURES and ratio and ratio < LEAST_RATIO:
+    by_apertures = known.blur_by == APERTURES and ratio > 0
+    readings = (light, *((Reading("apertures", ratio, "", LEAST_RATIO, None),) if by_apertures else ()))
+    if by_apertures and ratio < LEAST_RATIO:
         say = f"The apertures differ by a factor of {ratio:.2f}: make it {LEAST_RATIO:g} or more."
         return Advice(False, say, readings, by_hand={"aperture": LEAST_RATIO / ratio})
     if not light.good:

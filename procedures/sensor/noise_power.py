@@ -18,6 +18,8 @@ Array = npt.NDArray[np.float64]
 
 BLOCK = 32
 """Side of a block, in pixels: the spectrum is told at so many frequencies along each axis."""
+LEAST_SIDE = 5
+"""Of a spectrum, so that two frequencies on each side of 0 differ."""
 NEIGHBOURS = (35 / 18) ** 2
 """By how much a sum over frequencies varies more than one of independent ones, under Hann's window along both axes."""
 

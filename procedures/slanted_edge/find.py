@@ -104,6 +104,8 @@ def _why_none(segments: list[_Segment], slanted: list[_Segment]) -> tuple[str, s
 
 def _segments(samples: Array32) -> list[_Segment]:
     """Segments of strong gradients, with the brighter side on their right."""
+    if min(samples.shape) < 2:  # it has no gradients
+        return []
     top = float(np.quantile(samples, 0.999))
     picture = np.clip(samples * (255 / max(top, 1e-6)), 0, 255).astype(np.float32)
     noise = 1.4826 * float(np.median(np.abs(np.diff(picture, axis=1) - np.median(np.diff(picture, axis=1))))) / 2**0.5

@@ -6,6 +6,7 @@ chart then stands along the optical axis follows from rail and head, not from it
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -16,16 +17,15 @@ import numpy.typing as npt
 
 from procedures.advice import changed_settings
 from procedures.drawings import steps as drawings
-from procedures.facts import AxisTravel, facts_as, required
+from procedures.facts import AxisTravel, facts_as
 from procedures.field import plan as field_plan
 from procedures.field.facts import TourStart
 from procedures.field.locations import AHEAD, Location, direction, pan_tilt_deg, ray
 from procedures.field.plan import BEFORE, correction, light_readings, off_place
 from procedures.numbers import HELPS, TILT_CORNER
-from procedures.outcome import BadParameter
 from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown
 from procedures.pattern_psf.facts import SIZES
-from procedures.pattern_psf.plan import UNNOTED
+from procedures.pattern_psf.plan import LENS
 from procedures.pattern_psf.plan import plan as pattern_plan
 from procedures.plan import (
     Advice,
@@ -35,11 +35,14 @@ from procedures.plan import (
     Fact,
     Facts,
     Go,
+    Home,
     Known,
     Look,
+    Measure,
     Outcomes,
     Plan,
     Reading,
+    Request,
     Step,
     Tour,
     TourStop,
@@ -47,22 +50,26 @@ from procedures.plan import (
 from procedures.raw import RawFrame
 from procedures.tilt.estimate import Tilt
 from procedures.tilt.facts import DEPTH, TURN, TiltFacts
-from procedures.tilt.positions import Positions, behind_lens_um
+from procedures.tilt.reach import (
+    bracket_mm,
+    check_width,
+    f_number_of,
+    off_reach_mm,
+    width_within_reach,
+    without_laser,
+)
 from procedures.tilt.screws import SURE
 
 Array = npt.NDArray[np.float64]
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
 USUAL, FEWEST, MOST = 9, 7, 25
 """Places: fewer than seven do not tell a tilt from the lens's own curvature."""
-STEPS = (-3, -2, -1, 0, 1, 2, 3)
-"""Of the bracket, in depths of focus behind the lens: f-number times a pixel of the plane."""
 NEAR = 0.05
 """How far from its place the chart may appear, in parts of the frame's width."""
 ROUNDS = 6
 """Of head and rail in turn: each is nearer by a factor of ten or so."""
 MARK = 16
 """Letters of a file's hash that tell it from the others."""
-BY_HAND = "take the bracket as your camera can, and give it to `station tilt` with a table of its positions"
 
 
 def plan(estimate: Estimator) -> Plan:
@@ -72,7 +79,11 @@ def plan(estimate: Estimator) -> Plan:
         "tilt",
         "The sensor's tilt, and the screws that mend it",
         (
-            *(begin.step(name) for name in BEFORE),
+            Step(
+                "rail", "Rail and lens", "Tell the lens, and home the rail: its reach limits the chart's size.", RAIL,
+                drawings.DISTANCE,
+            ),
+            *(replace(step, requests=after_rail(step)) for step in map(begin.step, BEFORE)),
             Step("screws", "Screws", "Tell what holds the sensor, the chart in the middle.", SCREWS, drawings.TOUR),
             Step("turn", "Turn", "Turn the screws as they were found to need it.", (TURN_THEM,)),
             Step(
@@ -90,6 +101,28 @@ def plan(estimate: Estimator) -> Plan:
     )  # fmt: skip
 
 
+# --- rail and lens: the chart's width ----------------------------------------------------------------------------
+
+RAIL: tuple[Request, ...] = (
+    *LENS,
+    Ask("typed_f_number", "Which f-number do you set?", "number", "", low=0.5, high=64.0),
+    Home(),
+    Measure(),
+)
+
+
+def after_rail(step: Step) -> tuple[Request, ...]:
+    """A step's requests without those that the step `rail` has done; the chart's width is proposed from its facts."""
+    asked = [one.key for one in RAIL if isinstance(one, Ask)]
+    requests = (one for one in step.requests if not isinstance(one, Home) and getattr(one, "key", "") not in asked)
+    return tuple(
+        replace(one, proposed=width_within_reach, check=check_width)
+        if isinstance(one, Ask) and one.key == "chart_width_mm"
+        else one
+        for one in requests
+    )
+
+
 # --- screws ------------------------------------------------------------------------------------------------------
 
 
@@ -99,22 +132,24 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
     if not advice.good:
         return advice
     known = facts_as(TiltFacts, {**facts, **advice.facts})
-    rail = known.axes.get("z_mm")
-    if rail is None or rail.at is None:
-        raise BadParameter("the bracket is made by a rail, the axis z_mm, which the bench has not", BY_HAND)
-    depths = bracket_mm(known, shown(frame).pitch)
-    nearest, farthest = (rail.at + depth - known.begun().distance_mm for depth in (min(depths), max(depths)))
-    if rail.holds(nearest) and rail.holds(farthest):
+    optics, f_number = known.optics(shown(frame).pitch), f_number_of(known)
+    distance_mm, aimed_mm = known.begun().distance_mm, optics.distance_mm(known.wanted_px_per_cell)
+    if not off_reach_mm(known, bracket_mm(optics, f_number, distance_mm)):
         return advice
-    say = (
-        f"The bracket goes from {min(depths):.0f} to {max(depths):.0f} mm before the chart, where the rail does not "
-        "reach: print a smaller chart, and begin again."
-    )
-    return replace(advice, good=False, say=say, by_hand={"smaller_chart": 1.0})
+    if not off_reach_mm(known, bracket_mm(optics, f_number, aimed_mm)):
+        say = f"Move the camera to {aimed_mm / 1000:.2f} m from the chart: about there the rail reaches the bracket."
+        return replace(advice, good=False, say=say, moves={"z_mm": aimed_mm - distance_mm})
+    depths = bracket_mm(optics, f_number, aimed_mm)
+    nearer = off_reach_mm(known, depths)
+    way = "nearer to" if nearer > 0 else "farther from"
+    say = f"hang the chart {abs(nearer):.0f} mm {way} the rail."
+    if abs(nearer) == math.inf:
+        say = f"begin again with a chart at most {width_within_reach(without_laser(facts)):.0f} mm wide."
+    needed = f"The bracket goes from {depths[0]:.0f} to {depths[-1]:.0f} mm before the chart"
+    return replace(advice, good=False, say=f"{needed}, where the rail does not reach: {say}")
 
 
 SCREWS = (
-    UNNOTED,
     Ask("places", "At how many places?", "number", "", USUAL, low=FEWEST, high=MOST),
     Ask("screw_count", "How many screws hold the sensor?", "number", "", 3, low=3, high=12),
     Ask("screw_radius_mm", "How far are they from the frame's centre?", "number", "mm", low=1.0, high=500.0),
@@ -167,25 +202,12 @@ TURN_THEM = Go(lambda facts: {}, say_turns, turns_by_hand)
 # --- bracket -----------------------------------------------------------------------------------------------------
 
 
-def bracket_mm(known: TiltFacts, pitch: int) -> list[float]:
-    """Distances of the chart at which its image steps through the sensor, the nearest first.
-
-    Thin lens: 1 / image + 1 / object = 1 / focal length.
-    """
-    optics, start = known.optics(pitch), known.begun()
-    f_number = required(known.aperture, "the f-number", "tell it in the step `screws`")
-    f, depth_um = optics.focal_length_mm, f_number * optics.plane_pitch_um
-    image_um = behind_lens_um(start.distance_mm, Positions.SET, f)
-    images_mm = [(image_um - step * depth_um) / 1000 for step in STEPS]
-    return sorted(f * image / (image - f) for image in images_mm)
-
-
 def stops(facts: Facts) -> list[TourStop]:
     """Every place with every distance of the bracket."""
     known = facts_as(TiltFacts, facts)
     start = known.begun()
     pitch = round(known.optics(1).principal_px(start.distance_mm) / start.principal_px)
-    depths = bracket_mm(known, pitch)
+    depths = bracket_mm(known.optics(pitch), f_number_of(known), start.distance_mm)
     nearer = start.distance_mm / depths[0]
     as_nearest = {name: half * nearer for name, half in zip(("tour_half_x", "tour_half_y"), start.half, strict=True)}
     found = field_plan.locations({**facts, **as_nearest})  # so that the chart is not cut where it is largest

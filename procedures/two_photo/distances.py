@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from procedures.facts import facts_as
 from procedures.numerics.warps import homography_jacobian
-from procedures.outcome import Refused
-from procedures.plan import Advice, Reading
+from procedures.outcome import BadParameter, Refused
+from procedures.plan import Advice, Fact, Facts, Reading
 from procedures.raw import Plane
-from procedures.two_photo.facts import TwoPhotoFacts
+from procedures.two_photo.facts import RATIO, SHARP_RATIO, TwoPhotoFacts
 from procedures.two_photo.registration import register
 
 LASER_REACH_MM, NEAR_SHARE, WAY_SHARE = 300.0, 0.3, 0.15
@@ -46,17 +49,55 @@ def way_by_laser(known: TwoPhotoFacts) -> Advice | None:
     return Advice(False, say, (way,), moves={"z_mm": told_mm - gone_mm}, by_hand={"distance": told_mm - gone_mm})
 
 
+def room_mm(known: TwoPhotoFacts) -> float | None:
+    """How far back the rail goes from here; None where there is no rail, or its end is not known."""
+    rail = known.axes.get("z_mm")
+    return None if rail is None or rail.at is None or rail.high is None else rail.high - rail.at
+
+
+def check_reach(near_mm: Fact, facts: Facts) -> None:
+    """Raises BadParameter where the rail does not reach a far place that determines a sharp lens's PSF."""
+    room = room_mm(facts_as(TwoPhotoFacts, facts))
+    if room is None or room >= (SHARP_RATIO - 1) * float(near_mm):
+        return
+    raise BadParameter(
+        f"the far photograph must be taken from at least {SHARP_RATIO:g} times the near distance; from "
+        f"{float(near_mm) / 1000:.2f} m the rail reaches {1 + room / float(near_mm):.1f} times",
+        f"bring wall and rail together, so that the wall is at most {room / (SHARP_RATIO - 1) / 1000:.2f} m from the "
+        "lens, or correct the distance",
+    )
+
+
+def check_ratio(ratio: Fact, facts: Facts) -> None:
+    """Raises BadParameter where the far place lies beyond the rail's end."""
+    known = facts_as(TwoPhotoFacts, {**facts, "ratio": ratio})
+    beyond = beyond_rail(known)
+    if beyond is not None:
+        raise BadParameter(beyond.say.removesuffix("."), f"give a ratio of at most {reached_ratio(known):g}")
+
+
+def proposed_ratio(facts: Facts) -> float:
+    """The usual ratio, or the largest that the rail reaches."""
+    return min(RATIO, reached_ratio(facts_as(TwoPhotoFacts, facts)))
+
+
+def reached_ratio(known: TwoPhotoFacts) -> float:
+    """The largest ratio that the rail reaches from here, to one decimal; infinite where there is none."""
+    room = room_mm(known)
+    return math.inf if room is None or known.near_mm is None else int(10 * (1 + room / known.near_mm)) / 10
+
+
 def beyond_rail(known: TwoPhotoFacts) -> Advice | None:
     """That the rail does not reach the far place, from the near one; None where it does, or where there is none."""
-    rail, near_mm = known.axes.get("z_mm"), known.near_mm
-    if rail is None or rail.at is None or near_mm is None or known.insisted.issuperset(("near_mm", "ratio")):
+    room, near_mm = room_mm(known), known.near_mm
+    if room is None or near_mm is None or known.insisted.issuperset(("near_mm", "ratio")):
         return None
     told_mm = (known.ratio - 1) * near_mm
-    if rail.high is None or rail.at + told_mm <= rail.high:
+    if told_mm <= room:
         return None
     say = (
         f"{known.ratio:g} times as far as {near_mm / 1000:.2f} m is {told_mm / 1000:.2f} m farther back, and the rail "
-        f"goes {(rail.high - rail.at) / 1000:.2f} m: a smaller ratio will do, or the near distance is wrong."
+        f"goes {room / 1000:.2f} m: a smaller ratio will do, or the near distance is wrong."
     )
     return Advice(False, say, doubted=("near_mm", "ratio"))
 

@@ -8,6 +8,8 @@ from procedures.facts import CameraFacts, derived_from
 
 LEAST_RATIO, RATIO, MOST_RATIO = 2.2, 4.0, 8.0
 """Of the two distances: below, no subpixel PSF is determined; above, too little of the wall is common to both."""
+SHARP_RATIO = 3.2
+"""From which three samples per pixel are determined, as a sharp lens needs: the zoom is larger than the ratio."""
 
 
 @dataclass(frozen=True)

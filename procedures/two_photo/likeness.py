@@ -37,6 +37,11 @@ FAR_PATCH, NEAR_PATCH = 48, 256
 """Sides of the patches of which spectra are taken."""
 COARSE_DETAIL = 0.05
 """Cycles/pixel of the far photograph at which the OTF cannot vary with the direction."""
+ALIKE = (35 / 18) ** 2
+"""Frequencies of a patch for each independent one: a Hann window correlates the power of neighbours by 4/9, and of next
+neighbours by 1/36, along either axis."""
+CLEAR = 3.0
+"""Standard deviations from which a difference is not taken for scatter."""
 LOWEST = 2.5
 """Cycles per patch from which the window does not smear the wall's spectrum."""
 FINEST = 0.4
@@ -94,7 +99,7 @@ class Likeness:
     left_over : float
         Amplitude of what is left over at coarse detail beyond noise, over that of the wall there.
     colour : float
-        Power of what is left over at coarse detail, over that at fine detail: 1 for noise.
+        Power of what is left over at coarse detail, over that at fine detail: 1 for noise, within its scatter.
     smoothing : float
         The same at middle detail over the finest: a smoothed far photograph has less noise the finer it is, while
         another light or response leaves coarse detail over.
@@ -147,15 +152,28 @@ def remains(fit: PairFit) -> tuple[float, float, float, float]:
     coarse, fine, middle, finest = ((r >= low) & (r < high) for low, high in (COARSE, FINE, *SMOOTHED))
     along_x, along_y = ((a >= FINE[0]) & (b < COARSE[1]) for a, b in ((fx, fy), (fy, fx)))
     floor = float(noise[fine].mean())
-    scatter = 1 / np.sqrt(0.4 * patches * coarse.sum())  # overlapping windows: two fifths of them are independent
-    excess = float(noise[coarse].mean()) - floor * (1 + 2 * scatter)
+    independent = patches / ALIKE
+    excess = float(noise[coarse].mean()) - floor * (1 + 2 / np.sqrt(independent * coarse.sum()))
     share = max(excess, 0.0) / max(float(wall[coarse].mean()), 1e-12)
-    streaks = float(noise[along_x].mean()) / max(float(noise[along_y].mean()), 1e-15)
-    colour, smoothing = (
-        float(noise[one].mean()) / max(float(noise[other].mean()), 1e-15)
-        for one, other in ((coarse, fine), (middle, finest))
-    )
+    pairs = ((coarse, fine), (middle, finest), (along_x, along_y))
+    colour, smoothing, streaks = (clear_ratio(noise[one], noise[other], independent) for one, other in pairs)
     return float(np.sqrt(share)), colour, smoothing, streaks
+
+
+def clear_ratio(one: Array, other: Array, independent: float) -> float:
+    """Mean of one band's power over another's; 1 where scatter explains the difference.
+
+    Parameters
+    ----------
+    one, other : (m,), (n,) float64
+        Power at the frequencies of each band, a mean over patches.
+    independent : float
+        Independent values of a frequency's power. Noise has an exponential distribution of power: its standard
+        deviation is its mean.
+    """
+    ratio = max(float(one.mean()), 1e-15) / max(float(other.mean()), 1e-15)
+    scatter = np.sqrt((1 / one.size + 1 / other.size) / independent)
+    return ratio if abs(np.log(ratio)) > CLEAR * scatter else 1.0
 
 
 def at_detail(fit: PairFit) -> float:
@@ -218,6 +236,7 @@ def near_look(near: Array32, psf: Psf) -> NearLook:
     inverted = np.linalg.inv(G + 1e-9 * np.eye(len(G)))
     scatter = np.sqrt(np.diag(inverted @ (JW.T @ JW) @ inverted)[:-1]) * float(np.std(left))
     told = np.sign(theta) * np.maximum(np.abs(theta) - scatter, 0)
+    told[7:9][np.abs(theta[7:9]) < CLEAR * scatter[7:9]] = 0.0
     return NearLook(told[2:4], float(told[4]), told[7:9], float(-theta[1]), most_noise)
 
 

@@ -36,8 +36,11 @@ from procedures.plan import (
 from procedures.raw import Plane, RawFrame
 from procedures.two_photo.distances import (
     beyond_rail,
+    check_ratio,
+    check_reach,
     near_by_laser,
     near_by_photographs,
+    proposed_ratio,
     times_as_far,
     way_by_laser,
     way_mm,
@@ -126,6 +129,11 @@ def asked_for(facts: Facts) -> TwoPhotoParameters:
     return TwoPhotoParameters(s=facts_as(TwoPhotoFacts, facts).s)
 
 
+def on_rail(facts: Facts) -> bool:
+    """Whether a rail carries the camera."""
+    return "z_mm" in facts_as(TwoPhotoFacts, facts).where()
+
+
 def to_near(facts: Facts) -> dict[str, float]:
     """The rail's near end, with the head looking along the rail."""
     axes = facts_as(TwoPhotoFacts, facts).axes
@@ -158,9 +166,14 @@ WALL = (
     Go(to_near, lambda facts: "going to the near end of the rail" if to_near(facts) else ""),
     SetLight(lambda facts: 1.0),
     Ask("wall", "Choose a flat wall with fine and coarse detail: rough plaster, concrete, brick. No glass, no relief."),
-    Ask("tripod", "Put the camera on a tripod, square to the wall, the stabiliser off, in steady light."),
+    Ask("square", "Set the camera square to the wall, the stabiliser off, in steady light.", when=on_rail),
+    Ask(
+        "tripod",
+        "Put the camera on a tripod, square to the wall, the stabiliser off, in steady light.",
+        when=lambda facts: not on_rail(facts),
+    ),
     Ask("camera_set", "Set the camera: RAW, manual exposure, ISO 100, the aperture that is to be calibrated."),
-    Ask("near_mm", "How far is the wall from the lens?", "number", "mm", low=50.0, high=1e5),
+    Ask("near_mm", "How far is the wall from the lens?", "number", "mm", low=50.0, high=1e5, check=check_reach),
     Ask(
         "ratio",
         "How many times as far shall the second photograph be?",
@@ -169,6 +182,8 @@ WALL = (
         RATIO,
         low=LEAST_RATIO,
         high=MOST_RATIO,
+        proposed=proposed_ratio,
+        check=check_ratio,
     ),
 )
 

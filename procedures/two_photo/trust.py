@@ -49,10 +49,13 @@ def check_light(near: Array32, far: Array32) -> float:
     Raises
     ------
     Refused
-        If too much of a photograph is clipped, or it shows next to no light.
+        If too much of a photograph is clipped, or it shows next to no light, or is of a few pixels only.
     """
     clipped = []
     for photograph in (near, far):
+        if min(photograph.shape) < 3:  # noise is told by second differences
+            rows, columns = photograph.shape
+            raise Refused(f"photographs must be 3 pixels wide and high; one is {columns} x {rows}", "give whole ones")
         clipped.append(clipped_share(photograph))
         if clipped[-1] > 0.05:
             raise Refused(
@@ -177,8 +180,8 @@ def _processed(d: Diagnostics, raw: bool) -> list[Check]:
               f"take both from a tripod, without touching the camera{_as_raw(raw)}"),
         Check("residual at detail", d.detail, AT_DETAIL, doubtful,
               f"what the near photograph does not explain is {d.detail:.1f} times as strong at the wall's detail as "
-              "where it has none: the far photograph was smoothed all but for its edges",
-              f"{files}, or choose a flat wall", prior=prior),
+              "where it has none: the far photograph was smoothed all but for its edges, or the near one is aliased",
+              f"{files}, choose a flat wall, or stop the lens down", prior=prior),
     ]  # fmt: skip
 
 

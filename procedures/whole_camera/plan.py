@@ -16,7 +16,6 @@ from procedures.facts import facts_as
 from procedures.field import plan as field_plan
 from procedures.field.plan import Estimator
 from procedures.geometry import plan as geometry_plan
-from procedures.geometry.cameras import simple_camera
 from procedures.geometry.facts import ViewPose, as_pose, pose_facts
 from procedures.geometry.next_view import chart_at, planned_view
 from procedures.geometry.views import chart_nodes
@@ -78,6 +77,7 @@ def plan(estimate: Estimator, levels: int = sensor_plan.LEVELS, pictures: int = 
             Step("estimate", "Estimate", "Put the camera together from all photographs.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the chart's places again.", (Decide("places"),)),
         ),
+        subject="frame",
         facts=WholeCameraFacts,
     )  # fmt: skip
 
@@ -204,8 +204,7 @@ def foreseen_px(known: WholeCameraFacts, places: int, most: int) -> Sequence[flo
     The camera is the data sheet's; a view that comes next is the one that helps most.
     """
     start = known.begun()
-    rows, columns = start.shape
-    camera = simple_camera("OPENCV", (start.principal_px,) * 2, ((columns - 1) / 2, (rows - 1) / 2), (columns, rows))
+    camera = geometry_plan.camera_as_told(start.shape, start.principal_px)
     poses = [as_pose(one) for one in known.before(1 + places)]
     rim, nodes = geometry_plan.rim_of(start), chart_nodes(known.cell_mm)
     errors: list[float] = []

@@ -17,9 +17,10 @@ import numpy as np
 from drivers.transport import register_scheme
 from simulators.bench.body import BodySettings, CameraBody, Opening
 from simulators.bench.device_faults import Fate, Mishap, random_faults, random_mishaps
-from simulators.bench.simulated_operator import Hands
+from simulators.bench.simulated_operator import Hands, Person
 from simulators.bench.view import View
 from simulators.bench.voice_coils import VoiceCoils
+from simulators.camera.camera import SimulatedCamera
 from simulators.camera.subjects import SUBJECTS
 from simulators.devices.cable_faults import Faults
 from simulators.devices.grbl import GrblController
@@ -72,6 +73,7 @@ class SimulatedBench:
         sensing, picture = root.spawn(2)
         self.view = View(self.world, picture)
         self.subject = "chart"
+        self._usual_camera: SimulatedCamera | None = None
         self.motions: tuple[tuple[Drive, ...], ...] = ()
         self._room = setup.room
         self._motors_on_box = setup.motors_on_box
@@ -106,7 +108,8 @@ class SimulatedBench:
     @cached_property
     def hands(self) -> Hands:
         """A person at this bench, who begins with an empty room; without him the chart hangs straight and in focus."""
-        return Hands(self, self._seed)
+        width_mm = None if self.subject == "tilt" else Person.width_mm
+        return Hands(self, self._seed, Person(width_mm))
 
     def show(self, subject: str) -> None:
         """Stand before one of `SUBJECTS`; a person who had begun with another subject begins again."""
@@ -116,9 +119,13 @@ class SimulatedBench:
         shown = SUBJECTS[subject](np.random.default_rng(self._seed))
         self.subject, self.view.sheets, self.motions = subject, shown.sheets, shown.motions
         self.view.held = replace(self.view.held, slopes=shown.slopes)
-        lens = replace(self.view.camera.lens, f_number=shown.f_number)
-        self.view.camera = replace(self.view.camera, lens=lens)
-        self.world.room = replace(self._room, arm_mm=float("inf")) if shown.motions else self._room
+        usual, self._usual_camera = self._usual_camera or self.view.camera, None
+        if shown.camera is not None:
+            self._usual_camera = usual
+        camera = shown.camera or usual
+        self.view.camera = replace(camera, lens=replace(camera.lens, f_number=shown.f_number))
+        arm_mm = float("inf") if shown.motions else self._room.arm_mm
+        self.world.room = replace(self._room, arm_mm=arm_mm, near_mm=shown.near_mm or self._room.near_mm)
 
     def _enable(self, on: bool, now_s: float) -> None:
         if self._motors_on_box:

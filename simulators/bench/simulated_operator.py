@@ -67,14 +67,13 @@ NEARER = 0.65
 class Person:
     """How somebody leaves things who was not told numbers: the chart, the lamp, the dial; and what the printer does.
 
-    `ratio` is that of the distances from a wall, as the rail allows it.
+    `width_mm` of the chart that is ordered, which the rail's reach suits; None orders what is proposed.
     """
 
-    width_mm: float = 96.0
+    width_mm: float | None = 96.0
     printer: float = 0.994
     mount: Mount = field(default_factory=lambda: Mount(14.0, -9.0, yaw_deg=2.6, pitch_deg=-1.9, roll_deg=6.4))
     exposure_s: float = 1 / 160
-    ratio: float = 2.8
     slope: tuple[float, float] = (-0.13, 0.04)
 
 
@@ -117,14 +116,13 @@ class Hands:
         camera = self._at.view.camera
         ruler = round(400 * self._person.printer) / 4
         known: dict[str, Known] = {
-            "chart_width_mm": self._person.width_mm,
+            **({} if self._person.width_mm is None else {"chart_width_mm": self._person.width_mm}),
             "ruler_mm": ruler,
             "focal_length_mm": camera.lens.focal_length_mm,
             "pixel_pitch_um": camera.pitch_um,
             "sensor_kind": "monochrome" if camera.sensor.cfa is None else "mosaic",
             "typed_f_number": camera.lens.f_number,
             "near_mm": round(self._at.world.distance_mm(self._at.clock.now_s()) / TAPE_MM) * TAPE_MM,
-            "ratio": self._person.ratio,
             "screw_count": float(self._held.count),
             "screw_radius_mm": self._held.radius_mm,
             "screw_pitch_mm": self._held.pitch_mm,
@@ -157,7 +155,7 @@ class Hands:
             self._stop_down(LENS_AND_MOTIONS[key])
         match key:
             case "printed":
-                view.cell_mm = float(facts.get("chart_width_mm", self._person.width_mm)) / 320 * self._person.printer
+                view.cell_mm = float(facts["chart_width_mm"]) / 320 * self._person.printer
             case "mounted":
                 view.sheets = ()  # a panel that was before the lens is put away
                 view.mount = self._mount()

@@ -8,14 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from simulators.camera.camera import NOMINAL_F_NUMBER
+from simulators.camera.camera import NOMINAL_F_NUMBER, Lens, SimulatedCamera
+from simulators.camera.sensor import Sensor
 from simulators.camera.sheets import Frame, Sheet, leaves, smooth
 from simulators.world.world import Drive
 
-WALL_MM = (640.0, 480.0)
-WALL_TEXEL_MM = 0.16
-LARGEST_MM = 40.0
-"""Radius of the wall's largest leaves; the smallest are below a pixel from the near end of the rail."""
+WALL_MM = (252.0, 190.0)
+WALL_TEXEL_MM = 0.05
+LARGEST_MM, PER_LEAF = 12.0, 100.0
+"""Radius of the wall's largest leaves, the smallest being below a pixel from the near end of the rail; texels per leaf.
+"""
+WALL_NEAR_MM, WALL_F_NUMBER = 360.0, 16.0
+"""Four times as far is well within the rail's travel. The lens is stopped down: its MTF is low beyond the near
+photograph's Nyquist frequency, where detail would be folded back."""
 
 
 SHAKE_HZ, SHAKE_MM = 10.0, 1.9
@@ -46,21 +51,29 @@ MOTIONS = (
 class Subject:
     """Sheets from the back to the front; none: the chart.
 
-    `f_number`: the lens is stopped down to it. `slopes`: of the sensor behind the image, in um/mm. `motions`: what the
-    rig's shaker can do; only that turns the camera of such a rig, along which it otherwise shifts.
+    `camera`: None is the bench's usual one. `f_number`: the lens is stopped down to it. `slopes`: of the sensor behind
+    the image, in um/mm. `motions`: what the rig's shaker can do; only that turns the camera of such a rig, along which
+    it otherwise shifts. `near_mm`: from it to the camera at the rail's near end; None is where a chart hangs.
     """
 
     sheets: tuple[Sheet, ...] = ()
+    camera: SimulatedCamera | None = None
     f_number: float = NOMINAL_F_NUMBER
     motions: tuple[tuple[Drive, ...], ...] = ()
     slopes: tuple[float, float] = (0.0, 0.0)
+    near_mm: float | None = None
+
+
+def frame_camera() -> SimulatedCamera:
+    """A monochrome camera whose frame is six charts wide and four high at the s/t that the guide goes to."""
+    return SimulatedCamera(Lens(focal_length_mm=24.0), Sensor(rows=480, columns=640, cfa=None), pitch_um=11.88)
 
 
 def wall(rng: np.random.Generator) -> Subject:
     """A flat wall with detail of all sizes, wider than the camera sees from the far end of the rail."""
     columns, rows = (round(size / WALL_TEXEL_MM) for size in WALL_MM)
-    picture = leaves((rows, columns), rng, largest=LARGEST_MM / WALL_TEXEL_MM)
-    return Subject((Sheet(picture, WALL_TEXEL_MM),))
+    picture = leaves((rows, columns), rng, largest=LARGEST_MM / WALL_TEXEL_MM, per_leaf=PER_LEAF)
+    return Subject((Sheet(picture, WALL_TEXEL_MM),), f_number=WALL_F_NUMBER, near_mm=WALL_NEAR_MM)
 
 
 def depth(rng: np.random.Generator) -> Subject:
@@ -76,7 +89,7 @@ def depth(rng: np.random.Generator) -> Subject:
         replace(middle, cover=_cover(disc), behind_mm=350.0),
         replace(front, cover=_cover(left), behind_mm=-150.0),
     )
-    return Subject(sheets, 16.0, MOTIONS)
+    return Subject(sheets, f_number=16.0, motions=MOTIONS)
 
 
 PANEL_MM = 4000.0
@@ -89,7 +102,7 @@ def panel() -> Subject:
 
 
 TILT_F_NUMBER, TILT_SLOPES = 2.8, (9.0, -6.0)
-"""Of a camera, before the chart, whose sensor is to be squared to its lens: 34 um from side to side of a small one."""
+"""Of a camera, before the chart, whose sensor is to be squared to its lens: 68 um from side to side."""
 
 
 def _cover(inside: npt.NDArray[np.bool_]) -> Frame:
@@ -98,7 +111,8 @@ def _cover(inside: npt.NDArray[np.bool_]) -> Frame:
 
 SUBJECTS: Mapping[str, Callable[[np.random.Generator], Subject]] = {
     "chart": lambda rng: Subject(),
-    "tilt": lambda rng: Subject(f_number=TILT_F_NUMBER, slopes=TILT_SLOPES),
+    "frame": lambda rng: Subject(camera=frame_camera()),
+    "tilt": lambda rng: Subject(camera=frame_camera(), f_number=TILT_F_NUMBER, slopes=TILT_SLOPES),
     "wall": wall,
     "depth": depth,
     "panel": lambda rng: panel(),

@@ -82,8 +82,8 @@ def _measured(procedure: Procedure, paths: Sequence[Path], hashes: Sequence[str]
             raise ChangedMeanwhile(Path(one.path))
 
     def write(place: ResultFolder, head: RecordHead, page: bool) -> str:
-        if page and measuring.has_page:
-            place.write("report.html", measuring.page(found))
+        if page and measuring.has_page and not found.refused:
+            place.write(measuring.page_name, measuring.page(found))
         return write_measurement(place, replace(found, head=head))
 
     return Answer(found.planes, found.exposure, write)
@@ -160,6 +160,8 @@ def _edges(procedure: Procedure, frame: RawFrame) -> Answer:
 
 def further_files(procedure: Procedure, paths: Sequence[Path]) -> dict[Path, str]:
     """The files that an answer depends on beside its photographs, with their hashes; "" of those that are not there."""
+    if procedure.settings is not None:
+        return {one: hash_of(one) for one in procedure_named(procedure.name).files(paths, procedure.settings)}
     options = procedure.restoration
     return {} if options is None else {one: hash_of(one) for one in options.placed(procedure.folder, paths).files}
 

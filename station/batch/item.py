@@ -15,13 +15,13 @@ from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
 from station.batch.estimates import Answer, ChangedMeanwhile, Write, estimate, further_files, hash_of
 from station.batch.procedure_file import PATTERN, SERIES, Procedure
-from station.calibration.folder_photographs import Item
+from station.calibration.folder_photographs import Item, called
 from station.common.sanitise import encodable, printable, safe_stem
 from station.common.versions import software
 from station.procedure.base import Inputs
 from station.procedure.registry import procedure_named
 from station.results.comparison import Comparison, Judged
-from station.results.measurement import Measurement, write_measurement
+from station.results.measurement import BY_PLANE, Measurement, write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import RECORD, ResultFolder, write_psf_result
@@ -155,7 +155,7 @@ def _row(item: Item, job: Job) -> ItemRow:
     kept, redone = kept_row(job.out, job.done[key]) if key in job.done else (None, "")
     if kept is not None:
         return replace(kept, reused=True)
-    folder = f"{RESULTS}/{safe_stem(item.paths[0])}-{key}"
+    folder = f"{RESULTS}/{safe_stem(called(item.paths[0]))}-{key}"
     with ResultFolder(job.out / folder, force=True) as place:
         return replace(_estimate(item, job, contents, hashes, folder, place), redone=redone)
 
@@ -186,8 +186,12 @@ def _estimate(
 def _write_failure(procedure: Procedure, error: ProcedureError) -> Write:
     """Writes the record of what could not be estimated."""
     if procedure.settings is not None:
-        schema = procedure_named(procedure.name).schema
-        return lambda place, head, page: write_measurement(place, Measurement(schema, head, ()))
+        measuring = procedure_named(procedure.name)
+        missing = PlaneResult(measuring.name, Verdict.REFUSED, error.reason, error.remedy)
+        planes = () if measuring.results_key == BY_PLANE else (missing,)
+        return lambda place, head, page: write_measurement(
+            place, Measurement(measuring.schema, head, planes, results_key=measuring.results_key)
+        )
     if procedure.restoration is None:
         return lambda place, head, page: write_psf_result(place, (), head)
     from station.reports.restoration_files import write_refusal  # here: it draws, which is slow to load

@@ -42,7 +42,7 @@ from station.common.sanitise import printable
 from station.common.toml_table import Table
 from station.procedure.base import Inputs
 from station.procedure.registry import procedure_named, procedure_names
-from station.procedure.settings import Settings, read_settings, to_record
+from station.procedure.settings import Settings, placed, read_settings, to_record
 from station.results.specification_file import read_specification, specification_in
 from station.results.terms import USUAL, Terms
 from station.results.units import Frequency, Unit
@@ -175,7 +175,9 @@ def read_procedure(path: Path) -> Procedure:
         return _measuring(table, name, path.parent)
     if name == RESTORE:
         return _restoration(table, path.parent)
-    endings, pairs = _pairs(table.table("pairs"), path.parent, name) if name in ENDINGS else (Procedure.endings, None)
+    endings, pairs = Procedure.endings, None
+    if name in ENDINGS:
+        endings, pairs = _pairs(table.table("pairs"), path.parent, ENDINGS[name])
     procedure = Procedure(
         name,
         _parameters(table.table("parameters"), DEFAULTS[name]),
@@ -195,8 +197,14 @@ def read_procedure(path: Path) -> Procedure:
 
 def _measuring(table: Table, name: str, beside: Path) -> Procedure:
     """Of a procedure with a model of settings: its keys stand in [settings]."""
-    settings = read_settings(procedure_named(name).Settings, table.get("settings", dict, {}), "settings.")
-    found = Procedure(name, None, terms=_terms(table, beside), settings=settings, folder=beside)
+    measuring = procedure_named(name)
+    settings = placed(read_settings(measuring.Settings, table.get("settings", dict, {}), "settings."), beside)
+    endings, pairs = Procedure.endings, None
+    if measuring.inputs in (Inputs.PAIR, Inputs.RESULTS):
+        endings, pairs = _pairs(table.table("pairs"), beside, measuring.endings)
+    found = Procedure(
+        name, None, terms=_terms(table, beside), settings=settings, folder=beside, endings=endings, pairs=pairs
+    )
     table.end()
     return found
 
@@ -262,9 +270,9 @@ def _terms(table: Table, beside: Path) -> Terms:
     return Terms(unit, at, read_specification(beside / name) if name else own)
 
 
-def _pairs(table: Table, beside: Path, procedure: str) -> tuple[tuple[str, str], Path | None]:
+def _pairs(table: Table, beside: Path, usual: Mapping[str, str]) -> tuple[tuple[str, str], Path | None]:
     """How a pair's names end, or the table that names them."""
-    keys, usual = list(ENDINGS[procedure]), ENDINGS[procedure]
+    keys = list(usual)
     one, other = (table.get(key, str, usual[key]) for key in keys)
     rows = table.get("table", str, "")
     table.end()
@@ -284,7 +292,7 @@ def _restoration(table: Table, beside: Path) -> Procedure:
     planes = _planes(table)
     if len(planes) > 1:
         raise table.wrong("planes", "must be one plane here", 'write ["G1"], or ["all"] for colour')
-    endings, pairs = _pairs(table.table("pairs"), beside, RESTORE)
+    endings, pairs = _pairs(table.table("pairs"), beside, ENDINGS[RESTORE])
     found = Procedure(
         RESTORE, None, planes, endings=endings, pairs=pairs, restoration=options, folder=beside, layout=_layout(table)
     )

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from typing import Any, NoReturn
 
 from drivers.errors import BadConfiguration
-from station.bench.device_options import EITHER, OPTIONS, REFERS, Option, Options, named
+from station.bench.device_options import EITHER, REFERS, Option, Options, driver_names, named, options_of
 from station.common.sanitise import printable
 from station.common.toml_lines import Path, line_of
 from station.common.toml_text import toml_value
@@ -40,12 +40,12 @@ class TableCheck:
         if not isinstance(table, Mapping):
             self._refuse((name,), f"{_value(table)} is no table", f"begin one with [devices.{printable(name)}]")
         driver = table.get("driver")
-        if not isinstance(driver, str) or driver not in OPTIONS:
-            near = get_close_matches(str(driver), OPTIONS, 1)
-            known = f'write driver = "{near[0]}"' if near else f"use one of {', '.join(OPTIONS)}"
+        if not isinstance(driver, str) or driver not in driver_names():
+            near = get_close_matches(str(driver), driver_names(), 1)
+            known = f'write driver = "{near[0]}"' if near else f"use one of {', '.join(driver_names())}"
             missing = "it has no driver" if driver is None else f"there is no driver {_value(driver)}"
             self._refuse((name, "driver"), missing, known)
-        options = OPTIONS[driver]
+        options = options_of(driver)
         listed = "axes" if options.rows is not None else None
         self._check_keys((name,), table, options.keys, {"driver", listed})
         if driver in EITHER and not any(key in table for key in EITHER[driver]):
@@ -112,7 +112,7 @@ class TableCheck:
     def _check_references(self, name: str) -> None:
         table = self._tables[name]
         for key, (drivers, kind) in REFERS.items():
-            for one in named(table, key) if key in OPTIONS[table["driver"]].keys else ():
+            for one in named(table, key) if key in options_of(table["driver"]).keys else ():
                 self._check_reference((name, key), one, drivers, kind)
 
     def _check_reference(self, path: tuple[str, str], one: str, drivers: tuple[str, ...], kind: str) -> None:

@@ -39,6 +39,7 @@ from drivers.transport import SerialTransport
 from drivers.watchdog import Released, StrigWatchdog
 from drivers.wire.transcript import Transcript
 from drivers.zaber import ZaberAxis, ZaberStage
+from station.bench.device_options import added_drivers
 
 
 @dataclass(frozen=True)
@@ -251,3 +252,8 @@ MAKERS: dict[str, Callable[..., Device]] = {
     "dmx": _dmx,
     "grbl_light": _grbl_light,
 }
+
+
+def maker_of(driver: str) -> Callable[..., Device]:
+    """What makes a device of a driver. Raises KeyError where there is none of that name."""
+    return MAKERS[driver] if driver in MAKERS else added_drivers()[driver].make

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
 from typing import Any, Protocol
 
 from station.common.toml_text import toml_value
@@ -347,3 +349,41 @@ def named(table: Mapping[str, Any], key: str) -> list[str]:
 
 EITHER = {"relay": ("on", "port"), "grbl_light": ("on", "port")}
 """Drivers that need one of two keys."""
+
+
+# --- drivers of other packages ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class DriverEntry:
+    """A driver of another package: what its entry point in the group `station.drivers` names.
+
+    Attributes
+    ----------
+    make : callable
+        Makes the device: `make(name, parts, **options)`, `parts` as `station.bench.device_makers.Parts`.
+    options : Options
+        The keys of its table in station.toml.
+    """
+
+    make: Callable[..., Any]
+    options: Options
+
+
+GROUP = "station.drivers"
+
+
+@cache
+def added_drivers() -> dict[str, DriverEntry]:
+    """The drivers of installed packages by name; a built-in one cannot be replaced."""
+    return {one.name: one.load() for one in entry_points(group=GROUP) if one.name not in OPTIONS}
+
+
+def driver_names() -> list[str]:
+    """All drivers, the built-in ones first."""
+    return [*OPTIONS, *added_drivers()]
+
+
+def options_of(driver: str) -> Options:
+    """The options of a driver. Raises KeyError where there is none of that name."""
+    return OPTIONS[driver] if driver in OPTIONS else added_drivers()[driver].options

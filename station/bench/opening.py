@@ -44,7 +44,7 @@ from drivers.wire.transcript import Transcript
 from procedures.outcome import BadInput
 from procedures.reading.text import parse_toml, read_text
 from station.bench.device_check import TableCheck
-from station.bench.device_makers import MAKERS, Parts
+from station.bench.device_makers import MAKERS, Parts, maker_of
 from station.bench.device_options import REFERS, named
 from station.bench.motions import Motions
 from station.bench.stopping import Asked, StopRequest, stop_all, stops_on_wires
@@ -215,7 +215,7 @@ def make_bench(
     for name in sorted(tables, key=lambda one: _depth(tables, one)):
         options = {key: value for key, value in tables[name].items() if key != "driver"}
         parts = Parts(made, folder, clock, inspect_raw, wire_log, transcripts, cores)
-        made[name] = MAKERS[tables[name]["driver"]](name, parts, **options)
+        made[name] = maker_of(tables[name]["driver"])(name, parts, **options)
     return Bench(made, {name: str(tables[name]["driver"]) for name in made}, clock, transcripts=transcripts)
 
 

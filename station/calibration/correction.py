@@ -15,17 +15,15 @@ from procedures.correction.checks import check_exposure
 from procedures.correction.estimate import Correction, CorrectionParameters, correct
 from procedures.correction.light import evened
 from procedures.field.field_file import read_camera, read_colours, read_field, read_lights
+from procedures.numbers import CYCLES, FIELD_ERROR, MTF50_AFTER, MTF50_BEFORE, NOISE_GAIN
 from procedures.outcome import Outcome, Refused, with_doubt
 from procedures.raw import Exposure, RawFrame, read_frame, read_photograph
 from procedures.reading.sensor_dump import DumpLayout
 from station.calibration.camera_notes import CameraNotes, read_notes
 from station.calibration.picture_files import BLACK, WHITE, write_linear_dng, write_tiff
-from station.common.versions import software
-from station.results.record_head import RecordHead, verdict_entry
-from station.results.result_files import ResultFolder, write_record
+from station.results.record_head import verdict_entry
 
-SCHEMA = "station/correct/1"
-TIFF, DNG, MAPS, PAGE = "corrected.tiff", "corrected.dng", "gain.csv", "report.html"
+TIFF, DNG, MAPS = "corrected.tiff", "corrected.dng", "gain.csv"
 DESCRIPTION = "linear light, 0 black, 65535 white, camera colours not balanced; corrected through its lens's PSF field"
 
 
@@ -108,38 +106,34 @@ def _doubted(outcome: Outcome[Correction], unknown: list[str]) -> Outcome[Correc
     return with_doubt(outcome, reason, remedy)
 
 
-def write_correction(folder: ResultFolder, found: Corrected, head: RecordHead, page: bytes) -> str:
-    """Stage and publish every file of a correction; returns the record's text."""
-    value = found.outcome.value
-    if value is None:
-        return write_refusal(folder, found, head)
-    write_tiff(folder.staging / TIFF, value.picture, found.notes, DESCRIPTION)
-    write_linear_dng(folder.staging / DNG, value.picture, found.notes)
-    folder.write(MAPS, _maps(value))
-    folder.write(PAGE, page)
-    return write_record(folder, record(found, head))
-
-
-def write_refusal(folder: ResultFolder, found: Corrected, head: RecordHead) -> str:
-    """Publish the record of a refusal, which has no other files; returns its text."""
-    return write_record(folder, {"schema": SCHEMA, **head.told(), **_verdict(found), "software": software()})
-
-
-def _verdict(found: Corrected) -> dict[str, str]:
-    outcome = found.outcome
-    return verdict_entry(outcome)
-
-
-def record(found: Corrected, head: RecordHead) -> dict[str, Any]:
-    """What `result.json` says."""
-    value = found.outcome.value
-    if value is None:
-        raise ValueError("a correction without a value has no numbers")
-    told = value.prediction
+def correction_files(value: Correction, notes: CameraNotes) -> dict[str, bytes | Callable[[Path], None]]:
+    """The picture in both forms, written strip by strip, and the maps."""
     return {
-        "schema": SCHEMA,
-        **head.told(),
-        **_verdict(found),
+        TIFF: lambda path: write_tiff(path, value.picture, notes, DESCRIPTION),
+        DNG: lambda path: write_linear_dng(path, value.picture, notes),
+        MAPS: _maps(value),
+    }
+
+
+def correction_numbers(value: Correction) -> dict[str, float]:
+    """What limits can be set for: medians over the frame."""
+    predicted = value.prediction
+    return {
+        MTF50_BEFORE: value.scale * float(np.median(predicted.before)),
+        MTF50_AFTER: value.scale * float(np.median(predicted.after)),
+        NOISE_GAIN: float(np.median(predicted.noise_gain)),
+        FIELD_ERROR: value.field_error.rms,
+    }
+
+
+def correction_entries(found: Corrected) -> dict[str, Any]:
+    """What `result.json` says of a correction beside its head and its numbers."""
+    value = found.outcome.value
+    if value is None:
+        return verdict_entry(found.outcome)
+    predicted = value.prediction
+    return {
+        **verdict_entry(found.outcome),
         "encodings": {
             TIFF: {"encoding": "linear", "black": 0, "white": 65535},
             DNG: {"encoding": "linear", "black": BLACK, "white": WHITE},
@@ -152,12 +146,11 @@ def record(found: Corrected, head: RecordHead) -> dict[str, Any]:
         "lateral_colour_undone": list(found.undone),
         "vignetting_undone": list(found.evened),
         "predicted": {
-            "mtf50_before": _number(value.scale * told.before, "cycles/pixel"),
-            "mtf50_after": _number(value.scale * told.after, "cycles/pixel"),
-            "noise_gain": _number(told.noise_gain, "1"),
-            "field_error": {"rms": value.field_error.rms, "unit": "1", "of_noise": _rms(value.field_error.noise)},
+            MTF50_BEFORE: _number(value.scale * predicted.before, CYCLES),
+            MTF50_AFTER: _number(value.scale * predicted.after, CYCLES),
+            NOISE_GAIN: _number(predicted.noise_gain, "1"),
+            FIELD_ERROR: {"rms": value.field_error.rms, "unit": "1", "of_noise": _rms(value.field_error.noise)},
         },
-        "software": software(),
     }
 
 
@@ -195,7 +188,7 @@ def _maps(value: Correction) -> bytes:
     """Predicted MTF50 and noise over the frame, a place per row."""
     text, told = io.StringIO(newline=""), value.prediction
     table = csv.writer(text, lineterminator="\n")
-    table.writerow(["x_px", "y_px", "mtf50_before_cycles_px", "mtf50_after_cycles_px", "noise_gain"])
+    table.writerow(["x_px", "y_px", "mtf50_before_cycles_px", "mtf50_after_cycles_px", NOISE_GAIN])
     for i, j in np.ndindex(told.before.shape):
         place = told.x[j] / value.scale, told.y[i] / value.scale
         row = (*place, value.scale * told.before[i, j], value.scale * told.after[i, j], told.noise_gain[i, j])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -11,6 +11,7 @@ from typing import TypeVar
 from procedures.outcome import BadInput, BadParameter, Miss, Outcome
 from procedures.reading.text import read_rows
 from station.common.sanitise import encodable, printable
+from station.results.result_files import RECORD
 
 T = TypeVar("T")
 
@@ -19,6 +20,7 @@ RAW_SUFFIXES = frozenset(
     .rwl .sr2 .srf .srw .x3f""".split()  # noqa: SIM905  (a list of them in quotes is twice as long)
 )
 GREY_SUFFIXES = frozenset((".pgm", ".png", ".tif", ".tiff"))
+PHOTOGRAPHS = RAW_SUFFIXES | GREY_SUFFIXES
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,15 @@ def unread(folder: Path, error: OSError) -> Item:
     return Item((folder,), f"the folder cannot be read: {error.strerror}", NOT_READ)
 
 
-def find_frames(folders: Sequence[Path], out: Path, missed: Callable[[Path, OSError], object] = _refuse) -> list[Path]:
-    """Photographs in folders and below, by their suffix, each once, folder by folder and in the order of their names.
+def find_frames(
+    folders: Sequence[Path],
+    out: Path,
+    missed: Callable[[Path, OSError], object] = _refuse,
+    suffixes: Collection[str] = PHOTOGRAPHS,
+) -> list[Path]:
+    """Files in folders and below, each once, folder by folder and in the order of their names.
+
+    `suffixes` are those of the files that are meant, or their whole names; by default photographs.
 
     Files may be named too, whatever their suffix. Hidden folders are left out, and so is `out`, where results go. Pipes
     and links that lead nowhere are among them, if they are called so: whoever reads one refuses it by name.
@@ -77,23 +86,27 @@ def find_frames(folders: Sequence[Path], out: Path, missed: Callable[[Path, OSEr
     for folder in folders:
         if not os.path.lexists(folder):
             raise BadParameter(f"there is no folder {printable(folder)}", "check the path")
-        for path in [folder] if folder.is_file() else _below(folder, os.path.realpath(out), missed):
+        for path in [folder] if folder.is_file() else _below(folder, os.path.realpath(out), missed, suffixes):
             found.setdefault(os.path.realpath(path), path)  # which goes round no loop of links
     if not found:
-        raise BadParameter(
-            f"no photographs in {', '.join(map(printable, folders))}", "name folders that hold RAW, PGM, PNG or TIFF"
-        )
+        where = ", ".join(map(printable, folders))
+        if PHOTOGRAPHS.issubset(suffixes):
+            raise BadParameter(f"no photographs in {where}", "name folders that hold RAW, PGM, PNG or TIFF")
+        words = ", ".join(sorted(suffixes))
+        raise BadParameter(f"no {words} in {where}", f"name folders that hold {words}")
     return list(found.values())
 
 
-def _below(folder: Path, out: str, missed: Callable[[Path, OSError], object]) -> Iterator[Path]:
+def _below(
+    folder: Path, out: str, missed: Callable[[Path, OSError], object], suffixes: Collection[str]
+) -> Iterator[Path]:
     for root, folders, files in os.walk(folder, onerror=lambda error: missed(Path(error.filename), error)):
         here = Path(root)
         folders[:] = sorted(
             name for name in folders if not name.startswith(".") and os.path.realpath(here / name) != out
         )
         for name in sorted(files):
-            if Path(name).suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES:
+            if Path(name).suffix.lower() in suffixes or name in suffixes:
                 yield here / name
 
 
@@ -110,22 +123,28 @@ def by_folder(frames: Sequence[Path]) -> list[Item]:
     return [Item(tuple(found)) for found in folders.values()]
 
 
+def called(path: Path) -> Path:
+    """What a file is called by: a record by the folder of its result, others by themselves."""
+    return path.parent if path.name == RECORD else path
+
+
 def in_pairs(frames: Sequence[Path], endings: tuple[str, str]) -> list[Item]:
-    """Two photographs each: of one folder and one suffix, with names that differ by their endings only.
+    """Two photographs, or results, each: of one folder, with names that differ by their endings only.
 
     Photographs without a partner are items of their own, with that as their trouble.
     """
     groups: dict[tuple[Path, str], dict[str, Path]] = {}
     alone: list[Path] = []
     for frame in frames:
-        ending = next((end for end in endings if frame.stem.lower().endswith(end.lower())), None)
+        name = called(frame)
+        ending = next((end for end in endings if name.stem.lower().endswith(end.lower())), None)
         if ending is None:
             alone.append(frame)
         else:
-            groups.setdefault((frame.parent, frame.stem[: -len(ending)]), {}).setdefault(ending, frame)
+            groups.setdefault((name.parent, name.stem[: -len(ending)]), {}).setdefault(ending, frame)
     pairs = [Item(tuple(one[end] for end in endings)) for one in groups.values() if len(one) == 2]
     alone += [frame for one in groups.values() if len(one) == 1 for frame in one.values()]
-    words = f"a pair's names end in {endings[0]} and {endings[1]}; this photograph has no partner"
+    words = f"a pair's names end in {endings[0]} and {endings[1]}; this one has no partner"
     return pairs + [Item((frame,), words) for frame in alone]
 
 

@@ -1,37 +1,33 @@
-"""Two cameras on one rig, from the results of their geometries: read, put together, written."""
+"""The charts that a camera of a rig saw, read from the result of its geometry."""
 
 from __future__ import annotations
 
 import hashlib
-import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from procedures.geometry.adjustment import POSE
-from procedures.geometry.rig import PosedCharts, RigPose
+from procedures.geometry.rig import PosedCharts
 from procedures.geometry.views import Pose
-from procedures.outcome import BadInput, Outcome
-from procedures.reading.arrays import read_npy
+from procedures.outcome import BadInput
+from procedures.reading.arrays import checked_array, checked_number, read_npy
 from procedures.reading.guard import decoding, read_file
 from procedures.reading.text import parse_json
-from station.common.versions import software
-from station.results.exports import numbers_table
 from station.results.geometry_planes import plane_entry, table_prefix
-from station.results.record_head import InputFile, RecordHead, verdict_entry
-from station.results.result_files import RECORD, ResultFolder, npy, write_record
+from station.results.record_head import InputFile
+from station.results.result_files import RECORD
 
-SCHEMA = "station/rig/1"
 JOINT = "joint_covariance.npy"
 _GIVE = "name the folder that station geometry wrote"
 
 
 @dataclass(frozen=True, eq=False)
 class RigCamera:
-    """One camera's charts, as its geometry's result tells them."""
+    """One camera's charts, as its geometry's result has them."""
 
     file: InputFile
     charts: PosedCharts
@@ -64,40 +60,21 @@ def read_rig_camera(result: Path, plane: str | None = None) -> RigCamera:
             raise BadInput(f"{record} holds no poses: {entry['reason']}", entry["remedy"])
         views = entry["views"]
         table = table_prefix(name, len(told["planes"])) + JOINT
-        joint = read_npy(record.parent / table, "covariance", _GIVE).astype(np.float64)
+        covariance = read_npy(record.parent / table, "covariance", _GIVE)
+        joint = checked_array(covariance, f"the covariance {record.parent / table}", ("n", "n"), remedy=_GIVE)
         size = POSE * len(views)
-        if joint.ndim != 2 or joint.shape[0] != joint.shape[1] or len(joint) < size or not np.isfinite(joint).all():
-            raise ValueError(f"the covariance of {len(views)} poses is a square of {size} numbers and more")
+        if len(joint) < size:
+            raise ValueError(f"the covariance of {len(views)} poses has {size} rows or more; got {len(joint)}")
         known = {**told.get("parameters", {}), **entry.get("chart", {})}  # earlier results tell it of a cell alone
         charts = PosedCharts(
             tuple(str(one["source"]) for one in views), tuple(_pose(one) for one in views), joint[-size:, -size:],
-            float(known.get("scale_uncertainty", 0.0)),
+            checked_number(known.get("scale_uncertainty", 0.0), f"the scale's uncertainty in {record}", 0.0),
         )  # fmt: skip
         return RigCamera(InputFile(str(record), hashlib.sha256(data).hexdigest()), charts)
 
 
 def _pose(told: Mapping[str, Any]) -> Pose:
-    R, t = (np.array(told[name], dtype=np.float64) for name in ("R", "t_mm"))
-    whole = R.shape == (3, 3) and t.shape == (3,) and np.isfinite([*R.ravel(), *t]).all()
-    if not whole or not np.allclose(R @ R.T, np.eye(3), atol=1e-6):
-        raise ValueError("a pose is a rotation and three numbers")
+    R, t = (checked_array(told[name], f"`{name}` of a pose", shape) for name, shape in (("R", (3, 3)), ("t_mm", (3,))))
+    if not np.allclose(R @ R.T, np.eye(3), atol=1e-6):
+        raise ValueError("`R` of a pose must be a rotation")
     return Pose(R, t)
-
-
-def write_rig_result(
-    folder: ResultFolder, cameras: tuple[RigCamera, RigCamera], outcome: Outcome[RigPose], start: float
-) -> str:
-    """Write the pose's covariance, the numbers and the record; returns the record's text."""
-    entry = verdict_entry(outcome)
-    if (found := outcome.value) is not None:
-        numbers = found.numbers()
-        folder.write("rig_covariance.npy", npy(found.covariance))
-        folder.write("numbers.csv", numbers_table(("rig", name, one) for name, one in numbers.items()))
-        entry |= {
-            **{name: asdict(one) for name, one in numbers.items()},
-            "R": found.pose.R.tolist(), "t_mm": found.pose.t.tolist(), "charts": list(found.charts),
-            "diagnostics": {"misfit": found.misfit, "chance": found.chance},
-        }  # fmt: skip
-    files = tuple(one.file for one in cameras)
-    head = RecordHead("rig", files, {}, duration_s=round(time.perf_counter() - start, 3))
-    return write_record(folder, {"schema": SCHEMA, **head.told(), "rig": entry, "software": software()})

@@ -26,6 +26,8 @@ Numbers = npt.NDArray[np.float64]
 
 LEVEL_PICTURES = 2
 """Pictures that a level is measured from: those of a stack beyond them are the stack's."""
+LEAST_PIXELS = 2
+"""Of a frame along each side: one pixel has no noise of its own beside the frame's."""
 SEED = 1288
 """Of the draws that intervals come from: the same pictures give the same numbers."""
 
@@ -147,6 +149,10 @@ def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFr
         if gathered and list(frame.planes) != list(gathered):
             raise BadInput(f"{frame.path} has other planes than the pictures before it", _ONE_CAMERA)
         for name, plane in frame.planes.items():
+            if min(plane.samples.shape) < LEAST_PIXELS:
+                rows, columns = plane.samples.shape
+                reason = f"a sensor is measured from frames of {LEAST_PIXELS} x {LEAST_PIXELS} pixels or more a plane"
+                raise BadInput(f"{reason}; {frame.path} has {columns} x {rows}", "give whole frames")
             numbers = _numbers(gathered.setdefault(name, _Gathered()), plane, frame.path)
             if len(first.setdefault(name, [])) < LEVEL_PICTURES:
                 first[name].append(numbers)

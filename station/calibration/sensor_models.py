@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from procedures.outcome import BadInput, BadParameter
 from procedures.psf import Psf
 from procedures.raw import RawFrame
+from procedures.reading.arrays import LARGEST, SMALLEST, checked_array, checked_number
 from procedures.reading.exposure import read_exposure
 from procedures.reading.guard import decoding, open_file, read_file
 from procedures.reading.text import parse_json
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 SCHEMA = "station/sensor/1"
 SEED = 1288
 """Of the draws of uncertainties."""
-MOST_BLOCKS = 1 << 53
-"""Blocks of a noise spectrum that can be counted."""
+LEAST = {"gain": SMALLEST, "saturation": SMALLEST, "signal_at_saturation": SMALLEST, "dark_variance": 0.0}
+"""Of these numbers of a model; others may be negative."""
 _GIVE = "give the result.json of station sensor, of the same camera at the same sensitivity"
 
 
@@ -127,18 +127,21 @@ def _check_iso(record: Mapping[str, Any], whose: str, own: float | None) -> None
 def _noise(path: Path, plane: Mapping[str, Any]) -> NoisePower | None:
     """The noise spectrum that lies beside the record; None where it was not measured, or is not there."""
     from procedures.reading.arrays import read_npy
-    from procedures.sensor.noise_power import NoisePower
+    from procedures.sensor.noise_power import LEAST_SIDE, NoisePower
 
     told = plane.get("noise_power")
     if told is None or not (file := path.parent / Path(str(told["file"])).name).is_file():
         return None
-    power, signal, blocks = read_npy(file, "noise spectrum", _GIVE), float(told["signal"]), int(told["blocks"])
-    if power.ndim != 2 or len(set(power.shape)) != 1 or power.dtype.kind not in "fiu" or not power.size:
-        raise BadInput(f"{file} is no noise spectrum: {power.dtype} {power.shape}, not a square of numbers", _GIVE)
-    whole = math.isfinite(signal) and 0 < blocks < MOST_BLOCKS
-    if not (np.isfinite(power).all() and (power >= 0).all() and power.any() and whole):
-        raise BadInput(f"{file} is no noise spectrum: powers, signal and blocks are finite and above 0", _GIVE)
-    return NoisePower(power.astype(np.float64), signal, blocks)
+    what = f"the noise spectrum {file}"
+    power = checked_array(read_npy(file, "noise spectrum", _GIVE), what, ("n", "n"), low=0.0, remedy=_GIVE)
+    if len(power) < LEAST_SIDE or power.mean() < SMALLEST:
+        reason = f"{what} must have {LEAST_SIDE} frequencies or more along each axis, and a mean above 0"
+        raise BadInput(f"{reason}; got {len(power)}, and {power.mean():.3g}", _GIVE)
+    signal, blocks = (
+        checked_number(told[name], f"{name} of {what}", least, remedy=_GIVE)
+        for name, least in (("signal", SMALLEST), ("blocks", 1))
+    )
+    return NoisePower(power, signal, int(blocks))
 
 
 def models_of(record: Mapping[str, Any]) -> dict[str, SensorModel]:
@@ -148,11 +151,10 @@ def models_of(record: Mapping[str, Any]) -> dict[str, SensorModel]:
 
 
 def _model(told: Mapping[str, Any]) -> SensorModel:
-    values = {one.name: told[one.name] for one in fields(SensorModel) if one.name in told}
-    model = SensorModel(**{**values, "bend": tuple(values.get("bend", ()))})
-    numbers = [number for value in values.values() for number in (value if isinstance(value, list) else [value])]
-    if any(isinstance(one, bool) or not math.isfinite(one) for one in numbers):
-        raise ValueError("its numbers are finite")
-    if min(model.gain, model.saturation, model.signal_at_saturation) <= 0 or model.dark_variance < 0:
-        raise ValueError("gain and saturation are above 0, and no variance is below")
-    return model
+    names = [one.name for one in fields(SensorModel) if one.name in told and one.name != "bend"]
+    values: dict[str, Any] = {
+        name: checked_number(told[name], f"`{name}` of the sensor", LEAST.get(name, -LARGEST), remedy=_GIVE)
+        for name in names
+    }
+    bend = [checked_number(one, "`bend` of the sensor", remedy=_GIVE) for one in told.get("bend", ())]
+    return SensorModel(**values, bend=tuple(bend))

@@ -11,7 +11,7 @@ import numpy as np
 
 from procedures.outcome import BadInput, BadParameter, Miss, Outcome
 from procedures.raw import Plane, RawFrame, read_frame
-from procedures.reading.arrays import read_npy
+from procedures.reading.arrays import LONGEST, checked_array, checked_number, read_npy
 from procedures.reading.guard import decoding
 from procedures.reading.text import read_json
 from procedures.vignetting.estimate import PlaneVignetting, estimate_vignetting
@@ -165,22 +165,21 @@ def read_joint_formula(result: Path) -> JointFormula:
         raise BadInput(f"{record} does not tell what its numbers share", "measure the flats again with this version")
     with decoding(str(record), "a vignetting's result", _GIVE):
         planes = tuple(str(one) for one in told["formula"]["planes"])
-        values = np.array(told["formula"]["values"], dtype=np.float64)
-        covariance = read_npy(record.parent / COVARIANCE, "covariance", _GIVE).astype(np.float64)
-        count = len(NAMES) * len(planes)
-        if values.shape != (count,) or covariance.shape != (count, count) or not np.isfinite(covariance).all():
-            raise ValueError(f"{len(planes)} planes have {count} numbers and their covariance")
-        return JointFormula(planes, values, covariance)
+        count, table = len(NAMES) * len(planes), record.parent / COVARIANCE
+        values = checked_array(told["formula"]["values"], f"the formula's values in {record}", (count,), remedy=_GIVE)
+        covariance = read_npy(table, "covariance", _GIVE)
+        return JointFormula(planes, values, checked_array(covariance, str(table), (count, count), remedy=_GIVE))
 
 
 def _stored(name: str, entry: Mapping[str, Any]) -> StoredVignetting:
     light = entry["light"]
-    coefficients = np.array(light["coefficients"], dtype=np.float64)
-    x, y = (float(one) for one in entry["centre"])
-    shape = int(light["rows"]), int(light["columns"])
-    if min(shape) < 1 or not np.isfinite([x, y]).all():
-        raise ValueError("a plane has rows and columns, and a centre")
-    return StoredVignetting(name, LightSurface(shape, int(light["degree"]), coefficients), (x, y))
+    coefficients = checked_array(light["coefficients"], f"the light's coefficients of plane {name}", (None,))
+    x, y = checked_array(entry["centre"], f"the centre of plane {name}", (2,))
+    rows, columns, degree = (
+        int(checked_number(light[one], f"`{one}` of plane {name}", 1.0, LONGEST))
+        for one in ("rows", "columns", "degree")
+    )
+    return StoredVignetting(name, LightSurface((rows, columns), degree, coefficients), (float(x), float(y)))
 
 
 def green_of(found: Mapping[str, StoredVignetting]) -> StoredVignetting:

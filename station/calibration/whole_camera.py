@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from procedures.outcome import BadInput
+from procedures.reading.arrays import checked_array
 from procedures.reading.guard import decoding
 from procedures.sensor.photon_transfer import GainAndNoise
 from procedures.whole_camera.from_others import sensor_parts, vignetting_parts
@@ -45,7 +44,8 @@ def read_gain_and_noise(path: Path) -> dict[str, GainAndNoise]:
 
 
 def _gain_and_noise(told: Mapping[str, Any]) -> GainAndNoise:
-    values, covariance = (np.array(told[name], dtype=np.float64) for name in ("values", "covariance"))
-    if values.shape != (2,) or covariance.shape != (2, 2) or not np.isfinite([*values, *covariance.ravel()]).all():
-        raise ValueError("gain and noise are two finite numbers with a covariance")
+    shapes = {"values": (2,), "covariance": (2, 2)}
+    values, covariance = (
+        checked_array(told[name], f"{name} of gain and noise", shape, remedy=_GIVE) for name, shape in shapes.items()
+    )
     return GainAndNoise(values, covariance)

@@ -111,8 +111,8 @@ def carry_out(
     from station.common.stop_signals import guarded
 
     items = _items(folders, out, procedure)
-    what = {"pair": "pairs", "photograph": "photographs"}.get(procedure.inputs, "folders")
-    log("found", f"found {len(items)} {what}", items=len(items))
+    what = {"pair": "pairs", "results": "pairs", "photograph": "photographs", "several": "files"}
+    log("found", f"found {len(items)} {what.get(procedure.inputs, 'folders')}", items=len(items))
     jobs = jobs or os.cpu_count() or 1
     fair = Allowance.fair(min(jobs, len(items)))
     allowance = Allowance(memory_bytes or fair.memory_bytes, time_s)
@@ -155,18 +155,29 @@ def _say_who_can_connect(cluster: str | None) -> None:
 
 
 def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[Item]:
-    from station.batch.procedure_file import TWO_PHOTO
-    from station.calibration.folder_photographs import Item, by_folder, find_frames, in_pairs, in_rows, singly, unread
+    from station.batch.procedure_file import RESTORE
+    from station.calibration.folder_photographs import (
+        PHOTOGRAPHS,
+        Item,
+        by_folder,
+        find_frames,
+        in_pairs,
+        in_rows,
+        singly,
+        unread,
+    )
     from station.procedure.base import Inputs
+    from station.procedure.registry import procedure_named
 
     missed: list[Item] = []
-    frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)))
+    suffixes = PHOTOGRAPHS if procedure.settings is None else procedure_named(procedure.name).suffixes
+    frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)), suffixes)
     if procedure.pairs is not None:
-        return in_rows(frames, procedure.pairs, most=2 if procedure.name == TWO_PHOTO else None) + missed
-    if procedure.inputs is Inputs.PAIR:
+        return in_rows(frames, procedure.pairs, most=None if procedure.name == RESTORE else 2) + missed
+    if procedure.inputs in (Inputs.PAIR, Inputs.RESULTS):
         return _without_records(in_pairs(frames, procedure.endings), procedure) + missed
     if procedure.inputs is Inputs.FOLDER:
-        return [Item(tuple(find_frames([folder], out))) for folder in folders] + missed
+        return [Item(tuple(find_frames([folder], out, suffixes=suffixes))) for folder in folders] + missed
     return (by_folder(frames) if procedure.inputs is Inputs.PHOTOGRAPHS else singly(frames)) + missed
 
 

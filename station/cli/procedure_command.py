@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -31,6 +31,8 @@ ARGUMENTS: dict[Inputs, tuple[str, int]] = {
     Inputs.PAIR: ("A B", 2),
     Inputs.PHOTOGRAPHS: ("PHOTO...", -1),
     Inputs.FOLDER: ("FOLDER", 1),
+    Inputs.SEVERAL: ("PHOTO...", -1),
+    Inputs.RESULTS: ("FIRST SECOND", 2),
 }
 """Of each kind of input: what stands for it in the help, and how many words it is."""
 
@@ -51,6 +53,7 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
     def measure(photographs: Any, **given: Any) -> None:
         typed = {one.name: given.pop(one.name) for one in settings}
         chosen = {name: value for name, value in typed.items() if value is not None and value != ()}
+        chosen |= {one.name: one.kind(chosen[one.name]) for one in settings if one.choices and one.name in chosen}
         paths = [photographs] if count == 1 else list(photographs)
         _measure(procedure, paths, chosen, given)
 
@@ -58,7 +61,7 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
     options = [
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
         *([click.option("--report/--no-report", default=True, show_default=True,
-                        help="Write report.html too, for people.")] if procedure.has_page else []),
+                        help=f"Write {procedure.page_name} too, for people.")] if procedure.has_page else []),
         certificate_option,
         click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too."),
         log_json_option,
@@ -102,29 +105,39 @@ def _whole(bound: float | None) -> int | None:
 
 def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]) -> None:
     """Measure, write, report, and leave with the exit code that the result deserves."""
+    done = list(_results(procedure, paths, chosen, given))
+    finish([one for planes, _, _ in done for one in planes], "".join(text for _, text, _ in done),
+           as_json=given["as_json"])  # fmt: skip
+    if any(missed for _, _, missed in done):
+        raise click.exceptions.Exit(FAILED_ITEMS)
+
+
+def _results(
+    procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]
+) -> Iterator[tuple[Sequence[PlaneResult], str, bool]]:
+    """Planes and record of every result, and whether inputs gave nothing; what is large is not kept."""
     from station.calibration.field_photographs import photographs
     from station.results.measurement import write_measurement
     from station.results.result_files import ResultFolder
 
-    start, out, terms = time.perf_counter(), given["out"], terms_of(given)
+    out, terms = given["out"], terms_of(given)
     settings = read_settings(procedure.Settings, chosen)
     if procedure.inputs is Inputs.PHOTOGRAPHS:
         paths = [path for one in paths for path in (photographs(one) if one.is_dir() else [one])]
-    with ResultFolder(out, force=forced()) as folder, progress(procedure.steps(paths)) as shown:
-        found = procedure.measure(paths, settings, terms, shown)
-        found = replace(found, head=replace(found.head, duration_s=round(time.perf_counter() - start, 3)))
-        if given.get("report") and any(one.verdict != "refused" for one in found.planes):
-            folder.write("report.html", procedure.page(found))
-        if given["certificate"]:
-            _certify(folder, procedure, found)
-        text = write_measurement(folder, found)
-    report(found)
-    for line in procedure.lines(found):
-        log(procedure.name, line)
-    log("written", f"wrote {out / 'result.json'}", path=str(out / "result.json"))
-    finish(found.planes, text, as_json=given["as_json"])
-    if found.missed:
-        raise click.exceptions.Exit(FAILED_ITEMS)
+    with progress(procedure.steps(paths)) as shown:
+        results = procedure.measurements(paths, settings, terms, shown)
+        for place in procedure.places(paths):
+            start = time.perf_counter()
+            with ResultFolder(out / place, force=forced()) as folder:
+                found = next(results)
+                found = replace(found, head=replace(found.head, duration_s=round(time.perf_counter() - start, 3)))
+                if given.get("report") and not found.refused:
+                    folder.write(procedure.page_name, procedure.page(found))
+                if given["certificate"]:
+                    _certify(folder, procedure, found)
+                text = write_measurement(folder, found)
+            report(procedure, found, out / place / "result.json")
+            yield found.planes, text, bool(found.missed)
 
 
 def _certify(folder: Any, procedure: Procedure[Any], found: Measurement) -> None:
@@ -134,11 +147,14 @@ def _certify(folder: Any, procedure: Procedure[Any], found: Measurement) -> None
     write_certificate(folder, measurement_report(found, procedure.title, procedure.method))
 
 
-def report(found: Measurement) -> None:
-    """Lines on stderr: the photographs that gave nothing, then every plane with its numbers."""
+def report(procedure: Procedure[Any], found: Measurement, written: Path) -> None:
+    """Lines on stderr: the photographs that gave nothing, every plane with its numbers, what was written."""
     tell_misses(found.missed or ())
     for one in found.planes:
         tell_judged("plane", _sentence(one), one, plane=one.name)
+    for line in procedure.lines(found):
+        log(procedure.name, line)
+    log("written", f"wrote {written}", path=str(written))
 
 
 def _sentence(plane: PlaneResult) -> str:
@@ -146,7 +162,7 @@ def _sentence(plane: PlaneResult) -> str:
     from station.common.uncertainty_text import stated
 
     parts = [f"{plane.name}: {plane.verdict}", *([plane.reason] if plane.reason else [])]
-    for number in in_group(Group.LINE, plane.numbers):
-        one = plane.numbers[number]
-        parts.append(f"{number} {stated(one.value, one.uncertainty)}" + ("" if one.unit == "1" else f" {one.unit}"))
+    for number in in_group(Group.LINE):
+        if (one := plane.quantity(number)) is not None:
+            parts.append(f"{number} {stated(one.value, one.uncertainty)}" + ("" if one.unit == "1" else f" {one.unit}"))
     return "; ".join(parts)

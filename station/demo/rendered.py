@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from drivers.frame_files.dng import Shot
+from procedures.numbers import DROPPED_SAMPLES
 from procedures.outcome import BadParameter
 from procedures.ray_histogram.comparison import decibels, shown_error
 from procedures.ray_histogram.film import Film
@@ -25,11 +26,11 @@ from simulators.rays.path_tracer import ThinLensCamera
 from simulators.rays.ray_scenes import SCENES
 from station.common.progress import Progress, silent
 from station.common.versions import software
-from station.demo.ray_page import RenderRow, StripRow, ray_page
 from station.demo.render_films import passes, render_film
 from station.demo.rendered_depth import DepthPlan, RestoredDepth, depth_entry, depth_row, restored_depth
 from station.demo.rendered_depth import steps as depth_steps
 from station.drawing.linear_pictures import display_png
+from station.reports.ray_page import RenderRow, StripRow, ray_page
 from station.results.result_files import ResultFolder, write_record
 
 SCHEMA = "station/rendered/1"
@@ -168,7 +169,7 @@ def _entry(one: Rendered) -> dict[str, Any]:
     return {
         "psnr_db": one.psnr_db,
         "similar_median": list(one.filtered.median_similar),
-        "dropped_samples": int(one.film.dropped.sum()),
+        DROPPED_SAMPLES: int(one.film.dropped.sum()),
         "photograph": {"path": f"{one.name}.dng", "sha256": one.sha256},
     }
 

@@ -29,9 +29,9 @@ from simulators.camera.sensor import Sensor
 from simulators.rays.path_tracer import ThinLensCamera, blur_diameter_px, depth_map
 from simulators.rays.ray_scenes import leaves_in_depth
 from station.common.progress import Progress, silent
-from station.demo.ray_page import StripRow
 from station.demo.render_films import passes, render_film
 from station.drawing.linear_pictures import display_png
+from station.reports.ray_page import StripRow
 from station.results.result_files import ResultFolder, npy
 
 Array = npt.NDArray[np.float64]

@@ -298,7 +298,8 @@ class Rig:
                 elif name == "rangefinder":
                     distance_mm = self.measure_mm()
             except DeviceError as error:
-                self.silent[name] = error.reason
+                if self.places or not isinstance(error, NotHomed):  # a plan that moves nothing homes nothing
+                    self.silent[name] = error.reason
         lamp = self._device("light")
         level = lamp.level() if lamp is not None else None
         return Snapshot(axes, distance_mm, level, dict(self.silent))

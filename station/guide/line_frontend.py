@@ -95,7 +95,7 @@ class Plain:
 
     @_tell.register
     def _(self, event: StepEnded) -> None:
-        self._line(f"-- {event.step.title}: done")
+        self._line(f"-- {event.step.title}: {event.gave or 'done'}")
 
     @_tell.register
     def _(self, event: Doing) -> None:

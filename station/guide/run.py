@@ -244,9 +244,11 @@ class Run:
     def _carry_out(self, step: Step) -> None:
         self._step = step
         self._session.begin_step(step.name)
-        self._talk.hear(StepBegan(step))
+        wanted = self._wanted(step)
+        if wanted:
+            self._talk.hear(StepBegan(step))
         try:
-            for request in step.requests if self._wanted(step) else ():
+            for request in step.requests if wanted else ():
                 self._do(request)
         except Reopened:
             return

@@ -13,6 +13,7 @@ import numpy as np
 from procedures.outcome import Cause, Outcome, Verdict, worst_of
 from procedures.plan import Estimate, Known, Plan
 from procedures.raw import Carried, Felt, RawFrame, read_frame
+from procedures.reading.arrays import checked_array, checked_number
 from station.guide.catalogue import entry_named
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead
@@ -88,9 +89,10 @@ def felt_during(shot: SessionShot) -> Felt | None:
     if not motion or not shutter or shutter.get("flash_s") is None:
         return None
     times, acceleration, rotation = (
-        np.array(motion[key], dtype=np.float64) for key in ("host_s", "acceleration_m_s2", "rotation_rad_s")
+        checked_array(motion[name], f"`{name}` of a recorded motion")
+        for name in ("host_s", "acceleration_m_s2", "rotation_rad_s")
     )
-    return Felt(times - float(shutter["flash_s"]), acceleration, rotation)
+    return Felt(times - checked_number(shutter["flash_s"], "`flash_s` of a shutter"), acceleration, rotation)
 
 
 COLUMNS = {"x_mm": 0, "y_mm": 1, "z_mm": 2}
@@ -102,10 +104,10 @@ def carried_during(shot: SessionShot) -> Carried | None:
     told, shutter = shot.snapshot.get("shake"), shot.exposure.get("shutter") or {}
     if not told or not set(told["offsets"]) <= set(COLUMNS):
         return None
-    ways = {COLUMNS[axis]: np.array(way, dtype=np.float64) / 1000 for axis, way in told["offsets"].items()}
-    position_m = np.zeros((len(next(iter(ways.values()))), 3))
-    for column, way in ways.items():
-        position_m[:, column] = way
+    count = len(next(iter(told["offsets"].values())))
+    position_m = np.zeros((count, 3))
+    for axis, way in told["offsets"].items():
+        position_m[:, COLUMNS[axis]] = checked_array(way, f"`{axis}` of a shaker's path", (count,)) / 1000
     flash_s = shutter.get("flash_s")
     since_s = None if flash_s is None else float(flash_s) - float(told["began_s"])
     return Carried(position_m, float(told["interval_s"]), since_s)

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     from station.sessions.session import Session
 
 
+MOST_NAMED = 3
+"""Differences between two benches that a message names."""
+
+
 @dataclass(frozen=True)
 class Kept:
     """A session in the folder of sessions, as far as its journal can be read."""
@@ -133,16 +137,22 @@ class StationLab:
             return self._opened
 
     def _make_bench(self) -> Bench | None:
-        from station.bench.opening import make_bench, read_config, simulated_bench
+        from station.bench.opening import make_bench, simulated_bench
 
         if self._simulate:
             folder = self._scratch.enter_context(temporary_folder())
             virtual = self.virtual_time
             return simulated_bench(folder, seed=self._seed, virtual_time=virtual, shaker=self._shaker)
-        if self._config is not None:
+        tables = self._read_tables()
+        return make_bench(tables, folder=self._config.resolve().parent) if self._config and tables else None
+
+    def _read_tables(self) -> Mapping[str, Any]:
+        """The devices' tables of the configuration, read once; none of the simulated bench."""
+        if self._config is not None and not self._simulate and not self._tables:
+            from station.bench.opening import read_config
+
             self._tables = read_config(self._config)
-            return make_bench(self._tables, folder=self._config.resolve().parent) if self._tables else None
-        return None
+        return self._tables
 
     virtual_time = False
     """Whether the simulated bench's time jumps while it is waited for: for tests."""
@@ -175,10 +185,11 @@ class StationLab:
     def resume(
         self, folder: Path, operator: Operator, *, back_to: str | None = None, without: Collection[int] = ()
     ) -> Running:
-        """A run that goes on with a session; `without` gives up shots whose photographs are lost."""
+        """A run that goes on with a session, on its bench; `without` gives up shots whose photographs are lost."""
         from drivers.clock import SystemClock
         from station.sessions.session import Session
 
+        self._check_bench(folder)  # before any device is connected
         bench = self.open().bench
         self._one_run()
         self._leave_session(going_on=folder)
@@ -187,6 +198,27 @@ class StationLab:
             session.reopen(back_to)
         self._fit_shaker("shaker" in session.config.get("config", {}).get("drivers", {}))
         return self._run(session, operator)
+
+    def _check_bench(self, folder: Path) -> None:
+        """Raises BadParameter where the session began on another bench than this one."""
+        from station.bench.same_bench import bench_differences
+        from station.sessions.layout import read_config
+
+        config = read_config(folder)[0].get("config", {})
+        began, simulated, file = (config.get(key) for key in ("devices", "simulate", "file"))
+        if simulated is not None and bool(simulated) != self._simulate:
+            raise BadParameter(
+                f"a session must go on with the bench on which it began, a {'simulated' if simulated else 'real'} one; "
+                f"got a {'simulated' if self._simulate else 'real'} one",
+                "resume it with --simulate" if simulated else "resume it without --simulate",
+            )
+        if isinstance(began, Mapping) and (differences := bench_differences(began, self._read_tables())):
+            remedy = f"give --config {file}" if file else "resume it with the configuration with which it began, if any"
+            raise BadParameter(
+                f"a session must go on with the bench on which it began; {self._config or 'no configuration'} has "
+                f"another: {'; '.join(differences[:MOST_NAMED])}",
+                f"{remedy}, or begin a new session",
+            )
 
     def _fit_shaker(self, wanted: bool) -> None:
         """Have the simulated bench shaken as the session began; another's shaker stands in its station.toml."""
@@ -198,7 +230,8 @@ class StationLab:
     def _settings(self, bench: Bench | None) -> dict[str, Any]:
         """What a session freezes: how its bench was configured, and what its results are told in and held to."""
         drivers = dict(bench.drivers) if bench is not None else {}
-        settings = {"simulate": self._simulate, "drivers": drivers, "devices": self._tables}
+        file = None if self._config is None or self._simulate else str(self._config.resolve())
+        settings = {"simulate": self._simulate, "file": file, "drivers": drivers, "devices": self._tables}
         from station.sessions.session_terms import KEY, UNIT, frozen
 
         unit = {} if self._unit is None else {UNIT: self._unit}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Generic, Protocol, TypeVar
@@ -13,9 +13,10 @@ from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.source import Source
 from procedures.raw import RawFrame, default_plane, read_frame
 from procedures.reading.sensor_dump import DumpLayout
+from station.calibration.folder_photographs import PHOTOGRAPHS
 from station.common.progress import Progress, silent
-from station.procedure.settings import Settings, setting, to_record
-from station.results.measurement import Measurement
+from station.procedure.settings import Settings, named_files, setting, to_record
+from station.results.measurement import BY_PLANE, Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
@@ -32,6 +33,10 @@ class Inputs(StrEnum):
     """Any number of photographs; a folder or a session stands for its own."""
     FOLDER = "folder"
     """A folder whose files have roles."""
+    SEVERAL = "several"
+    """One file or several, which is up to the procedure; a batch takes each by itself."""
+    RESULTS = "results"
+    """Two results of another procedure, each a folder or its record."""
 
 
 def upper_plane(name: str | None) -> str | None:
@@ -39,12 +44,9 @@ def upper_plane(name: str | None) -> str | None:
     return name if name is None else "all" if name.lower() == "all" else name.upper()
 
 
-class Reading(Settings, frozen=True, kw_only=True):
-    """Settings of everything that reads photographs."""
+class RawLayout(Settings, frozen=True, kw_only=True):
+    """Settings of everything that reads whole photographs."""
 
-    plane: Annotated[str, setting("R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")] | None = (
-        None
-    )
     raw: (
         Annotated[
             str,
@@ -60,6 +62,14 @@ class Reading(Settings, frozen=True, kw_only=True):
     def layout(self) -> DumpLayout | None:
         """How samples without a header lie. Raises BadParameter where the text says nothing of the kind."""
         return None if self.raw is None else DumpLayout.parse(self.raw)
+
+
+class Reading(RawLayout, frozen=True, kw_only=True):
+    """Settings of everything that reads photographs by plane."""
+
+    plane: Annotated[str, setting("R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")] | None = (
+        None
+    )
 
     @property
     def plane_name(self) -> str | None:
@@ -90,10 +100,10 @@ class ChartReading(Reading, frozen=True, kw_only=True):
             return Source.from_file(self.bits)
         return Source.from_seed(DEFAULT_SEED if self.seed is None else self.seed)
 
-    @staticmethod
-    def beside(path: Path, folder: Path) -> Path:
-        """A file that is named from here, or lies in a folder."""
-        return path if path.is_absolute() or path.exists() else folder / path
+
+def beside(path: Path, folder: Path) -> Path:
+    """A file that is named from here, or lies in a folder."""
+    return path if path.is_absolute() or path.exists() else folder / path
 
 
 S = TypeVar("S", bound=Settings)
@@ -110,7 +120,10 @@ class Procedure(ABC, Generic[S]):
     inputs : what it takes at once
     Settings : its model of settings
     argument : what stands for its photographs in the help, where "PHOTO..." and the like do not fit
-    has_page : whether a page is drawn
+    suffixes : which files of a folder a batch takes: suffixes, or whole names
+    endings : how the names of a batch's pairs end, by key of the procedure file
+    results_key : the entry of the record that holds the results by plane, or the only one of them
+    has_page : whether a page is drawn; `page_name` is its file
     has_mtf : whether it has an MTF, so that a unit of frequencies and further frequencies can be chosen
     method : the publication or standard that certificates cite
     """
@@ -120,7 +133,11 @@ class Procedure(ABC, Generic[S]):
     help: ClassVar[str]
     inputs: ClassVar[Inputs]
     Settings: ClassVar[type[Any]] = Settings
+    suffixes: ClassVar[frozenset[str]] = PHOTOGRAPHS
+    endings: ClassVar[Mapping[str, str]] = {"first": "_1", "second": "_2"}
+    results_key: ClassVar[str] = BY_PLANE
     has_page: ClassVar[bool] = True
+    page_name: ClassVar[str] = "report.html"
     has_mtf: ClassVar[bool] = False
     argument: ClassVar[str] = ""
     method: ClassVar[str] = ""
@@ -139,6 +156,20 @@ class Procedure(ABC, Generic[S]):
         self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """What these files give. Raises ProcedureError where they give nothing that could be judged."""
+
+    def places(self, paths: Sequence[Path]) -> list[str]:
+        """The folders of the results below --out: of a procedure that gives several, one for each."""
+        return [""]
+
+    def measurements(
+        self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Iterator[Measurement]:
+        """The measurement of each of `places`, one after the other."""
+        yield self.measure(paths, settings, terms, progress)
+
+    def files(self, paths: Sequence[Path], settings: S) -> list[Path]:
+        """The files on which a measurement depends beside its inputs."""
+        return [beside(one, paths[0].parent) for one in named_files(settings)]
 
     def lines(self, found: Measurement) -> list[str]:
         """Further lines for the terminal, after those of the planes."""

@@ -16,6 +16,9 @@ from station.procedure.base import Procedure
 
 GROUP = "station.procedures"
 BUILTIN: Mapping[str, str] = {
+    "correct": "station.procedure.builtin.correct:PROCEDURE",
+    "rays": "station.procedure.builtin.rays:PROCEDURE",
+    "rig": "station.procedure.builtin.rig:PROCEDURE",
     "sensor": "station.procedure.builtin.sensor:PROCEDURE",
     "tilt": "station.procedure.builtin.tilt:PROCEDURE",
     "vignetting": "station.procedure.builtin.vignetting:PROCEDURE",

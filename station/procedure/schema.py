@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -10,6 +11,7 @@ from procedures.numbers import NUMBERS
 from procedures.outcome import Verdict
 from station.procedure.base import Procedure
 from station.results.comparison import Judged
+from station.results.measurement import BY_PLANE
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 NUMBER_OR_NULL = {"type": ["number", "null"]}
@@ -18,20 +20,23 @@ NUMBER_OR_NULL = {"type": ["number", "null"]}
 
 def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
     """The schema (draft 2020-12) of a procedure's `result.json`."""
-    (settings,), definitions = msgspec.json.schema_components([procedure.Settings], ref_template="#/$defs/{name}")
+    (settings,), definitions = msgspec.json.schema_components(
+        [procedure.Settings], schema_hook=_path, ref_template="#/$defs/{name}"
+    )
+    results = {"type": "object", "additionalProperties": {"$ref": "#/$defs/plane"}}
     return {
         "$schema": DRAFT,
         "$id": f"urn:{procedure.schema.replace('/', ':')}",
         "title": f"result.json of {procedure.title}",
         "type": "object",
-        "required": ["schema", "procedure", "input", "parameters", "planes", "software"],
+        "required": ["schema", "procedure", "input", "parameters", procedure.results_key, "software"],
         "properties": {
             "schema": {"const": procedure.schema},
             "procedure": {"const": procedure.name},
             "input": {"type": "array", "items": {"$ref": "#/$defs/input"}},
             "parameters": {"type": "object"},
             "settings": settings,
-            "planes": {"type": "object", "additionalProperties": {"$ref": "#/$defs/plane"}},
+            procedure.results_key: results if procedure.results_key == BY_PLANE else {"$ref": "#/$defs/plane"},
             "left_out": {"type": "array", "items": {"$ref": "#/$defs/missed"}},
             "specification": {"$ref": "#/$defs/specification"},
             "software": {"type": "object"},
@@ -41,6 +46,13 @@ def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
         },
         "$defs": {**definitions, **_definitions()},
     }
+
+
+def _path(kind: type) -> dict[str, Any]:
+    """A path is text in a record."""
+    if not issubclass(kind, Path):
+        raise NotImplementedError
+    return {"type": "string"}
 
 
 def _definitions() -> dict[str, Any]:

@@ -99,7 +99,7 @@ def _plain(hint: Any) -> tuple[type, tuple[str, ...], bool]:
         kind, choices, _ = _plain(arguments[0])
         return kind, choices, True
     if origin is Literal:
-        return str, tuple(map(str, arguments)), False
+        return type(arguments[0]), tuple(map(str, arguments)), False
     return hint, (), False
 
 
@@ -144,6 +144,25 @@ def _required(one: SettingField) -> str:
         f"{word} {bound:g}" for word, bound in (("at least", one.least), ("at most", one.most)) if bound is not None
     ]
     return " ".join(["a list, each" if one.several else "", words, " and ".join(bounds)]).strip()
+
+
+def named_files(settings: Settings) -> list[Path]:
+    """The files that a model names."""
+    values = msgspec.structs.asdict(settings).values()
+    every = (one for value in values for one in (value if isinstance(value, tuple) else (value,)))
+    return [one for one in every if isinstance(one, Path)]
+
+
+def placed(settings: S, folder: Path) -> S:
+    """The same with the files that it names taken from a folder, where they lie in it."""
+
+    def in_folder(value: Any) -> Any:
+        if isinstance(value, tuple):
+            return tuple(map(in_folder, value))
+        return folder / value if isinstance(value, Path) and (folder / value).exists() else value
+
+    values = msgspec.structs.asdict(settings)
+    return msgspec.structs.replace(settings, **{name: in_folder(value) for name, value in values.items()})
 
 
 def to_record(settings: Settings) -> dict[str, Any]:

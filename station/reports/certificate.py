@@ -81,7 +81,9 @@ def certificate_of(report: Report) -> Certificate:
         shots=tuple(_shots(report)),
         method=METHODS.get(report.procedure, report.procedure),
         settings=f"{given}; calibration-station {version}",
-        validity=f"{VALIDITY.get(report.procedure, HERE)}, this focus and this aperture.",
+        validity=f"{VALIDITY.get(report.procedure, HERE)}, this focus and this aperture."
+        if report.procedure in METHODS
+        else "",
     )
 
 
@@ -103,7 +105,7 @@ def _rows(planes: Sequence[PlaneSheet]) -> list[NumberRow]:
     rows = []
     asked = [name for one in planes for name in one.record.numbers if name.startswith("mtf_at_")]
     for name in (*NUMBERS, *(one for one in dict.fromkeys(asked) if not one.endswith(RADIAL))):
-        found = [one.record.numbers.get(name) for one in planes]
+        found = [one.record.quantity(name) for one in planes]
         known = next((one for one in found if one is not None), None)
         if known is None:
             continue

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from procedures.correction.estimate import Correction
 from procedures.raw import RawFrame
-from station.calibration.correction import Corrected
+from station.calibration.correction import Corrected, correction_numbers
 from station.common.versions import software
 from station.drawing.linear_pictures import display_png
 from station.reports import psf_figures
@@ -40,7 +40,7 @@ def correction_page(found: Corrected, head: RecordHead) -> bytes:
         found=value,
         undone=found.undone,
         exposure=exposure_words(found.frame.exposure),
-        medians=_medians(value),
+        medians=correction_numbers(value),
         others=list(zip(found.others, value.places, strict=True)),
         noise=_noise(value),
         whole=[_uri(_small(one) * balance) for one in (before, after)],
@@ -116,13 +116,6 @@ def _finer(picture: Single, scale: int) -> Single:
     flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
     finer = cv2.warpAffine(picture, to_pixels, (columns, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(finer.reshape(rows, columns, picture.shape[2]), dtype=np.float32)
-
-
-def _medians(value: Correction) -> dict[str, float]:
-    """What is told of the whole frame: the middle of each map."""
-    told, scale = value.prediction, value.scale
-    maps = {"before": scale * told.before, "after": scale * told.after, "noise_gain": told.noise_gain}
-    return {name: float(np.median(values)) for name, values in maps.items()}
 
 
 def _noise(value: Correction) -> list[tuple[str, float]]:

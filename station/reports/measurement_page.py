@@ -14,6 +14,7 @@ from station.reports.page import render
 from station.reports.pattern_report import PlaneSheet, Report, ReportShot, camera_words, exposure_lines
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
+from station.results.result_files import RECORD
 
 
 def measurement_page(found: Measurement, title: str) -> str:
@@ -27,8 +28,9 @@ def measurement_page(found: Measurement, title: str) -> str:
 def measurement_report(found: Measurement, title: str, method: str = "") -> Report:
     """What pages and certificates say of a measurement."""
     inputs = found.head.input
+    first = inputs[0].path.rpartition("/")[2] if inputs else RECORD
     return Report(
-        subject=camera_words(found.exposure) or (inputs[0].path.rpartition("/")[2] if inputs else title),
+        subject=camera_words(found.exposure) or (title if first == RECORD else first),
         procedure=method or title,
         planes=[PlaneSheet(one) for one in found.planes],
         shots=[ReportShot(one.path, one.sha256) for one in inputs],

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numbers import MTF50_HORIZONTAL, MTF50_VERTICAL
-from procedures.numerics.weighted_line import WeightedLine, weighted_line
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
+from station.reports.weighted_line import WeightedLine, weighted_line
 from station.sessions.index import IndexedNumber
 
 Array = npt.NDArray[np.float64]

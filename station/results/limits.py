@@ -161,7 +161,7 @@ def compare(
     limits = [one for one in specification.limits if not one.planes or record.name in one.planes]
     if not limits:
         return Comparison()
-    if not record.numbers:
+    if not (record.numbers or record.values):
         return Comparison(Judged.UNDECIDED)
     known = pixels or Pixels(record.pitch)
     judgements = tuple(one for limit in limits for one in _judge(record, limit, known, spots))
@@ -214,8 +214,7 @@ def _number(record: PlaneResult, spot: Spot, name: str) -> Quantity | None:
     """A number of a place; those without an uncertainty are the plane's."""
     if name in spot.numbers:
         return spot.numbers[name]
-    plain = record.values.get(name)
-    return Quantity(float(plain), "1", 0.0, "", 0) if isinstance(plain, int | float) else None
+    return None if name in record.numbers else record.quantity(name)  # a number of another place is not this one's
 
 
 def _bound(value: float) -> float | None:

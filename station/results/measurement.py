@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
-from procedures.outcome import Miss
+from procedures.outcome import Miss, Verdict
 from procedures.reading.exposure import Exposure
 from station.common.versions import software
 from station.results.exports import numbers_table
@@ -18,6 +19,8 @@ from station.results.terms import USUAL, Terms
 from station.results.units import Pixels
 
 NUMBERS = "numbers.csv"
+BY_PLANE = "planes"
+"""The entry of a record that holds results by plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +33,8 @@ class Measurement:
     head : procedure, inputs with their hashes, settings, duration
     planes : what was found in every plane, with its verdict
     entries : further entries of the record
-    files : tables, arrays and pictures beside the record, by name
+    files : tables, arrays and pictures beside the record, by name; what is large may be a function that writes it
+    results_key : the entry of the record that holds the planes; under another name than "planes", the only one of them
     missed : photographs that gave nothing; None where the record of the procedure does not list them
     exposure : what the camera noted
     terms : unit of frequencies and specification
@@ -41,11 +45,17 @@ class Measurement:
     head: RecordHead
     planes: tuple[PlaneResult, ...]
     entries: Mapping[str, Any] = field(default_factory=dict)
-    files: Mapping[str, bytes] = field(default_factory=dict)
+    files: Mapping[str, bytes | Callable[[Path], None]] = field(default_factory=dict)
     missed: tuple[Miss, ...] | None = None
     exposure: Exposure = field(default_factory=Exposure)
     terms: Terms = USUAL
     found: Any = None
+    results_key: str = BY_PLANE
+
+    @property
+    def refused(self) -> bool:
+        """Whether nothing was measured."""
+        return all(one.verdict is Verdict.REFUSED for one in self.planes)
 
     def compared(self, terms: Terms) -> Measurement:
         """The same with every plane compared with the limits of a specification."""
@@ -60,10 +70,11 @@ class Measurement:
 
     def record(self) -> dict[str, Any]:
         """As `result.json` holds it."""
+        records = {one.name: plane_record(one) for one in self.planes}
         return {
             "schema": self.schema,
             **self.head.told(),
-            "planes": {one.name: plane_record(one) for one in self.planes},
+            self.results_key: records if self.results_key == BY_PLANE else next(iter(records.values())),
             **self.entries,
             **({} if self.missed is None else {"left_out": [one.told() for one in self.missed]}),
             "software": software(),

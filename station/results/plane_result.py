@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
-from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL
+from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL, NUMBERS
 from procedures.outcome import Cause, Judged, Outcome, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality
@@ -107,6 +107,13 @@ class PlaneResult:
         pitch = more.get("pitch", 1)
         numbers, curves = ({}, {}) if quality is None else (dict(numbers_of(quality, pitch)), curves_of(quality))
         return cls(name, verdict, numbers=numbers, curves=curves, samples=psf.h, psf=psf, quality=quality, **more)
+
+    def quantity(self, name: str) -> Quantity | None:
+        """A number by its name; one without an uncertainty has an uncertainty of 0, and the unit of the table."""
+        plain = self.values.get(name)
+        if name in self.numbers or not isinstance(plain, int | float):
+            return self.numbers.get(name)
+        return Quantity(float(plain), NUMBERS[name].unit if name in NUMBERS else "1", 0.0, "", 0)
 
     def in_unit(self, unit: Unit, pixels: Pixels) -> PlaneResult:
         """The same with its frequencies told in a unit. Raises BadParameter where what that needs is not known."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadInput, Quantity, Verdict
+from procedures.reading.arrays import checked_array, parse_npy
+from procedures.reading.text import parse_json
 from station.common.durable_files import read_own
 from station.results.plane_result import PlaneResult
 from station.results.record_head import read_other_causes
@@ -25,8 +25,7 @@ from station.results.units import Unit
 Array = npt.NDArray[np.float64]
 
 DIRECTIONS = ("horizontal", "vertical", "radial")
-LARGEST_BYTES = 64_000_000
-"""Of the file of a PSF; a support of 2000 x 2000 samples takes half of it."""
+_AGAIN = "recompute the session"
 PLANE_LETTERS = 8
 """Plane names longer than this are of no camera; they would also be file names."""
 
@@ -48,7 +47,7 @@ def read_result(folder: Path) -> ReadResult:
         return ReadResult(folder, str(record.get("procedure", "")), {}, read_restored(folder, record))
     entries = record.get("planes")
     if not isinstance(entries, dict) or not all(_is_plane(name, entry) for name, entry in entries.items()):
-        raise BadInput(f"{folder / RECORD} names no planes", "recompute the session")
+        raise BadInput(f"{folder / RECORD} names no planes", _AGAIN)
     planes = {name: _plane(folder, name, entry) for name, entry in entries.items()}
     return ReadResult(folder, str(record.get("procedure", "")), planes)
 
@@ -60,12 +59,9 @@ def find_results(sessions: Path) -> list[Path]:
 
 
 def _record(path: Path) -> dict[str, Any]:
-    try:
-        record = json.loads(read_own(path))
-    except (OSError, ValueError, RecursionError) as error:
-        raise BadInput(f"{path} cannot be read: {error}", "recompute the session") from error
+    record = parse_json(_own(path), str(path), _AGAIN)
     if not isinstance(record, dict):
-        raise BadInput(f"{path} is no record of a result", "recompute the session")
+        raise BadInput(f"{path} is no record of a result", _AGAIN)
     return record
 
 
@@ -77,7 +73,7 @@ def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> PlaneResult:
     try:
         verdict = Verdict(entry.get("verdict", ""))
     except ValueError as error:
-        raise BadInput(f"{folder / RECORD}: plane {name} has no verdict", "recompute the session") from error
+        raise BadInput(f"{folder / RECORD}: plane {name} has no verdict", _AGAIN) from error
     numbers = {key: found for key, value in entry.items() if (found := _quantity(value)) is not None}
     reason, remedy = str(entry.get("reason", "")), str(entry.get("remedy", ""))
     refused = verdict is Verdict.REFUSED
@@ -115,14 +111,14 @@ def _count(value: object) -> int:
 
 
 def _samples(path: Path) -> Array:
+    return checked_array(parse_npy(_own(path), str(path), _AGAIN), f"the PSF {path}", ("k", "k"), remedy=_AGAIN)
+
+
+def _own(path: Path) -> bytes:
     try:
-        data = read_own(path) if path.stat().st_size <= LARGEST_BYTES else b""
-        h = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
-    except (OSError, ValueError, EOFError, MemoryError, OverflowError, RecursionError) as error:
-        raise BadInput(f"{path} cannot be read: {error}", "recompute the session") from error
-    if h.ndim != 2 or h.shape[0] != h.shape[1] or h.size == 0 or h.dtype.kind != "f" or not np.isfinite(h).all():
-        raise BadInput(f"{path} is no PSF", "recompute the session")
-    return np.asarray(h, dtype=np.float64)
+        return read_own(path)
+    except OSError as error:
+        raise BadInput(f"{path} cannot be read: {error}", _AGAIN) from error
 
 
 def _columns(path: Path) -> dict[str, Array]:
@@ -131,10 +127,10 @@ def _columns(path: Path) -> dict[str, Array]:
         table = np.array([[float(word) for word in row.split(",")] for row in rows], dtype=np.float64)
         columns = dict(zip((name.partition("[")[0] for name in names.split(",")), table.T, strict=True))
     except (OSError, ValueError) as error:
-        raise BadInput(f"{path} cannot be read: {error}", "recompute the session") from error
+        raise BadInput(f"{path} cannot be read: {error}", _AGAIN) from error
     shown = [columns.get(name, np.array([np.nan])) for name in ("frequency", *DIRECTIONS)]
     if not all(column.size and np.isfinite(column).all() for column in shown) or shown[0].max() <= 0:
-        raise BadInput(f"{path} is no table of an MTF", "recompute the session")
+        raise BadInput(f"{path} is no table of an MTF", _AGAIN)
     return columns
 
 

@@ -9,7 +9,7 @@ import math
 import os
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
@@ -92,10 +92,10 @@ class ResultFolder:
                 break
             folder.rmdir()
 
-    def write(self, name: str, data: bytes) -> None:
-        """Stage one file. Raises BadParameter if the disk does not take it."""
+    def write(self, name: str, data: bytes | Callable[[Path], None]) -> None:
+        """Stage one file: its bytes, or what a function writes. Raises BadParameter if the disk does not take it."""
         try:
-            (self.staging / name).write_bytes(data)
+            data(self.staging / name) if callable(data) else (self.staging / name).write_bytes(data)
         except OSError as error:
             raise self._unwritable(error) from error
 

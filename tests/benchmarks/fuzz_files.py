@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -28,7 +29,7 @@ from procedures.field.field_file import read_camera as read_camera_of_field
 from procedures.field.field_file import read_colours, read_field, write_field
 from procedures.field.interpolate import interpolate
 from procedures.field.surfaces import fit_surface
-from procedures.outcome import Verdict
+from procedures.outcome import ProcedureError, Verdict
 from procedures.pattern_print.source import Source
 from procedures.psf import Psf
 from procedures.psf_field import Node, in_half_diagonals
@@ -40,21 +41,40 @@ from procedures.ray_histogram.multiscale import filter_film
 from procedures.reading import hdf5
 from procedures.reading.exposure import Exposure
 from procedures.reading.sensor_dump import DumpLayout
+from procedures.restoration.joint.estimate import RestorationParameters
+from procedures.restoration.joint.schedule import Scheme
+from procedures.restoration.masks import blur_models
+from procedures.restoration.masks.blur_operator import Blur
+from procedures.restoration.masks.camera_motion import Poses, motion_blur, poses_of
 from procedures.restoration.masks.psf_shapes import measured_field
-from procedures.restoration.photograph_blur import BlurSpec, KnownShapes, blur_of
-from procedures.restoration.unknown_motion.recorded_paths import read_path
+from procedures.restoration.photograph_blur import BlurSpec, KnownShapes, UnknownMotion, blur_of
+from procedures.restoration.unknown_motion.motion_splines import recorded
+from procedures.restoration.unknown_motion.recorded_paths import read_path, recorded_masks
+from procedures.slanted_edge.estimate import estimate_edges
 from station.batch.procedure_file import read_procedure
 from station.bench.opening import make_bench, read_config
 from station.calibration.exports.geometry import FORMATS, export_camera, read_camera
 from station.calibration.field_photographs import focus_positions
-from station.calibration.restoration.inputs import imu_table, read_blur_shape, read_imu
-from station.calibration.sensor_folder import find_shots
+from station.calibration.restoration.inputs import (
+    COLUMNS,
+    POSE_COLUMNS,
+    Shape,
+    imu_table,
+    read_blur_shape,
+    read_imu,
+    read_poses,
+)
+from station.calibration.rig import read_rig_camera
+from station.calibration.sensor import measure_sensor
+from station.calibration.sensor_folder import Shots, find_shots
 from station.calibration.sensor_models import read_sensor
+from station.calibration.vignetting import measure_flats, read_joint_formula, read_vignetting
 from station.results.plane_result import PlaneResult
 from station.results.reader import read_result
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, write_psf_result
 from station.results.result_seal import damage
+from station.results.specification_file import read_specification
 from station.sessions.index import Index
 from station.sessions.reader import check_whole, read_session, verify, verify_results
 
@@ -238,20 +258,114 @@ def _text(text: str) -> Callable[[Path], None]:
     return lambda path: path.write_text(text) and None
 
 
-def _imu(path: Path) -> None:
-    path.write_text("t_s,ax,ay,az,wx,wy,wz\n" + "\n".join(f"{n / 100},0.1,9.81,0.2,0.01,0.02,0.03" for n in range(20)))
+def _record(path: Path, columns: tuple[str, ...], along: float, about: float) -> None:
+    """What a rig that vibrates writes, 20 rows at 100 Hz from 0.02 s before the opening of the shutter on."""
+    t = np.arange(-2, 18) / 100
+    waves = [size * np.sin(2 * np.pi * (5 + n) * t + n) for n, size in enumerate([along] * 3 + [about] * 3)]
+    rows = [",".join(columns), *(",".join(f"{value:.6g}" for value in row) for row in np.column_stack([t, *waves]))]
+    path.write_text("\n".join(rows) + "\n")
+
+
+def _moved(poses: Poses) -> None:
+    _finite(motion_blur([poses, poses], 300.0, FRAME, 1.0).fields[0].middle.masks)
+
+
+def _imu_motion(path: Path) -> None:
+    felt = read_imu(path)
+    imu_table(felt)
+    _moved(poses_of(felt, 0.1))
+
+
+def _path(path: Path) -> None:
+    """Where the search of a motion begins that was recorded."""
+    found = recorded_masks(np.stack([one[0] for one in photographs()]), [read_path(path), CIRCLE], 3)
+    _finite(recorded(CIRCLE, found[0], 2.0))
+
+
+@cache
+def photographs() -> list[np.ndarray]:
+    """Two of a flat scene, defocused unlike."""
+    rng, shape = _rng(), blur_models.pillbox()
+    scene = 0.4 + 0.1 * np.sign(rng.standard_normal((12, 17))).repeat(4, 0).repeat(4, 1)
+    taken = []
+    for ratio in (1.0, 1.3):
+        blur = Blur(blur_models.mask_stack(shape, 2.0, ratio=ratio, R=4), FRAME)
+        blur.focus(np.full(blur.extended, 1.2))
+        taken.append(blur.blur(scene[None]) + 0.002 * rng.standard_normal((1, *FRAME)))
+    return taken
+
+
+def restored(shape: Shape | None = None) -> None:
+    """The photographs restored, in the shortest way, as if this had blurred them."""
+    one = blur_models.pillbox() if shape is None else shape
+    quick = RestorationParameters(scheme=Scheme(1, 2, 2, 1, 2))
+    blur = blur_of(BlurSpec(KnownShapes((one, one), (1.0, 1.3)), 2.0), photographs())
+    _finite(blur.restored(photographs(), quick).result().sharp)
 
 
 def _shape(path: Path, samples_per_px: int | None = None) -> None:
-    photographs = [_rng().random((1, 64, 64)), _rng().random((1, 64, 64))]
-    shape = read_blur_shape(str(path), "G1", (64, 64), samples_per_px)
-    blur_of(BlurSpec(KnownShapes((shape, shape), (1.0, 1.3)), 2.0), photographs)
+    restored(read_blur_shape(str(path), "G1", FRAME, samples_per_px))
+
+
+def _kernel(path: Path) -> None:
+    """A kernel that a restoration found, beside its record."""
+    np.save(path.parent / "kernel_1.npy", _psf(k=7).h)
+    (path.parent / "result.json").write_text(json.dumps({"kernels": ["kernel_1.npy"], "parameters": {"s": 3}}))
 
 
 def _blur(path: Path) -> None:
     for field_ in read_field(path).values():
-        measured_field(field_, field_.shape, (2, 2))
+        restored(measured_field(field_, FRAME, (2, 2)))
         _finite(field_.at(20.0, 20.0).h)
+
+
+def _geometry(path: Path) -> None:
+    """The poses of a geometry, with their covariance."""
+    views = [{"source": f"{n}.dng", "R": np.eye(3).tolist(), "t_mm": [0.0, 10.0 * n, 900.0]} for n in range(3)]
+    planes = {"Y": {"views": views, "chart": {"scale_uncertainty": 1e-4}}}
+    (path.parent / "result.json").write_text(json.dumps({"procedure": "geometry", "planes": planes}))
+    np.save(path.parent / "geometry_joint_covariance.npy", np.eye(20) * 1e-4)
+
+
+def _vignetting(path: Path) -> None:
+    """The light of a plane, and what its numbers share."""
+    light = {"rows": 40, "columns": 60, "degree": 2, "coefficients": [0.0, 0.0, -0.1, 0.0, -0.1]}
+    record = {
+        "procedure": "vignetting",
+        "planes": {"Y": {"light": light, "centre": [30.0, 20.0]}},
+        "formula": {"planes": ["Y"], "values": [30.0, 20.0, -0.1, 0.01, 0.0]},
+    }
+    (path.parent / "result.json").write_text(json.dumps(record))
+    np.save(path.parent / "vignetting_covariance.npy", np.eye(5) * 1e-6)
+
+
+def _lights(path: Path) -> None:
+    for one in read_vignetting(path.parent).values():
+        one.light.at(np.array([[20.0, 20.0]]))
+    read_joint_formula(path.parent)
+
+
+def _tiny(data: bytes) -> bytes:
+    """A picture of a few pixels, its size told by the content."""
+    columns, rows, *levels = (*data[-400:], *bytes(400))
+    columns, rows = 1 + columns % 9, 1 + rows % 9
+    return f"P5 {columns} {rows} 255\n".encode() + bytes(levels[: columns * rows])
+
+
+def _tiny_frame(path: Path) -> None:
+    """Everything that is made of one photograph or two, each refusing it in its own way."""
+    (plane,) = read_frame(path).planes.values()
+    both = np.stack([plane.samples, plane.samples[::-1] + 0.01]).astype(np.float64)
+    darks, lights = Shots("dark", 0.01, None, None, (path,) * 2), Shots("light", 0.01, 9.0, None, (path,) * 2)
+    for work in (
+        lambda: estimate_edges(plane),
+        lambda: measure_flats([path]),
+        lambda: measure_sensor([darks, *[lights] * 3], None),
+        lambda: blur_of(BlurSpec(UnknownMotion("whole")), [one[None] for one in both]),
+        lambda: blur_of(BlurSpec(UnknownMotion()), [one[None] for one in both]),
+    ):
+        with suppress(ProcedureError):
+            work()
 
 
 def _noted(path: Path) -> None:
@@ -273,6 +387,10 @@ LAYOUT = DumpLayout(60, 40, "RGGB", "u16le", 64, 65535)
 FEW = FilterParameters(scales=1, search=2)
 
 
+FRAME = SIZE
+CIRCLE = np.stack([np.cos(np.arange(30) / 5), np.sin(np.arange(30) / 5)], axis=1)
+
+
 def _finite(values: np.ndarray) -> None:
     if not values.size or not np.isfinite(values).all():
         raise ArithmeticError("a result that is no finite number")
@@ -291,6 +409,15 @@ optics = { pixel_pitch_um = 3.76, f_number = 8, wavelength_nm = 530 }
 raw = "1920x1080,RGGB,u16le,64,1023"
 [limits]
 mtf50_horizontal = { min = 0.25 }
+"""
+SPECIFICATION = """coverage = 2
+[limits]
+energy_above_nyquist = { max = 0.05, planes = ["G1", "G2"] }
+[[limit]]
+number = "mtf"
+at = 0.25
+min = 0.5
+place = "centre"
 """
 BENCH = """[devices.stage]
 driver = "grbl"
@@ -388,11 +515,17 @@ READERS: dict[str, tuple[Callable[[Path], None], Callable[[Path], object]]] = {
     "session.toml": (_session, _read_session),
     "journal.jsonl": (_session, _read_session),
     "journal.head": (_session, _read_session),
+    "kernel_1.npy": (_kernel, _shape),
+    "geometry_joint_covariance.npy": (_geometry, lambda path: read_rig_camera(path.parent)),
+    "vignetting_covariance.npy": (_vignetting, _lights),
     "shape.txt": (_text(SHAPE), _shape),
     "psf.txt": (_text(SHAPE), lambda path: _shape(path, 3)),
-    "path.txt": (_text(PATH), read_path),
-    "imu.csv": (_imu, lambda path: imu_table(read_imu(path))),
+    "path.txt": (_text(PATH), _path),
+    "imu.csv": (lambda path: _record(path, COLUMNS, 8.0, 0.1), _imu_motion),
+    "poses.csv": (lambda path: _record(path, POSE_COLUMNS, 5e-3, 5e-3), lambda path: _moved(read_poses(path))),
+    "tiny.pgm": (_pgm, _tiny_frame),
     "focus.csv": (_text("photograph,mm\n" + "\n".join(f"{n}.dng,{n / 7}" for n in range(9))), _positions),
+    "specification.toml": (_text(SPECIFICATION), read_specification),
     "procedure.toml": (_text(PROCEDURE), read_procedure),
     "station.toml": (_text(BENCH), lambda path: make_bench(read_config(path), folder=path.parent).close()),
 }
@@ -402,5 +535,5 @@ def _shape_beside(path: Path) -> None:
     _shape(path.parent / "psf_G1.npy")
 
 
-AFTER = {"summed.png": _summed_png, "shades.png": _summed_png, "summed.npz": _summed_zip}
+AFTER = {"tiny.pgm": _tiny, "summed.png": _summed_png, "shades.png": _summed_png, "summed.npz": _summed_zip}
 """What is done to a mutation of the file of this name."""

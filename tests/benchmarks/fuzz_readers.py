@@ -1,13 +1,13 @@
 """Mutates small files of every format and reads them: each must end in a right result or a stated refusal.
 
-    python tests/benchmarks/fuzz_readers.py [--mutations 6000] [--seed 1] [--only npz,exr] [--keep FOLDER]
+    python tests/benchmarks/fuzz_readers.py [--mutations 6000] [--seed RANDOM] [--only npz,exr] [--keep FOLDER]
 
 The files are those of `fuzz_files`. Each mutation of one (bytes flipped, runs zeroed, cut out, doubled or swapped,
 numbers made extreme, the end missing; words of text replaced) is read by a fork with every library loaded, limited in
 address space (2 GB beside what is there) and in time (60 s of processor). A fork reads so many and is followed by
 another; one that the system ends is followed by one that begins after the mutation that it died of. What a mutation
 comes to is counted: 0 read, 2, 4, 5 refused as stated, 70 something unforeseen, `SIG...` ended by the system. The seed
-of each mutation is told, and `--keep` keeps the files that came to neither.
+is told, with which a run is repeated, and `--keep` keeps the files that came to neither.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import gc
 import json
 import os
 import random
+import re
 import resource
 import signal
 import sys
@@ -28,7 +29,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fuzz_files import AFTER, FEW, READERS, samples
+from fuzz_files import AFTER, FEW, READERS, restored, samples
+from fuzz_structure import STRUCTURED, restructured
 
 from procedures.ray_histogram.film import film_of_samples
 from procedures.ray_histogram.multiscale import filter_film
@@ -45,6 +47,13 @@ WORDS = (
     "-1",
     "0",
     "1e999",
+    "1e308",
+    "-1e308",
+    "1e200",
+    "1e-320",
+    "2147483648",
+    "9" * 30,
+    "[1.0]",
     "9" * 400,
     "[" * 3000,
     '"',
@@ -59,10 +68,14 @@ WORDS = (
 # --- mutations ---------------------------------------------------------------------------------------------------
 
 
-def mutated(data: bytes, rng: random.Random, text: bool) -> bytes:
-    """The content with one to four things wrong with it."""
+def mutated(data: bytes, rng: random.Random, suffix: str) -> bytes:
+    """The content of a file of this name's end with one to four things wrong with it."""
+    text = suffix in (".txt", ".csv", ".json", ".jsonl", ".toml")
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
-        data = rng.choice(TEXT if text and rng.random() < 0.7 else BINARY)(data, rng)
+        if suffix in STRUCTURED and rng.random() < 0.6:
+            data = restructured(data, suffix, rng)
+        else:
+            data = rng.choice(TEXT if text and rng.random() < 0.7 else BINARY)(data, rng)
     return data
 
 
@@ -119,6 +132,16 @@ def _word(data: bytes, rng: random.Random) -> bytes:
     return b" ".join(pieces)
 
 
+def _rescaled(data: bytes, rng: random.Random) -> bytes:
+    """One number of a text made larger or smaller, or of the other sign."""
+    numbers = list(re.finditer(rb"-?\d+(\.\d*)?(e[+-]?\d+)?", data))
+    if not numbers:
+        return data
+    one = rng.choice(numbers)
+    changed = float(one[0]) * rng.choice((-1, 0, 0.5, 2, 10, 1e3, 1e-3, 1e6, 1e-6, 1e9, 1e-9, 1e12))
+    return data[: one.start()] + f"{changed:.9g}".encode() + data[one.end() :]
+
+
 def _line(data: bytes, rng: random.Random) -> bytes:
     lines = data.splitlines(keepends=True) or [b""]
     at = rng.randrange(len(lines))
@@ -127,7 +150,7 @@ def _line(data: bytes, rng: random.Random) -> bytes:
 
 
 BINARY = (_flip, _flip, _extreme, _extreme, _cut, _zero, _remove, _double, _swap)
-TEXT = (_word, _word, _word, _line)
+TEXT = (_word, _word, _rescaled, _rescaled, _line)
 
 # --- readings in a process of their own --------------------------------------------------------------------------
 
@@ -165,8 +188,7 @@ class Subject:
     def spoil(self, n: int) -> str:
         """Write the n-th mutation, none where n is below 0; what it is called."""
         mark = f"{self.seed}/{self.path.name}/{n}"
-        text = self.path.suffix in (".txt", ".csv", ".json", ".jsonl", ".toml")
-        data = mutated(self.whole, random.Random(mark), text) if n >= 0 else self.whole
+        data = mutated(self.whole, random.Random(mark), self.path.suffix) if n >= 0 else self.whole
         self.path.write_bytes(AFTER.get(self.path.name, bytes)(data))
         return mark
 
@@ -237,8 +259,10 @@ def fuzz(mutations: int, seed: int, only: Sequence[str] = (), keep: Path | None 
     """Counts by file, of so many mutations shared out evenly; told as they come."""
     chosen = {name: one for name, one in READERS.items() if not only or any(part in name for part in only)}
     counts: dict[str, Counts] = defaultdict(Counts)
-    if any(name.startswith("film") for name in chosen):  # its kernels are made or loaded once, not in every fork
+    # what is compiled is made or loaded once, not in every fork
+    if any(name.startswith("film") for name in chosen):
         filter_film(film_of_samples(samples()).checked(), FEW, threads=1)
+    restored()
     gc.freeze()  # what is there is no fork's garbage: to look through it would copy it
     with tempfile.TemporaryDirectory(prefix="fuzz-") as raw:
         for name, (write, read) in chosen.items():
@@ -294,10 +318,11 @@ def main() -> None:
     """Mutate, read, count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--mutations", type=int, default=6000)
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=random.SystemRandom().randrange(1 << 32))
     parser.add_argument("--only", default="", help="Parts of names, with commas between.")
     parser.add_argument("--keep", type=Path, help="Folder for the files that came to no stated end.")
     given = parser.parse_args()
+    print(f"seed {given.seed}", flush=True)
     counts = fuzz(given.mutations, given.seed, [one for one in given.only.split(",") if one], given.keep)
     total = sum((one.codes for one in counts.values()), Counter[str]())
     print(f"{total.total()} mutations, seed {given.seed}: {dict(sorted(total.items()))}")

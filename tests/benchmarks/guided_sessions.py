@@ -23,6 +23,7 @@ import numpy as np
 
 from procedures import read_camera_numbers
 from simulators.bench.simulated_operator import F_NUMBERS
+from simulators.bench.view import bench_camera
 from simulators.camera.sensor import Sensor
 from station.bench.opening import Bench, simulated_bench
 from station.guide.catalogue import plan_named
@@ -50,7 +51,7 @@ def camera(bench: Bench, folder: Path) -> None:
     """All parts of one camera against what was simulated."""
     view = bench.simulated.view
     lens = replace(view.camera.lens, k1=-0.01, vignetting=(-0.12, -0.02, 0.0), lateral_colour=0.01)
-    view.camera = replace(view.camera, lens=lens, oversampling=4)
+    view.camera = replace(bench_camera(), lens=lens, sensor=Sensor(720, 960), oversampling=4)
     result = guided("camera", bench, folder, {"places": 9.0, "views": 6.0}, lambda event: None)
     found = read_camera_numbers(result / "camera.h5")
     parts = {".".join(name.split(".")[: 1 + (name[0] in "lp")]): 0 for name in found.names}
@@ -74,7 +75,7 @@ def camera(bench: Bench, folder: Path) -> None:
 def tilt(bench: Bench, folder: Path) -> None:
     """The sensor's highest corner, before and after every turn."""
     view = bench.simulated.view
-    view.camera = replace(view.camera, oversampling=4, sensor=Sensor(480, 640, cfa=None), pitch_um=11.88)
+    view.camera = replace(view.camera, oversampling=4)
     half_mm = np.array([640, 480]) * 11.88e-3 / 2
 
     def listen(event: Event) -> None:
@@ -87,7 +88,7 @@ def tilt(bench: Bench, folder: Path) -> None:
                     truly = 2 * true[at] * half_mm[at]
                     print(f"    {what} {told.value:+.2f} +- {told.uncertainty:.2f} um, truly {truly:+.2f}", flush=True)
 
-    guided("tilt", bench, folder, {"chart_width_mm": 48.0}, listen)
+    guided("tilt", bench, folder, {}, listen)
     print(f"  left: corner truly {np.abs(view.held.slopes) @ half_mm:.2f} um")
 
 
@@ -146,6 +147,7 @@ def main(what: str = "camera", seed: int = 3) -> None:
         incoming = Path(name) / "incoming"
         incoming.mkdir()
         bench = simulated_bench(incoming, seed=seed, virtual_time=True)
+        bench.simulated.show(plan_named(what).subject)
         {"camera": camera, "tilt": tilt}[what](bench, Path(name))
         bench.close()
 

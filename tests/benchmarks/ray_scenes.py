@@ -26,7 +26,7 @@ from procedures.ray_histogram.film_files import write_film
 from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
 from simulators.rays.path_tracer import Scene, ThinLensCamera, cast
 from simulators.rays.ray_scenes import SCENES
-from station.demo.ray_page import RenderRow, ray_page
+from station.reports.ray_page import RenderRow, ray_page
 
 SAMPLES = (16, 64, 256)
 SHOWN = 64

@@ -51,7 +51,7 @@ from station.common.toml_text import toml_text
 BOUND_MS = 20.0
 SPEED = 20.0
 """How much faster than real the simulated bench homes and moves: a try ends before it has arrived."""
-PATIENCE_S = 60.0
+PATIENCE_S = 180.0
 """How long a program may take to begin, on a machine that has much else to do."""
 SIGNALS = {name: getattr(signal, f"SIG{name}") for name in ("INT", "TERM", "HUP", "QUIT")}
 KEYS = {"F12": b"\x1b[24~", "Ctrl-X": b"\x18", "Ctrl-C": b"\x03"}
@@ -108,6 +108,11 @@ class Count:
     ms: list[float] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
     late: list[str] = field(default_factory=list)
+
+    @property
+    def missing(self) -> list[str]:
+        """What was wrong with stops apart from their lateness."""
+        return [one for one in self.wrong if "within the bound" not in one]
 
 
 def _in_its_terminal() -> None:
@@ -339,6 +344,7 @@ def main() -> int:
     parser.add_argument("--only", default=",".join(WAYS))
     parser.add_argument("--where", default=",".join(PLACES))
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--shared-machine", action="store_true", help="a late stop is printed and does not count")
     chosen = parser.parse_args()
     machine = f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} cores"
     print(f"{machine}, load {os.getloadavg()[0]:.1f}")
@@ -350,7 +356,7 @@ def main() -> int:
             count = measured(way, place, chosen.tries, chance)
             times = sorted(count.ms)
             over = sum(one > BOUND_MS for one in times)
-            missed += over + len(count.wrong)
+            missed += len(count.missing) if chosen.shared_machine else over + len(count.wrong)
             wrong = "; ".join(f"{n} x {told}" for told, n in sorted(Counter(count.wrong).items()))
             print(
                 f"{way:13} {place:9} {len(times):4} tries: median {times[len(times) // 2]:6.2f} ms, longest "

@@ -48,9 +48,13 @@ def _notes(file: Path) -> list[tuple[float, float]]:
 
 
 def keep_its_priority(pid: int) -> None:
-    """Give a program in a session of its own the niceness of this one, where Linux schedules sessions as groups."""
+    """Give a program in a session of its own the niceness of this one, where Linux schedules sessions as groups.
+
+    Under `nice` the session of this one may count as usual; the program's is then not to have less.
+    """
     with suppress(OSError):
-        Path(f"/proc/{pid}/autogroup").write_text(str(os.nice(0)))
+        own = int(Path("/proc/self/autogroup").read_text().split()[-1])
+        Path(f"/proc/{pid}/autogroup").write_text(str(min(own, os.nice(0))))
 
 
 def threads_ms(pid: int) -> dict[str, tuple[float, float]]:

@@ -88,10 +88,12 @@ def test_it_turns_until_it_is_stopped(homed):
     motor = homed.motors[0]
     motor.linear_ramp.max_velocity = SLOW
     homed.rotate(0, SLOW)
-    until(lambda: motor.actual_velocity > 0)
+    until(lambda: motor.actual_position > 0)  # it has a velocity before it has gone a microstep
     homed.stop(0)
     until(lambda: motor.actual_velocity == 0)
-    assert 0 < motor.actual_position <= 96_000
+    rest = motor.actual_position
+    assert 0 < rest <= 96_000
+    assert motor.actual_position == rest
 
 
 def test_a_search_is_ended(module):

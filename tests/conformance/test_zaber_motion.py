@@ -46,8 +46,9 @@ def test_it_moves_and_stops(axis):
     axis.move_absolute(20000)
     axis.move_relative(-500)
     assert axis.get_position() == 19500
-    axis.move_absolute(250000, wait_until_idle=False)
-    time.sleep(0.02)
+    axis.generic_command("move abs 250000 1000 10")  # which would take minutes
+    while axis.get_position() == 19500:
+        assert axis.is_busy()
     axis.stop()
     assert not axis.is_busy()
     assert 19500 < axis.get_position() < 250000

@@ -50,6 +50,8 @@ AXES = (
 )
 STEP_MM = 0.00001
 """The demo table's: 0.015 µm."""
+PATIENCE_S = 60.0
+"""Longer than anything here takes, on any machine."""
 
 
 @pytest.fixture
@@ -69,7 +71,7 @@ def truth(core):
 
 @pytest.fixture
 def stage(core):
-    stage = MicroManagerStage(core, AXES, patience_s=10.0)
+    stage = MicroManagerStage(core, AXES, patience_s=PATIENCE_S)
     stage.connect()
     yield stage
     stage.close()
@@ -81,8 +83,14 @@ def homed(stage):
     return stage
 
 
+@pytest.fixture
+def slow(truth):
+    """The table moves so slowly that no test waits until it has arrived."""
+    truth.setProperty("Table", "Velocity", 0.001)
+
+
 def in_mid_move(stage, action):
-    """What a move of 0.15 mm at 0.1 mm/s ends with, if this is done while it is under way."""
+    """What a slow move of 0.15 mm ends with, if this is done while it is under way."""
     ended = []
 
     def move():
@@ -93,10 +101,10 @@ def in_mid_move(stage, action):
 
     mover = threading.Thread(target=move)
     mover.start()
-    while stage.position()["x_mm"] < 0.01:
+    while stage.position()["x_mm"] < 2 * STEP_MM:
         time.sleep(0.005)
     action()
-    mover.join(timeout=5.0)
+    mover.join(PATIENCE_S)
     return ended[0] if ended else None
 
 
@@ -152,7 +160,7 @@ def test_what_stands_outside_its_travel_is_not_believed(core):
     stage.close()
 
 
-def test_a_stop_ends_a_move_and_keeps_the_position(homed):
+def test_a_stop_ends_a_move_and_keeps_the_position(homed, slow):
     ended = in_mid_move(homed, homed.stop)
     assert isinstance(ended, MoveFailed)
     assert "was stopped" in ended.reason
@@ -193,7 +201,7 @@ def refuse(*_):
     raise Rejected("it does not take the order", "look at it")
 
 
-def test_a_device_that_refuses_its_order_stops_those_that_are_on_their_way(homed, truth, monkeypatch):
+def test_a_device_that_refuses_its_order_stops_those_that_are_on_their_way(homed, truth, slow, monkeypatch):
     send = homed._send
 
     def one_refuses(label, *order):
@@ -206,7 +214,7 @@ def test_a_device_that_refuses_its_order_stops_those_that_are_on_their_way(homed
     assert homed.position()["x_mm"] < 0.14
 
 
-def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, truth):
+def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, truth, slow):
     ended = in_mid_move(homed, homed.emergency_stop)
     assert isinstance(ended, EmergencyStopped)
     assert not truth.deviceBusy("Table")
@@ -343,7 +351,7 @@ def test_a_shutter_is_open_as_long_as_asked_and_closed_by_a_stop(core, truth):
         time.sleep(0.005)
     shutter.emergency_stop()
     assert not truth.getShutterOpen("Door")
-    shot.join(timeout=5.0)
+    shot.join(PATIENCE_S)
     assert "cut short" in ended[0].reason
     with pytest.raises(Rejected, match="no focus contact"):
         shutter.focus(True)

@@ -94,16 +94,17 @@ def done(tmp_path_factory, monkeypatch_module):
     root = tmp_path_factory.mktemp("camera")
     monkeypatch_module.setattr(conclusion, "derive", partial(derive, columns=7))  # maps of a ninth of their places
     whole, folder = plan(estimate, LEVELS, PICTURES), None
-    told = SimpleNamespace(heard=[], ends=[], shots=[], taken=(), minutes=0.0)
+    told = SimpleNamespace(heard=[], asked=[], ends=[], shots=[], taken=(), minutes=0.0)
     estimates = counted(monkeypatch_module)
     for part, stops in enumerate((is_print, is_fourth_place, lambda event: False)):
         incoming = Path(root, f"incoming-{part}")
         incoming.mkdir()
         bench = simulated_bench(incoming, seed=3, virtual_time=True)
+        bench.simulated.show(whole.subject)
         view = bench.simulated.view
         # what is done to a mosaic's four planes is done here to one of their size; the error stays far below the noise
         lens = replace(view.camera.lens, k1=-0.02, vignetting=VIGNETTING)
-        view.camera = replace(view.camera, lens=lens, oversampling=5, sensor=Sensor(240, 320, cfa=None), pitch_um=11.88)
+        view.camera = replace(view.camera, lens=lens, oversampling=5, sensor=Sensor(300, 400, cfa=None))
         if folder is None:
             session = Session.create(root, plan="camera", camera="C", lens="L", config={}, clock=bench.clock, seed=3)
             folder = session.folder
@@ -124,6 +125,7 @@ def done(tmp_path_factory, monkeypatch_module):
         operator.listen = listen
         told.ends.append(run.go())
         told.heard.append(operator.heard)
+        told.asked += operator.asked
         told.shots.append(session.state.counting())
         told.view, told.state = bench.simulated.view, session.state
         told.taken = (*told.taken, *bench.simulated.view.taken)
@@ -145,6 +147,10 @@ def test_each_place_is_photographed_once_though_it_was_interrupted(done):
     assert [shot.purpose for shot in places_of(done.shots[2])] == [
         f"place {i} of {FEWEST}" for i in range(1, FEWEST + 1)
     ]
+
+
+def test_nothing_is_gone_on_with_as_it_is(done):
+    assert {"look", "place"}.isdisjoint(ask.key for ask in done.asked)
 
 
 def test_the_whole_session_takes_less_than_ten_minutes(done):

@@ -15,11 +15,13 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the readers' memory is limited as Linux does it")
-def test_mutated_files_are_read_or_refused():
+@pytest.mark.parametrize("mutations", [80, pytest.param(400, marks=pytest.mark.nightly)])
+def test_mutated_files_are_read_or_refused(mutations):
     pytest.importorskip("OpenEXR")
     script = ROOT / "tests" / "benchmarks" / "fuzz_readers.py"
-    words = [sys.executable, script, "--mutations", "190", "--seed", "20120323"]
+    # other mutations in each run; the seed that is printed repeats it
+    words = [sys.executable, script, "--mutations", str(mutations)]
     done = subprocess.run(words, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     # as many for every reader
-    assert int(re.search(r"(\d+) mutations, seed", done.stdout)[1]) > 150
+    assert int(re.search(r"(\d+) mutations, seed", done.stdout)[1]) > 0.8 * mutations

@@ -15,6 +15,8 @@ from station.bench.opening import simulated_tables
 from station.common.toml_text import toml_text
 
 ROOT = Path(__file__).resolve().parents[2]
+PATIENCE_S = 180.0
+"""How long a program may take to end, on a machine that has much else to do."""
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")]
 
@@ -32,24 +34,20 @@ def bench(tmp_path):
 
 
 @pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
-def test_a_signal_during_homing_stops_and_says_so(bench, tmp_path, number):
+def test_a_signal_during_homing_stops_and_says_so(bench, tmp_path, number, start_program, read_until):
     words = ["--plain", "--config", tmp_path / "station.toml", "--sessions", tmp_path / "kept"]
-    program = subprocess.Popen(
-        [sys.executable, "-m", "station", *map(str, words)], cwd=ROOT, env=ENVIRONMENT, text=True,
+    program = start_program(
+        [sys.executable, "-m", "station", *words], cwd=ROOT, env=ENVIRONMENT, text=True,
         stdin=subprocess.PIPE, stdout=subprocess.PIPE,
     )  # fmt: skip
-    assert program.stdin is not None
-    assert program.stdout is not None
     program.stdin.write("\n" * 20)
     program.stdin.flush()
-    seen = ""
-    while "homing: keep clear" not in seen:
-        seen += program.stdout.read(1)
+    read_until(program.stdout, "homing: keep clear")
     axis = bench.world.axes["z_mm"]
     while not axis.moves(bench.clock.now_s()):
         assert program.poll() is None
     program.send_signal(getattr(signal, number))
-    rest, _ = program.communicate(timeout=60)
+    rest, _ = program.communicate(timeout=PATIENCE_S)
     assert not axis.moves(bench.clock.now_s())
     assert program.returncode == 3
     assert "Every device was told to stop." in rest
@@ -71,5 +69,5 @@ def test_the_stop_is_on_the_wires_and_nothing_follows_it(way, place):
     finally:
         sys.path.pop(0)
     count = stops.measured(way, place, 1, random.Random(1))
-    assert not [one for one in count.wrong if "within the bound" not in one]
+    assert not count.missing
     assert len(count.ms) == 1

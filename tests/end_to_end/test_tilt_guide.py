@@ -8,14 +8,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from procedures.facts import facts_as
 from procedures.outcome import Outcome
 from procedures.plan import Ask
 from procedures.tilt.estimate import Tilt
+from procedures.tilt.facts import TiltFacts
 from procedures.tilt.plan import plan
 from procedures.tilt.plane import fit_plane
+from procedures.tilt.reach import bracket_mm, off_reach_mm
 from procedures.tilt.screws import SURE, Screws, turns_for
 from simulators.bench.view import SensorMount
 from station.bench.opening import simulated_bench
+from station.guide.catalogue import plan_named
 from station.guide.frontend import Result
 from station.guide.run import Run
 from station.guide.scripted import Scripted
@@ -81,3 +85,18 @@ def test_it_asks_for_turns_until_they_would_not_help(done):
 
 def test_each_round_has_its_result_with_a_page(done):
     assert all((one.folder / "report.html").is_file() and (one.folder / "tilt.csv").is_file() for one in done.results)
+
+
+def test_the_chart_that_is_proposed_has_its_bracket_in_the_rail_s_reach(tmp_path):
+    (tmp_path / "incoming").mkdir()
+    bench = simulated_bench(tmp_path / "incoming", seed=0, virtual_time=True)
+    whole = plan_named("tilt")
+    names = [step.name for step in whole.steps]
+    begun = replace(whole, steps=whole.steps[: names.index("screws") + 1])
+    with Session.create(tmp_path, plan="tilt", camera="C", lens="L", config={}, clock=bench.clock, seed=0) as session:
+        operator = Scripted()
+        assert Run(begun, bench, session, operator).go().how == "finished"
+        facts = facts_as(TiltFacts, session.state.facts)
+    bench.close()
+    assert operator.count("look") == 0  # nothing was gone on with as it was
+    assert off_reach_mm(facts, bracket_mm(facts.optics(1), 2.8, facts.begun().distance_mm)) == 0.0

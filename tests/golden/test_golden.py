@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import jsonschema
 import pytest
 from click.testing import CliRunner
 
 from station.__main__ import main
+from station.procedure.registry import procedure_named, procedure_names
+from station.procedure.schema import schema_of
 
 from .cases import CASES, OUT
 from .frozen import differences, frozen_record, page_text, same_text
 
 pytestmark = pytest.mark.slow
 FROZEN = Path(__file__).with_name("frozen")
-WITHOUT_PAGE = ("rig", "vignetting")
 
 
 @pytest.fixture(scope="module", params=CASES)
@@ -46,8 +48,6 @@ def test_records_are_as_they_were(made, request):
 
 def test_pages_are_as_they_were(made, request):
     name, folder = made
-    if name in WITHOUT_PAGE:
-        pytest.skip("this procedure writes no page")
     lines = [line for page in files_of(folder, ".html") for line in (f"# {page.name}", *page_text(page, folder))]
     kept = FROZEN / f"{name}.txt"
     if request.config.getoption("--freeze"):
@@ -55,3 +55,12 @@ def test_pages_are_as_they_were(made, request):
     before = kept.read_text(encoding="utf-8").splitlines()
     assert len(before) == len(lines)
     assert [(a, b) for a, b in zip(before, lines, strict=True) if not same_text(a, b)] == []
+
+
+def test_records_follow_the_schema_that_is_generated(made):
+    name, folder = made
+    if name not in procedure_names():
+        pytest.skip("this procedure has no generated schema yet")
+    for path in files_of(folder, ".json"):
+        schema = schema_of(procedure_named(name))
+        jsonschema.validate(json.loads(path.read_text(encoding="utf-8")), schema, jsonschema.Draft202012Validator)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procedures.outcome import BadInput, BadParameter
+from procedures.reading.arrays import LARGEST, SMALLEST, checked_array
 from procedures.reading.text import read_numbers
 from procedures.restoration.masks.blur_operator import MaskStack
 
@@ -135,25 +136,28 @@ def read_shape(path: Path) -> Array:
     BadInput
         If it cannot be read, is not an odd square, or has negative or no content.
     """
-    return check_shape(read_numbers(path, "shape file", "give a text array of numbers, a row per line"), str(path))
+    return check_shape(read_numbers(path, "shape file"), f"the shape {path}")
 
 
-def check_shape(shape: NDArray[np.floating[Any]], name: str = "shape") -> Array:
-    """The shape as float64.
+def check_shape(shape: NDArray[np.floating[Any]], name: str = "the shape") -> Array:
+    """The shape as float64. Raises BadInput as `odd_square`, and if a number is negative."""
+    return odd_square(shape, name, low=0.0, remedy="resample it, clip its noise")
+
+
+def odd_square(values: object, what: str, *, low: float = -LARGEST, remedy: str) -> Array:
+    """Samples about a centre as float64.
 
     Raises
     ------
     BadInput
-        If it is not an odd square of finite, non-negative numbers with a positive sum.
+        If they are not an odd square of finite numbers with a positive sum.
     """
-    rows, columns = shape.shape
-    if rows != columns or rows % 2 == 0 or rows < 3:
-        raise BadInput(f"{name} must be an odd square of at least 3 x 3, got {rows} x {columns}", "resample it")
-    if not np.isfinite(shape).all() or (shape < 0).any():
-        raise BadInput(f"{name} must be finite and not negative, its least value is {shape.min()}", "clip its noise")
-    if shape.sum() <= 0:
-        raise BadInput(f"{name} is empty", "give the shape of a blur")
-    return np.asarray(shape, dtype=np.float64)
+    square: Array = checked_array(values, what, ("k", "k"), low=low, remedy=remedy)
+    if len(square) < 3 or len(square) % 2 == 0:
+        raise BadInput(f"{what} must have an odd number of rows, 3 or more; got {len(square)}", remedy)
+    if square.sum() < SMALLEST:
+        raise BadInput(f"{what} must have a positive sum; got {square.sum():.3g}", remedy)
+    return square
 
 
 def mask(shape: Array, w: float, R: int) -> Array:

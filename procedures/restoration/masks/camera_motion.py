@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from procedures.outcome import BadInput, BadParameter, Refused
 from procedures.raw import Carried, Felt
+from procedures.reading.arrays import SMALLEST, checked_array, checked_number
 from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import MaskStack
 from procedures.restoration.masks.checks import check_extent
@@ -29,6 +30,12 @@ FLIPPED = np.array([1.0, -1.0, -1.0])
 """From an inertial unit's axes, x right and y up, to the picture's, y down and z ahead."""
 FEWEST = 16
 """Smallest number of samples of a record."""
+LARGEST_READING = 1e6
+"""Largest position, acceleration or rate of a record, in SI units."""
+LATEST_S, LEAST_INTERVAL_S = 1e11, 1e-7
+"""Limits of times, which may count from 1970, and of intervals: no unit or tracker samples at 10 MHz."""
+MOST_MASK_SAMPLES = 1 << 29
+"""Limit for the masks of all photographs: 4 GB, and 10 s of processor time."""
 MOST_TURN = 0.15
 """Largest rotation in radians for which rates may be summed without regard to their order."""
 WHOLE_ROUND = 0.02
@@ -115,13 +122,12 @@ def poses_at(time_s: Array, position_m: Array, turn_rad: Array) -> Poses:
     Raises
     ------
     BadInput
-        If there are fewer than two, times do not increase, or a component jumps by half a turn.
+        If there are fewer than two, times do not increase, a component jumps by half a turn, or numbers are too large.
     """
-    if len(time_s) < 2 or not (np.diff(time_s) > 0).all():
-        raise BadInput(
-            f"poses need two times or more, in ascending order; got {len(time_s)}",
-            "record the whole exposure, sort the rows, drop repeated ones",
-        )
+    if len(time_s) < 2:
+        raise BadInput(f"a motion needs poses at two times or more; got {len(time_s)}", "record the whole exposure")
+    time_s = _times(time_s)
+    position_m, turn_rad = (_vectors(one, "poses", len(time_s)) for one in (position_m, turn_rad))
     if np.abs(np.diff(turn_rad, axis=0)).max() > np.pi:
         raise BadInput("the rotations jump by half a turn and more", "give rotation vectors in radians, not degrees")
     at = np.linspace(time_s[0], time_s[-1], INSTANTS)
@@ -137,7 +143,10 @@ def poses_on(carried: Carried, exposure_s: float) -> Poses:
     BadInput
         If the start of the exposure on the path is not known, and the exposure is no whole number of rounds.
     """
-    points, round_s = carried.position_m, carried.interval_s * len(carried.position_m)
+    points = _vectors(carried.position_m, "a shaker's path", None)
+    interval_s = checked_number(carried.interval_s, "the interval of a shaker's path", LEAST_INTERVAL_S)
+    began_s = checked_number(carried.since_s or 0.0, "the opening of the shutter", -LATEST_S, LATEST_S)
+    round_s = interval_s * len(points)
     rounds = exposure_s / round_s
     if carried.since_s is None and abs(rounds - max(round(rounds), 1)) > WHOLE_ROUND * rounds:
         raise BadInput(
@@ -145,29 +154,40 @@ def poses_on(carried: Carried, exposure_s: float) -> Poses:
             "not known",
             "wire the hot shoe, or expose a whole round",
         )
-    at = (carried.since_s or 0.0) + np.linspace(0, exposure_s, INSTANTS)
-    spline = CubicSpline(carried.interval_s * np.arange(len(points) + 1), [*points, points[0]], bc_type="periodic")
+    at = began_s + np.linspace(0, exposure_s, INSTANTS)
+    spline = CubicSpline(interval_s * np.arange(len(points) + 1), [*points, points[0]], bc_type="periodic")
     return Poses(np.asarray(spline(at)) * FLIPPED, np.zeros((INSTANTS, 3)))
 
 
 def check_record(felt: Felt, exposure_s: float) -> Array:
     """The record's times. Raises BadInput, see `poses_of`."""
-    t = np.asarray(felt.time_s, dtype=np.float64)
-    if len(t) < FEWEST or felt.acceleration_m_s2.shape != (len(t), 3) or felt.rotation_rad_s.shape != (len(t), 3):
-        raise BadInput(
-            f"motion needs {FEWEST} samples or more of three components each; got {len(t)}",
-            "record at 100 Hz or more",
-        )
-    if not all(np.isfinite(a).all() for a in (t, felt.acceleration_m_s2, felt.rotation_rad_s)):
-        raise BadInput("the record contains values that are not numbers", "drop those samples")
-    if not (np.diff(t) > 0).all():
-        raise BadInput("times of the record must increase", "sort it, drop repeated samples")
+    if len(felt.time_s) < FEWEST:
+        reason = f"motion needs {FEWEST} samples or more; got {len(felt.time_s)}"
+        raise BadInput(reason, "record at 100 Hz or more")
+    t = _times(felt.time_s)
+    for vectors in (felt.acceleration_m_s2, felt.rotation_rad_s):
+        _vectors(vectors, "accelerations and rates of a record", len(t))
     if t[0] > 0 or t[-1] < exposure_s:
         raise BadInput(
             f"the record must cover the exposure, 0 s to {exposure_s:.3f} s; it is from {t[0]:.3f} s to {t[-1]:.3f} s",
             "begin it before the shutter opens, end it after the shutter closes; time 0 is the opening",
         )
     return t
+
+
+def _times(values: object) -> Array:
+    remedy = "give seconds, sort the rows, drop repeated ones"
+    t: Array = checked_array(values, "times of a record", (None,), low=-LATEST_S, high=LATEST_S, remedy=remedy)
+    least = float(np.diff(t).min(initial=np.inf))
+    if least < LEAST_INTERVAL_S:
+        raise BadInput(f"times of a record must increase by {LEAST_INTERVAL_S:g} s or more; got {least:g} s", remedy)
+    return t
+
+
+def _vectors(values: object, what: str, count: int | None) -> Array:
+    remedy = "give three components in SI units, drop the rows that lack one"
+    vectors: Array = checked_array(values, what, (count, 3), low=-LARGEST_READING, high=LARGEST_READING, remedy=remedy)
+    return vectors
 
 
 def _integral(t: Array, rate: Array) -> Array:
@@ -237,7 +257,7 @@ def motion_blur(
     Refused
         If the rig translated too little to determine depth.
     """
-    if not (focal_px > 0 and max_inverse_m > 0 and np.isfinite(focal_px * max_inverse_m)):
+    if not all(SMALLEST < one < LARGEST_READING for one in (focal_px, max_inverse_m)):
         raise BadParameter(
             f"focal length and greatest inverse depth must be positive, got {focal_px} pixels and {max_inverse_m} 1/m",
             "give the focal length in pixels, and 1 / the least distance in metres",
@@ -251,10 +271,16 @@ def motion_blur(
             "too little to determine depth",
             "set the rig in motion parallel to the picture, or come nearer",
         )
-    R = int(np.ceil(np.abs(curves).max() * 1.05)) + 3
-    check_extent(R, shape)
-    grid = _grid(curves, s)
-    levels = np.arange(int(np.ceil(per_inverse * max_inverse_m / s.level_px)) + 2) * s.level_px
+    reach = float(np.abs(curves).max()) * 1.05 + 3
+    check_extent(reach, shape)
+    R, grid, count = int(np.ceil(reach)), _grid(curves, s), np.ceil(per_inverse * max_inverse_m / s.level_px) + 2
+    samples = len(exposures) * grid[0] * grid[1] * count * (2 * R + 1) ** 2
+    if samples > MOST_MASK_SAMPLES:
+        raise BadParameter(
+            f"the masks of a motion have up to {MOST_MASK_SAMPLES:g} samples, these would have {samples:.2g}",
+            "lower the greatest inverse depth, or move the rig less",
+        )
+    levels = np.arange(int(count)) * s.level_px
     rows, columns = positions(grid, shape, R)
 
     def stack(poses: Poses, row: float, column: float) -> MaskStack:
@@ -272,9 +298,11 @@ def px_per_inverse_m(
 ) -> float:
     """Largest image shift by translations, in pixels per 1/m of inverse depth. Raises Refused if there is none."""
     curves = _over_frame(exposures, focal_px, shape, np.array([0.0, 1.0]))
-    reach = float(np.abs(curves[..., 1, :, :] - curves[..., 0, :, :]).max())
-    if reach < least_path_m * focal_px:
-        raise Refused("the rig must move parallel to the picture during the exposures", "set it in motion, then expose")
+    with np.errstate(invalid="ignore"):  # infinities are refused below
+        reach = float(np.abs(curves[..., 1, :, :] - curves[..., 0, :, :]).max())
+    if not least_path_m * focal_px <= reach < np.inf:
+        reason = "the rig must move parallel to the picture during the exposures, and not into the scene"
+        raise Refused(reason, "set it in motion, then expose")
     return reach
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from procedures.outcome import BadInput, BadParameter, Refused
+from procedures.reading.arrays import checked_array
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import Masks, alike
 
@@ -29,14 +30,12 @@ def check_photographs(photographs: list[Array]) -> Array:
     """
     if len(photographs) < 2:
         raise BadInput(f"restoration needs two photographs or more, got {len(photographs)}", "take another photograph")
+    for n, one in enumerate(photographs, 1):
+        checked_array(one, f"samples of photograph {n}", (None, None, None), dtype=None, remedy="export it again")
     shapes = [p.shape for p in photographs]
     if len(set(shapes)) > 1:
         sizes = ", ".join(f"{s[-1]} x {s[-2]}" for s in shapes)
-        raise BadInput(
-            f"photographs must be of one size, got {sizes}", "give photographs of one camera, equally cropped"
-        )
-    if not all(np.isfinite(p).all() for p in photographs):
-        raise BadInput("a photograph contains values that are not numbers", "export it again")
+        raise BadInput(f"photographs must be of one size, got {sizes}", "crop photographs of one camera equally")
     for a, b in combinations(range(len(photographs)), 2):
         if np.array_equal(photographs[a], photographs[b]):
             raise BadInput(
@@ -62,7 +61,7 @@ def check_blurs(stacks: Sequence[Masks], shape: tuple[int, int]) -> None:
     check_extent(stacks[0].R, shape)
 
 
-def check_extent(R: int, shape: tuple[int, int]) -> None:
+def check_extent(R: float, shape: tuple[int, int]) -> None:
     """Refuse masks that are too large for the photographs, before they are computed.
 
     Raises
@@ -70,9 +69,9 @@ def check_extent(R: int, shape: tuple[int, int]) -> None:
     BadParameter
         If masks of half-size R are wider than half of the photograph.
     """
-    if min(shape) < 4 * R + 1:
+    if not min(shape) >= 4 * R + 1:  # nor where R is NaN
         raise BadParameter(
-            f"masks of half-size {R} pixels are too large for photographs of {shape[1]} x {shape[0]}",
+            f"masks of half-size {R:.6g} pixels are too large for photographs of {shape[1]} x {shape[0]}",
             "lower --max-w, or give larger photographs",
         )
 

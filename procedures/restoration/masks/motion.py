@@ -21,7 +21,7 @@ def path_mask(path_px: Array, R: int, *, softness_px: float = 0.3) -> Array:
     BadInput
         If the curve leaves the mask.
     """
-    if np.abs(path_px).max() > R - 1:
+    if not np.abs(path_px).max() <= R - 1:  # nor where it is NaN
         raise BadInput(
             f"the motion of {np.abs(path_px).max():.1f} pixels leaves masks of half-size {R}", "raise --max-w"
         )

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from procedures.outcome import BadInput
 from procedures.psf_field import PsfField
-from procedures.restoration.masks.blur_models import as_shape
+from procedures.reading.arrays import SMALLEST, checked_number
+from procedures.restoration.masks.blur_models import as_shape, odd_square
 from procedures.restoration.masks.mask_fields import positions
 from procedures.restoration.masks.shape_fields import GRID, ShapeField, symmetric
 
@@ -40,7 +41,7 @@ class MeasuredShape(ShapeField):
 
 
 def measured_shape(h: Array, samples_per_px: float) -> MeasuredShape:
-    """A PSF (k, k) as a shape. Raises BadInput if it is no odd square of numbers with a positive sum."""
+    """A PSF (k, k) as a shape. Raises BadInput as `odd_square`."""
     return _shapes([[h]], samples_per_px)
 
 
@@ -74,27 +75,13 @@ def measured_field(field: PsfField, shape: tuple[int, int], grid: tuple[int, int
 
 
 def _shapes(psfs: Sequence[Sequence[Array]], samples_per_px: float) -> MeasuredShape:
-    for h in (h for row in psfs for h in row):
-        _check(h, samples_per_px)
+    checked_number(samples_per_px, "the samples per pixel of a measured PSF", SMALLEST)
+    psfs = [[odd_square(h, "a measured PSF", remedy="give the psf_P.npy of a result") for h in row] for row in psfs]
     clean = [[without_noise(h) for h in row] for row in psfs]
     half = max(_support(h) for row in clean for h in row) + 0.5
     cut = max(float(-np.minimum(h, 0).sum() / h.sum()) for row in psfs for h in row)
     shapes = tuple(tuple(np.asarray(as_shape(h, half), np.float64) for h in row) for row in clean)
     return MeasuredShape(shapes, half / samples_per_px, cut)
-
-
-def _check(h: Array, samples_per_px: float) -> None:
-    k = h.shape[0]
-    if h.shape != (k, k) or k < 3 or k % 2 == 0 or not np.isfinite(h).all():
-        raise BadInput(
-            f"a measured PSF is an odd square of numbers, got {' x '.join(map(str, h.shape))}",
-            "give one of this station's",
-        )
-    if h.sum() <= 0 or not samples_per_px > 0:
-        raise BadInput(
-            f"a measured PSF needs a positive sum and sampling, got a sum of {h.sum():.3g} and {samples_per_px:g}",
-            "give the samples per pixel at which it was solved",
-        )
 
 
 def without_noise(h: Array) -> Array:

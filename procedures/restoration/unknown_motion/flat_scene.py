@@ -275,23 +275,29 @@ def _shrunk(z: Pictures, scale: float) -> Pictures:
 
 def _central_part(photographs: Array, R: int, settings: FreeKernelSettings) -> Pictures:
     """The middle of the photographs, with one mean and contrast, aligned where they are far apart."""
+    _check_size(photographs, R)
     z = photographs * (photographs[0].mean() / photographs.mean(axis=(1, 2), keepdims=True))
     z = np.stack([one[part] for one, part in zip(z, _common_parts(z, R), strict=True)])
+    _check_size(z, R)
     rows, columns = z.shape[1:]
-    if min(rows, columns) < 4 * R + 1:
-        raise BadInput(
-            f"kernels of up to {R} pixels each way need photographs of {4 * R + 1} pixels, "
-            f"which overlap by {columns} x {rows}",
-            "lower --max-w, or give larger photographs",
-        )
     height = min(rows, max(int(np.sqrt(settings.most_pixels)), settings.most_pixels // columns))
     width = min(columns, settings.most_pixels // height)
-    top, residual = (rows - height) // 2, (columns - width) // 2
-    z = z[:, top : top + height, residual : residual + width]
+    top, left = (rows - height) // 2, (columns - width) // 2
+    z = z[:, top : top + height, left : left + width]
     contrast = float(z[0].std())
     if contrast == 0:
         raise Refused("the photographs have no contrast", "put structure into the scene")
     return np.asarray((z - z.mean()) * (CONTRAST / contrast), np.float32)
+
+
+def _check_size(z: Array, R: int) -> None:
+    rows, columns = z.shape[1:]
+    if min(rows, columns) < 4 * R + 1:
+        raise BadInput(
+            f"kernels of up to {R} pixels each way need photographs that overlap by {4 * R + 1} pixels; "
+            f"got {columns} x {rows}",
+            "lower --max-w, or give larger photographs",
+        )
 
 
 def _common_parts(z: Array, R: int) -> Iterator[tuple[slice, slice]]:

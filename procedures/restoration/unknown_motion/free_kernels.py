@@ -11,6 +11,8 @@ from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import label
 from scipy.signal import fftconvolve
 
+from procedures.outcome import Refused
+
 Kernels = NDArray[np.float32]
 """(P, K, K), K odd, sum 1 each; a common shift of all affects only the picture."""
 LEAST_PIECE = 0.05
@@ -24,8 +26,14 @@ def unit(kernels: Kernels) -> Kernels:
 
 
 def thin(kernels: Kernels, least: float) -> Kernels:
-    """Kernels without values below `least` of their maximum, and without small isolated pieces."""
-    return unit(np.stack([_whole_pieces(np.where(k < least * k.max(), 0, k)) for k in kernels]))
+    """Kernels without values below `least` of their maximum, and without small isolated pieces.
+
+    Raises Refused if nothing remains of any kernel.
+    """
+    thinned = np.stack([_whole_pieces(np.where(k < least * k.max(), 0, k)) for k in kernels])
+    if not thinned.any():
+        raise Refused("no kernels explain the photographs", "put structure into the scene, or give larger photographs")
+    return unit(thinned)
 
 
 def _whole_pieces(kernel: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -20,14 +20,8 @@ from procedures.restoration.unknown_motion.blind import cross_relation
 
 
 def read_path(path: Path) -> Array:
-    """A path from a text file: (n, 2), x and y at equal times.
-
-    Raises
-    ------
-    BadInput
-        If it cannot be read as numbers, or they are not finite.
-    """
-    return read_numbers(path, "path file", "give a text array of two columns of numbers")
+    """A path from a text file: (n, 2), x and y at equal times. Raises BadInput."""
+    return read_numbers(path, "path file", (None, 2))
 
 
 def recorded_masks(

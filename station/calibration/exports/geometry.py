@@ -14,6 +14,7 @@ from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, Camera, split_mod
 from procedures.geometry.conversion import Difference, OpenCvCamera, as_model, as_opencv
 from procedures.geometry.spline_camera import SplineCamera
 from procedures.outcome import BadInput, BadParameter
+from procedures.reading.arrays import LONGEST, SMALLEST, checked_array
 from procedures.reading.guard import decoding
 from procedures.reading.text import read_json
 from station.results.geometry_planes import plane_entry
@@ -21,8 +22,6 @@ from station.results.result_files import RECORD
 
 Array = npt.NDArray[np.float64]
 
-LONGEST = 1_000_000
-"""Pixels along one side of a frame."""
 _GIVE = "name the folder that `station geometry` wrote"
 EXACT = 1e-6
 """Pixels under which a conversion loses nothing."""
@@ -69,9 +68,7 @@ def read_camera(result: Path, plane: str | None = None) -> StoredCamera:
         name, entry = plane_entry(told["planes"], plane, record)
         if "camera" not in entry:
             raise BadInput(f"{record} holds no camera: {entry['reason']}", entry["remedy"])
-        region = np.array(entry["region"], dtype=np.float64)
-        if region.ndim != 2 or not np.isfinite(region).all():
-            raise ValueError("its region is no list of points")
+        region = checked_array(entry["region"], f"the region of plane {name}", (None, 2), remedy=_GIVE)
         return StoredCamera(_camera(**entry["camera"]), region, f"station geometry, plane {name}")
 
 
@@ -81,11 +78,10 @@ def _camera(model: str, params: list[float], columns: int, rows: int, **_: objec
         kind = SplineCamera if any(split_model(model)[1]) else Camera
     except BadParameter as error:
         raise ValueError(f"{model!r} is no camera") from error
-    camera = kind(model, np.array(params, dtype=np.float64), columns, rows)
-    if camera.params.shape != (len(camera.names),):
-        raise ValueError(f"{model} with {len(camera.params)} parameters is no camera")
-    if not np.isfinite(camera.params).all() or min(camera.focal_px) <= 0:
-        raise ValueError("a camera's parameters are finite, and its focal length is above 0")
+    what = f"the parameters of a camera {model}"
+    camera = kind(model, checked_array(params, what, (None,), remedy=_GIVE), columns, rows)
+    checked_array(camera.params, what, (len(camera.names),), remedy=_GIVE)
+    checked_array(camera.focal_px, "the focal length of a camera", (2,), low=SMALLEST, remedy=_GIVE)
     if not all(type(side) is int and 0 < side <= LONGEST for side in (columns, rows)):
         raise ValueError(f"a frame has 1 to {LONGEST} pixels each way")
     return camera

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from procedures.outcome import BadInput, BadParameter
 from procedures.raw import Felt
-from procedures.reading.arrays import check_real, read_npy
+from procedures.reading.arrays import checked_array, read_npy
 from procedures.reading.text import read_json, read_numbers, read_rows
 from procedures.restoration.masks import blur_models
 from procedures.restoration.masks.camera_motion import FLIPPED, Poses, poses_at, poses_of
@@ -153,9 +153,7 @@ def doubt_of(names: Sequence[str]) -> str | None:
 
 
 def _result_array(path: Path, what: str) -> Array:
-    array = read_npy(path, what, f"give a {what}_N.npy of a result")
-    check_real(array, str(path))
-    return blur_models.check_shape(np.asarray(array, np.float64), str(path))
+    return blur_models.check_shape(read_npy(path, what, f"give a {what}_N.npy of a result"), str(path))
 
 
 def _is_estimated_shape(path: Path) -> bool:
@@ -178,9 +176,8 @@ def _record_of(path: Path) -> dict[str, Any]:
 def _psf(path: Path, samples_per_px: int | None) -> tuple[Array, int] | None:
     """A measured PSF and its samples per pixel; None if the file is a shape."""
     if path.suffix.lower() == ".npy":
-        array = read_npy(path, "PSF", "give a psf_P.npy of a result")
-        check_real(array, str(path))
-        return np.asarray(array, np.float64), samples_per_px or _samples_of(path)
+        array = checked_array(read_npy(path, "PSF", _GIVE_PSF), str(path), remedy=_GIVE_PSF)
+        return array, samples_per_px or _samples_of(path)
     return None if samples_per_px is None else (read_numbers(path, "PSF file"), samples_per_px)
 
 
@@ -236,5 +233,6 @@ def _samples_of(path: Path) -> int:
     return samples
 
 
+_GIVE_PSF = "give a psf_P.npy of a result"
 _GIVE_SAMPLES = "give the file in its result's folder; the command takes --samples-per-pixel"
 _NO_SAMPLES = "has no result.json in its folder that states its samples per pixel"

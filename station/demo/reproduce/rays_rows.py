@@ -19,7 +19,7 @@ from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_files import read_film
 from procedures.ray_histogram.filter import PAPER
 from procedures.ray_histogram.multiscale import filter_film
-from procedures.reading.arrays import read_npz
+from procedures.reading.arrays import checked_array, read_npz
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.row import Check, Found, Row, Setting
 
@@ -40,7 +40,7 @@ def _film(path: Path) -> Film:
 
 @cache
 def _reference(path: Path) -> Array:
-    return np.asarray(read_npz(path, ("reference",))[0]["reference"], dtype=np.float64)
+    return checked_array(read_npz(path, ("reference",))[0]["reference"], f"the reference {path}", (None, None, 3))
 
 
 def _of(setting: Setting, samples: int) -> tuple[Film, Array]:

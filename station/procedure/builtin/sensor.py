@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 from procedures.outcome import Miss
+from station.calibration.folder_photographs import PHOTOGRAPHS
 from station.calibration.sensor import SensorFiles, measure_sensor
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.sensor_folder import find_shots
@@ -52,6 +53,7 @@ class Sensor(Procedure[SensorSettings]):
     sorted by the exposure time that the camera noted."""
     inputs = Inputs.FOLDER
     Settings = SensorSettings
+    suffixes = PHOTOGRAPHS | {"sensor.csv", "sensor.toml", ".txt"}  # the manifests are parts of an item
     method = "EMVA Standard 1288, release 4.0"
 
     def steps(self, paths: Sequence[Path]) -> int:

@@ -15,7 +15,7 @@ from procedures.tilt.screws import Screws
 from station.calibration.field_photographs import focus_positions, photographs
 from station.calibration.tilt import check_known, measure_tilt, noted_optics, tilt_measurement
 from station.common.progress import Progress, silent
-from station.procedure.base import ChartReading, Inputs, Procedure
+from station.procedure.base import ChartReading, Inputs, Procedure, beside
 from station.procedure.settings import setting, to_record
 from station.results.measurement import Measurement
 from station.results.record_head import InputFile, RecordHead
@@ -95,7 +95,7 @@ class TiltOfSensor(Procedure[TiltSettings]):
         """The plane of a bracket."""
         (folder,) = paths
         frames = photographs(folder)
-        positions = focus_positions(settings.beside(settings.focus, folder), frames)
+        positions = focus_positions(beside(settings.focus, folder), frames)
         frames = [path for path in frames if path.name in positions]
         parameters = settings.parameters(frames[0])
         check_known(parameters, positions)  # what is missing is reported before the work, not after it

@@ -117,3 +117,44 @@ def test_other_files_are_named(tmp_path):
         file.attrs["schema"] = "other"
     with pytest.raises(BadInput, match="no PSF field"):
         field_file.read_field(tmp_path / "b.h5")
+
+
+def place(value):
+    def spoil(plane):
+        plane["nodes/position"][0, 0] = value
+
+    return spoil
+
+
+def replaced(name, array):
+    def spoil(plane):
+        del plane[name]
+        plane[name] = array
+
+    return spoil
+
+
+def told(name, value):
+    return lambda plane: plane.attrs.__setitem__(name, value)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (place(1e30), "`position` of /G1/nodes in .* must be finite, from -1e.06 to 1e.06"),
+        (place(np.nan), "`position` of /G1/nodes in .* must be finite"),
+        (replaced("nodes/position", np.zeros((4, 3))), r"`position` .* must be an array \(any, 2\)"),
+        (replaced("nodes/psf", np.ones((4, 9))), r"`psf` .* must be an array \(any, k, k\)"),
+        (replaced("nodes/covariance", np.ones((4, 4))), r"`covariance` .* must be an array"),
+        (told("rows", -3), "`rows` of /G1 in .* must be finite, from 1"),
+        (told("columns", "many"), "`columns` of /G1 in .* must be real numbers"),
+        (told("samples_per_pixel", 0), "`samples_per_pixel` of /G1 in .* must be finite, from 1"),
+    ],
+)
+def test_a_field_of_other_arrays_is_refused(written, tmp_path, monkeypatch, spoil, words):
+    monkeypatch.setattr(field_file, "check_ends", lambda path, largest: None)  # it takes a second
+    shutil.copy(written, tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        spoil(file["G1"])
+    with pytest.raises(BadInput, match=words):
+        field_file.read_field(tmp_path / "a.h5")

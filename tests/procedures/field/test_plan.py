@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,7 +13,14 @@ from scipy.spatial.transform import Rotation
 from procedures.facts import facts_as
 from procedures.field.facts import BASE, FieldFacts
 from procedures.field.locations import Location, pan_tilt_deg
-from procedures.field.plan import NEAR, bring, locations, plan, say_place, stops, to_place
+from procedures.field.plan import NEAR, bring, check_places, locations, plan, say_place, stops, to_place
+from procedures.geometry.plan import check_start
+from procedures.pattern import Chart
+from procedures.raw import read_frame
+from simulators.camera.camera import pixels_at
+from simulators.camera.sensor import Sensor
+from simulators.camera.subjects import frame_camera
+from simulators.world.scene import Scene
 
 ROWS, COLUMNS, F_PX, AWAY_MM = 240, 320, 2050.0, 1900.0
 FACTS = {
@@ -120,3 +129,20 @@ def test_the_plan_begins_as_the_pattern_s_and_retakes_the_tour():
 def test_the_head_at_rest_is_the_special_case():
     location, shape = Location(0.2, 0.7), (ROWS, COLUMNS)
     assert pan_tilt_deg(location, shape, F_PX) == pan_tilt_deg(location, shape, F_PX, np.array([0.0, 0.0, 2.0]))
+
+
+# --- what the tour will cover is checked before its first photograph -------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("check", "side", "good"),
+    [(check_places, 320, True), (check_places, 160, False), (check_start, 420, True), (check_start, 240, False)],
+)
+def test_a_frame_too_small_for_the_chart_is_told_before_the_tour(check, side, good, rng, tmp_path):
+    camera = replace(frame_camera(), sensor=Sensor(rows=side, columns=side, cfa=None), oversampling=5)
+    placed = camera.place(Chart.from_seed(), pixels=pixels_at(1.3), cell_mm=0.3)
+    camera.photograph(Scene((placed,)), rng, tmp_path / "frame.dng", exposure_s=0.02)
+    facts = {"chart_width_mm": 96.0, "focal_length_mm": 24.0, "pixel_pitch_um": 11.88, "sensor_kind": "monochrome"}
+    advice = check(read_frame(tmp_path / "frame.dng"), facts)
+    assert advice.good is good
+    assert ("set the camera to its whole sensor" in advice.say) is not good

@@ -10,6 +10,8 @@ from procedures.geometry.bundle import first_bundle
 from procedures.geometry.views import ChartView, Pose, chart_nodes
 from tests.procedures.geometry.simulated_views import TrueCamera
 
+pytestmark = pytest.mark.delicate
+
 LONG = TrueCamera((2450.0, 2450.0), (159.5, 119.5), (320, 240), (-3.0, 0.0, 0.0), (0.0, 0.0), (0.0,) * 4)
 """A frame of seven degrees."""
 TILTS = ((-11.2, -6.2), (-35.0, 6.7), (33.2, -6.7), (8.8, 35.8), (-10.4, -34.3), (-10.4, -34.3))

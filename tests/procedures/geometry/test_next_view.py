@@ -4,10 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from procedures.geometry.cameras import simple_camera
 from procedures.geometry.choice import first_state, fit_model
-from procedures.geometry.next_view import NextView, chart_at, next_view_words, next_views, planned_view
+from procedures.geometry.estimate import SMALL_SHARE
+from procedures.geometry.next_view import (
+    COVER,
+    STEEPEST_DEG,
+    NextView,
+    chart_at,
+    corner_share,
+    next_view_words,
+    next_views,
+    planned_view,
+)
 from procedures.geometry.shape import shape_model
 from procedures.geometry.views import ChartView, chart_nodes
 
@@ -77,3 +88,41 @@ def test_views_planned_one_after_the_other_go_to_several_sides_and_tell_more_and
 def test_no_view_is_planned_where_the_chart_is_larger_than_the_frame():
     camera = simple_camera("OPENCV", (4000.0, 4000.0), (319.5, 239.5), (640, 480))
     assert planned_view(camera, [], chart_nodes(5.0), 1700.0, 0.02, (0.25, 0.3)) is None
+
+
+def planned(camera, count, rim, distance_mm=1700.0, cell_mm=0.3):
+    """Views one after the other, each chart in the pose that was planned for it."""
+    poses = []
+    for _ in range(count):
+        wanted = planned_view(camera, poses, chart_nodes(cell_mm), distance_mm, 0.02, rim)
+        poses.append(chart_at(camera, wanted.at, wanted.yaw_deg, wanted.pitch_deg, wanted.distance_mm))
+    return poses
+
+
+@pytest.mark.parametrize(("size", "rim"), [((640, 480), (0.13, 0.16)), ((3000, 2000), (0.07, 0.08))])
+def test_six_planned_views_cover_as_much_of_the_frame_as_a_result_needs(size, rim):
+    centre = ((size[0] - 1) / 2, (size[1] - 1) / 2)
+    camera = simple_camera("OPENCV", (2020.0, 2020.0), centre, size)
+    seen = np.concatenate([camera.project(pose.apply(chart_nodes(0.3))) for pose in planned(camera, 6, rim)])
+    outline = ConvexHull(seen).volume / (size[0] * size[1])
+    assert outline > SMALL_SHARE
+    assert outline >= COVER - 0.02  # a view must add that much to be worth a corner
+
+
+def test_no_planned_view_is_seen_too_obliquely_to_be_found_neither_as_it_comes_nor_as_it_is_turned():
+    # a wide lens: its corners are seen 37 degrees off the axis
+    camera = simple_camera("OPENCV", (2000.0, 2000.0), (1499.5, 999.5), (3000, 2000))
+    poses = planned(camera, 12, (0.1, 0.1))
+    for before, pose in zip([None, *poses], poses, strict=False):
+        sight = pose.t / np.linalg.norm(pose.t)
+        for one in (pose, before) if before else (pose,):
+            assert np.degrees(np.arccos(sight @ one.R[:, 2])) <= STEEPEST_DEG + 1e-6
+
+
+def test_charts_in_the_corners_enclose_what_their_places_and_widths_say():
+    camera = simple_camera("OPENCV", (4000.0, 4000.0), (319.5, 239.5), (640, 480))
+    nodes = chart_nodes(0.3)
+    width = 4000 * np.ptp(nodes[:, 0]) / 1700.0
+    enclosed = (0.6 * 639 + width) * (0.5 * 479 + width) / (640 * 480)
+    # the chart hangs on a sphere about the camera: farther off by the square of 3 degrees, half of it
+    assert corner_share(camera, nodes, 1700.0, (0.2, 0.25)) == pytest.approx(enclosed, rel=0.003)

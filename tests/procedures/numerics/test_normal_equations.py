@@ -5,6 +5,8 @@ import pytest
 
 from procedures.numerics.normal_equations import eliminate, gram, normalised, products, products_within
 
+pytestmark = pytest.mark.delicate
+
 
 def test_elimination_equals_the_whole_least_squares_problem(rng: np.random.Generator) -> None:
     A, Z = rng.standard_normal((200, 12)).astype(np.float32), rng.standard_normal((200, 4))

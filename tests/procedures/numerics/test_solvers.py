@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 
 from procedures.numerics.solvers import cholesky_inverse, cholesky_solve, non_negative_least_squares, solve_constrained
 
+pytestmark = pytest.mark.delicate
+
 
 @given(st.integers(0, 10_000), st.integers(2, 30))
 def test_agrees_with_the_active_set_method(seed: int, n: int) -> None:

@@ -22,6 +22,8 @@ from simulators.world.scene import Scene
 from .alignment import aligned_error
 from .conftest import CHART, PITCH_UM, Bench, photograph
 
+pytestmark = pytest.mark.delicate
+
 CASES = {"front_gauss": 17, "tilted_gauss": 17, "airy_f8": 25}
 
 

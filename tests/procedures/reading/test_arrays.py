@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from procedures.outcome import BadInput
-from procedures.reading.arrays import read_npy, read_npz
+from procedures.reading.arrays import checked_array, checked_number, read_npy, read_npz
 
 NUMBERS = st.sampled_from(["<f4", ">f8", "<i2", "|u1", "|b1"])
 
@@ -80,3 +80,44 @@ def test_header_that_announces_more_or_less_than_is_there_is_refused(tmp_path):
         (tmp_path / "a.npy").write_bytes(data)
         with pytest.raises(BadInput, match="cannot be read as an array of numbers"):
             read_npy(tmp_path / "a.npy")
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (np.ones(3), r"x must be an array \(k, k, 2\); got an array \(3\); drop it"),
+        (np.ones((3, 4, 2)), r"got an array \(3, 4, 2\)"),
+        (np.ones((0, 0, 2)), r"got an array \(0, 0, 2\)"),
+        (2.0, "got one number"),
+        ([[1, 2], [3]], r"x must be rows of equal length; got \[\[1, 2\], \[3\]\]"),
+        ([[["1", "2"]]], "x must be real numbers"),
+        ([[[True, False]]], "x must be real numbers"),
+        ([[[1, None]]], "x must be real numbers"),
+        ([[[1, 10**400]]], "x must be real numbers"),
+        ({"a": 1}, "x must be real numbers"),
+        (np.ones((1, 1, 2)) * 1j, "x must be real numbers"),
+        ([[[1, np.nan]]], "x must be finite, from -1 to 2; got NaN"),
+        ([[[-1, np.inf]]], "got -1 to inf"),
+        ([[[-1.1, 0]]], "got -1.1 to 0"),
+        ([[[1, 2.1]]], "got 1 to 2.1"),
+    ],
+    ids=str,
+)
+def test_what_is_no_such_array_is_refused(value, words):
+    with pytest.raises(BadInput, match=words):
+        checked_array(value, "x", ("k", "k", 2), low=-1, high=2, remedy="drop it")
+
+
+def test_an_array_is_given_in_double_precision_or_as_it_is():
+    whole = np.arange(6, dtype=np.uint8).reshape(3, 2)
+    assert checked_array(whole, "x", (None, 2)).dtype == np.float64
+    assert checked_array(whole, "x", (None, 2), dtype=None) is whole
+    assert checked_array([], "x", (0,)).size == 0
+    assert np.isnan(checked_array([np.nan], "x", finite=False)).all()
+
+
+def test_a_number_is_one():
+    assert checked_number(3, "x") == 3.0
+    for wrong in ([3], "3", True, None, 1e31, -1e31):
+        with pytest.raises(BadInput, match="x must be"):
+            checked_number(wrong, "x")

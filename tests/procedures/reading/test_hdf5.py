@@ -43,8 +43,10 @@ def test_data_sets_are_numbers_and_texts_within_the_limit(path, monkeypatch):
         stored = Stored(file, Room("a.h5"))
         np.testing.assert_array_equal(stored.numbers("numbers"), np.arange(6.0).reshape(2, 3))
         assert stored.texts("texts") == ["a.dng", "märz.dng"]
-        with pytest.raises(ValueError, match="no finite numbers"):
+        with pytest.raises(BadInput, match=r"`wrong` of / in a\.h5 must be finite"):
             stored.numbers("wrong")
+        with pytest.raises(BadInput, match=r"must be an array \(any, 2\); got an array \(2, 3\)"):
+            stored.numbers("numbers", (None, 2))
         with pytest.raises(ValueError, match="no fixed length"):
             stored.numbers("texts")
         with pytest.raises(KeyError):

@@ -64,6 +64,18 @@ def test_a_darker_second_photograph_gives_the_correction_of_exposure(pair):
     assert advice.by_hand["exposure_ev"] == pytest.approx(np.log2(1 / 0.7), abs=0.05)
 
 
+def test_motion_blur_needs_no_ratio_of_apertures(pair):
+    image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
+    facts = {
+        **FACTS,
+        "blur_by": MOTIONS,
+        **check_first(frame(image, f_number=16.0), FACTS | {"blur_by": MOTIONS}).facts,
+    }
+    advice = check_later("second", frame(image, f_number=16.0), facts)
+    assert advice.good, advice.say
+    assert [reading.name for reading in advice.readings] == ["light"]
+
+
 def test_too_similar_apertures_are_reported(pair):
     level = {"first_level": float(pair.z[1, 0].mean()), "first_f_number": 5.6, "second_f_number": 5.2}
     advice = check_later("second", frame(pair.z[1, 0], f_number=5.2), {**FACTS, **level})

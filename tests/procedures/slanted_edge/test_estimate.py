@@ -17,6 +17,8 @@ from simulators.world.scene import Light
 
 from .scenes import edge_light, exposed, gaussian, plane, true_mtf50
 
+pytestmark = pytest.mark.delicate
+
 
 def whole(samples: np.ndarray) -> Outcome[EdgeMtf]:
     made = plane(samples)

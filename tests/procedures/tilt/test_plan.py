@@ -9,8 +9,12 @@ from scipy.spatial.transform import Rotation
 from procedures.facts import facts_as
 from procedures.field.facts import TourStart
 from procedures.field.locations import Location
+from procedures.outcome import BadParameter
+from procedures.pattern_psf.pose import Optics
+from procedures.plan import Ask, Give, Home
 from procedures.tilt.facts import TiltFacts
-from procedures.tilt.plan import bracket_mm, depth_mm, plan, say_turns, to_depth, turns_by_hand, worth_turning
+from procedures.tilt.plan import depth_mm, plan, say_turns, to_depth, turns_by_hand, worth_turning
+from procedures.tilt.reach import BY_HAND, bracket_mm, check_width, off_reach_mm, width_within_reach
 
 SHAPE, PRINCIPAL_PX = (480, 640), 2071.0
 BASE = {"pan_deg": 2.0, "tilt_deg": -1.0, "z_mm": 150.0, "x_mm": 150.0, "y_mm": 100.0}
@@ -49,7 +53,7 @@ def facts_of(start: TourStart) -> dict:
 
 def test_a_bracket_steps_the_image_by_depths_of_focus():
     known = facts_as(TiltFacts, facts_of(begun(np.array([0.0, 0.0, 950.0]))))
-    images = [24.0 * z / (z - 24.0) for z in bracket_mm(known, 1)]
+    images = [24.0 * z / (z - 24.0) for z in bracket_mm(known.optics(1), 2.8, 950.0)]
     np.testing.assert_allclose(np.diff(images), -2.8 * 11.88e-3, rtol=1e-6)  # f-number times a pixel
 
 
@@ -79,3 +83,68 @@ def test_screws_are_turned_where_it_was_measured_and_helps():
 def test_another_round_begins_with_the_screws():
     steps = [step.name for step in plan(lambda frames, facts, known: {}).steps]
     assert steps.index("turn") == steps.index("bracket") - 1
+
+
+# --- the chart's width: from sensor, lens and travel ----------------------------------------------------------------
+
+LENS = {"focal_length_mm": 24.0, "pixel_pitch_um": 11.88, "sensor_kind": "monochrome", "typed_f_number": 2.8,
+        "paper": "a4"}  # fmt: skip
+RAIL = {"at_z_mm": 1499.0, "low_z_mm": 0.0, "high_z_mm": 1500.0}
+LASER = {"distance_mm": 2430.0}
+PX_PER_CELL = 1.3 / 4
+
+
+def bracket_of(width_mm: float) -> list[float]:
+    optics = Optics(24.0, 11.88, width_mm / 320)
+    return bracket_mm(optics, 2.8, optics.distance_mm(PX_PER_CELL))
+
+
+def test_the_widest_chart_is_proposed_whose_bracket_the_rail_reaches_from_where_the_laser_sees_the_wall():
+    width = width_within_reach({**LENS, **RAIL, **LASER})
+    near, far = 2430.0 - 1499.0, 2430.0 + 1.0  # the rail's ends, from the wall
+    depths, wider = bracket_of(width), bracket_of(width + 1)
+    assert near < depths[0] < depths[-1] < far
+    assert wider[-1] > far - 250.0  # what is kept free there
+    check_width(width, {**LENS, **RAIL, **LASER})
+
+
+def test_without_a_laser_the_bracket_is_as_long_as_the_rail_at_most():
+    depths = bracket_of(width_within_reach({**LENS, **RAIL}))
+    assert 900.0 < depths[-1] - depths[0] <= 1500.0
+
+
+def test_a_chart_too_wide_for_the_rail_is_refused_before_it_is_printed():
+    with pytest.raises(BadParameter, match=r"a chart 96 mm wide needs the lens .* the rail reaches"):
+        check_width(96.0, {**LENS, **RAIL, **LASER})
+
+
+def test_a_rail_too_short_for_any_chart_is_told_with_what_shortens_the_bracket():
+    with pytest.raises(BadParameter, match="no chart that can be printed") as raised:
+        width_within_reach({**LENS, "typed_f_number": 22.0, **RAIL, **LASER})
+    assert "wider aperture" in raised.value.remedy
+
+
+def test_a_bench_without_a_rail_is_told_how_to_go_on_before_anything_is_printed():
+    with pytest.raises(BadParameter, match="the axis z_mm") as raised:
+        width_within_reach(LENS)
+    assert raised.value.remedy == BY_HAND
+
+
+def test_lens_and_rail_are_known_before_the_chart_is_printed_and_asked_for_once():
+    requests = [request for step in plan(lambda frames, facts, known: {}).steps for request in step.requests]
+    printed = next(i for i, one in enumerate(requests) if isinstance(one, Give))
+    asked = [one.key for one in requests if isinstance(one, Ask)]
+    assert {"focal_length_mm", "pixel_pitch_um"} <= {one.key for one in requests[:printed] if isinstance(one, Ask)}
+    assert [i < printed for i, one in enumerate(requests) if isinstance(one, Home)] == [True]
+    assert (asked.count("focal_length_mm"), asked.count("pixel_pitch_um")) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("depths", "nearer"),
+    [([900.0, 1200.0], 0.0), ([780.0, 1000.0], 20.0), ([1500.0, 2350.0], -50.0), ([700.0, 2300.0], float("inf"))],
+)
+def test_the_chart_is_brought_where_the_rail_reaches_the_bracket(depths, nearer):
+    # the rail stands at 150 mm, 950 mm before the chart: it reaches 800 to 2300 mm
+    facts = facts_of(begun(np.array([0.0, 0.0, 950.0]))) | {"low_z_mm": 0.0, "high_z_mm": 1500.0}
+    facts["tour_distance_mm"] = 950.0
+    assert off_reach_mm(facts_as(TiltFacts, facts), depths) == pytest.approx(nearer)

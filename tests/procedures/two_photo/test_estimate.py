@@ -18,6 +18,8 @@ from ..pattern_psf.alignment import aligned_error
 from .conftest import OTF
 from .wall import Otf, Pair, airy_pixel, gaussian, photographs, samples_of
 
+pytestmark = pytest.mark.delicate
+
 
 def estimate(near: np.ndarray, far: np.ndarray, **parameters: object) -> Outcome[TwoPhotoPsf]:
     planes = [Plane("Y", np.asarray(samples, np.float32), 1 / 65535) for samples in (near, far)]

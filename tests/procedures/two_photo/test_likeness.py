@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,9 @@ from procedures.outcome import Outcome, Verdict
 from procedures.psf import Psf, PsfTail
 from procedures.raw import Plane
 from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
-from procedures.two_photo.likeness import beyond_light, light_turned, near_look
+from procedures.two_photo.likeness import beyond_light, light_turned, near_look, remains
+from procedures.two_photo.trust import COARSE_REMAINS, FINE_REMAINS, SMOOTHING, STREAKS
+from simulators.camera.sheets import leaves
 
 from .damage import damaged, relief
 from .endless import CAMERAS, camera, mtf50, photographs
@@ -116,6 +120,30 @@ def test_a_sharpened_otf_is_beyond_light() -> None:
         return OTF(fx, fy) * (1 + 1.0 * (1 - np.exp(-2 * np.pi**2 * 1.5**2 * (fx**2 + fy**2))))
 
     assert beyond_light(true_psf(sharpened)) > 0.2
+
+
+@pytest.mark.parametrize("shape", [(56, 74), (84, 111)])
+def test_the_scatter_of_a_small_photograph_is_no_cause(rng: np.random.Generator, shape: tuple[int, int]) -> None:
+    rows, columns = (grid.ravel() for grid in np.indices(shape))
+    for _ in range(60):
+        noise, wall = rng.normal(0, 0.01, rows.size), rng.normal(0.4, 0.1, rows.size)
+        samples = SimpleNamespace(rows=rows, columns=columns)
+        fit = SimpleNamespace(near=SimpleNamespace(shape=shape), residual=noise, prediction=wall, samples=samples)
+        _, colour, smoothing, streaks = remains(fit)  # type: ignore[arg-type]
+        assert FINE_REMAINS <= colour <= COARSE_REMAINS
+        assert smoothing <= SMOOTHING
+        assert 1 / STREAKS <= streaks <= STREAKS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [15, 29])
+def test_a_small_wall_that_leans_by_chance_has_no_direction(seed: int) -> None:
+    # of 40 such walls, six leaned by more than one standard deviation of a scatter that was 1.3 to 2 times too small
+    rng, n, shape = np.random.default_rng(seed), 4, (240, 320)
+    wall = leaves((n * shape[0], n * shape[1]), rng, largest=160.0, per_leaf=100.0)
+    fx, fy = np.fft.rfftfreq(wall.shape[1]) * n, np.fft.fftfreq(wall.shape[0])[:, None] * n
+    near = np.fft.irfft2(np.fft.rfft2(wall) * OTF(fx, fy), wall.shape)[::n, ::n] + rng.normal(0, 0.004, shape)
+    assert not near_look(near.astype(np.float32), true_psf(OTF)).turned.any()
 
 
 def test_motion_is_no_light_that_turned() -> None:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.outcome import Outcome, Verdict
+from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.plan import Shoot
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
@@ -149,6 +149,34 @@ def test_a_far_place_beyond_the_rail_is_named_before_anything_is_taken_there(wal
     assert near.good
     back = {**FACTS, **near.facts, **rail, "at_z_mm": 1400.0}
     assert check_far(frame(wall[1][0]), back).facts["far_way_mm"] == 1400.0
+
+
+RAIL = {"at_z_mm": 0.0, "low_z_mm": 0.0, "high_z_mm": 1500.0}
+ASKS = plan().asks()
+
+
+@pytest.mark.parametrize(("near_mm", "high_mm"), [(800.0, 1500.0), (360.0, 700.0)])
+def test_a_rail_too_short_for_a_sharp_lens_is_named_before_the_first_photograph(near_mm, high_mm):
+    with pytest.raises(BadParameter, match=r"at least 3\.2 times the near distance") as error:
+        ASKS["near_mm"].check(near_mm, {**RAIL, "high_z_mm": high_mm})
+    # from the distance that the remedy names, the rail reaches 3.2 times as far
+    assert f"at most {high_mm / 2200:.2f} m" in error.value.remedy
+    ASKS["near_mm"].check(high_mm / 2.2 - 1, {**RAIL, "high_z_mm": high_mm})
+    ASKS["near_mm"].check(near_mm, {})  # on a tripod
+
+
+def test_the_ratio_proposed_is_one_that_the_rail_reaches():
+    for near_mm, proposed in ((360.0, 4.0), (600.0, 3.5)):
+        facts = {**RAIL, "near_mm": near_mm}
+        assert ASKS["ratio"].proposed(facts) == pytest.approx(proposed)
+        ASKS["ratio"].check(proposed, facts)
+    with pytest.raises(BadParameter, match=r"the rail goes 1\.50 m") as error:
+        ASKS["ratio"].check(3.6, facts)
+    assert "at most 3.5" in error.value.remedy
+    with pytest.raises(BadParameter) as error:
+        ASKS["ratio"].check(6.0, {**RAIL, "near_mm": 360.0})
+    assert "at most 5.1" in error.value.remedy  # 1 + 1500 / 360
+    assert ASKS["ratio"].proposed({"near_mm": 360.0}) == 4.0
 
 
 def test_the_sharper_wall_has_the_higher_score(wall):

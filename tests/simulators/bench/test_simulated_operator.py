@@ -50,3 +50,13 @@ def test_the_rig_goes_around_in_each_of_its_motions_and_rests_for_the_ground_tru
     np.testing.assert_allclose(seen["third"][0], seen["third"][1], rtol=0.05)
     assert seen["third"][0] > 1.0
     assert max(seen["truth"]) < 0.02
+
+
+def test_a_plan_over_the_frame_has_a_camera_of_its_own_and_others_have_theirs_again(bench):
+    usual = bench.view.camera.sensor
+    bench.show("frame")
+    assert bench.view.camera.sensor.cfa is None
+    bench.show("tilt")
+    assert bench.view.camera.lens.f_number == 2.8
+    bench.show("panel")
+    assert bench.view.camera.sensor == usual

@@ -6,10 +6,13 @@ import pytest
 
 from .random_keys import press_at_random
 
+SEED = 1
+
 
 @pytest.mark.slow
-def test_random_keys_neither_crash_nor_move_nor_begin_two_runs(tmp_path):
-    seen = press_at_random(tmp_path, 1500, 1500)
+@pytest.mark.parametrize("keys", [200, pytest.param(1500, marks=pytest.mark.nightly)])
+def test_random_keys_neither_crash_nor_move_nor_begin_two_runs(tmp_path, keys):
+    seen = press_at_random(tmp_path, SEED, keys)
     assert seen.wrong == []
-    assert seen.runs > 2  # the keys did lead somewhere
-    assert seen.moves > 2
+    assert seen.runs >= max(keys // 500, 1)  # the keys did lead somewhere
+    assert seen.moves >= keys // 500

@@ -276,7 +276,7 @@ def test_hostile_names_write_nothing_outside_and_break_nothing(tmp_path, chart_p
 
 
 @pytest.fixture
-def interrupted(tmp_path, chart_photograph):
+def interrupted(tmp_path, chart_photograph, start_program, read_until):
     """interrupted(times): a batch of many photographs with one process, and Ctrl-C while it works on them."""
     frame = chart_photograph(tmp_path / "in" / "0.dng")
     for i in range(1, 150):  # different files, one photograph: its last byte is not of the chart
@@ -285,17 +285,16 @@ def interrupted(tmp_path, chart_photograph):
     words = ["batch", tmp_path / "in", "--procedure", tmp_path / "p.toml", "--out", tmp_path / "out", "--jobs", "1"]
 
     def run(times):
-        command = [sys.executable, "-m", "station", *map(str, words)]
-        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        command = [sys.executable, "-m", "station", *words]
+        process = start_program(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         while not (tmp_path / "out" / "results.jsonl").exists() or not rows_of(tmp_path / "out"):
             assert process.poll() is None
             time.sleep(0.02)
         process.send_signal(signal.SIGINT)
-        while "finishing what runs" not in process.stderr.readline():
-            assert process.poll() is None
+        read_until(process.stderr, "finishing what runs")
         if times == 2:  # what runs may be finished before it comes
             process.send_signal(signal.SIGINT)
-        process.communicate(timeout=60)
+        process.communicate(timeout=180)
         assert process.returncode == 130
         return rows_of(tmp_path / "out")
 

@@ -34,7 +34,7 @@ def written(tmp_path):
         path.write_text(json.dumps(record).replace("Infinity", "1e999"))
         return path
 
-    np.save(tmp_path / "nps.npy", np.full((4, 4), 200.0))
+    np.save(tmp_path / "nps.npy", np.full((8, 8), 200.0))
     return write
 
 
@@ -47,16 +47,29 @@ def test_record_and_spectrum_are_read_as_written(written):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda plane: plane["model"].update(gain=1e400), "its numbers are finite"),
-        (lambda plane: plane["model"].update(bend=[0.1, "x"]), "not whole"),
-        (lambda plane: plane["model"].update(saturation=0), "saturation are above 0"),
-        (lambda plane: plane["model"].update(dark_variance=-1), "no variance is below"),
+        (lambda plane: plane["model"].update(gain=1e400), "is no finite number"),
+        *(
+            (
+                lambda plane, name=name: plane["model"].update({name: [0.5]}),
+                f"`{name}` of the sensor must be one number",
+            )
+            for name in ("gain", "dark_level", "dark_variance", "dsnu", "prnu", "gain_uncertainty")
+        ),
+        (lambda plane: plane["model"].update(dsnu="1"), "`dsnu` of the sensor must be real numbers"),
+        (lambda plane: plane["model"].update(dsnu=True), "`dsnu` of the sensor must be real numbers"),
+        (lambda plane: plane["model"].update(gain=10**400), "whole numbers have up to 64 bits"),
+        (lambda plane: plane["model"].update(bend=[0.1, "x"]), "`bend` of the sensor must be real numbers"),
+        (lambda plane: plane["model"].update(saturation=0), "`saturation` of the sensor must be finite, from 1e-30"),
+        (lambda plane: plane["model"].update(dark_variance=-1), "`dark_variance` of the sensor must be finite, from 0"),
         (lambda plane: plane["model"].pop("gain"), "not whole"),
         (lambda plane: plane.update(model=[1, 2]), "cannot be read as a sensor's record"),
         (lambda plane: plane.update(noise_power={"file": "nps.npy"}), "not whole"),
-        (lambda plane: plane["noise_power"].update(signal=1e400), "finite and above 0"),
-        (lambda plane: plane["noise_power"].update(blocks=0), "finite and above 0"),
-        (lambda plane: plane["noise_power"].update(blocks=10**400), "finite and above 0"),
+        (lambda plane: plane["noise_power"].update(signal=1e400), "is no finite number"),
+        (
+            lambda plane: plane["noise_power"].update(blocks=0),
+            "blocks of the noise spectrum .* must be finite, from 1 ",
+        ),
+        (lambda plane: plane["noise_power"].update(blocks=10**400), "whole numbers have up to 64 bits"),
     ],
 )
 def test_record_that_no_sensor_has_is_refused(written, change, words):
@@ -65,11 +78,13 @@ def test_record_that_no_sensor_has_is_refused(written, change, words):
 
 
 @pytest.mark.parametrize(
-    "power", [np.zeros((4, 4)), np.ones((4, 3)), np.full((4, 4), np.nan), np.array([["a"]]), np.ones((0, 0))], ids=str
+    "power",
+    [np.zeros((8, 8)), np.ones((8, 7)), np.full((8, 8), np.nan), np.array([["a"]]), np.ones((0, 0)), np.ones((1, 1))],
+    ids=str,
 )
 def test_spectrum_that_is_none_is_refused(written, tmp_path, power):
     np.save(tmp_path / "nps.npy", power)
-    with pytest.raises(BadInput, match="is no noise spectrum"):
+    with pytest.raises(BadInput, match=r"the noise spectrum .* must"):
         read_sensor(written(), PHOTOGRAPH)
 
 

@@ -65,20 +65,16 @@ def test_an_unknown_plan_is_named(tmp_path, monkeypatch, words):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="sends SIGINT")
-def test_ctrl_c_at_a_question_stops_at_once(tmp_path):
-    program = subprocess.Popen(
-        [sys.executable, "-m", "station", "--plain", "--simulate", "--sessions", str(tmp_path / "kept")],
+def test_ctrl_c_at_a_question_stops_at_once(tmp_path, start_program, read_until):
+    program = start_program(
+        [sys.executable, "-m", "station", "--plain", "--simulate", "--sessions", tmp_path / "kept"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
-    assert program.stdin is not None
-    assert program.stdout is not None
     program.stdin.write("D90\n50\n")
     program.stdin.flush()
-    seen = ""
-    while ">> Which paper" not in seen:
-        seen += program.stdout.read(1)
+    read_until(program.stdout, ">> Which paper")
     program.send_signal(signal.SIGINT)
-    rest, _ = program.communicate(timeout=60)
+    rest, _ = program.communicate(timeout=180)
     assert program.returncode == 130
     assert "Stopped. Nothing was answered" in rest
 

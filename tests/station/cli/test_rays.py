@@ -50,6 +50,18 @@ def test_the_tiff_is_linear_and_in_order(run, small, tmp_path):
     assert picture[:, -10:].mean() == pytest.approx(1.2, abs=4 * 1.2 / np.sqrt(32 * 240))
 
 
+def test_numbers_without_an_uncertainty_are_limited_and_certified(run, small, tmp_path):
+    (tmp_path / "limits.toml").write_text("[limits]\nmean_samples = { max = 31 }\ndropped_samples = { max = 0 }\n")
+    words = "--scales", "1", "--specification", tmp_path / "limits.toml", "--certificate"
+    done = run("rays", small, *words, "--out", tmp_path / "out")
+    assert done.exit_code == 1, done.output
+    assert "the limit Samples per pixel ≤ 31 is missed: 32" in done.stderr
+    assert record_of(tmp_path / "out")["specification"]["verdict"] == "does not meet"
+    certificate = (tmp_path / "out" / "certificate.html").read_text()
+    assert "Similar patches per pixel" in certificate
+    assert "PSF" not in certificate  # a render has none
+
+
 def test_the_record_comes_to_stdout_on_request(run, small, tmp_path):
     done = run("rays", small, "--out", tmp_path / "out", "--scales", "2", "--json")
     assert json.loads(done.stdout) == record_of(tmp_path / "out")
@@ -184,7 +196,7 @@ def test_a_reference_of_another_size_is_refused(run, small, shared_data, tmp_pat
     reference = shared_data / "rays" / "cornell_reference.npz"
     done = run("rays", small, "--scales", "2", "--reference", reference, "--out", tmp_path / "out")
     assert done.exit_code == 4
-    assert "a picture of shape (250, 250, 3)" in done.stderr
+    assert "got an array (250, 250, 3)" in done.stderr
 
 
 def test_a_file_that_is_no_film_is_refused(run, shared_data, tmp_path):

@@ -50,7 +50,7 @@ def refused(folder, tmp_path, arguments):
 @pytest.mark.parametrize(
     ("one", "two", "code", "complaint", "remedy"),
     [
-        ("first", "smaller", 4, "of one size, got 120 x 100, 120 x 90", "equally cropped"),
+        ("first", "smaller", 4, "of one size, got 120 x 100, 120 x 90", "crop photographs"),
         ("first", "first", 4, "1 and 2 are identical", "different motion or aperture"),
         ("first", "far", 5, "shifted by (29, 1) pixels, more than the masks' 6", "register the photographs"),
         ("first", "near", 5, "shifted by (-8, 0) pixels, more than the masks' 6", "register the photographs"),
@@ -69,14 +69,14 @@ def test_photographs(folder, tmp_path, one, two, code, complaint, remedy):
 
 
 SHAPES = {
-    "3 3 1\n1 2 1\n": (4, "odd square of at least 3 x 3, got 2 x 3", "resample"),
-    "1 1 1 1\n" * 4: (4, "odd square of at least 3 x 3, got 4 x 4", "resample"),
-    "1": (4, "odd square of at least 3 x 3, got 1 x 1", "resample"),
-    "0 1 0\n1 -2 1\n0 1 0\n": (4, "not negative, its least value is -2", "clip its noise"),
-    "0 1 0\n1 nan 1\n0 1 0\n": (4, "no finite numbers", "text array of numbers"),
-    "0 0 0\n0 0 0\n0 0 0\n": (4, "is empty", "shape of a blur"),
-    "": (4, "is empty", "text array of numbers"),
-    "1 2 3\n1 2\n1 2 3\n": (4, "rows of 2 to 3 numbers", "a row per line"),
+    "3 3 1\n1 2 1\n": (4, "must be an array (k, k); got an array (2, 3)", "resample"),
+    "1 1 1 1\n" * 4: (4, "odd number of rows, 3 or more; got 4", "resample"),
+    "1": (4, "odd number of rows, 3 or more; got 1", "resample"),
+    "0 1 0\n1 -2 1\n0 1 0\n": (4, "must be finite, from 0 to 1e+30; got -2 to 1", "clip its noise"),
+    "0 1 0\n1 nan 1\n0 1 0\n": (4, "must be finite", "text array of numbers"),
+    "0 0 0\n0 0 0\n0 0 0\n": (4, "positive sum", "resample it"),
+    "": (4, "got an array (0)", "text array of numbers"),
+    "1 2 3\n1 2\n1 2 3\n": (4, "rows of equal length", "text array of numbers"),
     "hello world\n": (4, "could not convert string to float: 'hello'", "text array of numbers"),
     "\x00\xff": (4, "it is not text", "text array of numbers"),
 }

@@ -78,17 +78,16 @@ def get(address, path):
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signals here")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_server_its_run_and_its_session(tmp_path, number):
+def test_a_signal_ends_the_server_its_run_and_its_session(tmp_path, number, start_program):
     words = [sys.executable, "-m", "station", "serve", "--simulate", "--port", "0", "--json", "--no-token"]
-    words += ["--sessions", str(tmp_path)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as program:
-        address = json.loads(program.stdout.readline())["address"]
-        post(address, "/station/v1/run", {"by_default": True})
-        while (question := get(address, "/station/v1/run")["question"]) is None:
-            assert program.poll() is None
-        assert question["key"] == "move"
-        program.send_signal(number)
-        assert program.wait(60) == 0
+    program = start_program([*words, "--sessions", tmp_path], stdout=subprocess.PIPE, text=True)
+    address = json.loads(program.stdout.readline())["address"]
+    post(address, "/station/v1/run", {"by_default": True})
+    while (question := get(address, "/station/v1/run")["question"]) is None:
+        assert program.poll() is None
+    assert question["key"] == "move"
+    program.send_signal(number)
+    assert program.wait(180) == 0
     with pytest.raises(urllib.error.URLError):
         post(address, "/station/v1/stop", {})
     (session,) = tmp_path.glob("*/")

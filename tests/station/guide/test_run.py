@@ -12,7 +12,7 @@ from drivers.errors import FrameMissing
 from procedures.outcome import BadParameter
 from procedures.plan import Advice, Ask, Go, Look
 from simulators.bench.device_faults import Mishap
-from station.guide.frontend import CurveSeen, Doing, RunBegan, RunEnded, Seen, StepEnded, Stopped, Trouble
+from station.guide.frontend import CurveSeen, Doing, RunBegan, RunEnded, Seen, StepBegan, StepEnded, Stopped, Trouble
 from station.guide.run import Run
 from station.guide.scripted import Scripted
 from station.guide.vibration import Patience
@@ -55,12 +55,20 @@ def test_a_plan_is_carried_out_step_by_step_and_all_photographs_are_kept(bench, 
     assert len(list(Path(bench.simulated.folder).iterdir())) == 6
 
 
+def test_a_plan_that_moves_nothing_does_not_complain_of_stages_that_have_not_homed(bench, session):
+    operator = Scripted({"width": 5.0})
+    still = {name: Ask(name, "Ready?") for name in ("home", "go", "measure", "scan")}
+    assert Run(benches.short_plan(**still), bench, session, operator).go().how == "finished"
+    assert not events(operator, Trouble)
+
+
 def test_of_a_step_that_is_left_out_nothing_is_asked(bench, session):
     plan = benches.short_plan()
     first, *others = plan.steps
     operator = Scripted({"width": 5.0})
     Run(replace(plan, steps=(replace(first, when=lambda facts: False), *others)), bench, session, operator).go()
     assert "width" not in session.state.facts
+    assert [event.step.name for event in events(operator, StepBegan)] == ["trials", "shots"]
     assert session.state.done == ("rig", "trials", "shots")
 
 

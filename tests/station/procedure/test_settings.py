@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import pytest
 
 from procedures.outcome import BadParameter
-from station.procedure.settings import Settings, fields_of, read_settings, setting, to_record
+from station.procedure.settings import Settings, fields_of, named_files, placed, read_settings, setting, to_record
 
 
 class Model(Settings, frozen=True, kw_only=True):
@@ -19,6 +19,7 @@ class Model(Settings, frozen=True, kw_only=True):
     table: Annotated[Path, setting("A table.")] | None = None
     pitch_um: Annotated[float, setting("Pitch.", least=0.1)] | None = None
     insist: Annotated[bool, setting("Insist.")] = False
+    tile_px: Annotated[Literal[128, 256], setting("Side of a tile.")] | None = None
 
 
 class Required(Settings, frozen=True, kw_only=True):
@@ -42,6 +43,7 @@ def test_a_table_becomes_the_model():
         ({"positions": "chart"}, "positions must be one of lens, set; it is 'chart'"),
         ({"distances_mm": [1, "far"]}, "distances_mm must be a list, each a number"),
         ({"insist": 1}, "insist must be true or false"),
+        ({"tile_px": 100}, "tile_px must be one of 128, 256; it is '100'"),
         ({"table": 4}, "table must be a path"),
         ({"pitch_um": 0}, r"pitch_um must be a number at least 0\.1; it is '0'"),
     ],
@@ -60,6 +62,7 @@ def test_fields_carry_all_that_an_option_needs():
     by_name = {one.name: one for one in fields_of(Model)}
     assert (by_name["width_mm"].kind, by_name["width_mm"].least, by_name["width_mm"].default) == (float, 1, 300.0)
     assert by_name["positions"].choices == ("lens", "set")
+    assert (by_name["tile_px"].kind, by_name["tile_px"].choices) == (int, ("128", "256"))
     assert by_name["distances_mm"].several
     assert by_name["distances_mm"].option == "--distances-mm"
     assert by_name["table"].kind is Path
@@ -70,3 +73,10 @@ def test_a_record_holds_what_was_set():
     assert to_record(Model(table=Path("a/b.csv"))) == {
         "width_mm": 300.0, "count": 3, "positions": "lens", "distances_mm": (), "table": "a/b.csv", "insist": False,
     }  # fmt: skip
+
+
+def test_files_lie_beside_the_procedure_where_they_are_there(tmp_path):
+    (tmp_path / "a.csv").touch()
+    assert placed(Model(table=Path("a.csv")), tmp_path).table == tmp_path / "a.csv"
+    assert placed(Model(table=Path("b.csv")), tmp_path).table == Path("b.csv")
+    assert named_files(Model(table=Path("b.csv"))) == [Path("b.csv")]

@@ -35,8 +35,10 @@ def check(session: Session, work: Work, uninterrupted) -> None:
 
 
 FEW = 11
-"""Every so many operations are tried quickly; the numbers of operations per line have no factor in common with it."""
-EVERY = pytest.mark.parametrize("few", [True, pytest.param(False, marks=pytest.mark.slow)], ids=["few", "the others"])
+"""Every so many operations are tried with every change, all others nightly; coprime to the operations per line."""
+EVERY = pytest.mark.parametrize(
+    "few", [True, pytest.param(False, marks=pytest.mark.nightly)], ids=["few", "the others"]
+)
 
 
 def tried(count: int, few: bool) -> list[int]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import affine_transform, shift
 
-from procedures.outcome import Refused, Verdict
+from procedures.outcome import BadInput, Refused, Verdict
 from procedures.restoration.first_depth.registration import (
     Displacement,
     displacement,
@@ -42,6 +42,14 @@ def test_registered_photographs_are_unchanged(vibrating):
     assert np.array_equal(registration.z, vibrating.z)
     assert not registration.shifts.any()
     assert registration.light.tolist() == [1, 1]
+
+
+@pytest.mark.parametrize("huge", [1e200, -1e200, np.inf])
+def test_photographs_of_impossible_numbers_are_refused_before_curves_are_fitted(vibrating, huge):
+    z = vibrating.z.copy()
+    z[1, 0, 40, 40] = huge
+    with pytest.raises(BadInput, match="samples of photograph 2 must be finite"):
+        restore([*z], vibrating.stacks)
 
 
 def test_noise_has_no_shift(vibration_stacks):

@@ -86,10 +86,11 @@ def test_apertures_have_names():
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("1 2\n3 4\n", "odd square"),
-        ("1 2 3\n4 5 6\n", "odd square"),
-        ("1 1 1\n1 -1 1\n1 1 1\n", "not negative"),
-        ("0 0 0\n0 0 0\n0 0 0\n", "empty"),
+        ("1 2\n3 4\n", "odd number of rows"),
+        ("1 2 3\n4 5 6\n", r"must be an array \(k, k\); got an array \(2, 3\)"),
+        ("1 1 1\n1 -1 1\n1 1 1\n", "must be finite, from 0 to 1e.30; got -1"),
+        ("1 1 1\n1 1e308 1\n1 1 1\n", "must be finite, from -1e.30 to 1e.30"),
+        ("0 0 0\n0 0 0\n0 0 0\n", "positive sum"),
         ("a b c\n", "cannot be read"),
     ],
 )
@@ -98,6 +99,12 @@ def test_a_wrong_shape_file_is_refused(tmp_path, text, complaint):
     file.write_text(text)
     with pytest.raises(BadInput, match=complaint):
         models.read_shape(file)
+
+
+@pytest.mark.parametrize("lengths", [(), (7,), (7, 7, 7), (0, 0)])
+def test_a_shape_of_another_rank_is_refused(lengths):
+    with pytest.raises(BadInput, match=r"the shape must be an array \(k, k\)"):
+        models.check_shape(np.ones(lengths))
 
 
 def test_masks_that_cannot_hold_w_are_refused():

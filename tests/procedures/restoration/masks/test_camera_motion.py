@@ -90,9 +90,21 @@ def test_given_poses_are_unchanged():
     np.testing.assert_allclose(given.turn_rad, expected[1], atol=2e-6 * np.abs(TURN).max())
 
 
+def test_poses_may_be_timed_by_the_clock():
+    t, position = np.linspace(0, 0.1, 9), np.arange(27.0).reshape(9, 3)
+    ours, theirs = (c.poses_at(since + t, position, 0 * position) for since in (0.0, 1.75e9))
+    # a double of 1.75e9 s resolves 2.4e-7 s, and the position moves by 240 m/s
+    np.testing.assert_allclose(theirs.position_m, ours.position_m, atol=2e-4)
+
+
 @pytest.mark.parametrize(
     ("times", "turn", "complaint"),
-    [([0.0], 0.0, "two times"), ([0.0, 0.0], 0.0, "two times"), ([0.0, 0.1], 45.0, "half a turn")],
+    [
+        ([0.0], 0.0, "two times"),
+        ([0.0, 0.0], 0.0, "must increase"),
+        ([-1e308, 1e308], 0.0, "must be finite, from"),
+        ([0.0, 0.1], 45.0, "half a turn"),
+    ],
 )
 def test_invalid_poses_are_refused(times, turn, complaint):
     resting = np.zeros((len(times), 3))
@@ -130,12 +142,16 @@ def spoiled():
         "late": (replace(good, time_s=t + 0.4), "cover the exposure"),
         "order": (replace(good, time_s=t[::-1]), "increase"),
         "few": (Felt(t[:5], good.acceleration_m_s2[:5], good.rotation_rad_s[:5]), "16 samples"),
-        "nan": (replace(good, acceleration_m_s2=good.acceleration_m_s2 * np.nan), "not numbers"),
+        "nan": (replace(good, acceleration_m_s2=good.acceleration_m_s2 * np.nan), "must be finite"),
+        "huge": (replace(good, acceleration_m_s2=good.acceleration_m_s2 * 1e300), "must be finite, from -1e.06"),
+        "columns": (replace(good, rotation_rad_s=good.rotation_rad_s[:, :2]), r"array \(\d+, 3\)"),
+        "ages": (replace(good, time_s=np.where(t == t[0], -1e308, t)), "must be finite, from -1e.11"),
+        "instant": (replace(good, time_s=np.where(t == t[1], np.nextafter(t[0], 1), t)), "must increase by 1e-07 s"),
         "degrees": (replace(good, rotation_rad_s=np.degrees(good.rotation_rad_s)), "may rotate by up to"),
     }
 
 
-@pytest.mark.parametrize("kind", ["late", "order", "few", "nan", "degrees"])
+@pytest.mark.parametrize("kind", ["late", "order", "few", "nan", "huge", "columns", "ages", "instant", "degrees"])
 def test_invalid_records_are_refused(kind):
     record, complaint = spoiled()[kind]
     with pytest.raises(BadInput, match=complaint) as refusal:
@@ -153,6 +169,20 @@ def test_insufficient_motion_is_refused(poses):
         c.motion_blur([poses], 0.0, SHAPE, 1.0)
     with pytest.raises(BadParameter, match="too large"):
         c.motion_blur([poses], FOCAL, SHAPE, 40.0)
+
+
+def test_a_rig_that_meets_the_scene_is_refused():
+    ahead = np.column_stack(
+        [np.linspace(0, 1e-3, 9), np.zeros(9), np.linspace(0, 2, 9)]
+    )  # a point 1 m away is in its path
+    with pytest.raises(Refused, match="not into the scene"), np.errstate(divide="ignore", invalid="ignore"):
+        c.motion_blur([c.Poses(ahead, np.zeros((9, 3)))], FOCAL, SHAPE, 1.0)
+
+
+def test_masks_beyond_the_memory_are_refused(monkeypatch, poses):
+    monkeypatch.setattr(c, "MOST_MASK_SAMPLES", 1000)
+    with pytest.raises(BadParameter, match="up to 1000 samples, these would have"):
+        c.motion_blur([poses], FOCAL, SHAPE, 1.0)
 
 
 def test_a_unit_at_rest_measures_gravity_and_no_motion():

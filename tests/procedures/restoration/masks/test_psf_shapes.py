@@ -41,8 +41,11 @@ def test_values_below_the_noise_are_removed():
 @pytest.mark.parametrize(
     ("h", "samples", "complaint"),
     [
-        (np.ones((4, 4)), 4, "odd square"),
-        (np.full((5, 5), np.nan), 4, "odd square"),
+        (np.ones((4, 4)), 4, "odd number of rows"),
+        (np.ones(()), 4, r"array \(k, k\); got one number"),
+        (np.ones((5, 5, 5)), 4, r"array \(k, k\); got an array \(5, 5, 5\)"),
+        (np.full((5, 5), np.nan), 4, "must be finite"),
+        (np.full((5, 5), 1e308), 4, "must be finite, from"),
         (-np.ones((5, 5)), 4, "positive sum"),
         (np.ones((5, 5)), 0, "samples per pixel"),
     ],

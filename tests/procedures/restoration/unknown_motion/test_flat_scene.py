@@ -122,8 +122,16 @@ def test_photographs_of_two_scenes_are_refused(shaken):
 
 
 def test_photographs_smaller_than_four_kernels_are_refused(shaken):
-    with pytest.raises(BadInput, match="need photographs of 113 pixels"):
+    with pytest.raises(BadInput, match="overlap by 113 pixels; got 112 x 112"):
         kernels_of_flat_scene(shaken[0], 28, QUICK)
+
+
+def test_photographs_of_a_few_dots_are_refused():
+    z = np.zeros((2, 9, 9))
+    z[0, 0, :5] = z[1, 8, :5] = np.array([32, 54, 48, 32, 52]) / 255
+    z[1] += 0.01
+    with pytest.raises(Refused, match="no kernels explain the photographs"):
+        kernels_of_flat_scene(z)
 
 
 def test_photographs_without_contrast_are_refused():

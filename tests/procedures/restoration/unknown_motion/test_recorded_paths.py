@@ -69,7 +69,10 @@ def test_invalid_paths_are_refused(flat, paths, complaint):
 
 def test_an_invalid_path_file_is_refused(tmp_path):
     (tmp_path / "path.txt").write_text("1 nan\n2 3\n")
-    with pytest.raises(BadInput, match="no finite numbers"):
+    with pytest.raises(BadInput, match="must be finite"):
+        recorded_paths.read_path(tmp_path / "path.txt")
+    (tmp_path / "path.txt").write_text("1 2 3\n2 3 4\n")
+    with pytest.raises(BadInput, match=r"must be an array \(any, 2\)"):
         recorded_paths.read_path(tmp_path / "path.txt")
     with pytest.raises(BadInput, match="there is no file"):
         recorded_paths.read_path(tmp_path / "none.txt")

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from station.demo.ray_page import CLOSE_UP_PX, RenderRow, close_ups, ray_page
+from station.reports.ray_page import CLOSE_UP_PX, RenderRow, close_ups, ray_page
 
 
 def test_the_page_holds_its_pictures_and_needs_nothing_else(rng):

@@ -1,0 +1,132 @@
+"""Photographs sharpened by the measured PSF field of their lens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from procedures.correction.estimate import CorrectionParameters
+from procedures.correction.priors import Prior
+from station.calibration.correction import (
+    Corrected,
+    correct_photographs,
+    correction_entries,
+    correction_files,
+    correction_numbers,
+)
+from station.calibration.exports.psf import field_path
+from station.common.progress import Progress, silent
+from station.procedure.base import Inputs, Procedure, RawLayout
+from station.procedure.settings import setting, to_record
+from station.results.measurement import Measurement
+from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead, files_read
+from station.results.terms import USUAL, Terms
+
+
+class CorrectSettings(RawLayout, frozen=True, kw_only=True):
+    """The field, and how the photograph is restored."""
+
+    prior: Annotated[Literal["total-variation", "second-order"], setting("Regularization of the picture.")] = (
+        "total-variation"
+    )
+    strength: Annotated[
+        float, setting("Of the prior; 1 is what the photograph's noise asks for.", least=0.01, most=100)
+    ] = 1.0
+    iterations: Annotated[int, setting("Iterations of the solver.", least=1, most=500)] = 12
+    field: Annotated[Path, setting("What `station psf field` wrote: its folder, or field.h5 in it.")]
+    scale: Annotated[
+        int,
+        setting("Pixels of the picture per pixel of the sensor, along each side: more than 1 needs several "
+                "photographs.", least=1, most=4),
+    ] = 1  # fmt: skip
+    tile_px: Annotated[Literal[128, 192, 256, 384, 512], setting("[default: as the field varies]")] | None = None
+    insist: Annotated[bool, setting("Take a field whatever camera, lens, aperture and focus it is of.")] = False
+
+    @property
+    def parameters(self) -> CorrectionParameters:
+        """Those of the estimate."""
+        usual = CorrectionParameters()
+        return replace(
+            usual, prior=Prior(self.prior, strength=self.strength), side=self.tile_px, scale=self.scale,
+            splitting=replace(usual.splitting, iterations=self.iterations),
+        )  # fmt: skip
+
+
+class Correct(Procedure[CorrectSettings]):
+    """One picture from one photograph, or from several of one scene."""
+
+    name = "correct"
+    title = "correction by the lens's PSF field"
+    help = """Sharpen PHOTO by the PSF field of its lens: RAW with a 2 x 2 mosaic, or one linear grey plane.
+
+    Demosaicking, deblurring and lateral colour are undone as one problem, as strongly as the photograph's noise allows.
+    Several photographs of one scene, moved by some pixels, become one picture, with --scale 2 of twice as many
+    pixels."""
+    inputs = Inputs.SEVERAL
+    Settings = CorrectSettings
+    results_key = "result"
+    method = "joint demosaicking and deconvolution through the measured PSF field, regularized"
+
+    def steps(self, paths: Sequence[Path]) -> int:
+        """Hundredths of the work."""
+        return 100
+
+    def files(self, paths: Sequence[Path], settings: CorrectSettings) -> list[Path]:
+        """The field."""
+        return [field_path(settings.field)]
+
+    def measure(
+        self, paths: Sequence[Path], settings: CorrectSettings, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Measurement:
+        """The corrected picture."""
+        found = correct_photographs(
+            paths, field_path(settings.field), settings.parameters, settings.layout, _by_hundredths(progress),
+            insisted=settings.insist,
+        )  # fmt: skip
+        given = {**to_record(settings), "tile_px": str(settings.tile_px or "auto")}
+        given = {name: one for name, one in given.items() if (name, one) not in (("scale", 1), ("insist", False))}
+        value = found.outcome.value
+        head = RecordHead(self.name, files_read((found.frame, *found.others)), given)
+        plane = PlaneResult.of_outcome(
+            "picture", found.outcome, values={} if value is None else correction_numbers(value), pitch=0
+        )
+        return Measurement(
+            self.schema, head, (plane,), entries=correction_entries(found), results_key=self.results_key,
+            files={} if value is None else correction_files(value, found.notes), exposure=found.frame.exposure,
+            found=found,
+        ).compared(terms)  # fmt: skip
+
+    def page(self, found: Measurement) -> bytes:
+        """Before and after."""
+        from station.reports.correction_page import correction_page  # here: it draws, which is slow to load
+
+        return correction_page(found.found, found.head)
+
+    def lines(self, found: Measurement) -> list[str]:
+        """The photographs that were not used."""
+        whole: Corrected = found.found
+        places = () if whole.outcome.value is None else whole.outcome.value.places
+        return [
+            f"{frame.path.name} is set aside: {place.reason}; {place.remedy}"
+            for frame, place in zip(whole.others, places, strict=bool(places))
+            if place.reason
+        ]
+
+
+def _by_hundredths(progress: Progress) -> Callable[[int, int], None]:
+    """Hundredths of the work, from the number of tiles done and of all."""
+    last = 0
+
+    def advance(done: int, of: int) -> None:
+        nonlocal last
+        if (now := 100 * done // of) > last:
+            progress(f"{done} of {of} tiles", now - last)
+            last = now
+
+    return advance
+
+
+PROCEDURE = Correct()

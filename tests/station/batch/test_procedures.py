@@ -1,0 +1,205 @@
+"""Batches of the procedures of `station.procedure`, on the inputs of the golden records: one item fails, others do not.
+
+The record of every item, of those that failed too, follows the schema that is generated from the procedure.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from types import SimpleNamespace
+
+import jsonschema
+import numpy as np
+import pytest
+
+from procedures.outcome import Outcome
+from procedures.tilt.estimate import Tilt
+from procedures.tilt.plane import fit_plane
+from procedures.tilt.screws import Screws, turns_for
+from station.batch.item import Job, finished, work
+from station.batch.procedure_file import read_procedure
+from station.calibration.folder_photographs import Item, find_frames
+from station.procedure.builtin import tilt as tilt_module
+from station.procedure.registry import procedure_named
+from station.procedure.schema import schema_of
+from tests.golden import cases
+
+pytestmark = pytest.mark.slow
+
+
+def by_name(out: Path) -> dict[str, dict]:
+    """The rows of a batch by what their item is called: the folder of its first file, and its name."""
+    rows = [json.loads(line) for line in (out / "results.jsonl").read_text(encoding="utf-8").splitlines()]
+    return {"/".join(Path(row["files"][0]).parts[-2:]): row for row in rows}
+
+
+def record_of(out: Path, row: dict, name: str) -> dict:
+    """The record of an item, which follows its schema."""
+    record = json.loads((out / row["folder"] / "result.json").read_text(encoding="utf-8"))
+    jsonschema.validate(record, schema_of(procedure_named(name)), jsonschema.Draft202012Validator)
+    return record
+
+
+@pytest.fixture
+def batch(tmp_path):
+    """batch(name, text, *folders): the rows of a batch by name, and its folder."""
+
+    def batch(name: str, text: str, *folders: Path, code: int = 1, options: tuple[str, ...] = ()):
+        from click.testing import CliRunner
+
+        from station.__main__ import main
+
+        (tmp_path / "p.toml").write_text(f'procedure = "{name}"\n{text}')
+        out = tmp_path / "results"
+        words = ("batch", *folders, "--procedure", tmp_path / "p.toml", "--out", out, "--jobs", 1, *options)
+        done = CliRunner().invoke(main, [str(word) for word in words], prog_name="station")
+        assert done.exit_code == code, done.output
+        return by_name(out), out
+
+    return batch
+
+
+def test_vignetting_of_each_folder(batch, tmp_path):
+    (tmp_path / "in" / "good").mkdir(parents=True)
+    (tmp_path / "in" / "bad").mkdir()
+    cases.vignetting(tmp_path / "in" / "good")
+    (tmp_path / "in" / "bad" / "a.png").write_bytes(b"no picture")
+    rows, out = batch("vignetting", "[limits]\ncorner_light = { max = 0.9 }\n", tmp_path / "in")
+    assert rows["bad/a.png"]["verdict"] == "unreadable"
+    assert rows["good/a.png"]["specification"] == "meets"
+    # the light is 0.5 - 0.1 (x² + y²): in the corner (0.5 - 0.2) / 0.5
+    light = record_of(out, rows["good/a.png"], "vignetting")["planes"]["Y"]["corner_light"]
+    assert light["value"] == pytest.approx(0.6, abs=4 * light["uncertainty"] + 0.002)
+    assert record_of(out, rows["bad/a.png"], "vignetting")["planes"] == {}
+
+
+def test_sensors_of_each_folder(batch, tmp_path):
+    """The manifest is of the item: it lies above all pictures, and another one is another measurement."""
+    cases.sensor(tmp_path)
+    (tmp_path / "dark_only").mkdir()
+    shutil.copy(tmp_path / "shoot" / "dark" / "short0.dng", tmp_path / "dark_only" / "short0.dng")
+    (tmp_path / "shoot" / "dark").rename(tmp_path / "shoot" / "light" / "dark")
+    (tmp_path / "shoot" / "light").rename(tmp_path / "shoot" / "pictures")
+    times_s = np.linspace(0.003, 0.141, 16)
+    rows = ["file,kind,exposure_s"]
+    for path in sorted((tmp_path / "shoot" / "pictures").rglob("*.dng")):
+        at = {"fl": 6, "da": 6, "sh": 0}.get(path.stem[:2])
+        kind = "dark" if path.parent.name == "dark" else "light"
+        rows.append(
+            f"{path.relative_to(tmp_path / 'shoot')},{kind},{times_s[int(path.stem[:2]) if at is None else at]}"
+        )
+    (tmp_path / "shoot" / "sensor.csv").write_text("\n".join(rows))
+    text = '[settings]\nplane = "G1"\n[limits]\nsystem_gain = { min = 0.1 }\n'
+    rows, out = batch("sensor", text, tmp_path / "shoot", tmp_path / "dark_only")
+    assert rows["dark_only/short0.dng"]["verdict"] in ("refused", "unreadable")
+    (good,) = (row for row in rows.values() if row["verdict"] in ("pass", "doubtful"))
+    gain = record_of(out, good, "sensor")["planes"]["G1"]["system_gain"]
+    low, high = gain["interval"]
+    assert low < 1 / 2.6 < high  # the simulated sensor has 2.6 electrons per number
+    assert good["specification"] == "meets"
+
+
+def test_tilt_of_each_bracket(tmp_path, monkeypatch):
+    """The nine charts would take minutes to render: what is measured in them is given, all else is as it is."""
+    places = np.array([(x, y) for y in (-10.0, 0.0, 10.0) for x in (-15.0, 0.0, 15.0)])
+    plane = fit_plane(places, 2 + 1.5 * places[:, 0], 0.01 * np.eye(9), (36.0, 24.0))
+    known = Tilt(plane, np.zeros(9), Screws(), turns_for(plane, Screws(), with_focus=False), False)
+    monkeypatch.setattr(
+        tilt_module, "measure", lambda frames, *rest: SimpleNamespace(frames=[(one, "0" * 64) for one in ()], misses=[])
+    )
+    monkeypatch.setattr(tilt_module, "measure_tilt", lambda *given: Outcome(known))
+    monkeypatch.setattr(tilt_module, "check_known", lambda *given: None)
+    monkeypatch.setattr(tilt_module, "noted_optics", lambda *given: (4.0, 50.0))
+    for name in ("good", "no_table"):
+        (tmp_path / name).mkdir()
+        for at in range(3):
+            cases.save(tmp_path / name / f"{at}.png", np.full((8, 8), 0.5))
+    (tmp_path / "good" / "focus.csv").write_text("0.png,0\n1.png,0.1\n2.png,0.2\n")
+    (tmp_path / "p.toml").write_text(
+        'procedure = "tilt"\n[settings]\nfocus = "focus.csv"\nscrew_radius_mm = 30\nscrew_pitch_mm = 0.5\n'
+        "[limits]\ntilt_horizontal = { max = 10 }\n"
+    )
+    out = tmp_path / "out"
+    job = Job(read_procedure(tmp_path / "p.toml"), out, finished(out))
+    items = [Item(tuple(find_frames([tmp_path / name], out))) for name in ("no_table", "good")]
+    bad, good = (work(item, job) for item in items)
+    assert bad.verdict == "unreadable"
+    assert "focus.csv" in bad.reason
+    assert good.verdict == "pass"
+    assert good.specification == "does not meet"  # 1.5 um/mm over 36 mm are 54
+    tilt = record_of(out, {"folder": good.folder}, "tilt")["planes"]["Y"]["tilt_horizontal"]
+    assert tilt["value"] == pytest.approx(54.0, abs=1e-6)
+    # another table is another measurement, though the photographs are the same
+    (tmp_path / "good" / "focus.csv").write_text("0.png,0\n1.png,0.1\n2.png,0.3\n")
+    again = work(items[1], Job(read_procedure(tmp_path / "p.toml"), out, finished(out)))
+    assert not again.reused
+
+
+def test_photographs_are_corrected_each_by_itself(batch, tmp_path):
+    (tmp_path / "in").mkdir()
+    cases.correct(tmp_path)
+    shutil.move(tmp_path / "photo.tiff", tmp_path / "in" / "photo.tiff")
+    (tmp_path / "in" / "broken.tiff").write_bytes(b"no picture")
+    text = '[settings]\nfield = "grey.h5"\n[limits]\nmtf50_after = { min = 0.3 }\nnoise_gain = { max = 1 }\n'
+    rows, out = batch("correct", text, tmp_path / "in", options=("--reports",))
+    assert rows["in/broken.tiff"]["verdict"] == "unreadable"
+    good = rows["in/photo.tiff"]
+    assert (good["verdict"], good["specification"]) == ("doubtful", "does not meet")
+    assert "Noise of the picture over the photograph's ≤ 1 is missed" in good["against"]
+    record = record_of(out, good, "correct")
+    assert record["result"]["mtf50_after"] == record["predicted"]["mtf50_after"]["median"]
+    assert {"corrected.tiff", "corrected.dng", "report.html"} <= record["files"].keys()
+    again, _ = batch("correct", text, tmp_path / "in")
+    assert again["in/photo.tiff"]["reused"]
+    shutil.copy(tmp_path / "grey.h5", tmp_path / "other.h5")
+    with (tmp_path / "grey.h5").open("ab") as file:
+        file.write(b"\0")  # another field under the same name
+    again, _ = batch("correct", text, tmp_path / "in")
+    assert not again["in/photo.tiff"]["reused"]
+
+
+def test_renders_are_filtered_each_by_itself(batch, tmp_path):
+    (tmp_path / "in").mkdir()
+    cases.rays(tmp_path / "in")
+    (tmp_path / "in" / "no_film.npz").write_bytes(b"no film")
+    (tmp_path / "in" / "notes.png").write_bytes(b"is no film by its name")
+    limits = "[limits]\nsimilar_patches = { min = 10 }\npsnr_filtered = { min = 30 }\n"
+    rows, out = batch("rays", f"[settings]\nscales = 1\nthreads = 1\n{limits}", tmp_path / "in", options=("--reports",))
+    assert rows.keys() == {"in/film.npz", "in/no_film.npz"}
+    bad, good = rows["in/no_film.npz"], rows["in/film.npz"]
+    assert bad["verdict"] == "unreadable"
+    assert record_of(out, bad, "rays")["result"]["verdict"] == "refused"
+    assert (good["verdict"], good["specification"]) == ("pass", "undecided")  # there is no truth to compare with
+    record = record_of(out, good, "rays")
+    assert record["parameters"]["scales"] == 1
+    assert [one["verdict"] for one in record["result"]["specification"]["limits"]] == ["meets", "undecided"]
+    assert {"filtered.tiff", "rays.html"} <= record["files"].keys()
+
+
+def test_rigs_are_pairs_of_folders(batch, tmp_path):
+    (tmp_path / "in").mkdir()
+    words = cases.rig(tmp_path)
+    for side, path in zip(("left", "right"), words[1:], strict=True):
+        shutil.move(path, tmp_path / "in" / f"a_{side}")
+    shutil.copytree(tmp_path / "in" / "a_left", tmp_path / "in" / "b_left")
+    for side in ("left", "right"):
+        (tmp_path / "in" / f"c_{side}").mkdir()
+        (tmp_path / "in" / f"c_{side}" / "result.json").write_text(f'{{"procedure": "tilt", "side": "{side}"}}')
+    rows, out = batch("rig", "[limits]\nbaseline = { min = 119, max = 121 }\n", tmp_path / "in")
+    assert "has no partner" in rows["b_left/result.json"]["reason"]
+    assert "is of tilt" in rows["c_left/result.json"]["reason"]
+    good = rows["a_left/result.json"]
+    assert (good["verdict"], good["specification"]) == ("pass", "meets")
+    record = record_of(out, good, "rig")
+    assert record["rig"]["specification"]["verdict"] == "meets"
+    assert Path(good["folder"]).name.startswith("a_left-")
+    assert record_of(out, rows["c_left/result.json"], "rig")["rig"]["verdict"] == "refused"
+
+
+def test_a_table_names_the_two_results_of_a_rig(batch, tmp_path):
+    cases.rig(tmp_path)
+    (tmp_path / "rigs.csv").write_text("left/result.json,right/result.json\n")
+    rows, _ = batch("rig", 'pairs = { table = "rigs.csv" }\n', tmp_path, code=0)
+    assert rows["left/result.json"]["verdict"] == "pass"

@@ -1,0 +1,85 @@
+"""A session goes on with the bench on which it began; another is refused before anything of it is connected."""
+
+from __future__ import annotations
+
+import socket
+from contextlib import closing
+
+import pytest
+from click.testing import CliRunner
+
+from procedures.outcome import BadParameter
+from station.__main__ import main
+from station.bench.same_bench import bench_differences
+from station.guide.scripted import Scripted
+from station.guide.workspace import StationLab
+from station.sessions.layout import Busy
+
+NOBODY = "socket://127.0.0.1:9"
+
+
+def config(path, port=NOBODY, more=""):
+    path.write_text(f'[devices.stage]\ndriver = "grbl"\nport = "{port}"\n{more}'
+                    'axes = [{ name = "z_mm", letter = "X", feed_per_min = 3000 }]\n')  # fmt: skip
+    return path
+
+
+@pytest.fixture
+def listener():
+    """A port at which a connection would be seen."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.setblocking(False)
+        yield server
+
+
+@pytest.fixture
+def begun(tmp_path):
+    """The folder of a session that began with a.toml and is still open."""
+    with closing(StationLab(sessions=tmp_path / "sessions", config=config(tmp_path / "a.toml"))) as lab:
+        lab.begin("pattern", "C", "L", Scripted())
+        (folder,) = (tmp_path / "sessions").iterdir()
+        yield folder
+
+
+def test_another_port_is_refused_and_not_connected(begun, tmp_path, listener):
+    port = f"socket://127.0.0.1:{listener.getsockname()[1]}"
+    other = config(tmp_path / "b.toml", port)
+    done = CliRunner().invoke(main, ["session", "resume", str(begun), "--config", str(other)], prog_name="station")
+    assert done.exit_code == 2
+    assert f"b.toml has another: devices.stage.port was '{NOBODY}', is '{port}'" in done.stderr
+    assert f"give --config {tmp_path / 'a.toml'}" in done.stderr
+    with pytest.raises(BlockingIOError):
+        listener.accept()
+
+
+@pytest.mark.parametrize(
+    ("lab", "words"),
+    [({"simulate": True}, "without --simulate"), ({}, "no configuration has another: devices.stage.driver was 'grbl'")],
+    ids=str,
+)
+def test_neither_a_simulated_bench_nor_none_takes_its_place(begun, lab, words):
+    with pytest.raises(BadParameter, match=words):
+        StationLab(sessions=begun.parent, config=None, **lab).resume(begun, Scripted())
+
+
+def test_a_simulated_session_goes_on_with_no_real_device(tmp_path):
+    with closing(StationLab(sessions=tmp_path / "sessions", config=None, simulate=True)) as lab:
+        lab.begin("pattern", "C", "L", Scripted())
+        (folder,) = (tmp_path / "sessions").iterdir()
+        real = StationLab(sessions=folder.parent, config=config(tmp_path / "a.toml"))
+        with pytest.raises(BadParameter, match=r"a simulated one; got a real one; resume it with --simulate"):
+            real.resume(folder, Scripted())
+
+
+def test_the_same_bench_used_otherwise_is_the_same(begun, tmp_path):
+    same = config(tmp_path / "c.toml", more="poll_s = 0.1\n")
+    with closing(StationLab(sessions=begun.parent, config=same)) as lab, pytest.raises(Busy):  # it was let through
+        lab.resume(begun, Scripted())
+
+
+def test_every_difference_of_hardware_is_named():
+    stage = {"driver": "grbl", "port": "a", "poll_s": 1.0, "axes": [{"name": "z_mm", "letter": "X", "feed_per_min": 9}]}
+    other = {**stage, "poll_s": 2.0, "axes": [{"name": "z_mm", "letter": "Y", "feed_per_min": 8}]}
+    assert bench_differences({"stage": stage}, {"stage": dict(stage)}) == []
+    assert bench_differences({"stage": stage}, {"stage": other}) == ["devices.stage.axes[1].letter was 'X', is 'Y'"]
+    assert "devices.light.driver was absent, is 'dmx'" in bench_differences({}, {"light": {"driver": "dmx"}})
