@@ -84,7 +84,7 @@ def _film_of_arrays(arrays: Arrays, names: list[str]) -> Film:
 
 
 def _real(arrays: Arrays, name: str, shape: Shape) -> npt.NDArray[Any]:
-    """An array in its own precision; `Film.checked` tells of which pixels values are not finite."""
+    """An array in its own precision; `Film.checked` reports pixels that are not finite."""
     return checked_array(arrays[name], f"`{name}`", shape, finite=False, dtype=None, remedy="write the film again")
 
 

@@ -29,13 +29,13 @@ Array = NDArray[np.float64]
 FLIPPED = np.array([1.0, -1.0, -1.0])
 """From an inertial unit's axes, x right and y up, to the picture's, y down and z ahead."""
 FEWEST = 16
-"""Samples of a record from which motion is found."""
+"""Smallest number of samples of a record."""
 LARGEST_READING = 1e6
-"""Of a record: no rig is farther, or faster, in SI units."""
+"""Largest position, acceleration or rate of a record, in SI units."""
 LATEST_S, LEAST_INTERVAL_S = 1e11, 1e-7
-"""Times of a record may count from 1970; no unit or tracker samples at 10 MHz."""
+"""Limits of times, which may count from 1970, and of intervals: no unit or tracker samples at 10 MHz."""
 MOST_MASK_SAMPLES = 1 << 29
-"""Of all masks of all photographs: 4 GB, and 10 s of processor."""
+"""Limit for the masks of all photographs: 4 GB, and 10 s of processor time."""
 MOST_TURN = 0.15
 """Largest rotation in radians for which rates may be summed without regard to their order."""
 WHOLE_ROUND = 0.02
@@ -162,11 +162,11 @@ def poses_on(shaker_path: ShakerPath, exposure_s: float) -> Poses:
 def check_record(imu: ImuRecord, exposure_s: float) -> Array:
     """The record's times. Raises BadInput, see `poses_of`."""
     if len(imu.time_s) < FEWEST:
-        reason = f"motion is found from {FEWEST} samples or more; got {len(imu.time_s)}"
+        reason = f"motion needs {FEWEST} samples or more; got {len(imu.time_s)}"
         raise BadInput(reason, "record at 100 Hz or more")
     t = _times(imu.time_s)
-    for one in (imu.acceleration_m_s2, imu.rotation_rad_s):
-        _vectors(one, "accelerations and rates of a record", len(t))
+    for vectors in (imu.acceleration_m_s2, imu.rotation_rad_s):
+        _vectors(vectors, "accelerations and rates of a record", len(t))
     if t[0] > 0 or t[-1] < exposure_s:
         raise BadInput(
             f"the record must cover the exposure, 0 s to {exposure_s:.3f} s; it is from {t[0]:.3f} s to {t[-1]:.3f} s",
@@ -298,12 +298,12 @@ def px_per_inverse_m(
 ) -> float:
     """Largest image shift by translations, in pixels per 1/m of inverse depth. Raises Refused if there is none."""
     curves = _over_frame(exposures, focal_px, shape, np.array([0.0, 1.0]))
-    with np.errstate(invalid="ignore"):  # of infinities, judged below
-        found = float(np.abs(curves[..., 1, :, :] - curves[..., 0, :, :]).max())
-    if not least_path_m * focal_px <= found < np.inf:
-        reason = "the rig must move along the picture during the exposures, and not into the scene"
+    with np.errstate(invalid="ignore"):  # infinities are refused below
+        reach = float(np.abs(curves[..., 1, :, :] - curves[..., 0, :, :]).max())
+    if not least_path_m * focal_px <= reach < np.inf:
+        reason = "the rig must move parallel to the picture during the exposures, and not into the scene"
         raise Refused(reason, "set it in motion, then expose")
-    return found
+    return reach
 
 
 def _over_frame(exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int], inverse_m: Array) -> Array:

@@ -35,7 +35,7 @@ def check_photographs(photographs: list[Array]) -> Array:
     shapes = [p.shape for p in photographs]
     if len(set(shapes)) > 1:
         sizes = ", ".join(f"{s[-1]} x {s[-2]}" for s in shapes)
-        raise BadInput(f"photographs differ in size: {sizes}", "give photographs of one camera, cropped alike")
+        raise BadInput(f"photographs must be of one size, got {sizes}", "crop photographs of one camera equally")
     for a, b in combinations(range(len(photographs)), 2):
         if np.array_equal(photographs[a], photographs[b]):
             raise BadInput(
@@ -62,7 +62,7 @@ def check_blurs(stacks: Sequence[Masks], shape: tuple[int, int]) -> None:
 
 
 def check_extent(R: float, shape: tuple[int, int]) -> None:
-    """Refuse masks that leave nothing of the photograph, before they are made.
+    """Refuse masks that are too large for the photographs, before they are computed.
 
     Raises
     ------

@@ -153,7 +153,7 @@ def kernels_of_flat_scene(
     if len(photographs) < 2:
         raise BadInput(f"unknown motion needs two photographs or more, got {len(photographs)}", "take another one")
     R = largest or max(1, min(s.largest, (min(photographs.shape[1:]) - 1) // 4))
-    z = _looked_at(photographs, R, s)
+    z = _central_part(photographs, R, s)
     sparse = SparseGradients(z, R)
     searches: list[_Search] = []
     # many photographs outweigh the prior of few edges, which alone keeps a common blur out of their kernels: its weight
@@ -273,20 +273,17 @@ def _shrunk(z: Pictures, scale: float) -> Pictures:
     return np.stack([cv2.resize(one, (columns, rows), interpolation=cv2.INTER_LINEAR) for one in soft])
 
 
-# --- what is looked at -------------------------------------------------------------------------------------------
-
-
-def _looked_at(photographs: Array, R: int, settings: FreeKernelSettings) -> Pictures:
-    """The middle of the photographs, in one light and contrast, brought together where they lie far apart."""
+def _central_part(photographs: Array, R: int, settings: FreeKernelSettings) -> Pictures:
+    """The middle of the photographs, with one mean and contrast, aligned where they are far apart."""
     _check_size(photographs, R)
     z = photographs * (photographs[0].mean() / photographs.mean(axis=(1, 2), keepdims=True))
-    z = np.stack([one[part] for one, part in zip(z, _together(z, R), strict=True)])
+    z = np.stack([one[part] for one, part in zip(z, _common_parts(z, R), strict=True)])
     _check_size(z, R)
     rows, columns = z.shape[1:]
     height = min(rows, max(int(np.sqrt(settings.most_pixels)), settings.most_pixels // columns))
     width = min(columns, settings.most_pixels // height)
-    top, residual = (rows - height) // 2, (columns - width) // 2
-    z = z[:, top : top + height, residual : residual + width]
+    top, left = (rows - height) // 2, (columns - width) // 2
+    z = z[:, top : top + height, left : left + width]
     contrast = float(z[0].std())
     if contrast == 0:
         raise Refused("the photographs have no contrast", "put structure into the scene")
@@ -303,8 +300,8 @@ def _check_size(z: Array, R: int) -> None:
         )
 
 
-def _together(z: Array, R: int) -> Iterator[tuple[slice, slice]]:
-    """Of each photograph the part that all show, where one is shifted by more than R."""
+def _common_parts(z: Array, R: int) -> Iterator[tuple[slice, slice]]:
+    """The common part of each photograph, where one is shifted by more than R."""
     window = cv2.createHanningWindow(z.shape[:0:-1], cv2.CV_64F)
     first, *others = (np.ascontiguousarray(image - image.mean(), dtype=np.float64) for image in z)
     moves = [(0, 0)]

@@ -26,9 +26,9 @@ def unit(kernels: Kernels) -> Kernels:
 
 
 def thin(kernels: Kernels, least: float) -> Kernels:
-    """Without what is below `least` of a kernel's greatest value, and without small pieces apart from the others.
+    """Kernels without values below `least` of their maximum, and without small isolated pieces.
 
-    Raises Refused where that leaves nothing of any kernel.
+    Raises Refused if nothing remains of any kernel.
     """
     thinned = np.stack([_whole_pieces(np.where(k < least * k.max(), 0, k)) for k in kernels])
     if not thinned.any():

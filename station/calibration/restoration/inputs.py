@@ -156,7 +156,6 @@ def doubt_of(names: Sequence[str]) -> str | None:
 
 
 def _result_array(path: Path, what: str) -> Array:
-    """A kernel or a shape of a result."""
     return blur_models.check_shape(read_npy(path, what, f"give a {what}_N.npy of a result"), str(path))
 
 

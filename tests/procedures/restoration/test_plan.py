@@ -64,7 +64,7 @@ def test_a_darker_second_photograph_gives_the_correction_of_exposure(pair):
     assert advice.by_hand["exposure_ev"] == pytest.approx(np.log2(1 / 0.7), abs=0.05)
 
 
-def test_where_motions_blur_no_ratio_of_apertures_is_asked_for(pair):
+def test_motion_blur_needs_no_ratio_of_apertures(pair):
     image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
     facts = {
         **FACTS,
@@ -76,7 +76,7 @@ def test_where_motions_blur_no_ratio_of_apertures_is_asked_for(pair):
     assert [reading.name for reading in advice.readings] == ["light"]
 
 
-def test_apertures_that_are_too_near_each_other_are_told(pair):
+def test_too_similar_apertures_are_reported(pair):
     level = {"first_level": float(pair.z[1, 0].mean()), "first_f_number": 5.6, "second_f_number": 5.2}
     advice = check_later("second", frame(pair.z[1, 0], f_number=5.2), {**FACTS, **level})
     assert "differ by a factor of 1.08" in advice.say

@@ -50,7 +50,7 @@ def refused(folder, tmp_path, arguments):
 @pytest.mark.parametrize(
     ("one", "two", "code", "complaint", "remedy"),
     [
-        ("first", "smaller", 4, "of one size, got 120 x 100, 120 x 90", "equally cropped"),
+        ("first", "smaller", 4, "of one size, got 120 x 100, 120 x 90", "crop photographs"),
         ("first", "first", 4, "1 and 2 are identical", "different motion or aperture"),
         ("first", "far", 5, "shifted by (29, 1) pixels, more than the masks' 6", "register the photographs"),
         ("first", "near", 5, "shifted by (-8, 0) pixels, more than the masks' 6", "register the photographs"),

@@ -168,7 +168,7 @@ def spoiled(z):
         "sizes": ([z[0], z[1][:, :-3]], BadInput, "of one size"),
         "one": ([z[0]], BadInput, "two photographs"),
         "nan": ([z[0], z[1] * np.nan], BadInput, "must be finite"),
-        "flat": (list(flat), Refused, "no texture"),
+        "flat": (list(flat), Refused, "need texture"),
         "saturated": (list(white), Refused, "saturated"),
         "shifted": (list(displaced), Refused, "shifted"),
     }
