@@ -185,7 +185,7 @@ def test_a_psf_without_its_samples_is_refused(defocused, tmp_path):
     assert "--samples-per-pixel" in result.stderr
     result = run(*images, "--shape", defocused / "psf.txt")
     assert result.exit_code == 4
-    assert "finite, from 0" in result.stderr
+    assert "must be finite, from 0" in result.stderr
 
 
 @pytest.mark.slow
