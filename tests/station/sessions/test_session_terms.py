@@ -78,7 +78,7 @@ def test_mtf_that_is_limited_is_told_with_all_terms_of_its_uncertainty(tmp_path,
     own = assess(plane().psf, n=9, at=(0.2,)).numbers["mtf_at_0.2_horizontal"]
     told = found.numbers["mtf_at_0.2_horizontal"]  # 25 lp/mm of a pitch of two times 4 um
     assert told.value == own.value
-    # twice the noise in what the model leaves over: the root of 1 + 4 times as uncertain, but for the choice
+    # twice the noise in model error in the residual: the root of 1 + 4 times as uncertain, but for the choice
     assert told.uncertainty == pytest.approx(own.uncertainty * 5**0.5, rel=0.02)
     assert found.specification.judged == "meets"
 
