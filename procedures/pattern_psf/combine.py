@@ -88,10 +88,7 @@ class CombinedPsf:
         mean = {term: float(np.mean([budget[term] ** 2 for budget in budgets])) for term in TERMS}
         random = {term: mean[term] for term in TERMS if term not in ("mismatch", "choice")}
         total = sum(random.values())
-        return {
-            **{t: noise * (v / total) ** 0.5 for t, v in random.items()},
-            "mismatch": mean["mismatch"] ** 0.5,
-        }
+        return {**{t: noise * (v / total) ** 0.5 for t, v in random.items()}, "mismatch": mean["mismatch"] ** 0.5}
 
     @property
     def diffraction(self) -> Diffraction | None:

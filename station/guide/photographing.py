@@ -27,7 +27,7 @@ PREVIEW = ("G1", "Y")
 
 
 @dataclass(frozen=True)
-class TurnDirection:
+class Way:
     """How an advice is followed.
 
     Attributes
@@ -97,23 +97,23 @@ class Watching:
         name = next((name for name in PREVIEW if name in frame.planes), next(iter(frame.planes)))
         self._talk.hear(Seen(frame.planes[name], advice))
 
-    def _way(self, advice: Advice, frame: RawFrame) -> TurnDirection:
+    def _way(self, advice: Advice, frame: RawFrame) -> Way:
         """How the advice is followed: by the bench or the camera's cable where they can, else by hand."""
         if advice.good:
-            return TurnDirection(advice)
+            return Way(advice)
         exposure_s = frame.exposure.exposure_s
         if set(advice.by_hand) == {EXPOSURE} and exposure_s is not None and self._rig.sets_exposure:
             wanted_s = exposure_s * 2 ** advice.by_hand[EXPOSURE]
             told = f"The exposure time is set to {time_words(wanted_s)} through the camera's cable."
-            return TurnDirection(replace(advice, say=told), exposure_s=wanted_s)
+            return Way(replace(advice, say=told), exposure_s=wanted_s)
         target = self._talk.attempt(lambda: self._rig.target(advice.moves), self._rig.mend)
         obstacle = self._rig.obstacle(target)
         if obstacle is not None:
-            return TurnDirection(advice, obstacle=obstacle)
+            return Way(advice, obstacle=obstacle)
         ends = ", ".join(f"{label(axis)} to {in_words(axis, place)}" for axis, place in target.items())
-        return TurnDirection(replace(advice, say=f"The bench corrects this by itself: {ends}."), target=target)
+        return Way(replace(advice, say=f"The bench corrects this by itself: {ends}."), target=target)
 
-    def _follow(self, way: TurnDirection) -> None:
+    def _follow(self, way: Way) -> None:
         """Do what the advice says."""
         if way.exposure_s is not None:
             wanted_s = way.exposure_s
@@ -225,7 +225,7 @@ class Watching:
         else:
             self._follow(way)
 
-    def _keep(self, taken: Taken, advice: Advice) -> TurnDirection:
+    def _keep(self, taken: Taken, advice: Advice) -> Way:
         """Whether the shot counts, for the session and the operator; how the advice is to be followed."""
         if advice.good:
             self._talk.learn_noted(advice.facts)
