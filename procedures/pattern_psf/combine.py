@@ -45,7 +45,6 @@ class CombinedPsf:
 
     Attributes
     ----------
-    psf : Psf
     shots : tuple of PatternPsf
         Estimates from the single shots, in order.
     chi_square : float
