@@ -126,7 +126,7 @@ def with_advice(trial: Trial, samples: int, most_s: int, wider: float = MAX_WIDE
         reasons.append(f"k may truncate {trial.truncation:.4f} of the OTF, with uncertainty {trial.uncertainty:.4f}")
     k = _fitting(width, s, samples)
     better = (s, k) if reasons and (s > trial.s or k > trial.k) else None
-    return replace(trial, reason="; ".join(reasons) or "s and k suffice", better=better)
+    return replace(trial, reason="; ".join(reasons) or "the sampling suffices", better=better)
 
 
 def choose(

@@ -44,7 +44,6 @@ class EdgeCheck:
 
     Attributes
     ----------
-    edge : EdgeMtf
     by_edge, by_psf : Quantity
         In cycles per pixel of the plane.
     """

@@ -133,9 +133,8 @@ def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:
     above, slope = energy_above_nyquist(psf)
     of_above = np.sqrt(max(float(slope @ psf.parameter_covariance @ slope), 0.0))
     outside, noise = psf.energy_outside if len(psf.tail.amplitudes) else (np.nan, np.nan)
-    return np.append(values, [above, outside]), np.append(
-        uncertainties, [of_above, np.hypot(noise, tail_energy_uncertainty(psf))]
-    )
+    u_outside = np.hypot(noise, tail_energy_uncertainty(psf))
+    return np.append(values, [above, outside]), np.append(uncertainties, [of_above, u_outside])
 
 
 def mtf50_about(psf: Psf, radius: float, without: WithoutPhotosite | None = None) -> tuple[Array, Array]:

@@ -30,8 +30,7 @@ def check_ending(path: Path) -> str:
     ending = path.suffix.lower()
     if ending not in PAGES | IMAGES:
         raise BadParameter(
-            f"the file of a chart must be .pdf, .svg, .png or .pgm; got {path.name}",
-            "use one of these suffixes",
+            f"the file of a chart must be .pdf, .svg, .png or .pgm; got {path.name}", "use one of these suffixes"
         )
     return ending
 

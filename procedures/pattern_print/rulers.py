@@ -11,10 +11,7 @@ DIGITS_MM = 2.6
 
 def rulers(x: float, y: float) -> Drawing:
     """Rulers of 100 mm from a common zero at (x, y), to the right and upwards, with ticks and numbers outside."""
-    strokes = [
-        Stroke((x, y), (x + LENGTH_MM, y), THICKNESS_MM),
-        Stroke((x, y), (x, y - LENGTH_MM), THICKNESS_MM),
-    ]
+    strokes = [Stroke((x, y), (x + LENGTH_MM, y), THICKNESS_MM), Stroke((x, y), (x, y - LENGTH_MM), THICKNESS_MM)]
     texts = []
     for mm in range(LENGTH_MM + 1):
         tick = _tick(mm)

@@ -29,7 +29,6 @@ def mark_offset(h: Array, s: int, J: Array) -> Array:
     ----------
     h : (k, k) float64
         The PSF on the s grid; its sum does not matter.
-    s : int
     J : (2, 2) float64
         Derivative of cells with respect to pixels, which orients the mark on the sensor.
 

@@ -213,12 +213,7 @@ def centre_readings(pose: ChartPose, plane: Plane, optics: Optics) -> tuple[Read
     )
 
 
-def aim(
-    pose: ChartPose,
-    readings: tuple[Reading, ...],
-    facts: Facts,
-    marks: Marks,
-) -> Advice:
+def aim(pose: ChartPose, readings: tuple[Reading, ...], facts: Facts, marks: Marks) -> Advice:
     """Advice to centre the chart by shifting the camera parallel to it."""
     x, y, _ = pose.centre_mm
     across = f"{abs(x):.0f} mm to the {'right' if x > 0 else 'left'}"

@@ -45,7 +45,6 @@ class CombinedPsf:
 
     Attributes
     ----------
-    psf : Psf
     shots : tuple of PatternPsf
         Estimates from the single shots, in order.
     chi_square : float
@@ -88,10 +87,7 @@ class CombinedPsf:
         mean = {term: float(np.mean([budget[term] ** 2 for budget in budgets])) for term in TERMS}
         random = {term: mean[term] for term in TERMS if term not in ("mismatch", "choice")}
         total = sum(random.values())
-        return {
-            **{t: noise * (v / total) ** 0.5 for t, v in random.items()},
-            "mismatch": mean["mismatch"] ** 0.5,
-        }
+        return {**{t: noise * (v / total) ** 0.5 for t, v in random.items()}, "mismatch": mean["mismatch"] ** 0.5}
 
     @property
     def diffraction(self) -> Diffraction | None:

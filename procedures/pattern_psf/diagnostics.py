@@ -136,20 +136,15 @@ def diagnose(
 
     Parameters
     ----------
-    fit : ChartFit
     psf : Psf
         The normalised PSF.
-    light : Light
     corners : (12, 2) float64
         The detected marks, NaN where hidden.
     marks_map : Registration
         The map fitted to the marks alone.
-    lost : LeftOut
-    parts : ErrorParts
     prior : TailPrior or None
     trial : Trial
         The trial of s and k that gave the PSF.
-    noise : NoiseLook
     """
     marks = mark_residuals(fit.registration, corners)
     pixels_per_cell = 1 / np.sqrt(abs(np.linalg.det(fit.registration.jacobian())))

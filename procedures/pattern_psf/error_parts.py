@@ -42,7 +42,6 @@ class Variation:
 
     Attributes
     ----------
-    name : str
     halves : (str, str)
         "left" and "right", or "top" and "bottom".
     values : (float, float)

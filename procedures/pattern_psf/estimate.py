@@ -97,7 +97,6 @@ class PatternPsf:
 
     Attributes
     ----------
-    psf : Psf
     n : int
         Number of samples.
     quality : Quality
@@ -117,7 +116,6 @@ class PatternPsf:
         Trials of s and k; the last one gave this PSF.
     variations : tuple of Variation
         MTF50 in the halves of the chart.
-    registration : Registration
     centre_covariance : (2, 2) float64
         Image (x, y) of a mark at the chart's centre, in pixels of the plane: its position by the registration plus the
         `mark_offset` of the PSF, which the last step reduces to its noise.

@@ -23,7 +23,6 @@ class Optics:
 
     Attributes
     ----------
-    focal_length_mm : float
     plane_pitch_um : float
         Distance of the plane's pixels on the sensor (twice the photosites' in a Bayer plane).
     cell_mm : float
@@ -73,7 +72,6 @@ def chart_pose(H_plane_cells: Array, shape: tuple[int, ...], optics: Optics) -> 
     ----------
     H_plane_cells : (3, 3) float64
     shape : (rows, columns) of the plane; its centre is assumed to be the principal point
-    optics : Optics
     """
     middle = CELLS / 2
     to_cells = np.array([[1 / optics.cell_mm, 0, middle], [0, 1 / optics.cell_mm, middle], [0, 0, 1]])

@@ -73,7 +73,6 @@ class Edges:
 
     Attributes
     ----------
-    C : EdgeColumns
     CC : (514, 514) float64
         C'C.
     """
@@ -125,12 +124,10 @@ def edge_columns(
     ----------
     whole : (320, 320) float32
         The chart with its frame.
-    registration : Registration
     points : (m, 2) float64
         The samples' pixels (x, y).
     h : (k, k) float64
         The PSF, its sum the contrast.
-    s : int
     weight : (m,) float64
         Factor of each row.
     """

@@ -61,12 +61,10 @@ class ChartFit:
 
     Attributes
     ----------
-    registration : Registration
     h : (k^2,) float64
         PSF before normalisation; its sum is the contrast's correction.
     light : (19,) float64
         a (6), b without its constant (5), beta, delta, the tail's amplitudes (6).
-    observation : Observation
     prediction : (m,) float64
         The model at the samples.
     equations : NormalEquations
@@ -201,11 +199,8 @@ def refine(
 
     Parameters
     ----------
-    observation : Observation
-    chart : Chart
     registration : Registration
         Map by the marks, or by another fit.
-    window : Window
     s, k : int
         Samples per pixel, and their number along the PSF's side.
     far : (rows, columns) float32

@@ -81,12 +81,12 @@ def solution(fit: ChartFit, s: int, k: int, solver: str) -> Solution:
     slope_y, slope_x = np.gradient(image)
     shift_gradient = np.zeros((len(p), 2))
     shift_gradient[:n] = np.column_stack([slope_x.ravel(), slope_y.ravel()]) * s
-    mark_gradient = mark_offset_gradient(image, s, fit.registration.jacobian())
-    centre_gradient = _centre_gradient(fit)
-    shared = _recentred(_shared(fit, covariance, mark_gradient, centre_gradient), mark_gradient, shift_gradient)
-    centre_covariance = _centre_covariance(fit, covariance[:n, :n], mark_gradient, centre_gradient)
-    covariance = covariance + shift_gradient @ (mark_gradient @ covariance[:n])
-    covariance = covariance + (covariance[:, :n] @ mark_gradient.T) @ shift_gradient.T
+    F = mark_offset_gradient(image, s, fit.registration.jacobian())
+    D = _centre_gradient(fit)
+    shared = _recentred(_shared(fit, covariance, F, D), F, shift_gradient)
+    centre_covariance = _centre_covariance(fit, covariance[:n, :n], F, D)
+    covariance = covariance + shift_gradient @ (F @ covariance[:n])
+    covariance = covariance + (covariance[:, :n] @ F.T) @ shift_gradient.T
     tail = PsfTail(p[n:], covariance[n:, n:], covariance[:n, n:])
     return Solution(Psf(image, s, covariance[:n, :n], tail), centre_covariance, shared)
 
@@ -135,39 +135,31 @@ def _centre_gradient(fit: ChartFit) -> Array:
     return np.kron(np.eye(2), fit.registration.monomials(middle)[0] - fit.observation.cubics.mean(axis=0))
 
 
-def _shared(fit: ChartFit, covariance: Array, mark_gradient: Array, centre_gradient: Array) -> SharedErrors:
+def _shared(fit: ChartFit, covariance: Array, F: Array, D: Array) -> SharedErrors:
     """Covariances of the map's displacement with a PSF of sum 1 and with its centre."""
     conditional = cholesky_inverse(fit.equations.ZZ)[:GEOMETRY] * fit.residual_std**2
     selected = np.hstack([conditional[:, :GEOMETRY], conditional[:, GEOMETRY + TAIL :]])
     middle, total = fit.observation.cubics.mean(axis=0), float(fit.h.sum())
-    return _shared_errors(
-        selected, fit.equations.E[:GEOMETRY] * total, covariance, mark_gradient, centre_gradient, middle, total
-    )
+    return _shared_errors(selected, fit.equations.E[:GEOMETRY] * total, covariance, F, D, middle, total)
 
 
-def _centre_covariance(fit: ChartFit, covariance: Array, mark_gradient: Array, centre_gradient: Array) -> Array:
+def _centre_covariance(fit: ChartFit, covariance: Array, F: Array, D: Array) -> Array:
     """Covariance (2, 2), in squared pixels, of the image of the chart's centre.
 
-    An error of h moves the images of the marks, by `mark_gradient`, and the displacement, whose own errors add.
+    An error of h moves the images of the marks, by `F`, and the displacement, whose own errors add.
     """
     equations = fit.equations
     with_h = equations.E[:GEOMETRY] * fit.h.sum()
     conditional = cholesky_inverse(equations.ZZ)[:GEOMETRY, :GEOMETRY] * fit.residual_std**2
-    moved = mark_gradient + centre_gradient @ with_h
-    return np.asarray(moved @ covariance @ moved.T + centre_gradient @ conditional @ centre_gradient.T)
+    moved = F + D @ with_h
+    return np.asarray(moved @ covariance @ moved.T + D @ conditional @ D.T)
 
 
 # --- shared errors --------------------------------------------------------------------------------------------------
 
 
 def _shared_errors(
-    conditional: Array,
-    with_h: Array,
-    covariance: Array,
-    mark_gradient: Array,
-    centre_gradient: Array,
-    middle: Array,
-    total: float,
+    conditional: Array, with_h: Array, covariance: Array, F: Array, D: Array, middle: Array, total: float
 ) -> SharedErrors:
     """Compute the covariances before the PSF's samples follow their centre (`_recentred`).
 
@@ -191,18 +183,18 @@ def _shared_errors(
     with_parameters = -with_h @ covariance[:n]
     with_parameters[:, n:] += conditional[:, 18:] / total
     itself = with_h @ covariance[:n, :n] @ with_h.T + conditional[:, :18]
-    with_centre = with_parameters[:, :n] @ mark_gradient.T - itself @ centre_gradient.T
-    centre = covariance[:, :n] @ mark_gradient.T - with_parameters.T @ centre_gradient.T
-    mark = np.hstack([mark_gradient @ covariance[:n], mark_gradient @ centre[:n]])
+    with_centre = with_parameters[:, :n] @ F.T - itself @ D.T
+    centre = covariance[:, :n] @ F.T - with_parameters.T @ D.T
+    mark = np.hstack([F @ covariance[:n], F @ centre[:n]])
     return SharedErrors(centre, np.hstack([with_parameters, with_centre]), mark, middle)
 
 
-def _recentred(shared: SharedErrors, mark_gradient: Array, shift_gradient: Array) -> SharedErrors:
+def _recentred(shared: SharedErrors, F: Array, shift_gradient: Array) -> SharedErrors:
     """Covariances after the PSF's samples have followed their centre: h + back forth h."""
-    n = mark_gradient.shape[1]
+    n = F.shape[1]
 
     def recentred(with_parameters: Array) -> Array:
-        return np.asarray(with_parameters + (with_parameters[:, :n] @ mark_gradient.T) @ shift_gradient.T)
+        return np.asarray(with_parameters + (with_parameters[:, :n] @ F.T) @ shift_gradient.T)
 
     displacement, mark = (
         np.hstack([recentred(one[:, :-2]), one[:, -2:]]) for one in (shared.displacement, shared.mark)

@@ -73,8 +73,6 @@ class VerdictInputs:
         As requested. Given values of s and k are used, and flagged where they truncate the PSF or its band.
     chosen : bool
         Whether the program chose s and k.
-    tried : tuple of Trial
-    variations : tuple of Variation
     contradicted : list of Check
         Violations of the diffraction limit, where f-number and pitch are known.
     sensor : SensorModel or None

@@ -30,7 +30,6 @@ class NoiseMeasurement:
 
     Attributes
     ----------
-    sharpening : Sharpening
     finest : float
         Noise variance at the paper's finest detail, which no lens passes, over that expected there.
     uncertainty : float

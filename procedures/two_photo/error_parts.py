@@ -1,4 +1,4 @@
-"""What the uncertainty of each number is made of: noise, what the model leaves over, and the focus."""
+"""What the uncertainty of each number is made of: noise, model error in the residual, and the focus."""
 
 from __future__ import annotations
 

@@ -28,7 +28,6 @@ class Field(NamedTuple):
         Merit by which saddles compete: strength, for those of a chart.
     starts : (rows columns + 1,) int64
         Index of the first saddle of each bin.
-    rows, columns : int
     left, top : float
         Origin of the first bin, in pixels.
     side : float

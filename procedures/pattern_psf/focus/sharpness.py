@@ -59,7 +59,6 @@ def measure_sharpness(
 
     Parameters
     ----------
-    plane : Plane
     chart : Chart
         The cells that were printed.
     parameters : PatternParameters

@@ -20,7 +20,6 @@ def gamma_diagram(optics: Optics, s: int, k: int, aim: float, diffraction: Diffr
 
     Parameters
     ----------
-    optics : Optics
     s, k : int
         Sampling of the PSF.
     aim : float

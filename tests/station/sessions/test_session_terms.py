@@ -78,7 +78,7 @@ def test_mtf_that_is_limited_is_reported_with_all_terms_of_its_uncertainty(tmp_p
     own = assess(plane().psf, n=9, at=(0.2,)).numbers["mtf_at_0.2_horizontal"]
     reported = found.numbers["mtf_at_0.2_horizontal"]  # 25 lp/mm of a pitch of two times 4 um
     assert reported.value == own.value
-    # twice the noise in what the model leaves over: the root of 1 + 4 times as uncertain, but for the choice
+    # model error twice the noise: the root of 1 + 4 times as uncertain, but for the choice
     assert reported.uncertainty == pytest.approx(own.uncertainty * 5**0.5, rel=0.02)
     assert found.specification.judged == "meets"
 
