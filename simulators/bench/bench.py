@@ -74,7 +74,6 @@ class SimulatedBench:
         self.view = View(self.world, picture)
         self.subject = "chart"
         self._usual_camera: SimulatedCamera | None = None
-        self._lit_by_stage = False
         self.motions: tuple[tuple[SinusoidalDrive, ...], ...] = ()
         self._room = setup.room
         self._motors_on_box = setup.motors_on_box
@@ -92,7 +91,7 @@ class SimulatedBench:
 
     def _devices(self, rng: np.random.Generator) -> dict[str, SerialDevice]:
         axes, seeds = self.world.axes, rng.spawn(4)
-        outputs = Outputs(self._relay, self._spindle)
+        outputs = Outputs(self._relay, self.world.set_lamp)
         chain = {number: [(axes[name], UNIT_PER_STEP[name])] for number, name in ((1, "pan_deg"), (2, "tilt_deg"))}
         return {
             "stage": GrblController({"X": axes["z_mm"], "Y": axes["x_mm"], "Z": axes["y_mm"]}, outputs=outputs),
@@ -138,12 +137,6 @@ class SimulatedBench:
             self.body.close(now_s)
         else:
             self.body.release(now_s)
-
-    def _spindle(self, level: float, now_s: float) -> None:
-        """The stage's controller switches the lamp too, but a reset of it does not switch off what others lit."""
-        if level or self._lit_by_stage:
-            self.world.set_lamp(level, now_s)
-        self._lit_by_stage = level > 0
 
     def address(self, device: str) -> str:
         """The URL of a device's port."""

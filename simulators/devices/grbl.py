@@ -106,8 +106,8 @@ class GrblController:
     def _begin_anew(self, state: str, now_s: float) -> None:
         self.program.run, self.program.counters = Run(state), Counters()
         self.program.last_error = 0
-        self.program.modes = type(self.program.modes)()
         self.program.switch_off(now_s)
+        self.program.modes = type(self.program.modes)()
         self.motion.overrides[:] = [100, 100]
         self.spindle_override, self._critical, self._alarmed = 100, False, 0
         self._forget_lines()

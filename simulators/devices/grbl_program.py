@@ -273,10 +273,14 @@ class Program:
         self.outputs.spindle(0.0 if modes.spindle == 5 else level, now_s)
 
     def switch_off(self, now_s: float) -> None:
-        """Switch spindle and relay off, as any reset does; shown in the next report."""
+        """Switch spindle and relay off, as any reset does; shown in the next report.
+
+        A spindle output that is off stays as it is: what it would switch may be lit by another device.
+        """
         self._outputs_changed()
         self.outputs.relay(False, now_s)
-        self.outputs.spindle(0.0, now_s)
+        if self.modes.spindle != 5:
+            self.outputs.spindle(0.0, now_s)
 
     def finish(self, code: Code, now_s: float) -> Answer:
         """Apply the modes, non-modal commands, motion, and the end of the program."""

@@ -48,7 +48,7 @@ from procedures.restoration.masks.blur_operator import Blur
 from procedures.restoration.masks.camera_motion import Poses, motion_blur, poses_of
 from procedures.restoration.masks.psf_shapes import measured_field
 from procedures.restoration.photograph_blur import BlurSpec, KnownShapes, UnknownMotion, blur_of
-from procedures.restoration.unknown_motion.motion_splines import recorded
+from procedures.restoration.unknown_motion.motion_splines import fit_recorded
 from procedures.restoration.unknown_motion.recorded_paths import read_path, recorded_masks
 from procedures.slanted_edge.estimate import estimate_edges
 from station.batch.procedure_file import read_procedure
@@ -280,7 +280,7 @@ def _imu_motion(path: Path) -> None:
 def _path(path: Path) -> None:
     """Where the search of a motion begins that was recorded."""
     found = recorded_masks(np.stack([one[0] for one in photographs()]), [read_path(path), CIRCLE], 3)
-    _finite(recorded(CIRCLE, found[0], 2.0))
+    _finite(fit_recorded(CIRCLE, found[0], 2.0))
 
 
 @cache

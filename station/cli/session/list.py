@@ -67,7 +67,7 @@ def session_list(root: Path, as_json: bool, **wanted: Any) -> None:
     elif entries:
         click.echo(columns([HEADING, *(_row(one) for one in entries)]))
     else:
-        log("sessions", f"no session in {root} is like that", root=str(root))
+        log("sessions", f"no session in {root} matches", root=str(root))
     for one in entries:
         if one.damage:
             log("damaged", f"{one.folder.name}: {one.damage}", level="warning", folder=str(one.folder))

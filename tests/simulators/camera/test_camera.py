@@ -194,7 +194,7 @@ def test_optics_for_another_pitch_are_refused():
 
 
 def test_a_lens_cannot_focus_within_its_focal_length():
-    with pytest.raises(ValueError, match="focuses beyond its focal length"):
+    with pytest.raises(ValueError, match="must focus beyond its focal length"):
         GREY.projection(40.0)
 
 

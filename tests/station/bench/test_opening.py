@@ -110,7 +110,7 @@ def test_relay_and_light_may_share_the_stages_controller(bench, tmp_path):
     [
         ("", "configures no devices"),
         ("devices = 3", "configures no devices"),
-        ("[devices.stage", "is no TOML"),
+        ("[devices.stage", "is not valid TOML"),
     ],
 )
 def test_a_file_that_configures_nothing_is_refused(tmp_path, text, complaint):

@@ -208,7 +208,9 @@ def test_opcodes_take_the_place_of_those_that_were_there(photo):
     assert len(opcodes_in(twice, "copy")) == 1
 
 
-@pytest.mark.parametrize(("data", "words"), [(b"P5\n4 4\n255\n", "no DNG"), (b"II*\0\xff\xff\0\0", "ends within")])
+@pytest.mark.parametrize(
+    ("data", "words"), [(b"P5\n4 4\n255\n", "not a DNG"), (b"II*\0\xff\xff\0\0", "truncated within")]
+)
 def test_what_is_no_dng_is_refused(data, words):
     with pytest.raises(BadInput, match=words):
         with_opcodes(data, [], "photo")

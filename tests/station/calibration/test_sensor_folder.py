@@ -65,7 +65,7 @@ def test_light_is_the_exposure_where_nothing_else_is_told(folder):
         ("sensor.csv", CSV.replace(",1500\na2", ",\na2"), "in another way"),
         ("sensor.csv", "name,kind\n", "needs the columns"),
         ("sensor.toml", "level = 3", "holds"),
-        ("sensor.toml", "level =", "is no TOML"),
+        ("sensor.toml", "level =", "is not valid TOML"),
         ("sensor.toml", TOML.replace('["d1.png", "d2.png"]', "[]"), "needs its files"),
         ("sensor.toml", TOML.replace('["d1.png", "d2.png"]', "5"), "needs its files"),
         ("sensor.toml", "x = " + "[" * 100_000, "RecursionError"),

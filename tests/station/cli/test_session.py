@@ -164,7 +164,7 @@ def test_session_that_is_none_is_refused(session):
     for command in ("show", "recompute", "report", "resume"):
         done = session(command, "nothing")
         assert done.exit_code == 4, command
-        assert "no session" in done.stderr
+        assert "not a session" in done.stderr
 
 
 def test_resume_of_a_step_that_the_plan_has_not_names_its_steps(session):

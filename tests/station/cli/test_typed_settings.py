@@ -31,8 +31,8 @@ def test_f_number_that_contradicts_the_file_is_refused_with_both(run, estimator,
 def test_f_number_of_an_edge_that_contradicts_the_file_is_refused(run, photograph, tmp_path):
     done = run("mtf", "edge", photograph, "--f-number", 5.6, "--pixel-pitch-um", 5, "--out", tmp_path / "out")
     assert done.exit_code == 2
-    assert "the f-number was given as 5.6, and the camera noted 2.8" in done.stderr
-    assert "to insist, add --trust-typed" in done.stderr
+    assert "the f-number was given as 5.6, but the camera recorded 2.8" in done.stderr
+    assert "to keep it, add --trust-typed" in done.stderr
 
 
 def test_insisting_takes_what_was_typed_and_is_in_the_record(run, estimator, photograph, tmp_path):
