@@ -128,7 +128,7 @@ def test_optics_that_contradict_a_file_are_named_and_can_be_insisted_on(done, tm
     (row,) = again(tmp_path / "in", tmp_path / "out", text)
     assert row.verdict == "refused"
     assert "the f-number was given as 11, but the camera recorded 2.8" in row.reason
-    assert row.remedy.endswith("to insist, write trust_typed = true")
+    assert row.remedy.endswith("in a procedure file write trust_typed = true")
     (row,) = again(tmp_path / "in", tmp_path / "out", "trust_typed = true\n" + text)
     # it is insisted on, and estimated; the photograph's own far tail tells that it is wrong all the same
     assert row.verdict == "doubtful"
