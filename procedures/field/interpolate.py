@@ -126,12 +126,12 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
     data = WhitenedNodes.of(nodes, shape)
     folds = list(_folds(data.places))
     scores = _separate_scores(data, folds)
-    best = min(scores, key=lambda one: one[2])
+    best = min(scores, key=_rank)
     axis = _axis(data, best[1])
     if axis is not None:
         symmetric, axis = _symmetric_scores(data, folds, best[1], axis)
         scores += symmetric
-    scores.sort(key=lambda one: one[2])
+    scores.sort(key=_rank)
     recipe, r, _ = scores[0]
     field = _field(plane, shape, nodes, data, recipe, r)
     told = tuple(Candidate(one.name, n, score) for one, n, score in scores)
@@ -206,6 +206,12 @@ def _few(data: WhitenedNodes) -> bool:
 
 _Scores = list[tuple[Recipe, int, float]]
 _Folds = Sequence[tuple[Indices, Indices]]
+
+
+def _rank(score: tuple[Recipe, int, float]) -> tuple[float, int]:
+    """The error, and where errors are equal but for rounding the number of components: a constant has any number."""
+    _, components, error = score
+    return float(f"{error:.9g}"), components
 
 
 def _separate_scores(data: WhitenedNodes, folds: _Folds) -> _Scores:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures.field.interpolate import interpolate, rebuild
+from procedures.field.interpolate import _rank, interpolate, rebuild
 from procedures.field.models import Separate
 from procedures.numerics.scattered import ThinPlate
 from procedures.outcome import Refused
@@ -192,3 +192,8 @@ def test_places_measured_twice_are_left_out_together(camera, covariance, found):
     assert noise[0] < 0.7 * noise[1]
     with pytest.raises(Refused, match="plane G1 has 3"):
         interpolate("G1", SHAPE, twice[:3] + twice[25:28])
+
+
+def test_of_models_that_err_alike_but_for_rounding_the_one_of_fewest_components_is_first():
+    scores = [("constant", 4, 1.1517628096640071), ("constant", 1, 1.1517628096640073), ("linear", 1, 1.1517)]
+    assert sorted(scores, key=_rank) == [scores[2], scores[1], scores[0]]
