@@ -32,11 +32,11 @@ def hung_and_lit(lab) -> None:
 async def type_another(driver: Driver) -> None:
     await driver.until("Or continue a session")
     await driver.press("tab", "enter")
-    await driver.until("clear: Enter moves")
+    await driver.until("clear: press Enter to move")
     await driver.press("enter")
     await driver.until("What is the lens's focal length?")
     await driver.press(*"50", "enter")
-    await driver.until("How far apart are the sensor's pixels?")
+    await driver.until("What is the sensor's pixel pitch?")
     await driver.press(*"5.94", "enter")
     await driver.until(NAMED)
     assert "Distance now" in driver.words  # it is still the step in which it was typed

@@ -158,7 +158,7 @@ def test_the_simulated_ring_turns_by_keys_and_stages_move_by_enter_alone(tmp_pat
         await driver.press("f7")
         await driver.until("the simulated camera")
         await driver.press("1")
-        await driver.until("clear: Enter moves")
+        await driver.until("clear: press Enter to move")
         await driver.press("1", "space", "right")
         assert not lab.stage.homed
         await driver.pilot.pause(1.25 * MIN_READ_S)

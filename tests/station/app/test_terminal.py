@@ -122,7 +122,7 @@ def test_suspended_it_gives_the_terminal_back_and_takes_it_again(terminal):
     terminal.wait_until(terminal.suspended)
     assert not terminal.raw()
     terminal.program.send_signal(signal.SIGCONT)
-    terminal.wait_for("EMERGENCY STOP: everything was halted")
+    terminal.wait_for("EMERGENCY STOP: every device was stopped")
     assert terminal.raw()
     terminal.press(b"\x1bOR")  # F3
     terminal.wait_for("Manual moves")
