@@ -17,7 +17,7 @@ MAX_STALLED = 3
 """Consecutive moves, or new answers, without improvement."""
 IMPROVEMENT_FACTOR = 0.9
 """An improvement reduces the deviation from the tolerance to at most this factor times the previous one."""
-REMEDY = "enter the numbers again, or confirm that they are right"
+REMEDY = "correct the numbers, or confirm them"
 
 
 @dataclass

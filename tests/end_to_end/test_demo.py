@@ -213,7 +213,7 @@ def test_refused_planes_are_reported_everywhere_with_exit_5(refused, tmp_path):
     record = json.loads((tmp_path / "result.json").read_text())
     assert record["summary"]["ratio_mean"] is None
     plane = record["photographs"][0]["planes"]["G1"]
-    assert f"N{plane['reason'][1:]}. S{plane['remedy'][1:]}." in text  # no chart ...: show the whole chart ...
+    assert f"N{plane['reason'][1:]}. P{plane['remedy'][1:]}." in text  # no chart ...: photograph the whole chart ...
 
 
 def test_json_is_the_record_only(refused, tmp_path):

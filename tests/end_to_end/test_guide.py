@@ -128,7 +128,7 @@ def test_it_goes_through_and_ends_with_a_report(done):
 def test_errors_of_the_setup_were_reported_and_corrected(done):
     asked = " ".join(ask.question for ask in done.asked if ask.key == "by_hand")
     assert "set the exposure time from 1/160 s to 1/50 s" in asked
-    assert "light that side more" in asked
+    assert "add light on that side" in asked
     assert "Turn the chart counter-clockwise by 6." in asked
     assert "focus ring" in asked
     assert abs(done.view.mount.roll_deg) < 1

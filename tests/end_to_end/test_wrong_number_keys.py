@@ -14,7 +14,7 @@ from tests.station.app.driving import Driver, drive
 pytestmark = pytest.mark.slow
 DONE = ("print", "mount")
 NAMED = "the focal length was given as 50 mm, but the camera recorded 24 mm"
-REMEDY = "Enter the numbers again, or confirm that they are right."
+REMEDY = "Correct the numbers, or confirm them."
 SIZES = ("focal_length_mm", "pixel_pitch_um")
 
 

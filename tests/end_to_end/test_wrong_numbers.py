@@ -25,7 +25,7 @@ CASES = {
     ),
     "sensor": ({"pixel_pitch_um": 5.94 * 1.2}, "pixel pitch of", "distance"),
     "ruler": ({"ruler_mm": 80.0}, "a ruler that measures", "distance"),
-    "chart": ({"chart_seed": 7.0}, "other cells than those of its number 7; they are those of 1", "mount"),
+    "chart": ({"chart_seed": 7.0}, "cells of number 7, but those of number 1", "mount"),
 }
 
 

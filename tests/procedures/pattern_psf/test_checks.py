@@ -238,4 +238,4 @@ def test_a_shot_with_other_settings_does_not_count(shoot):
     assert check_shot(frame, facts).good
     refused = check_shot(shoot(exposure_s=0.03), facts)
     assert not refused.good
-    assert "exposure time is 0.03 s in place of 0.024 s" in refused.say
+    assert "exposure time is 0.03 s instead of 0.024 s" in refused.say

@@ -274,7 +274,7 @@ def test_each_of_several_charts_can_be_chosen() -> None:
     scene = Scene(tuple(camera.place(CHART, pixels=90, at=(x, 0.5), roll_deg=4.0) for x in (0.26, 0.74)))
     shot = camera.photograph(scene, np.random.default_rng(2))
     plane = Plane("Y", shot.plane("Y").astype(np.float32), 1 / 65535)
-    assert "one chart is needed" in estimate_psf(plane, CHART).reason
+    assert "one chart is required" in estimate_psf(plane, CHART).reason
     sightings = find_charts(plane.samples)
     assert len(sightings) == 2
     middle = np.full((1, 2), CELLS / 2)

@@ -82,7 +82,7 @@ def test_noise_is_the_sensors() -> None:
 def test_white_beyond_saturation_is_refused() -> None:
     outcome = estimate_psf(plane(), CHART, sensor=replace(SENSOR, saturation=2000.0))
     assert outcome.verdict is Verdict.REFUSED
-    assert "below the sensor's saturation" in outcome.reason
+    assert "97% of the sensor's saturation" in outcome.reason
 
 
 def test_straightened_is_the_inverse_of_bent() -> None:

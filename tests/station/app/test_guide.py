@@ -381,7 +381,7 @@ def test_a_curve_that_explains_is_shown_with_its_sentence_and_leaves_room_for_th
     async def use(driver: Driver) -> None:
         await driver.begin()
         await driver.until(MOVED.question)
-        await driver.until("At s/t 1.3 (18.08 m) gamma is 0.36")
+        await driver.until("At s/t 1.3 (18.08 m) the noise amplification")
         await driver.until("(12.39")
 
     drive(StationApp(FakeLab(tmp_path, explained)), use, size)

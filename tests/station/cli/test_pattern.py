@@ -78,7 +78,7 @@ def test_a_lens_that_is_told_shows_what_every_distance_does_to_the_noise(tmp_pat
     assert least[1:5] == ["8.76", "m", "83", "px"]
     (far,) = (row for row in rows if row[::2][:2] == ["0.7", "m"])
     assert float(far[5]) > 4 * float(least[5])
-    assert "f/8 passes up to 1.89 cycles/pixel" in " ".join(told.split())
+    assert "The cutoff of f/8 is 1.89 cycles/pixel" in " ".join(told.split())
     grey = _run(tmp_path / "c.pgm", *lens, "--monochrome").stderr
     (twice,) = (line.split() for line in grey.splitlines() if line.split()[::2][:2] == ["1.3", "m"])
     assert float(twice[1]) == pytest.approx(2 * 8.764 - 0.05, abs=0.01)

@@ -80,7 +80,7 @@ def test_corrections_of_one_look_are_approved_once_and_not_requested_from_the_op
 
     operator = Watchful(bench)
     Run(benches.short_plan(look=Look("trial", nearer)), bench, session, operator).go()
-    (asked,) = [question for question in operator.questions if "moves on as this step needs" in question]
+    (asked,) = [question for question in operator.questions if "Further moves of this step follow" in question]
     assert "z from 700.0 to 800.0 mm" in asked
     says = [event.advice.say for event in operator.heard if isinstance(event, FrameEvent) and not event.advice.good]
     assert len(says) >= 3  # 200, 100, 50 mm
@@ -98,7 +98,7 @@ def test_after_manual_work_the_next_correction_needs_a_new_approval(bench, sessi
     operator = Watchful(bench)
     turns = iter(advices)
     Run(benches.short_plan(look=Look("trial", lambda frame, facts: next(turns))), bench, session, operator).go()
-    assert sum("moves on as this step needs" in question for question in operator.questions) == 2
+    assert sum("Further moves of this step follow" in question for question in operator.questions) == 2
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ def test_a_stage_that_lost_its_position_does_not_home_again_without_approval(tmp
     ):
         operator = Watchful(bench)
         assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
-    again = [i for i, question in enumerate(operator.questions) if question.endswith("back to where it was.")]
+    again = [i for i, question in enumerate(operator.questions) if question.endswith("back to the last position.")]
     first, *later = [asked for verb, asked in operator.moved if verb == "home"]
     assert first == 1
     assert again == [1]

@@ -125,7 +125,7 @@ def test_a_look_corrects_with_the_bench_where_possible(bench, session):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("moves", "why"), [({"z_mm": 5000.0}, "goes from 0 to 1500"), ({"lens_mm": 1.0}, "")])
+@pytest.mark.parametrize(("moves", "why"), [({"z_mm": 5000.0}, "its travel is 0 to 1500"), ({"lens_mm": 1.0}, "")])
 def test_other_corrections_are_requested_from_the_operator(bench, session, moves, why):
     looks = []
 

@@ -21,9 +21,9 @@ SEEDS = [int(os.environ["STATION_SCENARIO"])] if "STATION_SCENARIO" in os.enviro
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_runs_with_random_faults_end_in_order(tmp_path, seed):
-    faults, mishaps = random_trouble(seed)
+    faults, fault_events = random_trouble(seed)
     operator = ScriptedOperator({"trouble": lambda ask: "try again" if operator.count("trouble") % 4 else "skip"})
-    with benches.quick_bench(tmp_path, faults=faults, mishaps=mishaps, seed=seed) as bench:
+    with benches.quick_bench(tmp_path, faults=faults, fault_events=fault_events, seed=seed) as bench:
         with benches.new_session(tmp_path, bench) as session:
             ended = Run(benches.short_plan(), bench, session, operator).go()
             assert ended.how in ("finished", "stopped")

@@ -25,7 +25,7 @@ def photographed(request, tmp_path_factory):
     """A photograph by a lens at that f-number, which the file does not note."""
     path = tmp_path_factory.mktemp("taken") / "shot.dng"
     camera = bench_camera()
-    lens = replace(camera.lens, f_number=request.param, recorded=False)
+    lens = replace(camera.lens, f_number=request.param, noted=False)
     camera = replace(camera, lens=lens, focus_mm=Z_MM, oversampling=4)
     placed = PlacedChart(Chart.from_seed(), Pose((0.0, 0.0, Z_MM), 0.0, 0.0, 0.0), CELL_MM)
     exposure_s = 0.022 * (request.param / 5.6) ** 2  # green at four fifths of the scale
