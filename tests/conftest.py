@@ -46,6 +46,10 @@ for _number in (getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP"
 ROOT = Path(__file__).resolve().parent.parent
 ABSENT = "no shared data"
 
+# a folder that is not there is no folder: the commands take it from the environment too, and refuse it
+if not Path(os.environ.get("STATION_SHARED_DATA", ROOT)).is_dir():
+    del os.environ["STATION_SHARED_DATA"]
+
 
 @pytest.fixture
 def rng() -> np.random.Generator:

@@ -181,7 +181,7 @@ def _checks(found: Interpolation, maps: Sequence[FieldMap]) -> list[Check]:
               "the frame's centre lies beyond the nodes: its PSF is that of the nearest place among them",
               "photograph the chart on all sides of the centre"),
         Check("interpolation", error, LARGE_ERROR, Verdict.DOUBTFUL,
-              f"between the nodes the PSF is told to {error:.0%} of its norm only",
+              f"between the nodes the PSF is known to {error:.0%} of its norm only",
               "photograph the chart at more places"),
         Check("coverage", enclosed, SMALL_SHARE, Verdict.DOUBTFUL, f"the nodes enclose {enclosed:.0%} of the frame",
               "photograph the chart nearer to the frame's corners too", least=True),

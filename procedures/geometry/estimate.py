@@ -52,7 +52,7 @@ class GeometryParameters:
     model : str or None
         One of COLMAP's camera models, or a spline over it, OPENCV+SPLINE_12X9; None: chosen from the views.
     distances_mm : tuple of float
-        At which the projection's uncertainty is told, besides the charts' own and infinity.
+        At which the projection's uncertainty is reported, besides the charts' own and infinity.
     """
 
     cell_mm: float

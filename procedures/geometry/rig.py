@@ -182,7 +182,7 @@ def _rigid(found: RigPose) -> Check:
         -stats.norm.ppf(found.chance),
         -stats.norm.ppf(UNLIKELY),
         Verdict.DOUBTFUL,
-        f"the charts tell relative poses that differ by {found.misfit:.1f} times their uncertainties",
+        f"the charts give relative poses that differ by {found.misfit:.1f} times their uncertainties",
         "see that the photographs were taken at one time, that they are named alike, and that the rig does not give",
     )
 

@@ -88,7 +88,7 @@ def ladder_checks(recording: SensorRecording) -> list[Check]:
               f"the ladder has {len(variance)} levels; the standard asks for 50",
               f"take at least {ENOUGH_LEVELS} levels, evenly spaced", least=True),
         Check("rounding", least_noise**0.5, LEAST_DARK_VARIANCE**0.5, DOUBTFUL,
-              "in the dark rounding rules: temporal dark noise is only known to be less than what is told",
+              "in the dark rounding rules: temporal dark noise is only an upper bound",
               "raise the gain until dark noise exceeds half a digital number", least=True),
     ]  # fmt: skip
 

@@ -94,7 +94,7 @@ def fit_plane(places_mm: Array, heights_um: Array, covariance: Array, size_mm: t
     design = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
     if len(x) < FEWEST or np.linalg.cond(design) > SINGULAR:
         raise Refused(
-            f"{len(x)} places do not tell a tilt from the lens's own curvature",
+            f"{len(x)} places do not separate a tilt from the lens's field curvature",
             "photograph charts at nine places: the centre, the sides and the corners of the frame",
         )
     root = linalg.cholesky(covariance, lower=True)

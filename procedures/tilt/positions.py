@@ -33,13 +33,13 @@ def behind_lens_um(position_mm: float, kind: Positions, focal_length_mm: float |
         return 1000 * position_mm
     if focal_length_mm is None:
         raise BadParameter(
-            "distances before the lens need its focal length, which the photographs do not tell",
+            "distances before the lens need its focal length, which the photographs do not record",
             "give --focal-length-mm",
         )
     if position_mm <= focal_length_mm:
         raise BadParameter(
             f"a distance of {position_mm:g} mm is not beyond the focal length of {focal_length_mm:g} mm",
-            "give distances in millimetres, or say by --positions lens that the lens's own place is told",
+            "give distances in millimetres, or use --positions lens if the lens's own position is given",
         )
     image_um = 1000 * focal_length_mm * position_mm / (position_mm - focal_length_mm)
     return image_um if kind is Positions.SET else -image_um

@@ -34,7 +34,7 @@ def rail_of(known: TiltFacts) -> AxisTravel:
 
 def f_number_of(known: TiltFacts) -> float:
     """The f-number. Raises BadParameter where it is not known."""
-    return required(known.aperture, "the f-number", "tell it in the step `rail`")
+    return required(known.aperture, "the f-number", "give it in the step `rail`")
 
 
 def bracket_mm(optics: Optics, f_number: float, distance_mm: float) -> list[float]:

@@ -19,7 +19,7 @@ def shim_words(found: Tilt) -> str:
         return ""
     size = f"{abs(shim.value):.1f} ± {shim.uncertainty:.1f} um"
     if abs(shim.value) < TOLD * shim.uncertainty:
-        return f"the backfocus of {size} is not told from none: leave the shim as it is"
+        return f"the backfocus of {size} does not differ from zero: leave the shim as it is"
     where, change, way = ("behind", "thinner", "towards") if shim.value < 0 else ("before", "thicker", "away from")
     turn = abs(shim.value) / (1000 * found.screws.pitch_mm)
     return (

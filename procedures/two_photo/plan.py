@@ -291,7 +291,11 @@ def choose_focus(places: Sequence[float], scores: Sequence[float]) -> Advice:
     """The sharpest of the bracket."""
     known = np.asarray(scores, dtype=np.float64)
     if not np.isfinite(known).any():
-        return Advice(False, "No place of the bracket can be told: focus by eye.", moves={"focus_steps": -places[-1]})
+        return Advice(
+            False,
+            "The bracket has no sharpest place: focus by eye.",
+            moves={"focus_steps": -places[-1]},
+        )
     best = float(places[int(np.nanargmax(known))])
     return Advice(True, f"Sharpest at {best:+g} steps.", moves={"focus_steps": best - places[-1]})
 

@@ -87,11 +87,11 @@ def read_sensor(path: Path, frame: RawFrame) -> KnownSensor:
         _check_iso(record, "the photograph", frame.exposure.iso)
         models = models_of(record)
         if not set(models) & set(frame.planes):
-            told = ", ".join(models) or "no plane"
-            raise BadInput(f"{path} tells of {told}, the photograph has {', '.join(frame.planes)}", _GIVE)
-        names = [name for name in frame.planes if name in models]
-        noise = {name: one for name in names if (one := _noise(path, record["planes"][name])) is not None}
-        return KnownSensor({name: models[name] for name in names}, noise, str(path), sha256)
+            names = ", ".join(models) or "no plane"
+            raise BadInput(f"{path} contains {names}; the photograph has {', '.join(frame.planes)}", _GIVE)
+        common = [name for name in frame.planes if name in models]
+        noise = {name: one for name in common if (one := _noise(path, record["planes"][name])) is not None}
+        return KnownSensor({name: models[name] for name in common}, noise, str(path), sha256)
 
 
 def read_models(path: Path, photographs: Sequence[Path]) -> dict[str, SensorModel]:

@@ -28,10 +28,10 @@ LENSES = ("lensfun", "dng")
 @click.option("--gain-map", is_flag=True, help="dng: vignetting as a map of gains for each plane, colour shading too.")
 @click.option("--photo", type=click.Path(path_type=Path), help="dng: the photograph that is copied.")
 @click.option("--maker", default="unknown", show_default=True, help="lensfun: of camera and lens.")
-@click.option("--camera", help="lensfun: its model.  [default: as the field tells]")
-@click.option("--lens", help="lensfun: its name.  [default: as the field tells]")
-@click.option("--focal-length-mm", type=Number(min=0.1), help="lensfun.  [default: as the field tells]")
-@click.option("--f-number", type=Number(min=0.1), help="lensfun: of the vignetting.  [default: as the field tells]")
+@click.option("--camera", help="lensfun: its model.  [default: from the field]")
+@click.option("--lens", help="lensfun: its name.  [default: from the field]")
+@click.option("--focal-length-mm", type=Number(min=0.1), help="lensfun.  [default: from the field]")
+@click.option("--f-number", type=Number(min=0.1), help="lensfun: of the vignetting.  [default: from the field]")
 @click.option("--pixel-pitch-um", type=Number(min=0.1), help="lensfun.  [default: by the focal length]")
 @click.argument("out", type=click.Path(path_type=Path))
 @log_json_option
@@ -148,7 +148,7 @@ def _export_dng(
         missing = [name for name in frame.planes if name not in lights]
         if missing:
             raise BadParameter(
-                f"a map of gains is needed for every plane; the flats tell none of {', '.join(missing)}",
+                f"a map of gains is needed for every plane; the flats have none of {', '.join(missing)}",
                 "give the result of station vignetting, of RAW files of this camera",
             )
         shading = {name: (lights[name], one.origin) for name, one in frame.planes.items()}

@@ -131,7 +131,7 @@ def line(seen: FocusReading) -> str:
 def summary(seen: FocusReading) -> str:
     """The best of all."""
     if seen.best is None:
-        return f"none of {seen.number} photographs could be told"
+        return f"none of {seen.number} photographs could be measured"
     told = f"sharpest: photograph {seen.best} of {seen.number}, MTF50 {seen.scores[seen.best - 1]:.3f}"
     peak = seen.peak
     if peak is None:

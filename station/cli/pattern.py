@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @click.option(
     "--cell-pixels", type=int, default=8, show_default=True, help="Pixels along a cell, for PNG and PGM: 1 to 32."
 )
-@click.option("--focal-length-mm", type=Number(min=1), help="Your lens: tells what each distance is good for.")
+@click.option("--focal-length-mm", type=Number(min=1), help="Of the lens: lists the noise at each distance.")
 @click.option("--pixel-pitch-um", type=Number(min=0.1), help="Your sensor's, with --focal-length-mm.")
 @click.option("--f-number", type=Number(min=0.1), help="Your aperture, with the two.")
 @click.option("--monochrome", is_flag=True, help="The sensor has no colour mosaic.")

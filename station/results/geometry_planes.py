@@ -25,7 +25,7 @@ def plane_entry(planes: Mapping[str, Any], plane: str | None, record: Path) -> t
         If it does not tell of that one.
     """
     if not planes:
-        raise BadInput(f"{record} tells of no plane", "name the folder that station geometry wrote")
+        raise BadInput(f"{record} contains no plane", "name the folder that station geometry wrote")
     name = plane or ("G1" if "G1" in planes else next(iter(planes)))
     if name not in planes:
         raise BadParameter(f"{record} has the planes {', '.join(planes)}, not {name!r}", "name one of these")

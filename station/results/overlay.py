@@ -68,7 +68,7 @@ class HeightOverlay:
 
 def _check_unit(name: str, theirs: Unit, own: Unit) -> None:
     if theirs != own:
-        raise BadParameter(f"{name} tells its MTF in {theirs}, and this result in {own}", f"add --unit {theirs}")
+        raise BadParameter(f"{name} gives its MTF in {theirs}, and this result in {own}", f"add --unit {theirs}")
 
 
 def read_overlay(path: Path) -> Overlay:
@@ -96,7 +96,7 @@ def read_height_overlay(path: Path) -> HeightOverlay:
     (unit,) = _units(path, (heads[1] for heads, _ in read.values()))
     lengths = {heads[0].partition("[")[2].rstrip("]") for heads, _ in read.values()}
     if len(lengths) > 1:
-        raise BadParameter(f"{printable(path)} tells its planes in several units", REMEDY)
+        raise BadParameter(f"{printable(path)} gives its planes in several units", REMEDY)
     columns = {name: columns for name, (_, columns) in read.items()}
     return HeightOverlay(printable(path.name or path), unit, lengths.pop(), columns)
 
@@ -123,7 +123,7 @@ def _units(path: Path, heads: Iterable[str]) -> set[Unit]:
     """The one unit that the headings tell. Raises BadParameter where there are several."""
     units = {next((one for one in Unit if f"[{one}]" in head), Unit.CYCLES) for head in heads}
     if len(units) > 1:
-        raise BadParameter(f"{printable(path)} tells its planes in several units", REMEDY)
+        raise BadParameter(f"{printable(path)} gives its planes in several units", REMEDY)
     return units
 
 

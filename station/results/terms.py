@@ -66,7 +66,7 @@ class Terms:
                     f"a PSF of s = {record.psf.s} ends at {last:.4g} {one.unit}; "
                     f"ask for less, or give s = {math.ceil(2 * wanted)} or more"
                 )
-            yield f"no MTF is told at {one.value:g} {one.unit}: {reason}"
+            yield f"no MTF is reported at {one.value:g} {one.unit}: {reason}"
 
     def undecided(self, record: PlaneResult, reason: str) -> PlaneResult:
         """A plane's result that cannot be held to the specification, with the reason."""

@@ -46,7 +46,7 @@ PATIENCE_S = 3.0
 @inherited("--unit", type=UNITS, help="Of new sessions' frequencies.  [default: as station.toml says]")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Where to listen; 0.0.0.0 for the local network.")
 @click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0 takes a free one.")
-@click.option("--token", help=f"What clients must tell.  [default: {TOKEN} of the environment, or a new one]")
+@click.option("--token", help=f"Required from clients.  [default: {TOKEN} of the environment, or a new one]")
 @click.option("--no-token", is_flag=True, help="Let everybody in who reaches the port.")
 @click.option("--discovery", is_flag=True, help="Answer Alpaca's programs that look for servers (UDP 32227).")
 @click.option("--for-s", type=Number(min=0, max=1e9), help="End after so many seconds.  [default: on Ctrl-C]")

@@ -57,8 +57,8 @@ if TYPE_CHECKING:
     "--sensor",
     type=click.Path(path_type=Path),
     metavar="RESULT.json",
-    help="Of station sensor: its response is undone, its noise weighs the samples; gain and noise are told with the "
-    "camera.",
+    help="Of station sensor: its response is undone, its noise weighs the samples; gain and noise are reported with "
+    "the camera.",
 )
 @click.option(
     "--width-mm",

@@ -38,7 +38,7 @@ def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
         log("unknown", f"the journal does not speak of {printable(file)}", level="warning")
     if check:
         if not holds(record.folder / SUMS, hashlib.sha256(sums(record.folder, record.state)).hexdigest()):
-            log("unlike", f"{SUMS} is not what the journal tells; whoever resumes writes it anew", level="warning")
+            log("unlike", f"{SUMS} differs from the journal; it is rewritten on resume", level="warning")
         verify(record.folder, record.state)
         verify_results(record)
         check_whole(record)

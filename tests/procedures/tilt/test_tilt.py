@@ -113,7 +113,7 @@ def test_a_sheet_that_is_not_flat_widens_the_plane():
 
 def test_six_places_or_a_row_of_them_are_refused():
     for places in (NINE[:6], np.column_stack([np.linspace(-15, 15, 9), np.zeros(9)])):
-        with pytest.raises(Refused, match="do not tell a tilt"):
+        with pytest.raises(Refused, match="do not separate a tilt"):
             fit_plane(places, np.zeros(len(places)), np.eye(len(places)), FRAME)
 
 
@@ -168,7 +168,7 @@ def test_a_sensor_too_far_behind_asks_for_a_thinner_shim():
     assert "thinner by that, or turn every screw by 0.200 towards the lens" in shim_words(flat(70.0))
     assert "thicker by that, or turn every screw by 0.200 away from the lens" in shim_words(flat(-70.0))
     loose = TiltParameters(5.0, nominal_mm=0.0, nominal_uncertainty_mm=0.05)
-    assert "not told from none" in shim_words(flat(70.0, loose))
+    assert "does not differ from zero" in shim_words(flat(70.0, loose))
     assert not shim_words(replace(flat(70.0), with_focus=False))
 
 

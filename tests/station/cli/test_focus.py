@@ -40,4 +40,4 @@ def test_a_photograph_that_cannot_be_told_says_why(tmp_path):
     seen = FocusReading(frame, refused, 0.2, (math.nan,), (math.nan,), None, "Focus by eye first.")
     assert line(seen) == "  1  one.dng: no chart in the photograph; show it"
     assert json.loads(json.dumps(entry(seen), allow_nan=False))["reason"] == "no chart in the photograph"
-    assert summary(seen) == "none of 1 photographs could be told"
+    assert summary(seen) == "none of 1 photographs could be measured"

@@ -328,7 +328,7 @@ def test_other_results_are_drawn_over_and_named(report):
     drawn = strictly(f"<!doctype html><title>.</title>{mtf_figure(record.quality, None, 'a', others=others)}")
     assert "<last year>" in "".join(drawn.itertext())
     assert curves_over([other], report.planes[1].record) == {}
-    with pytest.raises(BadParameter, match="b tells its MTF in lp/mm"):
+    with pytest.raises(BadParameter, match="b gives its MTF in lp/mm"):
         curves_over([Overlay("b", Unit.LINE_PAIRS, {record.name: curves})], record)
 
 
