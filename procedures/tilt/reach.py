@@ -1,4 +1,4 @@
-"""Which bracket a chart needs, whether the rail reaches it, and the widest chart for which it does."""
+"""Range of the focus bracket for a chart, check against the travel of the rail, and the widest feasible chart."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from procedures.tilt.facts import TiltFacts
 from procedures.tilt.positions import Positions, behind_lens_um
 
 STEPS = (-3, -2, -1, 0, 1, 2, 3)
-"""Of the bracket, in depths of focus behind the lens: f-number times a pixel of the plane."""
+"""Range of the bracket in depths of focus behind the lens: f-number times a pixel of the plane."""
 MARGIN_MM = 200.0
-"""Kept free at either end of the rail's reach where a chart is proposed: the rangefinder's zero is not the lens, and
-s/t has a tolerance."""
+"""Margin at either end of the rail for a proposed chart: the rangefinder's zero is not the lens, and s/t has a
+tolerance."""
 BY_HAND = "take the bracket as your camera can, and give it to `station tilt` with a table of its positions"
 
 
 def rail_of(known: TiltFacts) -> AxisTravel:
-    """The rail. Raises BadParameter where the bench has none, or its travel is not known."""
+    """The rail. Raises BadParameter if the bench has none, or its travel is unknown."""
     rail = known.axes.get("z_mm")
     if rail is None or None in (rail.at, rail.low, rail.high):
         raise BadParameter("the bracket is made by a rail, the axis z_mm, which the bench has not", BY_HAND)
@@ -33,7 +33,7 @@ def rail_of(known: TiltFacts) -> AxisTravel:
 
 
 def f_number_of(known: TiltFacts) -> float:
-    """The f-number. Raises BadParameter where it is not known."""
+    """The f-number. Raises BadParameter if it is unknown."""
     return required(known.aperture, "the f-number", "give it in the step `rail`")
 
 
@@ -52,13 +52,13 @@ def bracket_mm(optics: Optics, f_number: float, distance_mm: float) -> list[floa
 
 
 def expected_bracket_mm(known: TiltFacts) -> list[float]:
-    """The bracket of a chart that is photographed at the s/t that the guide goes to."""
+    """The bracket of a chart at the target s/t of the guide."""
     optics = known.optics()
     return bracket_mm(optics, f_number_of(known), optics.distance_mm(known.wanted_px_per_cell))
 
 
 def reach_mm(known: TiltFacts) -> tuple[float, float]:
-    """Distances from the chart, least and greatest, to which the rail surely brings the lens.
+    """Guaranteed smallest and largest distance between chart and lens.
 
     Where no rangefinder has measured the wall's distance, they are counted from an end of the rail.
     """
@@ -77,7 +77,7 @@ def reaches(known: TiltFacts, depths: Sequence[float]) -> bool:
 
 
 def check_width(width: Fact, facts: Facts) -> None:
-    """Raises BadParameter where a chart so wide needs a bracket that the rail does not reach, or too many sheets."""
+    """Raise BadParameter if a chart of this width needs a bracket beyond the rail, or too many sheets."""
     check_sheets(width, facts)
     known = facts_as(TiltFacts, {**facts, "chart_width_mm": width})
     depths, (low, high) = expected_bracket_mm(known), reach_mm(known)
@@ -91,7 +91,7 @@ def check_width(width: Fact, facts: Facts) -> None:
 
 
 def width_within_reach(facts: Facts) -> float:
-    """The widest chart, in whole mm, that one sheet of the paper holds and whose bracket is in the rail's reach.
+    """Width in whole mm of the largest chart that fits one sheet and whose bracket fits the rail.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def width_within_reach(facts: Facts) -> float:
 
 
 def off_reach_mm(known: TiltFacts, depths: Sequence[float]) -> float:
-    """How much nearer to the rail the chart must come for a bracket; infinite where the rail is too short."""
+    """Required reduction of the distance between chart and rail; infinite if the rail is too short."""
     rail, start = rail_of(known), known.begun()
     at, low, high = (cast(float, one) for one in (rail.at, rail.low, rail.high))
     nearest, farthest = (at + depth - start.distance_mm for depth in (depths[0], depths[-1]))
@@ -122,5 +122,5 @@ def off_reach_mm(known: TiltFacts, depths: Sequence[float]) -> float:
 
 
 def without_laser(facts: Facts) -> Facts:
-    """What is known but for the rangefinder's reading: the chart may be hung anywhere."""
+    """The facts without the rangefinder's reading: the chart may be mounted anywhere."""
     return {name: one for name, one in facts.items() if name != "distance_mm"}

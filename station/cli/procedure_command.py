@@ -1,4 +1,4 @@
-"""The command of a procedure, drawn from its settings: arguments, options, help, results, exit code."""
+"""Generation of a command from the settings of a procedure: arguments, options, help, results, exit code."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ ARGUMENTS: dict[Inputs, tuple[str, int]] = {
     Inputs.SEVERAL: ("PHOTO...", -1),
     Inputs.RESULTS: ("FIRST SECOND", 2),
 }
-"""Of each kind of input: what stands for it in the help, and how many words it is."""
+"""Metavar and number of arguments by kind of input."""
 
 
 def __getattr__(name: str) -> click.Command:
@@ -87,7 +87,7 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
 
 
 def _option(one: SettingField) -> Any:
-    """A setting as an option: what is not given keeps the model's default."""
+    """A setting as an option; if it is not given, the default of the model applies."""
     flags = [one.option, one.name]
     shown = f"{one.description}  [default: {one.default}]" if one.default not in (None, False, ()) else one.description
     if one.kind is bool:
@@ -98,13 +98,13 @@ def _option(one: SettingField) -> Any:
 
 
 class NumberOr(click.ParamType):  # type: ignore[type-arg]  # generic in some releases only
-    """A whole number, or a word that stands for none."""
+    """An integer or a keyword."""
 
     def __init__(self, word: str) -> None:
         self.word, self.name = word, f"{word}|N"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
-        """The number, or the word."""
+        """Convert to an integer, or keep the keyword."""
         try:
             return self.word if value == self.word else int(str(value))
         except ValueError:
@@ -128,7 +128,7 @@ def _whole(bound: float | None) -> int | None:
 
 
 def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]) -> None:
-    """Measure, write, report, and leave with the exit code that the result deserves."""
+    """Measure, write, report, and exit with the code of the verdict."""
     done = list(_results(procedure, paths, chosen, given))
     finish([one for planes, _, _ in done for one in planes], "".join(text for _, text, _ in done),
            as_json=given["as_json"])  # fmt: skip
@@ -139,7 +139,7 @@ def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str,
 def _results(
     procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]
 ) -> Iterator[tuple[Sequence[PlaneResult], str, bool]]:
-    """Planes and record of every result, and whether inputs gave nothing; what is large is not kept."""
+    """Planes and record of every result without large arrays, and whether an input was unusable."""
     from station.calibration.field_photographs import photographs
     from station.results.measurement import write_measurement
     from station.results.result_files import ResultFolder
@@ -172,7 +172,7 @@ def _certify(folder: Any, procedure: Procedure[Any], found: Measurement) -> None
 
 
 def report(procedure: Procedure[Any], found: Measurement, written: Path) -> None:
-    """Lines on stderr: the photographs that gave nothing, every plane with its numbers, what was written."""
+    """Log unusable photographs, every plane with its numbers, and the files written."""
     tell_misses(found.missed or ())
     for one in found.planes:
         tell_result(one)

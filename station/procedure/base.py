@@ -1,4 +1,4 @@
-"""The protocol of procedures, and the base of those that look at photographs one by one."""
+"""Protocol of procedures, and the base class of those that process photographs plane by plane."""
 
 from __future__ import annotations
 
@@ -26,29 +26,29 @@ if TYPE_CHECKING:
 
 
 class Inputs(StrEnum):
-    """What a procedure takes at once, on the command line and as an item of a batch."""
+    """Input of one measurement, on the command line and as an item of a batch."""
 
     PHOTOGRAPH = "photograph"
     """One photograph."""
     PAIR = "pair"
     """Two photographs."""
     PHOTOGRAPHS = "photographs"
-    """Any number of photographs; a folder or a session stands for its own."""
+    """Any number of photographs; a folder or a session is replaced by its photographs."""
     FOLDER = "folder"
-    """A folder whose files have roles."""
+    """A folder with a manifest or a prescribed layout."""
     SEVERAL = "several"
-    """One file or several, which is up to the procedure; a batch takes each by itself."""
+    """One or several files, which the procedure groups itself; in a batch each is an item."""
     RESULTS = "results"
     """Two results of another procedure, each a folder or its record."""
 
 
 def upper_plane(name: str | None) -> str | None:
-    """A plane's name as records have it: G1 for g1, all for ALL."""
+    """Normalise the name of a plane: G1 for g1, all for ALL."""
     return name if name is None else "all" if name.lower() == "all" else name.upper()
 
 
 class RawLayout(Settings, frozen=True, kw_only=True):
-    """Settings of everything that reads whole photographs."""
+    """Settings of procedures that read photographs."""
 
     raw: (
         Annotated[
@@ -63,12 +63,12 @@ class RawLayout(Settings, frozen=True, kw_only=True):
 
     @property
     def layout(self) -> DumpLayout | None:
-        """How samples without a header lie. Raises BadParameter where the text says nothing of the kind."""
+        """Layout of samples without a header. Raises BadParameter if the text is invalid."""
         return None if self.raw is None else DumpLayout.parse(self.raw)
 
 
 class Reading(RawLayout, frozen=True, kw_only=True):
-    """Settings of everything that reads photographs by plane."""
+    """Settings of procedures that measure planes of photographs."""
 
     plane: Annotated[str, setting("R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")] | None = (
         None
@@ -76,11 +76,11 @@ class Reading(RawLayout, frozen=True, kw_only=True):
 
     @property
     def plane_name(self) -> str | None:
-        """The plane as records call it: G1 for g1, all for ALL."""
+        """The normalised name of the plane, see `upper_plane`."""
         return upper_plane(self.plane)
 
     def read(self, path: Path) -> RawFrame:
-        """The planes asked for: one, several with commas between them, or all. Raises ProcedureError."""
+        """The requested planes: one, several separated by commas, or all. Raises ProcedureError."""
         chosen = self.plane_name or default_plane(path, self.layout)
         return read_frame(path, None if chosen == "all" else chosen.split(","), self.layout)
 
@@ -93,7 +93,7 @@ ChartSeed = (
 
 
 def chart_source(bits: Path | None, seed: int | None) -> Source:
-    """The chart of its cells or its seed. Raises BadParameter where both were given."""
+    """The chart from its cells or its seed. Raises BadParameter if both are given."""
     if bits is not None and seed is not None:
         raise BadParameter("the chart comes from its cells or from its seed", "give one of them: --bits or --seed")
     if bits is not None:
@@ -102,7 +102,7 @@ def chart_source(bits: Path | None, seed: int | None) -> Source:
 
 
 class ChartReading(Reading, frozen=True, kw_only=True):
-    """Settings of everything that reads photographs of the noise chart."""
+    """Settings of procedures that measure photographs of the noise chart."""
 
     bits: ChartBits = None
     seed: ChartSeed = None
@@ -114,7 +114,7 @@ class ChartReading(Reading, frozen=True, kw_only=True):
 
 
 def beside(path: Path, folder: Path) -> Path:
-    """A file that is named from here, or lies in a folder."""
+    """The path itself if it is absolute or exists, else below `folder`."""
     return path if path.is_absolute() or path.exists() else folder / path
 
 
@@ -157,39 +157,39 @@ class Procedure(ABC, Generic[S]):
 
     @property
     def schema(self) -> str:
-        """Of its record."""
+        """Name of the schema of its record."""
         return f"station/{self.name}/1"
 
     def steps(self, paths: Sequence[Path]) -> int:
-        """How many steps a measurement of these files reports to its progress."""
+        """Number of progress steps of a measurement of these files."""
         return len(paths)
 
     @abstractmethod
     def measure(
         self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """What these files give. Raises ProcedureError where they give nothing that could be judged."""
+        """Measure the files. Raises ProcedureError if no plane can be given a verdict."""
 
     def places(self, paths: Sequence[Path]) -> list[str]:
-        """The folders of the results below --out: of a procedure that gives several, one for each."""
+        """Result folders below --out, one per measurement."""
         return [""]
 
     def measurements(
         self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
     ) -> Iterator[Measurement]:
-        """The measurement of each of `places`, one after the other."""
+        """Yield the measurement for each of `places`."""
         yield self.measure(paths, settings, terms, progress)
 
     def files(self, paths: Sequence[Path], settings: S) -> list[Path]:
-        """The files on which a measurement depends beside its inputs."""
+        """Files besides the inputs on which a measurement depends."""
         return [beside(one, paths[0].parent) for one in named_files(settings)]
 
     def lines(self, found: Measurement) -> list[str]:
-        """Further lines for the terminal, after those of the planes."""
+        """Additional lines for the terminal, after those of the planes."""
         return []
 
     def report(self, found: Measurement) -> Report:
-        """What certificates say of a measurement."""
+        """Contents of the certificate of a measurement."""
         from station.reports.measurement_page import measurement_report  # here: it draws, which is slow to load
 
         return measurement_report(found, self.title, self.method)
@@ -199,14 +199,14 @@ class Procedure(ABC, Generic[S]):
         return self.has_page and not found.refused
 
     def page(self, found: Measurement) -> bytes:
-        """The page for people: by default verdict, numbers, limits, curves and provenance."""
+        """The HTML page: by default verdict, numbers, limits, curves and provenance."""
         from station.reports.measurement_page import measurement_page  # here: it draws, which is slow to load
 
         return measurement_page(found, self.title).encode()
 
 
 class Numbered(Protocol):
-    """What a result must have: its numbers."""
+    """Result with named numbers."""
 
     @property
     def numbers(self) -> Mapping[str, Quantity]:
@@ -215,19 +215,19 @@ class Numbered(Protocol):
 
 
 class PhotographProcedure(Procedure[S]):
-    """A procedure that looks at the planes of photographs: `run` is all that it needs."""
+    """Base of a procedure that measures planes of photographs; only `run` must be implemented."""
 
     inputs = Inputs.PHOTOGRAPH
     Settings: ClassVar[type[Any]] = Reading
 
     @abstractmethod
     def run(self, frames: Sequence[RawFrame], settings: S) -> Mapping[str, Outcome[Any]]:
-        """The outcome of every plane. Its value has `numbers`; it may have `curves` and `arrays`."""
+        """The outcome by plane. Its value has `numbers`, and optionally `curves` and `arrays`."""
 
     def measure(
         self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """Reads the photographs, runs, and puts the planes together."""
+        """Read the photographs, call `run`, and collect the planes."""
         reading = settings if isinstance(settings, Reading) else Reading()
         frames = []
         for path in paths:
@@ -240,7 +240,7 @@ class PhotographProcedure(Procedure[S]):
 
 
 def plane_result(name: str, outcome: Outcome[Any], details: Mapping[str, Any] | None = None) -> PlaneResult:
-    """A plane's outcome with the numbers and curves of its value, and further entries of the record."""
+    """Convert the outcome of a plane, with additional entries of the record."""
     found = outcome.value
     numbers = {} if found is None else found.numbers
     return PlaneResult.of_outcome(

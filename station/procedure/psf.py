@@ -1,4 +1,4 @@
-"""What the procedures share that estimate one PSF for each plane: settings, measurement, page."""
+"""Settings, measurement and page shared by procedures that estimate one PSF per plane."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class PsfSettings(OpticsReading, frozen=True, kw_only=True):
-    """How a PSF is sampled and solved for, and the optics."""
+    """Sampling and solver of a PSF, and the optics."""
 
     s: Annotated[int, setting("PSF samples per pixel of the plane.")] | Literal["auto"] = "auto"
     k: Annotated[int, setting("PSF samples along one side, odd.")] | Literal["auto"] = "auto"
@@ -30,7 +30,7 @@ class PsfSettings(OpticsReading, frozen=True, kw_only=True):
     ] = "ls"  # fmt: skip
 
     def sampling(self) -> dict[str, Any]:
-        """s, k and the solver as estimates take them: None for what is chosen from the photograph."""
+        """Arguments s, k and solver of an estimate; None where chosen from the photograph."""
         return {"s": _number(self.s), "k": _number(self.k), "solver": self.solver}
 
 
@@ -40,7 +40,7 @@ def _number(value: int | str) -> int | None:
 
 @dataclass(frozen=True, eq=False)
 class PsfPhotographs:
-    """The photographs of a PSF, and what was asked for."""
+    """Photographs and settings of a PSF measurement."""
 
     frames: tuple[RawFrame, ...]
     asked: Mapping[str, Any]
@@ -50,7 +50,7 @@ P = TypeVar("P", bound=PsfSettings)
 
 
 class PsfProcedure(Procedure[P]):
-    """A procedure whose planes have one PSF each."""
+    """Base of procedures with one PSF per plane."""
 
     Settings: ClassVar[type[Any]] = PsfSettings
     schema = SCHEMA
@@ -61,7 +61,7 @@ class PsfProcedure(Procedure[P]):
         self, frames: Sequence[RawFrame], results: Iterable[PlaneResult], asked: Mapping[str, Any], settings: P,
         terms: Terms,
     ) -> Measurement:  # fmt: skip
-        """The planes' results in the terms that were asked for; `asked` are the estimate's parameters."""
+        """The results in the requested terms; `asked` are the parameters of the estimate."""
         pixels = settings.pixels(frames[0])
         planes = [terms.told(one, pixels[one.name]) for one in results]
         told = {**asked, **settings.given()}
@@ -70,11 +70,11 @@ class PsfProcedure(Procedure[P]):
         return replace(psf_measurement(planes, head), exposure=frames[0].exposure, terms=terms, found=found)
 
     def draws(self, found: Measurement) -> bool:
-        """Always: of what was refused the page has the reason."""
+        """True: the page of a refused measurement states the reason."""
         return True
 
     def report(self, found: Measurement) -> Report:
-        """With the photographs and the marks in them."""
+        """Contents of the page, with photographs and detected marks."""
         from station.reports.pattern_report import report_of_files  # here: it draws, which is slow to load
 
         whole: PsfPhotographs = found.found
@@ -83,7 +83,7 @@ class PsfProcedure(Procedure[P]):
         )
 
     def page(self, found: Measurement) -> bytes:
-        """The PSF and its MTF with all that is needed to believe them."""
+        """The HTML page with PSF, MTF, uncertainties and diagnostics."""
         from station.reports.pattern_report import calibration_page  # here: it draws, which is slow to load
 
         return calibration_page(self.report(found)).encode()

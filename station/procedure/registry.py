@@ -32,7 +32,7 @@ BUILTIN: Mapping[str, str] = {
 
 @cache
 def added() -> dict[str, EntryPoint]:
-    """Those of installed packages."""
+    """Procedures of installed packages."""
     return {one.name: one for one in entry_points(group=GROUP) if one.name not in BUILTIN}
 
 
@@ -42,7 +42,7 @@ def procedure_names() -> list[str]:
 
 
 def procedure_named(name: str) -> Procedure[Any]:
-    """The procedure of that name. Raises BadParameter where there is none."""
+    """The procedure of that name. Raises BadParameter if it is unknown."""
     if name in BUILTIN:
         module, _, attribute = BUILTIN[name].partition(":")
         found: Any = getattr(importlib.import_module(module), attribute)

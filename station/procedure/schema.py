@@ -14,7 +14,7 @@ from station.results.measurement import BY_PLANE
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 NUMBER_OR_NULL = {"type": ["number", "null"]}
-"""null stands for what is not finite."""
+"""JSON null represents values that are not finite."""
 
 
 def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
 
 
 def _path(kind: type) -> dict[str, Any]:
-    """A file's name, the one type of settings that JSON does not have."""
+    """Schema of a path, the only type of settings without a JSON type."""
     return {"type": "string"}
 
 

@@ -32,7 +32,7 @@ WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "
 def setting(
     description: str, *, least: float | None = None, most: float | None = None, metavar: str = ""
 ) -> msgspec.Meta:
-    """What a field's annotation says of it: description, bounds, and the word that stands for its value."""
+    """Annotation of a field: description, bounds, and metavar."""
     return msgspec.Meta(ge=least, le=most, description=description, extra={"metavar": metavar})
 
 
@@ -68,7 +68,7 @@ class SettingField:
 
 
 def fields_of(model: type[Settings]) -> list[SettingField]:
-    """The fields of a model in their order."""
+    """The fields of a model in order of definition."""
     hints = typing.get_type_hints(model, include_extras=True)
     return [_field(one, hints[one.name]) for one in msgspec.structs.fields(model)]
 
@@ -84,14 +84,14 @@ def _field(one: msgspec.structs.FieldInfo, hint: Any) -> SettingField:
 
 
 def _word(hint: Any) -> str:
-    """The text of `int | Literal["auto"]`."""
+    """Description of a number that may also be "auto"."""
     parts = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else ()
     texts = [one for part in parts if typing.get_origin(part) is Literal for one in typing.get_args(part)]
     return str(texts[0]) if texts and typing.get_origin(parts[0]) is not Literal else ""
 
 
 def _meta(hint: Any) -> msgspec.Meta | None:
-    """What `setting` says of a field; in an optional one or a list it stands inside, where bounds have a meaning."""
+    """The annotation of a field, also inside an optional field or a list."""
     inside = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType, tuple) else ()
     found = (extra for one in (hint, *inside) for extra in getattr(one, "__metadata__", ()))
     return next((extra for extra in found if isinstance(extra, msgspec.Meta)), None)
@@ -113,7 +113,7 @@ def _plain(hint: Any) -> tuple[type, tuple[str, ...], bool]:
 
 
 def read_settings(model: type[S], given: Mapping[str, Any], where: str = "") -> S:
-    """A model from a table of TOML or from options. Raises BadParameter with the key and the nearest known one."""
+    """Create a model from a TOML table or options. Raises BadParameter, which names the nearest valid key."""
     known = {one.name: one for one in fields_of(model)}
     for key in given:
         if key not in known:
@@ -133,7 +133,7 @@ def _path(kind: type, value: object) -> object:
 
 
 def _explained(message: str, known: Mapping[str, SettingField], given: Mapping[str, Any], where: str) -> BadParameter:
-    """What is wrong with which key, what it is, and what it must be."""
+    """Error message: key, required value, given value."""
     found = re.search(r"at `\$\.(\w+)", message)
     if found is None:
         missing = re.search(r"missing required field `(\w+)`", message)
@@ -157,14 +157,14 @@ def _required(one: SettingField) -> str:
 
 
 def named_files(settings: Settings) -> list[Path]:
-    """The files that a model names."""
+    """The files named in a model."""
     values = msgspec.structs.asdict(settings).values()
     every = (one for value in values for one in (value if isinstance(value, tuple) else (value,)))
     return [one for one in every if isinstance(one, Path)]
 
 
 def placed(settings: S, folder: Path) -> S:
-    """The same with the files that it names taken from a folder, where they lie in it."""
+    """Resolve relative file names against a folder, where such files exist."""
 
     def in_folder(value: Any) -> Any:
         if isinstance(value, tuple):
@@ -176,6 +176,6 @@ def placed(settings: S, folder: Path) -> S:
 
 
 def to_record(settings: Settings) -> dict[str, Any]:
-    """A model as a record holds it: plain data, without what is None."""
+    """Convert a model to JSON-compatible data, without None."""
     plain: dict[str, Any] = msgspec.to_builtins(settings, enc_hook=str)
     return {name: value for name, value in plain.items() if value is not None}

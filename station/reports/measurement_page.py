@@ -33,7 +33,7 @@ def measurement_page(found: Measurement, title: str) -> str:
 
 
 def measurement_report(found: Measurement, title: str, method: str = "") -> Report:
-    """What pages and certificates say of a measurement."""
+    """Contents of pages and certificates of a measurement."""
     inputs = found.head.input
     first = inputs[0].path.rpartition("/")[2] if inputs else RECORD
     return Report(
@@ -51,14 +51,14 @@ def measurement_report(found: Measurement, title: str, method: str = "") -> Repo
 
 
 def numbers_in_words(plane: PlaneResult) -> list[tuple[str, Quantity]]:
-    """All numbers of a plane with their labels, those of the table in its order."""
+    """All numbers of a plane with labels, in the order of `procedures.numbers`."""
     order = {name: at for at, name in enumerate(NUMBERS)}
     names = sorted(plane.numbers, key=lambda name: order.get(name, len(order)))
     return [(label(name, plane.unit), plane.numbers[name]) for name in names]
 
 
 def _curves(found: Measurement) -> list[str]:
-    """The names of the curves over the first column of each plane's."""
+    """Names of the curves, which are functions of the first column."""
     names = (name for one in found.planes for name in list(one.curves)[1:] if not name.endswith("_uncertainty"))
     return list(dict.fromkeys(names))
 

@@ -1,4 +1,4 @@
-"""A measurement: what a procedure found in its inputs, as records, pages, batches, limits and certificates read it."""
+"""Result of a procedure, from which record, page, batch table, limits and certificate are derived."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from station.results.units import Pixels
 
 NUMBERS = "numbers.csv"
 BY_PLANE = "planes"
-"""The entry of a record that holds results by plane."""
+"""Entry of a record with results by plane."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """What a procedure found.
+    """Result of a procedure.
 
     Attributes
     ----------
     schema : of the record, `station/NAME/1`
     head : procedure, inputs with their hashes, settings, duration
-    planes : what was found in every plane, with its verdict
-    entries : further entries of the record
-    files : tables, arrays and pictures beside the record, by name; what is large may be a function that writes it
-    results_key : the entry of the record that holds the planes; under another name than "planes", the only one of them
-    missed : photographs that gave nothing; None where the record of the procedure does not list them
-    exposure : what the camera noted
+    planes : results by plane, with verdicts
+    entries : additional entries of the record
+    files : tables, arrays and images by name; a large file may be a function that writes it
+    results_key : entry of the record with the planes; with a name other than "planes" there is one plane
+    missed : unusable photographs; None if the record of the procedure does not list them
+    exposure : settings recorded by the camera
     terms : unit of frequencies and specification
-    found : the whole result, where the planes are parts of one, for pages that draw it
+    found : the complete result for the page, if the planes are parts of one
     overlays : results whose MTF is drawn over this one's
     """
 
@@ -57,7 +57,7 @@ class Measurement:
 
     @property
     def refused(self) -> bool:
-        """Whether nothing was measured."""
+        """Whether all planes are refused."""
         return all(one.verdict is Verdict.REFUSED for one in self.planes)
 
     def compared(self, terms: Terms) -> Measurement:
@@ -72,7 +72,7 @@ class Measurement:
         return replace(self, planes=planes, head=replace(self.head, specification=terms.specified(planes)), terms=terms)
 
     def record(self) -> dict[str, Any]:
-        """As `result.json` holds it."""
+        """Contents of `result.json`."""
         records = {one.name: plane_record(one) for one in self.planes}
         return {
             "schema": self.schema,
@@ -84,7 +84,7 @@ class Measurement:
         }
 
     def _left_out(self) -> dict[str, Any]:
-        """The photographs that gave nothing, where the planes do not list them."""
+        """The unusable photographs, if the planes do not list them."""
         if self.missed is None or any("left_out" in one.details for one in self.planes):
             return {}
         return {"left_out": [one.told() for one in self.missed]}

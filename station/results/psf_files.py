@@ -1,4 +1,4 @@
-"""The files of PSFs, one for each plane: samples, covariance, MTF, pictures, budget; and the record of them."""
+"""Files of a PSF measurement: samples, covariance, MTF, images and budget per plane, and the record."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def file_names(planes: Sequence[PlaneResult]) -> list[str]:
 
 
 def _files(planes: Sequence[PlaneResult]) -> dict[str, Write]:
-    """Each is made when it is written: a covariance may be large."""
+    """The files by name; large ones are generated when they are written."""
     found = {BUDGET: _made(budget_csv, planes)} if any(plane.quality is not None for plane in planes) else {}
     for plane in planes:
         found |= _plane_files(plane)
@@ -83,7 +83,7 @@ def _made(make: Callable[..., bytes], *given: Any) -> Write:
 
 
 def _sampling(planes: Sequence[PlaneResult]) -> dict[str, Any]:
-    """s and k as they were used: one number where all planes have the same, else one a plane."""
+    """The values of s and k used: one number if all planes have the same, else one per plane."""
     used = {plane.name: plane.psf for plane in planes if plane.psf is not None}
     found: dict[str, Any] = {}
     for name in (SAMPLES_PER_PIXEL, SUPPORT) if used else ():
@@ -93,7 +93,7 @@ def _sampling(planes: Sequence[PlaneResult]) -> dict[str, Any]:
 
 
 def mtf_table(curves: Mapping[str, Array], unit: str = "cycles/pixel") -> bytes:
-    """The MTF as CSV: frequency in a unit, told in its heading; horizontal, vertical, radial mean, each with its error.
+    """The MTF as CSV: frequency with its unit in the heading; horizontal, vertical, radial mean, each with its error.
 
     Moduli have no unit.
     """

@@ -1,7 +1,7 @@
 """Options that commands inherit from the groups above them: `--simulate devices` is `devices --simulate`.
 
-A command declares with `inherited` each option of its groups that applies to it. It takes the value given to a group
-where none is given to itself. What was given to a group and does not apply to the command is a usage error.
+A command declares with `inherited` each group option that applies to it. Its own value takes precedence over the
+group's. A group option that does not apply to the command is a usage error.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ INSTEAD: Mapping[tuple[str, str], str] = {
     ("simulate", "--simulate"): SIMULATED,
     **{("session resume", name): KEPT for name in ("--seed", "--shaker", "--specification", "--unit", "--plan")},
 }
-"""What to write where a command, the first of each pair, does not take an option; where there is more to say."""
+"""Remedy by command and option, where it is more specific than to omit the option."""
 
 
 class InheritedOption(click.Option):
@@ -60,7 +60,7 @@ def check_inherited(group: click.Context, name: str, command: click.Command) -> 
 
 
 def _given(context: click.Context | None) -> Iterator[tuple[click.Parameter, Any]]:
-    """The options given to a group and those above it, nearest first; not those that act by themselves (--quiet)."""
+    """The options given to a group and its parents, nearest first, without eager ones (--quiet)."""
     while context is not None:
         for option in context.command.params:
             if option.expose_value and context.get_parameter_source(str(option.name)) in EXPLICIT:
@@ -69,7 +69,7 @@ def _given(context: click.Context | None) -> Iterator[tuple[click.Parameter, Any
 
 
 def _instead(group: click.Context, name: str, command: click.Command, flag: str) -> str:
-    """What to write in place of an option that does not apply."""
+    """Remedy for an option that does not apply."""
     program = group.find_root().command_path
     words = f"{group.command_path} {name}".removeprefix(f"{program} ")
     if found := INSTEAD.get((words, flag)):
