@@ -50,9 +50,10 @@ def _notes(file: Path) -> list[tuple[float, float]]:
 def keep_its_priority(pid: int) -> None:
     """Give a program in a session of its own the niceness of this one, where Linux schedules sessions as groups.
 
-    Under `nice` the session of this one may count as usual; the program's is then not to have less.
+    Under `nice` the session of this one may count as usual; the program's is then not to have less. A process whose
+    session is in no group (as the first session of a machine) reads an empty file: there is nothing to give then.
     """
-    with suppress(OSError):
+    with suppress(OSError, IndexError):
         own = int(Path("/proc/self/autogroup").read_text().split()[-1])
         Path(f"/proc/{pid}/autogroup").write_text(str(min(own, os.nice(0))))
 
