@@ -15,7 +15,6 @@ from station.cli.psf.planes import (
     certificate_option,
     finish,
     overlay_option,
-    read_overlays,
     tell_misses,
     tell_result,
 )
@@ -144,10 +143,12 @@ def _results(
     from station.results.measurement import write_measurement
     from station.results.result_files import ResultFolder
 
-    out, terms, overlays = given["out"], terms_of(given), read_overlays(given.get("overlays", ()))
+    out, terms, overlays = given["out"], terms_of(given), given.get("overlays", ())
     settings = read_settings(procedure.Settings, chosen)
+    settings.check()
+    overlays = procedure.read_overlays(overlays, terms)
     if procedure.inputs is Inputs.PHOTOGRAPHS:
-        paths = [path for one in paths for path in (photographs(one) if one.is_dir() else [one])]
+        paths = [path for one in paths for path in ([one] if one.is_file() else photographs(one))]
     with progress(procedure.steps(paths)) as shown:
         results = procedure.measurements(paths, settings, terms, shown)
         for place in procedure.places(paths):
@@ -162,7 +163,7 @@ def _results(
                     _certify(folder, procedure, found)
                 text = write_measurement(folder, found)
             report(procedure, found, out / place / "result.json")
-            yield found.planes, text, bool(found.missed)
+            yield found.planes, text, bool(procedure.missed(found))
 
 
 def _certify(folder: Any, procedure: Procedure[Any], found: Measurement) -> None:
@@ -173,7 +174,7 @@ def _certify(folder: Any, procedure: Procedure[Any], found: Measurement) -> None
 
 def report(procedure: Procedure[Any], found: Measurement, written: Path) -> None:
     """Log unusable photographs, every plane with its numbers, and the files written."""
-    tell_misses(found.missed or ())
+    tell_misses(procedure.missed(found))
     for one in found.planes:
         tell_result(one)
     for line in procedure.lines(found):

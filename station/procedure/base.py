@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Protocol, TypeVar
 
-from procedures.outcome import BadParameter, Outcome, Quantity
+from procedures.outcome import BadParameter, Miss, Outcome, Quantity
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.source import Source
 from procedures.raw import RawFrame, default_plane, read_frame
@@ -17,6 +17,7 @@ from station.calibration.folder_photographs import PHOTOGRAPHS
 from station.common.progress import Progress, silent
 from station.procedure.settings import Settings, named_files, setting, to_record
 from station.results.measurement import BY_PLANE, Measurement
+from station.results.overlay import read_overlay
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
@@ -66,6 +67,10 @@ class RawLayout(Settings, frozen=True, kw_only=True):
         """Layout of samples without a header. Raises BadParameter if the text is invalid."""
         return None if self.raw is None else DumpLayout.parse(self.raw)
 
+    def check(self) -> None:
+        """Raise BadParameter if the layout is invalid."""
+        _ = self.layout
+
 
 class Reading(RawLayout, frozen=True, kw_only=True):
     """Settings of procedures that measure planes of photographs."""
@@ -111,6 +116,11 @@ class ChartReading(Reading, frozen=True, kw_only=True):
     def source(self) -> Source:
         """The chart. Raises ProcedureError."""
         return chart_source(self.bits, self.seed)
+
+    def check(self) -> None:
+        """Raise ProcedureError if the layout is invalid, or the chart is unreadable."""
+        super().check()
+        _ = self.source
 
 
 def beside(path: Path, folder: Path) -> Path:
@@ -183,6 +193,14 @@ class Procedure(ABC, Generic[S]):
     def files(self, paths: Sequence[Path], settings: S) -> list[Path]:
         """Files besides the inputs on which a measurement depends."""
         return [beside(one, paths[0].parent) for one in named_files(settings)]
+
+    def missed(self, found: Measurement) -> Sequence[Miss]:
+        """The unusable photographs."""
+        return found.missed or ()
+
+    def read_overlays(self, paths: Sequence[Path], terms: Terms) -> Sequence[Any]:
+        """Results whose MTF is drawn over this one's. Raises BadParameter."""
+        return [read_overlay(path) for path in paths]
 
     def lines(self, found: Measurement) -> list[str]:
         """Additional lines for the terminal, after those of the planes."""

@@ -18,6 +18,7 @@ GROUP = "station.procedures"
 BUILTIN: Mapping[str, str] = {
     "correct": "station.procedure.builtin.correct:PROCEDURE",
     "edge": "station.procedure.builtin.edge:PROCEDURE",
+    "field": "station.procedure.builtin.field:PROCEDURE",
     "geometry": "station.procedure.builtin.geometry:PROCEDURE",
     "pattern": "station.procedure.builtin.pattern:PROCEDURE",
     "rays": "station.procedure.builtin.rays:PROCEDURE",

@@ -24,6 +24,9 @@ from station.common.sanitise import printable
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of all settings models."""
 
+    def check(self) -> None:
+        """Raise ProcedureError if values are inconsistent, or a file that they name is unreadable."""
+
 
 S = TypeVar("S", bound=Settings)
 WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "text", Path: "a path"}

@@ -51,6 +51,11 @@ class EdgeSettings(OpticsReading, frozen=True, kw_only=True):
             )
         return x, y, width, height
 
+    def check(self) -> None:
+        """Raise BadParameter if layout or region are invalid."""
+        super().check()
+        _ = self.region
+
 
 class SlantedEdge(Procedure[EdgeSettings]):
     """Slanted edges of a photograph."""

@@ -48,6 +48,11 @@ class GeometrySettings(ChartReading, frozen=True, kw_only=True):
         cell_mm = self.width_mm / (BLOCK * BLOCKS)
         return GeometryParameters(cell_mm, model=self.model, distances_mm=self.at_mm, **share)
 
+    def check(self) -> None:
+        """Raise ProcedureError if the chart is unreadable, or there is no such model."""
+        super().check()
+        _ = self.parameters
+
 
 class CameraGeometry(Procedure[GeometrySettings]):
     """Photographs of one chart from many places, by plane."""
