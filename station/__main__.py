@@ -26,7 +26,7 @@ COMMANDS = {
     "export": ("export", "export", "Write a result as a file of another program."),
     "focus": ("focus", "focus", "Tell how sharp every photograph is as it comes, and which way to turn."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
-    "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
+    "restore": ("procedure_command", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "correct": ("procedure_command", "correct", "Sharpen a photograph by the measured PSF field of its lens."),
     "rays": ("procedure_command", "rays", "Remove the noise of a Monte Carlo render."),
     "batch": ("batch", "batch", "Measure folders of photographs by any procedure."),

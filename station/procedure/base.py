@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Protocol, TypeVar
@@ -37,6 +38,10 @@ class Inputs(StrEnum):
     """Any number of photographs; a folder or a session is replaced by its photographs."""
     FOLDER = "folder"
     """A folder with a manifest or a prescribed layout."""
+    SCENE = "scene"
+    """Two or more photographs of one scene; in a batch a pair, or a row of a table."""
+    SERIES = "series"
+    """A folder, each of whose photographs is measured; the command is a batch."""
     SEVERAL = "several"
     """One or several files, which the procedure groups itself; in a batch each is an item."""
     RESULTS = "results"
@@ -51,16 +56,13 @@ def upper_plane(name: str | None) -> str | None:
 class RawLayout(Settings, frozen=True, kw_only=True):
     """Settings of procedures that read photographs."""
 
-    raw: (
-        Annotated[
-            str,
-            setting(
-                "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
-                metavar="WxH,RGGB,u16le,BLACK,WHITE",
-            ),
-        ]
-        | None
-    ) = None
+    raw: Annotated[
+        str | None,
+        setting(
+            "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
+            metavar="WxH,RGGB,u16le,BLACK,WHITE",
+        ),
+    ] = None
 
     @property
     def layout(self) -> DumpLayout | None:
@@ -75,7 +77,7 @@ class RawLayout(Settings, frozen=True, kw_only=True):
 class Reading(RawLayout, frozen=True, kw_only=True):
     """Settings of procedures that measure planes of photographs."""
 
-    plane: Annotated[str, setting("R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")] | None = (
+    plane: Annotated[str | None, setting("R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")] = (
         None
     )
 
@@ -128,6 +130,15 @@ def beside(path: Path, folder: Path) -> Path:
     return path if path.is_absolute() or path.exists() else folder / path
 
 
+@dataclass(frozen=True)
+class BatchSummary:
+    """Files of a batch's folder by name, lines for the terminal, and warnings."""
+
+    files: Mapping[str, bytes]
+    lines: Sequence[str] = ()
+    warnings: Sequence[str] = ()
+
+
 S = TypeVar("S", bound=Settings)
 
 
@@ -170,6 +181,11 @@ class Procedure(ABC, Generic[S]):
         """Name of the schema of its record."""
         return f"station/{self.name}/1"
 
+    @property
+    def record_name(self) -> str:
+        """The procedure that its records name."""
+        return self.name
+
     def steps(self, paths: Sequence[Path]) -> int:
         """Number of progress steps of a measurement of these files."""
         return len(paths)
@@ -205,6 +221,10 @@ class Procedure(ABC, Generic[S]):
     def lines(self, found: Measurement) -> list[str]:
         """Additional lines for the terminal, after those of the planes."""
         return []
+
+    def summary(self, rows: Sequence[Any]) -> BatchSummary | None:
+        """Summary of a batch's rows besides the usual one."""
+        return None
 
     def report(self, found: Measurement) -> Report:
         """Contents of the certificate of a measurement."""

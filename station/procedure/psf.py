@@ -85,7 +85,7 @@ class PsfProcedure(Procedure[P]):
         pixels = settings.pixels(frames[0])
         planes = [terms.told(one, pixels[one.name]) for one in results]
         told = {**asked, **settings.given()}
-        head = RecordHead(self.name, files_read(frames), {**told, **terms.parameters()}, terms.specified(planes))
+        head = RecordHead(self.record_name, files_read(frames), {**told, **terms.parameters()}, terms.specified(planes))
         found = PsfPhotographs(tuple(frames), told)
         return replace(psf_measurement(planes, head), exposure=frames[0].exposure, terms=terms, found=found)
 

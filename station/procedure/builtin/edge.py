@@ -29,12 +29,9 @@ if TYPE_CHECKING:
 class EdgeSettings(OpticsReading, frozen=True, kw_only=True):
     """Where the edge is, and the optics."""
 
-    roi: (
-        Annotated[
-            str, setting("Where the edge is, in pixels of the plane.  [default: all edges]", metavar="X,Y,W,H")
-        ]
-        | None
-    ) = None  # fmt: skip
+    roi: Annotated[
+        str | None, setting("Where the edge is, in pixels of the plane.  [default: all edges]", metavar="X,Y,W,H")
+    ] = None
 
     @property
     def region(self) -> tuple[int, int, int, int] | None:

@@ -43,31 +43,25 @@ class FieldSettings(ChartPsfSettings, frozen=True, kw_only=True):
 
     plane: Annotated[str, setting("R, G1, G2, B, Y or all.")] = "all"
     s: Annotated[int, setting("PSF samples per pixel of the plane.")] | Literal["auto"] = 4
-    focus: Annotated[Path, setting("A CSV table: photograph's name, focus position in mm (a bracket).")] | None = None
-    vignetting: (
-        Annotated[Path, setting("A result of station vignetting, to be kept with the field.", metavar="RESULT")] | None
-    ) = None
-    without_photosite: (
-        Annotated[
-            str,
-            setting(
-                "Report sagittal and meridional MTF also divided by that of square photosites of this fill factor.",
-                metavar="FILL[,ERROR]|assumed",
-            ),
-        ]
-        | None
-    ) = None
-    sensor: (
-        Annotated[
-            Path,
-            setting(
-                "Of station sensor: its response is undone, its noise weighs the samples; gain and noise are reported "
-                "with the camera.",
-                metavar="RESULT.json",
-            ),
-        ]
-        | None
-    ) = None
+    focus: Annotated[Path | None, setting("A CSV table: photograph's name, focus position in mm (a bracket).")] = None
+    vignetting: Annotated[
+        Path | None, setting("A result of station vignetting, to be kept with the field.", metavar="RESULT")
+    ] = None
+    without_photosite: Annotated[
+        str | None,
+        setting(
+            "Report sagittal and meridional MTF also divided by that of square photosites of this fill factor.",
+            metavar="FILL[,ERROR]|assumed",
+        ),
+    ] = None
+    sensor: Annotated[
+        Path | None,
+        setting(
+            "Of station sensor: its response is undone, its noise weighs the samples; gain and noise are reported "
+            "with the camera.",
+            metavar="RESULT.json",
+        ),
+    ] = None
     width_mm: Annotated[
         float, setting("Width of the printed chart's ten blocks: the scale of the geometry's distances.", least=1)
     ] = 300.0

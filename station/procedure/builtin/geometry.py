@@ -29,13 +29,10 @@ class GeometrySettings(ChartReading, frozen=True, kw_only=True):
         ]
         | None
     ) = None  # fmt: skip
-    model: (
-        Annotated[
-            str,
-            setting("One of COLMAP's camera models, or OPENCV+SPLINE_12X9.  [default: chosen by views left out]"),
-        ]
-        | None
-    ) = None  # fmt: skip
+    model: Annotated[
+        str | None,
+        setting("One of COLMAP's camera models, or OPENCV+SPLINE_12X9.  [default: chosen by views left out]"),
+    ] = None
     at_mm: tuple[Annotated[float, setting("Report the uncertainty at this distance too.", least=1)], ...] = ()
 
     @property

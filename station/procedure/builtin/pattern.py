@@ -23,13 +23,10 @@ class PatternSettings(ChartPsfSettings, frozen=True, kw_only=True):
     physics: Annotated[
         bool, setting("Also explain the PSF by photosites, low-pass filter, diffraction and aberrations.")
     ] = False  # fmt: skip
-    sensor: (
-        Annotated[
-            Path,
-            setting("Of station sensor: its response is undone, its noise weighs the samples.", metavar="RESULT.json"),
-        ]
-        | None
-    ) = None  # fmt: skip
+    sensor: Annotated[
+        Path | None,
+        setting("Of station sensor: its response is undone, its noise weighs the samples.", metavar="RESULT.json"),
+    ] = None
 
 
 class Pattern(PsfProcedure[PatternSettings]):
