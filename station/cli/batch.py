@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.procedure_command import jobs_option
+from station.cli.psf.planes import jobs_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import INTERRUPTED

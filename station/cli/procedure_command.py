@@ -14,6 +14,7 @@ import click
 from station.cli.psf.planes import (
     certificate_option,
     finish,
+    jobs_option,
     overlay_option,
     tell_misses,
     tell_result,
@@ -43,11 +44,6 @@ ARGUMENTS: dict[Inputs, tuple[str, int]] = {
     Inputs.RESULTS: ("FIRST SECOND", 2),
 }
 """Metavar and number of arguments by kind of input."""
-
-
-jobs_option = click.option(
-    "--jobs", type=click.IntRange(1, 1024), help="Processes at a time.  [default: as many as cores]"
-)
 
 
 def __getattr__(name: str) -> click.Command:

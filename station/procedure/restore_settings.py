@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -306,7 +306,7 @@ class RestoreSettings(Reading, frozen=True, kw_only=True):
         _check_counts(each, images)
 
 
-def _check_counts(each: dict[str, Sequence[Any]], images: int) -> None:
+def _check_counts(each: Mapping[str, Sequence[Any]], images: int) -> None:
     """Raise BadParameter unless every option has no value, one, or one for each image."""
     for option, given in each.items():
         if len(given) not in (0, 1, images):

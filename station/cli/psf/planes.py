@@ -38,6 +38,11 @@ overlay_option = click.option(
 )  # fmt: skip
 
 
+jobs_option = click.option(
+    "--jobs", type=click.IntRange(1, 1024), help="Processes at a time.  [default: as many as cores]"
+)
+
+
 def read_overlays(paths: Sequence[Path]) -> list[Overlay]:
     """The results to draw over this one's. Raises BadParameter where one is none."""
     from station.results.overlay import read_overlay

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from procedures.field.conclusion import FieldResult, conclude
+from procedures.field.conclusion import conclude
 from procedures.field.measuring import measure
 from procedures.field.photosite import ASSUMED, Photosite
 from procedures.outcome import BadParameter, Miss
@@ -142,13 +142,13 @@ class Field(PsfProcedure[FieldSettings]):
 
     def missed(self, found: Measurement) -> list[Miss]:
         """The photographs without any PSF."""
-        measured = found.found.field.measured
+        measured = found.found.result.measured
         return [one for one in measured.misses if one.source in measured.failed]
 
     def lines(self, found: Measurement) -> list[str]:
         """The charts without a PSF in photographs with others."""
-        field: FieldResult = found.found.field
-        return [str(one) for one in field.measured.misses if one.source not in field.measured.failed]
+        measured = found.found.result.measured
+        return [str(one) for one in measured.misses if one.source not in measured.failed]
 
     def read_overlays(self, paths: Sequence[Path], terms: Terms) -> Sequence[HeightOverlay]:
         """Fields whose MTF over image height is drawn over this one's. Raises BadParameter."""

@@ -21,7 +21,7 @@ class PatternSettings(ChartPsfSettings, frozen=True, kw_only=True):
     """Physical model of the PSF, and the sensor."""
 
     physics: Annotated[
-        bool, setting("Also explain the PSF by photosites, low-pass filter, diffraction and aberrations.")
+        bool | None, setting("Also explain the PSF by photosites, low-pass filter, diffraction and aberrations.")
     ] = False  # fmt: skip
     sensor: Annotated[
         Path | None,
@@ -47,9 +47,9 @@ class Pattern(PsfProcedure[PatternSettings]):
         progress(f"read {paths[0]}")
         parameters = PatternParameters(**settings.sampling(), at=terms.frequencies(settings.plane_pixels(frame)))
         known = read_sensor(settings.sensor, frame) if settings.sensor else NO_SENSOR
-        limit = settings.limit(frame.exposure, needed=settings.physics)
-        found = calibrate(frame, source.chart, parameters, limit, physics=settings.physics, sensor=known)
-        asked = {**parameters.to_record(), "physics": settings.physics, **known.told(), "chart": source.origin}
+        limit = settings.limit(frame.exposure, needed=bool(settings.physics))
+        found = calibrate(frame, source.chart, parameters, limit, physics=bool(settings.physics), sensor=known)
+        asked = {**parameters.to_record(), "physics": bool(settings.physics), **known.told(), "chart": source.origin}
         return self.measurement([frame], found, asked, settings, terms)
 
 

@@ -27,7 +27,7 @@ class SeriesSettings(PatternSettings, frozen=True, kw_only=True):
             "Also explain each PSF by photosites, low-pass filter, diffraction and aberrations, for the wavefront's "
             "error.  [default: where the pixel pitch is given]"
         ),
-    ] = None  # type: ignore[assignment]  # decided by the pixel pitch
+    ] = None
 
 
 class Series(Pattern):

@@ -49,7 +49,7 @@ class FieldParts:
     beside : results of the other procedures of the same session
     """
 
-    field: FieldResult
+    result: FieldResult
     camera: WholeCamera | None = None
     lights: Mapping[str, LightSurface] = field(default_factory=dict)
     beside: Mapping[str, PartBeside] = field(default_factory=dict)
@@ -57,18 +57,18 @@ class FieldParts:
     @cached_property
     def fitted(self) -> dict[str, PlaneField]:
         """The planes with a field."""
-        return {name: one.value for name, one in self.field.planes.items() if one.value is not None}
+        return {name: one.value for name, one in self.result.planes.items() if one.value is not None}
 
     @cached_property
     def heights(self) -> dict[str, dict[str, list[HeightCurve]]]:
         """The MTF over image height by the stem of its table and by plane."""
-        photosite = self.field.photosite
+        photosite = self.result.photosite
         tables = {HEIGHTS: None} | ({WITHOUT_PHOTOSITE: photosite} if photosite else {})
         return {stem: _heights(self.fitted, without) for stem, without in tables.items()}
 
     def entry(self) -> dict[str, Any]:
         """Contents of `field` in the record."""
-        found = self.field
+        found = self.result
         measured = found.measured
         entry = {
             "file": FILE,
@@ -91,23 +91,23 @@ class FieldParts:
     def write(self, path: Path, provenance: Mapping[str, str]) -> None:
         """Write `field.h5`."""
         fields = {name: one.interpolation for name, one in self.fitted.items()}
-        maps = {name: _maps(self.field, name, one) for name, one in self.fitted.items()}
-        exposure = exposure_of(self.field.measured.exposures)
-        field_file.write_field(path, fields, maps, self.field.colours, provenance, exposure)
+        maps = {name: _maps(self.result, name, one) for name, one in self.fitted.items()}
+        exposure = exposure_of(self.result.measured.exposures)
+        field_file.write_field(path, fields, maps, self.result.colours, provenance, exposure)
         if self.lights:
             field_file.add_lights(path, self.lights)
 
 
 def field_measurement(whole: FieldParts, planes: Sequence[PlaneResult], head: RecordHead) -> Measurement:
     """The measurement of a field; `planes` are the results at the frame's centre, in the requested terms."""
-    measured = whole.field.measured
+    measured = whole.result.measured
     files: dict[str, Any] = {}
     if whole.fitted:
         files[FILE] = partial(whole.write, provenance=_provenance(head))
         if (camera := whole.camera) is not None:
             files[CAMERA] = partial(write_camera_numbers, camera=camera, provenance=_provenance(head))
     for one in planes:
-        axis, mm = FrequencyAxis(str(one.unit), one.factor), mm_per_pixel(whole.field, one.name, head.parameters)
+        axis, mm = FrequencyAxis(str(one.unit), one.factor), mm_per_pixel(whole.result, one.name, head.parameters)
         for stem, curves in whole.heights.items():
             if one.name in curves:
                 files[f"{stem}_{one.name}.csv"] = heights_table(curves[one.name], axis, mm)
@@ -120,16 +120,16 @@ def page_of_field(found: Measurement) -> bytes:
     """The page of a field's measurement."""
     whole: FieldParts = found.found
     return field_page(
-        whole.field, found.planes, found.head, software(), whole.heights, found.overlays, whole.lights,
+        whole.result, found.planes, found.head, software(), whole.heights, found.overlays, whole.lights,
         whole.camera if whole.fitted else None, whole.beside,
     ).encode()  # fmt: skip
 
 
 def field_report(found: Measurement) -> Report:
     """Contents of a field's certificate: the frame's centre, and the medians over the frame."""
-    field: FieldResult = found.found.field
-    planes = [with_medians(one, field) for one in found.planes]
-    exposures = field.measured.exposures
+    result: FieldResult = found.found.result
+    planes = [with_medians(one, result) for one in found.planes]
+    exposures = result.measured.exposures
     return report_of_files("field", exposures, planes, found.head.parameters, found.terms.specification)
 
 
