@@ -113,7 +113,7 @@ class TwoPhotoPsf:
         return {SCALE: self.scale, GAIN: self.gain, NOISE: self.noise, RESIDUAL_STD: self.residual_std}
 
 
-def estimate_psf(
+def estimate_psf_of_pair(
     a: Plane, b: Plane, parameters: TwoPhotoParameters | None = None, diffraction: Diffraction | None = None
 ) -> Outcome[TwoPhotoPsf]:
     """The PSF of the plane's camera from two photographs of one wall, in any order, or the reason why there is none.
