@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from procedures.numerics.registration import affine_between
 from procedures.outcome import BadInput, Outcome, with_doubt
-from procedures.raw import Plane
+from procedures.raw import Plane, PlaneLike, as_frame
 from procedures.restoration.colour.mosaic import COLOUR
 from procedures.restoration.joint.picture_error import noise_upper_bound
 from procedures.restoration.joint.result import GroundTruth, Restoration
@@ -43,21 +43,22 @@ T = TypeVar("T", bound=np.generic)
 
 
 def compare_to_ground_truth(
-    outcome: Outcome[Restoration], photographs: Sequence[Planes], truth: Planes
+    outcome: Outcome[Restoration], photographs: Sequence[Planes | PlaneLike], truth: Planes | PlaneLike
 ) -> Outcome[Restoration]:
     """Add the comparison with the ground truth; doubtful where it contradicts the estimated error.
 
     Parameters
     ----------
-    photographs : the restored planes of each
-    truth : the planes of the ground truth
+    photographs : the restored planes of each by name, or its one plane, also as an array (H, W)
+    truth : the same of the ground truth
 
     Raises
     ------
     BadInput
         If the ground truth has other planes than the photographs, or another size, or is one of them.
     """
-    check_ground_truth(photographs, truth)
+    each, truth = [_planes_of(one) for one in photographs], _planes_of(truth)
+    check_ground_truth(each, truth)
     restoration = outcome.value
     if restoration is None:
         return outcome
@@ -71,7 +72,7 @@ def compare_to_ground_truth(
     noise = min(noise_upper_bound(_stack(truth)[None]), restoration.diagnostics.noise) / aligned.light
     softer = _softer(aligned)
     witness = GroundTruth(
-        psnr_db=_psnr(aligned.error), before_db=tuple(_before(planes, truth) for planes in photographs),
+        psnr_db=_psnr(aligned.error), before_db=tuple(_before(planes, truth) for planes in each),
         error=_without_noise(aligned.error, noise), stated_error=stated, softer_px=softer,
         error_as_soft=_without_noise(aligned.softened(softer) - aligned.truth[:, aligned.valid], noise), noise=noise,
         compared=float(aligned.valid.mean()), light=aligned.light, matrix=aligned.matrix,
@@ -93,6 +94,10 @@ def compare_to_ground_truth(
         f"{witness.error / max(stated, 1e-9):.1f} times its estimated error"
     )
     return with_doubt(compared, reason, "check shapes and ratios; see difference.tiff")
+
+
+def _planes_of(photograph: Planes | PlaneLike) -> Planes:
+    return photograph if isinstance(photograph, Mapping) else as_frame(photograph).planes
 
 
 def check_ground_truth(photographs: Sequence[Planes], truth: Planes) -> None:

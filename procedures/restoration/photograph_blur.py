@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
-from procedures.raw import Plane
+from procedures.raw import Plane, PlaneLike
 from procedures.restoration.colour.estimate import in_colour
 from procedures.restoration.flat_part import Box, Whole, check_region, parts
 from procedures.restoration.joint.estimate import RestorationParameters, judge, restore
@@ -30,7 +30,7 @@ from procedures.restoration.joint.result import Restoration, with_unit
 from procedures.restoration.masks.blur_models import DepthUnit, mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.camera_motion import Poses, motion_blur, planar_stacks, px_per_inverse_m
-from procedures.restoration.masks.checks import check_extent, check_max_w
+from procedures.restoration.masks.checks import as_channels, check_extent, check_max_w
 from procedures.restoration.masks.defocus_and_motion import with_defocus
 from procedures.restoration.masks.mask_fields import Masks
 from procedures.restoration.masks.psf_shapes import MeasuredShape
@@ -144,11 +144,11 @@ class SceneBlur:
 
     def restored(
         self,
-        photographs: Sequence[Array],
+        photographs: Sequence[PlaneLike],
         parameters: RestorationParameters | None = None,
         progress: Callable[[JointRound], None] | None = None,
     ) -> Outcome[Restoration]:
-        """Picture and depth of photographs (C, H, W), as judged by `restore`; doubtful if the blur is."""
+        """Picture and depth of photographs, as `restore` takes and judges them; doubtful if the blur is."""
         kernels, shapes = None, None if self.motion is None else self.motion.shapes
         if self.flat_w is not None:
             parameters = flat_scene_parameters(parameters or RestorationParameters(), self.flat_w)
@@ -170,8 +170,10 @@ class SceneBlur:
         return replace(outcome, value=in_colour(outcome.value, photographs, self.finer(2)))
 
 
-def blur_of(spec: BlurSpec, photographs: Sequence[Array], report: Callable[[Finding], None] | None = None) -> SceneBlur:
-    """The blur of photographs (C, H, W) of one scene.
+def blur_of(
+    spec: BlurSpec, photographs: Sequence[PlaneLike], report: Callable[[Finding], None] | None = None
+) -> SceneBlur:
+    """The blur of photographs of one scene: arrays (H, W) or (C, H, W), or planes.
 
     report : receives estimates of unknown motion, in the flat part and then in the whole frame.
 
@@ -182,6 +184,7 @@ def blur_of(spec: BlurSpec, photographs: Sequence[Array], report: Callable[[Find
     """
     if spec.max_w is not None:
         check_max_w(spec.max_w)
+    photographs = as_channels(photographs)
     source, shape = spec.source, (int(photographs[0].shape[1]), int(photographs[0].shape[2]))
     if isinstance(source, KnownShapes):
         blur = _shaped(source, spec.max_w, photographs, shape)

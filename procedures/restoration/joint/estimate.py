@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, uniform_filter
 
 from procedures.outcome import SYMPTOM, BadParameter, Check, Outcome, Verdict, verdict_of
+from procedures.raw import PlaneLike
 from procedures.restoration.first_depth import initial_depth, registration
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import DataTerm
@@ -104,7 +105,7 @@ def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, p: RestorationP
 
 
 def restore(
-    photographs: list[Array],
+    photographs: Sequence[PlaneLike],
     stacks: Sequence[Masks],
     parameters: RestorationParameters | None = None,
     progress: Callable[[joint_descent.JointRound], None] | None = None,
@@ -114,15 +115,15 @@ def restore(
 
 
 def restoration_of(
-    photographs: list[Array],
+    photographs: Sequence[PlaneLike],
     stacks: Sequence[Masks],
     parameters: RestorationParameters | None = None,
     progress: Callable[[joint_descent.JointRound], None] | None = None,
 ) -> Restoration:
     """The sharp picture and the depth map, without verdict.
 
-    photographs : P arrays (C, H, W), linear, white = 1; stacks : the masks of each as functions of one w, constant over
-    the frame or a field of them.
+    photographs : P arrays (H, W) or (C, H, W), linear, white = 1, or planes; stacks : the masks of each as functions of
+    one w, constant over the frame or a field of them.
 
     Raises
     ------
@@ -130,7 +131,7 @@ def restoration_of(
         If photographs, blurs or parameters cannot be restored (see `checks`).
     """
     p = parameters or RestorationParameters()
-    z = checks.check_photographs([np.asarray(photo, dtype=np.float64) for photo in photographs])
+    z = checks.check_photographs(checks.as_channels(photographs))
     shape = (z.shape[2], z.shape[3])
     checks.check_blurs(stacks, shape)
     trust = checks.trust_of(z)
