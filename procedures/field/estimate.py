@@ -19,7 +19,7 @@ from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_c
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.psf import Psf
 from procedures.psf_field import Node, PsfField
-from procedures.raw import Plane, RawFrame
+from procedures.raw import FrameLike, Plane, RawFrame, as_frame
 from procedures.sensor_model import SensorModel
 
 Array = npt.NDArray[np.float64]
@@ -123,13 +123,13 @@ def measure_frame(
 
 
 def estimate_field(
-    frames: Iterable[RawFrame], chart: Chart, parameters: PatternParameters | None = None, each: MapLike = map
+    frames: Iterable[FrameLike], chart: Chart, parameters: PatternParameters | None = None, each: MapLike = map
 ) -> dict[str, Outcome[PsfField]]:
     """The PSF over the frame, by plane, from photographs that show the chart at six places or more between them.
 
     Parameters
     ----------
-    frames : iterable of RawFrame
+    frames : iterable of RawFrame, or of (rows, columns) arrays
         Of one camera, lens, aperture and focus. They may be read while they are gone through: none is kept.
     parameters : PatternParameters, optional
         By default s = 4 and k as wide as each chart asks. All nodes need the same s.
@@ -150,7 +150,8 @@ def estimate_field(
     """
     nodes: dict[str, list[Node]] = {}
     shapes: Mapping[str, tuple[int, int]] = {}
-    for frame in frames:
+    for number, image in enumerate(frames, 1):
+        frame = as_frame(image, f"photograph {number}")
         measured = measure_frame(frame, chart, parameters or FIELD, each)
         if shapes and measured.shapes != shapes:
             raise BadInput(

@@ -45,7 +45,7 @@ from procedures.two_photo.distances import (
     way_by_laser,
     way_mm,
 )
-from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf
+from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
 from procedures.two_photo.facts import LEAST_RATIO, MOST_RATIO, RATIO, TwoPhotoFacts
 from procedures.two_photo.near_noise import noise_at_most
 from procedures.two_photo.sharpness import fineness
@@ -366,7 +366,7 @@ def _of_plane(
         check_settings(near[0].exposure, far[0].exposure)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    return estimate_psf(mean_plane(name, near), mean_plane(name, far), parameters)
+    return estimate_psf_of_pair(mean_plane(name, near), mean_plane(name, far), parameters)
 
 
 def mean_plane(name: str, frames: Sequence[RawFrame]) -> Plane:

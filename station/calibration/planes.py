@@ -151,7 +151,7 @@ def _of_pair(
     a: RawFrame, b: RawFrame, name: str, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
     """The answer of one plane; refused where the camera noted that more than distance and focus changed."""
-    from procedures.two_photo.estimate import estimate_psf as estimate_psf_of_pair  # charts do not need them
+    from procedures.two_photo.estimate import estimate_psf_of_pair  # charts do not need them
     from procedures.two_photo.trust import check_settings
 
     try:

@@ -16,7 +16,7 @@ from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_charts, one_chart
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf, finest
-from procedures.raw import Plane
+from procedures.raw import Plane, PlaneLike, as_plane
 
 Array = npt.NDArray[np.float64]
 
@@ -29,12 +29,12 @@ REACH_PX = 4
 """Side of the PSF's support, in pixels."""
 
 
-def view_of(plane: Plane, chart: Chart, source: str, sighting: ChartSighting | None = None) -> Outcome[ChartView]:
+def view_of(plane: PlaneLike, chart: Chart, source: str, sighting: ChartSighting | None = None) -> Outcome[ChartView]:
     """Where a photograph shows the chart, or the reason why it tells nothing.
 
     Parameters
     ----------
-    plane : Plane
+    plane : Plane, or (rows, columns) array
         Linear samples; the one chart may lie anywhere in it, 60 pixels wide or as large as the frame.
     chart : Chart
         The cells that were printed.
@@ -49,6 +49,7 @@ def view_of(plane: Plane, chart: Chart, source: str, sighting: ChartSighting | N
     Refused
         If there is no chart in it, or one that cannot be used.
     """
+    plane = as_plane(plane)
     sighting = sighting or one_chart(find_charts(plane.samples))
     width = float(sighting.widths().max())
     factor = 1 if width <= WIDE else ceil(width / AVERAGED)

@@ -15,8 +15,8 @@ from procedures.restoration.colour.colour_error import error_of, spread_out
 from procedures.restoration.colour.depth_search import searched
 from procedures.restoration.colour.mosaic import Mosaics, depth_on_sensor, mosaics, spread
 from procedures.restoration.colour.picture import MosaicTerm, alone, mixing, with_depth
-from procedures.restoration.first_depth.segments import SegmentSettings
-from procedures.restoration.joint.occlusion import OcclusionSettings
+from procedures.restoration.first_depth.segments import JUMP_PX
+from procedures.restoration.joint.occlusion import PICTURE
 from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import Array, MaskStack
@@ -55,7 +55,7 @@ def in_colour(
     mosaic = mosaics(photographs, restoration.light)
     names = list(photographs[0])
     first = spread(dict(zip(names, restoration.sharp, strict=True)), mosaic.origins) / mosaic.gains[:, None, None]
-    w = depth_on_sensor(restoration.w, SegmentSettings.jump)
+    w = depth_on_sensor(restoration.w, JUMP_PX)
     sigma = restoration.diagnostics.noise
     term = problem_of(mosaic, shifted(masks, 2 * restoration.shifts), np.float32)
     u = unknowns_of(mosaic, first, term.R, np.float32)
@@ -69,7 +69,7 @@ def in_colour(
     moved, occlusion = _on_sensor(restoration.moved), _on_sensor(restoration.occlusion)
     sharp, std = _rgb(mosaic, u, term.R), spread_out(error, 2 * term.R + 1)
     whole, d = float(np.sqrt(np.mean(std**2))), restoration.diagnostics
-    std = std * np.where(occlusion, OcclusionSettings.picture, 1.0)
+    std = std * np.where(occlusion, PICTURE, 1.0)
     return replace(
         restoration, sharp=sharp, sharp_std=np.where(moved, np.maximum(std, sharp.std()), std), w=w,
         w_std=np.hypot(_on_sensor(2 * restoration.w_std), off), residual=_residual(term, u), moved=moved,

@@ -31,6 +31,19 @@ from procedures.restoration.masks.mask_fields import Masks, over_frame
 F32 = NDArray[np.float32]
 
 SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
+# Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
+WINDOW, WIDENED = 5, 0.25
+"""Side of the costs' mean, pixels, and fraction of the smaller reach by which it is widened for smaller masks."""
+CAP, FITS = 4.0, 3.0
+"""Cost at which a level is simply wrong, and cost up to which it explains the photographs."""
+SMALL, LARGE = 1.0, 24.0
+"""Penalties of a change by one level and by more."""
+LEVEL_PX, SMOOTHED_PX = 0.15, 7
+"""Step of the levels, and side of the final median, pixels."""
+OUTLYING = 0.5
+"""Per cent of the frame on each side that is excluded from the scene's range of depths."""
+LEAST_SIGMA = 1.4e-3
+"""Noise equivalent of the level differences of the matching's steps: below it the first costs carry no information."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +146,7 @@ def _from_nearest(w: Array, clear: int) -> Array:
     return np.asarray(np.nan_to_num(w[tuple(nearest)]))
 
 
-def levels_of(stacks: Sequence[Masks], least: float, step: float = 0.15) -> Array:
+def levels_of(stacks: Sequence[Masks], least: float, step: float = LEVEL_PX) -> Array:
     """Values of w to try, pixels."""
     return np.arange(least, min(s.max_w for s in stacks) - 0.05, step)
 
@@ -230,63 +243,32 @@ def algorithm_3(
     return DepthStart(w, confidence_of(cost), np.zeros(w.shape, bool))
 
 
-@dataclass(frozen=True)
-class MatchingSettings:
-    """Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
-
-    window : side of their mean, pixels; cap : cost at which a level is simply wrong; small, large : penalties of a
-    change by one level and by more; median : side of the final smoothing; step : of the levels, pixels; fits : cost up
-    to which a level explains the photographs; outlying : per cent of the frame on each side that is excluded from the
-    scene's range of depths; least_sigma : noise equivalent of the level differences of the matching's steps, below
-    which the first costs carry no further information.
-    """
-
-    window: int = 5
-    even: float = 0.25
-    cap: float = 4.0
-    small: float = 1.0
-    large: float = 24.0
-    median: int = 7
-    step: float = 0.15
-    fits: float = 3.0
-    outlying: float = 0.5
-    least_sigma: float = 1.4e-3
-
-
-def matched(
-    z: Array,
-    stacks: Sequence[Masks],
-    sigmas: Array,
-    *,
-    least: float = 0.3,
-    matching: MatchingSettings | None = None,
-) -> DepthStart:
+def matched(z: Array, stacks: Sequence[Masks], sigmas: Array, *, least: float = 0.3) -> DepthStart:
     """The default initial depth: whitened Algorithm III, its labels matched over the whole frame.
 
     Near the frame's border the differences contain light from outside, so their weight is small.
     """
-    m = matching or MatchingSettings()
     # over the scene's range only: how a level's window and cost compare with others' depends on the largest
-    rough = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * m.step), m).w
-    levels = levels_of(stacks, least, m.step)
-    low, high = np.percentile(rough, (m.outlying, 100 - m.outlying))
-    levels = levels[(levels > low - 4 * m.step) & (levels < high + 4 * m.step)]
-    return _matched_at(z, stacks, sigmas, levels, m)
+    rough = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * LEVEL_PX)).w
+    levels = levels_of(stacks, least)
+    low, high = np.percentile(rough, (OUTLYING, 100 - OUTLYING))
+    levels = levels[(levels > low - 4 * LEVEL_PX) & (levels < high + 4 * LEVEL_PX)]
+    return _matched_at(z, stacks, sigmas, levels)
 
 
-def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array, m: MatchingSettings) -> DepthStart:
-    volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even)
+def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array) -> DepthStart:
+    volume = cost_volume(z, stacks, sigmas, levels, WINDOW, even=WIDENED)
     volume /= z.shape[1] * len(z) * (len(z) - 1) // 2
     confidence = confidence_of(volume)
     # in place: cap (1 - exp(-cost / cap))
-    volume /= -m.cap
+    volume /= -CAP
     np.expm1(volume, out=volume)
-    volume *= -m.cap
+    volume *= -CAP
     volume *= (inside := _inside(z.shape[2:], stacks[0].R))[..., None]
-    w = np.asarray(median_filter(least_level(semi_global(volume, m.small, m.large), levels), m.median))
+    w = np.asarray(median_filter(least_level(semi_global(volume, SMALL, LARGE), levels), SMOOTHED_PX))
     nearest = np.clip(np.rint((w - levels[0]) / (levels[1] - levels[0])), 0, len(levels) - 1).astype(np.int64)
     cost = np.take_along_axis(volume, nearest[..., None], axis=2)[..., 0] / inside
-    return DepthStart(w, confidence, cost < m.cap * (1 - np.exp(-m.fits / m.cap)))
+    return DepthStart(w, confidence, cost < CAP * (1 - np.exp(-FITS / CAP)))
 
 
 def _inside(shape: tuple[int, ...], R: int) -> F32:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from procedures.display import summary
 from procedures.outcome import Outcome
 from procedures.restoration.first_depth import initial_depth
 from procedures.restoration.joint import joint_descent
@@ -119,6 +120,8 @@ class Restoration:
     kernels: Array | None = None
     shapes: Array | None = None
     ground_truth: GroundTruth | None = None
+
+    __repr__ = summary
 
     def with_added_error(self, more: Array) -> Restoration:
         """With an additional error (H, W) of the picture, independent of that in the diagnostics."""

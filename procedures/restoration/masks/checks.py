@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from procedures.outcome import BadInput, BadParameter, Refused
+from procedures.outcome import BadInput, BadParameter, Refused, checked_type
+from procedures.raw import Plane
 from procedures.reading.arrays import checked_array
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import Masks, alike
@@ -18,6 +19,13 @@ SATURATED = 0.99
 """Fraction of white above which a sample counts as saturated, noise included."""
 LARGEST_W = 40.0
 """Half-width in pixels; memory for masks grows as its third power."""
+
+
+def as_channels(photographs: Sequence[object]) -> list[Array]:
+    """Photographs as arrays (C, H, W); planes and arrays (H, W) have one channel. Raises TypeError for other types."""
+    remedy = "pass photographs (H, W) or (C, H, W), linear, white = 1, or planes, as read_frame(path).planes['G1']"
+    each = (one.samples if isinstance(one, Plane) else checked_type(one, np.ndarray, remedy) for one in photographs)
+    return [np.asarray(one[None] if one.ndim == 2 else one, dtype=np.float64) for one in each]
 
 
 def check_photographs(photographs: list[Array]) -> Array:

@@ -8,7 +8,7 @@ import pytest
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.estimate import estimate_psf as from_chart
 from procedures.raw import Plane
-from procedures.two_photo.estimate import estimate_psf as from_wall
+from procedures.two_photo.estimate import estimate_psf_of_pair as from_wall
 from simulators.camera.optics import Optics
 
 from ..pattern_psf.conftest import CHART, PITCH_UM, photograph

@@ -11,7 +11,7 @@ import pytest
 from procedures.outcome import BadParameter, Outcome, Refused, Verdict, causes_of
 from procedures.raw import Plane, read_frame
 from procedures.reading.exposure import Exposure
-from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
+from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
 from procedures.two_photo.trust import check_settings
 
 from ..pattern_psf.alignment import aligned_error
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.delicate
 
 def estimate(near: np.ndarray, far: np.ndarray, **parameters: object) -> Outcome[TwoPhotoPsf]:
     planes = [Plane("Y", np.asarray(samples, np.float32), 1 / 65535) for samples in (near, far)]
-    return estimate_psf(*planes, TwoPhotoParameters(**{"s": 3, "k": 13, "solver": "nnls", **parameters}))  # type: ignore[arg-type]
+    return estimate_psf_of_pair(*planes, TwoPhotoParameters(**{"s": 3, "k": 13, "solver": "nnls", **parameters}))  # type: ignore[arg-type]
 
 
 def found_in(outcome: Outcome[TwoPhotoPsf]) -> TwoPhotoPsf:
@@ -66,7 +66,7 @@ def test_known_walls_give_their_psf(wall: str) -> None:
 def test_walls_kept_beside_the_project_give_their_psf(shared_data: Path, wall: str, limit: float) -> None:
     folder = shared_data / "synthetic" / "two_photo"
     near, far = (read_frame(folder / f"wall_{wall}_{which}.pgm").planes["Y"] for which in ("near", "far"))
-    found = found_in(estimate_psf(far, near, TwoPhotoParameters(3, 13, "nnls")))
+    found = found_in(estimate_psf_of_pair(far, near, TwoPhotoParameters(3, 13, "nnls")))
     truth = np.loadtxt(folder / f"wall_{wall}_truth_s3_k13.txt")
     assert aligned_error(found.psf.h, truth)[0] < limit
 
@@ -75,7 +75,7 @@ def test_walls_kept_beside_the_project_give_their_psf(shared_data: Path, wall: s
 def test_published_photographs_give_the_published_psf(shared_data: Path) -> None:
     folder = shared_data / "two_photos"
     near, far = (read_frame(folder / name).planes["Y"] for name in ("IMG_0608_v1.pgm", "IMG_0602_v1_CUT.pgm"))
-    outcome = estimate_psf(near, far, TwoPhotoParameters(3, 13, "nnls"))
+    outcome = estimate_psf_of_pair(near, far, TwoPhotoParameters(3, 13, "nnls"))
     found = found_in(outcome)
     published = np.loadtxt(shared_data / "reference" / "real_two_psf_s3_k13.txt")
     assert outcome.verdict is not Verdict.REFUSED

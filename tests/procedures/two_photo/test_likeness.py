@@ -10,7 +10,7 @@ import pytest
 from procedures.outcome import Outcome, Verdict
 from procedures.psf import Psf, PsfTail
 from procedures.raw import Plane
-from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
+from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
 from procedures.two_photo.likeness import beyond_light, light_turned, near_look, remains
 from procedures.two_photo.trust import COARSE_REMAINS, FINE_REMAINS, SMOOTHING, STREAKS
 from simulators.camera.sheets import leaves
@@ -29,7 +29,7 @@ def pair() -> Pair:
 
 def estimate(near: np.ndarray, far: np.ndarray) -> Outcome[TwoPhotoPsf]:
     planes = [Plane("Y", np.asarray(samples, np.float32), 1 / 65535) for samples in (near, far)]
-    return estimate_psf(*planes, TwoPhotoParameters(3, 13))
+    return estimate_psf_of_pair(*planes, TwoPhotoParameters(3, 13))
 
 
 def sigmas(outcome: Outcome[TwoPhotoPsf]) -> float:

@@ -7,7 +7,7 @@ import pytest
 
 from procedures.outcome import Outcome, Verdict, causes_of
 from procedures.raw import Plane
-from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
+from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
 
 from .endless import CAMERAS, camera, mtf50, mtf_nyquist, photographs
 from .wall import Pair
@@ -18,7 +18,7 @@ WALLS = (("pink", 3.3), ("leaves", 4.2), ("pink", 5.2))
 
 def estimate(pair: Pair, parameters: TwoPhotoParameters | None = None) -> Outcome[TwoPhotoPsf]:
     planes = [Plane("Y", samples, 1 / 65535) for samples in (pair.near, pair.far)]
-    return estimate_psf(*planes, parameters)
+    return estimate_psf_of_pair(*planes, parameters)
 
 
 def errors(outcome: Outcome[TwoPhotoPsf], name: str, which: str = "total") -> dict[str, tuple[float, float]]:
