@@ -99,8 +99,8 @@ def algorithm_2(
     smooth = gaussian_filter(np.asarray(z[:2], dtype=np.float64), (0, 0, low_pass, low_pass))
     numerator, curvature = relative_blur(smooth[0], smooth[1], direction)
     product, power = (gaussian_filter(a.sum(axis=0), window) for a in (numerator * curvature, curvature**2))
-    impulse = np.pad(np.ones((1, 1)), round(5 * low_pass))
-    response = relative_blur(*[gaussian_filter(impulse, low_pass)] * 2, direction)[1]
+    impulse = gaussian_filter(np.pad(np.ones((1, 1)), round(5 * low_pass)), low_pass)
+    response = relative_blur(impulse, impulse, direction)[1]
     noise = z.shape[1] * sigma**2 / 2 * float(np.sum(response**2))
     w = _width(product / np.maximum(power - noise, noise + 1e-20), stacks, low_pass, direction)
     w = _from_nearest(w, round(window / 2))
