@@ -75,8 +75,8 @@ LARGE_HEAP = 50_000
 @click.option("--plan", help="What to be guided through.  [default: pattern]")
 @click.option(
     "--specification", type=click.Path(path_type=Path),
-    help="Limits to hold results to, in TOML.  [also for: psf, sensor, geometry, rig, vignetting, tilt, mtf, correct,"
-    " rays, serve]",
+    help="Limits to hold results to, in TOML.  [also for: psf, sensor, geometry, rig, vignetting, tilt, mtf, restore,"
+    " correct, rays, serve]",
 )  # fmt: skip
 @click.option(
     "--unit", type=UNITS,
