@@ -12,7 +12,7 @@ from .physics.estimate import estimate_physics
 from .psf import Psf
 from .psf_field import PsfField
 from .quality import Diffraction, assess, otf
-from .raw import Plane, RawFrame, read_frame
+from .raw import Plane, read_frame
 from .ray_histogram.film_files import read_film
 from .ray_histogram.filter import FilterParameters
 from .ray_histogram.multiscale import filter_film
@@ -28,16 +28,16 @@ from .sensor.estimate import characterise
 from .sensor.levels import measure_level
 from .sensor.recording import SensorRecording
 from .sensor.stacks import measure_stack
-from .slanted_edge.estimate import EdgeMtf, estimate_edge, estimate_edges
+from .slanted_edge.estimate import estimate_edge, estimate_edges
 from .slanted_edge.strip import Roi
 from .two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
 from .vignetting.estimate import estimate_vignetting
 from .whole_camera.camera_file import read_camera_numbers
 
 __all__ = [
-    "BadInput", "BadParameter", "BlurSpec", "Chart", "CorrectionParameters", "Diffraction", "DumpLayout", "EdgeMtf",
+    "BadInput", "BadParameter", "BlurSpec", "Chart", "CorrectionParameters", "Diffraction", "DumpLayout",
     "FilterParameters", "GeometryParameters", "KnownShapes", "Outcome", "PatternParameters", "Plane",
-    "ProcedureError", "Psf", "PsfField", "RawFrame", "RecordedMotion", "Refused", "RestorationParameters", "Roi",
+    "ProcedureError", "Psf", "PsfField", "RecordedMotion", "Refused", "RestorationParameters", "Roi",
     "Scheme", "SensorRecording", "TwoPhotoParameters", "UnknownMotion", "Verdict", "assess", "blur_of",
     "calibrate_geometry", "characterise", "compare_to_ground_truth", "correct", "estimate_edge", "estimate_edges",
     "estimate_field", "estimate_physics", "estimate_psf", "estimate_psf_of_pair", "estimate_vignetting", "filter_film",
