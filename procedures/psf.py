@@ -166,6 +166,17 @@ class Psf:
         lacking_samples = None if lacking is None else lacking[:n, :n]
         return cls(parameters[:n].reshape(k, k), s, covariance[:n, :n], tail, lacking_samples)
 
+    @classmethod
+    def of_unit_sum(cls, parameters: Array, covariance: Array, k: int, s: int) -> Psf:
+        """`of`, after normalisation of the samples to sum 1, to first order in the covariance."""
+        n = k * k
+        total = parameters[:n].sum()
+        p = parameters / total
+        # J C J' with J = (I - p 1_n') / total
+        covariance = covariance - np.outer(p, covariance[:n].sum(axis=0))
+        covariance = (covariance - np.outer(covariance[:, :n].sum(axis=1), p)) / total**2
+        return cls.of(p, covariance, k, s)
+
     @property
     def k(self) -> int:
         """Number of samples along one side."""

@@ -145,6 +145,11 @@ class RawFrame:
     imu: ImuRecord | None = None
     shaker_path: ShakerPath | None = None
 
+    @property
+    def guide(self) -> Plane:
+        """Plane for detection and advice: G1 of a mosaic, otherwise the first."""
+        return self.planes.get("G1") or next(iter(self.planes.values()))
+
     __repr__ = summary
 
 
