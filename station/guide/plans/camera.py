@@ -12,7 +12,7 @@ from procedures.field.conclusion import FieldResult
 from procedures.field.estimate import NO_SENSORS
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.facts import VIEW
-from procedures.geometry.plan import seen_views
+from procedures.geometry.plan import chart_views
 from procedures.outcome import BadInput, Outcome, Refused, Verdict, with_doubt, worst_of
 from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.raw import RawFrame
@@ -93,7 +93,7 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
         return field.refused(frames, refusal)
     if flat_frames:
         parts[VIGNETTING] = vignetting_of(flat_frames, found)
-    views, reasons = seen_views(turned, known_facts)
+    views, reasons = chart_views(turned, known_facts)
     camera = whole_camera(found, known_facts.cell_mm, joint_parts(parts), views)
     if turned:
         lost = "; ".join(reasons)
