@@ -19,8 +19,7 @@ from procedures.restoration.known_blur import planes_of, rig_poses, split_ground
 from procedures.restoration.metres import Distances
 from station.calibration.restoration.restorations import Restored
 from station.common.versions import software
-from station.drawing.depth_pictures import coloured, encoded, levels, picture
-from station.drawing.linear_pictures import described_tiff, float_tiff
+from station.drawing.pictures import described_tiff, encoded, false_colours, float_tiff, levels, picture
 from station.results.exports import kernel_fits
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, verdict_entry
@@ -127,7 +126,8 @@ def _write_pictures(folder: ResultFolder, restoration: Restoration) -> None:
         folder.write("moved.npy", npy(restoration.moved, np.uint8))
     if restoration.occlusion.any():
         folder.write("occlusion.npy", npy(restoration.occlusion, np.uint8))
-    folder.write("depth.png", encoded(".png", coloured(restoration.w)))
+    depth = levels(restoration.w, float(restoration.w.min()), float(restoration.w.max()))
+    folder.write("depth.png", encoded(".png", false_colours(depth)))
     for n, kernel in enumerate(() if restoration.kernels is None else restoration.kernels, start=1):
         folder.write(f"kernel_{n}.npy", npy(kernel))
         folder.write(f"kernel_{n}.fits", kernel_fits(kernel, n, software()["version"]))
