@@ -194,7 +194,9 @@ def _fit(project: Callable[[Array], Array], start: Array, scale: Array, pixels: 
 def _opencv_projection(params: Array, rays: Array) -> Array:
     """Pixels (n, 2) of rays (n, 3) by OpenCV, from fx, fy, cx, cy and the coefficients."""
     K = np.array([[params[0], 0, params[2]], [0, params[1], params[3]], [0, 0, 1.0]])
-    return cv2.projectPoints(np.ascontiguousarray(rays)[:, None], np.zeros(3), np.zeros(3), K, params[4:])[0][:, 0]
+    points = np.ascontiguousarray(rays)[:, None]
+    pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, params[4:])[0]
+    return np.asarray(pixels[:, 0], dtype=np.float64)
 
 
 def _distorted(u: Array, params: Array, formula: str, unit_px: float) -> Array:

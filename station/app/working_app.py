@@ -39,7 +39,8 @@ if TYPE_CHECKING:
     from station.app.screens.guide import GuideScreen
     from station.bench.opening import Bench, DeviceRow
     from station.bench.stage_watch import DeviceState
-    from station.guide.workspace import Lab, Running, SessionSummary
+    from station.guide.run import Run
+    from station.guide.workspace import SessionSummary, StationLab
 
 SHOW_EVERY_S = 0.08
 """Shortest interval between updates from a run; 12 per second suffice for the eye and for ssh."""
@@ -51,7 +52,7 @@ ALARM = "EMERGENCY STOP: every device was stopped. Home the stages before moving
 class WorkingApp(App[int]):
     """An application with a bench, jobs and runs; its value is the exit code."""
 
-    def __init__(self, lab: Lab, glyphs: Glyphs | None = None) -> None:
+    def __init__(self, lab: StationLab, glyphs: Glyphs | None = None) -> None:
         super().__init__()
         self.lab = lab
         self.glyphs = glyphs or glyphs_for(os.environ, sys.stdout.encoding or "")
@@ -65,7 +66,7 @@ class WorkingApp(App[int]):
         self._operator_session: OperatorSession | None = None
         self._session: Path | None = None
         self._subject = self._alarm = ""
-        self._wanted: Callable[[Mailbox], Running] | None = None
+        self._wanted: Callable[[Mailbox], Run] | None = None
         self._wanted_mode = ""
         self._is_loaded = self._run_is_due = self._focus_on_bench = False
         self._afterwards: Callable[[], object] | None = None
@@ -246,7 +247,7 @@ class WorkingApp(App[int]):
         self._afterwards = lambda: self._begin(lambda mailbox: self.lab.resume(folder, mailbox, back_to=step))
         self._end_run_then_go_on()
 
-    def _begin(self, begin: Callable[[Mailbox], Running]) -> None:
+    def _begin(self, begin: Callable[[Mailbox], Run]) -> None:
         """Carry out a run once everything is loaded; not during another run or a manual move."""
         if not self._is_loaded:  # loading begins after the first paint
             self._wanted = begin
@@ -405,7 +406,7 @@ class WorkingApp(App[int]):
             self.front.refresh_frame()
 
 
-def _load(lab: Lab) -> tuple[Mapping[str, str], Sequence[SessionSummary]]:
+def _load(lab: StationLab) -> tuple[Mapping[str, str], Sequence[SessionSummary]]:
     """Import the modules of screens and runs, and read the sessions; in a thread."""
     import station.app.screens.bench
     import station.app.screens.focus
