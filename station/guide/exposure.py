@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
@@ -129,22 +131,22 @@ class PhotographRecorder:
             exposure, block = self._expose_with_imu()
             return exposure, {**motion_record(exposure, block), **self._path_record(path)}
         finally:
-            self._stop_shaking()
+            with self._after_exposure():
+                self.rig.stop_shaking()
+
+    @contextmanager
+    def _after_exposure(self, consequence: str = "") -> Iterator[None]:
+        """Report device errors: the photograph was taken and must be stored."""
+        try:
+            yield
+        except DeviceError as error:
+            self.talk.notify(ProblemEvent(error.reason, f"{consequence}{error.remedy}"))
 
     def _path_record(self, path: ShakePath) -> dict[str, Any]:
         """The path as stored in the session; empty if the shaker has stopped meanwhile."""
-        try:
+        with self._after_exposure("the motion is not known; "):
             return {"shake": {"began_s": self.rig.shaking_since_s(), **asdict(path)}}
-        except DeviceError as error:  # the photograph was taken and must be stored
-            self.talk.notify(ProblemEvent(error.reason, f"the motion is not known; {error.remedy}"))
-            return {}
-
-    def _stop_shaking(self) -> None:
-        """Stop the shaker; if that fails, the photograph is still stored."""
-        try:
-            self.rig.stop_shaking()
-        except DeviceError as error:
-            self.talk.notify(ProblemEvent(error.reason, error.remedy))
+        return {}
 
     def _expose_with_imu(self) -> tuple[ExposedFile, ImuBlock | None]:
         """One photograph and the IMU's samples; None where there is no IMU, or it fails."""
@@ -158,14 +160,11 @@ class PhotographRecorder:
             self.talk.notify(ProblemEvent(error.reason, f"continuing without the IMU; {error.remedy}"))
             imu = None
         exposure = self._camera.expose()
-        if imu is None:
-            return exposure, None
-        try:
-            block = imu.read_block(0.0)
-            imu.stop()
-        except DeviceError as error:  # the photograph was taken and must be stored
-            self.talk.notify(ProblemEvent(error.reason, f"the motion is not known; {error.remedy}"))
-            return exposure, None
+        block = None
+        with self._after_exposure("the motion is not known; "):
+            if imu is not None:
+                block = imu.read_block(0.0)
+                imu.stop()
         return exposure, block
 
 
@@ -191,7 +190,7 @@ def record(snapshot: Snapshot, vibration: VibrationLevel | None) -> dict[str, An
     """The state at an exposure as stored in the session."""
     state = snapshot.record()
     if vibration is not None:
-        state |= {"acceleration_m_s2": vibration.acceleration_m_s2, "rotation_rad_s": vibration.rotation_rad_s}
+        state |= vibration._asdict()
     return state
 
 

@@ -157,13 +157,12 @@ class Run:
             return drawn
         path = self._session.folder / PAGE
         self._talk.notify(ProgressEvent("writing the report"))
-        try:
+        with suppress(Refused, Skipped):  # the plan writes its own page, or was refused
             page = session_page(self._session.folder, self._result).encode()
             self._talk.attempt(lambda: write_whole(path, page), always=True)
             self._session.note(REPORTED, sha256=hashlib.sha256(page).hexdigest())
-        except (Refused, Skipped):  # the plan writes its own page, or was refused
-            return None
-        return path
+            return path
+        return None
 
     def _certificate(self) -> Path | None:
         """The certificate of a session with a specification; None where the plan has none."""
@@ -176,12 +175,11 @@ class Run:
             return None
         if self._result is None and (folder / CERTIFICATE).is_file():  # from an earlier run, of the same result
             return folder / CERTIFICATE
-        try:
+        with suppress(Refused, Skipped):  # the result is not a PSF, or the disk is full
             for name, data in certificate_files(folder, self._result).items():
                 self._talk.attempt(lambda n=name, d=data: write_whole(folder / n, d), always=True)  # type: ignore[misc]
-        except (Refused, Skipped):  # the result is not a PSF, or the disk is full
-            return None
-        return folder / CERTIFICATE
+            return folder / CERTIFICATE
+        return None
 
     def _ended(self, ended: RunEnded) -> RunEnded:
         with suppress(ProcedureError):  # the run also ends on a full disk
