@@ -86,9 +86,9 @@ def write_field(
         if camera is not None:
             metadata = asdict(camera)
             file.attrs[CAMERA] = json.dumps({name: metadata[name] for name in (*TEXTS, *NUMBERS)})
-        for name, found in whole.items():
+        for name, field in whole.items():
             plane = file.create_group(name)
-            _write_plane(plane, interpolation)
+            _write_plane(plane, field)
             _write_maps(plane.create_group("maps"), maps.get(name, ()))
         for colour in colours:
             group = file.create_group(f"lateral_colour/{colour.plane}")

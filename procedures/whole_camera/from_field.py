@@ -13,9 +13,8 @@ from procedures.field.conclusion import FieldResult
 from procedures.field.estimate import MeasuredChart
 from procedures.geometry.chart_bins.photographs import on_sensor
 from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
-from procedures.geometry.response import camera_response
-from procedures.geometry.shape import shape_model
-from procedures.geometry.views import ChartView, chart_nodes
+from procedures.geometry.uncertainty import camera_response
+from procedures.geometry.views import ChartView
 from procedures.outcome import Outcome, Verdict
 from procedures.psf_field import Node, prior_sensitivity
 from procedures.whole_camera.joint import ChartKey, JointNumbers, Part, join
@@ -68,7 +67,7 @@ def whole_camera(
     geometry = field_geometry(found, charts[found.reference], cell_mm, views)
     parts = []
     if geometry.value is not None:
-        parts.append(geometry_part(found, geometry.value, charts[found.reference], chart_nodes(cell_mm)))
+        parts.append(geometry_part(found, geometry.value, charts[found.reference]))
     parts += [psf_part(name, seen) for name, seen in charts.items() if seen]
     parts += [colour_part(colour, found.measured.planes[colour.plane].pitch, charts) for colour in found.colours]
     parts = [resting(one, charts) for one in parts]
@@ -214,14 +213,13 @@ def field_geometry(
     return calibrate_geometry(views, (columns * plane.pitch, rows * plane.pitch), GeometryParameters(cell_mm))
 
 
-def geometry_part(found: FieldResult, geometry: Geometry, charts: Sequence[MeasuredChart], nodes: Array) -> Part:
+def geometry_part(found: FieldResult, geometry: Geometry, charts: Sequence[MeasuredChart]) -> Part:
     """Intrinsics and distortion, with what they share with PSF and centre of the charts whose bins they come of."""
     plane = found.measured.planes[found.reference]
     seen = {one.node.source: one for one in charts}
-    views, adjusted = [one.view for one in geometry.views], geometry.adjustment
-    shape = replace(shape_model(nodes), node_mm=np.array(geometry.shape.node_mm))
     with_charts = {}
-    for view, response in zip(views, camera_response(adjusted, nodes, views, shape), strict=True):
+    views = (one.view for one in geometry.views)
+    for view, response in zip(views, camera_response(geometry.adjustment), strict=True):
         if (one := seen.get(view.source)) is None:
             continue
         points = plane.pitch * one.shared.of_points(one.registration, one.correspondences.points)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
+from drivers.frames import RAW_SUFFIXES as DRIVER_SUFFIXES
 from procedures.outcome import BadInput, BadParameter, Miss, Outcome
 from procedures.reading.text import read_rows
 from station.common.sanitise import encodable, printable
@@ -15,12 +16,16 @@ from station.results.result_files import RECORD
 
 T = TypeVar("T")
 
-RAW_SUFFIXES = frozenset(
-    """.3fr .arw .cr2 .cr3 .crw .dcr .dng .erf .fff .iiq .k25 .kdc .mef .mos .mrw .nef .nrw .orf .pef .raf .raw .rw2
-    .rwl .sr2 .srf .srw .x3f""".split()  # noqa: SIM905  (a list of them in quotes is twice as long)
-)
+RAW_SUFFIXES = DRIVER_SUFFIXES | {".fff", ".k25", ".rwl", ".sr2", ".srf"}
 GREY_SUFFIXES = frozenset((".pgm", ".png", ".tif", ".tiff"))
 PHOTOGRAPHS = RAW_SUFFIXES | GREY_SUFFIXES
+
+
+def photographs_in(folder: Path) -> set[Path]:
+    """The photographs directly in a folder, without hidden and temporary ones. Raises BadInput where there is none."""
+    if not folder.is_dir():
+        raise BadInput(f"there is no folder {folder}", "create it, or name another one")
+    return {p for p in folder.iterdir() if p.suffix.lower() in PHOTOGRAPHS and not p.name.startswith((".", "~"))}
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from procedures.psf import Psf
 from procedures.radial_profile import radial_profile
 from procedures.reading.exposure import Exposure
 from station.common.sanitise import cell
-from station.drawing.linear_pictures import described_tiff, float_tiff
+from station.drawing.pictures import described_tiff, float_tiff
 from station.results.fits import Cards, image_extension, primary_image
 
 Array = npt.NDArray[np.float64]

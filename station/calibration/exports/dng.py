@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.geometry.radial import RadialCamera, as_radial
+from procedures.geometry.conversion import RadialCamera, as_radial
 from procedures.outcome import BadParameter
 from procedures.reading.dng_opcodes import GainMap, Opcode, fix_vignette_radial, warp_rectilinear, with_opcodes
 from procedures.vignetting.formula import even_powers

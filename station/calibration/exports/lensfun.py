@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.field.chromatic import LateralColour
-from procedures.geometry.radial import RadialCamera, as_radial
+from procedures.geometry.conversion import RadialCamera, as_radial
 from procedures.outcome import BadParameter
 from procedures.reading.exposure import Exposure
 from procedures.vignetting.formula import LightSurface, even_powers
