@@ -144,9 +144,9 @@ class PhotographRecorder:
 
     def _path_record(self, path: ShakePath) -> dict[str, Any]:
         """The path as stored in the session; empty if the shaker has stopped meanwhile."""
-        record: dict[str, Any] = {}
+        record = dict[str, Any]()
         with self._after_exposure("the motion is not known; "):
-            record = {"shake": {"began_s": self.rig.shaking_since_s(), **asdict(path)}}
+            record["shake"] = {"began_s": self.rig.shaking_since_s(), **asdict(path)}
         return record
 
     def _expose_with_imu(self) -> tuple[ExposedFile, ImuBlock | None]:

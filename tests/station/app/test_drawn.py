@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import unicodedata
 
 import numpy as np
 import pytest
@@ -112,8 +113,8 @@ def test_any_numbers_can_be_drawn(values):
 
 @given(st.text(max_size=40))
 def test_no_character_steers_the_terminal(text):
-    shown = printable(text)
-    assert shown.isprintable()
+    # Python calls spaces other than the usual one unprintable; they steer nothing
+    assert all(c.isprintable() or unicodedata.category(c) == "Zs" for c in printable(text))
 
 
 @pytest.mark.parametrize(
