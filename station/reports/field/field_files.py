@@ -19,7 +19,7 @@ from procedures.numbers import CORNER_LIGHT, DARKEST_CORNER, ERROR_INTERPOLATION
 from procedures.vignetting.formula import LightSurface
 from procedures.whole_camera.camera_file import write_camera_numbers
 from procedures.whole_camera.from_field import WholeCamera
-from station.calibration.camera_notes import exposure_of
+from station.calibration.camera_metadata import exposure_of
 from station.common.versions import software
 from station.reports.certificate_print import write_certificate
 from station.reports.field.field_page import field_page, mm_per_pixel
