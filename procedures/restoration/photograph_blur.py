@@ -177,10 +177,8 @@ def blur_of(
 
     report : receives estimates of unknown motion, in the flat part and then in the whole frame.
 
-    Raises
-    ------
-    BadParameter, BadInput, Refused
-        If it leaves nothing of the photographs or does not determine depth, or if motion cannot be estimated.
+    Raises BadParameter, BadInput, Refused if it leaves nothing of the photographs or does not determine depth, or if
+    motion cannot be estimated.
     """
     if spec.max_w is not None:
         check_max_w(spec.max_w)

@@ -31,6 +31,13 @@ from procedures.restoration.masks.mask_fields import Masks, over_frame
 F32 = NDArray[np.float32]
 
 SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
+LEAST_W = 0.3
+"""Smallest w to try, pixels: below it depths are indistinguishable."""
+FLOOR = 1e-3
+"""Limits the amplification of frequencies that neither photograph passes."""
+DISTINCT = 3
+"""Levels from the least cost to the next minimum that counts for the confidence."""
+
 # Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
 WINDOW, WIDENED = 5, 0.25
 """Side of the costs' mean, pixels, and fraction of the smaller reach by which it is widened for smaller masks."""
@@ -146,9 +153,9 @@ def _from_nearest(w: Array, clear: int) -> Array:
     return np.asarray(np.nan_to_num(w[tuple(nearest)]))
 
 
-def levels_of(stacks: Sequence[Masks], least: float, step: float = LEVEL_PX) -> Array:
+def levels_of(stacks: Sequence[Masks], step: float = LEVEL_PX) -> Array:
     """Values of w to try, pixels."""
-    return np.arange(least, min(s.max_w for s in stacks) - 0.05, step)
+    return np.arange(LEAST_W, min(s.max_w for s in stacks) - 0.05, step)
 
 
 def _spectra(stack: MaskStack, w: float, shape: tuple[int, int]) -> Array:
@@ -176,15 +183,13 @@ def cost_volume(
     *,
     whiten: bool = True,
     even: float = 0.0,
-    floor: float = 1e-3,
 ) -> F32:
     """Cost of each level at each pixel, (H, W, L), summed over pairs of photographs and channels.
 
     Whitened, each difference z1 * h2 - z2 * h1 is divided by the root of its noise's spectrum
     sigma1^2 |H2|^2 + sigma2^2 |H1|^2, so that its mean square at the true level is 1 for any masks; otherwise the
-    expected noise is subtracted as in (8.1). `floor` limits the amplification of frequencies that neither photograph
-    passes. `even` widens the window of smaller masks by this fraction of their smaller reach: at a depth edge they
-    would otherwise win because they do not reach it.
+    expected noise is subtracted as in (8.1). `even` widens the window of smaller masks by this fraction of their
+    smaller reach: at a depth edge they would otherwise win because they do not reach it.
     """
     H, W = z.shape[2:]
     windows = _windows(stacks, levels, window, even)
@@ -195,7 +200,7 @@ def cost_volume(
         masks = [_spectra(s, float(w), shape) for s in stacks]
         for a, b in combinations(range(len(z)), 2):
             passed = sigmas[a] ** 2 * np.abs(masks[b]) ** 2 + sigmas[b] ** 2 * np.abs(masks[a]) ** 2
-            noise = passed + (sigmas[a] ** 2 + sigmas[b] ** 2) / 2 * floor
+            noise = passed + (sigmas[a] ** 2 + sigmas[b] ** 2) / 2 * FLOOR
             scale = np.sqrt(noise) if whiten else 1.0
             d = irfft2((spectra[a] * masks[b] - spectra[b] * masks[a]) / scale, shape, workers=most_threads())
             d = d[:, margin : margin + H, margin : margin + W]
@@ -222,35 +227,33 @@ def least_level(cost: F32, levels: Array) -> Array:
     return np.asarray(levels[k[..., 0]] + shift * (levels[1] - levels[0]))
 
 
-def confidence_of(cost: F32, distance: int = 3) -> Array:
-    """1 - least cost / least cost at least `distance` levels away: near 0 where texture is insufficient."""
+def confidence_of(cost: F32) -> Array:
+    """1 - least cost / least cost at least `DISTINCT` levels away: near 0 where texture is insufficient."""
     confidence = np.empty(cost.shape[:2])
     levels = np.arange(cost.shape[2])
     for y, row in enumerate(cost):  # row by row: a second volume of a large photograph would not fit into memory
         best = row.argmin(axis=1)[:, None]
-        second = np.where(np.abs(levels - best) >= distance, row, np.inf).min(axis=1)
+        second = np.where(np.abs(levels - best) >= DISTINCT, row, np.inf).min(axis=1)
         confidence[y] = 1 - np.take_along_axis(row, best, axis=1)[:, 0] / np.maximum(second, 1e-20)
     return np.clip(confidence, 0, 1)
 
 
-def algorithm_3(
-    z: Array, stacks: Sequence[Masks], sigmas: Array, *, least: float = 0.3, window: int = 9, median: int = 13
-) -> DepthStart:
+def algorithm_3(z: Array, stacks: Sequence[Masks], sigmas: Array) -> DepthStart:
     """Depth from blur (8.1): minimal noise-compensated difference over the levels, then a median."""
-    levels = levels_of(stacks, least)
-    cost = cost_volume(z, stacks, sigmas, levels, window, whiten=False)
-    w = np.asarray(median_filter(levels[cost.argmin(axis=2)], median))
+    levels = levels_of(stacks)
+    cost = cost_volume(z, stacks, sigmas, levels, 9, whiten=False)
+    w = np.asarray(median_filter(levels[cost.argmin(axis=2)], 13))
     return DepthStart(w, confidence_of(cost), np.zeros(w.shape, bool))
 
 
-def matched(z: Array, stacks: Sequence[Masks], sigmas: Array, *, least: float = 0.3) -> DepthStart:
+def matched(z: Array, stacks: Sequence[Masks], sigmas: Array) -> DepthStart:
     """The default initial depth: whitened Algorithm III, its labels matched over the whole frame.
 
     Near the frame's border the differences contain light from outside, so their weight is small.
     """
     # over the scene's range only: how a level's window and cost compare with others' depends on the largest
-    rough = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * LEVEL_PX)).w
-    levels = levels_of(stacks, least)
+    rough = _matched_at(z, stacks, sigmas, levels_of(stacks, 2 * LEVEL_PX)).w
+    levels = levels_of(stacks)
     low, high = np.percentile(rough, (OUTLYING, 100 - OUTLYING))
     levels = levels[(levels > low - 4 * LEVEL_PX) & (levels < high + 4 * LEVEL_PX)]
     return _matched_at(z, stacks, sigmas, levels)

@@ -151,10 +151,7 @@ def register(z: Array, trust: Array, stacks: Sequence[Masks]) -> Registration:
 
     z : (P, C, H, W); trust : (P, 1, H, W).
 
-    Raises
-    ------
-    Refused
-        If a photograph is shifted by more than the masks can hold.
+    Raises Refused if a photograph is shifted by more than the masks can hold.
     """
     z, trust = z.copy(), trust.copy()
     shifts, light = np.zeros((len(z), 2)), np.ones(len(z))
@@ -197,14 +194,9 @@ def _similarity(costs: Costs, shape: tuple[int, ...]) -> Similarity:
 class Light:
     """Light of one photograph relative to another.
 
-    Attributes
-    ----------
-    factor : float
-    residual, residual_of_curve : float
-        Root mean square residual over contrast, after fitting a factor, and after fitting a parabola.
-    curvature, offset : float
-        Of the parabola: half the change of its slope over the levels relative to its mean; its value at zero relative
-        to the mean level.
+    residual, residual_of_curve : root mean square over contrast, after fitting a factor, and after fitting a parabola;
+    curvature, offset : of the parabola: half the change of its slope over the levels relative to its mean, and its
+    value at zero relative to the mean level.
     """
 
     factor: float
@@ -223,10 +215,7 @@ class Light:
 def check_tone(n: int, light: Light) -> None:
     """Refuse a photograph that is not linear relative to the first.
 
-    Raises
-    ------
-    Refused
-        If a curve explains much more than a factor.
+    Raises Refused if a curve explains much more than a factor.
     """
     if light.residual_of_curve < AGREE and light.residual > BENT * light.residual_of_curve:
         raise Refused(

@@ -34,9 +34,9 @@ LEAST_PIXELS, BLEMISH_PIXELS = 40, 400
 a blemish."""
 
 
-def span(w: Array, size: int = 3) -> Array:
-    """Maximum minus minimum of w in every neighbourhood."""
-    return np.asarray(maximum_filter(w, size) - minimum_filter(w, size))
+def span(w: Array) -> Array:
+    """Maximum minus minimum of w in every neighbourhood of 3 x 3."""
+    return np.asarray(maximum_filter(w, 3) - minimum_filter(w, 3))
 
 
 def segments(w: Array, doubt: int, known: Labels | None = None, jump: float = JUMP_PX) -> Labels:

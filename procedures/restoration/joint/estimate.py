@@ -86,7 +86,7 @@ def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
     Whitened differences (8.1) of two photographs have unit variance at the true depth. The smallest windowed mean over
     the levels is taken, and its lower quartile over the frame, where blur is constant and levels fit.
     """
-    levels = initial_depth.levels_of(stacks, 0.3)
+    levels = initial_depth.levels_of(stacks)
     least = initial_depth.cost_volume(z[:2], stacks[:2], np.ones(2), levels, 5).min(axis=2) / z.shape[1]
     return max(1.3 * float(np.sqrt(np.percentile(least, 25))), 1e-5)
 
@@ -125,10 +125,7 @@ def restoration_of(
     photographs : P arrays (H, W) or (C, H, W), linear, white = 1, or planes; stacks : the masks of each as functions of
     one w, constant over the frame or a field of them.
 
-    Raises
-    ------
-    BadInput, BadParameter, Refused
-        If photographs, blurs or parameters cannot be restored (see `checks`).
+    Raises BadInput, BadParameter, Refused if photographs, blurs or parameters cannot be restored (see `checks`).
     """
     p = parameters or RestorationParameters()
     z = checks.check_photographs(checks.as_channels(photographs))
@@ -228,12 +225,12 @@ def _rms(residual: Array, trust: Array) -> float:
     return float(np.sqrt(np.sum(residual.astype(np.float64) ** 2) / max(trusted, 1.0)))
 
 
-def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int = 7) -> Array:
+def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float) -> Array:
     """Lower bound of the standard deviation of w, pixels.
 
     Squared derivatives of the photographs with respect to w, summed over a window, against the noise (chapter 9).
     """
-    delta = 0.1
+    delta, window = 0.1, 7
     data.focus(w + delta)
     above = data.blur(u)
     data.focus(w - delta)

@@ -243,10 +243,10 @@ def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> 
 
 
 def picture_alone(
-    problem: Problem, state: DescentState, progress: Callable[[JointRound], None] | None = None, rounds: int = 4
+    problem: Problem, state: DescentState, progress: Callable[[JointRound], None] | None = None
 ) -> DescentState:
     """The state of a scene of known w: alternating picture and statistics, then the final picture."""
-    for _ in range(rounds):
+    for _ in range(4):
         weights = problem.schedule.final(state.statistics)
         iterations = problem.scheme.picture + problem.scheme.depth
         u = restore_picture(problem.data, state.u, weights.picture, iterations, _diffusion(problem, state.u))

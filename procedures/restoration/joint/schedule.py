@@ -27,10 +27,7 @@ class Scheme:
     def parse(text: str) -> Scheme:
         """The scheme written as in the thesis: "20x(8+10)+5x20", "50x(8+10)+100".
 
-        Raises
-        ------
-        BadParameter
-            If it has another form.
+        Raises BadParameter if it has another form.
         """
         match = re.fullmatch(r"(\d+)x\((\d+)\+(\d+)\)(?:\+(?:(\d+)x)?(\d+))?", re.sub(r"\s|×", _plain, text))
         if not match:

@@ -80,10 +80,8 @@ def poses_of(imu: ImuRecord, exposure_s: float) -> Poses:
     parabola in the positions, which are subtracted, as a vibrating rig has neither. The unit is assumed at the lens;
     one mounted elsewhere measures rotations as additional translations.
 
-    Raises
-    ------
-    BadInput
-        If the record is too short, unordered, does not cover the exposure, or rotates by more than a few degrees.
+    Raises BadInput if the record is too short, unordered, does not cover the exposure, or rotates by more than a few
+    degrees.
     """
     t = check_record(imu, exposure_s)
     turn = _without_drift(t, _integral(t, imu.rotation_rad_s * FLIPPED), 1)
@@ -105,10 +103,8 @@ def poses_at(time_s: Array, position_m: Array, turn_rad: Array) -> Poses:
     time_s : (n,); position_m, turn_rad : (n, 3), x right, y up, z back, relative to the rig at rest; rotations are
     rotation vectors. Interpolation is linear.
 
-    Raises
-    ------
-    BadInput
-        If there are fewer than two, times do not increase, a component jumps by half a turn, or numbers are too large.
+    Raises BadInput if there are fewer than two, times do not increase, a component jumps by half a turn, or numbers are
+    too large.
     """
     if len(time_s) < 2:
         raise BadInput(f"a motion needs poses at two times or more; got {len(time_s)}", "record the whole exposure")
@@ -124,10 +120,8 @@ def poses_at(time_s: Array, position_m: Array, turn_rad: Array) -> Poses:
 def poses_on(shaker_path: ShakerPath, exposure_s: float) -> Poses:
     """Poses during an exposure, from the path that was commanded, which is gone around as a periodic cubic spline.
 
-    Raises
-    ------
-    BadInput
-        If the start of the exposure on the path is not known, and the exposure is no whole number of rounds.
+    Raises BadInput if the start of the exposure on the path is not known, and the exposure is no whole number of
+    rounds.
     """
     points = _vectors(shaker_path.position_m, "a shaker's path", None)
     interval_s = checked_number(shaker_path.interval_s, "the interval of a shaker's path", LEAST_INTERVAL_S)
@@ -234,12 +228,8 @@ def motion_blur(
     w is the inverse depth in pixels: the largest excursion due to translation. All masks are relative to the rig at
     rest, so they contain the displacement between the photographs.
 
-    Raises
-    ------
-    BadParameter
-        If focal length or inverse depth are not positive, or the motion is too large for the photographs.
-    Refused
-        If the rig translated too little to determine depth.
+    Raises BadParameter if focal length or inverse depth are not positive, or the motion is too large for the
+    photographs; Refused if the rig translated too little to determine depth.
     """
     if not all(SMALLEST < one < LARGEST_READING for one in (focal_px, max_inverse_m)):
         raise BadParameter(

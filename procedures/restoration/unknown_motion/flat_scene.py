@@ -44,12 +44,8 @@ no residual, and an oversharpened picture appears to have more contrast."""
 class KernelStart:
     """Parameters of one pass from coarse to fine.
 
-    Attributes
-    ----------
-    edges, last_edges : float
-        Initial weight of an edge between neighbours, which falls by a tenth each round, and its final value.
-    least : float
-        Fraction of a kernel's maximum below which values are set to zero.
+    edges, last_edges : initial weight of an edge between neighbours, which falls by a tenth each round, and its final
+    value; least : fraction of a kernel's maximum below which values are set to zero.
     """
 
     edges: float = 2e-2
@@ -134,12 +130,8 @@ def kernels_of_flat_scene(
 
     largest : half-size of the kernels, their relative shift included, pixels.
 
-    Raises
-    ------
-    BadInput
-        If there are fewer than two photographs, or they are smaller than four such kernels.
-    Refused
-        If no kernels explain the photographs.
+    Raises BadInput if there are fewer than two photographs, or they are smaller than four such kernels; Refused if no
+    kernels explain the photographs.
     """
     s = effort or KernelEffort()
     if len(photographs) < 2:
@@ -147,42 +139,25 @@ def kernels_of_flat_scene(
     R = largest or max(1, min(LARGEST, (min(photographs.shape[1:]) - 1) // 4))
     z = _central_part(photographs, R, s.most_pixels)
     sparse = SparseGradients(z, R)
-    searches: list[_Search] = []
+    searches: list[tuple[SparseFit, FreeKernels]] = []
     # many photographs outweigh the prior of few edges, which alone keeps a common blur out of their kernels: its weight
     # is scaled with their number, but not where that search ends in doubt
     for edges in dict.fromkeys((len(z) / 2, 1.0)):
         searches.append(_searched(sparse, z, edges, s))
-        if searches[-1].doubt is None:
+        if searches[-1][1].doubt is None:
             break
-    best = min(searches, key=lambda one: (one.doubt is not None, one.fit.cost))
-    share = best.fit.residual / float(np.mean(sparse.observed**2))
+    fit, best = min(searches, key=lambda one: (one[1].doubt is not None, one[0].cost))
+    share = fit.residual / float(np.mean(sparse.observed**2))
     if share > MOST_LEFT:
         raise Refused(
             f"no kernels of up to {R} pixels each way explain the photographs: {share:.0%} of their differences remain",
             "raise --max-w if the motion was larger; the scene has to be flat, static, and not rotated in between",
         )
-    return best.result
+    return best
 
 
-@dataclass(frozen=True)
-class _Search:
-    """The most probable of several starts, refined; the next one, refined, where it may be right; and the doubt."""
-
-    fit: SparseFit
-    other: SparseFit | None
-    agreement: float
-    doubt: str | None
-
-    @property
-    def result(self) -> FreeKernels:
-        """The kernels, cropped."""
-        others = None if self.other is None else cropped(self.other.kernels)
-        residual = float(np.sqrt(self.fit.residual)) / CONTRAST
-        return FreeKernels(cropped(self.fit.kernels), residual, self.agreement, self.doubt, others)
-
-
-def _searched(sparse: SparseGradients, z: Pictures, edges: float, s: KernelEffort) -> _Search:
-    """Kernels from all starts. edges : factor of the weight of an edge between neighbours."""
+def _searched(sparse: SparseGradients, z: Pictures, edges: float, s: KernelEffort) -> tuple[SparseFit, FreeKernels]:
+    """The most probable fit of several starts, refined, and its kernels; edges : factor of the weight of an edge."""
 
     def refined(kernels: Kernels) -> SparseFit:
         return sparse.fit(about_middle(kernels), s.settled, s.picture_iterations, LEAST)
@@ -195,7 +170,9 @@ def _searched(sparse: SparseGradients, z: Pictures, edges: float, s: KernelEffor
     agreement = min([likeness(fit.kernels, one.kernels) for one in fits[1:]], default=1.0)
     # one with another result, or a worse fit, carries no information on the error of this one
     rivals = [fit_ for fit_ in fits[1:] if fit_.cost < fits[0].cost + COST_TOLERANCE and agreement >= MIN_AGREEMENT]
-    return _Search(fit, refined(rivals[0].kernels) if rivals else None, agreement, _doubt(fit, agreement))
+    others = cropped(refined(rivals[0].kernels).kernels) if rivals else None
+    residual = float(np.sqrt(fit.residual)) / CONTRAST
+    return fit, FreeKernels(cropped(fit.kernels), residual, agreement, _doubt(fit, agreement), others)
 
 
 def given_kernels(kernels: Sequence[Array], count: int, doubt: str | None = None) -> MotionShapes:
@@ -203,10 +180,7 @@ def given_kernels(kernels: Sequence[Array], count: int, doubt: str | None = None
 
     doubt : why they were unreliable
 
-    Raises
-    ------
-    BadParameter
-        If their number or sampling is wrong.
+    Raises BadParameter if their number or sampling is wrong.
     """
     sizes = [len(one) for one in kernels]
     if len(sizes) != count or max(sizes) >= MEASURED:

@@ -87,7 +87,7 @@ def masks_at(points: Array, half: float, w: float, R: int, instants: int = 400) 
     return np.stack([spline_mask(curve * (w / half), R, LINE * w, instants) for curve in points])
 
 
-def filters(masks: Array, size: int, soft: float = 0.0) -> Array:
+def filters(masks: Array, size: int) -> Array:
     """Filters that remove from both errors of a tile the part explained by a common picture, (2, size, size // 2 + 1).
 
     (e1 * h2 - e2 * h1) over the root of its noise's spectrum: one half of white errors remains, white.

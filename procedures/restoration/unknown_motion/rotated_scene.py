@@ -26,10 +26,7 @@ def kernels_of_rotated_scene(
 ) -> FreeKernels:
     """As `kernels_of_flat_scene`, for photographs (P, H, W) that may be rotated and zoomed relative to the first.
 
-    Raises
-    ------
-    BadInput, Refused
-        As there, and where some of three photographs or more show another scene.
+    Raises BadInput, Refused as there, and where some of three photographs or more show another scene.
     """
     if odd := outlier_frames(photographs):
         which, show = ("photograph", "shows") if len(odd) == 1 else ("photographs", "show")
