@@ -15,7 +15,7 @@ from procedures.outcome import BadInput, ProcedureError, Verdict
 from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
 from station.batch.procedure_file import BatchProcedure
-from station.calibration.folder_photographs import Item, called
+from station.calibration.folder_photographs import Item, naming_path
 from station.common.sanitise import encodable, printable, safe_stem
 from station.common.threads import limited
 from station.common.versions import software
@@ -152,7 +152,7 @@ def _row(item: Item, job: Job) -> ItemRow:
     kept, redone = kept_row(job.out, job.done[key]) if key in job.done else (None, "")
     if kept is not None:
         return replace(kept, reused=True)
-    folder = f"{RESULTS}/{safe_stem(called(item.paths[0]))}-{key}"
+    folder = f"{RESULTS}/{safe_stem(naming_path(item.paths[0]))}-{key}"
     with ResultFolder(job.out / folder, force=True) as place:
         return replace(_measure(item, job, files, ItemRow(item.files, PASS, sha256=hashes, folder=folder), place),
                        redone=redone)  # fmt: skip

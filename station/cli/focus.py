@@ -78,7 +78,7 @@ def focus(
     seen = None
     with _frames(source, ended, folder, config, simulated_seed) as coming:
         for frame in coming:
-            seen = live.see(frame)
+            seen = live.measure(frame)
             click.echo(json.dumps(entry(seen)) if as_json else line(seen))
             if seen.number == frames:
                 break
@@ -116,10 +116,10 @@ def line(seen: FocusReading) -> str:
     """A photograph for people: its number, its sharpness with a bar, and what to do."""
     from station.common.sanitise import printable
 
-    found = seen.found.value
+    found = seen.sharpness.value
     name = printable(seen.frame.path.name)
     if found is None:
-        return f"{seen.number:3}  {name}: {seen.found.reason}; {seen.found.remedy}"
+        return f"{seen.number:3}  {name}: {seen.sharpness.reason}; {seen.sharpness.remedy}"
     one, (difference, error) = found.mtf50, found.astigmatism
     bar = "#" * round(BAR * one.value / max(score for score in seen.scores if score == score))
     return (
@@ -146,7 +146,7 @@ def summary(seen: FocusReading) -> str:
 
 def entry(seen: FocusReading) -> dict[str, Any]:
     """A photograph for programs."""
-    found, peak = seen.found.value, seen.peak
+    found, peak = seen.sharpness.value, seen.peak
     numbers = (
         {EDGE_MTF50: found.mtf50, "mtf50_rows": found.along_rows, "mtf50_columns": found.along_columns} if found else {}
     )
@@ -157,10 +157,10 @@ def entry(seen: FocusReading) -> dict[str, Any]:
     return {
         "number": seen.number,
         "path": str(seen.frame.path),
-        "verdict": str(seen.found.verdict),
-        "reason": seen.found.reason,
-        "remedy": seen.found.remedy,
-        **other_causes_entry(seen.found),
+        "verdict": str(seen.sharpness.verdict),
+        "reason": seen.sharpness.reason,
+        "remedy": seen.sharpness.remedy,
+        **other_causes_entry(seen.sharpness),
         **told,
         S_OVER_T: found.s_over_t if found else None,
         "best": seen.best,
