@@ -125,6 +125,8 @@ def _settings(table: Table, model: type[Settings]) -> Settings:
     def take(source: Table, keys: Collection[str], where: str = "") -> None:
         for key in keys:
             if source.has(key):
+                if key in given:
+                    raise source.wrong(key, f"and {shown[key]} are both given", "give one of them")
                 given[key], shown[key] = source.peek(key), f"{where}{key}"
 
     if "plane" in known and (planes := _planes(table)):
