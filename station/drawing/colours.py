@@ -35,7 +35,11 @@ VERDICT_COLOURS = {
 
 # --- terminals ---------------------------------------------------------------------------------------------------
 
-TERMINAL_COLOURS = {"pass": "green", "doubtful": "yellow", "left out": "yellow", "refused": "red", "fail": "red"}
+TERMINAL_COLOURS = {
+    **dict.fromkeys(("pass", "reproduced"), "green"),
+    **dict.fromkeys(("doubtful", "same direction", "not computed"), "yellow"),
+    **dict.fromkeys(("refused", "fail", "not reproduced"), "red"),
+}
 """Names that every terminal gives a colour of its own."""
 MARK_TEXT, MARK_GROUND = "black", "yellow"
 """A mark in a thumbnail, and what it stands on."""

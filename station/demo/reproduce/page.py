@@ -1,4 +1,4 @@
-"""The page: every row with what was published, what we get, and whether it passes."""
+"""The page: every row with what was published, the values computed here, and its state."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import math
 
 from station.common.versions import software
 from station.demo.reproduce.catalogue import NOT_HERE
-from station.demo.reproduce.reproduction import Reproduction, RowState
+from station.demo.reproduce.runner import Reproduction, RowState
 from station.reports.page import render
 
 PLAIN_FROM, PLAIN_TO = 1e-3, 1e5
-"""Numbers outside are written with their power of ten."""
+"""Numbers outside this range are written with a power of ten."""
 
 
-def reproduction_page(found: Reproduction) -> str:
-    """One HTML page that needs nothing else."""
+def reproduction_page(result: Reproduction) -> str:
+    """One self-contained HTML page."""
     return render(
-        "reproduce.html", found=found, State=RowState, shown=shown, not_here=NOT_HERE, software=software(),
+        "reproduce.html", found=result, State=RowState, shown=shown, not_here=NOT_HERE, software=software(),
     )  # fmt: skip
 
 

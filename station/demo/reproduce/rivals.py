@@ -1,4 +1,4 @@
-"""The methods that the papers compare theirs with, as references."""
+"""Reference methods with which the papers compare theirs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Array = npt.NDArray[np.float64]
 
 
 def joshi(A: Array, v: Array, k: int, weight: float) -> Array:
-    """The kernel (k, k) of least ||A h - v||^2 + weight ||grad h||^2 that is not negative.
+    """The non-negative kernel (k, k) that minimises ||A h - v||^2 + weight ||grad h||^2.
 
     Parameters
     ----------
@@ -20,7 +20,7 @@ def joshi(A: Array, v: Array, k: int, weight: float) -> Array:
     v : (m,)
         The photograph.
     weight : float
-        In units of the mean diagonal element of A'A: without it the equations of step edges cannot be solved.
+        In units of the mean diagonal element of A'A; without it the equations of step edges are singular.
 
     References
     ----------
@@ -32,16 +32,16 @@ def joshi(A: Array, v: Array, k: int, weight: float) -> Array:
 
 
 def gradient_energy(k: int) -> Array:
-    """L with h' L h the sum of the squared differences of neighbours in a (k, k) picture that is zero around."""
+    """L with h' L h the sum of squared differences of neighbours in a (k, k) picture padded by zeros."""
     second = 2 * np.eye(k) - np.eye(k, k=1) - np.eye(k, k=-1)
     return np.kron(second, np.eye(k)) + np.kron(np.eye(k), second)
 
 
 def least_squares(A: Array, v: Array, k: int) -> Array:
-    """The kernel (k, k) of least ||A h - v||^2, nothing else asked of it: the thesis's own way, equation (P)."""
+    """The kernel (k, k) that minimises ||A h - v||^2: the thesis's method, equation (P)."""
     return solve_constrained(A.T @ A, A.T @ v, "ls").reshape(k, k)
 
 
 def psnr_db(h: Array, truth: Array) -> float:
-    """Peak signal to noise ratio of a kernel against the true one."""
+    """Peak signal-to-noise ratio of a kernel with respect to the true one."""
     return float(10 * np.log10(truth.max() ** 2 / np.mean((h - truth) ** 2)))
