@@ -40,6 +40,6 @@ TERMINAL_COLOURS = {
     **dict.fromkeys(("doubtful", "same direction", "not computed"), "yellow"),
     **dict.fromkeys(("refused", "fail", "not reproduced"), "red"),
 }
-"""Names that every terminal gives a colour of its own."""
+"""Names of terminal colours by verdict."""
 MARK_TEXT, MARK_GROUND = "black", "yellow"
-"""A mark in a thumbnail, and what it stands on."""
+"""Of a mark in a thumbnail, and of its background."""
