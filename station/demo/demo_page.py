@@ -1,4 +1,4 @@
-"""The demonstration's page: what was found beside what is true."""
+"""The demonstration's page: estimates next to the truth."""
 
 from __future__ import annotations
 
@@ -12,44 +12,44 @@ from station.reports import otf_figures, psf_figures
 from station.reports.page import exposure_words, render
 
 if TYPE_CHECKING:
-    from station.demo.demonstration import Demonstration, DemoPhotograph, Summary
+    from station.demo.demo import Demonstration, DemoPhotograph, Summary
     from station.demo.truth_comparison import TruthComparison
 
 SHOWN_PLANE = "G1"
-"""Of which plane photograph and residual are drawn."""
+"""Plane whose photograph and residual are drawn."""
 
 
-def demonstration_page(found: Demonstration, summary: Summary) -> str:
+def demonstration_page(demonstration: Demonstration, summary: Summary) -> str:
     """The demonstration's report."""
     return render(
         "demo.html",
-        found=found,
+        found=demonstration,
         summary=summary,
         size=Size(WIDTH_MM),
-        ratios=psf_figures.ratios_figure(_compared(found, lambda one: [one.ratio]), "ratios"),
+        ratios=psf_figures.ratios_figure(_compared(demonstration, lambda one: [one.ratio]), "ratios"),
         sigmas=psf_figures.sigmas_figure(
-            _compared(found, lambda one: [against.sigmas for against in one.mtf50.values()]), "sigmas"
+            _compared(demonstration, lambda one: [against.sigmas for against in one.mtf50.values()]), "sigmas"
         ),
-        places=psf_figures.places_figure(_places(found), "places"),
-        pictures={shot.setup.name: _pictures(shot, f"p{i}") for i, shot in enumerate(found.shots, 1)},
+        places=psf_figures.places_figure(_places(demonstration), "places"),
+        pictures={shot.setup.name: _pictures(shot, f"p{i}") for i, shot in enumerate(demonstration.shots, 1)},
         shown_plane=SHOWN_PLANE,
         exposure=exposure_words,
         software=software(),
     )
 
 
-def _compared(found: Demonstration, numbers: Callable[[TruthComparison], Sequence[float]]) -> psf_figures.Rows:
-    """Numbers of every plane that was compared, by photograph."""
+def _compared(demonstration: Demonstration, numbers: Callable[[TruthComparison], Sequence[float]]) -> psf_figures.Rows:
+    """Numbers of every compared plane, by photograph."""
     return [
         (shot.setup.title, {one.name: numbers(one.comparison) for one in shot.planes if one.comparison is not None})
-        for shot in found.shots
+        for shot in demonstration.shots
     ]
 
 
-def _places(found: Demonstration) -> list[Any]:
-    """The charts' outlines in fractions of the frame."""
+def _places(demonstration: Demonstration) -> list[Any]:
+    """Outlines of the charts in fractions of the frame."""
     outlines = []
-    for shot in found.shots:
+    for shot in demonstration.shots:
         for plane in shot.planes[:1]:
             if plane.result.found is not None:
                 rows, columns = shot.frame.planes[plane.name].samples.shape
@@ -58,7 +58,7 @@ def _places(found: Demonstration) -> list[Any]:
 
 
 def _pictures(shot: DemoPhotograph, name: str) -> Mapping[str, Any]:
-    """The figures of one photograph: of its shown plane, and of every plane."""
+    """Figures of one photograph: of its shown plane, and of every plane."""
     pictures: dict[str, Any] = {"planes": {}}
     for plane in shot.planes:
         estimate, against = plane.result.found, plane.comparison

@@ -19,8 +19,8 @@ from procedures.raw import read_frame
 from simulators.bench.demonstration import SETUPS, Staging
 from station.__main__ import main
 from station.demo import demo
+from station.demo.demo import summary
 from station.demo.demo_page import demonstration_page
-from station.demo.demonstration import summary
 
 pytestmark = pytest.mark.slow
 
