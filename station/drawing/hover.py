@@ -1,12 +1,13 @@
-"""What a page tells where the pointer rests on a figure: strips of an axes with words, which need no script.
+"""Values shown where the pointer rests on a figure: strips of the axes with titles, without a script.
 
-`style.svg` turns each into an element with a title, which browsers show and those who hear a page are read.
+`style.svg` turns each into an element with a title, which browsers show and screen readers read.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from html import unescape
 
 import numpy as np
 import numpy.typing as npt
@@ -14,12 +15,12 @@ from markupsafe import escape
 from matplotlib.axes import Axes
 
 MOST = 40
-"""Strips of an axes: more are not told apart by a pointer."""
-MARK = "told-"
+"""Strips of one axes; more are too narrow for a pointer."""
+MARK = "strip-"
 
 
-def tell_along(axes: Axes, x: npt.NDArray[np.float64], words: Sequence[str]) -> None:
-    """Have an axes tell words about places along x, each as far as half way to the next; at most `MOST` of them."""
+def title_strips(axes: Axes, x: npt.NDArray[np.float64], words: Sequence[str]) -> None:
+    """Add a strip with a title around each x, halfway to its neighbours; at most `MOST` of them."""
     chosen = np.unique(np.linspace(0, len(x) - 1, min(MOST, len(x))).round().astype(int))
     middles = (x[chosen][1:] + x[chosen][:-1]) / 2
     ends = np.concatenate([[x[chosen[0]]], middles, [x[chosen[-1]]]])
@@ -29,15 +30,9 @@ def tell_along(axes: Axes, x: npt.NDArray[np.float64], words: Sequence[str]) -> 
 
 
 def with_titles(drawn: str) -> str:
-    """An SVG in which every strip has its words as its title."""
+    """Turn the strips of an SVG into elements with titles."""
     return re.sub(rf'<g id="{MARK}([^"]*)">', lambda found: _titled(found[1]), drawn)
 
 
 def _titled(words: str) -> str:
-    return f'<g class="told"><title>{escape(_unescaped(words))}</title>'
-
-
-def _unescaped(words: str) -> str:
-    for entity, letter in (("&quot;", '"'), ("&lt;", "<"), ("&gt;", ">"), ("&amp;", "&")):
-        words = words.replace(entity, letter)
-    return words
+    return f'<g class="strip"><title>{escape(unescape(words))}</title>'

@@ -138,7 +138,7 @@ def tilt(folder: Path) -> None:
     from procedures.tilt.plane import fit_plane
     from procedures.tilt.screws import Screws, turns_for
     from station.calibration.tilt import tilt_measurement
-    from station.reports.tilt_page import tilt_page
+    from station.procedure.registry import procedure_named
     from station.results.measurement import write_measurement
     from station.results.record_head import RecordHead
     from station.results.result_files import ResultFolder
@@ -151,8 +151,9 @@ def tilt(folder: Path) -> None:
     )
     found = Outcome(Tilt(plane, np.zeros(9), screws, turns_for(plane, screws, with_focus=True), True))
     with ResultFolder(folder / OUT) as results:
-        results.write("report.html", tilt_page("G1", 5, found).encode())
-        write_measurement(results, tilt_measurement(RecordHead("tilt"), "G1", found))
+        measured = tilt_measurement(RecordHead("tilt"), "G1", found)
+        results.write("report.html", procedure_named("tilt").page(measured))
+        write_measurement(results, measured)
 
 
 def vignetting(folder: Path) -> Words:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from procedures.raw import RawFrame
 from station.calibration.geometry_files import geometry_measurement, session_plane
+from station.procedure.registry import procedure_named
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
@@ -16,7 +17,5 @@ def write(folder: ResultFolder, plane: PlaneResult, frames: Sequence[RawFrame], 
     """Tables, page and record; of what was refused the record alone."""
     found = geometry_measurement([session_plane(plane, frames)], head)
     if not found.refused:
-        from station.reports.geometry_page import geometry_page  # here: it draws, which is slow to load
-
-        folder.write("report.html", geometry_page(found.found, head).encode())
+        folder.write("report.html", procedure_named("geometry").page(found))
     return write_measurement(folder, found)

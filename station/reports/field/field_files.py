@@ -25,7 +25,7 @@ from station.reports.certificate_print import write_certificate
 from station.reports.field.field_page import field_page, mm_per_pixel
 from station.reports.field.height_curves import FREQUENCIES, HEIGHTS, WITHOUT_PHOTOSITE, heights_table
 from station.reports.otf_figures import FrequencyAxis
-from station.reports.pattern_report import Report, report_of_files
+from station.reports.report import Report, report_of_files
 from station.results.overlay import HeightOverlay
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
