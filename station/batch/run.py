@@ -24,7 +24,7 @@ from procedures.numbers import Group, Number, in_group
 from station.batch.allowance import Allowance
 from station.batch.batch_folder import LINES, PAGE, TABLE, check_own, known_hashes, owned, unwritable
 from station.batch.item import JUDGED, LOST, VERDICTS, ItemRow, Job, PlaneRow, work
-from station.batch.procedure_file import Procedure
+from station.batch.procedure_file import BatchProcedure
 from station.batch.process_pool import Lost, Stop, run_in_processes
 from station.calibration.folder_photographs import Item
 from station.common.atomic_files import write_whole
@@ -235,7 +235,7 @@ def _page(batch: Batch) -> bytes:
     return batch_page(report).encode()
 
 
-def _bounds(procedure: Procedure) -> dict[str, list[float]]:
+def _bounds(procedure: BatchProcedure) -> dict[str, list[float]]:
     """The finite bounds of limits, by number, where they are told in the batch's own unit."""
     found: dict[str, list[float]] = {}
     for limit in procedure.terms.specification.limits:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.psf.planes import jobs_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import INTERRUPTED
@@ -21,11 +22,16 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from station.batch.item import ItemRow
-    from station.batch.procedure_file import Procedure
+    from station.batch.procedure_file import BatchProcedure
     from station.batch.run import Batch
     from station.calibration.folder_photographs import Item
 
 SOME_FAILED = 1
+ITEMS = {
+    "pair": "pairs", "scene": "pairs", "results": "pairs", "photograph": "photographs", "series": "photographs",
+    "several": "files",
+}  # fmt: skip
+"""Names of items by the procedure's inputs."""
 MOST_NAMED = 40
 """Photographs that are not usable, on the screen; the files name them all."""
 
@@ -34,7 +40,7 @@ MOST_NAMED = 40
 @click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--procedure", "file", type=click.Path(path_type=Path), required=True, help="What to do, in TOML.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
-@click.option("--jobs", type=click.IntRange(1, 1024), help="Processes at a time.  [default: as many as cores]")
+@jobs_option
 @click.option("--cluster", metavar="ADDRESS|local", help="Share the work out by Dask (extra `cluster`).")
 @click.option(
     "--cluster-tls",
@@ -89,7 +95,7 @@ def batch(
 
 
 def carry_out(
-    procedure: Procedure,
+    procedure: BatchProcedure,
     folders: tuple[Path, ...],
     out: Path,
     *,
@@ -105,14 +111,13 @@ def carry_out(
     """Run a batch, tell it as it goes, and leave with its exit code."""
     from station.batch.allowance import Allowance
     from station.batch.item import Job, finished
-    from station.batch.procedure_file import SERIES
     from station.batch.process_pool import Stop
     from station.batch.run import run_batch
     from station.common.stop_signals import guarded
 
     items = _items(folders, out, procedure)
-    what = {"pair": "pairs", "results": "pairs", "photograph": "photographs", "several": "files"}
-    log("found", f"found {len(items)} {what.get(procedure.inputs, 'folders')}", items=len(items))
+    words = ITEMS.get(procedure.procedure.inputs, "folders")
+    log("found", f"found {len(items)} {words}", items=len(items))
     jobs = jobs or os.cpu_count() or 1
     fair = Allowance.fair(min(jobs, len(items)))
     allowance = Allowance(memory_bytes or fair.memory_bytes, time_s)
@@ -126,8 +131,7 @@ def carry_out(
     else:
         _show(done)
     log("written", f"wrote {out / 'summary.csv'}", path=str(out / "summary.csv"))
-    if procedure.name == SERIES:
-        _tell_series(done)
+    _summarise(done)
     if stop.asked:
         log("interrupted", f"interrupted; {done.undone} were not begun", level="error", undone=done.undone)
         raise click.exceptions.Exit(INTERRUPTED)
@@ -135,16 +139,21 @@ def carry_out(
         raise click.exceptions.Exit(SOME_FAILED)
 
 
-def _tell_series(done: Batch) -> None:
-    """Write the series' table and page; tell the best aperture of each plane, and what does not belong together."""
-    from station.batch.series import best_of, several, write_series
+def _summarise(done: Batch) -> None:
+    """Write the procedure's own summary of the batch, if it has one."""
+    from station.common.atomic_files import write_whole
 
-    for words in several(done.rows):
+    procedure = done.job.procedure.procedure
+    found = procedure.summary(done.rows)
+    if found is None:
+        return
+    for words in found.warnings:
         log("several", words, level="warning", remedy="make a series of each by itself")
-    for path in write_series(done.job.out, done.rows):
-        log("written", f"wrote {path}", path=str(path))
-    for one in best_of(done.rows):
-        log("best", one.words, plane=one.plane, f_number=one.f_number, confidence=one.confidence)
+    for name, data in found.files.items():
+        write_whole(done.job.out / name, data)
+        log("written", f"wrote {done.job.out / name}", path=str(done.job.out / name))
+    for line in found.lines:
+        log(procedure.name, line)
 
 
 def _say_who_can_connect(cluster: str | None) -> None:
@@ -154,38 +163,28 @@ def _say_who_can_connect(cluster: str | None) -> None:
         log("cluster", OPEN, level="warning", remedy="install the package cryptography, or leave --cluster out")
 
 
-def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[Item]:
-    from station.batch.procedure_file import RESTORE
-    from station.calibration.folder_photographs import (
-        PHOTOGRAPHS,
-        Item,
-        by_folder,
-        find_frames,
-        in_pairs,
-        in_rows,
-        singly,
-        unread,
-    )
+def _items(folders: tuple[Path, ...], out: Path, batch: BatchProcedure) -> list[Item]:
+    from station.batch.procedure_file import IN_PAIRS
+    from station.calibration.folder_photographs import Item, by_folder, find_frames, in_pairs, in_rows, singly, unread
     from station.procedure.base import Inputs
 
     missed: list[Item] = []
-    suffixes = PHOTOGRAPHS if procedure.settings is None else procedure.measuring.suffixes
+    procedure = batch.procedure
+    suffixes, inputs = procedure.suffixes, procedure.inputs
     frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)), suffixes)
-    if procedure.pairs is not None:
-        return in_rows(frames, procedure.pairs, most=None if procedure.name == RESTORE else 2) + missed
-    if procedure.inputs in (Inputs.PAIR, Inputs.RESULTS):
-        return _without_records(in_pairs(frames, procedure.endings), procedure) + missed
-    if procedure.inputs is Inputs.FOLDER:
+    if batch.pairs is not None:
+        return in_rows(frames, batch.pairs, most=None if inputs is Inputs.SCENE else 2) + missed
+    if inputs in IN_PAIRS:
+        return _without_files(in_pairs(frames, batch.endings), batch) + missed
+    if inputs is Inputs.FOLDER:
         return [Item(tuple(find_frames([folder], out, suffixes=suffixes))) for folder in folders] + missed
-    return (by_folder(frames) if procedure.inputs is Inputs.PHOTOGRAPHS else singly(frames)) + missed
+    return (by_folder(frames) if inputs is Inputs.PHOTOGRAPHS else singly(frames)) + missed
 
 
-def _without_records(items: list[Item], procedure: Procedure) -> list[Item]:
-    """The items but for files that others of them are restored with, as ground truths that lie beside their pairs."""
-    if procedure.restoration is None:
-        return items
+def _without_files(items: list[Item], batch: BatchProcedure) -> list[Item]:
+    """The items except files that others are measured with, as ground truths beside their pairs."""
     pairs = [one for one in items if not one.trouble]
-    used = {file for one in pairs for file in procedure.restoration.placed(procedure.folder, one.paths).files}
+    used = {file for one in pairs for file in batch.procedure.files(one.paths, batch.settings)}
     return [one for one in items if not (one.trouble and used.issuperset(one.paths))]
 
 

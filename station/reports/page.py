@@ -240,10 +240,10 @@ def number_rows(numbers: Mapping[str, Quantity], *, methods: bool = False) -> Ta
     return Table(rows, columns="wr", style="plain", boxed=False)
 
 
-def image(data: bytes, alternative: str) -> Markup:
-    """A PNG as an element of the page."""
+def image(data: bytes, alternative: str, *, enlarged: bool = False) -> Markup:
+    """A PNG as an element of the page; an enlarged one shows its pixels as squares."""
     uri = "data:image/png;base64," + base64.b64encode(data).decode()
-    return html('<img src="{}" alt="{}">', Markup(uri), alternative)
+    return html('<img{} src="{}" alt="{}">', Markup(' class="enlarged"' if enlarged else ""), uri, alternative)
 
 
 def exclusions(heading: str, missed: Sequence[Miss], what: str) -> list[Section]:

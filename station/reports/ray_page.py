@@ -56,7 +56,7 @@ def ray_page(title: str, rows: tuple[RenderRow | StripRow, ...]) -> bytes:
 
 
 def _strip(pictures: Sequence[tuple[str, Linear]]) -> Figures:
-    return Figures([Figure(image(display_png(one), caption), caption) for caption, one in pictures])
+    return Figures([Figure(image(display_png(one), caption, enlarged=True), caption) for caption, one in pictures])
 
 
 def _strips(row: RenderRow | StripRow) -> Iterator[Sequence[tuple[str, Linear]]]:
@@ -75,7 +75,7 @@ def _similar(row: RenderRow | StripRow) -> list[Figures]:
         return []
     caption = "Similar patches found for each pixel; where it is dark, more samples are needed."
     shown = row.similar / max(float(row.similar.max()), 1.0)
-    return [Figures([Figure(image(display_png(shown), "similar patches per pixel"), caption)])]
+    return [Figures([Figure(image(display_png(shown), "similar patches per pixel", enlarged=True), caption)])]
 
 
 def close_ups(noisy: Linear, filtered: Linear, similar: Linear) -> list[tuple[str, int, int]]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from procedures.outcome import Outcome
 from procedures.restoration.joint.result import Restoration, refocused
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.metres import Distances
@@ -17,10 +15,9 @@ from station.drawing.depth_pictures import encoded, levels, picture
 from station.drawing.plots import Figure
 from station.reports.page import Facts, Figures, Note, Section, image, percent
 from station.reports.psf_figures import RESIDUAL_LIMIT, course_figure, map_figure
-from station.reports.report import Report, ReportShot
+from station.reports.report import Report
 from station.reports.report_page import report_page
-from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead
+from station.reports.restoration_files import Restored
 
 Array = npt.NDArray[np.floating[Any]]
 
@@ -36,17 +33,9 @@ FOCUS_AT = (("Sharp where w is large.", 90), ("Sharp where w is in its middle.",
 """Captions of the refocused pictures, and percentiles of w in focus."""
 
 
-def restoration_page(
-    outcome: Outcome[Restoration],
-    photographs: Sequence[Array],
-    head: RecordHead,
-    distances: Distances | None = None,
-) -> bytes:
-    """The page, UTF-8, with embedded pictures.
-
-    outcome : with a value; photographs : (C, H, W) each, 1 = white
-    """
-    restoration = outcome.value
+def restoration_page(report: Report, restored: Restored) -> str:
+    """The page. Raises ValueError without a value."""
+    restoration, photographs = restored.outcome.value, restored.photographs
     if restoration is None:
         raise ValueError("a restoration without a value has no page")
     white = float(np.percentile(photographs[0], 99.5))
@@ -66,18 +55,12 @@ def restoration_page(
         Section("Before and after", [Figures([*before, after])]),
         *([Section("Estimated motion", [Figures(kernels)])] if kernels else []),
         Section("Depth and its uncertainty", [Figures(_depth(restoration))]),
-        *_metres(distances),
+        *_metres(restored.distances),
         *_truth(restoration, after),
         Section("Residual", [Figures(_residual(restoration))]),
         *([Section("Refocused", [Figures(refocused_), note])] if refocused_ else []),
     ]
-    result = PlaneResult.of_outcome("picture", outcome)
-    report = Report(
-        subject="Restored picture", procedure="restore", planes=[result], parameters=head.parameters,
-        shots=[ReportShot(one.path, one.sha256) for one in head.input], duration_s=head.duration_s,
-        title=f"restoration of {len(photographs)} photographs",
-    )  # fmt: skip
-    return report_page(report, summary=[_facts(restoration)], closing=sections).encode()
+    return report_page(report, summary=[_facts(restoration)], closing=sections)
 
 
 def _facts(restoration: Restoration) -> Facts:

@@ -8,109 +8,23 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.terms import plane_option, tell_specification, terms_options
-from station.cli.terminal.numbers import SEED, Number
+from station.cli.psf.terms import tell_specification
+from station.cli.terminal.numbers import SEED
 from station.common.errors import REFUSED
-from station.common.log import Fact, log, log_json_option
+from station.common.log import Fact, log
 
 if TYPE_CHECKING:
     from procedures.outcome import Judged, Miss
     from procedures.pattern_print.source import Source
-    from procedures.reading.sensor_dump import DumpLayout
     from station.results.overlay import Overlay
     from station.results.plane_result import PlaneResult
 
 LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
 """Of a log line, by verdict."""
-OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
-"""Options that describe the diffraction limit."""
-
-INSIST = "add --trust-typed"
 FAILED = 1
 """Exit code: measured, and not good enough."""
 
 Command = Callable[..., Any]
-
-
-class AutoInt(click.ParamType):  # type: ignore[type-arg]  # generic in some releases only
-    """A whole number, or "auto": None, for what the program chooses from the photograph."""
-
-    name = "auto|N"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> int | None:
-        """The number, None for "auto"."""
-        if isinstance(value, int) or value is None:
-            return value
-        if value == "auto":
-            return None
-        try:
-            return int(str(value))
-        except ValueError:
-            self.fail(f"give a whole number, or auto; got {value!r}", param, ctx)
-
-
-AUTO = AutoInt()
-
-
-def _layout(context: click.Context, option: click.Parameter, text: str | None) -> DumpLayout | None:
-    if text is None:
-        return None
-    from procedures.reading.sensor_dump import DumpLayout
-
-    return DumpLayout.parse(text)
-
-
-raw_option = click.option(
-    "--raw",
-    "layout",
-    callback=_layout,
-    metavar="WxH,RGGB,u16le,BLACK,WHITE",
-    help="The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
-)
-
-
-def told_layout(layout: DumpLayout | None) -> dict[str, str]:
-    """What a record says of the layout that was given."""
-    return {"raw": str(layout)} if layout else {}
-
-
-def told_trust(trusted: bool) -> dict[str, bool]:
-    """What a record says where what was typed counted against what the camera noted."""
-    return {"trust_typed": True} if trusted else {}
-
-
-def psf_options(s: int | str, k: int | str, solver: str, *, report: bool = False) -> Callable[[Command], Command]:
-    """The options of every PSF command, with a procedure's own defaults; those of a page and its certificate.
-
-    A page takes as long to draw as its planes to be estimated, so it is written where it is asked for.
-    """
-    options: list[Callable[[Command], Command]] = [
-        click.option("-s", "s", type=AUTO, default=s, show_default=True, help="PSF samples per pixel of the plane."),
-        click.option("-k", "k", type=AUTO, default=k, show_default=True, help="PSF samples along one side, odd."),
-        click.option("--solver", type=click.Choice(["ls", "clip", "nnls"]), default=solver, show_default=True),
-        click.option("--pixel-pitch-um", type=Number(min=0.1), help="The sensor's pitch, for the Strehl ratio."),
-        click.option("--f-number", type=Number(min=0.1), help="The aperture.  [default: as the camera noted it]"),
-        click.option("--wavelength-nm", type=Number(min=100), help="[default: R 600, G 530, B 460, Y 550]"),
-        click.option(
-            "--trust-typed", is_flag=True, help="Take --f-number and --pixel-pitch-um against what the camera noted."
-        ),
-        plane_option,
-        raw_option,
-        terms_options,
-        click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
-        click.option(
-            "--report/--no-report", default=report, show_default=True, help="Write report.html too, for people."
-        ),
-        click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too."),
-        log_json_option,
-    ]
-
-    def add(command: Command) -> Command:
-        for option in reversed(options):
-            command = option(command)
-        return command
-
-    return add
 
 
 certificate_option = click.option(
@@ -122,6 +36,11 @@ overlay_option = click.option(
     "--overlay", "overlays", multiple=True, type=click.Path(path_type=Path), metavar="RESULT",
     help="Draw the MTF of this result or session over the page's too; as often as wanted.",
 )  # fmt: skip
+
+
+jobs_option = click.option(
+    "--jobs", type=click.IntRange(1, 1024), help="Processes at a time.  [default: as many as cores]"
+)
 
 
 def read_overlays(paths: Sequence[Path]) -> list[Overlay]:
@@ -146,15 +65,6 @@ def chart_source(bits: Path | None, seed: int | None) -> Source:
     from procedures.pattern_print.source import Source
 
     return Source.from_file(bits) if bits else Source.from_seed(DEFAULT_SEED if seed is None else seed)
-
-
-def tell_each(calibrated: Iterable[PlaneResult]) -> list[PlaneResult]:
-    """The planes, each told as it comes."""
-    found = []
-    for one in calibrated:
-        tell_result(one)
-        found.append(one)
-    return found
 
 
 def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool) -> None:

@@ -31,11 +31,6 @@ def plane_name(context: click.Context, option: click.Parameter, name: str | None
     return name if name is None else "all" if name.lower() == "all" else name.upper()
 
 
-plane_option = click.option(
-    "--plane", callback=plane_name, help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"
-)
-
-
 def _frequencies(context: click.Context, option: click.Parameter, words: str | None) -> tuple[float, ...]:
     """The numbers of 0.1,0.25."""
     try:

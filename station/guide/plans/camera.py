@@ -192,8 +192,6 @@ def _part_result(name: str, one: Outcome[Any]) -> PlaneResult:
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
     """The files of a field, with camera and page; the result of each other part is in a folder of its own."""
-    from station.reports.field.field_files import write_planes  # it draws, a slow import
-
     parts = parts_of(planes)
     found = next((one.found for one in planes if one.found is not None), None)
     head = replace(
@@ -203,7 +201,7 @@ def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[
     flats: Flats | None = parts[VIGNETTING].value if VIGNETTING in parts else None
     lights = {} if flats is None else {name: one.surface.light for name, one in _values(flats.planes).items()}
     psfs = [one for one in planes if one.name not in parts]
-    return write_planes(folder, psfs, head, found and found.camera, lights=lights, beside=beside)
+    return field.write(folder, psfs, head, lights, beside)
 
 
 SHOT_FACTS = (LIT, FLAT, TURNED, VIEW)

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from functools import partial
 
 from markupsafe import Markup
 
 from procedures.budget import FREQUENCIES, TERMS
 from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult, PlaneField
-from procedures.field.image_height import HeightCurve
 from procedures.field.maps import FieldMap
 from procedures.field.photosite import Photosite
 from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE, MTF50_MERIDIONAL, MTF50_SAGITTAL
-from procedures.vignetting.formula import LightSurface
-from procedures.whole_camera.from_field import WholeCamera
 from station.drawing.plots import Figure
 from station.reports.field import field_figures
 from station.reports.field.camera_section import camera_section, light_figures
+from station.reports.field.field_files import FieldParts, mm_per_pixel
 from station.reports.field.height_curves import HEIGHTS, WITHOUT_PHOTOSITE, heights_figure
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.page import (
@@ -36,12 +34,12 @@ from station.reports.page import (
     small,
     tag,
 )
-from station.reports.report import METHODS, Report, ReportShot, exposure_lines, shot_of
+from station.reports.report import Report
 from station.reports.report_page import report_page
+from station.results.measurement import Measurement
 from station.results.overlay import HeightOverlay
 from station.results.plane_result import PlaneResult
-from station.results.record_head import PartBeside, RecordHead
-from station.results.units import Unit, told_quantity
+from station.results.units import Unit
 
 READER = """\
 import h5py, numpy as np
@@ -60,115 +58,59 @@ SUMMARY = (
 )
 
 
-def field_page(
-    found: FieldResult,
-    results: Sequence[PlaneResult],
-    head: RecordHead,
-    software: Mapping[str, Any],
-    heights: Mapping[str, Mapping[str, Sequence[HeightCurve]]],
-    overlays: Sequence[HeightOverlay] = (),
-    lights: Mapping[str, LightSurface] | None = None,
-    camera: WholeCamera | None = None,
-    beside: Mapping[str, PartBeside] | None = None,
-) -> str:
-    """The page.
-
-    Parameters
-    ----------
-    results : the planes at the frame's centre, in the requested unit
-    heights : MTF over image height by the stem of its table's name and by plane
-    overlays : other fields, whose MTF is drawn over these if it is in the same units
-    lights : vignetting by plane, if it was measured
-    camera : all numbers of the charts, if they were requested
-    beside : results of other parts of the same session, by name
-    """
-    fitted = {one.name: field for one in results if (field := found.planes[one.name].value) is not None}
+def field_page(report: Report, found: Measurement) -> str:
+    """The page; curves of other fields are drawn over these if they are in the same units."""
+    whole: FieldParts = found.found
+    result, lights, camera = whole.result, whole.lights, whole.camera
     closing = [
-        *_colour_sections(found.colours),
-        *_focus_section(found),
+        *_colour_sections(result.colours),
+        *_focus_section(result),
         *([Section("Vignetting", [Figures(light_figures(lights), wide=True)])] if lights else []),
-        *([camera_section(camera)] if camera else []),
-        *_misses(found),
-        *_file_section(found, fitted),
+        *([camera_section(camera)] if camera and whole.fitted else []),
+        *_misses(result),
+        *_file_section(whole.fitted),
     ]
-
-    def blocks(plane: PlaneResult) -> list[Block]:
-        curves = {stem: one[plane.name] for stem, one in heights.items() if plane.name in one}
-        mm = mm_per_pixel(found, plane.name, head.parameters)
-        field = fitted.get(plane.name)
-        return [] if field is None else _plane_blocks(plane, field, curves, mm, overlays, found.photosite)
-
-    report = _report(found, results, head, software)
-    return report_page(report, summary=_summary(found, fitted, beside or {}), plane_blocks=blocks, closing=closing)
+    blocks = partial(_plane_blocks, whole, found)
+    return report_page(report, summary=_summary(whole), plane_blocks=blocks, closing=closing)
 
 
-def _report(
-    found: FieldResult, results: Sequence[PlaneResult], head: RecordHead, software: Mapping[str, Any]
-) -> Report:  # fmt: skip
-    exposures = found.measured.exposures
-    fitted = sum(one.value is not None for one in found.planes.values())
-    return Report(
-        subject=f"{len(found.measured.frames)} photographs, {fitted} of {len(found.planes)} planes",
-        procedure="field",
-        planes=results,
-        shots=[shot_of(one) for one in exposures] or [ReportShot(one.path, one.sha256) for one in head.input],
-        parameters=head.parameters,
-        conditions=exposure_lines(exposures[0].exposure) if exposures else (),
-        specification=(head.specification or {}).get("title", ""),
-        software=software,
-        title="PSF over the frame",
-        method=METHODS["field"],
-        duration_s=head.duration_s,
-    )
-
-
-def _summary(found: FieldResult, fitted: Mapping[str, PlaneField], beside: Mapping[str, PartBeside]) -> list[Block]:
+def _summary(whole: FieldParts) -> list[Block]:
     blocks: list[Block] = [SUMMARY]
-    if fitted:
-        name = found.reference if found.reference in fitted else next(iter(fitted))
-        errors = {one.name: one.median(one.value) for one in fitted[name].maps if one.uncertainty is None}
-        blocks.append(
-            Facts(
-                [
-                    (str(len(fitted[name].interpolation.field.nodes)), f"nodes in {name}"),
-                    (percent(errors[ERROR_NOISE]), "error of the PSF from noise, median over the field"),
-                    (percent(errors[ERROR_INTERPOLATION]), "error from interpolation, median over the field"),
-                ]
-            )
+    if whole.fitted:
+        name = whole.result.reference if whole.result.reference in whole.fitted else next(iter(whole.fitted))
+        one = whole.fitted[name]
+        errors = {m.name: m.median(m.value) for m in one.maps if m.uncertainty is None}
+        words = (
+            (str(len(one.interpolation.field.nodes)), f"nodes in {name}"),
+            (percent(errors[ERROR_NOISE]), "error of the PSF from noise, median over the field"),
+            (percent(errors[ERROR_INTERPOLATION]), "error from interpolation, median over the field"),
         )
+        blocks.append(Facts(words))
     rows = [
         [html('<a href="{}">{}</a>', one.look, name) if one.look else name, tag(one.verdict),
          f"{sentence(one.used)} {reason_words(one)}".strip()]
-        for name, one in beside.items()
+        for name, one in whole.beside.items()
     ]  # fmt: skip
     return [*blocks, *([Table(rows, ["beside the PSF", "measurement", "why"], "wwr")] if rows else [])]
-
-
-def mm_per_pixel(found: FieldResult, plane: str, parameters: Mapping[str, Any]) -> float | None:
-    """The pitch of a plane's pixels in mm, as given or recorded by the camera; None if it is unknown."""
-    given = parameters.get("pixel_pitch_um")
-    known = given or next((one.exposure.pixel_pitch_um for one in found.measured.exposures), None)
-    return None if not known else found.measured.planes[plane].pitch * float(known) / 1000
 
 
 # --- one plane ---------------------------------------------------------------------------------------------------
 
 
-def _plane_blocks(
-    plane: PlaneResult,
-    one: PlaneField,
-    curves: Mapping[str, Sequence[HeightCurve]],
-    mm: float | None,
-    overlays: Sequence[HeightOverlay],
-    photosite: Photosite | None,
-) -> list[Block]:
-    """Figures and tables of a plane; mm : of its pixels."""
-    field, name = one.interpolation.field, plane.name
+def _plane_blocks(whole: FieldParts, found: Measurement, plane: PlaneResult) -> list[Block]:
+    """Figures and tables of a plane."""
+    one, photosite, name = whole.fitted.get(plane.name), whole.result.photosite, plane.name
+    if one is None:
+        return []
+    curves = {stem: by_plane[name] for stem, by_plane in whole.heights.items() if name in by_plane}
+    mm = mm_per_pixel(whole.result, name, found.head.parameters)
+    field = one.interpolation.field
     frame = field.positions, field.shape
     figures = [field_figures.mosaic_figure(field, f"{name}-mosaic"),
                field_figures.places_figure(field, one.interpolation.axis, f"{name}-places")]  # fmt: skip
     axis = FrequencyAxis(str(plane.unit), plane.factor)
     if heights := curves.get(HEIGHTS):
+        overlays: Sequence[HeightOverlay] = found.overlays
         columns = {other.name: other.of(name, "mm" if mm else "pixel") for other in overlays}
         figures.append(heights_figure(heights, f"{name}-heights", axis, mm, columns))
     if photosite is not None and (before := curves.get(WITHOUT_PHOTOSITE)):
@@ -215,7 +157,6 @@ def _division(photosite: Photosite) -> str:
 
 
 def _tables(plane: PlaneResult, one: PlaneField) -> list[Figure]:
-    numbers = {key: told_quantity(number, plane.unit, plane.factor) for key, number in one.numbers.items()}
     rows = [
         [f"{candidate.name}, {candidate.components}", f"{candidate.error:.3f}"]
         for candidate in one.interpolation.candidates[:MAX_CANDIDATES]
@@ -225,7 +166,7 @@ def _tables(plane: PlaneResult, one: PlaneField) -> list[Figure]:
         "The best models of interpolation; the first is used. Mean square in units of the noise: 1 would be the noise "
         "of the nodes alone."
     )
-    figures = [Figure(candidates, caption), Figure(number_rows(numbers, methods=True))]
+    figures = [Figure(candidates, caption)]
     budget = []
     for name, terms in one.budgets.items():
         factor = plane.factor if name.startswith(FREQUENCIES) else 1.0
@@ -280,7 +221,7 @@ def _misses(found: FieldResult) -> list[Section]:
     return [Section("Charts without a PSF", [table])] if rows else []
 
 
-def _file_section(found: FieldResult, fitted: Mapping[str, PlaneField]) -> list[Section]:
+def _file_section(fitted: Mapping[str, PlaneField]) -> list[Section]:
     """The file, and the five lines that read it, for a place in the middle of a plane."""
     if not fitted:
         return []
