@@ -9,6 +9,10 @@ from pathlib import Path
 
 import click
 
+from station.common.namesakes import check_namesakes
+
+check_namesakes()  # before the imports that would fail in a foreign package
+
 from station.cli.terminal.bench_options import check_shaker, existing_file
 from station.cli.terminal.lazy import LazyGroup
 from station.cli.terminal.numbers import SEED, UNITS

@@ -1,4 +1,4 @@
-"""One photograph of a batch, from its file to its folder: the work that processes and clusters share out."""
+"""One item of a batch, from its files to its folder: the work that is distributed to processes and clusters."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from procedures.outcome import BadInput, ProcedureError, Verdict
 from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
 from station.batch.procedure_file import BatchProcedure
-from station.calibration.folder_photographs import Item, called
+from station.calibration.folder_photographs import Item, naming_path
 from station.common.sanitise import encodable, printable, safe_stem
 from station.common.threads import limited
 from station.common.versions import software
@@ -29,14 +29,13 @@ from station.results.result_seal import damage
 
 RESULTS = "results"
 KEY_LETTERS = 16
-"""Letters of an item's hash that its folder's name ends with."""
+"""Letters of an item's hash at the end of its folder's name."""
 PASS, DOUBTFUL, REFUSED = (str(one) for one in Verdict)
 UNREADABLE, LOST, FAULT = "unreadable", "lost", "fault"
 VERDICTS = (PASS, DOUBTFUL, REFUSED, UNREADABLE, LOST, FAULT)
-"""What can come of a measurement, the best first: trusted, doubtful; no PSF from the photograph; no photograph at all;
-it ended the process that worked on it; it met an error of this program."""
+"""Verdicts, the best first: trusted; doubtful; no result; unreadable file; process that died; error of this program."""
 JUDGED = ("", *(str(one) for one in Judged))
-"""How it stands to its specification, the best first; "" where there is none."""
+"""Verdicts against the specification, the best first; "" without a specification."""
 USABLE = (PASS, DOUBTFUL)
 NO_MEMORY = -4
 """Code of an OpenCV error (cv::Error::StsNoMem)."""
@@ -45,14 +44,14 @@ MORE_MEMORY = "look at this photograph by itself; if it is meant so, give more -
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What is the same for all items.
+    """What all items have in common.
 
     Attributes
     ----------
     out : Path
-        The batch's folder.
+        Folder of the batch.
     done : mapping of key to folder
-        What earlier runs have finished.
+        Results of earlier runs.
     reports : bool
         Whether a page is written for each item.
     """
@@ -65,7 +64,7 @@ class Job:
 
 @dataclass(frozen=True)
 class PlaneRow:
-    """One plane in one line: both its verdicts, the numbers with value, uncertainty and unit, and the limits."""
+    """One plane: both verdicts, the numbers with value, uncertainty and unit, and the limits."""
 
     verdict: str
     reason: str
@@ -77,25 +76,25 @@ class PlaneRow:
 
 @dataclass(frozen=True)
 class ItemRow:
-    """What became of an item, in one line.
+    """The result of an item.
 
     Attributes
     ----------
     files, sha256 : sequence of str
     verdict : one of VERDICTS
-        Of the measurement: the worst of its planes.
+        Of the measurement: the worst of the planes'.
     specification : one of JUDGED
-        How it stands to its limits: the worst of its planes.
+        The worst verdict of the planes against their limits.
     against : str
-        Which limits it does not meet, or not surely, in sentences.
+        The limits that are missed or undecided, in sentences.
     noted : mapping of str to number or str
-        What the camera noted: exposure_s, f_number, focus_distance_mm, iso, focal_length_mm, camera, lens.
+        Recorded by the camera: exposure_s, f_number, focus_distance_mm, iso, focal_length_mm, camera, lens.
     folder : str
-        Of its result, from the batch's folder; "" where none was kept, so that a later run tries again.
+        Of its result, relative to the batch; "" where none was written, so that a later run tries again.
     reused : bool
-        Whether an earlier run has done it.
+        Whether it is the result of an earlier run.
     redone : str
-        Why it was done again though an earlier run had, "" where none had.
+        Why the result of an earlier run was not used; "" where there is none.
     """
 
     files: Sequence[str]
@@ -114,12 +113,12 @@ class ItemRow:
 
     @property
     def usable(self) -> bool:
-        """Whether there is a measurement, and it does not miss its specification."""
+        """Whether there is a measurement that does not miss its specification."""
         return self.verdict in USABLE and self.specification != Judged.MISSES
 
     @property
     def sure(self) -> bool:
-        """Whether it is trusted, and meets its specification where there is one."""
+        """Whether it is trusted, and meets its specification if there is one."""
         return self.verdict == PASS and self.specification in ("", Judged.MEETS)
 
 
@@ -134,11 +133,11 @@ def key_of(hashes: Sequence[str], procedure: BatchProcedure, further: Sequence[s
 
 
 def work(item: Item, job: Job) -> ItemRow:
-    """Estimate one item and keep its result, or find that this was done; whatever goes wrong is in the row."""
+    """Measure one item and write its result, or find that of an earlier run; every error is in the row."""
     start = time.perf_counter()
     try:
         row = _row(item, job)
-    except Exception as error:  # one photograph must not stop the others, whatever it meets
+    except Exception as error:  # one photograph must not stop the others
         row = _failure(item, error)
     return replace(row, files=item.files, duration_s=round(time.perf_counter() - start, 3))
 
@@ -153,7 +152,7 @@ def _row(item: Item, job: Job) -> ItemRow:
     kept, redone = kept_row(job.out, job.done[key]) if key in job.done else (None, "")
     if kept is not None:
         return replace(kept, reused=True)
-    folder = f"{RESULTS}/{safe_stem(called(item.paths[0]))}-{key}"
+    folder = f"{RESULTS}/{safe_stem(naming_path(item.paths[0]))}-{key}"
     with ResultFolder(job.out / folder, force=True) as place:
         return replace(_measure(item, job, files, ItemRow(item.files, PASS, sha256=hashes, folder=folder), place),
                        redone=redone)  # fmt: skip
@@ -244,7 +243,7 @@ def _judged(row: ItemRow, records: Sequence[PlaneResult]) -> ItemRow:
 
 
 def noted(exposure: Exposure) -> dict[str, float | str]:
-    """What the camera noted of a photograph, as far as it did: what a series is drawn over."""
+    """The settings that the camera recorded, without those that it did not."""
     found = {
         "camera": exposure.camera,
         "lens": exposure.lens,
@@ -259,19 +258,21 @@ def noted(exposure: Exposure) -> dict[str, float | str]:
 
 
 def plane_row(record: PlaneResult) -> PlaneRow:
-    """A plane in one line."""
-    found = (record.specification or Comparison()).told()
+    """The row of a plane."""
+    compared = (record.specification or Comparison()).told()
     numbers: dict[str, Mapping[str, Any]] = {
         name: {"value": value} for name, value in record.values.items() if isinstance(value, int | float)
     }
     physics = record.physics.value.numbers if record.physics is not None and record.physics.value is not None else {}
     for name, one in {**record.numbers, **physics}.items():
         numbers[name] = {"value": one.value, "uncertainty": one.uncertainty, "unit": one.unit}
-    return PlaneRow(str(record.verdict), record.reason, record.remedy, numbers, found["verdict"] or "", found["limits"])
+    return PlaneRow(
+        str(record.verdict), record.reason, record.remedy, numbers, compared["verdict"] or "", compared["limits"]
+    )
 
 
 def _failure(item: Item, error: Exception) -> ItemRow:
-    """What an error says about an item: it is no photograph, or cannot be used, or this program fails on it."""
+    """The row of an error: an unreadable file, a refused measurement, or a fault of this program."""
     if isinstance(error, ProcedureError):
         verdict = UNREADABLE if isinstance(error, BadInput) else REFUSED
         return ItemRow(item.files, verdict, encodable(error.reason), encodable(error.remedy))
@@ -281,11 +282,11 @@ def _failure(item: Item, error: Exception) -> ItemRow:
         )
     if isinstance(error, MemoryError) or getattr(error, "code", None) == NO_MEMORY:
         return ItemRow(item.files, LOST, "it takes more memory than an item may take here", MORE_MEMORY)
-    reason = f"the program failed on something it did not foresee: {type(error).__name__}: {printable(error)}"
+    reason = f"the program failed unexpectedly: {type(error).__name__}: {printable(error)}"
     return ItemRow(item.files, FAULT, reason, "report it, with the photograph")
 
 
-# --- what earlier runs have done ---------------------------------------------------------------------------------
+# --- results of earlier runs -------------------------------------------------------------------------------------
 
 
 def finished(out: Path) -> dict[str, str]:
@@ -295,7 +296,7 @@ def finished(out: Path) -> dict[str, str]:
 
 
 def kept_row(out: Path, folder: str) -> tuple[ItemRow | None, str]:
-    """The row that a result was kept with; None where it is not what was written, and what is not."""
+    """The row of an earlier result; None if its files were changed, and the reason."""
     if wrong := damage(out / folder):
         return None, f"{', '.join(wrong)} of the result that was there: missing, or not what was written"
     try:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import jobs_option
+from station.cli.psf.terms import jobs_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import INTERRUPTED
@@ -33,7 +33,7 @@ ITEMS = {
 }  # fmt: skip
 """Names of items by the procedure's inputs."""
 MOST_NAMED = 40
-"""Photographs that are not usable, on the screen; the files name them all."""
+"""Number of unusable photographs on the screen; the files list all."""
 
 
 @click.command("batch")
@@ -41,7 +41,7 @@ MOST_NAMED = 40
 @click.option("--procedure", "file", type=click.Path(path_type=Path), required=True, help="What to do, in TOML.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @jobs_option
-@click.option("--cluster", metavar="ADDRESS|local", help="Share the work out by Dask (extra `cluster`).")
+@click.option("--cluster", metavar="ADDRESS|local", help="Distribute the work by Dask (extra `cluster`).")
 @click.option(
     "--cluster-tls",
     "tls",
@@ -76,16 +76,16 @@ def batch(
 ) -> None:
     """Measure all photographs in FOLDER... by any procedure, and compare the numbers with limits.
 
-    What was done before with the same procedure is not done again. The first Ctrl-C finishes what runs, the second
-    stops at once; what is done is kept.
+    Results of an earlier run with the same procedure are used again. The first Ctrl-C finishes the items in work, the
+    second stops at once; finished results are kept.
     """
     if tls is not None and not (cluster or "").startswith("tls://"):
         raise click.UsageError("--cluster-tls goes with --cluster tls://HOST:PORT")
     from station.batch.procedure_file import read_procedure
 
-    if cluster is not None:  # its workers may stand in other folders
+    if cluster is not None:  # its workers may run in other folders
         folders, out = tuple(folder.absolute() for folder in folders), out.absolute()
-    _say_who_can_connect(cluster)
+    _warn_of_open_cluster(cluster)
     procedure = read_procedure(file)
     limits = {} if memory_mb is None else {"memory_bytes": memory_mb * 1_000_000}
     carry_out(
@@ -108,7 +108,7 @@ def carry_out(
     time_s: float = 3600,
     memory_bytes: int | None = None,
 ) -> None:
-    """Run a batch, tell it as it goes, and leave with its exit code."""
+    """Run a batch, report its progress, and exit with its code."""
     from station.batch.allowance import Allowance
     from station.batch.item import Job, finished
     from station.batch.process_pool import Stop
@@ -122,10 +122,15 @@ def carry_out(
     fair = Allowance.fair(min(jobs, len(items)))
     allowance = Allowance(memory_bytes or fair.memory_bytes, time_s)
     job, stop = Job(procedure, out, finished(out), reports), Stop()
-    with guarded(lambda: None, lambda: _ask(stop), terminated=INTERRUPTED), _heard(len(items)) as heard, _stopped(out):
+    with (
+        guarded(lambda: None, lambda: _ask(stop), terminated=INTERRUPTED),
+        _reporter(len(items)) as report,
+        _stopped(out),
+    ):
         done, text = run_batch(
-            items, job, jobs=jobs, cluster=cluster, allowance=allowance, tls=tls, stop=stop, heard=heard, force=forced()
-        )
+            items, job, jobs=jobs, cluster=cluster, allowance=allowance, tls=tls, stop=stop, report=report,
+            force=forced(),
+        )  # fmt: skip
     if as_json:
         click.echo(text, nl=False)
     else:
@@ -156,7 +161,7 @@ def _summarise(done: Batch) -> None:
         log(procedure.name, line)
 
 
-def _say_who_can_connect(cluster: str | None) -> None:
+def _warn_of_open_cluster(cluster: str | None) -> None:
     from station.batch.dask_pool import LOCAL, OPEN, has_tls
 
     if cluster == LOCAL and not has_tls():
@@ -203,15 +208,15 @@ def _stopped(out: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _heard(total: int) -> Iterator[Callable[[ItemRow], None]]:
-    """Tells every row as it comes, with rate and time left: a bar where a person watches, lines otherwise."""
+def _reporter(total: int) -> Iterator[Callable[[ItemRow], None]]:
+    """Report every row with rate and remaining time: a bar on a terminal, lines otherwise."""
     import time
 
     from station.common.progress import StepRate, bar
 
     rate = StepRate(total, time.monotonic)
 
-    def tell(row: ItemRow) -> None:
+    def report(row: ItemRow) -> None:
         left = rate.step()
         level = "info" if row.sure else "warning"
         words = f"{rate.done} of {total}, {left}: {_sentence(row)}"
@@ -224,7 +229,7 @@ def _heard(total: int) -> Iterator[Callable[[ItemRow], None]]:
         with bar(total) as progress:
             yield lambda row: progress(f"{rate.step()}  {_sentence(row)}")
     else:
-        yield tell
+        yield report
 
 
 def _sentence(row: ItemRow) -> str:
@@ -240,7 +245,7 @@ def _sentence(row: ItemRow) -> str:
 
 
 def _show(done: Batch) -> None:
-    """The planes' statistics, what is wrong with which photograph, and the counts, on stdout."""
+    """Print the planes' statistics, the failed photographs with their reasons, and the counts."""
     from rich.console import Console
 
     from station.results.verdict_words import measurement_words
@@ -288,16 +293,12 @@ def _wrong(done: Batch) -> Table:
     from station.common.sanitise import printable
     from station.results.verdict_words import measurement_words
 
-    photograph = Column("photograph", overflow="fold")  # its end tells it from the others
+    photograph = Column("photograph", overflow="fold")  # names differ at their ends
     heads = (photograph, "measurement", "specification", "why")
     table = Table(*heads, box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for row in done.failed[:MOST_NAMED]:
         why = "; ".join(words for words in (row.reason, row.against) if words)
         words = printable(" + ".join(row.files)), printable(why)
-        table.add_row(
-            escape(words[0]),
-            f"[{TERMINAL_COLOURS['fail']}]{measurement_words(row.verdict)}[/]",
-            row.specification,
-            escape(words[1]),
-        )
+        verdict = f"[{TERMINAL_COLOURS['fail']}]{measurement_words(row.verdict)}[/]"
+        table.add_row(escape(words[0]), verdict, row.specification, escape(words[1]))
     return table

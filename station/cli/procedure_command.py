@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import (
+from station.cli.psf.terms import (
     certificate_option,
-    finish,
     jobs_option,
     overlay_option,
-    tell_misses,
-    tell_result,
+    specification_option,
+    terms_of,
+    terms_options,
 )
-from station.cli.psf.terms import specification_option, terms_of, terms_options
+from station.cli.result_log import finish, log_result
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
@@ -215,9 +215,10 @@ def _certify(folder: Any, procedure: Procedure[Any], found: Measurement) -> None
 
 def report(procedure: Procedure[Any], found: Measurement, written: Path) -> None:
     """Log unusable photographs, every plane with its numbers, and the files written."""
-    tell_misses(procedure.missed(found))
+    for miss in procedure.missed(found):
+        log("missed", str(miss), level="warning", remedy=miss.remedy)
     for one in found.planes:
-        tell_result(one)
+        log_result(one)
     for line in procedure.lines(found):
         log(procedure.name, line)
     log("written", f"wrote {written}", path=str(written))

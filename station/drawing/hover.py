@@ -1,6 +1,6 @@
-"""Values shown where the pointer rests on a figure: strips of the axes with titles, without a script.
+"""Text on hover for figures of a page: strips of an axes with titles, without scripts.
 
-`style.svg` turns each into an element with a title, which browsers show and screen readers read.
+`style.svg` gives each strip a <title> element, which browsers show and screen readers read.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy.typing as npt
 from markupsafe import escape
 from matplotlib.axes import Axes
 
-MOST = 40
-"""Strips of one axes; more are too narrow for a pointer."""
-MARK = "strip-"
+MAX_STRIPS = 40
+"""Strips of an axes: a pointer does not resolve more."""
+MARK = "hover-"
 
 
-def title_strips(axes: Axes, x: npt.NDArray[np.float64], words: Sequence[str]) -> None:
-    """Add a strip with a title around each x, halfway to its neighbours; at most `MOST` of them."""
-    chosen = np.unique(np.linspace(0, len(x) - 1, min(MOST, len(x))).round().astype(int))
+def title_along(axes: Axes, x: npt.NDArray[np.float64], words: Sequence[str]) -> None:
+    """Give an axes titles at places along x, each as far as halfway to the next; at most `MAX_STRIPS` of them."""
+    chosen = np.unique(np.linspace(0, len(x) - 1, min(MAX_STRIPS, len(x))).round().astype(int))
     middles = (x[chosen][1:] + x[chosen][:-1]) / 2
     ends = np.concatenate([[x[chosen[0]]], middles, [x[chosen[-1]]]])
     for number, at in enumerate(chosen):
@@ -29,10 +29,8 @@ def title_strips(axes: Axes, x: npt.NDArray[np.float64], words: Sequence[str]) -
         strip.set_gid(f"{MARK}{words[at]}")
 
 
-def with_titles(drawn: str) -> str:
-    """Turn the strips of an SVG into elements with titles."""
-    return re.sub(rf'<g id="{MARK}([^"]*)">', lambda found: _titled(found[1]), drawn)
-
-
-def _titled(words: str) -> str:
-    return f'<g class="strip"><title>{escape(unescape(words))}</title>'
+def with_titles(svg: str) -> str:
+    """An SVG in which every strip has its text as <title>."""
+    return re.sub(
+        rf'<g id="{MARK}([^"]*)">', lambda m: f'<g class="hover"><title>{escape(unescape(m[1]))}</title>', svg
+    )

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from procedures.correction.estimate import Correction
 from procedures.raw import RawFrame
 from station.calibration.correction import Corrected
-from station.drawing.linear_pictures import display_png
+from station.drawing.pictures import display_png
 from station.drawing.plots import Figure
 from station.reports.page import (
     Block,

@@ -14,7 +14,7 @@ from procedures.quality import Diffraction, Quality, frequencies
 from procedures.transfer_function import Otf, mtf_map, phase_along
 from procedures.two_photo.diagnostics import CLEAR
 from station.drawing.colours import ALONG, FAINT, INK, LIMIT_COLOUR
-from station.drawing.hover import title_strips
+from station.drawing.hover import title_along
 from station.drawing.plots import DASHED, DOTTED, Figure, curve, drawn, finished, legend, picture, plot_axes
 from station.drawing.style import axes_grid
 
@@ -130,7 +130,7 @@ def finish_mtf(
                 curve(axes, columns["frequency"], columns[direction], colour=colour, width=1, ls=dashes, label=label)
                 label = "_"  # the legend names each result once
     values = [", ".join(f"{label} {y[i]:.3f} ± {u[i]:.3f}" for label, (y, u) in curves.items()) for i in range(len(f))]
-    title_strips(axes, shown, [f"{at:.3g} {axis.unit}: {words}" for at, words in zip(shown, values, strict=True)])
+    title_along(axes, shown, [f"{at:.3g} {axis.unit}: {words}" for at, words in zip(shown, values, strict=True)])
     axes.axvline(axis.nyquist, color=FAINT, lw=0.7)
     axes.text(axis.nyquist, 1.0, " Nyquist", color=FAINT, va="top", fontsize=7.5)
     axes.axhline(0.5, color=FAINT, lw=0.5, ls=(0, (1, 2)))

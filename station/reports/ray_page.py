@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from station.drawing.linear_pictures import display_png
+from station.drawing.pictures import display_png
 from station.drawing.plots import Figure
 from station.reports.page import Figures, Section, image, page
 

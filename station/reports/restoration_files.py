@@ -20,8 +20,7 @@ from procedures.restoration.joint.result import GroundTruth, Restoration
 from procedures.restoration.known_blur import planes_of, rig_poses, split_ground_truth, stacked
 from procedures.restoration.metres import Distances
 from station.common.versions import software
-from station.drawing.depth_pictures import coloured, encoded, levels, picture
-from station.drawing.linear_pictures import described_tiff, float_tiff
+from station.drawing.pictures import described_tiff, encoded, false_colours, float_tiff, levels, picture
 from station.results.exports import kernel_fits
 from station.results.measurement import Measurement, write_measurement
 from station.results.plane_result import PlaneResult
@@ -100,13 +99,14 @@ def _entries(restoration: Restoration, distances: Distances | None) -> dict[str,
 def _files(restoration: Restoration, distances: Distances | None) -> dict[str, Callable[[Path], None]]:
     """The files by name, each generated when it is written."""
     sharp, per = picture(restoration.sharp), restoration.unit.per_pixel
+    depth = levels(restoration.w, float(restoration.w.min()), float(restoration.w.max()))
     found = {
         "sharp.tiff": _file(lambda: described_tiff(encoded(".tiff", sharp.astype(np.float32)), SHARP_WORDS)),
         "sharp_std.tiff": _tiff(restoration.sharp_std, STD_WORDS),
         "sharp.png": _file(lambda: encoded(".png", levels(sharp, 0, 1))),
         "w.npy": _array(restoration.w * per),
         "w_std.npy": _array(restoration.w_std * per),
-        "depth.png": _file(lambda: encoded(".png", coloured(restoration.w))),
+        "depth.png": _file(lambda: encoded(".png", false_colours(depth))),
     }
     found |= {
         f"{name}.npy": _array(mask, np.uint8)

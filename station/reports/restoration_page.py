@@ -11,7 +11,7 @@ from markupsafe import Markup
 from procedures.restoration.joint.result import Restoration, refocused
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.metres import Distances
-from station.drawing.depth_pictures import encoded, levels, picture
+from station.drawing.pictures import encoded, levels, picture
 from station.drawing.plots import Figure
 from station.reports.page import Facts, Figures, Note, Section, image, percent
 from station.reports.psf_figures import RESIDUAL_LIMIT, course_figure, map_figure

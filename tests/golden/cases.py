@@ -34,7 +34,7 @@ from tests.procedures.correction.small_lens import SmallLens
 from tests.procedures.correction.small_lens import grey as grey_photograph
 from tests.procedures.geometry.simulated_views import CELL_MM, Shoot, TrueCamera, take
 from tests.procedures.two_photo.wall import gaussian, photographs
-from tests.station.cli.test_rig import FIRST, seen_by_second
+from tests.station.cli.test_rig import FIRST, in_second
 from tests.station.cli.test_rig import write as write_geometry_record
 from tests.station.manual.conftest import defocused, edge_levels, render_samples, six_charts
 
@@ -112,7 +112,7 @@ def geometry(folder: Path) -> None:
 def rig(folder: Path) -> Words:
     """Two cameras by their records of geometry."""
     first = write_geometry_record(folder / "left", FIRST)
-    return "rig", first, write_geometry_record(folder / "right", [seen_by_second(one) for one in FIRST])
+    return "rig", first, write_geometry_record(folder / "right", [in_second(one) for one in FIRST])
 
 
 def sensor(folder: Path) -> Words:

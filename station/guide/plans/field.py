@@ -9,7 +9,7 @@ from typing import Any
 
 from procedures.facts import facts_as
 from procedures.field import plan as guide
-from procedures.field.conclusion import FieldResult, PlaneField, conclude
+from procedures.field.conclusion import FieldResult, conclude
 from procedures.field.estimate import NO_SENSORS, Sensors
 from procedures.field.facts import FieldFacts
 from procedures.field.measuring import measure_frames
@@ -51,10 +51,10 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     """The whole field for every plane, with the plane's verdict; a refusal where the photographs give none."""
     known_facts = facts_as(FieldFacts, facts)
     try:
-        found = field_of(frames, known_facts)
+        whole = field_of(frames, known_facts)
     except Refused as refusal:
         return refused(frames, refusal)
-    return by_plane(session_field(found, whole_camera(found, known_facts.cell_mm)))
+    return by_plane(session_field(whole, whole_camera(whole, known_facts.cell_mm)))
 
 
 def field_of(frames: Sequence[RawFrame], facts: FieldFacts, sensors: Sensors = NO_SENSORS) -> FieldResult:
@@ -76,26 +76,22 @@ def refused(frames: Sequence[RawFrame], refusal: Refused) -> Outcomes:
 
 
 def session_field(
-    found: FieldResult,
+    whole: FieldResult,
     camera: WholeCamera,
     parts: Mapping[str, Outcome[Any]] | None = None,
     used: Mapping[str, str] | None = None,
 ) -> SessionField:
     """The field with the other results of its session."""
-    kept = {one.name: getattr(found, one.name) for one in fields(FieldResult)}
-    return SessionField(**kept, camera=camera, parts=parts or {}, used=used or {})
+    values = {one.name: getattr(whole, one.name) for one in fields(FieldResult)}
+    return SessionField(**values, camera=camera, parts=parts or {}, used=used or {})
 
 
-def by_plane(found: SessionField) -> Outcomes:
+def by_plane(whole: SessionField) -> Outcomes:
     """The whole field for every plane, with the plane's verdict."""
-    return {name: _of_whole(found, one) for name, one in found.planes.items()}
+    return {name: one.of_value(None if one.value is None else whole) for name, one in whole.planes.items()}
 
 
-def _of_whole(found: FieldResult, one: Outcome[PlaneField]) -> Outcome[FieldResult]:
-    return one.of_value(None if one.value is None else found)
-
-
-def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: Facts) -> list[PlaneResult]:
+def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     """Every plane's result at the frame's centre, compared with the specification at every place that it names.
 
     `found` of each is the whole field.
@@ -116,6 +112,7 @@ def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: F
 def write(
     folder: ResultFolder,
     planes: Sequence[PlaneResult],
+    frames: Sequence[RawFrame],
     head: RecordHead,
     lights: Mapping[str, LightSurface] | None = None,
     beside: Mapping[str, PartBeside] | None = None,

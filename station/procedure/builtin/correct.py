@@ -95,7 +95,7 @@ class Correct(Procedure[CorrectSettings]):
         )
         return Measurement(
             self.schema, head, (plane,), entries=correction_entries(found), results_key=self.results_key,
-            files={} if value is None else correction_files(value, found.notes), exposure=found.frame.exposure,
+            files={} if value is None else correction_files(value, found.metadata), exposure=found.frame.exposure,
             found=found,
         ).compared(terms)  # fmt: skip
 

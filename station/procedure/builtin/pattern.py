@@ -49,7 +49,7 @@ class Pattern(PsfProcedure[PatternSettings]):
         known = read_sensor(settings.sensor, frame) if settings.sensor else NO_SENSOR
         limit = settings.limit(frame.exposure, needed=bool(settings.physics))
         found = calibrate(frame, source.chart, parameters, limit, physics=bool(settings.physics), sensor=known)
-        asked = {**parameters.to_record(), "physics": bool(settings.physics), **known.told(), "chart": source.origin}
+        asked = {**parameters.to_record(), "physics": bool(settings.physics), **known.record(), "chart": source.origin}
         return self.measurement([frame], found, asked, settings, terms)
 
 

@@ -34,7 +34,7 @@ from procedures.ray_histogram.sequence import filter_sequence
 from procedures.ray_histogram.uncertainty import coverage
 from procedures.reading.arrays import checked_array, read_npz
 from station.common.progress import Progress, silent
-from station.drawing.linear_pictures import described_tiff, display_png, float_tiff
+from station.drawing.pictures import described_tiff, display_png, float_tiff
 from station.procedure.base import Inputs, Procedure
 from station.procedure.settings import Settings, setting
 from station.results.measurement import Measurement

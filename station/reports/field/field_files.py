@@ -21,7 +21,7 @@ from procedures.reading.exposure import Exposure
 from procedures.vignetting.formula import LightSurface
 from procedures.whole_camera.camera_file import write_camera_numbers
 from procedures.whole_camera.from_field import WholeCamera
-from station.calibration.camera_notes import exposure_of
+from station.calibration.camera_metadata import exposure_of
 from station.common.versions import software
 from station.reports.field.height_curves import FREQUENCIES, HEIGHTS, WITHOUT_PHOTOSITE, heights_table
 from station.reports.otf_figures import FrequencyAxis

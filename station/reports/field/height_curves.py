@@ -10,7 +10,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from procedures.field.image_height import HeightCurve
-from station.drawing.hover import title_strips
+from station.drawing.hover import title_along
 from station.drawing.plots import Figure, curve, finished, legend, plot_axes
 from station.reports.otf_figures import MAX_NAME, FrequencyAxis
 from station.results.exports import csv_bytes
@@ -52,7 +52,7 @@ def heights_figure(
             for i, words in enumerate(values):
                 words.append(f"{kind} at {at} {y[i]:.3f} ± {uncertainty[i]:.3f}")
     if len(heights) > 1:
-        title_strips(axes, heights, [f"{h:.3g}: {'; '.join(one)}" for h, one in zip(heights, values, strict=True)])
+        title_along(axes, heights, [f"{h:.3g}: {'; '.join(one)}" for h, one in zip(heights, values, strict=True)])
     shown = {other: columns for other, columns in (others or {}).items() if columns}
     own = [one.frequency * axis.factor for one in curves]
     for (other, columns), marker in zip(shown.items(), itertools.cycle(MARKERS), strict=False):

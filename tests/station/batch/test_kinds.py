@@ -151,7 +151,7 @@ def test_a_series_says_which_of_the_optics_is_missing(tmp_path):
     edge_picture(tmp_path / "in" / "a.png", 0.25)  # no camera noted its f-number
     (row,) = rows_of(tmp_path, 'procedure = "series"\nphysics = true\noptics = { pixel_pitch_um = 4 }\n')
     assert row.verdict == "refused"
-    assert row.reason == "the physics of a PSF needs the f-number, which the camera did not note"
+    assert row.reason == "the physics of a PSF needs the f-number, which the camera did not record"
     assert row.remedy.startswith("give --f-number (")
     (row,) = rows_of(tmp_path, 'procedure = "series"\nphysics = true\n')
     assert row.remedy.startswith("give --pixel-pitch-um and --f-number (")

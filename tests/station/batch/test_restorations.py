@@ -76,7 +76,7 @@ def test_rows_of_a_table_name_what_belongs_together(tmp_path):
     assert items[0].paths == (frames[0], frames[1])
     assert items[4].paths == (frames[1], frames[2], frames[3])
     assert [one.trouble for one in items] == [
-        "", "pairs.csv: 2 photographs are called a.dng", "pairs.csv: 2 photographs belong together, and the row has 1",
+        "", "pairs.csv: 2 photographs are called a.dng", "pairs.csv: 2 photographs are required; the row has 1",
         "pairs.csv: no photographs are called d.dng", "",
     ]  # fmt: skip
     assert "row has 3" in in_rows(frames, table, most=2)[4].trouble
