@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from procedures.numbers import Group, in_group
 from procedures.pattern_print.sheet import Size
 from simulators.bench.demonstration import WIDTH_MM
 from station.common.versions import software
 from station.reports import otf_figures, psf_figures
 from station.reports.page import exposure_words, render
+from station.reports.psf_page import chart_figures, edge_rows
 
 if TYPE_CHECKING:
     from station.demo.demo import Demonstration, DemoPhotograph, Summary
@@ -26,13 +28,16 @@ def demonstration_page(demonstration: Demonstration, summary: Summary) -> str:
         found=demonstration,
         summary=summary,
         size=Size(WIDTH_MM),
-        ratios=psf_figures.ratios_figure(_compared(demonstration, lambda one: [one.ratio]), "ratios"),
-        sigmas=psf_figures.sigmas_figure(
-            _compared(demonstration, lambda one: [against.sigmas for against in one.mtf50.values()]), "sigmas"
-        ),
-        places=psf_figures.places_figure(_places(demonstration), "places"),
+        compared=[
+            psf_figures.ratios_figure(_compared(demonstration, lambda one: [one.ratio]), "ratios"),
+            psf_figures.sigmas_figure(
+                _compared(demonstration, lambda one: [against.sigmas for against in one.mtf50.values()]), "sigmas"
+            ),
+            psf_figures.places_figure(_places(demonstration), "places"),
+        ],
+        titles=in_group(Group.HEADLINE),
+        edge_rows=edge_rows,
         pictures={shot.setup.name: _pictures(shot, f"p{i}") for i, shot in enumerate(demonstration.shots, 1)},
-        shown_plane=SHOWN_PLANE,
         exposure=exposure_words,
         software=software(),
     )
@@ -70,8 +75,5 @@ def _pictures(shot: DemoPhotograph, name: str) -> Mapping[str, Any]:
             "mtf": otf_figures.mtf_figure(estimate.quality, against.otf, f"{here}-mtf", estimate.diffraction),
         }
         if plane.name == SHOWN_PLANE:
-            samples = shot.frame.planes[plane.name]
-            pictures["diagnostics"] = estimate.diagnostics
-            pictures["photograph"] = psf_figures.photograph_figure(samples, estimate, f"{here}-photograph")
-            pictures["residual"] = psf_figures.residual_figure(plane.name, estimate, f"{here}-residual")
+            pictures["chart"] = chart_figures(shot.frame.planes[plane.name], estimate, here)
     return pictures

@@ -19,7 +19,7 @@ from station.results.record_head import RecordHead, files_read
 from station.results.terms import Terms
 
 if TYPE_CHECKING:
-    from station.reports.pattern_report import Report
+    from station.reports.report import Report
 
 
 class PsfSettings(OpticsReading, frozen=True, kw_only=True):
@@ -95,15 +95,13 @@ class PsfProcedure(Procedure[P]):
 
     def report(self, found: Measurement) -> Report:
         """Contents of the page, with photographs and detected marks."""
-        from station.reports.pattern_report import report_of_files  # here: it draws, which is slow to load
+        from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
         whole: PsfPhotographs = found.found
-        return report_of_files(
-            self.name, whole.frames, found.planes, whole.asked, found.terms.specification, found.overlays
-        )
+        return measurement_report(found, self.name, title=self.title, frames=whole.frames)
 
     def page(self, found: Measurement) -> bytes:
         """The HTML page with PSF, MTF, uncertainties and diagnostics."""
-        from station.reports.pattern_report import calibration_page  # here: it draws, which is slow to load
+        from station.reports.psf_page import psf_page  # here: it draws, which is slow to load
 
-        return calibration_page(self.report(found)).encode()
+        return psf_page(self.report(found)).encode()

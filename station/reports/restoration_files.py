@@ -141,14 +141,6 @@ def _tiff(array: Array, words: str) -> Callable[[Path], None]:
     return _file(lambda: described_tiff(float_tiff(array), words))
 
 
-def page_of_restoration(found: Measurement) -> bytes:
-    """The page of a measurement that was not refused."""
-    from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
-
-    whole: Restored = found.found
-    return restoration_page(whole.outcome, whole.photographs, found.head, whole.distances)
-
-
 def _truth_entries(truth: GroundTruth) -> dict[str, Any]:
     keys = {entry.name: entry.name for entry in fields(truth) if entry.name != "difference"}
     keys |= {"stated_error": "told", "compared": "seen"}
@@ -173,6 +165,8 @@ def _distance_entries(distances: Distances) -> dict[str, Any]:
 def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawFrame], head: RecordHead) -> str:
     """Write the result of a guided restoration, or the record of its refusal; returns the record's text."""
     from station.calibration.restoration.inputs import imu_table, poses_table
+    from station.reports.report import measurement_report
+    from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
 
     restoration: Restoration | None = result.found
     outcome = result.outcome(restoration)
@@ -190,5 +184,5 @@ def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawF
     photographs = [stacked(planes_of(frame, facts)) for frame in blurred]
     whole = Restored(replace(outcome, value=timeless), photographs)  # makes the files reproducible
     found = restoration_measurement(result.name, whole, head)
-    folder.write("report.html", page_of_restoration(found))
+    folder.write("report.html", restoration_page(measurement_report(found, "restore"), whole).encode())
     return write_measurement(folder, found)

@@ -21,7 +21,7 @@ def session_report(name: str, root: Path, out: Path | None, certificate: bool, o
     """Write the report of SESSION's last result."""
     from station.common.atomic_files import write_whole
     from station.guide.session_report import overlaid_page, session_page
-    from station.reports.pattern_report import PAGE
+    from station.reports.report import PAGE
     from station.results.overlay import read_overlay
 
     folder, others = find_session(name, root), [read_overlay(path) for path in overlays]

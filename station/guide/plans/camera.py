@@ -30,6 +30,7 @@ from station.calibration.sensor import SensorFiles
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.vignetting import Flats, flats_of, vignetting_measurement
 from station.guide.plans import field, geometry, sensor
+from station.procedure.registry import procedure_named
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import PartBeside, RecordHead
@@ -217,11 +218,10 @@ def _written(
 def _write_sensor(
     folder: ResultFolder, one: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    from station.reports.sensor_page import sensor_page  # it draws, a slow import
-
     files: SensorFiles = one.result()
-    folder.write("report.html", sensor_page(files))
-    write_measurement(folder, sensor_measurement(files, _of_inputs(head, {one.sha256 for one in files.files})))
+    measured = sensor_measurement(files, _of_inputs(head, {one.sha256 for one in files.files}))
+    folder.write("report.html", procedure_named("sensor").page(measured))
+    write_measurement(folder, measured)
     return "report.html"
 
 

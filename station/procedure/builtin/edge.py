@@ -23,7 +23,7 @@ from station.results.units import told_quantity
 from station.results.verdict_words import measurement_words
 
 if TYPE_CHECKING:
-    from station.reports.pattern_report import Report
+    from station.reports.report import Report
 
 
 class EdgeSettings(OpticsReading, frozen=True, kw_only=True):
@@ -90,16 +90,15 @@ class SlantedEdge(Procedure[EdgeSettings]):
 
     def report(self, found: Measurement) -> Report:
         """With what the camera noted of the photograph."""
-        from station.reports.edges.edge_page import edge_report  # here: it draws, which is slow to load
+        from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
-        frame, records = found.found.frame, found.found.records
-        return edge_report(frame, records, found.head.parameters, found.terms, found.overlays)
+        return measurement_report(found, self.name, title=self.title, frames=(found.found.frame,))
 
     def page(self, found: Measurement) -> bytes:
         """Every edge with its place, its spread and its MTF."""
         from station.reports.edges.edge_page import edge_page  # here: it draws, which is slow to load
 
-        return edge_page(self.report(found), found.found.frame, found.found.records).encode()
+        return edge_page(self.report(found), found.found).encode()
 
     def lines(self, found: Measurement) -> list[str]:
         """Every edge that has a place, and how many have which verdict."""

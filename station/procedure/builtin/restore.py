@@ -123,9 +123,9 @@ class Restore(Procedure[RestoreSettings]):
 
     def page(self, found: Measurement) -> bytes:
         """Before, after, depth, residual, and the picture refocused."""
-        from station.reports.restoration_files import page_of_restoration  # here: it draws, which is slow to load
+        from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
 
-        return page_of_restoration(found)
+        return restoration_page(self.report(found), found.found).encode()
 
     def lines(self, found: Measurement) -> list[str]:
         """The comparison with the ground truth."""

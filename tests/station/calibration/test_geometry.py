@@ -92,9 +92,9 @@ def test_the_tables_are_those_of_the_answer(result, outcome):
 
 
 @pytest.mark.slow
-def test_the_page_says_how_well_the_frame_is_known(result):
+def test_the_page_shows_the_uncertainty_of_the_projection(result):
     page = (result / "report.html").read_text()
-    assert "How well the frame is known" in page
+    assert "Uncertainty of the projection" in page
     assert "dark.dng" in page
     assert page.count("<svg") >= 10
 

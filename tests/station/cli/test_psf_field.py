@@ -138,9 +138,9 @@ def test_page_and_table_tell_the_mtf_over_image_height(done):
     assert {"image_height [pixel]", "frequency [cycles/pixel]", "sagittal", "meridional_uncertainty"} <= rows[0].keys()
     assert {row["frequency [cycles/pixel]"] for row in rows} == {"0.125", "0.25"}
     assert "Sagittal (solid) and meridional MTF (dashed) over image height" in page
-    assert "Thin, with marks: older" in page
-    assert "dotted: what the charts enclose" in page
-    assert "Beyond it the map goes on with a growing uncertainty" in page
+    assert "Thin, with markers: older" in page
+    assert "dotted: enclosed by the charts" in page
+    assert "Beyond it the uncertainty grows" in page
     html5lib.HTMLParser(strict=True).parse(page)
 
 

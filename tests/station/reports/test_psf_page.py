@@ -22,15 +22,9 @@ from procedures.raw import read_frame
 from procedures.reading.exposure import Exposure
 from station.calibration.planes import calibrate
 from station.reports.otf_figures import mtf_figure
-from station.reports.pattern_report import (
-    PlaneSheet,
-    Report,
-    ReportLine,
-    ReportShot,
-    calibration_page,
-    curves_over,
-    report_of_files,
-)  # fmt: skip
+from station.reports.psf_page import budget_terms, psf_page
+from station.reports.report import Report, ReportLine, ReportShot, numbers_of_page, report_of_files
+from station.reports.report_page import curves_over
 from station.results.limits import Limit, Specification
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
@@ -55,7 +49,7 @@ def report(chart_photograph, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(report):
-    return calibration_page(report)
+    return psf_page(report)
 
 
 def strictly(text):
@@ -72,33 +66,32 @@ def test_both_verdicts_come_first_and_are_not_mixed(page, report):
     assert "Trusted in 2 of 2 planes." in told
     assert "Does not meet the specification." in told
     assert "The limit MTF50 along columns ≥ 0.9 cycles/pixel is missed" in told
-    assert "In cycles/pixel of the colour plane, whose pixel is 2 of the sensor" in told
+    assert "Frequencies in cycles/pixel of the colour plane, whose pixel is 2 of the sensor" in told
 
 
 @pytest.mark.slow
 def test_page_without_a_specification_says_so(report):
-    planes = [replace(one, record=replace(one.record, specification=None)) for one in report.planes]
-    page = calibration_page(replace(report, planes=planes, specification=Specification()))
+    planes = [replace(one, specification=None) for one in report.planes]
+    page = psf_page(replace(report, planes=planes))
     assert "None was given: what the lens should be is not judged." in page
 
 
 @pytest.mark.slow
 def test_page_tells_every_frequency_in_the_unit_that_was_asked_for(report):
     pixels = Pixels(2, 4.0, 300)
-    planes = [replace(one, record=one.record.in_unit(Unit.LINE_PAIRS, pixels)) for one in report.planes]
-    page = calibration_page(replace(report, planes=planes))
+    planes = [one.in_unit(Unit.LINE_PAIRS, pixels) for one in report.planes]
+    page = psf_page(replace(report, planes=planes))
     text = " ".join("".join(strictly(page).itertext()).split())
     assert "MTF at 31.25 lp/mm along rows" in text
-    assert "In lp/mm, ± one standard uncertainty" in text
+    assert "Frequencies in lp/mm; ± is one standard uncertainty." in text
     assert Frequency(31.25, Unit.LINE_PAIRS).per_pixel(pixels) == pytest.approx(0.25)
 
 
 @pytest.mark.slow
 def test_every_number_has_its_uncertainty_unit_and_method(page, report):
     text = " ".join("".join(strictly(page).itertext()).split())
-    for sheet in report.planes:
-        assert len(sheet.numbers) == len(sheet.record.numbers)
-        for title, number in sheet.numbers:
+    for plane in report.planes:
+        for title, number in numbers_of_page(plane)[: len(plane.numbers)]:
             assert title in text
             assert number.method in text
     assert text.count("cycles/pixel") >= 6
@@ -109,41 +102,42 @@ def test_every_number_has_its_uncertainty_unit_and_method(page, report):
 def test_uncertainties_are_taken_apart_number_by_number(page, report):
     tables = [table for table in strictly(page).iter("table") if table.get("class") == "budget"]
     assert len(tables) == len(report.planes)
-    for table, sheet in zip(tables, report.planes, strict=True):
+    for table, plane in zip(tables, report.planes, strict=True):
         headings = ["".join(cell.itertext()) for cell in table.find("thead").iter("th")]
         assert headings[0] == "number"
         assert headings[-1] == "together"
         assert {"noise of the samples", "energy outside the support", "choice of s and k"} <= set(headings)
         rows = list(table.find("tbody").iter("tr"))
-        assert len(rows) == len(sheet.budget.rows) >= 8
-        for row, told in zip(rows, sheet.budget.rows, strict=True):
-            terms = [0.0 if cell.text == "–" else float(cell.text) for cell in row.findall("td")[1:]]
+        assert len(rows) >= 8
+        assert len(headings) == 3 + len(budget_terms(plane.quality))
+        for row in rows:
+            cells = ["".join(cell.itertext()) for cell in row.findall("td")[1:]]
+            terms = [0.0 if cell == "–" else float(cell) for cell in cells]
             # every term is rounded to the last digit of the two that the whole has: half of it each
-            digit = 10 ** -len(told.together.partition(".")[2])
+            digit = 10 ** -len(cells[-1].partition(".")[2])
             assert abs(np.hypot.reduce(terms[:-1]) - terms[-1]) < 0.5 * digit * (len(terms) ** 0.5 + 1)
     assert page.count("made of the columns of the budget: noise of the samples") == 1
 
 
 def test_tries_of_s_and_k_and_the_halves_of_the_chart_are_told(page, report):
     text = " ".join("".join(strictly(page).itertext()).split())
-    for sheet in report.planes:
-        for trial in sheet.record.choice:
-            assert trial.reason[1:] in text
-    assert text.count("How s and k were chosen") == len(report.planes)
+    for trial in report.planes[0].choice:
+        assert trial.reason[1:] in text
+    assert text.count("Choice of s and k") == len(report.planes)
     assert "left half, right half of the chart" in text
 
 
 @pytest.mark.slow
 def test_transfer_function_is_drawn_with_phase_in_two_dimensions_and_with_its_limit(page, chart_photograph, tmp_path):
     labels = [svg.get("aria-label") for svg in strictly(page).iter(SVG)]
-    assert sum("phase of the transfer function" in label for label in labels) == 2
-    assert sum("MTF over the frequencies along rows and columns" in label for label in labels) == 2
-    assert not any("diffraction limit" in label for label in labels)
+    assert sum("Phase of the OTF" in label for label in labels) == 2
+    assert sum("MTF of the whole PSF over both frequencies" in label for label in labels) == 2
+    assert not any("diffraction" in label for label in labels)
     frame = read_frame(chart_photograph(tmp_path / "a.dng"), ["G1"])
     limit = Diffraction(8.0, 8.0, 530.0)
     calibrated = list(calibrate(frame, Chart.from_seed(), PatternParameters(4, 17, chosen=True), lambda plane: limit))
-    known = calibration_page(report_of_files("pattern", [frame], calibrated, {}))
-    assert "and the diffraction limit" in known
+    known = psf_page(report_of_files("pattern", [frame], calibrated, {}))
+    assert "diffraction limit at f/8" in known
     assert "up to 1.89 cycles/pixel" in known
 
 
@@ -164,7 +158,7 @@ def test_page_stands_alone(page):
 
 @pytest.mark.slow
 def test_same_result_is_the_same_page(page, report):
-    assert calibration_page(report) == page
+    assert psf_page(report) == page
 
 
 def test_whatever_is_told_cannot_break_the_page(report):
@@ -172,14 +166,14 @@ def test_whatever_is_told_cannot_break_the_page(report):
     hostile = Report(
         HOSTILE,
         "pattern",
-        [PlaneSheet(record)],
+        [record],
         [ReportShot(HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE)],
         {HOSTILE: HOSTILE},
         [ReportLine(HOSTILE, HOSTILE)],
         [ReportLine(HOSTILE, HOSTILE)],
         made=HOSTILE,
     )
-    text = calibration_page(hostile).replace("\x1b", "")
+    text = psf_page(hostile).replace("\x1b", "")
     tree = strictly(text)
     assert not list(tree.iter("script"))
     assert not list(tree.iter("img"))
@@ -190,15 +184,15 @@ def test_what_exif_says_cannot_break_the_page(report, chart_photograph, tmp_path
     frame = read_frame(chart_photograph(tmp_path / "a.dng"), ["G1"])
     frame = replace(frame, exposure=Exposure(camera=HOSTILE, lens=HOSTILE, captured_at=HOSTILE))
     told = report_of_files("pattern", [frame], [], {})
-    tree = strictly(calibration_page(told))
+    tree = strictly(psf_page(told))
     assert not list(tree.iter("script"))
     assert "\x1b" not in "".join(tree.itertext())
 
 
 def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
     record = PlaneResult("Y", Verdict.REFUSED, "no chart in the photograph", "show the whole chart")
-    told = Report("a.pgm", "pattern", [PlaneSheet(record)], [], {})
-    tree = strictly(calibration_page(told))
+    told = Report("a.pgm", "pattern", [record], [], {})
+    tree = strictly(psf_page(told))
     assert told.headline == "measurement refused, in Y"
     assert "No chart in the photograph. Show the whole chart." in " ".join("".join(tree.itertext()).split())
     assert not list(tree.iter(SVG))
@@ -208,7 +202,7 @@ def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
 def test_session_tells_its_bench_and_its_shots(report):
     shots = (*report.shots, ReportShot("b.dng", "0" * 64, note="retaken: the rig moved"))
     told = replace(report, shots=shots, devices=(ReportLine("stage", "GRBL 1.1h"),), made="2026-01-01 12:00")
-    text = calibration_page(told)
+    text = psf_page(told)
     assert all(words in text for words in ("GRBL 1.1h", "retaken: the rig moved", "2026-01-01 12:00"))
 
 
@@ -281,7 +275,7 @@ def test_browser_shows_every_picture_and_nothing_runs_over(shown, which):
 
 
 def test_frequencies_that_are_not_determined_are_marked(report):
-    quality = report.planes[0].record.quality
+    quality = report.planes[0].quality
     assert "not determined" not in str(mtf_figure(quality, None, "clear"))
     rising = np.linspace(0, 0.3, len(quality.frequencies))
     unclear = replace(quality, mtf_horizontal_uncertainty=rising)
@@ -303,8 +297,8 @@ def test_edges_and_physics_stand_beside_the_numbers(report):
         chi_square=290.0,
         freedom=280,
     )
-    record = replace(report.planes[0].record, edges=(edge,), physics=Outcome(physics, Verdict.DOUBTFUL, "two", "more"))
-    page = calibration_page(replace(report, planes=[replace(report.planes[0], record=record)]))
+    record = replace(report.planes[0], edges=(edge,), physics=Outcome(physics, Verdict.DOUBTFUL, "two", "more"))
+    page = psf_page(replace(report, planes=[record]))
     text = " ".join("".join(strictly(page).itertext()).split())
     for words in ("MTF50 across the near-vertical edge", "0.3000 ± 0.0030", "its corner missing at 45°", "1.04"):
         assert words in text
@@ -313,7 +307,7 @@ def test_edges_and_physics_stand_beside_the_numbers(report):
 def test_figures_tell_their_numbers_where_a_pointer_rests(page, report):
     titles = [one.text for one in strictly(page).iter(SVG.replace("svg}svg", "svg}title"))]
     assert len(titles) == 40 * len(report.planes)
-    quality = report.planes[0].record.quality
+    quality = report.planes[0].quality
     one = next(text for text in titles if text.startswith(f"{quality.frequencies[-1]:.3g} cycles/pixel: horizontal "))
     value, uncertainty = quality.mtf_horizontal[-1], quality.mtf_horizontal_uncertainty[-1]
     assert f"horizontal {value:.3f} ± {uncertainty:.3f}" in one
@@ -321,19 +315,17 @@ def test_figures_tell_their_numbers_where_a_pointer_rests(page, report):
 
 
 def test_other_results_are_drawn_over_and_named(report):
-    record = report.planes[0].record
+    record = report.planes[0]
     curves = {"frequency": record.curves["frequency"], "horizontal": record.curves["vertical"]}
     other = Overlay("<last year>", Unit.CYCLES, {record.name: curves})
     others = curves_over([other], record)
-    drawn = strictly(f"<!doctype html><title>.</title>{mtf_figure(record.quality, None, 'a', others=others)}")
+    drawn = strictly(f"<!doctype html><title>.</title>{mtf_figure(record.quality, None, 'a', others=others).drawing}")
     assert "<last year>" in "".join(drawn.itertext())
-    assert curves_over([other], report.planes[1].record) == {}
+    assert curves_over([other], report.planes[1]) == {}
     with pytest.raises(BadParameter, match="b gives its MTF in lp/mm"):
         curves_over([Overlay("b", Unit.LINE_PAIRS, {record.name: curves})], record)
 
 
-def test_the_files_beside_the_page_are_linked(page, report):
-    links = [one.get("href") for one in strictly(page).iter("a")]
-    assert {"result.json", "mtf_G1.csv", "psf_G2.fits"} <= set(links)
-    assert replace(report, beside="derived/1/").files[0] == "derived/1/result.json"
-    assert replace(report, beside=None).files == []
+def test_the_files_beside_the_page_are_linked(report):
+    page = psf_page(replace(report, files=["result.json", "derived/1/psf_G2.fits"]))
+    assert [one.get("href") for one in strictly(page).iter("a")] == ["result.json", "derived/1/psf_G2.fits"]
