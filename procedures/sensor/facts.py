@@ -1,4 +1,4 @@
-"""What a guided sensor measurement knows: the exposure, and with how much light every picture was taken."""
+"""Facts of a guided sensor measurement: the exposure, and the light of every picture."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from procedures.facts import CameraFacts, gathered, number
 from procedures.plan import Facts
 
 LIT = "lit_"
-"""Before a picture's mark (`mark_of`): the fact how much light it had, over all there is."""
+"""Prefix of a picture's mark (`mark_of`): the fact of its light, relative to the maximum."""
 MARK = 16
-"""Letters of a file's hash that tell it from the others."""
+"""Characters of a file's hash that identify it."""
 
 
 def mark_of(sha256: str) -> str:
-    """What a picture is called in the facts."""
+    """Name of a picture in the facts."""
     return sha256[:MARK]
 
 
 def light_of(facts: Facts) -> Mapping[str, float]:
-    """The light of every picture, by its mark. Raises BadParameter."""
+    """Light of every picture, by its mark. Raises BadParameter."""
     return {name.removeprefix(LIT): number(facts, name) for name in facts if name.startswith(LIT)}
 
 
 @dataclass(frozen=True)
 class SensorFacts(CameraFacts):
-    """The facts of the plan.
+    """Facts of the plan.
 
     Attributes
     ----------
-    light_level : what the panel is set to; None where there is none: the ladder is of exposure times then
-    ladder_s : the exposure time of the whole ladder, or of its brightest level
-    lit : the light of every picture that counts, by its mark; 0 in the dark
+    light_level : setting of the panel; None without one, where exposure times make the ladder
+    ladder_s : exposure time of the whole ladder, or of its brightest level
+    lit : light of every accepted picture, by its mark; 0 in the dark
     """
 
     light_level: float | None = None

@@ -118,7 +118,7 @@ def flats() -> tuple[Request, ...]:
 
 def check_flat(quarters: int, frame: RawFrame, facts: Facts) -> Advice:
     """A flat that counts has the light and the settings of the sensor's flats."""
-    advice = sensor_plan.check_picture(sensor_plan.trial_level(), frame, facts)
+    advice = sensor_plan.check_picture(sensor_plan.TRIAL_LEVEL, frame, facts)
     return replace(advice, facts={FLAT + mark_of(frame.sha256): float(quarters)}) if advice.good else advice
 
 

@@ -12,9 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from procedures.numbers import QUANTUM_EFFICIENCY
-from procedures.sensor.estimate import Pattern, SensorResult
-from procedures.sensor.general import input_snr
-from procedures.sensor.noise import linear_snr, total_snr
+from procedures.sensor.estimate import FixedPattern, SensorResult
+from procedures.sensor.signal_to_noise import input_snr, linear_snr, total_snr
 from procedures.sensor.spectrograms import Period
 from station.drawing.colours import ALONG, FAINT, INK, MARK
 from station.drawing.style import CONFIDENT, STYLE, axes_grid, svg
@@ -122,7 +121,7 @@ def dark_figure(found: SensorResult, name: str) -> Markup | None:
     return _finish(figure, axes, "exposure, s", "more than at the shortest", name, words, legend="upper left")
 
 
-def spectrogram_figure(pattern: Pattern, name: str) -> Markup:
+def spectrogram_figure(pattern: FixedPattern, name: str) -> Markup:
     """Spectrograms along rows and columns, the floor of temporal noise, and the periods that stand out."""
     figure, axes = _axes()
     for one in pattern.spectrograms:
@@ -136,7 +135,7 @@ def spectrogram_figure(pattern: Pattern, name: str) -> Markup:
     return _finish(figure, axes, "cycles/pixel", f"amplitude, {pattern.unit}", name, words, legend="upper right")
 
 
-def histogram_figure(pattern: Pattern, name: str) -> Markup:
+def histogram_figure(pattern: FixedPattern, name: str) -> Markup:
     """How many pixels deviate how far, the normal distribution beside it, and the limit of defects."""
     figure, axes = _axes()
     shown = pattern.defects.histogram
@@ -153,7 +152,7 @@ def histogram_figure(pattern: Pattern, name: str) -> Markup:
     return _finish(figure, axes, f"deviation, {pattern.unit}", "pixels", name, words, legend="upper right")
 
 
-def accumulated_figure(pattern: Pattern, name: str) -> Markup:
+def accumulated_figure(pattern: FixedPattern, name: str) -> Markup:
     """Share of the pixels that deviate at least so far."""
     figure, axes = _axes()
     shown = pattern.defects.histogram

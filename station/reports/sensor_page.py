@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from procedures.numbers import Group, in_group
-from procedures.sensor.estimate import Pattern, SensorResult
+from procedures.sensor.estimate import FixedPattern, SensorResult
 from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.spectrograms import Period
 from station.calibration.sensor import SensorFiles, SensorPlane
@@ -73,7 +73,7 @@ def _temporal(found: SensorResult, name: str) -> list[tuple[Markup, str]]:
     return drawn if dark is None else [*drawn, (dark, "In the dark, over exposure, with 95 % bars.")]
 
 
-def _spatial(patterns: Mapping[str, Pattern], name: str) -> list[tuple[Markup, str]]:
+def _spatial(patterns: Mapping[str, FixedPattern], name: str) -> list[tuple[Markup, str]]:
     words = {"dark": "Dark", "light": "Response"}
     drawn = []
     for which, one in patterns.items():
