@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from procedures.facts import CameraFacts, gathered, number
-from procedures.plan import Facts
+from procedures.facts import CameraFacts, gathered_numbers
 
 LIT = "lit_"
 """Prefix of a picture's mark (`mark_of`): the fact of its light, relative to the maximum."""
@@ -17,11 +16,6 @@ MARK = 16
 def mark_of(sha256: str) -> str:
     """Name of a picture in the facts."""
     return sha256[:MARK]
-
-
-def light_of(facts: Facts) -> Mapping[str, float]:
-    """Light of every picture, by its mark. Raises BadParameter."""
-    return {name.removeprefix(LIT): number(facts, name) for name in facts if name.startswith(LIT)}
 
 
 @dataclass(frozen=True)
@@ -37,4 +31,4 @@ class SensorFacts(CameraFacts):
 
     light_level: float | None = None
     ladder_s: float | None = None
-    lit: Mapping[str, float] = gathered(light_of, prefix=LIT)
+    lit: Mapping[str, float] = gathered_numbers(LIT)

@@ -1,4 +1,4 @@
-"""The radial formulas of all planes together, with one covariance: the flats' slopes are the same light in all."""
+"""The radial formulas of all planes with their joint covariance, due to the common slope of the flats' light."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ UNITS = ("pixel of the plane", "pixel of the plane", "1", "1", "1")
 
 @dataclass(frozen=True, eq=False)
 class JointFormula:
-    """Centre, from the frame's, and coefficients of every plane, side by side.
+    """Centre, relative to the frame's, and coefficients of every plane.
 
     Attributes
     ----------
@@ -33,24 +33,20 @@ class JointFormula:
     covariance: Array
 
 
-def joint_formula(found: Mapping[str, PlaneVignetting]) -> JointFormula:
+def joint_formula(planes: Mapping[str, PlaneVignetting]) -> JointFormula:
     """The formulas of the planes.
 
-    The noise of one plane's cells is not that of another's, but the light's slope, known as well as its flats agree
-    on it, is in all planes alike: it is what they share.
+    The noise of different planes is independent, but the slope of the light, with an uncertainty by the scatter of the
+    flats, is common to all.
     """
     size = len(NAMES)
-    values = np.concatenate([_values(one) for one in found.values()]) if found else np.zeros(0)
+    values = np.concatenate([np.zeros(0), *(np.append(one.centre, one.radial.coefficients) for one in planes.values())])
     covariance = np.zeros((len(values), len(values)))
-    for i, a in enumerate(found.values()):
-        for j, b in enumerate(found.values()):
+    for i, a in enumerate(planes.values()):
+        for j, b in enumerate(planes.values()):
             block = a.radial.covariance if i == j else a.radial.by_slope @ _common(a, b) @ b.radial.by_slope.T
             covariance[i * size : (i + 1) * size, j * size : (j + 1) * size] = block
-    return JointFormula(tuple(found), values, covariance)
-
-
-def _values(one: PlaneVignetting) -> Array:
-    return np.concatenate([one.centre, one.radial.coefficients])
+    return JointFormula(tuple(planes), values, covariance)
 
 
 def _common(a: PlaneVignetting, b: PlaneVignetting) -> Array:

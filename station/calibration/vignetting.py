@@ -120,7 +120,7 @@ def _plane(name: str, outcome: Outcome[PlaneVignetting]) -> PlaneResult:
                   "coefficients": light.coefficients.tolist()},
         "centre": found.radial.centre.tolist(),
         "diagnostics": {"scatter": found.surface.scatter, "structure": found.surface.structure,
-                        "left_out": found.surface.left_out, "slopes": found.surface.slopes.tolist()},
+                        "left_out": found.surface.excluded, "slopes": found.surface.slopes.tolist()},
     }  # fmt: skip
     return PlaneResult.of_outcome(name, outcome, numbers=found.numbers, found=found, pitch=0, details=details)
 

@@ -11,14 +11,14 @@ from procedures.reading.arrays import checked_array
 from procedures.reading.guard import decoding
 from procedures.sensor.photon_transfer import GainAndNoise
 from procedures.whole_camera.from_others import sensor_parts, vignetting_parts
-from procedures.whole_camera.joint import Part
+from procedures.whole_camera.joint import CameraPart
 from station.calibration.sensor_models import read_record
 from station.calibration.vignetting import read_joint_formula
 
 _GIVE = "measure it again: results of older versions do not tell what their numbers share"
 
 
-def other_parts(vignetting: Path | None, sensor: Path | None) -> list[Part]:
+def other_parts(vignetting: Path | None, sensor: Path | None) -> list[CameraPart]:
     """The parts; `vignetting` and `sensor` are results of those commands.
 
     Raises

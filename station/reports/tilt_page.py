@@ -7,9 +7,8 @@ from markupsafe import Markup
 from matplotlib.patches import Circle, Rectangle
 
 from procedures.outcome import Outcome
-from procedures.tilt.estimate import Tilt
+from procedures.tilt.estimate import Tilt, shim_words
 from procedures.tilt.screws import SURE, Screws
-from procedures.tilt.shim import shim_words
 from station.drawing.colours import FAINT, INK, MARK
 from station.drawing.style import axes_grid, colour_bar, svg
 from station.reports.page import render

@@ -25,7 +25,7 @@ from procedures.whole_camera import plan as guide
 from procedures.whole_camera.facts import FLAT, PANEL_TURNED, TURNED, WholeCameraFacts
 from procedures.whole_camera.from_field import whole_camera
 from procedures.whole_camera.from_others import sensor_parts, vignetting_parts
-from procedures.whole_camera.joint import Part
+from procedures.whole_camera.joint import CameraPart
 from station.calibration.sensor import SensorFiles
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.vignetting import Flats, flats_of, vignetting_measurement
@@ -154,7 +154,7 @@ def vignetting_of(frames: Sequence[RawFrame], found: FieldResult) -> Outcome[Fla
                       "take both at one aperture, since vignetting depends on it")  # fmt: skip
 
 
-def joint_parts(parts: Mapping[str, Outcome[Any]]) -> list[Part]:
+def joint_parts(parts: Mapping[str, Outcome[Any]]) -> list[CameraPart]:
     """Numbers of vignetting and sensor in the joint covariance."""
     flats: Flats | None = parts[VIGNETTING].value if VIGNETTING in parts else None
     files: SensorFiles | None = parts[SENSOR].value if SENSOR in parts else None
