@@ -83,10 +83,8 @@ def conclude(
     ----------
     focus : mapping of photograph's name to focus position in mm, optional
         The field is then that of the sharpest position.
-    at : sequence of float
-        Frequencies in cycles per pixel of the plane at which the MTF of the frame's centre is reported.
-    photosite : Photosite, optional
-        Sagittal and meridional MTF50 are also mapped without it.
+    at : frequencies in cycles per pixel of the plane at which the MTF of the frame's centre is reported
+    photosite : sagittal and meridional MTF50 are also mapped without it
 
     Raises
     ------

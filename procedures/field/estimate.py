@@ -50,16 +50,12 @@ class MeasuredChart:
     Attributes
     ----------
     node : Node
-    numbers : mapping of str to Quantity
-        Those of `HEADLINE` that the PSF has.
-    gradients : mapping of str to (P,) float64
-        Derivatives of the numbers by the PSF's parameters.
+    numbers : those of `HEADLINE` that the PSF has
+    gradients : mapping of str to (P,); derivatives of the numbers by the PSF's parameters
     registration : Registration
-    correspondences : Correspondences
-        In pixels of the plane.
+    correspondences : in pixels of the plane
     shared : SharedErrors
-    budgets : mapping of str to Budget
-        Uncertainty budgets of the numbers.
+    budgets : uncertainty budgets of the numbers
     """
 
     node: Node
@@ -135,10 +131,8 @@ def measure_frame(
 
     Parameters
     ----------
-    each : MapLike
-        How the charts are processed; `map` takes one after the other.
-    sensors : Sensors
-        Their response is inverted, and their noise weights the samples.
+    each : how the charts are processed; `map` takes one after the other
+    sensors : their response is inverted, and their noise weights the samples
 
     Raises
     ------
@@ -182,12 +176,9 @@ def estimate_field(
 
     Parameters
     ----------
-    frames : iterable of RawFrame
-        From one camera, lens, aperture and focus. They may be read lazily: none is kept.
-    parameters : PatternParameters, optional
-        Default: s = 4, and k by chart. All nodes need the same s.
-    each : MapLike
-        How the charts of a photograph are processed; `map` takes one after the other.
+    frames : from one camera, lens, aperture and focus. They may be read lazily: none is kept.
+    parameters : default: s = 4, and k by chart. All nodes need the same s.
+    each : how the charts of a photograph are processed; `map` takes one after the other
 
     Returns
     -------

@@ -197,10 +197,7 @@ def read_field(path: Path | str) -> dict[str, PsfField]:
     PSFs in a file of an older version have no tail (`PsfField.q` is 0): they end with their supports, and their
     numbers describe the support alone.
 
-    Raises
-    ------
-    BadInput
-        If it is not such a file.
+    Raises BadInput if it is not such a file.
     """
     with _opened(path) as file:
         room = Room(str(path))

@@ -47,12 +47,9 @@ class FocusSurface:
     Attributes
     ----------
     shape : (int, int)
-    positions : (N, 2) float64
-        Measured places, in pixels of the plane.
-    best : (N, 2) float64, variance : (N, 2) float64
-        Measured sagittal and meridional focus.
-    surface : Surface
-        Both as quadratic functions of the position in half diagonals.
+    positions : (N, 2), measured places, in pixels of the plane
+    best : (N, 2), variance : (N, 2); measured sagittal and meridional focus
+    surface : both as quadratic functions of the position in half diagonals
     """
 
     shape: tuple[int, int]
@@ -100,10 +97,8 @@ class FocusOptimum:
 
     Attributes
     ----------
-    at, variance : float
-        Focus position, and its variance by the noise of the PSFs.
-    sensitivities : mapping of photograph to float
-        Derivatives of `at` by the positions of the photographs, of sum 1.
+    at, variance : focus position, and its variance by the noise of the PSFs
+    sensitivities : derivatives of `at` by the positions of the photographs, of sum 1
     """
 
     at: float
@@ -122,10 +117,8 @@ class PlaceFocus:
 def focus_surface(bracket: Bracket, shape: tuple[int, int], *, unit: str = "mm") -> FocusSurface:
     """Best focus from nodes at known focus positions.
 
-    Raises
-    ------
-    Refused
-        If there are fewer than three positions, or fewer than seven places with their best focus within the bracket.
+    Raises Refused if there are fewer than three positions, or fewer than seven places with their best focus within the
+    bracket.
     """
     if len(bracket) < FEWEST_POSITIONS:
         raise Refused(
@@ -144,10 +137,7 @@ def focus_surface(bracket: Bracket, shape: tuple[int, int], *, unit: str = "mm")
 def best_focus(bracket: Bracket, shape: tuple[int, int], *, frequency: float = FREQUENCY) -> list[PlaceFocus]:
     """Best focus at every place whose greatest MTF is within the bracket.
 
-    Raises
-    ------
-    Refused
-        If these are fewer than seven.
+    Raises Refused if these are fewer than seven.
     """
     places = []
     for series in _series(bracket, shape):

@@ -65,12 +65,9 @@ class Recipe:
 
     Attributes
     ----------
-    kind : str
-        "polynomial", "thin plate" or "symmetric lens".
-    setting : float
-        Degree, or stiffness of the plate.
-    axis : (x, y)
-        Axis of the symmetric lens, in half diagonals from the frame's centre.
+    kind : "polynomial", "thin plate" or "symmetric lens"
+    setting : degree, or stiffness of the plate
+    axis : (x, y), axis of the symmetric lens, in half diagonals from the frame's centre
     """
 
     kind: str
@@ -92,12 +89,9 @@ class Interpolation:
     Attributes
     ----------
     field : PsfField
-    recipe : Recipe
-        Of its model; with the number of components it is sufficient to rebuild the field from its nodes.
-    candidates : tuple of InterpolationCandidate
-        All tried interpolations, the best first.
-    axis : SymmetryAxis or None
-        Intersection of the lens's axis of symmetry with the frame; None where the nodes do not determine it.
+    recipe : of its model; with the number of components it is sufficient to rebuild the field from its nodes
+    candidates : all tried interpolations, the best first
+    axis : intersection of the lens's axis of symmetry with the frame; None where the nodes do not determine it
     """
 
     field: PsfField
@@ -111,8 +105,7 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
 
     Parameters
     ----------
-    shape : (int, int)
-        Rows and columns of the plane.
+    shape : rows and columns of the plane
 
     Raises
     ------

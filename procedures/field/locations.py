@@ -38,8 +38,7 @@ def chosen_locations(n: int, aspect: float = 1.5) -> list[Location]:
 
     Parameters
     ----------
-    aspect : float
-        Width over height of the frame.
+    aspect : width over height of the frame
 
     References
     ----------
@@ -74,10 +73,8 @@ def ray(location: Location, shape: tuple[int, int], principal_px: float) -> Arra
 
     Parameters
     ----------
-    shape : (int, int)
-        Rows and columns of the sensor or of a plane.
-    principal_px : float
-        Distance of the image from the lens in the same pixels: focal length over pitch.
+    shape : rows and columns of the sensor or of a plane
+    principal_px : distance of the image from the lens in the same pixels: focal length over pitch
     """
     x, y = location.in_pixels(shape)
     towards = np.array([x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2, principal_px])

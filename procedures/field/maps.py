@@ -51,12 +51,9 @@ class FieldMap:
     Attributes
     ----------
     name, title, unit : str
-    x : (nx,), y : (ny,) float64
-        Positions in pixels of the plane.
-    value : (ny, nx) float64
-        NaN where the number is undefined.
-    uncertainty : (ny, nx) float64 or None
-        None where the value is itself an uncertainty.
+    x : (nx,), y : (ny,); positions in pixels of the plane
+    value : (ny, nx), NaN where the number is undefined
+    uncertainty : (ny, nx) or None; None where the value is itself an uncertainty
     enclosed : (ny, nx) bool or None
         Mask of the positions inside the hull of the nodes, where the others have a value too; None: the finite values.
     """

@@ -59,10 +59,8 @@ class Optic:
 
     Attributes
     ----------
-    analysis, components : (r, p) float64
-        As in `PsfField`.
-    whiten : (p, p) float64
-        From a PSF's parameters to units of their noise.
+    analysis, components : (r, p), as in `PsfField`
+    whiten : (p, p), from a PSF's parameters to units of their noise
     norms : dict of int to (rings,) float64
         Cache of the norms of each harmonic's rings in these units, shared by optics of one noise.
     """
@@ -135,10 +133,8 @@ class AxialSymmetry:
 
     Attributes
     ----------
-    places : (N, 2) float64, trust : (N,) float64
-        As in `numerics.scattered`.
-    axis : (x, y)
-        Intersection of the axis with the frame, in the units of `places`.
+    places : (N, 2), trust : (N,); as in `numerics.scattered`
+    axis : (x, y), intersection of the axis with the frame, in the units of `places`
 
     References
     ----------

@@ -23,12 +23,9 @@ class Photosite:
 
     Attributes
     ----------
-    fill : float
-        Effective area over the pixel's, including the microlens.
-    uncertainty : float
-        Standard uncertainty of `fill`.
-    assumed : bool
-        Whether it was not measured.
+    fill : effective area over the pixel's, including the microlens
+    uncertainty : standard uncertainty of `fill`
+    assumed : whether it was not measured
 
     Raises
     ------
@@ -55,12 +52,9 @@ class Photosite:
 
         Parameters
         ----------
-        f : (n,) float64
-            Cycles per pixel of a plane.
-        angle : float
-            Direction in which the detail repeats, radians from x towards y.
-        pitch : int
-            Sensor pixels per pixel of the plane.
+        f : (n,), cycles per pixel of a plane
+        angle : direction in which the detail repeats, radians from x towards y
+        pitch : sensor pixels per pixel of the plane
         """
         side = float(np.sqrt(self.fill))
         u, v = (f / pitch * turn for turn in (np.cos(angle), np.sin(angle)))

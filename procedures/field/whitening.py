@@ -29,12 +29,9 @@ class WhitenedNodes:
 
     Attributes
     ----------
-    z : (N, p), places : (N, 2), trust : (N,)
-        `trust` is the inverse variance of the noise, about 1.
-    C : (N, p, p)
-        Covariances of the PSFs' parameters h: k^2 samples and q amplitudes of the tail.
-    to, back : (p, p)
-        z = to h, h = back z.
+    z : (N, p), places : (N, 2), trust : (N,); `trust` is the inverse variance of the noise, about 1
+    C : (N, p, p), covariances of the PSFs' parameters h: k^2 samples and q amplitudes of the tail
+    to, back : (p, p), z = to h, h = back z
     """
 
     z: Array

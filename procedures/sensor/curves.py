@@ -26,20 +26,14 @@ class Curves:
 
     Attributes
     ----------
-    light : (1 + draws, levels) float64
-        Photons per pixel, or a quantity proportional to them.
-    signal : (1 + draws, levels) float64
-        Mean digital number less that in the dark at the same exposure time.
-    variance : (1 + draws, levels) float64
-        Temporal variance.
-    excess : (1 + draws, levels) float64
-        Temporal variance less that in the dark.
+    light : (1 + draws, levels), photons per pixel, or a quantity proportional to them
+    signal : (1 + draws, levels), mean digital number less that in the dark at the same exposure time
+    variance : (1 + draws, levels), temporal variance
+    excess : (1 + draws, levels), temporal variance less that in the dark
     dark_mean, dark_variance : (1 + draws, dark levels) float64
     dark_exposure_s : (dark levels,) float64
-    light_spread : float
-        Relative standard deviation of the light from picture to picture.
-    samples : int
-        Samples per level.
+    light_spread : relative standard deviation of the light from picture to picture
+    samples : samples per level
     """
 
     light: Array

@@ -31,13 +31,10 @@ class Histogram:
 
     Attributes
     ----------
-    centres : (n,) float64
-        Deviations: in digital numbers, or per cent of the signal.
+    centres : (n,), deviations: in digital numbers, or per cent of the signal
     counts : (n,) int64
-    model : (n,) float64
-        Counts of a normal distribution of the same robust deviation.
-    limit : float
-        Deviation above which a pixel is a defect.
+    model : (n,), counts of a normal distribution of the same robust deviation
+    limit : deviation above which a pixel is a defect
     """
 
     centres: Array
@@ -52,11 +49,9 @@ class Defects:
 
     Attributes
     ----------
-    places : (n, 2) intp
-        [row, column], the largest deviation first.
+    places : (n, 2) intp; [row, column], the largest deviation first
     deviation : (n,) float64
-    count : IntervalNumber
-        With an interval: pixels near the limit may be on either side, within their noise.
+    count : with an interval: pixels near the limit may be on either side, within their noise
     histogram : Histogram
     """
 
@@ -77,10 +72,8 @@ def find_defects(field: Array, noise: float, scale: float = 1.0) -> Defects:
 
     Parameters
     ----------
-    noise : float
-        Standard deviation of the temporal noise in the picture.
-    scale : float
-        From the picture's unit to that of the result.
+    noise : standard deviation of the temporal noise in the picture
+    scale : from the picture's unit to that of the result
     """
     spread = MAD * float(np.median(np.abs(field)))
     limit = -float(ndtri(EXPECTED / field.size / 2)) * max(spread, 1e-12)

@@ -50,10 +50,8 @@ class FixedPattern:
     Attributes
     ----------
     unit : str
-    spectrograms : tuple of Spectrogram
-        Along rows, along columns.
-    periods : tuple of Period
-        Sinusoids common to all rows or all columns.
+    spectrograms : along rows, along columns
+    periods : sinusoids common to all rows or all columns
     defects : Defects
     """
 
@@ -96,8 +94,7 @@ def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcom
 
     Parameters
     ----------
-    rng : Generator
-        For the draws behind the intervals of the temporal numbers.
+    rng : for the draws behind the intervals of the temporal numbers
     """
     for checks_on in (count_checks, ladder_checks):  # the second requires what the first checks
         outcome: Outcome[SensorResult] = verdict_of(checks := checks_on(recording))
@@ -116,8 +113,7 @@ def sensor_model(result: SensorResult, step: float = 1.0) -> SensorModel:
 
     Parameters
     ----------
-    step : float
-        Numbers of the file per digital number of the result.
+    step : numbers of the file per digital number of the result
     """
     gain, response = result.numbers[SYSTEM_GAIN_AT_DARK], result.response
     dsnu = result.numbers.get(non_uniformity(DSNU, "_pixel", WITHOUT_DEFECTS, "_dn"))

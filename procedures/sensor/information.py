@@ -39,10 +39,8 @@ class Information:
 
     Attributes
     ----------
-    frequencies : (n,) float64
-        Along one axis, cycles per pixel, in the order of `numpy.fft.fftfreq`.
-    mtf, nps, neq, neq_uncertainty : (n, n) float64
-        [fy, fx].
+    frequencies : (n,), along one axis, cycles per pixel, in the order of `numpy.fft.fftfreq`
+    mtf, nps, neq, neq_uncertainty : (n, n), [fy, fx]
     equivalent_mtf, equivalent_mtf_uncertainty : (n, n) float64
         sqrt(NEQ / NEQ at 0): the MTF of an equivalent camera with white noise.
     numbers : mapping of str to IntervalNumber
@@ -63,10 +61,8 @@ def information(psf: Psf, noise: NoisePower, rng: np.random.Generator) -> Inform
 
     Parameters
     ----------
-    psf : Psf
-        In pixels of the plane in which the noise was measured.
-    rng : Generator
-        For draws of the PSF.
+    psf : in pixels of the plane in which the noise was measured
+    rng : for draws of the PSF
     """
     f = noise.frequencies
     mtf = _drawn_mtf(psf, f, rng)

@@ -31,20 +31,15 @@ class LightLevel:
     Attributes
     ----------
     exposure_s : float
-    light : float
-        Mean photons per pixel where known, otherwise a number proportional to them; 0 in the dark.
+    light : mean photons per pixel where known, otherwise a number proportional to them; 0 in the dark
     mean, variance : float
         Of the digital numbers; the variance is temporal, without the change of the light between the pictures.
     mean_variance, variance_variance : float
         Squares of their standard uncertainties, including noise common to rows or columns.
-    change : float
-        Mean of the later picture less the earlier, in digital numbers (root mean square of several pairs).
-    change_variance : float
-        Expected square of `change` by noise alone.
-    bottom : float
-        Share of the samples clipped at the lowest number.
-    samples : int
-        Samples of all pairs' differences.
+    change : mean of the later picture less the earlier, in digital numbers (root mean square of several pairs)
+    change_variance : expected square of `change` by noise alone
+    bottom : share of the samples clipped at the lowest number
+    samples : samples of all pairs' differences
     """
 
     exposure_s: float

@@ -32,10 +32,8 @@ class Response:
 
     Attributes
     ----------
-    coefficients : (1 + draws, degree + 1) float64
-        signal / light = c0 + c1 l + c2 l^2 with l the light over `scale`.
-    scale : float
-        Light at saturation.
+    coefficients : (1 + draws, degree + 1), signal / light = c0 + c1 l + c2 l^2 with l the light over `scale`
+    scale : light at saturation
     """
 
     coefficients: Array
@@ -74,10 +72,8 @@ class Linearity:
     Attributes
     ----------
     slope, offset : (1 + draws,) float64
-    deviation : (1 + draws, levels) float64
-        Relative deviation of the signal from the line.
-    used : (levels,) bool
-        Levels from 5 % to 95 % of saturation.
+    deviation : (1 + draws, levels), relative deviation of the signal from the line
+    used : (levels,) bool; levels from 5 % to 95 % of saturation
     """
 
     slope: Array
@@ -126,8 +122,7 @@ def linearity_numbers(linearity: Linearity, alternatives: Sequence[Linearity], n
 
     Parameters
     ----------
-    alternatives : of Linearity
-        With saturation at other possible levels.
+    alternatives : with saturation at other possible levels
     """
     deviation = 100 * linearity.deviation[:, linearity.used]
     spread = np.std(deviation[1:], axis=0)

@@ -30,10 +30,8 @@ def measured(
 
     Parameters
     ----------
-    least : float
-        Lower bound of the number and of its interval.
-    lower : float
-        Possible bias of the value by noise, by which the interval is extended downwards.
+    least : lower bound of the number and of its interval
+    lower : possible bias of the value by noise, by which the interval is extended downwards
     """
     low, high = value - CONFIDENT * uncertainty - lower, value + CONFIDENT * uncertainty
     return IntervalNumber(value, unit, uncertainty, method, n, max(low, least), max(high, least))
@@ -45,8 +43,7 @@ def from_draws(values: Array, unit: str, method: str, n: int, *, extra: float = 
     Parameters
     ----------
     values : (1 + draws,) float64
-    extra : float
-        Further standard uncertainty, not included in the draws.
+    extra : further standard uncertainty, not included in the draws
     """
     uncertainty = float(np.hypot(np.std(values[1:]), extra))
     return measured(float(values[0]), uncertainty, unit, method, n)

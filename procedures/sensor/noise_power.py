@@ -30,12 +30,9 @@ class NoisePower:
 
     Attributes
     ----------
-    power : (n, n) float64
-        [fy, fx] in the order of `numpy.fft.fftfreq`; DN^2 per (cycle/pixel)^2: its mean is the variance.
-    signal : float
-        Mean less dark of the pictures, DN.
-    blocks : int
-        Averaged blocks: each value has the relative standard uncertainty 1 / sqrt(blocks).
+    power : (n, n), [fy, fx] in the order of `numpy.fft.fftfreq`; DN^2 per (cycle/pixel)^2: its mean is the variance
+    signal : mean less dark of the pictures, DN
+    blocks : averaged blocks: each value has the relative standard uncertainty 1 / sqrt(blocks)
     """
 
     power: Array
@@ -53,8 +50,7 @@ def measure_noise_power(pictures: Sequence[Numbers], signal: float, block: int =
 
     Parameters
     ----------
-    signal : float
-        Mean less dark.
+    signal : mean less dark
     """
     window = np.hanning(block + 1)[:-1]
     taper = window[:, None] * window[None, :]

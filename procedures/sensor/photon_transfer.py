@@ -56,20 +56,13 @@ class Transfer:
 
     Attributes
     ----------
-    gain : (1 + draws,) float64
-        K by the standard: a line through 0.
-    gain_at_dark : (1 + draws,) float64
-        K of small signals, corrected for the response's curvature.
-    gain_bent : float
-        Standard uncertainty of K by that curvature where it is significant, as the linear model neglects it.
-    responsivity : (1 + draws,) float64
-        Digital numbers per unit of light.
-    dark_deviation : (1 + draws,) float64
-        Temporal noise in the dark, DN.
-    saturation : int
-        Index of the level at saturation.
-    fitted : (levels,) bool
-        Levels used in the fits.
+    gain : (1 + draws,), K by the standard: a line through 0
+    gain_at_dark : (1 + draws,), K of small signals, corrected for the response's curvature
+    gain_bent : standard uncertainty of K by that curvature where it is significant, as the linear model neglects it
+    responsivity : (1 + draws,), digital numbers per unit of light
+    dark_deviation : (1 + draws,), temporal noise in the dark, DN
+    saturation : index of the level at saturation
+    fitted : (levels,) bool; levels used in the fits
     """
 
     gain: Array

@@ -60,8 +60,7 @@ def plan(estimate: Estimator, levels: int = LEVELS, pictures: int = PICTURES) ->
 
     Parameters
     ----------
-    levels, pictures : int
-        Levels of the ladder, pictures in each stack.
+    levels, pictures : levels of the ladder, pictures in each stack
     """
     return Plan(
         "sensor",

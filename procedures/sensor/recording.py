@@ -20,12 +20,9 @@ class SensorRecording:
 
     Attributes
     ----------
-    darks : tuple of LightLevel
-        Without light, by exposure time.
-    lights : tuple of LightLevel
-        By light.
-    photons_known : bool
-        Whether `light` is photons per pixel.
+    darks : without light, by exposure time
+    lights : by light
+    photons_known : whether `light` is photons per pixel
     dark_stack, flat_stack : FrameStack or None
     """
 

@@ -35,14 +35,10 @@ class Spectrogram:
 
     Attributes
     ----------
-    direction : str
-        "horizontal": along rows, or "vertical".
-    frequencies : (n,) float64
-        In cycles per pixel, from 0 to 1/2.
-    amplitude : (n,) float64
-        In digital numbers, or per cent of the signal; its mean square is the variance.
-    floor : float
-        Amplitude of temporal noise alone.
+    direction : "horizontal": along rows, or "vertical"
+    frequencies : (n,), in cycles per pixel, from 0 to 1/2
+    amplitude : (n,), in digital numbers, or per cent of the signal; its mean square is the variance
+    floor : amplitude of temporal noise alone
     """
 
     direction: str
@@ -57,12 +53,9 @@ class Period:
 
     Attributes
     ----------
-    pattern : str
-        "row": the rows differ, along a column; or "column".
-    frequency : IntervalNumber
-        In cycles per pixel.
-    amplitude : IntervalNumber
-        From the mean to the crest.
+    pattern : "row": the rows differ, along a column; or "column"
+    frequency : in cycles per pixel
+    amplitude : from the mean to the crest
     """
 
     pattern: str
@@ -87,8 +80,7 @@ def find_periods(picture: Array, pattern: str, unit: str, scale: float = 1.0) ->
     ----------
     picture : (rows, columns) float64
     pattern : "row" or "column"
-    unit : str
-        Unit of an amplitude after multiplication by the scale.
+    unit : unit of an amplitude after multiplication by the scale
     """
     profile = picture.mean(axis=1 if pattern == "row" else 0)
     residual = profile - profile.mean()

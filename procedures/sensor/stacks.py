@@ -26,18 +26,12 @@ class FrameStack:
 
     Attributes
     ----------
-    mean_picture : (rows, columns) float64
-        In digital numbers.
-    variance : float
-        Temporal variance of one picture, averaged over the pixels, without changes of the light.
-    row_variance, column_variance : float
-        Temporal variance of the averages of a picture's rows, and of its columns.
-    count : int
-        Number of pictures.
-    light_spread : float
-        Standard deviation of the pictures' means over their mean.
-    exposure_s, light : float
-        As in `LightLevel`.
+    mean_picture : (rows, columns), in digital numbers
+    variance : temporal variance of one picture, averaged over the pixels, without changes of the light
+    row_variance, column_variance : temporal variance of the averages of a picture's rows, and of its columns
+    count : number of pictures
+    light_spread : standard deviation of the pictures' means over their mean
+    exposure_s, light : as in `LightLevel`
     """
 
     mean_picture: Array

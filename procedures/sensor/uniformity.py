@@ -43,15 +43,12 @@ def spatial_variances(
 
     Parameters
     ----------
-    picture : (rows, columns) float64
-        A stack's mean picture.
+    picture : (rows, columns), a stack's mean picture
     residual_variance : (pixels, rows, columns)
         Temporal variance in it, DN^2: of pixels, of averages of rows, and of columns. The standard derives the second
         and third from the first; noise common to a row would then appear as its pattern.
-    count : int
-        Pictures of the stack.
-    excluded : (rows, columns) bool, optional
-        Defect pixels, replaced by the averages of their row and column.
+    count : pictures of the stack
+    excluded : (rows, columns) bool, optional; defect pixels, replaced by the averages of their row and column
     """
     field = picture - picture.mean()
     kept = 1.0
@@ -123,8 +120,7 @@ def response_numbers(
 
     Parameters
     ----------
-    curvature : float
-        Relative standard uncertainty by the curvature of the response at the flat stack's signal.
+    curvature : relative standard uncertainty by the curvature of the response at the flat stack's signal
     """
     in_flat = spatial_variances(flat.mean_picture, flat.residual_variance, flat.count, excluded)
     in_dark = spatial_variances(dark.mean_picture, dark.residual_variance, dark.count, excluded)

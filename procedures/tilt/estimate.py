@@ -43,25 +43,17 @@ class TiltParameters:
 
     Attributes
     ----------
-    pixel_pitch_um : float
-        Pitch of the sensor.
-    positions : Positions
-        Meaning of the bracket's positions in mm.
+    pixel_pitch_um : pitch of the sensor
+    positions : meaning of the bracket's positions in mm
     focal_length_mm : float or None
-    distance_mm : float or None
-        Distance of the chart from the lens, where the positions do not give it.
-    position_uncertainty_mm : float
-        Standard uncertainty of each position.
-    chart_tilt_deg : float
-        Standard uncertainty of the chart's squareness to the lens's axis, about each of two axes: the image of a
-        tilted chart is tilted by the magnification times as much.
-    nominal_mm : float or None
-        Position at which the sensor should be in focus; None for the tilt alone.
-    nominal_uncertainty_mm : float
-        Its standard uncertainty, common to all heights.
+    distance_mm : distance of the chart from the lens, where the positions do not give it
+    position_uncertainty_mm : standard uncertainty of each position
+    chart_tilt_deg : standard uncertainty of the chart's squareness to the lens's axis, about each of two axes: the
+        image of a tilted chart is tilted by the magnification times as much
+    nominal_mm : position at which the sensor should be in focus; None for the tilt alone
+    nominal_uncertainty_mm : its standard uncertainty, common to all heights
     screws : Screws
-    frequency : float
-        Frequency of the followed MTF, in cycles per pixel of the plane.
+    frequency : frequency of the followed MTF, in cycles per pixel of the plane
     """
 
     pixel_pitch_um: float
@@ -83,12 +75,10 @@ class Tilt:
     Attributes
     ----------
     sensor : TiltedPlane
-    astigmatism : (N,) float64
-        Distance of sagittal focus behind meridional focus at the places, in um.
+    astigmatism : (N,), distance of sagittal focus behind meridional focus at the places, in um
     screws : Screws
     turns : Turns
-    with_focus : bool
-        Whether the nominal position is known, so that the offset is meaningful.
+    with_focus : whether the nominal position is known, so that the offset is meaningful
     """
 
     sensor: TiltedPlane
@@ -132,10 +122,8 @@ def estimate_tilt(
 
     Parameters
     ----------
-    bracket : mapping of position in mm to nodes
-        Of one plane; charts at about the same place of the frame are combined.
-    shape : (int, int)
-        Rows and columns of the plane, with pixels `pitch` sensor pixels wide.
+    bracket : mapping of position in mm to nodes; of one plane; charts at about the same place of the frame are combined
+    shape : rows and columns of the plane, with pixels `pitch` sensor pixels wide
 
     Returns
     -------
@@ -202,10 +190,7 @@ def _position_um(bracket: Mapping[float, Sequence[Node]], parameters: TiltParame
 def chart_slope(positions_mm: Sequence[float], parameters: TiltParameters) -> float:
     """Standard uncertainty of the image's slopes due to the chart's, in um/mm.
 
-    Raises
-    ------
-    BadParameter
-        If the chart's distance or the focal length is not known.
+    Raises BadParameter if the chart's distance or the focal length is not known.
     """
     if not parameters.chart_tilt_deg:
         return 0.0

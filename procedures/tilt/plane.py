@@ -30,19 +30,13 @@ class TiltedPlane:
 
     Attributes
     ----------
-    size_mm : (float, float)
-        Width and height of the frame.
-    plane : (3,) float64, covariance : (3, 3) float64
-        Offset in um, slopes in um/mm.
-    curvature : (3,) float64, curvature_covariance : (3, 3) float64
-        Coefficients of x^2, x y and y^2, in um/mm^2.
-    centre : (float, float)
-        Height of the quadratic at the frame's centre in um, and its variance.
+    size_mm : width and height of the frame
+    plane : (3,), covariance : (3, 3); offset in um, slopes in um/mm
+    curvature : (3,), curvature_covariance : (3, 3); coefficients of x^2, x y and y^2, in um/mm^2
+    centre : height of the quadratic at the frame's centre in um, and its variance
     places_mm, heights_um, residuals_um : (N, 2), (N,) and (N,) float64
-    misfit : float
-        Root of chi^2 per degree of freedom; where above 1 the covariances are scaled by its square.
-    chance : float
-        Probability of a larger chi^2.
+    misfit : root of chi^2 per degree of freedom; where above 1 the covariances are scaled by its square
+    chance : probability of a larger chi^2
     """
 
     size_mm: tuple[float, float]
@@ -84,10 +78,7 @@ def fit_plane(places_mm: Array, heights_um: Array, covariance: Array, size_mm: t
 
     Where the residuals exceed the covariance, it is scaled by them (Birge's ratio).
 
-    Raises
-    ------
-    Refused
-        If there are fewer than seven places, or they do not determine a quadratic.
+    Raises Refused if there are fewer than seven places, or they do not determine a quadratic.
     """
     scale = float(np.hypot(*size_mm)) / 2
     x, y = (places_mm / scale).T

@@ -25,10 +25,7 @@ def behind_lens_um(position_mm: float, kind: Positions, focal_length_mm: float |
     For CHART it is relative to the chart's image, which moves instead. Thin lens: 1 / image + 1 / object = 1 / focal
     length.
 
-    Raises
-    ------
-    BadParameter
-        If the focal length of a distance is not known, or not smaller than it.
+    Raises BadParameter if the focal length of a distance is not known, or not smaller than it.
     """
     if kind is Positions.LENS:
         return 1000 * position_mm

@@ -26,14 +26,11 @@ class Screws:
     Attributes
     ----------
     count : int
-    radius_mm : float
-        Radius of the circle.
-    pitch_mm : float
-        Move of the sensor per turn.
+    radius_mm : radius of the circle
+    pitch_mm : move of the sensor per turn
     first_deg : float
         Position of the first screw, clockwise from the top, seen from behind the camera; the others follow clockwise.
-    turn_uncertainty : float
-        Standard uncertainty of a turn by hand, in turns.
+    turn_uncertainty : standard uncertainty of a turn by hand, in turns
     """
 
     count: int = 3
@@ -76,14 +73,10 @@ class Turns:
 
     Attributes
     ----------
-    moves : tuple of Quantity
-        Moves of the sensor at each screw, in um, away from the lens; negative is towards it.
-    turns : tuple of Quantity
-        The same in turns of each screw.
-    helps : float
-        Probability that the correction reduces the distance from the surface of best focus over the frame.
-    before, after : Quantity
-        Root mean square height over the frame, in um, before and expected after the correction.
+    moves : moves of the sensor at each screw, in um, away from the lens; negative is towards it
+    turns : the same in turns of each screw
+    helps : probability that the correction reduces the distance from the surface of best focus over the frame
+    before, after : root mean square height over the frame, in um, before and expected after the correction
     """
 
     moves: tuple[Quantity, ...]
@@ -98,8 +91,7 @@ def turns_for(sensor: TiltedPlane, screws: Screws, *, with_focus: bool) -> Turns
 
     Parameters
     ----------
-    with_focus : bool
-        Whether the offset is corrected too; otherwise the mean focus over the frame is unchanged.
+    with_focus : whether the offset is corrected too; otherwise the mean focus over the frame is unchanged
 
     Notes
     -----

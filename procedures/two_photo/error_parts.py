@@ -37,8 +37,7 @@ class PairErrorParts:
     Attributes
     ----------
     parts : mapping of str to Budget
-    mismatch : mapping of str to float
-        Variance of the numbers by the scatter of the tiles, over that by white noise.
+    mismatch : variance of the numbers by the scatter of the tiles, over that by white noise
     """
 
     parts: Mapping[str, Budget]
@@ -88,12 +87,9 @@ def error_parts(
 
     Parameters
     ----------
-    free : Psf
-        With the covariance of the photographs' noise alone.
-    quality : Quality
-        Numbers of the PSF, and their gradients.
-    errors : mapping of str to (k^2 + q,) float64
-        From `likely_errors`.
+    free : with the covariance of the photographs' noise alone
+    quality : numbers of the PSF, and their gradients
+    errors : mapping of str to (k^2 + q,); from `likely_errors`
     """
     gradients = np.array(list(quality.gradients.values()))
     noise = np.maximum(np.einsum("ij,jk,ik->i", gradients, free.parameter_covariance, gradients), 0)

@@ -58,26 +58,16 @@ class TwoPhotoPsf:
 
     Attributes
     ----------
-    psf : Psf
-        Centred on its centroid under a Gaussian window: two photographs of a wall determine no other centre.
-    quality : Quality
-        MTF and numbers of the PSF, with their uncertainty budgets.
-    inter_image : (k, k) float64
-        The kernel from the near to the far photograph inside its support, sum 1.
-    scale : (lambda_x, lambda_y)
-        Near pixels per far pixel along x and y.
-    swapped : bool
-        Whether the second photograph given is the near one.
-    gain : float
-        Contrast of the far photograph over the near one's.
-    noise : float
-        Standard deviation of a pixel's noise, on the scale from black to white.
-    residual_std : float
-        Residual in units of the upper limit of the far photograph's noise.
-    choice : tuple of Trial
-        Tried s and k; the last one is this.
-    warp : CubicWarp
-        Far pixels -> near pixels.
+    psf : centred on its centroid under a Gaussian window: two photographs of a wall determine no other centre
+    quality : MTF and numbers of the PSF, with their uncertainty budgets
+    inter_image : (k, k), the kernel from the near to the far photograph inside its support, sum 1
+    scale : (lambda_x, lambda_y), near pixels per far pixel along x and y
+    swapped : whether the second photograph given is the near one
+    gain : contrast of the far photograph over the near one's
+    noise : standard deviation of a pixel's noise, on the scale from black to white
+    residual_std : residual in units of the upper limit of the far photograph's noise
+    choice : tried s and k; the last one is this
+    warp : far pixels -> near pixels
     diagnostics : mapping of str to float
     """
 
@@ -120,12 +110,9 @@ def estimate_psf(
 
     Parameters
     ----------
-    a, b : Plane
-        Linear samples of the same plane, black 0, white 1.
-    parameters : TwoPhotoParameters, optional
-        s and k that are not given are chosen.
-    diffraction : Diffraction, optional
-        Diffraction limit of this plane, for the Strehl ratio.
+    a, b : linear samples of the same plane, black 0, white 1
+    parameters : s and k that are not given are chosen
+    diffraction : diffraction limit of this plane, for the Strehl ratio
 
     Returns
     -------

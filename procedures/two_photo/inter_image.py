@@ -47,15 +47,11 @@ class NearImage:
 
     Attributes
     ----------
-    coefficients : (rows, columns) float32
-        Cubic spline about the photograph's mean.
-    grid : (3, 3) float64
-        Near pixels (x, y) -> grid points.
+    coefficients : (rows, columns), cubic spline about the photograph's mean
+    grid : (3, 3), near pixels (x, y) -> grid points
     s : int
-    corner : (x, y)
-        First pixel of the window on the far photograph.
-    shape : (rows, columns)
-        Pixels of the window.
+    corner : (x, y), first pixel of the window on the far photograph
+    shape : (rows, columns), pixels of the window
     """
 
     coefficients: Array32
@@ -87,31 +83,21 @@ class PairFit:
 
     Attributes
     ----------
-    warp : CubicWarp
-        Far pixels -> near pixels.
-    kernel : (k^2,) float64
-        Inter-image kernel by plain least squares.
-    tail : (q,) float64
-        tau_j, the kernel beyond its support; the sum of both is the gain from near to far photograph.
-    light : (11,) float64
-        a (6), b without its constant (5).
+    warp : far pixels -> near pixels
+    kernel : (k^2,), inter-image kernel by plain least squares
+    tail : (q,), tau_j, the kernel beyond its support; the sum of both is the gain from near to far photograph
+    light : (11,), a (6), b without its constant (5)
     samples : Samples
     near : NearImage
-    equations : NormalEquations
-        Of the last iteration, for kernel and tail.
-    slopes : (m, 2) float64
-        Change of the prediction per far pixel along x and y.
+    equations : of the last iteration, for kernel and tail
+    slopes : (m, 2), change of the prediction per far pixel along x and y
     prediction : (m,) float64
-    moved_px : float
-        Largest move of the map in the last iteration, in far pixels.
-    travelled_px : float
-        Sum of these moves, without translations.
-    outliers : float
-        Share of the common region's samples that were excluded.
+    moved_px : largest move of the map in the last iteration, in far pixels
+    travelled_px : sum of these moves, without translations
+    outliers : share of the common region's samples that were excluded
     scores : (TILES^2, k^2 + q + p) float64
         Contribution of every tile to A'r, the tail's columns and Z'r, for kernel, tail and nuisance parameters.
-    counts : (TILES^2,) int64
-        Samples of every tile.
+    counts : (TILES^2,), samples of every tile
     """
 
     warp: CubicWarp
@@ -172,12 +158,9 @@ def fit_kernel(
     Parameters
     ----------
     near, far : (rows, columns) float32
-    H_near_far : (3, 3) float64
-        Far -> near pixels, to about half a far pixel.
-    s, k : int
-        Samples per far pixel, and their number along the kernel's side.
-    start : CubicWarp, optional
-        Map of an earlier fit with other s and k.
+    H_near_far : (3, 3), far -> near pixels, to about half a far pixel
+    s, k : samples per far pixel, and their number along the kernel's side
+    start : map of an earlier fit with other s and k
 
     Raises
     ------

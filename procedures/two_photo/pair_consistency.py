@@ -158,11 +158,9 @@ def power_ratio(one: Array, other: Array, independent: float) -> float:
 
     Parameters
     ----------
-    one, other : (m,), (n,) float64
-        Power at the frequencies of each band, averaged over patches.
-    independent : float
-        Independent values of a frequency's power. The power of noise is exponentially distributed: its standard
-        deviation is its mean.
+    one, other : (m,), (n,); power at the frequencies of each band, averaged over patches
+    independent : independent values of a frequency's power. The power of noise is exponentially distributed: its
+        standard deviation is its mean.
     """
     ratio = max(float(one.mean()), 1e-15) / max(float(other.mean()), 1e-15)
     scatter = np.sqrt((1 / one.size + 1 / other.size) / independent)

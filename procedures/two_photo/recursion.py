@@ -42,10 +42,8 @@ class Recovered:
 
     Attributes
     ----------
-    parameters : (k^2 + q,) float64
-        Samples on the kernel's grid and support, and amplitudes of the tail.
-    derivative : (k^2 + q, k^2 + q) float64
-        Derivatives of the parameters by those of the kernel.
+    parameters : (k^2 + q,), samples on the kernel's grid and support, and amplitudes of the tail
+    derivative : (k^2 + q, k^2 + q), derivatives of the parameters by those of the kernel
     """
 
     parameters: Array
@@ -67,12 +65,9 @@ def otf_by_recursion(total: Array, s: int, J: Array, fx: Array, fy: Array) -> tu
 
     Parameters
     ----------
-    total : (k^2 + q,) float64
-        Inter-image kernel on the s grid, and amplitudes of its tail.
-    s : int
-        Samples per far pixel.
-    J : (2, 2) float64
-        d(near pixels x, y) / d(far pixels x, y); it must enlarge.
+    total : (k^2 + q,), inter-image kernel on the s grid, and amplitudes of its tail
+    s : samples per far pixel
+    J : (2, 2), d(near pixels x, y) / d(far pixels x, y); it must enlarge
 
     Raises
     ------

@@ -23,10 +23,8 @@ class FarSamples:
 
     Attributes
     ----------
-    rows, columns : (m,) int64
-        Pixels, relative to the window's corner.
-    points : (m, 2) float64
-        The same as (x, y) of the far photograph.
+    rows, columns : (m,), pixels, relative to the window's corner
+    points : (m, 2), the same as (x, y) of the far photograph
     y : (m,) float64
     """
 
@@ -45,10 +43,7 @@ def common_region(
 ) -> tuple[FarSamples, tuple[int, int], tuple[int, int]]:
     """The far samples whose kernel lies entirely in the near photograph; corner (x, y) and shape of their window.
 
-    Raises
-    ------
-    Refused
-        If there are too few for k^2 unknowns.
+    Raises Refused if there are too few for k^2 unknowns.
     """
     rows, columns = np.indices(far.shape)
     points = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64)

@@ -35,14 +35,10 @@ class PairSighting:
 
     Attributes
     ----------
-    swapped : bool
-        Whether the near photograph is the second one.
-    H_near_far : (3, 3) float64
-        Pixels (x, y) of the far photograph -> pixels of the near one.
-    matches : int
-        Matches consistent with the homography.
-    rms_far_px : float
-        Their scatter about it, in pixels of the far photograph.
+    swapped : whether the near photograph is the second one
+    H_near_far : (3, 3), pixels (x, y) of the far photograph -> pixels of the near one
+    matches : matches consistent with the homography
+    rms_far_px : their scatter about it, in pixels of the far photograph
     """
 
     swapped: bool

@@ -24,10 +24,8 @@ def sharpness_ratio(near: Array32, far: Array32, noise: float) -> float:
 
     Parameters
     ----------
-    near, far : (rows, columns) float32
-        The parts of the same wall.
-    noise : float
-        Standard deviation of a pixel's noise, whose flat spectrum is subtracted.
+    near, far : (rows, columns), the parts of the same wall
+    noise : standard deviation of a pixel's noise, whose flat spectrum is subtracted
     """
     return fineness(near, noise) / fineness(far, noise)
 

@@ -45,10 +45,7 @@ Array32 = npt.NDArray[np.float32]
 def check_light(near: Array32, far: Array32) -> float:
     """The larger share of clipped samples in either photograph.
 
-    Raises
-    ------
-    Refused
-        If too much of a photograph is clipped, or it is almost black, or narrower than three pixels.
+    Raises Refused if too much of a photograph is clipped, or it is almost black, or narrower than three pixels.
     """
     clipped = []
     for photograph in (near, far):
@@ -116,10 +113,8 @@ def checks_of(
 
     Parameters
     ----------
-    contradicted : list of Check
-        Contradictions to f-number and pitch, where known.
-    raw : bool
-        Whether both photographs are RAW files.
+    contradicted : contradictions to f-number and pitch, where known
+    raw : whether both photographs are RAW files
     """
     return [
         *_refusals(d), *_wall_checks(d, s), *_camera_checks(d), *_light_checks(d, raw), *_processing_checks(d, raw),

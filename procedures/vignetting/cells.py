@@ -28,10 +28,8 @@ class LightCells:
 
     Attributes
     ----------
-    place : (n, 2) float64
-        (x, y) of the cells' centres, in pixels of the plane.
-    level : (n,) float64, sigma : (n,) float64
-        Mean, and its standard deviation by the noise of the samples, including fixed pattern.
+    place : (n, 2), (x, y) of the cells' centres, in pixels of the plane
+    level : (n,), sigma : (n,); mean, and its standard deviation by the noise of the samples, including fixed pattern
     """
 
     place: Array
@@ -40,13 +38,7 @@ class LightCells:
 
 
 def cells_of(plane: Plane, source: str) -> LightCells:
-    """The cells of a flat's plane.
-
-    Raises
-    ------
-    Refused
-        If it is clipped, dark, or too small.
-    """
+    """The cells of a flat's plane. Raises Refused if it is clipped, dark, or too small."""
     rows, columns = plane.samples.shape
     side = max(rows, columns) // COLUMNS
     if side < LEAST_SIDE or min(rows, columns) < 6 * side:

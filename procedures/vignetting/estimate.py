@@ -42,10 +42,8 @@ class PlaneVignetting:
     surface : Falloff
     radial : RadialFalloff
     numbers : mapping of name to Quantity
-    places : (n, 2), value : (n,), uncertainty : (n,) float64
-        Map of the light relative to the plane's centre.
-    middle : (2,) float64
-        (x, y) of the frame's centre in pixels of the plane: the planes of a mosaic are half a pixel apart.
+    places : (n, 2), value : (n,), uncertainty : (n,); map of the light relative to the plane's centre
+    middle : (2,), (x, y) of the frame's centre in pixels of the plane: the planes of a mosaic are half a pixel apart
     """
 
     surface: Falloff

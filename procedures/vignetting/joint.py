@@ -23,8 +23,7 @@ class JointFormula:
     Attributes
     ----------
     planes : tuple of str
-    values : (5 planes,) float64
-        In the order of `NAMES`, plane by plane.
+    values : (5 planes,), in the order of `NAMES`, plane by plane
     covariance : (5 planes, 5 planes) float64
     """
 

@@ -34,18 +34,12 @@ class Falloff:
     Attributes
     ----------
     light : LightSurface
-    covariance : (c, c) float64
-        Covariance of its coefficients by noise.
-    slope_covariance : (2, 2) float64
-        Covariance of the mean slope of the flats' light; NaN for one flat.
-    slopes : (F, 2) float64
-        Slopes of each flat's light, relative to their mean.
-    scatter : float
-        Standard deviation of the cells about the surface, in units of their noise.
-    structure : float
-        Root mean square residual without noise, relative to the light.
-    excluded : float
-        Share of excluded cells.
+    covariance : (c, c), covariance of its coefficients by noise
+    slope_covariance : (2, 2), covariance of the mean slope of the flats' light; NaN for one flat
+    slopes : (F, 2), slopes of each flat's light, relative to their mean
+    scatter : standard deviation of the cells about the surface, in units of their noise
+    structure : root mean square residual without noise, relative to the light
+    excluded : share of excluded cells
     """
 
     light: LightSurface
@@ -71,15 +65,11 @@ class RadialFalloff:
 
     Attributes
     ----------
-    centre : (2,) float64
-        (x, y) in pixels of the plane.
+    centre : (2,), (x, y) in pixels of the plane
     coefficients : (3,) float64
-    covariance : (5, 5) float64
-        Covariance of centre and coefficients.
-    by_slope : (5, 2) float64
-        Their derivatives by the mean slope of the flats' light.
-    lost : float, most : float
-        Relative difference from the surface over the frame: root mean square and largest.
+    covariance : (5, 5), covariance of centre and coefficients
+    by_slope : (5, 2), their derivatives by the mean slope of the flats' light
+    lost : float, most : float; relative difference from the surface over the frame: root mean square and largest
     """
 
     centre: Array
@@ -95,8 +85,7 @@ def fit_falloff(flats: Sequence[LightCells], shape: tuple[int, int]) -> Falloff:
 
     Parameters
     ----------
-    flats : sequence of LightCells
-        Of one plane, the same cells in all.
+    flats : of one plane, the same cells in all
     """
     return min((_fitted(flats, shape, degree) for degree in DEGREES), key=lambda fit: fit[0])[1]
 

@@ -50,10 +50,8 @@ class CameraNumbers:
     values : (n,) float64
     covariance : (n, n) float64
     blocks : tuple of CovarianceBlock
-    model : str
-        Model of the geometry; "" without one.
-    size : (columns, rows)
-        Size of the frame in sensor pixels, (0, 0) without a geometry.
+    model : model of the geometry; "" without one
+    size : (columns, rows), size of the frame in sensor pixels, (0, 0) without a geometry
     """
 
     names: tuple[str, ...]
@@ -123,13 +121,7 @@ def _put_texts(group: h5py.Group, name: str, texts: Any) -> None:
 
 
 def read_camera_numbers(path: Path | str) -> CameraNumbers:
-    """Read a camera's file.
-
-    Raises
-    ------
-    BadInput
-        If it is not such a file, or its parts are inconsistent.
-    """
+    """Read a camera's file. Raises BadInput if it is not such a file, or its parts are inconsistent."""
     import h5py
 
     open_file(Path(path), "camera").close()

@@ -35,11 +35,9 @@ class WholeCamera:
     Attributes
     ----------
     numbers : JointNumbers
-    places : tuple of (str, MeasuredChart)
-        Plane and chart of every place of the PSF's numbers, in their order.
+    places : plane and chart of every place of the PSF's numbers, in their order
     colours : tuple of LateralColour
-    geometry : Outcome[Geometry]
-        Refused where the charts do not determine it.
+    geometry : refused where the charts do not determine it
     """
 
     numbers: JointNumbers
@@ -56,12 +54,9 @@ def whole_camera(
     Parameters
     ----------
     result : FieldResult
-    cell_mm : float
-        Side of a printed cell: scale of the distances, without effect on the camera.
-    others : sequence of CameraPart
-        From other photographs.
-    views : sequence of ChartView
-        Further views of the chart, for the geometry alone.
+    cell_mm : side of a printed cell: scale of the distances, without effect on the camera
+    others : from other photographs
+    views : further views of the chart, for the geometry alone
     """
     charts = charts_of(result)
     geometry = field_geometry(result, charts[result.reference], cell_mm, views)

@@ -36,14 +36,12 @@ class CameraPart:
     names, units : tuple of str
     values : (m,) float64
     covariance : (m, m) float64
-    origin : str
-        The photographs used.
+    origin : the photographs used
     by_charts : mapping of ChartKey to (m, P + 2)
         Derivatives by the P parameters of a chart's PSF and by the position (x, y) of its centre in the plane.
     with_charts : mapping of ChartKey to (m, P + 2)
         Covariance with these, for numbers derived otherwise from the same samples.
-    independent_of : mapping of str to str
-        Names of parts from other photographs used in this estimate, and why their covariance is zero.
+    independent_of : names of parts from other photographs used in this estimate, and why their covariance is zero
     """
 
     name: str
@@ -79,10 +77,8 @@ class JointNumbers:
     Attributes
     ----------
     parts : tuple of CameraPart
-    covariance : (n, n) float64
-        Of the concatenated values of the parts; symmetric, positive semidefinite within rounding.
-    blocks : tuple of CovarianceBlock
-        One for each pair of parts.
+    covariance : (n, n), of the concatenated values of the parts; symmetric, positive semidefinite within rounding
+    blocks : one for each pair of parts
     """
 
     parts: tuple[CameraPart, ...]
@@ -122,8 +118,7 @@ def join(parts: Sequence[CameraPart], charts: Mapping[ChartKey, Array]) -> Joint
 
     Parameters
     ----------
-    charts : mapping of ChartKey to (P + 2, P + 2)
-        Covariance of every chart's PSF and centre.
+    charts : mapping of ChartKey to (P + 2, P + 2); covariance of every chart's PSF and centre
     """
     ends = np.cumsum([0, *(len(part.values) for part in parts)])
     covariance, blocks = np.zeros((ends[-1], ends[-1])), []

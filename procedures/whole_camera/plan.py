@@ -56,8 +56,7 @@ def plan(estimate: Estimator, levels: int = sensor_plan.LEVELS, pictures: int = 
 
     Parameters
     ----------
-    levels, pictures : int
-        Levels of the sensor's ladder, pictures in each stack.
+    levels, pictures : levels of the sensor's ladder, pictures in each stack
     """
     sensor, field = sensor_plan.plan(estimate, levels, pictures), field_plan.plan(estimate)
     light_steps = (panel_step(sensor.step("panel")), *(sensor.step(name) for name in ("dark", "ladder", "flat")), FLATS)
