@@ -23,14 +23,10 @@ from procedures.psf_field import Node
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
 
-Limit = Callable[[Plane], Diffraction | None]
-"""Diffraction limit of a plane, None where it is not known."""
-REFERENCE = "G1"
-"""Preferred reference plane of lateral colour."""
-LARGE_ERROR = 0.1
-"""Interpolation error, relative to the PSF's norm, above which a field is doubtful."""
-SMALL_SHARE = 0.3
-"""Share of the frame inside the nodes' hull below which a field is doubtful."""
+Limit = Callable[[Plane], Diffraction | None]  # diffraction limit of a plane, None where it is not known
+REFERENCE = "G1"  # preferred reference plane of lateral colour
+LARGE_ERROR = 0.1  # interpolation error, relative to the PSF's norm, above which a field is doubtful
+SMALL_SHARE = 0.3  # share of the frame inside the nodes' hull below which a field is doubtful
 MAX_DOUBTFUL_SHARE = 0.2
 """Accepted share of doubtful charts: one in a tour of nine, but not two of its four corners, which no other chart
 outweighs."""
@@ -158,7 +154,6 @@ def _plane_field(
 
 
 def _checks(interpolation: Interpolation, maps: Sequence[FieldMap]) -> list[Check]:
-    """Checks of coverage and interpolation error."""
     by_name = {one.name: one for one in maps}
     error = by_name[ERROR_INTERPOLATION].median(by_name[ERROR_INTERPOLATION].value)
     enclosed = by_name[ERROR_NOISE].share
@@ -186,7 +181,6 @@ def _doubtful_nodes(nodes: Sequence[Node]) -> Check:
 
 
 def _numbers(interpolation: Interpolation, maps: Sequence[FieldMap]) -> dict[str, Quantity]:
-    """Position of the lens's axis, and the median of each map."""
     n, axis, numbers = len(interpolation.field.nodes), interpolation.axis, {}
     if axis is not None:
         half = float(np.hypot(*interpolation.field.shape)) / 2

@@ -31,14 +31,12 @@ Array = npt.NDArray[np.float64]
 FIELD = PatternParameters(s=4)
 """Default sampling of a field's nodes, which must all have the same s. A small aperture and a corner's aberrations need
 wider supports than the frame's centre, so k is free."""
-BRACKET = PatternParameters(s=4, k=17)
-"""Sampling through focus, where only the sharpness of many charts is needed."""
+BRACKET = PatternParameters(s=4, k=17)  # sampling through focus, where only the sharpness of many charts is needed
 SYSTEMATIC_TERMS, MAX_SYSTEMATIC_SHARE = ("mismatch", "choice"), 0.95
 """Terms of the budgets that are not noise of the samples, and the largest share of a number's variance counted."""
 HEADLINE: tuple[str, ...] = (MTF50_HORIZONTAL, MTF50_VERTICAL, MTF50_RADIAL, FWHM_HORIZONTAL, FWHM_VERTICAL)
 """Numbers reported for every chart."""
-Sensors = Mapping[str, SensorModel]
-"""Models of the planes' sensor; a plane without one is estimated without."""
+Sensors = Mapping[str, SensorModel]  # models of the planes' sensor; a plane without one is estimated without
 NO_SENSORS: Sensors = MappingProxyType({})
 Job = tuple[Plane, int, ChartSighting]
 

@@ -49,12 +49,10 @@ of base_tail and components_tail is the tail's amplitudes.
 PLANE/maps: numbers of the whole PSF and their standard uncertainties; beyond the nodes they grow.
 lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor.
 vignetting/PLANE: log of the light over that at the frame's centre, a polynomial of the place in half diagonals."""
-CAMERA = "camera"
-"""Attribute with the camera's metadata as JSON."""
+CAMERA = "camera"  # attribute with the camera's metadata as JSON
 VIGNETTING = "vignetting"
 TEXTS, NUMBERS = ("camera", "lens"), ("f_number", "focal_length_mm", "subject_distance_mm")
-COLUMNS = 64
-"""Positions of the rendered field along the frame's longer side."""
+COLUMNS = 64  # positions of the rendered field along the frame's longer side
 
 
 def write_field(
@@ -280,7 +278,6 @@ def _read_plane(name: str, plane: h5py.Group, room: Room) -> PsfField:
 
 
 def _read_psfs(stored: Stored, s: int) -> Iterator[Psf]:
-    """The nodes' PSFs, with their tails where the file contains them."""
     supports = stored.numbers("psf", (None, "k", "k"))
     n, samples = len(supports), supports.shape[1] ** 2
     covariances = stored.numbers("covariance", (n, samples, samples))

@@ -22,20 +22,14 @@ from procedures.psf_field import Node, in_half_diagonals
 from procedures.quality import mtf_along
 
 Array = npt.NDArray[np.float64]
-Bracket = Mapping[float, Sequence[Node]]
-"""Nodes of one plane by focus position."""
-FocusSeries = list[tuple[float, Node]]
-"""Focus position and node, at one place of the frame."""
+Bracket = Mapping[float, Sequence[Node]]  # nodes of one plane by focus position
+FocusSeries = list[tuple[float, Node]]  # focus position and node, at one place of the frame
 
-FREQUENCY = 0.25
-"""Frequency of the followed MTF, in cycles per pixel."""
+FREQUENCY = 0.25  # frequency of the followed MTF, in cycles per pixel
 FEWEST_POSITIONS = 3
-FEWEST_PLACES = 7
-"""A quadratic surface has six coefficients."""
-NEAR_TOP = 0.5
-"""Positions whose MTF is at least this share of the best are fitted."""
-SAME_PLACE = 0.1
-"""Charts at different focus positions nearer than this, in half diagonals, are at the same place."""
+FEWEST_PLACES = 7  # A quadratic surface has six coefficients
+NEAR_TOP = 0.5  # positions whose MTF is at least this share of the best are fitted
+SAME_PLACE = 0.1  # charts at different focus positions nearer than this, in half diagonals, are at the same place
 COMBINATIONS = {"sagittal": (1.0, 0.0), "meridional": (0.0, 1.0), "mean": (0.5, 0.5), "astigmatism": (1.0, -1.0)}
 """Mapped combinations of sagittal and meridional focus."""
 
@@ -174,7 +168,6 @@ def _series(bracket: Bracket, shape: tuple[int, int]) -> list[FocusSeries]:
 
 
 def _nearest(nodes: Sequence[Node], place: Array, reach: float) -> Node | None:
-    """The node nearest to a place, if it is within reach."""
     nearest = min(nodes, key=lambda node: float(np.linalg.norm(node.position - place)), default=None)
     return nearest if nearest is not None and np.linalg.norm(nearest.position - place) < reach else None
 
@@ -216,7 +209,6 @@ def _maximum(c: Array, low: float, high: float) -> float | None:
 
 
 def _mtf(node: Node, angle: float, frequency: float) -> tuple[float, float]:
-    """The MTF of a node along a direction, and its variance."""
     value, slope = mtf_along(node.psf, np.array([frequency]), angle)
     return float(value[0]), float(slope[0] @ node.psf.parameter_covariance @ slope[0])
 

@@ -21,8 +21,7 @@ from procedures.stray_tail import truncation
 Array = npt.NDArray[np.float64]
 
 HEIGHTS = 9
-DIRECTIONS = 8
-"""Sampling of the curves, which are as smooth as the interpolated field."""
+DIRECTIONS = 8  # sampling of the curves, which are as smooth as the interpolated field
 
 
 @dataclass(frozen=True, eq=False)

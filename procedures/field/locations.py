@@ -13,8 +13,7 @@ from procedures.outcome import BadParameter
 
 Array = npt.NDArray[np.float64]
 
-CANDIDATES = 25
-"""Candidate positions along the longer side."""
+CANDIDATES = 25  # candidate positions along the longer side
 AHEAD: Array = np.array([0.0, 0.0, 1.0])
 
 

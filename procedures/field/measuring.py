@@ -141,6 +141,5 @@ def _in_parallel(
 
 
 def _without_samples(frame: RawFrame) -> RawFrame:
-    """A photograph reduced to its metadata."""
     nothing = np.zeros((0, 0), dtype=np.float32)
     return replace(frame, planes={name: replace(plane, samples=nothing) for name, plane in frame.planes.items()})

@@ -13,8 +13,7 @@ from procedures.quality import frequencies, mtf_along
 
 Array = npt.NDArray[np.float64]
 
-MIN_MTF = 0.1
-"""Below this MTF of the photosite, division by it amplifies noise and the error of its side."""
+MIN_MTF = 0.1  # below this MTF of the photosite, division by it amplifies noise and the error of its side
 
 
 @dataclass(frozen=True)
@@ -65,8 +64,7 @@ class Photosite:
         return np.abs(both), np.sign(both) * slope / (2 * self.fill) * self.uncertainty
 
 
-ASSUMED = Photosite(0.9, 0.06, assumed=True)
-"""An unknown sensor with microlenses: uniformly distributed from 0.8 to 1."""
+ASSUMED = Photosite(0.9, 0.06, assumed=True)  # an unknown sensor with microlenses: uniformly distributed from 0.8 to 1
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,8 @@ from procedures.psf_field import PsfField, in_half_diagonals
 
 Array = npt.NDArray[np.float64]
 
-FIT_COLUMNS = 16
-"""Positions along the longer side at which a polynomial is fitted and compared with the field."""
-MAX_DEGREE = 5
-"""(MAX_DEGREE + 1)(MAX_DEGREE + 2) / 2 = 21 images, more than the nodes of a field distinguish."""
+FIT_COLUMNS = 16  # positions along the longer side at which a polynomial is fitted and compared with the field
+MAX_DEGREE = 5  # (MAX_DEGREE + 1)(MAX_DEGREE + 2) / 2 = 21 images, more than the nodes of a field distinguish
 
 
 @dataclass(frozen=True, eq=False)

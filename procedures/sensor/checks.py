@@ -16,21 +16,14 @@ from procedures.sensor.uniformity import unevenness
 LEAST_LEVELS, ENOUGH_LEVELS = 8, 20
 """Minimum number of levels of light, and of an unquestioned ladder; EMVA requires 50."""
 LEAST_FITTED = 4
-LONG_S = 1.0
-"""Exposure from which dark current may be significant."""
-FLICKER_REFUSED, FLICKER_DOUBTFUL = 0.03, 0.005
-"""Relative change of the light between two pictures of a level."""
-CLIPPED_BLACK = 0.005
-"""Accepted share of dark samples clipped at the lowest number."""
-BELOW_MAXIMUM = 0.9
-"""The last level's temporal variance must have fallen below this share of the maximum."""
-UNEVEN_REFUSED, UNEVEN_DOUBTFUL = 0.2, 0.03
-"""Largest less smallest light over the mean; the standard allows 0.03."""
+LONG_S = 1.0  # exposure from which dark current may be significant
+FLICKER_REFUSED, FLICKER_DOUBTFUL = 0.03, 0.005  # relative change of the light between two pictures of a level
+CLIPPED_BLACK = 0.005  # accepted share of dark samples clipped at the lowest number
+BELOW_MAXIMUM = 0.9  # the last level's temporal variance must have fallen below this share of the maximum
+UNEVEN_REFUSED, UNEVEN_DOUBTFUL = 0.2, 0.03  # largest less smallest light over the mean; the standard allows 0.03
 ENOUGH_PICTURES = 16
-FLAT_RANGE = (0.2, 0.8)
-"""Accepted signal of the flat stack, relative to saturation; the standard requires a half."""
-NONLINEAR = 1.0
-"""Linearity error in per cent from which the linear model is doubtful."""
+FLAT_RANGE = (0.2, 0.8)  # accepted signal of the flat stack, relative to saturation; the standard requires a half
+NONLINEAR = 1.0  # linearity error in per cent from which the linear model is doubtful
 
 
 REFUSED, DOUBTFUL = Verdict.REFUSED, Verdict.DOUBTFUL

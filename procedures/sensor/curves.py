@@ -16,8 +16,7 @@ from procedures.sensor.recording import SensorRecording, column
 
 Array = npt.NDArray[np.float64]
 
-DRAWS = 1000
-"""Sufficient for standard uncertainties to 2 %."""
+DRAWS = 1000  # sufficient for standard uncertainties to 2 %
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,10 +18,8 @@ from procedures.sensor.stacks import FrameStack, slow_part
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-EXPECTED = 0.01
-"""Expected false positives of a sensor without defects."""
-MAD = 1.4826
-"""Standard deviation over median absolute deviation, of a normal distribution."""
+EXPECTED = 0.01  # expected false positives of a sensor without defects
+MAD = 1.4826  # standard deviation over median absolute deviation, of a normal distribution
 BINS = 256
 
 

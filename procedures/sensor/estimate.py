@@ -133,7 +133,6 @@ def sensor_model(result: SensorResult, step: float = 1.0) -> SensorModel:
 
 
 def _temporal(recording: SensorRecording, rng: np.random.Generator) -> SensorResult:
-    """Results of the ladder."""
     curves = curves_of(recording, rng)
     top = saturation_index(curves.variance[0])
     response = fit_response(curves, top)
@@ -152,7 +151,6 @@ def _temporal(recording: SensorRecording, rng: np.random.Generator) -> SensorRes
 
 
 def _spatial(result: SensorResult, recording: SensorRecording) -> SensorResult:
-    """Add the results of the stacks."""
     dark, flat = recording.dark_stack, recording.flat_stack
     if dark is None:
         return result
@@ -170,7 +168,6 @@ def _spatial(result: SensorResult, recording: SensorRecording) -> SensorResult:
 
 
 def _with_response(result: SensorResult, dark: FrameStack, flat: FrameStack) -> SensorResult:
-    """Add the non-uniformity of the response."""
     signal = flat.mean - dark.mean
     noise = np.sqrt(flat.residual_variance[0] + dark.residual_variance[0])
     in_light = find_defects(response_field(dark, flat), noise, 100 / signal)

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 
 from procedures.facts import CameraFacts, gathered_numbers
 
-LIT = "lit_"
-"""Prefix of a picture's mark (`mark_of`): the fact of its light, relative to the maximum."""
-MARK = 16
-"""Characters of a file's hash that identify it."""
+LIT = "lit_"  # prefix of a picture's mark (`mark_of`): the fact of its light, relative to the maximum
+MARK = 16  # characters of a file's hash that identify it
 
 
 def mark_of(sha256: str) -> str:

@@ -101,7 +101,6 @@ def _zero_weights() -> tuple[list[tuple[int, int]], Array]:
 
 
 def _numbers(neq: Array, noise: NoisePower, share: float, of_zero: float) -> Mapping[str, IntervalNumber]:
-    """Capacity, quanta at frequency 0, and quanta at half of Nyquist."""
     snr = SCENE * neq
     capacity = np.mean(np.log2(1 + snr), axis=(1, 2)) / 2
     slope = snr[0] / (1 + snr[0]) / (2 * np.log(2) * snr[0].size)

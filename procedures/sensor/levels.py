@@ -14,14 +14,10 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.integer] | npt.NDArray[np.floating]
 
-SIGNIFICANT = 4.0
-"""Standard errors from which a correlation of the noise along rows or columns is significant."""
-STRAY = 1e-3
-"""Accepted share of samples below the lowest number: dead pixels."""
-LEAST_NUMBERS = 4
-"""Different numbers of the noise required to detect clipping."""
-SEARCHED = 500_000
-"""Samples of a picture searched for clipping."""
+SIGNIFICANT = 4.0  # standard errors from which a correlation of the noise along rows or columns is significant
+STRAY = 1e-3  # accepted share of samples below the lowest number: dead pixels
+LEAST_NUMBERS = 4  # different numbers of the noise required to detect clipping
+SEARCHED = 500_000  # samples of a picture searched for clipping
 
 
 @dataclass(frozen=True)

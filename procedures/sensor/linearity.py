@@ -18,12 +18,9 @@ from procedures.sensor.measured import CONFIDENT, IntervalNumber, measured
 
 Array = npt.NDArray[np.float64]
 
-RANGE = (0.05, 0.95)
-"""Range of the fit, relative to the signal at saturation."""
-LEAST_LEVELS = 5
-"""Minimum number of levels in that range, for a line and its residual."""
-DEGREE = 2
-"""Degree of the polynomial signal / light."""
+RANGE = (0.05, 0.95)  # range of the fit, relative to the signal at saturation
+LEAST_LEVELS = 5  # minimum number of levels in that range, for a line and its residual
+DEGREE = 2  # degree of the polynomial signal / light
 
 
 @dataclass(frozen=True, eq=False)

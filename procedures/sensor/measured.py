@@ -11,8 +11,7 @@ from procedures.outcome import Quantity
 
 Array = npt.NDArray[np.float64]
 
-CONFIDENT = 1.96
-"""Half width of the 95 % interval of a normal distribution, in standard uncertainties."""
+CONFIDENT = 1.96  # half width of the 95 % interval of a normal distribution, in standard uncertainties
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,8 @@ from procedures.sensor.levels import Numbers
 
 Array = npt.NDArray[np.float64]
 
-BLOCK = 32
-"""Side of a block in pixels: number of frequencies along each axis."""
-LEAST_SIDE = 5
-"""Minimum side of a spectrum: two different frequencies on each side of 0."""
+BLOCK = 32  # side of a block in pixels: number of frequencies along each axis
+LEAST_SIDE = 5  # minimum side of a spectrum: two different frequencies on each side of 0
 NEIGHBOURS = (35 / 18) ** 2
 """Increase of the variance of sums over frequencies by their correlation, under Hann windows along both axes."""
 
@@ -64,7 +62,6 @@ def measure_noise_power(pictures: Sequence[Numbers], signal: float, block: int =
 
 
 def _blocks(picture: Array, side: int) -> Array:
-    """The whole blocks of a picture, (n, side, side)."""
     down, across = (length // side for length in picture.shape)
     cut = picture[: down * side, : across * side]
     return cut.reshape(down, side, across, side).swapaxes(1, 2).reshape(-1, side, side)

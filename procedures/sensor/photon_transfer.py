@@ -42,12 +42,9 @@ from procedures.sensor.measured import IntervalNumber, from_draws, measured
 
 Array = npt.NDArray[np.float64]
 
-REGRESSION = 0.7
-"""Upper limit of the fit of gain and responsivity, relative to the signal at saturation."""
-LEAST_DARK_VARIANCE = 0.24
-"""DN^2: below this rounding dominates, and dark noise is only bounded."""
-LEAST_EXPOSURES = 3
-"""Exposure times required for dark current."""
+REGRESSION = 0.7  # upper limit of the fit of gain and responsivity, relative to the signal at saturation
+LEAST_DARK_VARIANCE = 0.24  # DN^2: below this rounding dominates, and dark noise is only bounded
+LEAST_EXPOSURES = 3  # exposure times required for dark current
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +120,6 @@ def line(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _through_zero(x: Array, y: Array) -> Array:
-    """Slopes of the least-squares lines through the origin, over the last axis."""
     return np.asarray(np.sum(x * y, axis=-1) / np.sum(x * x, axis=-1))
 
 
@@ -196,7 +192,6 @@ def _between(
 
 
 def _decibels(number: IntervalNumber) -> IntervalNumber:
-    """A ratio of signals as a level."""
     value, low, high = (20 * float(np.log10(max(part, 1e-300))) for part in (number.value, number.low, number.high))
     spread = 20 / np.log(10) * number.uncertainty / number.value
     return IntervalNumber(value, "dB", float(spread), number.method, number.n, low, high)

@@ -37,21 +37,16 @@ from procedures.raw import RawFrame
 from procedures.sensor.facts import LIT, SensorFacts, mark_of
 
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
-LEVELS, PICTURES = 24, 16
-"""Levels of the ladder; pictures in each stack."""
+LEVELS, PICTURES = 24, 16  # levels of the ladder; pictures in each stack
 PAIR = 2
 TRIAL = 0.25
 """Share of the panel's light at which the exposure is set: the full light then saturates every plane of a mosaic."""
 AT_TRIAL = (0.42, 0.6)
 """Level of the brightest plane in that light: four times as much saturates it, and planes with half of its light."""
-DARK = 0.02
-"""Maximum of a dark picture on the scale."""
-SPREAD = 0.2
-"""Largest less smallest light over the mean, of a picture's ninths: as refused by `checks`."""
-SAME = 0.01
-"""Accepted relative error of a level's light or time."""
-STEPS_OF_PANEL = 255
-"""Steps of a DMX channel: levels are integers, and so exact."""
+DARK = 0.02  # maximum of a dark picture on the scale
+SPREAD = 0.2  # largest less smallest light over the mean, of a picture's ninths: as refused by `checks`
+SAME = 0.01  # accepted relative error of a level's light or time
+STEPS_OF_PANEL = 255  # steps of a DMX channel: levels are integers, and so exact
 TRIAL_LEVEL = round(TRIAL * STEPS_OF_PANEL) / STEPS_OF_PANEL
 
 

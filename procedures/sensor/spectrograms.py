@@ -17,16 +17,13 @@ from procedures.sensor.stacks import FrameStack
 
 Array = npt.NDArray[np.float64]
 
-FALSE_ALARM = 1e-3
-"""Probability of a false detection in a line of pure noise."""
-FLOOR_BINS = 101
-"""Neighbouring frequencies whose median power is the noise floor."""
+FALSE_ALARM = 1e-3  # probability of a false detection in a line of pure noise
+FLOOR_BINS = 101  # neighbouring frequencies whose median power is the noise floor
 MEDIAN = np.log(2) ** 2
 """Efficiency of the median relative to the mean for an exponential distribution; half of it at the ends, where the
 neighbouring frequencies are mirrored."""
 MOST = 8
-LEAST_CYCLES = 3
-"""Minimum number of periods within the picture: slower patterns are uneven light."""
+LEAST_CYCLES = 3  # minimum number of periods within the picture: slower patterns are uneven light
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,12 +29,9 @@ from procedures.tilt.screws import Screws, Turns, turns_for
 
 Array = npt.NDArray[np.float64]
 
-UNLIKELY = 0.001
-"""Probability of larger residuals below which they are not noise alone."""
-LARGE_UM = 5.0
-"""Uncertainty of the tilt over the frame above which it is doubtful."""
-SIGNIFICANT = 2.0
-"""Standard uncertainties from which an offset is significant."""
+UNLIKELY = 0.001  # probability of larger residuals below which they are not noise alone
+LARGE_UM = 5.0  # uncertainty of the tilt over the frame above which it is doubtful
+SIGNIFICANT = 2.0  # standard uncertainties from which an offset is significant
 
 
 @dataclass(frozen=True)

@@ -61,14 +61,10 @@ from procedures.tilt.screws import SURE
 
 Array = npt.NDArray[np.float64]
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
-USUAL, FEWEST, MOST = 9, 7, 25
-"""Numbers of places: fewer than seven do not separate a tilt from field curvature."""
-NEAR = 0.05
-"""Accepted distance of the chart from its place, in fractions of the frame's width."""
-ITERATIONS = 6
-"""Alternating moves of head and rail, each of which reduces the error about tenfold."""
-MARK = 16
-"""Characters of a file's hash that identify it."""
+USUAL, FEWEST, MOST = 9, 7, 25  # numbers of places: fewer than seven do not separate a tilt from field curvature
+NEAR = 0.05  # accepted distance of the chart from its place, in fractions of the frame's width
+ITERATIONS = 6  # alternating moves of head and rail, each of which reduces the error about tenfold
+MARK = 16  # characters of a file's hash that identify it
 
 
 def plan(estimate: Estimator) -> Plan:

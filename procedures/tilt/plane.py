@@ -16,10 +16,8 @@ from procedures.outcome import Refused
 
 Array = npt.NDArray[np.float64]
 
-FEWEST = 7
-"""Places: one more than the coefficients of a quadratic, for a degree of freedom."""
-SINGULAR = 1e3
-"""Condition of the design above which plane and curvature are not separated."""
+FEWEST = 7  # places: one more than the coefficients of a quadratic, for a degree of freedom
+SINGULAR = 1e3  # condition of the design above which plane and curvature are not separated
 
 
 @dataclass(frozen=True, eq=False)

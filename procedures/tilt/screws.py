@@ -13,10 +13,8 @@ from procedures.tilt.plane import TiltedPlane
 Array = npt.NDArray[np.float64]
 
 DRAWS = 2000
-SURE = 0.9
-"""Probability of improvement from which a turn is advised."""
-SEED = 20260801
-"""Seed of the draws, so that the result is reproducible."""
+SURE = 0.9  # probability of improvement from which a turn is advised
+SEED = 20260801  # seed of the draws, so that the result is reproducible
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,8 @@ from procedures.two_photo.sharpness import sharpness_ratio
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-TILES = 8
-"""Tiles along each side of the common region whose local shifts are estimated."""
-CLEAR = 0.1
-"""A frequency is determined where the MTF's standard uncertainty is below this."""
+TILES = 8  # tiles along each side of the common region whose local shifts are estimated
+CLEAR = 0.1  # A frequency is determined where the MTF's standard uncertainty is below this
 
 
 @dataclass(frozen=True)

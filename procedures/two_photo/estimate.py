@@ -34,8 +34,7 @@ from procedures.two_photo.trust import check_distance, check_light, checks_of, m
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-START_S = 3
-"""First s that is tried: a finer grid needs detail that few walls have."""
+START_S = 3  # first s that is tried: a finer grid needs detail that few walls have
 
 
 @dataclass(frozen=True)
@@ -149,7 +148,6 @@ class _PairAttempt:
 def _estimate(
     a: Plane, b: Plane, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
-    """The complete estimation. Raises Refused."""
     saturated = check_light(a.samples, b.samples)
     sighting = register(a.samples, b.samples)
     near, far = (b.samples, a.samples) if sighting.swapped else (a.samples, b.samples)

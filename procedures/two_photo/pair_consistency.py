@@ -31,25 +31,18 @@ Array32 = npt.NDArray[np.float32]
 
 COARSE, FINE = (0.03, 0.15), (0.25, 0.5)
 """Bands of the far photograph's frequencies, in cycles/pixel, whose residuals are compared."""
-SMOOTHED = ((0.15, 0.25), (0.35, 0.5))
-"""Bands of middle detail and the finest."""
-FAR_PATCH, NEAR_PATCH = 48, 256
-"""Sides of the patches for spectra."""
+SMOOTHED = ((0.15, 0.25), (0.35, 0.5))  # bands of middle detail and the finest
+FAR_PATCH, NEAR_PATCH = 48, 256  # sides of the patches for spectra
 COARSE_DETAIL = 0.05
 """Frequency in the far photograph, in cycles/pixel, at which the OTF does not vary with the direction."""
 CORRELATED = (35 / 18) ** 2
 """Frequencies of a patch per independent one: a Hann window correlates the power of neighbours by 4/9, and of next
 neighbours by 1/36, along either axis."""
-CLEAR = 3.0
-"""Standard deviations from which a difference is significant."""
-LOWEST = 2.5
-"""Cycles per patch above which the window does not distort the wall's spectrum."""
-FINEST = 0.4
-"""Cycles/pixel along both axes above which the near photograph is closest to noise alone."""
-COARSEST, HIGHEST = 0.01, 0.47
-"""Range of the near photograph's spectrum that is used, in cycles/pixel."""
-MASK_PX = 1.0
-"""Usual width of an unsharp mask, in pixels."""
+CLEAR = 3.0  # standard deviations from which a difference is significant
+LOWEST = 2.5  # cycles per patch above which the window does not distort the wall's spectrum
+FINEST = 0.4  # cycles/pixel along both axes above which the near photograph is closest to noise alone
+COARSEST, HIGHEST = 0.01, 0.47  # range of the near photograph's spectrum that is used, in cycles/pixel
+MASK_PX = 1.0  # usual width of an unsharp mask, in pixels
 MAX_ITERATIONS, CONVERGENCE_TOLERANCE = 25, 3e-5
 """Of the fit to that spectrum; below this change every parameter is within a hundredth of its scatter."""
 

@@ -55,14 +55,10 @@ from procedures.two_photo.trust import check_settings
 
 Array32 = npt.NDArray[np.float32]
 
-TEXTURE = 5.0
-"""Minimum contrast of the wall's detail, relative to the noise."""
-DETAIL_PX = 8.0
-"""Slower variation than this is light, not detail."""
-SAME_LIGHT = 0.25
-"""Accepted relative change of the wall's level between the distances."""
-FRAMES = 2
-"""Photographs at either distance, which are averaged."""
+TEXTURE = 5.0  # minimum contrast of the wall's detail, relative to the noise
+DETAIL_PX = 8.0  # slower variation than this is light, not detail
+SAME_LIGHT = 0.25  # accepted relative change of the wall's level between the distances
+FRAMES = 2  # photographs at either distance, which are averaged
 RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Small turns of the focus ring relative to autofocus or the eye; positive towards infinity."""
 
@@ -284,8 +280,7 @@ def focus(place: str) -> tuple[Any, ...]:
     )
 
 
-NEAR_PLANE = "near plane"
-"""Key of a near photograph of the same run, for comparison with the far ones."""
+NEAR_PLANE = "near plane"  # key of a near photograph of the same run, for comparison with the far ones
 
 
 def shoot(place: str) -> Shoot:

@@ -28,12 +28,9 @@ CONVERGENCE_TOLERANCE = 1e-4
 """The product ends with the first factor that differs from 1 by less everywhere in the band."""
 MAX_FACTORS = 40
 TAIL = len(SHAPES)
-CLOSE, FINER = 4, 4
-"""Range of low frequencies, in steps of their grid, that is sampled more finely, and by what factor."""
-RIM, RIM_WEIGHT = 0.4, 0.05
-"""Cycles per sample from which frequencies have a lower weight, and that weight."""
-EXACT = 1e3
-"""Weight of the equation of the sum: exact compared with the others, which are of order 1."""
+CLOSE, FINER = 4, 4  # range of low frequencies, in steps of their grid, that is sampled more finely, and by what factor
+RIM, RIM_WEIGHT = 0.4, 0.05  # cycles per sample from which frequencies have a lower weight, and that weight
+EXACT = 1e3  # weight of the equation of the sum: exact compared with the others, which are of order 1
 
 
 @dataclass(frozen=True)
@@ -152,7 +149,6 @@ def gain_of(total: Array) -> float:
 
 
 def _side(total: Array) -> int:
-    """Side k of k^2 samples with a tail's amplitudes."""
     return math.isqrt(len(total) - TAIL)
 
 
@@ -214,5 +210,4 @@ def _waves(fx: Array, fy: Array, k: int, s: int) -> Complex:
 
 
 def _stacked(rows: Complex) -> Array:
-    """Real and imaginary parts of rows (n, p) as (2n, p)."""
     return np.vstack([rows.real, rows.imag])

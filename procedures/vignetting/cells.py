@@ -12,14 +12,10 @@ from procedures.raw import Plane
 
 Array = npt.NDArray[np.float64]
 
-COLUMNS = 32
-"""Cells along the longer side: vignetting is smooth over many of them."""
-LEAST_SIDE = 4
-"""Minimum number of samples along a cell's side."""
-CLIPPED, MOST_CLIPPED = 0.98, 1e-3
-"""Level of a clipped sample, and the accepted share of them."""
-DARK = 0.02
-"""Minimum of a flat's median on the scale."""
+COLUMNS = 32  # cells along the longer side: vignetting is smooth over many of them
+LEAST_SIDE = 4  # minimum number of samples along a cell's side
+CLIPPED, MOST_CLIPPED = 0.98, 1e-3  # level of a clipped sample, and the accepted share of them
+DARK = 0.02  # minimum of a flat's median on the scale
 
 
 @dataclass(frozen=True, eq=False)

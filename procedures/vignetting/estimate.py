@@ -25,12 +25,9 @@ from procedures.vignetting.surface import Falloff, RadialFalloff, fit_falloff, f
 Array = npt.NDArray[np.float64]
 
 REFERENCE = "G1"
-GRID = (33, 25)
-"""Columns and rows of maps, and of the comparison of formulas."""
-LARGE_STRUCTURE = 0.005
-"""Structure of the flats beyond a smooth surface, relative to the light, that no lens causes."""
-LARGE_SLOPE = 0.02
-"""Relative slope of one flat's light over half a diagonal above which it is doubtful."""
+GRID = (33, 25)  # columns and rows of maps, and of the comparison of formulas
+LARGE_STRUCTURE = 0.005  # structure of the flats beyond a smooth surface, relative to the light, that no lens causes
+LARGE_SLOPE = 0.02  # relative slope of one flat's light over half a diagonal above which it is doubtful
 
 
 @dataclass(frozen=True, eq=False)

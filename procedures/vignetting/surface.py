@@ -21,10 +21,8 @@ from procedures.vignetting.formula import LightSurface, design_of, terms_of
 Array = npt.NDArray[np.float64]
 
 DEGREES = (2, 4, 6, 8)
-OUTLIER_SIGMAS = 5.0
-"""Robust standard deviations from the surface beyond which a cell (dust, a reflection) is excluded."""
-TERMS = 3
-"""Terms of the radial formula: r^2, r^4, r^6."""
+OUTLIER_SIGMAS = 5.0  # robust standard deviations from the surface beyond which a cell (dust, a reflection) is excluded
+TERMS = 3  # terms of the radial formula: r^2, r^4, r^6
 
 
 @dataclass(frozen=True, eq=False)

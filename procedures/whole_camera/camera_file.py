@@ -107,7 +107,6 @@ def _write_geometry(group: h5py.Group, camera: WholeCamera) -> None:
 
 
 def _write_places(group: h5py.Group, camera: WholeCamera) -> None:
-    """Positions of the PSF's numbers, by plane, in the order of N."""
     for plane in dict.fromkeys(name for name, _ in camera.places):
         nodes = [one.node for name, one in camera.places if name == plane]
         places = group.create_group(plane)

@@ -12,8 +12,7 @@ from procedures.sensor.facts import SensorFacts
 FLAT, TURNED = "flat_", "turned_"
 """Prefixes of a picture's mark: facts of the panel's quarter turns, and of the number of a view of the turned chart."""
 PANEL, NO_PANEL = "with a light panel", "without"
-PANEL_TURNED = "panel_turned_"
-"""Prefix of a number of quarter turns: the fact that the panel was turned by it."""
+PANEL_TURNED = "panel_turned_"  # prefix of a number of quarter turns: the fact that the panel was turned by it
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,8 @@ from procedures.whole_camera.joint import CameraPart, ChartKey, JointNumbers, jo
 
 Array = npt.NDArray[np.float64]
 
-CHARTS = "the charts"
-"""Origin of these parts."""
-SENSOR = "sensor"
-"""Name of the part of the sensor's numbers, and of the term of its response in a budget."""
+CHARTS = "the charts"  # origin of these parts
+SENSOR = "sensor"  # name of the part of the sensor's numbers, and of the term of its response in a budget
 
 
 @dataclass(frozen=True, eq=False)

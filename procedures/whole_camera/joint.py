@@ -18,12 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-ChartKey = tuple[str, str, int]
-"""Plane, photograph and number of a chart in it."""
+ChartKey = tuple[str, str, int]  # plane, photograph and number of a chart in it
 
 COMPUTED, ZERO = "computed", "zero"
-ROUNDING = 1e-12
-"""Eigenvalues below this, relative to the largest, are 0."""
+ROUNDING = 1e-12  # eigenvalues below this, relative to the largest, are 0
 
 
 @dataclass(frozen=True, eq=False)

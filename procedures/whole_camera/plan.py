@@ -41,14 +41,10 @@ from procedures.sensor import plan as sensor_plan
 from procedures.sensor.facts import mark_of
 from procedures.whole_camera.facts import FLAT, NO_PANEL, PANEL, PANEL_TURNED, TURNED, WholeCameraFacts
 
-USUAL, MOST = 6, 30
-"""Views of the turned chart."""
-QUARTERS = 4
-"""Orientations of the panel, which average its slope."""
-TRIES = 4
-"""Attempts per flat."""
-PREDICTED = (0, 2, 4, 6, 8)
-"""Numbers of turned views for which the uncertainty of the projection is predicted."""
+USUAL, MOST = 6, 30  # views of the turned chart
+QUARTERS = 4  # orientations of the panel, which average its slope
+TRIES = 4  # attempts per flat
+PREDICTED = (0, 2, 4, 6, 8)  # numbers of turned views for which the uncertainty of the projection is predicted
 
 
 def plan(estimate: Estimator, levels: int = sensor_plan.LEVELS, pictures: int = sensor_plan.PICTURES) -> Plan:
