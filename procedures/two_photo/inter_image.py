@@ -22,8 +22,8 @@ from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, SHAPES, tail_bo
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
 from procedures.numerics.sampled_convolution import sample_convolution
 from procedures.numerics.splines import photograph_spline, read_spline
-from procedures.numerics.warps import CubicWarp, displacement_columns, homography_jacobian
-from procedures.two_photo.region import FarSamples, common_region
+from procedures.numerics.warps import CubicWarp, apply_homography, displacement_columns, homography_jacobian
+from procedures.outcome import Refused
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -39,6 +39,28 @@ ALL_SAMPLES_PX = 0.02  # move of the map below which all samples are used
 CONVERGED_PX = 0.04  # the step is exact to first order: at most a tenth of it remains
 OUTLIER_SIGMAS = 6.0  # standard deviations of the residual from which a sample is excluded
 COARSE_SAMPLES = 20  # samples per unknown of the first iterations
+MOST_SAMPLES = 150_000  # a PSF is local: the middle of a larger common region is used
+
+
+@dataclass(frozen=True)
+class FarSamples:
+    """Samples of the far photograph.
+
+    Attributes
+    ----------
+    rows, columns : (m,), pixels, relative to the window's corner
+    points : (m, 2), the same as (x, y) of the far photograph
+    y : (m,) float64
+    """
+
+    rows: Indices
+    columns: Indices
+    points: Array
+    y: Array
+
+    def kept(self, mask: npt.NDArray[np.bool_]) -> FarSamples:
+        """The selected samples."""
+        return FarSamples(self.rows[mask], self.columns[mask], self.points[mask], self.y[mask])
 
 
 @dataclass(frozen=True)
@@ -179,6 +201,37 @@ def fit_kernel(
     if len(clean.y) < len(samples.y) - max(10, 1e-3 * len(samples.y)):
         fit = replace(_iterated(fit, clean, k), outliers=1 - len(clean.y) / len(samples.y))
     return fit
+
+
+def common_region(
+    near: Array32, far: Array32, H_near_far: Array, s: int, k: int
+) -> tuple[FarSamples, tuple[int, int], tuple[int, int]]:
+    """The far samples whose kernel lies entirely in the near photograph; corner (x, y) and shape of their window.
+
+    Raises Refused if there are too few for k^2 unknowns.
+    """
+    rows, columns = np.indices(far.shape)
+    points = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64)
+    reach = (k // 2 + 2) / s
+    limit = np.array(near.shape[::-1]) - 3.0
+    inside = np.ones(len(points), dtype=bool)
+    for corner in ((-reach, -reach), (reach, -reach), (reach, reach), (-reach, reach)):
+        mapped = apply_homography(H_near_far, points + corner)
+        inside &= ((mapped >= 2) & (mapped <= limit)).all(axis=1)
+    if inside.sum() > MOST_SAMPLES:  # a square about the middle
+        away = np.abs(points - points[inside].mean(axis=0)).max(axis=1)
+        inside &= away <= np.sort(away[inside])[MOST_SAMPLES]
+    needed = int(1.5 * k * k + 100)
+    if inside.sum() < needed:
+        raise Refused(
+            f"{k * k} kernel values need {needed} far samples of the common region; it has {int(inside.sum())}",
+            "let more of the near photograph's wall be seen in the far one, or lower k",
+        )
+    points = points[inside]
+    low, high = points.min(axis=0).astype(int), points.max(axis=0).astype(int)
+    x, y = points.astype(np.int64).T
+    samples = FarSamples(y - low[1], x - low[0], points, far[y, x].astype(np.float64))
+    return samples, (int(low[0]), int(low[1])), (int(high[1] - low[1] + 1), int(high[0] - low[0] + 1))
 
 
 def _iterated(fit: PairFit, samples: FarSamples, k: int) -> PairFit:

@@ -53,17 +53,12 @@ class NearSpectrum:
 
     Attributes
     ----------
-    softness : (2,) float64
-        Variance of a blur along x and y, in squared near pixels; negative where it is sharper.
-    sharpening : float
-        Amplitude of unsharp masking of width `MASK_PX`.
-    turned : (2,) float64
-        Growth of the spectrum's variation with cos 2 and sin 2 of the direction, per logarithm of the frequency:
-        another light, motion, or a wall whose fine detail has another direction than its coarse one.
-    wall_power : float
-        Exponent of the wall's spectrum.
-    most_noise : float
-        Standard deviation of noise as strong as the finest detail, along the diagonals.
+    softness : (2,), variance of a blur along x and y, in squared near pixels; negative where it is sharper
+    sharpening : amplitude of unsharp masking of width `MASK_PX`
+    turned : (2,), growth of the spectrum's variation with cos 2 and sin 2 of the direction, per logarithm of the
+        frequency: another light, motion, or a wall whose fine detail has another direction than its coarse one
+    wall_power : exponent of the wall's spectrum
+    most_noise : standard deviation of noise as strong as the finest detail, along the diagonals
     """
 
     softness: Array
@@ -86,26 +81,17 @@ class PairConsistency:
 
     Attributes
     ----------
-    left_over : float
-        Amplitude of the residual at coarse detail without noise, over that of the wall there.
-    colour : float
-        Power of the residual at coarse detail over that at fine detail: 1 for noise, within its scatter.
-    smoothing : float
-        The same at middle detail over the finest: a smoothed far photograph has less fine noise, while another light or
-        response leaves a coarse residual.
-    streaks : float
-        Power of the residual at fine detail along x over that along y: 1 for noise.
-    detail : float
-        Power of the residual where the far photograph has detail, over that where it has none: 1 for noise.
-    near : NearSpectrum
-        Fit to the near photograph's spectrum.
-    light_turned : float
-        Amplitude of the OTF's variation with twice the direction at `COARSE_DETAIL`, without the part proportional to
-        the square of the frequency, beyond twice its standard uncertainty.
-    missing_light : float
-        See `sharpening.missing_light`.
-    beyond_light : float
-        Largest excess of 1 - H(2f) over 4 (1 - H(f)) beyond three standard uncertainties; 0 without one.
+    left_over : amplitude of the residual at coarse detail without noise, over that of the wall there
+    colour : power of the residual at coarse detail over that at fine detail: 1 for noise, within its scatter
+    smoothing : the same at middle detail over the finest: a smoothed far photograph has less fine noise, while another
+        light or response leaves a coarse residual
+    streaks : power of the residual at fine detail along x over that along y: 1 for noise
+    detail : power of the residual where the far photograph has detail, over that where it has none: 1 for noise
+    near : fit to the near photograph's spectrum
+    light_turned : amplitude of the OTF's variation with twice the direction at `COARSE_DETAIL`, without the part
+        proportional to the square of the frequency, beyond twice its standard uncertainty
+    missing_light : see `sharpening.missing_light`
+    beyond_light : largest excess of 1 - H(2f) over 4 (1 - H(f)) beyond three standard uncertainties; 0 without one
     """
 
     left_over: float

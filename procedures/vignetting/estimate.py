@@ -28,6 +28,8 @@ REFERENCE = "G1"
 GRID = (33, 25)  # columns and rows of maps, and of the comparison of formulas
 LARGE_STRUCTURE = 0.005  # structure of the flats beyond a smooth surface, relative to the light, that no lens causes
 LARGE_SLOPE = 0.02  # relative slope of one flat's light over half a diagonal above which it is doubtful
+NAMES = ("centre_x", "centre_y", "k1", "k2", "k3")
+UNITS = ("pixel of the plane", "pixel of the plane", "1", "1", "1")
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,3 +166,46 @@ def _with_colour(outcome: Outcome[PlaneVignetting], green: PlaneVignetting) -> O
 def _noise(one: PlaneVignetting) -> Array:
     """Relative uncertainty of the map by noise alone."""
     return replace(one.surface, slope_covariance=np.zeros((2, 2))).uncertainty(one.places) / one.value
+
+
+# --- the formulas of all planes -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class JointFormula:
+    """Centre, relative to the frame's, and coefficients of every plane.
+
+    Attributes
+    ----------
+    planes : tuple of str
+    values : (5 planes,), in the order of `NAMES`, plane by plane
+    covariance : (5 planes, 5 planes) float64
+    """
+
+    planes: tuple[str, ...]
+    values: Array
+    covariance: Array
+
+
+def joint_formula(planes: Mapping[str, PlaneVignetting]) -> JointFormula:
+    """The formulas of the planes.
+
+    The noise of different planes is independent, but the slope of the light, with an uncertainty by the scatter of the
+    flats, is common to all.
+    """
+    size = len(NAMES)
+    values = np.concatenate([np.zeros(0), *(np.append(one.centre, one.radial.coefficients) for one in planes.values())])
+    covariance = np.zeros((len(values), len(values)))
+    for i, a in enumerate(planes.values()):
+        for j, b in enumerate(planes.values()):
+            block = a.radial.covariance if i == j else a.radial.by_slope @ _common(a, b) @ b.radial.by_slope.T
+            covariance[i * size : (i + 1) * size, j * size : (j + 1) * size] = block
+    return JointFormula(tuple(planes), values, covariance)
+
+
+def _common(a: PlaneVignetting, b: PlaneVignetting) -> Array:
+    """Covariance (2, 2) of the mean slopes of two planes' flats."""
+    count = len(a.surface.slopes)
+    if count < 2 or len(b.surface.slopes) != count:
+        return np.zeros((2, 2))
+    return np.asarray(a.surface.slopes.T @ b.surface.slopes / ((count - 1) * count))

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.sensor.photon_transfer import GainAndNoise
-from procedures.vignetting.joint import NAMES, UNITS, JointFormula
+from procedures.vignetting.estimate import NAMES, UNITS, JointFormula
 from procedures.whole_camera.joint import CameraPart
 
 Array = npt.NDArray[np.float64]

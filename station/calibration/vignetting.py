@@ -14,9 +14,8 @@ from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.arrays import LONGEST, checked_array, checked_number, read_npy
 from procedures.reading.guard import decoding
 from procedures.reading.text import read_json
-from procedures.vignetting.estimate import PlaneVignetting, estimate_vignetting
+from procedures.vignetting.estimate import NAMES, JointFormula, PlaneVignetting, estimate_vignetting, joint_formula
 from procedures.vignetting.formula import LightSurface
-from procedures.vignetting.joint import NAMES, JointFormula, joint_formula
 from station.calibration.folder_photographs import check_any, for_want, readable
 from station.common.progress import Progress, silent
 from station.results.exports import csv_bytes

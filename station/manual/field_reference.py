@@ -6,7 +6,8 @@ import inspect
 import re
 from collections.abc import Iterator, Mapping
 
-ENTRY = re.compile(r"(?P<names>\w+(?:, \w+)*) : \S")
+ENTRY = re.compile(r"(?P<names>\w+(?:, \w+)*) : (?P<text>\S.*)")
+TYPE = re.compile(r"(\([^)]*\) )?\w+")  # the definition follows on the next lines
 
 
 def fields_text(tables: Mapping[str, type]) -> str:
@@ -23,14 +24,18 @@ def _section(title: str, kind: type) -> Iterator[str]:
 
 
 def attributes(kind: type) -> list[tuple[list[str], str]]:
-    """Names and definition of every entry in a docstring's section of attributes, as numpydoc writes it."""
+    """Names and definition of every entry in a docstring's section of attributes, on its line or below its type."""
     lines = inspect.getdoc(kind) or ""
     _, _, section = lines.partition("Attributes\n----------\n")
     found: list[tuple[list[str], list[str]]] = []
     for line in section.splitlines():
         entry = ENTRY.match(line)
         if entry:
-            found.append((entry["names"].split(", "), []))
+            found.append((entry["names"].split(", "), [] if TYPE.fullmatch(entry["text"]) else [entry["text"]]))
         elif found and line.strip():
             found[-1][1].append(line.strip())
-    return [(names, " ".join(told)) for names, told in found]
+    return [(names, _sentence(" ".join(parts))) for names, parts in found]
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].removesuffix('.')}."

@@ -20,7 +20,7 @@ from procedures.sensor.estimate import SensorResult, sensor_model
 from procedures.sensor.facts import LIT, mark_of
 from procedures.sensor.photon_transfer import gain_and_noise
 from procedures.sensor_model import SensorModel
-from procedures.vignetting.joint import joint_formula
+from procedures.vignetting.estimate import joint_formula
 from procedures.whole_camera import plan as guide
 from procedures.whole_camera.facts import FLAT, PANEL_TURNED, TURNED, WholeCameraFacts
 from procedures.whole_camera.from_field import whole_camera

@@ -7,8 +7,7 @@ import pytest
 
 from procedures.outcome import Refused, Verdict
 from procedures.raw import Plane
-from procedures.vignetting.estimate import estimate_vignetting, frame_places
-from procedures.vignetting.joint import NAMES, joint_formula
+from procedures.vignetting.estimate import NAMES, estimate_vignetting, frame_places, joint_formula
 
 ROWS, COLUMNS = 320, 480
 UNIT = np.hypot(ROWS, COLUMNS) / 2

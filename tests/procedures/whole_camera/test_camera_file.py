@@ -9,7 +9,7 @@ import pytest
 from procedures import read_camera_numbers
 from procedures.outcome import BadInput, Outcome, Verdict
 from procedures.sensor.photon_transfer import GainAndNoise
-from procedures.vignetting.joint import JointFormula
+from procedures.vignetting.estimate import JointFormula
 from procedures.whole_camera.camera_file import write_camera_numbers
 from procedures.whole_camera.from_field import WholeCamera
 from procedures.whole_camera.from_others import sensor_parts, vignetting_parts
