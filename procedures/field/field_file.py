@@ -147,7 +147,7 @@ def _write_plane(plane: h5py.Group, interpolation: Interpolation) -> None:
     _put(nodes, "covariance", np.array([n.psf.covariance for n in field.nodes], dtype=np.float32), "1")
     if field.q:
         plane.attrs["tail_shape_names"] = list(SHAPES[: field.q])
-        _put(nodes, "tail", [n.psf.tail.amplitudes for n in field.nodes], "1 (beside a support of sum 1)")
+        _put(nodes, "tail", [n.psf.tail.amplitudes for n in field.nodes], "1 (in addition to a support of sum 1)")
         _put(nodes, "tail_covariance", [n.psf.tail.covariance for n in field.nodes], "1")
         _put(nodes, "tail_cross", np.array([n.psf.tail.cross for n in field.nodes], dtype=np.float32), "1")
         share, uncertainty = np.transpose([n.psf.energy_outside for n in field.nodes])

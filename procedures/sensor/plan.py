@@ -136,8 +136,8 @@ def check_panel(frame: RawFrame, facts: Facts) -> Advice:
     settings = {name: value for name in ("camera", "lens", "exposure_s", "iso", "f_number")
              if (value := getattr(frame.exposure, name)) is not None}  # fmt: skip
     ladder_s = seconds if seconds is None or known.light_level is not None else seconds / TRIAL_LEVEL
-    found = settings if ladder_s is None else {**settings, "ladder_s": ladder_s}
-    return Advice(True, f"The light is good, at {100 * light:.0f} % of the scale.", readings, facts=found)
+    new_facts = settings if ladder_s is None else {**settings, "ladder_s": ladder_s}
+    return Advice(True, f"The light is good, at {100 * light:.0f} % of the scale.", readings, facts=new_facts)
 
 
 def uneven(samples: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> float:

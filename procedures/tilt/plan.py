@@ -49,14 +49,7 @@ from procedures.plan import (
 from procedures.raw import RawFrame
 from procedures.tilt.estimate import Tilt
 from procedures.tilt.facts import DEPTH, TURN, TiltFacts
-from procedures.tilt.reach import (
-    bracket_mm,
-    check_width,
-    f_number_of,
-    off_reach_mm,
-    width_within_reach,
-    without_laser,
-)
+from procedures.tilt.reach import bracket_mm, check_width, f_number_of, off_reach_mm, width_within_reach, without_laser
 from procedures.tilt.screws import SURE
 
 Array = npt.NDArray[np.float64]

@@ -225,7 +225,7 @@ def common_region(
     if inside.sum() < needed:
         raise Refused(
             f"{k * k} kernel values need {needed} far samples of the common region; it has {int(inside.sum())}",
-            "let more of the near photograph's wall be seen in the far one, or lower k",
+            "include more of the near photograph's wall in the far one, or lower k",
         )
     points = points[inside]
     low, high = points.min(axis=0).astype(int), points.max(axis=0).astype(int)

@@ -95,7 +95,7 @@ def without_near_noise(fit: PairFit, near_noise_limit: float) -> InterImageKerne
     except np.linalg.LinAlgError as error:
         raise Refused(
             f"the near photograph's noise must stay under the wall's texture at all frequencies that s = {fit.near.s} "
-            "asks for; it does not",
+            "requires; it does not",
             "choose a rougher wall with fine detail, expose longer, focus the near photograph, or lower s",
         ) from error
     inverted = inverse(corrected)

@@ -199,12 +199,12 @@ def check_near(frame: RawFrame, facts: Facts) -> Advice:
     if not contrast.good:
         say = f"The wall's detail is only {contrast.value:.1f} times the noise: choose a rougher wall."
         return Advice(False, say, readings, by_hand={"rougher_wall": 1.0})
-    found: dict[str, Fact] = {**advice.facts, "near_level": float(np.mean(plane.samples))}
+    new_facts: dict[str, Fact] = {**advice.facts, "near_level": float(np.mean(plane.samples))}
     if known.distance_mm is not None:
-        found["near_laser_mm"] = known.distance_mm
+        new_facts["near_laser_mm"] = known.distance_mm
     if "z_mm" in known.where():
-        found["near_z_mm"] = known.where()["z_mm"]
-    return replace(advice, readings=readings, facts=found)
+        new_facts["near_z_mm"] = known.where()["z_mm"]
+    return replace(advice, readings=readings, facts=new_facts)
 
 
 def check_far(frame: RawFrame, facts: Facts) -> Advice:
@@ -232,10 +232,10 @@ def check_far(frame: RawFrame, facts: Facts) -> Advice:
     if not readings[1].good:
         return Advice(False, f"{clipped:.1%} is clipped: keep bright things out of the frame.", readings)
     gone_mm = way_mm(known)
-    found: dict[str, Fact] = {"far_light_percent": 100 * change}
+    new_facts: dict[str, Fact] = {"far_light_percent": 100 * change}
     if gone_mm is not None:
-        found["far_way_mm"] = gone_mm
-    return Advice(True, "The light is the same.", readings, facts=found)
+        new_facts["far_way_mm"] = gone_mm
+    return Advice(True, "The light is the same.", readings, facts=new_facts)
 
 
 CHECKS = {"near": check_near, "far": check_far}
