@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import axes_of, html, summary
 from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_density, tail_kernels, tail_spectra, tail_sums
 from procedures.numerics.solvers import SOLVERS
 from procedures.outcome import BadParameter
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = npt.NDArray[np.float64]
 
@@ -138,6 +143,17 @@ class Psf:
         q = len(self.tail.amplitudes)
         if q > len(SHAPES) or (q and self.tail.cross.shape != (k * k, q)) or self.tail.covariance.shape != (q, q):
             raise ValueError(f"the tail's covariances must fit {k * k} samples and {q} of {len(SHAPES)} shapes")
+
+    __repr__ = summary
+    _repr_html_ = html
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the samples, in pixels of the plane about the centre."""
+        ax, end = axes_of(ax), self.k / 2 / self.s
+        picture = ax.imshow(self.h, cmap="gray", extent=(-end, end, end, -end))
+        ax.figure.colorbar(picture, ax=ax, label="share of the light per sample")
+        ax.set(xlabel="x / pixel", ylabel="y / pixel")
+        return ax
 
     @classmethod
     def of(cls, parameters: Array, covariance: Array, k: int, s: int, lacking: Array | None = None) -> Psf:

@@ -23,7 +23,7 @@ from procedures.pattern_psf.registration import Registration
 from procedures.pattern_psf.solution import SharedErrors
 from procedures.psf import Psf
 from procedures.psf_field import Node, PsfField
-from procedures.raw import Plane, RawFrame
+from procedures.raw import FrameLike, Plane, RawFrame, as_frame
 from procedures.sensor_model import SensorModel
 
 Array = npt.NDArray[np.float64]
@@ -168,15 +168,18 @@ def measure_frame(
 
 
 def estimate_field(
-    frames: Iterable[RawFrame], chart: Chart, parameters: PatternParameters | None = None, each: MapLike = map
+    frames: Iterable[FrameLike], chart: Chart, parameters: PatternParameters | None = None, each: MapLike = map
 ) -> dict[str, Outcome[PsfField]]:
     """PSF over the frame, by plane, from photographs with charts at six positions or more in total.
 
     Parameters
     ----------
-    frames : from one camera, lens, aperture and focus. They may be read lazily: none is kept.
-    parameters : default: s = 4, and k by chart. All nodes need the same s.
-    each : how the charts of a photograph are processed; `map` takes one after the other
+    frames : iterable of RawFrame, or of (rows, columns) arrays
+        Of one camera, lens, aperture and focus. They may be read while they are gone through: none is kept.
+    parameters : PatternParameters, optional
+        Default: s = 4, and k by chart. All nodes need the same s.
+    each : MapLike
+        How the charts of a photograph are processed; `map` takes one after the other.
 
     Returns
     -------
@@ -192,7 +195,8 @@ def estimate_field(
     """
     nodes: dict[str, list[Node]] = {}
     shapes: Mapping[str, tuple[int, int]] = {}
-    for frame in frames:
+    for number, image in enumerate(frames, 1):
+        frame = as_frame(image, f"photograph {number}")
         measured = measure_frame(frame, chart, parameters or FIELD, each)
         if shapes and measured.shapes != shapes:
             raise BadInput(

@@ -8,18 +8,19 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.field.chromatic import DEGREES, LateralColour
-from procedures.field.interpolate import Interpolation, Recipe, rebuild
+from procedures.field.interpolate import Interpolation, Recipe, rebuild, recipe_of
 from procedures.field.maps import FieldMap, grid, mesh
 from procedures.field.surfaces import fit_surface
 from procedures.numbers import ENERGY_OUTSIDE_SUPPORT
 from procedures.numerics.kernel_tail import SHAPES, tail_kernels
-from procedures.outcome import BadInput
+from procedures.outcome import BadInput, checked_type
 from procedures.psf import MOST_PER_PX, Psf, PsfTail
 from procedures.psf_field import Node, PsfField, in_half_diagonals
 from procedures.reading.arrays import LONGEST
@@ -52,28 +53,40 @@ vignetting/PLANE: log of the light over that at the frame's centre, a polynomial
 CAMERA = "camera"  # attribute with the camera's metadata as JSON
 VIGNETTING = "vignetting"
 TEXTS, NUMBERS = ("camera", "lens"), ("f_number", "focal_length_mm", "subject_distance_mm")
+NOTHING: Mapping[str, Any] = MappingProxyType({})
 COLUMNS = 64  # positions of the rendered field along the frame's longer side
 
 
 def write_field(
-    path: Path,
-    fields: Mapping[str, Interpolation],
-    maps: Mapping[str, Sequence[FieldMap]],
-    colours: Sequence[LateralColour],
-    provenance: Mapping[str, str],
+    path: Path | str,
+    fields: Mapping[str, Interpolation | PsfField],
+    maps: Mapping[str, Sequence[FieldMap]] = NOTHING,
+    colours: Sequence[LateralColour] = (),
+    provenance: Mapping[str, str] = NOTHING,
     camera: Exposure | None = None,
 ) -> None:
-    """Write fields and maps by plane, lateral colour, provenance as text, and the camera's common metadata."""
+    """Write fields by plane, and where they are given their maps, lateral colour, and texts on their provenance.
+
+    `camera` is what all photographs have in common: camera, lens, aperture, focus.
+
+    Raises
+    ------
+    TypeError
+        If one of them is no field, as the outcome of an estimate.
+    """
     import h5py
 
+    advice = "pass a field by plane, as outcome.result() of each that estimate_field gives"
+    bare = ((name, one.field if isinstance(one, Interpolation) else one) for name, one in fields.items())
+    whole = {name: checked_type(one, PsfField, advice) for name, one in bare}
     with h5py.File(path, "w") as file:
         file.attrs.update({"schema": SCHEMA, "conventions": CONVENTIONS, **provenance})
         if camera is not None:
             metadata = asdict(camera)
             file.attrs[CAMERA] = json.dumps({name: metadata[name] for name in (*TEXTS, *NUMBERS)})
-        for name, interpolation in fields.items():
+        for name, field in whole.items():
             plane = file.create_group(name)
-            _write_plane(plane, interpolation)
+            _write_plane(plane, field)
             _write_maps(plane.create_group("maps"), maps.get(name, ()))
         for colour in colours:
             group = file.create_group(f"lateral_colour/{colour.plane}")
@@ -124,8 +137,8 @@ def _put(group: h5py.Group, name: str, values: npt.ArrayLike, unit: str, **optio
     group.create_dataset(name, data=np.asarray(values), **options).attrs["unit"] = unit
 
 
-def _write_plane(plane: h5py.Group, interpolation: Interpolation) -> None:
-    field, recipe = interpolation.field, interpolation.recipe
+def _write_plane(plane: h5py.Group, field: PsfField) -> None:
+    recipe = recipe_of(field.model)
     plane.attrs.update(
         {
             "rows": field.shape[0],

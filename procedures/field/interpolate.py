@@ -177,6 +177,18 @@ def _model(recipe: Recipe, data: WhitenedNodes, kept: Indices, V: Array) -> Coef
     return AxialSymmetry(places, trust, data.optic(V), int(recipe.setting), recipe.axis)
 
 
+def recipe_of(model: CoefficientModel) -> Recipe:
+    """The recipe by which a model was built. Raises TypeError for a model of another kind."""
+    match model:
+        case AxialSymmetry():
+            return Recipe("symmetric lens", model.degree, model.axis)
+        case Separate(smoother=Polynomial(degree=degree)):
+            return Recipe("polynomial", degree)
+        case Separate(smoother=ThinPlate(stiffness=stiffness)):
+            return Recipe("thin plate", stiffness)
+    raise TypeError(f"a field of model {model.name!r} cannot be written: pass one of estimate_field or read_field")
+
+
 def _basis(data: WhitenedNodes, kept: Indices, recipe: Recipe) -> tuple[Array, Array]:
     """Mean (p,) and principal directions (n, p) of the variation of the kept nodes, the strongest first."""
     if recipe.kind == "symmetric lens" and _few(data):

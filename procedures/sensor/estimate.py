@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from procedures.display import summary
 from procedures.numbers import (
     DEFECT_PIXELS,
     DSNU,
@@ -87,6 +88,8 @@ class SensorResult:
     light: FixedPattern | None
     dark_level: float
     doubt: str = ""
+
+    __repr__ = summary
 
 
 def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcome[SensorResult]:

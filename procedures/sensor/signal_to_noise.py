@@ -8,7 +8,6 @@ linear, sections 2.4 and 4.3.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +15,7 @@ import numpy.typing as npt
 from procedures.numbers import DSNU, GENERAL_DYNAMIC_RANGE, GENERAL_SNR_MAX, GENERAL_THRESHOLD, PRNU
 from procedures.sensor.curves import Curves
 from procedures.sensor.measured import IntervalNumber, from_draws
-
-if TYPE_CHECKING:
-    from procedures.sensor.estimate import SensorResult
+from procedures.sensor.photon_transfer import Transfer
 
 Array = npt.NDArray[np.float64]
 
@@ -52,23 +49,22 @@ def general_numbers(curves: Curves, saturation: int, *, photons_known: bool) -> 
     }
 
 
-def linear_snr(result: SensorResult, light: Array) -> Array:
+def linear_snr(transfer: Transfer, light: Array) -> Array:
     """Temporal SNR of one pixel at light (n,): electrons over dark noise, rounding and photon noise."""
-    e, variance = _electrons(result, light)
+    e, variance = _electrons(transfer, light)
     return np.asarray(e / np.sqrt(variance))
 
 
-def total_snr(result: SensorResult, light: Array) -> Array:
+def total_snr(transfer: Transfer, numbers: Mapping[str, IntervalNumber], light: Array) -> Array:
     """SNR of one picture at light (n,), including DSNU and PRNU; NaN where these are not known."""
-    if PRNU not in result.numbers:
+    if PRNU not in numbers:
         return np.full(len(light), np.nan)
-    e, variance = _electrons(result, light)
-    dsnu_e, prnu = result.numbers[DSNU].value, result.numbers[PRNU].value / 100
+    e, variance = _electrons(transfer, light)
+    dsnu_e, prnu = numbers[DSNU].value, numbers[PRNU].value / 100
     return np.asarray(e / np.sqrt(variance + dsnu_e**2 + (prnu * e) ** 2))
 
 
-def _electrons(result: SensorResult, light: Array) -> tuple[Array, Array]:
+def _electrons(transfer: Transfer, light: Array) -> tuple[Array, Array]:
     """Mean electrons at light (n,), and their temporal variance."""
-    transfer = result.transfer
     e, dark_e = light * transfer.responsivity[0] / transfer.gain[0], transfer.dark_deviation[0] / transfer.gain[0]
     return e, e + dark_e**2

@@ -9,19 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.budget import with_convergence, with_parts
 from procedures.choice import Trial, choose, remaining_change
+from procedures.display import html, summary
 from procedures.numbers import GAIN, NOISE, RESIDUAL_STD, SCALE
 from procedures.numerics.solvers import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
 from procedures.outcome import Outcome, Refused, Verdict, verdict_of
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
-from procedures.raw import Plane
+from procedures.raw import Plane, PlaneLike, as_plane
 from procedures.two_photo.diagnostics import diagnose
 from procedures.two_photo.error_parts import error_parts, likely_errors, widened
 from procedures.two_photo.inter_image import PairFit, fit_kernel
@@ -30,6 +32,9 @@ from procedures.two_photo.pair_consistency import pair_consistency
 from procedures.two_photo.recursion import Recovered, psf_by_equation, psf_by_recursion
 from procedures.two_photo.registration import PairSighting, register
 from procedures.two_photo.trust import check_distance, check_light, checks_of, most_samples_per_pixel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -82,6 +87,13 @@ class TwoPhotoPsf:
     warp: CubicWarp
     diagnostics: Mapping[str, float]
 
+    __repr__ = summary
+    _repr_html_ = html
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the MTF; `psf.plot` draws the PSF."""
+        return self.quality.plot(ax)
+
     @property
     def diffraction(self) -> None:
         """None: the caller knows the diffraction limit."""
@@ -102,23 +114,26 @@ class TwoPhotoPsf:
         return {SCALE: self.scale, GAIN: self.gain, NOISE: self.noise, RESIDUAL_STD: self.residual_std}
 
 
-def estimate_psf(
-    a: Plane, b: Plane, parameters: TwoPhotoParameters | None = None, diffraction: Diffraction | None = None
+def estimate_psf_of_pair(
+    a: PlaneLike, b: PlaneLike, parameters: TwoPhotoParameters | None = None, diffraction: Diffraction | None = None
 ) -> Outcome[TwoPhotoPsf]:
     """The PSF of the plane's camera from two photographs of one wall, in any order.
 
     Parameters
     ----------
-    a, b : linear samples of the same plane, black 0, white 1
-    parameters : s and k that are not given are chosen
-    diffraction : diffraction limit of this plane, for the Strehl ratio
+    a, b : Plane, or (rows, columns) arrays
+        Linear samples of the same plane, black 0, white 1.
+    parameters : TwoPhotoParameters, optional
+        s and k that are not given are chosen.
+    diffraction : Diffraction, optional
+        Diffraction limit of this plane, for the Strehl ratio.
 
     Returns
     -------
     Outcome[TwoPhotoPsf]
         A refused outcome has a reason and a remedy and no value; poor photographs raise nothing.
     """
-    parameters = parameters or TwoPhotoParameters()
+    a, b, parameters = as_plane(a), as_plane(b), parameters or TwoPhotoParameters()
     try:
         return _estimate(a, b, parameters, diffraction)
     except Refused as refusal:

@@ -47,7 +47,7 @@ from procedures.two_photo.distances import (
     way_by_laser,
     way_mm,
 )
-from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf
+from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
 from procedures.two_photo.facts import LEAST_RATIO, MOST_RATIO, RATIO, TwoPhotoFacts
 from procedures.two_photo.near_noise import noise_at_most
 from procedures.two_photo.sharpness import fineness
@@ -328,7 +328,7 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
         check_settings(near[0].exposure, far[0].exposure)
     except Refused as refusal:
         return dict.fromkeys(names, Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy))
-    return {name: estimate_psf(mean_plane(name, near), mean_plane(name, far), parameters) for name in names}
+    return {name: estimate_psf_of_pair(mean_plane(name, near), mean_plane(name, far), parameters) for name in names}
 
 
 def mean_plane(name: str, frames: Sequence[RawFrame]) -> Plane:

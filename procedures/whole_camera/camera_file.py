@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import summary
 from procedures.outcome import BadInput
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 from procedures.reading.hdf5 import Stored, check_ends
@@ -61,6 +62,8 @@ class CameraNumbers:
     blocks: tuple[CovarianceBlock, ...]
     model: str = ""
     size: tuple[int, int] = (0, 0)
+
+    __repr__ = summary
 
     def places(self, beginning: str) -> list[int]:
         """Indices of the numbers with a prefix of their names: "geometry.", "psf.G1."."""

@@ -13,9 +13,8 @@ from procedures.field.conclusion import FieldResult
 from procedures.field.estimate import MeasuredChart
 from procedures.geometry.chart_bins.photographs import on_sensor
 from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
-from procedures.geometry.response import camera_response
-from procedures.geometry.shape import shape_model
-from procedures.geometry.views import ChartView, chart_nodes
+from procedures.geometry.uncertainty import camera_response
+from procedures.geometry.views import ChartView
 from procedures.outcome import Outcome, Verdict
 from procedures.psf_field import Node, prior_sensitivity
 from procedures.whole_camera.joint import CameraPart, ChartKey, JointNumbers, join
@@ -60,7 +59,7 @@ def whole_camera(
     geometry = field_geometry(result, charts[result.reference], cell_mm, views)
     parts = []
     if geometry.value is not None:
-        parts.append(geometry_part(result, geometry.value, charts[result.reference], chart_nodes(cell_mm)))
+        parts.append(geometry_part(result, geometry.value, charts[result.reference]))
     parts += [psf_part(name, measured) for name, measured in charts.items() if measured]
     parts += [colour_part(colour, result.measured.planes[colour.plane].pitch, charts) for colour in result.colours]
     parts = [with_sensor_reason(part, charts) for part in parts]
@@ -204,14 +203,13 @@ def field_geometry(
     return calibrate_geometry(views, (columns * plane.pitch, rows * plane.pitch), GeometryParameters(cell_mm))
 
 
-def geometry_part(result: FieldResult, geometry: Geometry, charts: Sequence[MeasuredChart], nodes: Array) -> CameraPart:
+def geometry_part(result: FieldResult, geometry: Geometry, charts: Sequence[MeasuredChart]) -> CameraPart:
     """Intrinsics and distortion, with their covariance with PSF and centre of the charts."""
     plane = result.measured.planes[result.reference]
     by_source = {one.node.source: one for one in charts}
-    views, adjusted = [one.view for one in geometry.views], geometry.adjustment
-    shape = replace(shape_model(nodes), node_mm=np.array(geometry.shape.node_mm))
     with_charts = {}
-    for view, response in zip(views, camera_response(adjusted, nodes, views, shape), strict=True):
+    views = (one.view for one in geometry.views)
+    for view, response in zip(views, camera_response(geometry.adjustment), strict=True):
         if (one := by_source.get(view.source)) is None:
             continue
         points = plane.pitch * one.shared.of_points(one.registration, one.correspondences.points)

@@ -199,7 +199,7 @@ def predicted_px(known: WholeCameraFacts, places: int, most: int) -> Sequence[fl
     The camera is that of the data sheet; each next view is the most informative one.
     """
     start = known.begun()
-    camera = geometry_plan.camera_as_told(start.shape, start.principal_px)
+    camera = geometry_plan.nominal_camera(start.shape, start.principal_px)
     poses = [as_pose(one) for one in known.before(1 + places)]
     rim, nodes = geometry_plan.rim_of(start), chart_nodes(known.cell_mm)
     errors: list[float] = []

@@ -15,7 +15,13 @@ NARROWEST, WIDEST = 40, 100
 
 @click.command("manual")
 @click.argument("topic", required=False)
-@click.option("--html", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Write all pages for a browser.")
+@click.option(
+    "--html",
+    "folder",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write all pages for a browser, those with Python as notebooks too.",
+)
 @click.option(
     "--schemas", type=click.Path(path_type=Path), metavar="DIR", help="Write the JSON schemas of all records."
 )

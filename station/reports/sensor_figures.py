@@ -93,8 +93,8 @@ def snr_figure(found: SensorResult, name: str) -> Markup:
     axes.loglog(
         light[inside], input_snr(found.curves)[0][inside], "o", ms=3, color=ALONG["horizontal"], label="measured"
     )
-    axes.loglog(model, linear_snr(found, model), color=INK, lw=1, label="linear model")
-    total = total_snr(found, model)
+    axes.loglog(model, linear_snr(found.transfer, model), color=INK, lw=1, label="linear model")
+    total = total_snr(found.transfer, found.numbers, model)
     if np.isfinite(total).all():
         axes.loglog(model, total, color=ALONG["vertical"], lw=1, label="with DSNU and PRNU")
     if QUANTUM_EFFICIENCY in found.numbers:

@@ -12,8 +12,9 @@ from procedures.field import field_file
 from procedures.field.chromatic import lateral_colour
 from procedures.field.interpolate import interpolate
 from procedures.field.maps import derive
-from procedures.outcome import BadInput
+from procedures.outcome import BadInput, Outcome
 
+from ..correction.small_lens import SmallLens
 from .lens import NEAR, SHAPE, FieldCamera, grid, nodes
 
 DOCUMENT = Path(field_file.__file__).parent / "decisions" / "0001-hdf5.md"
@@ -158,3 +159,18 @@ def test_a_field_of_other_arrays_is_refused(written, tmp_path, monkeypatch, spoi
         spoil(file["G1"])
     with pytest.raises(BadInput, match=words):
         field_file.read_field(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("lens", [SmallLens((60, 80)), SmallLens((60, 80), growth=0.0, coma=0.0)])
+def test_what_was_read_is_written_again_the_same(lens, tmp_path):
+    field_file.write_field(tmp_path / "a.h5", {"Y": lens.field("Y").field})
+    again = field_file.read_field(tmp_path / "a.h5")
+    field_file.write_field(tmp_path / "b.h5", again)
+    twice = field_file.read_field(tmp_path / "b.h5")["Y"]
+    np.testing.assert_array_equal(twice.at(10.0, 12.0).parameters, again["Y"].at(10.0, 12.0).parameters)
+    assert twice.model.name == again["Y"].model.name
+
+
+def test_an_outcome_is_no_field(tmp_path):
+    with pytest.raises(TypeError, match=r"outcome.result\(\)"):
+        field_file.write_field(tmp_path / "a.h5", {"Y": Outcome(SmallLens((60, 80)).field("Y").field)})

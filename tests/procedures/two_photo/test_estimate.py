@@ -12,7 +12,7 @@ import pytest
 from procedures.outcome import BadParameter, Outcome, Refused, Verdict, causes_of
 from procedures.raw import read_frame
 from procedures.reading.exposure import Exposure
-from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
+from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
 from procedures.two_photo.trust import check_settings
 
 from ..pattern_psf.alignment import aligned_error
@@ -60,7 +60,7 @@ def test_known_walls_give_their_psf(wall: str) -> None:
 def test_walls_kept_beside_the_project_give_their_psf(shared_data: Path, wall: str, limit: float) -> None:
     folder = shared_data / "synthetic" / "two_photo"
     near, far = (read_frame(folder / f"wall_{wall}_{which}.pgm").planes["Y"] for which in ("near", "far"))
-    psf = estimate_psf(far, near, TwoPhotoParameters(3, 13, "nnls")).result().psf
+    psf = estimate_psf_of_pair(far, near, TwoPhotoParameters(3, 13, "nnls")).result().psf
     truth = np.loadtxt(folder / f"wall_{wall}_truth_s3_k13.txt")
     assert aligned_error(psf.h, truth)[0] < limit
 
@@ -69,7 +69,7 @@ def test_walls_kept_beside_the_project_give_their_psf(shared_data: Path, wall: s
 def test_published_photographs_give_the_published_psf(shared_data: Path) -> None:
     folder = shared_data / "two_photos"
     near, far = (read_frame(folder / name).planes["Y"] for name in ("IMG_0608_v1.pgm", "IMG_0602_v1_CUT.pgm"))
-    outcome = estimate_psf(near, far, TwoPhotoParameters(3, 13, "nnls"))
+    outcome = estimate_psf_of_pair(near, far, TwoPhotoParameters(3, 13, "nnls"))
     result = outcome.result()
     published = np.loadtxt(shared_data / "reference" / "real_two_psf_s3_k13.txt")
     assert outcome.verdict is not Verdict.REFUSED

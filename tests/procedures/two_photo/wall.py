@@ -10,7 +10,7 @@ import numpy as np
 
 from procedures.outcome import Outcome
 from procedures.raw import Plane
-from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
+from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
 
 Array = np.ndarray
 Otf = Callable[[Array, Array], Array]
@@ -45,7 +45,7 @@ def samples_of(otf: Otf, s: int, k: int) -> Array:
 def estimate(near: Array, far: Array, parameters: TwoPhotoParameters | None = None) -> Outcome[TwoPhotoPsf]:
     """Estimate from samples of both photographs."""
     a, b = (Plane("Y", np.asarray(samples, np.float32), 1 / 65535) for samples in (near, far))
-    return estimate_psf(a, b, parameters)
+    return estimate_psf_of_pair(a, b, parameters)
 
 
 @dataclass(frozen=True)
