@@ -26,7 +26,7 @@ COMMANDS = {
     "geometry": ("procedure_command", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
     "rig": ("procedure_command", "rig", "Measure the pose of one camera on a rig by the other."),
     "vignetting": ("procedure_command", "vignetting", "Measure the light lost towards the corners, from flats."),
-    "tilt": ("procedure_command", "tilt", "Find the sensor's tilt, and the turns of its screws that mend it."),
+    "tilt": ("procedure_command", "tilt", "Find the sensor's tilt, and the turns of its screws that correct it."),
     "export": ("export", "export", "Write a result as a file of another program."),
     "focus": ("focus", "focus", "Tell how sharp every photograph is as it comes, and which way to turn."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),

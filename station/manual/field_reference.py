@@ -6,7 +6,8 @@ import inspect
 import re
 from collections.abc import Iterator, Mapping
 
-ENTRY = re.compile(r"(?P<names>\w+(?:, \w+)*) : \S")
+ENTRY = re.compile(r"(?P<names>\w+(?:, \w+)*) : (?P<text>\S.*)")
+TYPE = re.compile(r"(\([^)]*\) )?\w+")  # the definition follows on the next lines
 
 
 def fields_text(tables: Mapping[str, type]) -> str:
@@ -23,14 +24,18 @@ def _section(title: str, kind: type) -> Iterator[str]:
 
 
 def attributes(kind: type) -> list[tuple[list[str], str]]:
-    """Names and definition of every entry in the numpydoc section of attributes."""
+    """Names and definition of every entry in a docstring's section of attributes, on its line or below its type."""
     lines = inspect.getdoc(kind) or ""
     _, _, section = lines.partition("Attributes\n----------\n")
     entries: list[tuple[list[str], list[str]]] = []
     for line in section.splitlines():
         entry = ENTRY.match(line)
         if entry:
-            entries.append((entry["names"].split(", "), []))
+            entries.append((entry["names"].split(", "), [] if TYPE.fullmatch(entry["text"]) else [entry["text"]]))
         elif entries and line.strip():
             entries[-1][1].append(line.strip())
-    return [(names, " ".join(definition)) for names, definition in entries]
+    return [(names, _sentence(" ".join(parts))) for names, parts in entries]
+
+
+def _sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].removesuffix('.')}."

@@ -9,9 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from procedures.numbers import QUANTUM_EFFICIENCY
-from procedures.sensor.estimate import Pattern, SensorResult
-from procedures.sensor.general import input_snr
-from procedures.sensor.noise import linear_snr, total_snr
+from procedures.sensor.estimate import FixedPattern, SensorResult
+from procedures.sensor.signal_to_noise import input_snr, linear_snr, total_snr
 from station.drawing.colours import ALONG, FAINT, INK, MARK
 from station.drawing.plots import DASHED, DOTTED, Figure, curve, finished, legend, plot_axes, points
 
@@ -20,7 +19,7 @@ MIN_COUNT = 0.5
 """Pixels below which a logarithmic histogram ends."""
 
 
-def sensor_figures(result: SensorResult, patterns: Mapping[str, Pattern], plane: str) -> list[Figure]:
+def sensor_figures(result: SensorResult, patterns: Mapping[str, FixedPattern], plane: str) -> list[Figure]:
     """All figures of a plane; `patterns` are those in the dark and under light."""
     figures = [draw(result, plane) for draw in (_transfer, _response, _linearity, _snr)]
     figures += [_dark(result, plane)] if len(result.curves.dark_exposure_s) > 1 else []
@@ -78,9 +77,9 @@ def _snr(result: SensorResult, plane: str) -> Figure:
     axes, light = _axes(), result.curves.light[0]
     used = slice(0, result.transfer.saturation + 1)
     model = np.geomspace(max(light[0] / 30, 1e-12), light[used][-1], 120)
-    total = total_snr(result, model)
+    total = total_snr(result.transfer, result.numbers, model)
     axes.loglog(light[used], input_snr(result.curves)[0][used], "o", ms=3, color=BLUE, label="measured")
-    curve(axes, model, linear_snr(result, model), width=1, label="linear model")
+    curve(axes, model, linear_snr(result.transfer, model), width=1, label="linear model")
     if np.isfinite(total).all():
         curve(axes, model, total, colour=ORANGE, width=1, label="with DSNU and PRNU")
     if QUANTUM_EFFICIENCY in result.numbers:
@@ -105,7 +104,7 @@ def _dark(result: SensorResult, plane: str) -> Figure:
     return finished(axes, f"dark-{plane}", caption, xlabel="exposure, s", ylabel="more than at the shortest")
 
 
-def _spectrogram(pattern: Pattern, place: str, words: str) -> Figure:
+def _spectrogram(pattern: FixedPattern, place: str, words: str) -> Figure:
     """Spectrograms along rows and columns, the floor of temporal noise, and significant periods."""
     axes = _axes()
     for one in pattern.spectrograms:
@@ -120,7 +119,7 @@ def _spectrogram(pattern: Pattern, place: str, words: str) -> Figure:
     return finished(axes, f"spectrogram-{place}", caption, xlim=(0, 0.5), ylim=(None, top), **settings)
 
 
-def _histogram(pattern: Pattern, place: str, words: str) -> Figure:
+def _histogram(pattern: FixedPattern, place: str, words: str) -> Figure:
     """Histogram of the pixels' deviations, the normal distribution, and the limit of defects."""
     axes, shown = _axes(), pattern.defects.histogram
     counts, model = (np.maximum(one, MIN_COUNT) for one in (shown.counts, shown.model))
@@ -136,7 +135,7 @@ def _histogram(pattern: Pattern, place: str, words: str) -> Figure:
     return finished(axes, f"histogram-{place}", caption, **settings)
 
 
-def _accumulated(pattern: Pattern, place: str, words: str) -> Figure:
+def _accumulated(pattern: FixedPattern, place: str, words: str) -> Figure:
     """Share of the pixels that deviate at least so far."""
     axes, shown = _axes(), pattern.defects.histogram
     order, all_pixels = np.argsort(np.abs(shown.centres)), shown.counts.sum()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from procedures.sensor.estimate import Pattern, SensorResult
+from procedures.sensor.estimate import FixedPattern, SensorResult
 from procedures.sensor.spectrograms import Period
 from station.common.uncertainty_text import stated
 from station.reports.page import Block, Figures, Heading, Items, Note, Table, quantity
@@ -41,7 +41,7 @@ def _plane_blocks(plane: PlaneResult) -> list[Block]:
     return [*blocks, INTERVALS]
 
 
-def _defects(patterns: Mapping[str, Pattern]) -> list[list[str]]:
+def _defects(patterns: Mapping[str, FixedPattern]) -> list[list[str]]:
     """Picture, row, column and deviation of the defect pixels."""
     return [
         [which, str(row), str(column), f"{deviation:.4g} {one.unit}".replace("-", "−")]

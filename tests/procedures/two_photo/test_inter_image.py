@@ -5,9 +5,8 @@ import pytest
 
 from procedures.numerics.warps import apply_homography
 from procedures.outcome import Refused
-from procedures.two_photo.inter_image import centre_of, fit_kernel
+from procedures.two_photo.inter_image import centre_of, common_region, fit_kernel
 from procedures.two_photo.near_noise import noise_at_most, without_near_noise
-from procedures.two_photo.region import common_region
 
 from .conftest import OTF
 from .wall import Pair, gaussian, photographs
