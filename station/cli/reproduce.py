@@ -22,21 +22,21 @@ DISAGREES = 1
 
 @click.command("reproduce")
 @click.argument("name", required=False)
-@click.option("--full", is_flag=True, help="Also compute the rows that take long.")
+@click.option("--full", is_flag=True, help="Include the slow rows.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")
 @click.option(
     "--data",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     envvar="STATION_SHARED_DATA",
     show_envvar=True,
-    help="Folder of published photographs and films; rows that need it are left out without.",
+    help="Folder of published photographs and films; rows that require it are skipped without it.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
+@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout instead of the table.")
 @log_json_option
 def reproduce(name: str | None, full: bool, out: Path, data: Path | None, as_json: bool) -> None:
-    """Compute the papers' tables and figures again: all, or the row or chapter NAME; an unknown NAME lists them.
+    """Reproduce the papers' tables and figures: all, or the row or chapter NAME; an unknown NAME lists them.
 
-    Returns 0 when something was computed and all of it agrees with what was published, 1 otherwise.
+    Returns 0 if something was computed and all of it agrees with the publications, 1 otherwise.
     """
     from station.demo.reproduce.catalogue import ROWS
     from station.demo.reproduce.row import Setting
@@ -45,25 +45,25 @@ def reproduce(name: str | None, full: bool, out: Path, data: Path | None, as_jso
 
     setting = Setting(data, full, os.cpu_count() or 1)
     with progress_shown(len(chosen(ROWS, name))) as progress:
-        found, text = run(out, ROWS, setting, name=name, progress=progress)
+        reproduction, text = run(out, ROWS, setting, name=name, progress=progress)
     if as_json:
         click.echo(text, nl=False)
     else:
-        _show(found)
+        _show(reproduction)
     log("written", f"wrote {out / PAGE}", path=str(out / PAGE))
-    if not found.agrees:
+    if not reproduction.agrees:
         raise click.exceptions.Exit(DISAGREES)
 
 
-def _show(found: Reproduction) -> None:
+def _show(reproduction: Reproduction) -> None:
     from rich.console import Console
 
-    Console().print(_table(found))
-    click.echo(f"It took {found.seconds:.0f} s, and {found.processor_s:.0f} s of processor.")
+    Console().print(_table(reproduction))
+    click.echo(f"It took {reproduction.seconds:.0f} s, and {reproduction.processor_s:.0f} s of processor.")
 
 
-def _table(found: Reproduction) -> Table:
-    """One line for each row; what does not pass is told below it."""
+def _table(reproduction: Reproduction) -> Table:
+    """One line for each row, followed by its failed checks."""
     from rich.table import Table
     from rich.text import Text
 
@@ -72,7 +72,7 @@ def _table(found: Reproduction) -> Table:
     table = Table(box=None, pad_edge=False)
     for heading in ("row", "published in", "numbers", "result"):
         table.add_column(heading)
-    for one in found.done:
+    for one in reproduction.done:
         passed = sum(line.passes for line in one.lines)
         numbers = f"{passed} of {len(one.lines)}" if one.lines else "-"
         table.add_row(one.row.name, one.row.place, numbers, Text(str(one.state), TERMINAL_COLOURS[one.state]))
@@ -80,6 +80,6 @@ def _table(found: Reproduction) -> Table:
             table.add_row("", Text(one.reason, "dim"), "", "")
         for line in one.lines:
             if not line.passes:
-                told = f"{line.check.quantity}: {line.check.published}; ours {shown(line.ours)}"
-                table.add_row("", Text(told, "dim"), "", "")
+                words = f"{line.check.quantity}: {line.check.published}; ours {shown(line.ours)}"
+                table.add_row("", Text(words, "dim"), "", "")
     return table

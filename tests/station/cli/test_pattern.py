@@ -93,7 +93,7 @@ def test_a_lens_without_its_pixels_is_refused(tmp_path: Path) -> None:
 def test_seed_and_bits_together_are_refused(tmp_path: Path) -> None:
     done = _run(tmp_path / "c.pdf", "--seed", "1", "--bits", "bits.pgm")
     assert done.exit_code == 2
-    assert "both choose the cells" in done.stderr
+    assert "both define the cells" in done.stderr
 
 
 @pytest.mark.parametrize(

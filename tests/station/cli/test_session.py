@@ -56,7 +56,7 @@ def test_camera_that_is_no_text_is_a_camera_that_is_not_there(session):
 def test_date_that_is_none_is_refused(session):
     done = session("list", "--since", "yesterday")
     assert done.exit_code == 2
-    assert "--since needs a date" in done.stderr
+    assert "--since requires a date" in done.stderr
 
 
 @pytest.mark.parametrize(("sigmas", "agree"), [(-6e-5, True), (0.3, False)])
