@@ -10,6 +10,10 @@ from typing import Any
 
 import click
 
+from station.common.namesakes import check_namesakes
+
+check_namesakes()  # before the imports that would fail in a foreign package
+
 from station.cli.terminal.bench_options import existing_file
 from station.cli.terminal.lazy import LazyGroup
 from station.cli.terminal.numbers import SEED, UNITS
@@ -27,7 +31,7 @@ COMMANDS = {
     "export": ("export", "export", "Write a result as a file of another program."),
     "focus": ("focus", "focus", "Report the sharpness of every new photograph, and which way to turn."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
-    "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
+    "restore": ("procedure_command", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "correct": ("procedure_command", "correct", "Sharpen a photograph by the measured PSF field of its lens."),
     "rays": ("procedure_command", "rays", "Remove the noise of a Monte Carlo render."),
     "batch": ("batch", "batch", "Measure folders of photographs by any procedure."),
@@ -76,8 +80,8 @@ LARGE_HEAP = 50_000
 @click.option("--plan", help="The guided procedure.  [default: pattern]")
 @click.option(
     "--specification", type=click.Path(path_type=Path),
-    help="Limits for the results, in TOML.  [also for: psf, sensor, geometry, rig, vignetting, tilt, mtf, correct,"
-    " rays, serve]",
+    help="Limits for the results, in TOML.  [also for: psf, sensor, geometry, rig, vignetting, tilt, mtf, restore,"
+    " correct, rays, serve]",
 )  # fmt: skip
 @click.option(
     "--unit", type=UNITS,

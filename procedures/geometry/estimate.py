@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import summary
 from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, AdjustmentState, adjust
 from procedures.geometry.cameras import MODELS, Camera, parameter_names
 from procedures.geometry.choice import LEAST_VIEWS, ModelTrial, choose_model, first_state, fit_model, with_splines
@@ -163,6 +164,8 @@ class Geometry:
     covered: float
     next_view: NextView | None
     adjustment: Adjustment
+
+    __repr__ = summary
 
     @property
     def points(self) -> int:

@@ -27,8 +27,9 @@ from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.start import StartScreen
 from station.app.stopping_driver import stopping_first
 from station.common.errors import TRACEBACK
+from station.common.sanitise import printable
 from station.common.stop_signals import EXIT_DEVICE
-from station.drawing.glyphs import Glyphs, glyphs_for, visible
+from station.drawing.glyphs import Glyphs, glyphs_for
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -99,7 +100,7 @@ class WorkingApp(App[int]):
             super()._fatal_error()
             return
         problem = problem_of(self._exception)
-        self.panic(Text(visible(f"{problem.reason}; {problem.remedy}")))
+        self.panic(Text(printable(f"{problem.reason}; {problem.remedy}")))
 
     def on_unmount(self) -> None:
         """End the polling of the devices."""
@@ -218,7 +219,7 @@ class WorkingApp(App[int]):
             self._start_screen.show_kept(finished.value)
 
     def _complain(self, problem: Problem) -> None:
-        self.notify(visible(f"{problem.reason}. {problem.remedy}."), severity="error", markup=False, timeout=20)
+        self.notify(printable(f"{problem.reason}. {problem.remedy}."), severity="error", markup=False, timeout=20)
 
     # --- runs ----------------------------------------------------------------------------------------------------
 
@@ -304,7 +305,7 @@ class WorkingApp(App[int]):
                 guide.show(entry)
             if isinstance(entry, Question) and self.front is not guide:
                 self.bell()
-                self.notify(visible(f"The guide (F2) asks: {entry.ask.question}"), markup=False)
+                self.notify(printable(f"The guide (F2) asks: {entry.ask.question}"), markup=False)
 
     @on(AnswerBox.Given)
     def _answered(self, message: AnswerBox.Given) -> None:

@@ -107,7 +107,7 @@ def _of_pair(
     a: RawFrame, b: RawFrame, name: str, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
     """The outcome of one plane; refused where other settings than distance and focus differ."""
-    from procedures.two_photo.estimate import estimate_psf as estimate_psf_of_pair  # a slow import
+    from procedures.two_photo.estimate import estimate_psf_of_pair  # a slow import
     from procedures.two_photo.trust import check_settings
 
     try:

@@ -6,13 +6,13 @@ import json
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from procedures.numbers import EDGE_MTF50, S_OVER_T
-from station.cli.psf.planes import chart_options, chart_source
 from station.cli.psf.terms import plane_name
 from station.cli.terminal.bench_options import existing_file
 from station.cli.terminal.inherited import inherited
@@ -37,7 +37,8 @@ BAR = 30
 @inherited(
     "--simulated-seed", inherits="--seed", type=SEED, default=0, show_default=True, help="Of the simulated bench."
 )
-@chart_options
+@click.option("--bits", type=click.Path(path_type=Path), help="The chart's 256 x 256 cells as a grey image.")
+@click.option("--seed", type=SEED, help="The chart's seed; 1 if neither this nor --bits is given.")
 @click.option("-s", "s", type=click.IntRange(2, 16), default=4, show_default=True, help="PSF samples per pixel.")
 @click.option("-k", "k", type=click.IntRange(3, 101), default=17, show_default=True, help="PSF samples along a side.")
 @click.option("--plane", callback=plane_name, help="R, G1, G2, B or Y.  [default: G1 of a RAW file, Y of a grey image]")
@@ -70,6 +71,7 @@ def focus(
         raise click.UsageError(f"k must be odd; got {k}")
     from procedures.pattern_psf.estimate import PatternParameters
     from station.guide.focus.live import LiveFocus, PhotographSource
+    from station.procedure.base import chart_source
 
     ended = threading.Event()
     live = LiveFocus(chart_source(bits, seed).chart, PatternParameters(s, k, chosen=True), equal_steps)

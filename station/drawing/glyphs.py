@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from station.common.sanitise import printable
-
 LIMITED_TERMINALS = ("dumb", "vt", "linux", "ansi", "xterm-mono")
 """Beginnings of TERM with fonts that lack more than ASCII and a few lines."""
 
@@ -39,8 +37,3 @@ def glyphs_for(environ: Mapping[str, str], encoding: str) -> Glyphs:
     limited = environ.get("TERM", "").startswith(LIMITED_TERMINALS)
     unicode = encoding.lower().replace("-", "").startswith("utf")
     return ASCII if "NO_COLOR" in environ or limited or not unicode else UNICODE
-
-
-def visible(text: str) -> str:
-    """Text on one line, with invisible and control characters escaped; no-break spaces are kept."""
-    return "\xa0".join(map(printable, text.split("\xa0")))

@@ -144,9 +144,10 @@ class PhotographRecorder:
 
     def _path_record(self, path: ShakePath) -> dict[str, Any]:
         """The path as stored in the session; empty if the shaker has stopped meanwhile."""
+        record = dict[str, Any]()
         with self._after_exposure("the motion is not known; "):
-            return {"shake": {"began_s": self.rig.shaking_since_s(), **asdict(path)}}
-        return {}
+            record["shake"] = {"began_s": self.rig.shaking_since_s(), **asdict(path)}
+        return record
 
     def _expose_with_imu(self) -> tuple[ExposedFile, ImuBlock | None]:
         """One photograph and the IMU's samples; None where there is no IMU, or it fails."""

@@ -15,7 +15,7 @@ from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_charts, one_chart
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf, finest
-from procedures.raw import Plane
+from procedures.raw import Plane, PlaneLike, as_plane
 
 MAX_SAMPLES = 4
 """Samples of the PSF per pixel: the geometry does not improve with more."""
@@ -26,12 +26,12 @@ SUPPORT_PX = 4
 """Side of the PSF's support, in pixels."""
 
 
-def view_of(plane: Plane, chart: Chart, source: str, sighting: ChartSighting | None = None) -> Outcome[ChartView]:
+def view_of(plane: PlaneLike, chart: Chart, source: str, sighting: ChartSighting | None = None) -> Outcome[ChartView]:
     """The view of the chart in a photograph, or the reason why it gives none.
 
     Parameters
     ----------
-    plane : Plane
+    plane : Plane, or (rows, columns) array
         Linear samples; the chart may lie anywhere in it, from 60 pixels wide to the size of the frame.
     chart : Chart
         The printed cells.
@@ -45,6 +45,7 @@ def view_of(plane: Plane, chart: Chart, source: str, sighting: ChartSighting | N
     Refused
         If there is no chart in it, or one that cannot be used.
     """
+    plane = as_plane(plane)
     sighting = sighting or one_chart(find_charts(plane.samples))
     width = float(sighting.widths().max())
     factor = 1 if width <= WIDE_PX else ceil(width / REDUCED_PX)

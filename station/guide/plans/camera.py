@@ -185,8 +185,6 @@ def _whole(planes: Sequence[PlaneResult]) -> field.SessionField | None:
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
     """The files of a field, with camera and page; the result of each other part is in a folder of its own."""
-    from station.reports.field.field_files import write_planes  # it draws, a slow import
-
     whole = _whole(planes)
     parts = whole.parts if whole else {}
     head = replace(
@@ -196,7 +194,7 @@ def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[
     flats: Flats | None = parts[VIGNETTING].value if VIGNETTING in parts else None
     lights = {} if flats is None else {name: one.surface.light for name, one in _values(flats.planes).items()}
     psfs = [one for one in planes if one.name not in parts]
-    return write_planes(folder, psfs, head, whole.camera if whole else None, lights=lights, beside=beside)
+    return field.write(folder, psfs, frames, head, lights, beside)
 
 
 SHOT_FACTS = (LIT, FLAT, TURNED, VIEW)

@@ -16,11 +16,14 @@ from procedures.field.measuring import measure_frames
 from procedures.outcome import BadParameter, Outcome, Refused, Verdict
 from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.raw import RawFrame
+from procedures.vignetting.formula import LightSurface
 from procedures.whole_camera.from_field import WholeCamera, whole_camera
 from station.calibration.field import centre_result, field_pixels, field_results
 from station.calibration.planes import diffraction_limit
+from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead
+from station.results.psf_files import write_psf_result
+from station.results.record_head import PartBeside, RecordHead
 from station.results.result_files import ResultFolder
 from station.results.terms import Terms
 
@@ -105,9 +108,24 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
     return [one if one.found is None else replace(one, found=whole) for one in planes]
 
 
-def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
-    """Write the files of `station psf field` for a session."""
-    from station.reports.field.field_files import write_planes  # it draws, a slow import
+def write(
+    folder: ResultFolder,
+    planes: Sequence[PlaneResult],
+    frames: Sequence[RawFrame],
+    head: RecordHead,
+    lights: Mapping[str, LightSurface] | None = None,
+    beside: Mapping[str, PartBeside] | None = None,
+) -> str:
+    """Write the files of `station psf field` for a session, or the record of a refusal.
 
-    whole = next((one.found for one in planes if one.found is not None), None)
-    return write_planes(folder, planes, head, whole and whole.camera)
+    lights : vignetting by plane; beside : results of other parts of the session
+    """
+    # imported here: it draws, a slow import
+    from station.reports.field.field_files import FieldParts, field_measurement, page_of_field
+
+    whole: SessionField | None = next((one.found for one in planes if one.found is not None), None)
+    if whole is None:
+        return write_psf_result(folder, planes, head)
+    found = field_measurement(FieldParts(whole, whole.camera, lights or {}, beside or {}), planes, head)
+    folder.write("report.html", page_of_field(found))
+    return write_measurement(folder, found)
