@@ -6,14 +6,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from procedures.cross_check.estimate import check_edges
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
+from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.quality import CAMERA, OPERATOR, WAVELENGTHS_NM, Diffraction
 from procedures.raw import Exposure, Plane, RawFrame
 from station.calibration.sensor_models import NO_SENSOR, StoredSensor
@@ -22,9 +22,11 @@ from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
 
 if TYPE_CHECKING:
+    from procedures.pattern_psf.combine import CombinedPsf
     from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
 
 
+F = TypeVar("F", bound="PatternPsf | CombinedPsf | TwoPhotoPsf")
 Limit = Callable[[Plane], Diffraction | None]
 """The diffraction limit of a plane, None where it is not known."""
 
@@ -150,7 +152,7 @@ def plane_result(plane: Plane, outcome: Outcome[Any], exposure: Exposure | None 
     )
 
 
-def _place(plane: Plane, estimate: Any) -> str:
+def _place(plane: Plane, estimate: PatternPsf | CombinedPsf | TwoPhotoPsf) -> str:
     """Position of the chart in the frame; "" without a chart."""
     if not estimate.charts:
         return ""

@@ -1,4 +1,4 @@
-"""`station demo`: a whole simulated calibration, without a terminal."""
+"""`station demo`: a complete simulated calibration."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ WIDE = 100
 
 @click.command("demo")
 @click.option(
-    "--out", type=click.Path(path_type=Path), default="demo", show_default=True, help="Folder for everything it makes."
+    "--out", type=click.Path(path_type=Path), default="demo", show_default=True, help="Folder for the results."
 )
 @inherited("--seed", type=SEED, default=1, show_default=True, help="Seed of the camera's noise.")
 @click.option("--rendered", is_flag=True, help="Also trace light through scenes in depth, filter and photograph them.")

@@ -22,7 +22,7 @@ DISAGREES = 1
 
 @click.command("reproduce")
 @click.argument("name", required=False)
-@click.option("--full", is_flag=True, help="Also compute the rows that take long.")
+@click.option("--full", is_flag=True, help="Include the slow rows.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")
 @click.option(
     "--data",
@@ -31,10 +31,10 @@ DISAGREES = 1
     show_envvar=True,
     help="Folder of published photographs and films; without it the rows that need it are not computed.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
+@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout instead of the table.")
 @log_json_option
 def reproduce(name: str | None, full: bool, out: Path, data: Path | None, as_json: bool) -> None:
-    """Compute the papers' tables and figures again: all, or the row or chapter NAME; an unknown NAME lists them.
+    """Reproduce the papers' tables and figures: all, or the row or chapter NAME; an unknown NAME lists them.
 
     A row is "reproduced" (every value is within the paper's own claim), has the "same direction" (the order that the
     paper states holds, values differ) or is "not reproduced". Returns 1 when a row is not reproduced or none was

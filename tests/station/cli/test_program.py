@@ -80,7 +80,7 @@ def test_wrong_cells_are_exit_5(shared_data, tmp_path):
 def test_a_shaker_without_a_simulated_bench_is_usage():
     done = CliRunner().invoke(main, ["--shaker", "--plain"])
     assert done.exit_code == 2
-    assert "--shaker is of the simulated bench: give --simulate" in done.stderr
+    assert "--shaker is for the simulated bench: give --simulate" in done.stderr
 
 
 def test_unknown_command_is_usage():

@@ -149,7 +149,7 @@ def test_a_changed_number_is_reported_in_units_of_its_uncertainty(folder):
     assert f"1 of {found.numbers} numbers moved, the most mtf50_radial of G1" in done.stderr
     assert "-3 of its uncertainty" in done.stderr
     assert "plane G1 was pass, is doubtful" in done.stderr
-    assert "drawn by version" in done.stderr or "drawn by a version that was not installed" in done.stderr
+    assert "computed by version" in done.stderr or "computed by a version that was not installed" in done.stderr
 
 
 def test_photograph_that_was_altered_is_found_before_anything_is_computed(folder):

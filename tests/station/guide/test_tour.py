@@ -18,18 +18,6 @@ from . import benches
 PLACES_MM = {"near": 600.0, "middle": 640.0, "far": 680.0}
 
 
-@pytest.fixture
-def bench(tmp_path):
-    with benches.quick_bench(tmp_path) as bench:
-        yield bench
-
-
-@pytest.fixture
-def session(tmp_path, bench):
-    with benches.new_session(tmp_path, bench) as session:
-        yield session
-
-
 def tour_plan(check=lambda name, facts: Advice(True, "good"), tries=2, off_mm=0.0):
     def stop(name, place_mm):
         go = Go(lambda facts: {"z_mm": place_mm + off_mm}, lambda facts: f"going to {name}")
