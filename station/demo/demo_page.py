@@ -14,7 +14,7 @@ from station.reports.page import exposure_words, render
 from station.reports.psf_page import chart_figures, edge_rows
 
 if TYPE_CHECKING:
-    from station.demo.demo import Demonstration, DemoPhotograph, Summary
+    from station.demo.demonstration import Demonstration, DemoPhotograph, Summary
     from station.demo.truth_comparison import TruthComparison
 
 SHOWN_PLANE = "G1"
