@@ -10,7 +10,7 @@ from procedures.outcome import Outcome, Verdict, causes_of
 from station.calibration.sensor import SensorFiles, SensorPlane
 from station.guide.plans import camera
 
-FEW = "the ladder has 12 levels; the standard asks for 50"
+FEW = "the ladder has 12 levels; the standard requires 50"
 UNEVEN = Outcome(SimpleNamespace(doubt=""), Verdict.DOUBTFUL, "light differs by 14 % over the sensor")
 SHORT = Outcome(SimpleNamespace(doubt=FEW), Verdict.DOUBTFUL, FEW)
 REFUSED = Outcome(None, Verdict.REFUSED, "light must not change between pictures; it does by 5 %")
