@@ -88,7 +88,7 @@ LARGE_HEAP = 50_000
     help="Of frequencies.  [default: from --config, else cycles/pixel]  [also for: psf, mtf, serve]",
 )  # fmt: skip
 @click.pass_context
-def main(ctx: click.Context, plain: bool, plan: str | None, **lab: Any) -> None:
+def main(ctx: click.Context, /, plain: bool, plan: str | None, **lab: Any) -> None:
     """Camera calibration station: subpixel point spread functions with error bars.
 
     Without a command it opens the operator's application. An option before a command applies to it where the

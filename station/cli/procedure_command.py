@@ -146,7 +146,8 @@ def _type(one: SettingField) -> click.ParamType[Any]:
     if one.choices:
         return click.Choice(one.choices, case_sensitive=False)
     if one.kind is int:
-        return click.IntRange(*(None if bound is None else int(bound) for bound in (one.least, one.most)))
+        least, most = (None if bound is None else int(bound) for bound in (one.least, one.most))
+        return click.IntRange(least, most)
     if one.kind is float:
         return Number(min=one.least, max=one.most)
     return click.Path(path_type=Path) if one.kind is Path else click.STRING

@@ -35,9 +35,9 @@ def test_the_guide_is_gone_through_without_a_terminal_into_a_session(run, printe
     assert any(str(folder / "chart.pdf") in line["message"] for line in lines)
 
 
-def test_what_is_done_again_is_told_once_in_a_step():
-    told = []
-    teller = Teller(lambda sentence, remedy: told.append((sentence, remedy)))
+def test_a_repeated_notice_is_shown_once_per_step():
+    notices = []
+    teller = Teller(lambda sentence, remedy: notices.append((sentence, remedy)))
     step = catalogue.plan_named("pattern").steps[0]
     for event in (
         ProgressEvent("exposing"),
@@ -47,7 +47,7 @@ def test_what_is_done_again_is_told_once_in_a_step():
         ProblemEvent("no", "plug it in"),
     ):
         teller.notify(event)
-    assert told == [
+    assert notices == [
         ("  exposing", ""),
         (f"{step.title}: {step.instruction}", ""),
         ("  exposing", ""),
@@ -57,13 +57,13 @@ def test_what_is_done_again_is_told_once_in_a_step():
 
 def test_the_result_is_kept():
     teller = Teller(lambda sentence, remedy: None)
-    teller.notify(found := Result(Path("out"), {}, "pass", "", ""))
-    assert teller.result is found
+    teller.notify(ended := Result(Path("out"), {}, "pass", "", ""))
+    assert teller.result is ended
 
 
 def test_each_plane_is_one_line():
     quantity = Quantity(0.5782, "cycles/pixel", 0.0014, "MTF50", 9)
     green = PlaneResult("G1", Verdict.PASS, numbers={"mtf50_horizontal": quantity})
     planes = {"G1": green, "B": PlaneResult("B", Verdict.REFUSED, "dark")}
-    found = Result(Path("out"), planes, Verdict.REFUSED, "dark", "")
-    assert plane_lines(found) == ["G1: pass; MTF50, rows 0.5782 ± 0.0014 cycles/pixel", "B: refused"]
+    ended = Result(Path("out"), planes, Verdict.REFUSED, "dark", "")
+    assert plane_lines(ended) == ["G1: pass; MTF50, rows 0.5782 ± 0.0014 cycles/pixel", "B: refused"]
