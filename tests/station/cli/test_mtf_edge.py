@@ -76,8 +76,8 @@ def test_refusal_leaves_its_reason_and_no_table(run, picture, tmp_path):
 
 def test_the_aperture_goes_into_record_and_verdict(run, picture, tmp_path):
     # a Gaussian has no tail: an aperture that throws 2 % of a pixel is not this picture's
-    told = ("--pixel-pitch-um", "5", "--f-number", "2.8")
-    done = run("mtf", "edge", picture, "--roi", "5,5,50,70", *told, "--out", tmp_path / "out")
+    optics = ("--pixel-pitch-um", "5", "--f-number", "2.8")
+    done = run("mtf", "edge", picture, "--roi", "5,5,50,70", *optics, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert record["parameters"]["f_number"] == 2.8

@@ -73,7 +73,7 @@ def test_the_bench_sensor_is_recovered_from_raw_files(run, raw_folder, bench_sen
 
 
 @pytest.mark.slow
-def test_every_file_is_there_and_says_the_same(run, raw_folder, tmp_path):
+def test_all_files_are_written_and_agree(run, raw_folder, tmp_path):
     run("sensor", raw_folder, "--plane", "G1", "--out", tmp_path)
     record = json.loads((tmp_path / "result.json").read_text())
     gain = record["planes"]["G1"]["system_gain"]["value"]

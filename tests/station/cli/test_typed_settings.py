@@ -43,7 +43,7 @@ def test_insisting_takes_what_was_typed_and_is_in_the_record(run, estimator, pho
     assert (given["f_number"], given["trust_typed"]) == (5.6, True)
 
 
-def test_f_number_as_noted_is_taken(run, estimator, photograph, tmp_path):
+def test_f_number_of_the_metadata_is_used(run, estimator, photograph, tmp_path):
     done = run("psf", "pattern", photograph, "--f-number", 2.83, "--pixel-pitch-um", 5, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     assert "trust_typed" not in json.loads((tmp_path / "out" / "result.json").read_text())["parameters"]

@@ -19,11 +19,11 @@ REFUSED = Outcome(None, Verdict.REFUSED, "light must not change between pictures
 @pytest.fixture
 def used(monkeypatch):
     """used(planes, iso): the sensor of these planes' outcomes, for charts of that sensitivity."""
-    monkeypatch.setattr(camera, "sensor_model", lambda found, step: step)
+    monkeypatch.setattr(camera, "sensor_model", lambda model, step: step)
 
     def use(planes, iso=100.0):
-        found = [SensorPlane(name, one, (4, 4), 4.0, None) for name, one in planes.items()]
-        files = SensorFiles([], None, 100.0, found)
+        models = [SensorPlane(name, one, (4, 4), 4.0, None) for name, one in planes.items()]
+        files = SensorFiles([], None, 100.0, models)
         outcomes = {name: Outcome(files, one.verdict, one.reason) for name, one in planes.items()}
         return camera.sensor_used(outcomes, iso)
 

@@ -53,7 +53,7 @@ def test_each_request_that_moves_asks_once_with_axis_start_and_target(bench, ses
     assert operator.moved == [("home", 1)] * 2 + [("move_to", 2)] + [("move_to", 3)] * 4
 
 
-def test_where_the_operator_says_no_nothing_moves(bench, session):
+def test_without_consent_nothing_moves(bench, session):
     operator = Watchful(bench, {MOVE: False})
     Run(benches.short_plan(), bench, session, operator).go()
     assert operator.questions

@@ -42,7 +42,7 @@ def troubles(operator):
     return [reason for reason in reasons if "Given:" in reason]
 
 
-def test_a_number_that_contradicts_the_photograph_is_asked_again_and_derived_facts_are_dropped(bench, session):
+def test_a_number_contradicting_the_photograph_repeats_its_question_and_drops_derived_facts(bench, session):
     session.learn({"width": 4.0, "area": 16.0})
     answers = iter([4.0, 5.0])
     operator = ScriptedOperator({"width": lambda ask: next(answers), "contradiction": CORRECT})

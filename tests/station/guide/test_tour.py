@@ -55,7 +55,7 @@ def test_advice_of_the_check_is_carried_out_before_the_next_try(bench, session):
     assert {ask.key for ask in operator.asked} <= {"move"}  # only the approvals of moves
 
 
-def test_without_axes_the_operator_is_asked_to_move(bench, session):
+def test_without_axes_the_operator_moves_the_camera(bench, session):
     go = Go(lambda facts: {}, lambda facts: "Turn the camera to the left.")
     stops = [TourStop("left", go, lambda frame, facts: Advice(True, "good"))]
     plan = Plan("short", "A tour", (Step("tour", "Tour", "Go.", (Tour(lambda facts: stops),)),))
