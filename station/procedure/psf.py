@@ -85,7 +85,8 @@ class PsfProcedure(Procedure[P]):
         pixels = settings.pixels(frames[0])
         planes = [terms.told(one, pixels[one.name]) for one in results]
         given = {**asked, **settings.given()}
-        head = RecordHead(self.record_name, files_read(frames), {**given, **terms.parameters()}, terms.specified(planes))
+        parameters = {**given, **terms.parameters()}
+        head = RecordHead(self.record_name, files_read(frames), parameters, terms.specified(planes))
         found = PsfPhotographs(tuple(frames), given)
         return replace(psf_measurement(planes, head), exposure=frames[0].exposure, terms=terms, found=found)
 
