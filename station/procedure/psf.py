@@ -84,9 +84,10 @@ class PsfProcedure(Procedure[P]):
         """The results in the requested terms; `asked` are the parameters of the estimate."""
         pixels = settings.pixels(frames[0])
         planes = [terms.told(one, pixels[one.name]) for one in results]
-        told = {**asked, **settings.given()}
-        head = RecordHead(self.record_name, files_read(frames), {**told, **terms.parameters()}, terms.specified(planes))
-        found = PsfPhotographs(tuple(frames), told)
+        given = {**asked, **settings.given()}
+        parameters = {**given, **terms.parameters()}
+        head = RecordHead(self.record_name, files_read(frames), parameters, terms.specified(planes))
+        found = PsfPhotographs(tuple(frames), given)
         return replace(psf_measurement(planes, head), exposure=frames[0].exposure, terms=terms, found=found)
 
     def draws(self, found: Measurement) -> bool:

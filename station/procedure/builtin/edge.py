@@ -109,12 +109,12 @@ class SlantedEdge(Procedure[EdgeSettings]):
 
 def _words(record: EdgeRecord, outcome: EdgeOutcome) -> str:
     """Place, verdict, direction and MTF50 of an edge."""
-    roi, edge, told = outcome.roi, outcome.value, record.result
+    roi, edge, result = outcome.roi, outcome.value, record.result
     place = "" if roi is None else f" at {roi.x},{roi.y},{roi.width},{roi.height}"
     words = f"{record.name}{place}: {measurement_words(outcome.verdict)}, {orientation(outcome.turned)}"
     if edge is None or EDGE_MTF50 not in edge.numbers:
         return f"{words}; {outcome.reason}"
-    mtf50 = told_quantity(edge.numbers[EDGE_MTF50], told.unit, told.factor)
+    mtf50 = told_quantity(edge.numbers[EDGE_MTF50], result.unit, result.factor)
     angle = edge.numbers[EDGE_ANGLE].value
     return f"{words}, {angle:.2f} degrees; MTF50 {stated(mtf50.value, mtf50.uncertainty)} {mtf50.unit}"
 

@@ -67,12 +67,12 @@ class Sensor(Procedure[SensorSettings]):
         missed: list[Miss] = []
         shots, plane = find_shots(paths[0], missed.append), upper_plane(settings.plane)
 
-        def heard(pictures: Iterator[Path]) -> Iterator[Path]:
+        def reported(pictures: Iterator[Path]) -> Iterator[Path]:
             for path in pictures:
                 yield path
                 progress(f"read {path}")
 
-        found = measure_sensor(shots, plane, heard, missed=missed)
+        found = measure_sensor(shots, plane, reported, missed=missed)
         head = RecordHead(self.name, tuple(found.files), {"folder": str(paths[0]), "plane": plane or "all"})
         return sensor_measurement(found, head).compared(terms)
 
