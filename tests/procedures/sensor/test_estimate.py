@@ -11,6 +11,7 @@ from scipy.stats import norm
 from procedures.outcome import Verdict
 from procedures.sensor.estimate import SensorResult, characterise, sensor_model
 from procedures.sensor.photon_transfer import gain_and_noise
+from procedures.sensor.signal_to_noise import linear_snr, total_snr
 from procedures.sensor.uniformity import spatial_variances
 
 from .known_sensor import SHARES, KnownSensor
@@ -163,6 +164,19 @@ def test_common_noise_of_rows_is_not_their_pattern():
     number = characterised(KnownSensor(rows=120, columns=120, row_noise_e=20.0), shares=FEWER).numbers["dsnu_row_dn"]
     # the pattern's random row averages are 1.5 DN / sqrt(120)
     assert number.low <= 1.5 / 120**0.5
+
+
+def test_signal_to_noise_ratios_are_those_of_the_parameters():
+    sensor = KnownSensor(rows=120, columns=120, prnu=0.02)
+    result = characterised(sensor, shares=FEWER)
+    e = np.array([900.0, 30_000.0])
+    variance = e + sensor.dark_noise_e**2 + 1 / 12 / sensor.gain**2
+    fixed = (sensor.dsnu_dn / sensor.gain) ** 2 + (sensor.prnu * e) ** 2
+    light = e / sensor.efficiency
+    # gain and dark noise are known to per cents
+    np.testing.assert_allclose(linear_snr(result.transfer, light), e / np.sqrt(variance), rtol=0.03)
+    total = total_snr(result.transfer, result.numbers, light)
+    np.testing.assert_allclose(total, e / np.sqrt(variance + fixed), rtol=0.03)
 
 
 def test_general_model_agrees_with_the_linear_one_on_a_linear_sensor():

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from procedures.facts import facts_as
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
-from procedures.sensor.facts import LIT
+from procedures.sensor.facts import LIT, SensorFacts
 from procedures.sensor.plan import TRIAL_LEVEL, check_panel, check_picture, ladder
 
 HASH = "abcdef0123456789" * 4
@@ -48,6 +49,7 @@ def test_the_light_of_a_picture_is_recorded():
     advice = check_picture(0.5, frame(0.3), BY_PANEL)
     assert advice.good
     assert advice.facts == {LIT + HASH[:16]: 0.5}
+    assert facts_as(SensorFacts, advice.facts).lit == {HASH[:16]: 0.5}
 
 
 @pytest.mark.parametrize(
