@@ -56,7 +56,7 @@ from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
 from procedures.sensor_model import SensorModel
-from procedures.sharpening.paper import measure_noise
+from procedures.corruption.paper import measure_noise
 
 Array = npt.NDArray[np.float64]
 

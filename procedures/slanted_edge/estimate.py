@@ -9,7 +9,6 @@ anew for the uncertainty.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -20,11 +19,12 @@ from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF_NYQU
 from procedures.outcome import Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.quality import Diffraction
 from procedures.raw import Plane
+from procedures.slanted_edge.corruptions import corruption_checks, examine, modes_of
 from procedures.slanted_edge.edge_line import Course, find_course
 from procedures.slanted_edge.find import EdgeSighting, edge_listed, find_edges
 from procedures.slanted_edge.profile import Profile, edge_profile
 from procedures.slanted_edge.refinement import refine_course
-from procedures.slanted_edge.resampling import expected_noise, resampled_mtf
+from procedures.slanted_edge.resampling import expected_noise, resampled_mtf, with_modes
 from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
@@ -36,9 +36,6 @@ WIDENINGS = (3.2, 1.8, 1.0)
 """Windows tried, the widest first."""
 SURE = 0.008
 """Relative uncertainty of MTF50 up to which a wide window is worth its noise."""
-REPEATED, REPEATED_AT = 0.005, 0.8
-"""What four bins to a pixel repeat from above their limit: a standard uncertainty of half a per cent at 0.8 cycles per
-pixel, growing with the fourth power of the frequency, as edges of known transfer functions show."""
 MOST_FALL = 0.9
 """Share of the drawn curves that must fall to a level for its frequency to be told."""
 METHOD = "ISO 12233:2023 e-SFR, four bins to a pixel; uncertainty by drawing rows anew"
@@ -167,8 +164,15 @@ def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
     draws = resampled_mtf(profile)
     mtf50 = float(frequency_at(mtf, 0.5))
     uncertainty = float(np.nanstd(frequency_at(draws, 0.5))) if np.isfinite(mtf50) else np.inf
-    outcome: Outcome[EdgeMtf] = verdict_of(checks_of(course, profile, mtf50, uncertainty, raw=strip.raw))
-    return outcome.of_value(None if outcome.verdict is Verdict.REFUSED else _result(strip, course, profile, mtf, draws))
+    evidence = examine(strip, course, profile)
+    modes = modes_of(evidence, profile, mtf, raw=strip.raw)
+    checks = checks_of(course, profile, mtf50, uncertainty, raw=strip.raw)
+    outcome: Outcome[EdgeMtf] = verdict_of(
+        [*checks, *corruption_checks(evidence, modes, np.std(draws, axis=0), strip.raw)]
+    )
+    if outcome.verdict is Verdict.REFUSED:
+        return outcome.of_value(None)
+    return outcome.of_value(_result(strip, course, profile, mtf, with_modes(draws, modes.values())))
 
 
 def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
@@ -234,8 +238,7 @@ def _numbers(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: 
         value, drawn_at = float(frequency_at(mtf, level / 100)), frequency_at(draws, level / 100)
         if np.isfinite(value) and np.isfinite(drawn_at).mean() > MOST_FALL:
             drawn = float(np.nanstd(drawn_at))
-            spread = math.hypot(drawn, REPEATED * value * (value / REPEATED_AT) ** 4)
-            numbers[EDGE_CROSSINGS[level]] = Quantity(value, CYCLES, spread, METHOD, n)
+            numbers[EDGE_CROSSINGS[level]] = Quantity(value, CYCLES, drawn, METHOD, n)
     nyquist = int(np.searchsorted(FREQUENCIES, 0.5))
     numbers[EDGE_MTF_NYQUIST] = Quantity(float(mtf[nyquist]), "1", float(np.std(draws[:, nyquist])), METHOD, n)
     rows = len(strip.samples)

@@ -119,6 +119,44 @@ def find_sharpening(variograms: Sequence[Variogram]) -> Sharpening:
     return Sharpening(float(AMOUNTS[j]), RADII[i], float(np.sqrt(gain[i, j])), uncertainty)
 
 
+@dataclass(frozen=True)
+class MaskScore:
+    """Amount of an unsharp mask of one radius from the correlations of noise, linear in the amount.
+
+    Positive correlations, of smoothing, give negative amounts.
+    """
+
+    radius_px: float
+    amount: float
+    uncertainty: float
+
+    @property
+    def score(self) -> float:
+        """The amount over its uncertainty."""
+        return self.amount / self.uncertainty
+
+
+def mask_scores(variograms: Sequence[Variogram], radii: Sequence[float]) -> list[MaskScore]:
+    """Score of a mask of each radius in the noise of several fields; without pairs, amounts of infinite uncertainty.
+
+    To first order an amount a of radius r gives white noise the correlation -2 a g(lag), g a Gaussian of unit volume.
+    A constant absorbs slow variation.
+    """
+    known = [one for one in variograms if one.pairs.min() >= MIN_PAIRS and one.half_square.min() > 0]
+    scores = []
+    for radius in radii:
+        masked = -np.exp(-(LAG_X**2 + LAG_Y**2) / (2 * radius**2)) / (np.pi * radius**2)
+        product = information = 0.0
+        for one in known:
+            centred = masked - np.average(masked, weights=one.pairs)
+            product -= float(np.sum(one.pairs * centred * one.half_square / np.average(one.half_square, weights=one.pairs)))
+            information += float(np.sum(one.pairs * centred**2))
+        scores.append(
+            MaskScore(radius, product / information, information**-0.5) if information else MaskScore(radius, 0.0, np.inf)
+        )
+    return scores
+
+
 def _nuisance_columns(residual: bool) -> Array:
     """Nuisance columns (l, 2 or 3) of the correlations."""
     square = LAG_X**2 + LAG_Y**2
