@@ -15,7 +15,7 @@ from statistics import NormalDist
 from procedures.outcome import Check, Verdict
 from procedures.raw import UNLIKELY_IN_RAW, unprocessed
 
-FALSE_ALARM = 0.001
+FALSE_ALARM = 0.003
 """Probability that a test fails on a photograph without the corruption."""
 
 
@@ -26,51 +26,54 @@ class Corruption:
     Attributes
     ----------
     name : str
-        Its term in a budget, and its check.
+        Its check, and its term in a budget.
     sentence : str
-        What the photograph shows of it.
-    remedy : str
-    processing : bool
-        Whether it is made by a program, not by optics, print or motion: then RAW files hardly have it.
+        What the photograph shows of it; `{}` is the evidence.
+    remedy, raw_remedy : str
+        Of a picture, and of a RAW file.
+    prior_in_raw : float
+        How likely it is in a RAW file, relative to a picture.
     """
 
     name: str
     sentence: str
     remedy: str
-    processing: bool = False
+    raw_remedy: str
+    prior_in_raw: float = 1.0
 
-    def check(self, score: float, detail: str = "", *, raw: bool, places: int = 1, given: bool = True) -> Check:
-        """The test of this corruption by its score; `detail` is put into the sentence."""
-        return Check(
-            self.name, score, threshold(places), Verdict.DOUBTFUL,
-            self.sentence.format(detail or f"{score:.1f} standard uncertainties"),
-            unprocessed(raw, self.remedy) if self.processing else self.remedy,
-            given=given, prior=UNLIKELY_IN_RAW if raw and self.processing else 1.0,
-        )  # fmt: skip
+    def check(self, score: float, evidence: str = "", *, raw: bool, places: int = 1) -> Check:
+        """The test by its score, the largest of those at so many places; a score of NaN does not fail."""
+        sentence = self.sentence.format(evidence or f"{score:.1f} standard uncertainties")
+        remedy, prior = (self.raw_remedy, self.prior_in_raw) if raw else (self.remedy, 1.0)
+        return Check(self.name, score, threshold(places), Verdict.DOUBTFUL, sentence, remedy, prior=prior)
 
 
-TAKE_RAW = "take the RAW file: processing is no property of the lens"
-SHARPENED = Corruption(
-    "sharpening", "the noise of neighbouring pixels is anticorrelated ({}): the photograph was sharpened", TAKE_RAW, True
+def _processing(name: str, sentence: str) -> Corruption:
+    """One that a program makes, or hardly ever a camera in its RAW files."""
+    remedy = "take the RAW file: processing is no property of the lens"
+    return Corruption(name, sentence, remedy, unprocessed(True, ""), UNLIKELY_IN_RAW)
+
+
+SHARPENED = _processing(
+    "sharpening", "the noise of neighbouring pixels is anticorrelated ({}): the photograph was sharpened"
 )
-SMOOTHED = Corruption(
-    "smoothing", "the noise of neighbouring pixels is correlated ({}): the photograph was denoised, resampled or "
-    "demosaicked", TAKE_RAW, True,
-)  # fmt: skip
-TONE_CURVE = Corruption(
-    "tone curve", "the noise is less in the bright than in the dark ({}), as a tone curve makes it", TAKE_RAW, True
+SMOOTHED = _processing(
+    "smoothing",
+    "the noise of neighbouring pixels is correlated ({}): the photograph was denoised, resampled or demosaicked",
 )
-NEGATIVE_LIGHT = Corruption(
-    "negative light", "{}, and no light is negative: the photograph was sharpened", TAKE_RAW, True
-)
+TONE_CURVE = _processing("tone", "the bright side has less noise than the dark one ({}), as a tone curve makes it")
+OVERSHOOT = _processing("overshoot", "{}, and no light is negative: the photograph was sharpened")
 SCATTER = Corruption(
-    "scatter", "the edge scatters by {} more than the noise of its plains explains: it is rough or vibrated, or a filter "
-    "smoothed the plains", "take a cut edge or a finer print, keep the camera still, and take the RAW file",
-)  # fmt: skip
+    "scatter",
+    "the edge scatters by {} more than the noise of its plains explains: it is rough or moved, or a filter spared it",
+    "take a cut edge or a finer print, keep the camera still, and take the RAW file",
+    "take a cut edge or a finer print, and keep the camera still",
+)
 VEIL = Corruption(
-    "veil", "light is scattered farther than the plains reach ({})",
-    "keep stray light away, clean the lens, or give a wider region",
-)  # fmt: skip
+    "veil",
+    "light is scattered farther than the plains reach ({})",
+    *2 * ("keep stray light away, clean the lens, or give a wider region",),
+)
 
 
 def threshold(places: int = 1) -> float:
@@ -88,6 +91,6 @@ def nuisance(estimate: float, uncertainty: float, prior: float) -> float:
     share = prior**2 / (prior**2 + uncertainty**2)
     mean, spread = estimate * share, uncertainty * math.sqrt(share)
     normal, at = NormalDist(), mean / spread
-    if at < -8:  # far on the wrong side the posterior falls as an exponential of this length
+    if at < -5:  # far on the wrong side the posterior falls as an exponential of length spread / -at
         return math.sqrt(2) * spread / -at
     return math.sqrt(mean**2 + spread**2 + mean * spread * normal.pdf(at) / normal.cdf(at))

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from procedures.budget import with_convergence, with_parts
 from procedures.choice import FINEST, START_S, Trial, choose, remaining_change
+from procedures.corruption.paper import measure_noise
 from procedures.numbers import (
     GAMMA,
     GAMMA_BOUND,
@@ -56,7 +57,6 @@ from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
 from procedures.sensor_model import SensorModel
-from procedures.corruption.paper import measure_noise
 
 Array = npt.NDArray[np.float64]
 

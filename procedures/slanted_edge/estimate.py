@@ -15,16 +15,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from procedures.budget import Budget, combined
 from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF_NYQUIST, LEVELS
 from procedures.outcome import Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.quality import Diffraction
 from procedures.raw import Plane
-from procedures.slanted_edge.corruptions import corruption_checks, examine, modes_of
+from procedures.slanted_edge.corruptions import corruption_checks, modes_of
 from procedures.slanted_edge.edge_line import Course, find_course
+from procedures.slanted_edge.evidence import examine
 from procedures.slanted_edge.find import EdgeSighting, edge_listed, find_edges
 from procedures.slanted_edge.profile import Profile, edge_profile
 from procedures.slanted_edge.refinement import refine_course
-from procedures.slanted_edge.resampling import expected_noise, resampled_mtf, with_modes
+from procedures.slanted_edge.resampling import expected_noise, resampled_mtf
 from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
@@ -38,6 +40,7 @@ SURE = 0.008
 """Relative uncertainty of MTF50 up to which a wide window is worth its noise."""
 MOST_FALL = 0.9
 """Share of the drawn curves that must fall to a level for its frequency to be told."""
+NYQUIST = int(np.searchsorted(FREQUENCIES, 0.5))
 METHOD = "ISO 12233:2023 e-SFR, four bins to a pixel; uncertainty by drawing rows anew"
 
 
@@ -60,6 +63,8 @@ class EdgeMtf:
         Cycles per pixel of the plane along the edge's normal, moduli, their standard uncertainties.
     numbers : mapping of str to Quantity
         mtf50, mtf30, mtf20, mtf10, mtf_nyquist, angle (from the nearest axis).
+    budgets : mapping of str to Budget
+        Terms of each number's uncertainty: the noise, the bins, and each corruption that could not be excluded.
     normal_deg : float
         Direction of the normal, from x towards y, -90 to 90.
     order : int
@@ -77,6 +82,7 @@ class EdgeMtf:
     mtf: Array
     uncertainty: Array
     numbers: Mapping[str, Quantity]
+    budgets: Mapping[str, Budget]
     normal_deg: float
     order: int
     course: Array
@@ -164,15 +170,13 @@ def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
     draws = resampled_mtf(profile)
     mtf50 = float(frequency_at(mtf, 0.5))
     uncertainty = float(np.nanstd(frequency_at(draws, 0.5))) if np.isfinite(mtf50) else np.inf
-    evidence = examine(strip, course, profile)
+    evidence = examine(strip, course, profile, mtf)
     modes = modes_of(evidence, profile, mtf, raw=strip.raw)
-    checks = checks_of(course, profile, mtf50, uncertainty, raw=strip.raw)
-    outcome: Outcome[EdgeMtf] = verdict_of(
-        [*checks, *corruption_checks(evidence, modes, np.std(draws, axis=0), strip.raw)]
-    )
+    checks = checks_of(course, profile, mtf50, uncertainty)
+    outcome: Outcome[EdgeMtf] = verdict_of([*checks, *corruption_checks(evidence, raw=strip.raw)])
     if outcome.verdict is Verdict.REFUSED:
         return outcome.of_value(None)
-    return outcome.of_value(_result(strip, course, profile, mtf, with_modes(draws, modes.values())))
+    return outcome.of_value(_result(strip, course, profile, mtf, draws, modes))
 
 
 def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
@@ -194,18 +198,23 @@ def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
     return profile, mtf
 
 
-def _result(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: Array) -> EdgeMtf:
+def _result(
+    strip: Strip, course: Course, profile: Profile, mtf: Array, draws: Array, modes: Mapping[str, Array]
+) -> EdgeMtf:
     slope = course.mean_slope
     tilt = float(np.degrees(np.arctan(slope)))
     # the normal of x = slope y is (1, -slope); turned, x and y change places
     normal = (90.0 - abs(tilt)) * (-1 if slope > 0 else 1) if strip.turned else -tilt
+    numbers = _numbers(strip, course, profile, mtf, draws)
+    budgets = {name: {"noise": one.uncertainty} | _by_modes(one, mtf, modes) for name, one in numbers.items()}
     return EdgeMtf(
         roi=strip.roi,
         turned=strip.turned,
         frequencies=FREQUENCIES,
         mtf=mtf,
-        uncertainty=np.std(draws, axis=0),
-        numbers=_numbers(strip, course, profile, mtf, draws),
+        uncertainty=np.sqrt(np.var(draws, axis=0) + sum(mode**2 for mode in modes.values())),
+        numbers={name: replace(one, uncertainty=combined(budgets[name])) for name, one in numbers.items()},
+        budgets=budgets,
         normal_deg=normal,
         order=course.order,
         course=_points(strip, course),
@@ -224,6 +233,16 @@ def _result(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: A
     )
 
 
+def _by_modes(number: Quantity, mtf: Array, modes: Mapping[str, Array]) -> dict[str, float]:
+    """Change of a number by one standard deviation of each mode of the curve."""
+    if number.unit == "1":
+        return {name: abs(float(mode[NYQUIST])) for name, mode in modes.items()}
+    if number.unit != CYCLES:
+        return {}
+    slope = np.interp(number.value, FREQUENCIES, np.gradient(mtf, FREQUENCIES))
+    return {name: abs(float(np.interp(number.value, FREQUENCIES, mode) / slope)) for name, mode in modes.items()}
+
+
 def _points(strip: Strip, course: Course) -> Array:
     """The edge's course in the plane, (n, 2)."""
     across, along = course.at(strip.along), np.arange(len(strip.samples))
@@ -239,8 +258,7 @@ def _numbers(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: 
         if np.isfinite(value) and np.isfinite(drawn_at).mean() > MOST_FALL:
             drawn = float(np.nanstd(drawn_at))
             numbers[EDGE_CROSSINGS[level]] = Quantity(value, CYCLES, drawn, METHOD, n)
-    nyquist = int(np.searchsorted(FREQUENCIES, 0.5))
-    numbers[EDGE_MTF_NYQUIST] = Quantity(float(mtf[nyquist]), "1", float(np.std(draws[:, nyquist])), METHOD, n)
+    numbers[EDGE_MTF_NYQUIST] = Quantity(float(mtf[NYQUIST]), "1", float(np.std(draws[:, NYQUIST])), METHOD, n)
     rows = len(strip.samples)
     angle = float(np.degrees(np.arctan(abs(course.mean_slope))))
     spread = float(np.degrees(course.slope_uncertainty / (1 + course.mean_slope**2)))

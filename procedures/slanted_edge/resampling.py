@@ -6,8 +6,6 @@ are drawn with random weights (the Bayesian bootstrap), not zero or more times: 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 import numpy.typing as npt
 
@@ -47,12 +45,6 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
     own = mtf_of(profile.esf, np.asarray(profile.tail), profile.flat_px, profile.end_px)
     m = max(float(np.mean(profile.counts.sum(axis=0)[profile.counts.sum(axis=0) > 0])), 2.0)
     return np.asarray(own + (drawn - own) * noise_gain() * np.sqrt((m + 1) / (m - 1)))
-
-
-def with_modes(draws: Array, modes: Iterable[Array]) -> Array:
-    """Drawn MTFs (draws, f) with independent modes (f,) added, each of a standard normal strength."""
-    rng = np.random.default_rng(SEED + 1)
-    return np.asarray(draws + sum(rng.standard_normal((len(draws), 1)) * mode for mode in modes))
 
 
 def expected_noise(profile: Profile, mtf50: float) -> float:

@@ -30,7 +30,7 @@ sys.path.insert(0, str(ROOT))
 
 import cv2  # noqa: E402  (one thread must be asked for before numpy loads)
 import numpy as np  # noqa: E402
-from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates  # noqa: E402
+from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, spline_filter  # noqa: E402
 from scipy.stats import beta  # noqa: E402
 
 from procedures.raw import Plane  # noqa: E402
@@ -40,6 +40,8 @@ from procedures.slanted_edge.strip import Roi  # noqa: E402
 Array = np.ndarray
 Rng = np.random.Generator
 
+SHARPEST = 0.8
+"""Greatest MTF50 of a lens, in cycles per pixel of the plane: an edge's MTF ends at 1."""
 FAR, SHIFTED = 3.0, 0.03
 """Stated uncertainties beyond which a pass is wrong; shift of MTF50 from which a corruption counts."""
 CURVE = np.arange(0.05, 0.51, 0.05)
@@ -70,7 +72,7 @@ class Lens:
         """At frequencies in cycles/pixel."""
         lens = _pupil_otf(self.defocus, self.spherical, self.coma, self.obstruction)
         at = [np.ravel(f) / self.cutoff * (PUPIL / 2) + PUPIL for f in (fy, fx)]
-        parts = [map_coordinates(part, at, order=3, mode="constant").reshape(np.shape(fx)) for part in lens]
+        parts = [map_coordinates(part, at, mode="mirror", prefilter=False).reshape(np.shape(fx)) for part in lens]
         pixel = np.sinc(self.fill * fx) * np.sinc(self.fill * fy)
         square = 2 * np.pi**2 * (fx * fx + fy * fy)
         veil = 1 + self.veil * (np.exp(-square * self.veil_px**2) - 1)
@@ -89,23 +91,22 @@ class Lens:
         return float(np.interp(0.5, mtf[[i, i - 1]], f[[i, i - 1]]))
 
 
-PUPIL = 256
-"""Samples across the pupil's grid, of which the pupil itself takes half."""
+PUPIL = 512
+"""Half the samples across the pupil's grid, and twice those across the pupil itself."""
 
 
 @cache
 def _pupil_otf(defocus: float, spherical: float, coma: float, obstruction: float) -> tuple[Array, Array]:
-    """Real and imaginary part of the pupil's autocorrelation, (2 PUPIL, 2 PUPIL); the cutoff lies PUPIL / 2 from 0."""
-    v, u = np.mgrid[-PUPIL:PUPIL, -PUPIL:PUPIL] / (PUPIL / 4)
+    """Splines of the pupil's autocorrelation, (2 PUPIL, 2 PUPIL): real, imaginary; the cutoff is PUPIL / 2 from 0."""
+    v, u = (np.mgrid[-PUPIL:PUPIL, -PUPIL:PUPIL] + 0.5) / (PUPIL / 4)
     r2 = u * u + v * v
-    inside = np.clip((1 - np.sqrt(r2)) * PUPIL / 4 + 0.5, 0, 1)
-    inside *= np.clip((np.sqrt(r2) - obstruction) * PUPIL / 4 + 0.5, 0, 1) if obstruction else 1.0
+    inside = (r2 < 1) & (r2 >= obstruction**2)  # grey borders would take light from f = 0 alone
     wave = defocus * r2 + spherical * (r2 * r2 - r2) + coma * (r2 - 2 / 3) * u
     pupil = inside * np.exp(2j * np.pi * wave)
     spectrum = np.abs(np.fft.fft2(pupil)) ** 2
     otf = np.fft.fftshift(np.fft.ifft2(spectrum))
     otf = otf / otf[PUPIL, PUPIL]
-    return np.ascontiguousarray(otf.real), np.ascontiguousarray(otf.imag)
+    return spline_filter(otf.real, mode="mirror"), spline_filter(otf.imag, mode="mirror")
 
 
 def draw_lens(rng: Rng) -> Lens:
@@ -214,8 +215,11 @@ class Photograph:
 def photograph(seed: int, corruption: Corruption, *, source: str) -> Photograph:
     """The case of a seed; `source` is "raw" (a monochrome sensor), "bayer" (every second pixel) or "grey" (a file)."""
     rng = np.random.default_rng(seed)
-    lens, pose, noise = replace(draw_lens(rng), **corruption.lens), draw_pose(rng), draw_noise(rng)
     pitch = 2 if source == "bayer" else 1
+    pose, noise = draw_pose(rng), draw_noise(rng)
+    while (lens := draw_lens(rng)).mtf50(0.0) * pitch > SHARPEST:
+        pass
+    lens = replace(lens, **corruption.lens)
     rows, columns = pose.rows * pitch, pose.columns * pitch
     y, x = np.mgrid[:rows, :columns].astype(float)
     lean = np.radians(pose.angle_deg)
@@ -229,7 +233,7 @@ def photograph(seed: int, corruption: Corruption, *, source: str) -> Photograph:
         light = corruption.light(light, d, pose)
     electrons = np.maximum(light, 0) * noise.white_e
     prnu = 1 + noise.prnu * rng.standard_normal(light.shape)
-    signal = (rng.poisson(electrons * np.maximum(prnu, 0)) + noise.read_e * rng.standard_normal(light.shape))
+    signal = rng.poisson(electrons * np.maximum(prnu, 0)) + noise.read_e * rng.standard_normal(light.shape)
     picture = signal / noise.white_e
     bits = noise.bits if source == "grey" else 14
     steps = 2**bits - 1
@@ -283,10 +287,8 @@ def demosaicked(x: Array, noise: float, rng: Rng) -> Array:
 
 
 def enlarged(factor: float, how: int) -> Corruption:
-    size = lambda n: int(round(n * factor))  # noqa: E731
     return Corruption(
-        process=lambda x, noise, rng: cv2.resize(x, (size(x.shape[1]), size(x.shape[0])), interpolation=how),
-        scale=factor,
+        process=lambda x, noise, rng: cv2.resize(x, None, fx=factor, fy=factor, interpolation=how), scale=factor
     )
 
 
@@ -294,7 +296,10 @@ def resampled(scale: float, shift_px: float, how: int) -> Corruption:
     def process(x: Array, noise: float, rng: Rng) -> Array:
         y, column = np.indices(x.shape).astype(np.float32)
         return cv2.remap(
-            x, column * np.float32(scale) + np.float32(shift_px), y * np.float32(scale) + np.float32(shift_px), how,
+            x,
+            column * np.float32(scale) + np.float32(shift_px),
+            y * np.float32(scale) + np.float32(shift_px),
+            how,
             borderMode=cv2.BORDER_REFLECT,
         )
 
@@ -316,9 +321,7 @@ def nl_means(strength: float) -> Corruption:
 
 
 def median_blend(share: float) -> Corruption:
-    return Corruption(
-        process=lambda x, noise, rng: (1 - share) * x + share * cv2.medianBlur(x.astype(np.float32), 3)
-    )
+    return Corruption(process=lambda x, noise, rng: (1 - share) * x + share * cv2.medianBlur(x.astype(np.float32), 3))
 
 
 def wavelet(noises: float) -> Corruption:
