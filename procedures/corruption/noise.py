@@ -159,7 +159,10 @@ def mask_scores(
     if not known:
         return [MaskScore(radius, 0.0, np.inf) for radius in radii]
     columns = np.stack([np.ones(len(LAG_X)), *nuisances, *(_first_order(radius) for radius in radii)], axis=1)
-    normal, right = columns.T @ (columns * sum(one.pairs for one in known)[:, None]), np.zeros(columns.shape[1])
+    normal, right = (
+        columns.T @ (columns * np.sum([one.pairs for one in known], axis=0)[:, None]),
+        np.zeros(columns.shape[1]),
+    )
     for one in known:
         right += columns.T @ (one.pairs * (1 - one.half_square / np.average(one.half_square, weights=one.pairs)))
     free, scores = 1 + len(nuisances), []

@@ -176,7 +176,8 @@ def _binned(samples: _Samples) -> tuple[Array, Array, Array]:
     K = int(np.abs(d).max() * BINS) + 1
     bins = np.floor(d * BINS).astype(int) + K
     count = np.bincount(bins, minlength=2 * K).astype(np.float64)
-    return (np.arange(-K, K) + 0.5) / BINS, np.bincount(bins, samples.value[samples.inside], minlength=2 * K), count
+    total = np.bincount(bins, samples.value[samples.inside], minlength=2 * K).astype(np.float64)
+    return (np.arange(-K, K) + 0.5) / BINS, total, count
 
 
 def _fall(samples: _Samples) -> tuple[float, int]:
@@ -210,7 +211,8 @@ def _halo(samples: _Samples, profile: Profile) -> MaskScore:
     esf = np.where(inside, np.interp(wide, profile.centres, profile.esf), (wide > 0) - profile.tail / wide)
     mask = (esf - gaussian_filter1d(esf, HALO_PX * BINS))[reach:-reach]
     d = x[kept]
-    base = np.where(d < 0, *profile.light[:2]) / profile.contrast
+    dark, bright = profile.light[:2] / profile.contrast
+    base = np.where(d < 0, dark, bright)
     columns = np.column_stack([d < 0, d > 0, -1 / d, 1 / d**2, base * d * LIGHT_UNITS[3], mask[kept]])
     weight = np.sqrt(count[kept] / np.where(d < 0, *samples.variances))[:, None]
     covariance = np.linalg.pinv((columns * weight).T @ (columns * weight))

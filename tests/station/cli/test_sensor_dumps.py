@@ -34,11 +34,12 @@ def test_edge_of_a_dump_is_that_of_the_same_picture_in_a_file(run, levels, dump,
     for name, words in (("file", (picture,)), ("dump", (dump, "--raw", LAYOUT))):
         done = run("mtf", "edge", *words, "--out", tmp_path / name)
         assert done.exit_code == 0, done.output
-        found.append(json.loads((tmp_path / name / "result.json").read_text())["planes"]["Y"])
-    file, dump_of_it = (
-        {name: one["value"] for name, one in plane["edges"][0].items() if name.startswith("mtf")} for plane in found
-    )
-    assert dump_of_it == file
+        found.append(json.loads((tmp_path / name / "result.json").read_text()))
+    # a picture's numbers are as good as those of a dump, and less sure by what a program may have done to it
+    for number in ("mtf50", "mtf20", "mtf_nyquist"):
+        of_file, of_dump = (one["planes"]["Y"][number] for one in found)
+        assert of_file["value"] == of_dump["value"]
+        assert of_file["uncertainty"] > of_dump["uncertainty"]
     assert found[1]["parameters"]["raw"] == LAYOUT
 
 
