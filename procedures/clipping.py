@@ -71,15 +71,15 @@ def find_clipping(
     values = values[np.isfinite(values)]
     if not len(values):
         return Clipping(0.0, 0.0)
-    step = _step(values, quantisation)
+    step = step_of(values, quantisation)
     nominal = float(np.mean(values >= NOMINAL))
     white = _clipped_share(values, step, dark_noise, MIN_DARK_NOISE, of_edge)
     black = _clipped_share(-values, step, bright_noise, MIN_BRIGHT_NOISE, of_edge)
     return Clipping(black, max(white, nominal))
 
 
-def _step(values: Array, quantisation: float) -> float:
-    """Distance of adjacent values; more than `quantisation` where the bit depth was increased."""
+def step_of(values: Array, quantisation: float) -> float:
+    """Distance of adjacent values (n,); more than `quantisation` where the bit depth was increased."""
     levels = distinct(values[:: max(1, len(values) // MAX_STEP_SAMPLES)])
     return max(quantisation, quantile(np.diff(levels), 0.1) if len(levels) > 1 else 0.0)
 

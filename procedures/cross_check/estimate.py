@@ -152,7 +152,8 @@ def _strip(plane: Plane, psf_estimate: PatternPsf, i: int) -> tuple[Strip, EdgeL
     )
     shaped = valid.reshape(roi.height, roi.width)
     near = replace(line, near_px=max(MAX_OFFSET_PX, MAX_OFFSET_CELLS * cell_px))
-    return replace(strip, valid=shaped.T if strip.turned else shaped, reach_px=reach), near
+    # processing changes PSF and edge alike: no part of their difference
+    return replace(strip, valid=shaped.T if strip.turned else shaped, reach_px=reach, raw=True), near
 
 
 def _shows_edge(strip: Strip, line: EdgeLine, psf_estimate: PatternPsf) -> bool:

@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.choice import Trial
+from procedures.corruption.paper import NoiseMeasurement
+from procedures.corruption.ring import missing_light
 from procedures.pattern_psf.error_parts import ErrorParts
 from procedures.pattern_psf.outliers import ExcludedSamples
 from procedures.pattern_psf.radiometry import Light
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, ChartFit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf
-from procedures.sharpening.paper import NoiseMeasurement
-from procedures.sharpening.ring import missing_light
 
 Array = npt.NDArray[np.float64]
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from procedures.budget import with_convergence, with_parts
 from procedures.choice import FINEST, START_S, Trial, choose, remaining_change
+from procedures.corruption.paper import measure_noise
 from procedures.display import html, summary
 from procedures.numbers import (
     GAMMA,
@@ -58,7 +59,6 @@ from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
 from procedures.sensor_model import SensorModel
-from procedures.sharpening.paper import measure_noise
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

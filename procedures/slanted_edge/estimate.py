@@ -9,7 +9,6 @@ anew for the uncertainty.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -17,12 +16,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from procedures.budget import Budget, combined
 from procedures.display import axes_of, html, summary
 from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF_NYQUIST, LEVELS
 from procedures.outcome import Outcome, Quantity, Refused, Verdict, checked_type, verdict_of
 from procedures.quality import Diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
+from procedures.slanted_edge.corruptions import corruption_checks, modes_of
 from procedures.slanted_edge.edge_line import Course, find_course
+from procedures.slanted_edge.evidence import examine
 from procedures.slanted_edge.find import EdgeSighting, edge_listed, find_edges
 from procedures.slanted_edge.profile import Profile, edge_profile
 from procedures.slanted_edge.refinement import refine_course
@@ -41,11 +43,9 @@ WIDENINGS = (3.2, 1.8, 1.0)
 """Windows tried, the widest first."""
 SURE = 0.008
 """Relative uncertainty of MTF50 up to which a wide window is worth its noise."""
-REPEATED, REPEATED_AT = 0.005, 0.8
-"""What four bins to a pixel repeat from above their limit: a standard uncertainty of half a per cent at 0.8 cycles per
-pixel, growing with the fourth power of the frequency, as edges of known transfer functions show."""
 MOST_FALL = 0.9
 """Share of the drawn curves that must fall to a level for its frequency to be told."""
+NYQUIST = int(np.searchsorted(FREQUENCIES, 0.5))
 METHOD = "ISO 12233:2023 e-SFR, four bins to a pixel; uncertainty by drawing rows anew"
 
 
@@ -68,6 +68,8 @@ class EdgeMtf:
         Cycles per pixel of the plane along the edge's normal, moduli, their standard uncertainties.
     numbers : mapping of str to Quantity
         mtf50, mtf30, mtf20, mtf10, mtf_nyquist, angle (from the nearest axis).
+    budgets : mapping of str to Budget
+        Terms of each number's uncertainty: the noise, the bins, and each corruption that could not be excluded.
     normal_deg : float
         Direction of the normal, from x towards y, -90 to 90.
     order : int
@@ -85,6 +87,7 @@ class EdgeMtf:
     mtf: Array
     uncertainty: Array
     numbers: Mapping[str, Quantity]
+    budgets: Mapping[str, Budget]
     normal_deg: float
     order: int
     course: Array
@@ -187,8 +190,13 @@ def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
     draws = resampled_mtf(profile)
     mtf50 = float(frequency_at(mtf, 0.5))
     uncertainty = float(np.nanstd(frequency_at(draws, 0.5))) if np.isfinite(mtf50) else np.inf
-    outcome: Outcome[EdgeMtf] = verdict_of(checks_of(course, profile, mtf50, uncertainty, raw=strip.raw))
-    return outcome.of_value(None if outcome.verdict is Verdict.REFUSED else _result(strip, course, profile, mtf, draws))
+    evidence = examine(strip, course, profile, mtf)
+    modes = modes_of(evidence, profile, mtf, raw=strip.raw)
+    checks = checks_of(course, profile, mtf50, uncertainty)
+    outcome: Outcome[EdgeMtf] = verdict_of([*checks, *corruption_checks(evidence, raw=strip.raw)])
+    if outcome.verdict is Verdict.REFUSED:
+        return outcome.of_value(None)
+    return outcome.of_value(_result(strip, course, profile, mtf, draws, modes))
 
 
 def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
@@ -210,18 +218,23 @@ def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
     return profile, mtf
 
 
-def _result(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: Array) -> EdgeMtf:
+def _result(
+    strip: Strip, course: Course, profile: Profile, mtf: Array, draws: Array, modes: Mapping[str, Array]
+) -> EdgeMtf:
     slope = course.mean_slope
     tilt = float(np.degrees(np.arctan(slope)))
     # the normal of x = slope y is (1, -slope); turned, x and y change places
     normal = (90.0 - abs(tilt)) * (-1 if slope > 0 else 1) if strip.turned else -tilt
+    numbers = _numbers(strip, course, profile, mtf, draws)
+    budgets = {name: {"noise": one.uncertainty} | _by_modes(one, mtf, modes) for name, one in numbers.items()}
     return EdgeMtf(
         roi=strip.roi,
         turned=strip.turned,
         frequencies=FREQUENCIES,
         mtf=mtf,
-        uncertainty=np.std(draws, axis=0),
-        numbers=_numbers(strip, course, profile, mtf, draws),
+        uncertainty=np.sqrt(np.var(draws, axis=0) + sum(mode**2 for mode in modes.values())),
+        numbers={name: replace(one, uncertainty=combined(budgets[name])) for name, one in numbers.items()},
+        budgets=budgets,
         normal_deg=normal,
         order=course.order,
         course=_points(strip, course),
@@ -240,6 +253,16 @@ def _result(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: A
     )
 
 
+def _by_modes(number: Quantity, mtf: Array, modes: Mapping[str, Array]) -> dict[str, float]:
+    """Change of a number by one standard deviation of each mode of the curve."""
+    if number.unit == "1":
+        return {name: abs(float(mode[NYQUIST])) for name, mode in modes.items()}
+    if number.unit != CYCLES:
+        return {}
+    slope = np.interp(number.value, FREQUENCIES, np.gradient(mtf, FREQUENCIES))
+    return {name: abs(float(np.interp(number.value, FREQUENCIES, mode) / slope)) for name, mode in modes.items()}
+
+
 def _points(strip: Strip, course: Course) -> Array:
     """The edge's course in the plane, (n, 2)."""
     across, along = course.at(strip.along), np.arange(len(strip.samples))
@@ -254,10 +277,8 @@ def _numbers(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: 
         value, drawn_at = float(frequency_at(mtf, level / 100)), frequency_at(draws, level / 100)
         if np.isfinite(value) and np.isfinite(drawn_at).mean() > MOST_FALL:
             drawn = float(np.nanstd(drawn_at))
-            spread = math.hypot(drawn, REPEATED * value * (value / REPEATED_AT) ** 4)
-            numbers[EDGE_CROSSINGS[level]] = Quantity(value, CYCLES, spread, METHOD, n)
-    nyquist = int(np.searchsorted(FREQUENCIES, 0.5))
-    numbers[EDGE_MTF_NYQUIST] = Quantity(float(mtf[nyquist]), "1", float(np.std(draws[:, nyquist])), METHOD, n)
+            numbers[EDGE_CROSSINGS[level]] = Quantity(value, CYCLES, drawn, METHOD, n)
+    numbers[EDGE_MTF_NYQUIST] = Quantity(float(mtf[NYQUIST]), "1", float(np.std(draws[:, NYQUIST])), METHOD, n)
     rows = len(strip.samples)
     angle = float(np.degrees(np.arctan(abs(course.mean_slope))))
     spread = float(np.degrees(course.slope_uncertainty / (1 + course.mean_slope**2)))

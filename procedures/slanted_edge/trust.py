@@ -103,9 +103,9 @@ def check_course(strip: Strip, course: Course) -> None:
         )
 
 
-def checks_of(course: Course, profile: Profile, mtf50: float, uncertainty: float, *, raw: bool) -> list[Check]:
-    """All checks on a measured edge; `raw` tells whether the photograph is a RAW file."""
-    return _refusals(course, profile, mtf50, uncertainty) + _doubts(profile, mtf50, uncertainty, raw)
+def checks_of(course: Course, profile: Profile, mtf50: float, uncertainty: float) -> list[Check]:
+    """All checks on a measured edge but those of corruptions."""
+    return _refusals(course, profile, mtf50, uncertainty) + _doubts(profile, mtf50, uncertainty)
 
 
 def _refusals(course: Course, profile: Profile, mtf50: float, uncertainty: float) -> list[Check]:
@@ -137,7 +137,7 @@ def _refusals(course: Course, profile: Profile, mtf50: float, uncertainty: float
     ]  # fmt: skip
 
 
-def _doubts(profile: Profile, mtf50: float, uncertainty: float, raw: bool) -> list[Check]:
+def _doubts(profile: Profile, mtf50: float, uncertainty: float) -> list[Check]:
     doubtful, known, seen = Verdict.DOUBTFUL, profile.tail_known, profile.tail_seen
     uneven = profile.unevenness / max(abs(profile.contrast), 1e-12)
     return [
@@ -150,10 +150,6 @@ def _doubts(profile: Profile, mtf50: float, uncertainty: float, raw: bool) -> li
               prior=SYMPTOM),
         Check("evenness", uneven, 0.03, doubtful, f"the areas beside the edge vary by {uneven:.1%} of its contrast",
               "light it evenly, and keep texture and reflections off it"),
-        Check("overshoot", profile.overshoot, MOST_OVERSHOOT, doubtful,
-              f"the edge overshoots its plains by {profile.overshoot:.1%} or more: "
-              + ("no lens makes that" if raw else "the photograph was sharpened"),
-              "take another edge" if raw else "take the RAW file, for sharpening is no property of the lens"),
         Check("plains", profile.end_px, 2.5 * profile.width_px, doubtful,
               f"the plain areas reach {profile.end_px:.1f} pixels, less than the edge's blur asks for",
               "give a wider region", least=True),

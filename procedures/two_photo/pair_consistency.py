@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import map_coordinates, uniform_filter
 
+from procedures.corruption.ring import missing_light
 from procedures.psf import Psf
-from procedures.sharpening.ring import missing_light
 from procedures.two_photo.inter_image import PairFit
 from procedures.two_photo.sharpness import patch_spectra
 

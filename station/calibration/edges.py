@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from procedures.numbers import name_at
+from procedures.numbers import CYCLES, name_at
 from procedures.outcome import Quantity, Verdict
 from procedures.quality import Diffraction
 from procedures.raw import Plane, RawFrame
@@ -155,8 +155,16 @@ def _edge_entry(outcome: EdgeOutcome, record: EdgeRecord) -> dict[str, Any]:
         return entry
     numbers = told_numbers(_numbers(edge, record.at), result.unit, result.factor)
     return entry | {
-        **{name: asdict(number) for name, number in numbers.items()},
+        **{name: asdict(number) | _budget(edge, name, result.factor) for name, number in numbers.items()},
         "normal_deg": edge.normal_deg,
         "order": edge.order,
         "diagnostics": dict(edge.diagnostics),
     }
+
+
+def _budget(edge: EdgeMtf, name: str, factor: float) -> dict[str, Any]:
+    """The terms of a number's uncertainty in the number's unit; empty where it has no budget."""
+    if name not in edge.budgets:
+        return {}
+    scale = factor if edge.numbers[name].unit == CYCLES else 1.0
+    return {"budget": {term: scale * uncertainty for term, uncertainty in edge.budgets[name].items()}}

@@ -13,12 +13,15 @@ import pytest
 
 from procedures.choice import Trial
 from procedures.correction import checks as correction
+from procedures.corruption.noise import MaskScore
 from procedures.outcome import Check
 from procedures.pattern_psf import diagnostics as of_chart
 from procedures.pattern_psf import trust as chart
 from procedures.psf import Sampling
 from procedures.raw import Plane
 from procedures.slanted_edge import trust as edge
+from procedures.slanted_edge.corruptions import corruption_checks
+from procedures.slanted_edge.evidence import Evidence
 from procedures.slanted_edge.tail import Tail
 from procedures.two_photo import diagnostics as of_pair
 from procedures.two_photo import trust as pair
@@ -51,9 +54,11 @@ def of_a_pair(raw: bool) -> Iterable[Check]:
 
 
 def of_an_edge(raw: bool) -> Iterable[Check]:
-    numbers = dict.fromkeys(("contrast", "noise", "empty", "unevenness", "overshoot", "end_px", "width_px"), 1.0)
+    numbers = dict.fromkeys(("contrast", "noise", "empty", "unevenness", "end_px", "width_px"), 1.0)
     profile = SimpleNamespace(**numbers, tail_known=Tail(0.1), tail_seen=Tail(1.0))
-    return edge.checks_of(SimpleNamespace(mean_slope=0.1), profile, 0.3, 0.1, raw=raw)
+    mask = MaskScore(1.0, 1.0, 0.1)
+    evidence = Evidence([mask], [mask], mask, mask, -9.0, 1.0, 9.0, 0.1, 9.0, 1, 9.0)
+    return [*edge.checks_of(SimpleNamespace(mean_slope=0.1), profile, 0.3, 0.1), *corruption_checks(evidence, raw=raw)]
 
 
 def of_a_correction(raw: bool) -> Iterable[Check]:

@@ -92,7 +92,7 @@ def edge(camera: Camera, *, rows: int = 100, columns: int = 60, angle_deg: float
 
 
 def photograph(light: Array, rng: np.random.Generator, noise: float = 0.004) -> Plane:
-    """The light with photon and read noise, `noise` at white, rounded to 14 bits."""
+    """The light with photon and read noise, `noise` at white, rounded to 14 bits, as a RAW file has it."""
     spread_of = noise * np.sqrt(0.1 + 0.9 * np.maximum(light, 0) / WHITE)
     counts = np.rint((light + spread_of * rng.standard_normal(light.shape)) * 16383)
-    return Plane("Y", (counts / 16383).astype(np.float32), 1 / 16383)
+    return Plane("Y", (counts / 16383).astype(np.float32), 1 / 16383, raw=True)

@@ -65,7 +65,7 @@ def plane(samples: np.ndarray) -> Plane:
 def exposed(light: np.ndarray, serial: int, rng: np.random.Generator) -> Plane:
     """The recipe's camera, one of many of its kind, with white at 85 % of the full well."""
     camera = replace(RECIPE, serial=serial)
-    return plane(camera.linear(camera.expose(light, 0.95 * FULL_WELL_E, rng)))
+    return replace(plane(camera.linear(camera.expose(light, 0.95 * FULL_WELL_E, rng))), raw=True)
 
 
 def true_mtf50(optics: Optics, angle_deg: float) -> float:

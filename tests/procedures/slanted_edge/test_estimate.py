@@ -97,10 +97,12 @@ def test_error_bars_are_as_large_as_errors(rng: np.random.Generator, draws: int)
 
 
 def test_the_standard_s_sample_edge(shared_data: Path) -> None:
+    # the grey of a picture in three channels: its noise has a quarter of the power at Nyquist that it has below 0.1
     made = read_frame(shared_data / "edges" / "Test_edge1_mono.tif").planes["Y"]
     for outcome in (estimate_edge(made, Roi.whole(made.samples)), estimate_edges(made)[0]):
         found = value(outcome)
-        assert outcome.verdict is Verdict.PASS
+        assert outcome.verdict is Verdict.DOUBTFUL
+        assert "demosaicked" in outcome.reason
         assert found.numbers["mtf50"].value == pytest.approx(0.292, abs=0.005)
         assert found.numbers["angle"].value == pytest.approx(5.5, abs=0.05)
         assert found.orientation == "near-horizontal"

@@ -35,7 +35,11 @@ def test_edge_of_a_dump_is_that_of_the_same_picture_in_a_file(run, levels, dump,
         done = run("mtf", "edge", *words, "--out", tmp_path / name)
         assert done.exit_code == 0, done.output
         records.append(json.loads((tmp_path / name / "result.json").read_text()))
-    assert records[1]["planes"] == records[0]["planes"]
+    # a picture's numbers are as good as those of a dump, and less sure by what a program may have done to it
+    for number in ("mtf50", "mtf20", "mtf_nyquist"):
+        of_file, of_dump = (one["planes"]["Y"][number] for one in records)
+        assert of_file["value"] == of_dump["value"]
+        assert of_file["uncertainty"] > of_dump["uncertainty"]
     assert records[1]["parameters"]["raw"] == LAYOUT
 
 

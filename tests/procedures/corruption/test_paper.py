@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.sharpening.paper import NoiseMeasurement, measure_noise
-from tests.procedures.sharpening.test_noise import masked
+from procedures.corruption.paper import NoiseMeasurement, measure_noise
+from tests.procedures.corruption.test_noise import masked
 
 NOISE = 0.006
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.sharpening.noise import Sharpening, Variogram, find_sharpening
+from procedures.corruption.noise import Sharpening, Variogram, find_sharpening
 
 
 def masked(noise: np.ndarray, amount: float, radius: float) -> np.ndarray:
@@ -77,6 +77,6 @@ def test_too_few_pixels_tell_nothing(rng: np.random.Generator) -> None:
 
 
 def _lags() -> tuple[list[int], list[int]]:
-    from procedures.sharpening.noise import LAG_X, LAG_Y
+    from procedures.corruption.noise import LAG_X, LAG_Y
 
     return LAG_X.tolist(), LAG_Y.tolist()

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.sharpening.noise import Sharpening, Variogram, find_sharpening
+from procedures.corruption.noise import Sharpening, Variogram, find_sharpening
 
 Array = npt.NDArray[np.float64]
 

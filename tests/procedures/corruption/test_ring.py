@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from procedures.corruption.ring import missing_light
 from procedures.numerics.kernel_tail import tail_density
 from procedures.psf import Psf, PsfTail
 from procedures.quality import Diffraction
-from procedures.sharpening.ring import missing_light
 
 S, K = 5, 21
 SHARP, SOFT = Diffraction(2.8, 9.2, 550), Diffraction(5.6, 9.2, 550)

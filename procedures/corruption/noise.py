@@ -15,7 +15,9 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import j0
 
+from procedures.corruption.family import threshold
 from procedures.numerics import transforms
 
 Array = npt.NDArray[np.float64]
@@ -65,6 +67,10 @@ class Variogram:
         pairs = np.rint(transforms.irfft2(np.abs(one) ** 2, (rows, columns)))[LAG_Y, LAG_X]
         squares = transforms.irfft2((second * one.conj()).real - np.abs(first) ** 2, (rows, columns))[LAG_Y, LAG_X]
         return cls(squares / np.maximum(pairs, 1), pairs, residual)
+
+    def inflation(self, variance: float) -> float:
+        """Variance of the mean of many neighbours over that of as many white samples of this variance, at least 1."""
+        return max(1 + 2 * float(np.sum(1 - self.half_square / variance)), 1.0) if variance > 0 else 1.0
 
     @property
     def finest(self) -> float:
@@ -117,6 +123,66 @@ def find_sharpening(variograms: Sequence[Variogram]) -> Sharpening:
     if gain[i, j] <= 0:
         return Sharpening(0.0, 0.0, 0.0, uncertainty)
     return Sharpening(float(AMOUNTS[j]), RADII[i], float(np.sqrt(gain[i, j])), uncertainty)
+
+
+@dataclass(frozen=True)
+class MaskScore:
+    """Amount of an unsharp mask of one radius from the correlations of noise, linear in the amount.
+
+    Positive correlations, of smoothing, give negative amounts.
+    """
+
+    radius_px: float
+    amount: float
+    uncertainty: float
+
+    @property
+    def score(self) -> float:
+        """The amount over its uncertainty."""
+        return self.amount / self.uncertainty
+
+    @property
+    def unseen(self) -> float:
+        """The amount, at most what a test lets pass."""
+        return min(self.amount, threshold() * self.uncertainty) if np.isfinite(self.uncertainty) else 0.0
+
+
+def mask_scores(
+    variograms: Sequence[Variogram], radii: Sequence[float], nuisances: Sequence[Array] = ()
+) -> list[MaskScore]:
+    """Score of a mask of each radius in the noise of several fields; without pairs, amounts of infinite uncertainty.
+
+    To first order an amount a of radius r gives white noise the correlation -2 a g(lag), g a Gaussian of unit volume. A
+    constant and correlations (l,) that are `nuisances` are fitted as well.
+    """
+    known = [one for one in variograms if one.pairs.min() >= MIN_PAIRS and one.half_square.min() > 0]
+    if not known:
+        return [MaskScore(radius, 0.0, np.inf) for radius in radii]
+    columns = np.stack([np.ones(len(LAG_X)), *nuisances, *(_first_order(radius) for radius in radii)], axis=1)
+    normal, right = (
+        columns.T @ (columns * np.sum([one.pairs for one in known], axis=0)[:, None]),
+        np.zeros(columns.shape[1]),
+    )
+    for one in known:
+        right += columns.T @ (one.pairs * (1 - one.half_square / np.average(one.half_square, weights=one.pairs)))
+    free, scores = 1 + len(nuisances), []
+    for i, radius in enumerate(radii):
+        used = [*range(free), free + i]
+        covariance = np.linalg.pinv(normal[np.ix_(used, used)])
+        scores.append(MaskScore(radius, float(covariance[-1] @ right[used]), float(covariance[-1, -1]) ** 0.5))
+    return scores
+
+
+def _first_order(radius_px: float) -> Array:
+    """Derivative of the correlations of white noise (l,) by the amount of a mask, at 0."""
+    return np.asarray(-np.exp(-(LAG_X**2 + LAG_Y**2) / (2 * radius_px**2)) / (np.pi * radius_px**2))
+
+
+def texture_correlation(frequencies: Array, mtf: Array) -> Array:
+    """Correlations (l,) of fine texture that a lens images: of the spectrum MTF^2, alike in all directions."""
+    power = frequencies * mtf**2
+    lags = np.hypot(LAG_X, LAG_Y)
+    return np.asarray(j0(2 * np.pi * lags[:, None] * frequencies) @ power / power.sum())
 
 
 def _nuisance_columns(residual: bool) -> Array:

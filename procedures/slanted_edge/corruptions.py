@@ -1,0 +1,115 @@
+"""Corruptions of an edge: tests of them, and what those that it cannot exclude add to the curve's uncertainty."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from procedures.corruption.family import (
+    OVERSHOOT,
+    SCATTER,
+    SHARPENED,
+    SMOOTHED,
+    TONE_CURVE,
+    VEIL,
+    nuisance,
+)
+from procedures.corruption.noise import MaskScore
+from procedures.outcome import Check
+from procedures.slanted_edge.evidence import HALO_PX, MASK_RADII, Evidence
+from procedures.slanted_edge.profile import Profile
+from procedures.slanted_edge.transfer import FREQUENCIES, STEP, mtf_of
+
+Array = npt.NDArray[np.float64]
+
+MASK_PRIOR, HALO_PRIOR = 0.06, 0.05
+"""Prior amounts of unsharp masks of 1 and of 3 pixels in a picture that is no RAW file."""
+HALO_MODEL = 0.02
+"""Standard uncertainty of the amount beside the edge by the lens's own spread function, of the lenses of
+tests/benchmarks/adversarial.py."""
+TONE_PRIOR = 0.25
+"""Prior of the logarithm of a tone curve's exponent in a picture that is no RAW file."""
+TONE_MODEL = 0.3
+"""Standard uncertainty of that logarithm by the growth of the noise: read noise and the pixels' unlike gain."""
+REPEATED, REPEATED_AT = 0.005, 0.8
+"""Aliases of four bins to a pixel: relative standard uncertainty of a frequency at 0.8 cycles/pixel, growing with the
+fourth power of the frequency; from edges of known transfer functions."""
+TONE_STEP = 0.05
+"""Exponent's logarithm for the numerical derivative by it."""
+
+
+def corruption_checks(evidence: Evidence, *, raw: bool) -> list[Check]:
+    """Tests of the corruptions that an edge shows."""
+    places = len(MASK_RADII)
+    fall = f"the edge overshoots its plains by {evidence.fall:.1f} standard uncertainties"
+    halo = (
+        f"{evidence.halo.amount:.1%} of the light is missing beside the edge ({evidence.halo.score:.1f} uncertainties)"
+    )
+    return [
+        SHARPENED.check(max(one.score for one in evidence.masks), raw=raw, places=places),
+        SMOOTHED.check(max(-one.score for one in evidence.textured), raw=raw, places=places),
+        TONE_CURVE.check(-evidence.growth, raw=raw),
+        SCATTER.check(evidence.scatter, raw=raw, places=2),
+        OVERSHOOT.check(evidence.fall, fall, raw=raw, places=evidence.windows),
+        OVERSHOOT.check(evidence.halo.score, halo, raw=raw),
+        VEIL.check(evidence.tail, raw=raw),
+    ]
+
+
+def modes_of(evidence: Evidence, profile: Profile, mtf: Array, *, raw: bool) -> dict[str, Array]:
+    """Standard deviations of the curve (f,) by the bins and by each corruption that is not excluded.
+
+    Each is one mode: its sign at one frequency goes with that at all others.
+    """
+    f = FREQUENCIES
+    modes = {
+        "bins": np.gradient(mtf, STEP) * f * REPEATED * (f / REPEATED_AT) ** 4,
+        SCATTER.name: mtf * (1 - np.exp(-2 * (np.pi * f * evidence.scatter_px) ** 2)),
+    }
+    if raw:
+        return modes
+    amount = _mask_amount(evidence.masks[MASK_RADII.index(1.0)], evidence.scattered)
+    wide = nuisance(evidence.halo.unseen, math.hypot(evidence.halo.uncertainty, HALO_MODEL), HALO_PRIOR)
+    exponent = nuisance(*_tone(evidence), TONE_PRIOR)
+    return modes | {
+        SHARPENED.name: mtf * amount * _mask(1.0),
+        OVERSHOOT.name: mtf * wide * _mask(HALO_PX),
+        TONE_CURVE.name: exponent * _by_tone(profile),
+    }
+
+
+def _mask_amount(plains: MaskScore, edge: MaskScore) -> float:
+    """Nuisance of a mask that is as likely to spare the plains, by a threshold, as it is to sharpen them."""
+    unseen = [one for one in (plains, edge) if math.isfinite(one.uncertainty)]
+    information = sum(one.uncertainty**-2 for one in unseen)
+    both = sum(one.unseen / one.uncertainty**2 for one in unseen) / information if unseen else 0.0
+    alone = nuisance(edge.unseen, edge.uncertainty, MASK_PRIOR)
+    return math.hypot(alone, nuisance(both, information**-0.5 if unseen else math.inf, MASK_PRIOR)) / 2**0.5
+
+
+def _mask(radius_px: float) -> Array:
+    """Gain of an unsharp mask of amount 1, less 1, (f,)."""
+    return np.asarray(1 - np.exp(-2 * (np.pi * FREQUENCIES * radius_px) ** 2))
+
+
+def _tone(evidence: Evidence) -> tuple[float, float]:
+    """Logarithm of a tone curve's exponent by the growth of the noise, and its standard uncertainty.
+
+    The variance of photon noise is proportional to the light; after the exponent 1/g it grows as the picture to 2 - g.
+    """
+    if not math.isfinite(evidence.exponent):
+        return 0.0, math.inf
+    return math.log(max(2 - evidence.exponent, 0.5)), TONE_MODEL
+
+
+def _by_tone(profile: Profile) -> Array:
+    """Change of the curve (f,) by the logarithm of a tone curve's exponent."""
+    esf = np.clip(profile.esf, 0, 1)
+    floor = 1e-3 * profile.contrast
+    levels = np.maximum(profile.light[0] + profile.contrast * np.concatenate([[0.0, 1.0], esf]), floor)
+    low, high, *curved = levels ** (1 + TONE_STEP)
+    window = np.asarray(profile.tail), profile.flat_px, profile.end_px
+    both = mtf_of(np.stack([esf, (np.array(curved) - low) / (high - low)]), *window)
+    return np.asarray((both[1] - both[0]) / TONE_STEP)

@@ -1,0 +1,221 @@
+"""Scores of corruptions from one edge: noise of its plains, scatter on it, and light that is missing beside it.
+
+The noise of neighbouring pixels shows sharpening and smoothing; its growth with light, tone curves; its growth on the
+edge, roughness, vibration and filters that spare edges. An edge spread function that falls shows negative light.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d, uniform_filter1d
+
+from procedures.clipping import step_of
+from procedures.corruption.noise import MaskScore, Variogram, mask_scores, texture_correlation
+from procedures.slanted_edge.edge_line import Course
+from procedures.slanted_edge.profile import BINS, LIGHT_UNITS, Profile, filled, rebinned, steepness, values_of
+from procedures.slanted_edge.strip import Strip
+from procedures.slanted_edge.tail import MOST_TAIL
+from procedures.slanted_edge.transfer import FREQUENCIES
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+MASK_RADII = (0.6, 1.0, 2.0)
+"""Radii of the unsharp masks that are searched for in the noise, in pixels."""
+HALO_PX = 3.0
+"""Radius of the unsharp mask that is searched for beside the edge: narrower ones hide in the edge, wider ones in its
+tail."""
+HALO_WIDTHS, HALO_FROM_PX = 1.5, 1.5
+"""Least distance from the edge, in full widths at half maximum and in pixels, at which a lens's spread function has the
+form of its tail; if there is more light than that, it looks like the opposite of a mask."""
+SUBBINS = 16
+"""Bins to a pixel within which samples scatter by noise alone, whatever the profile."""
+MODEL_PX = 0.003
+"""Displacement of an edge, root mean square, that the model's course and bins leave."""
+SMOOTH_BINS = 13
+"""Bins over which the plains' departure from their model is averaged: so many samples that their noise stays white."""
+WINDOWS_PX = (1, 2, 4, 8)
+"""Lengths whose means are compared to see a falling spread function."""
+MIN_SAMPLES = 20
+"""Least number of samples in such a mean."""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Scores of an edge; those of its noise are NaN or of infinite uncertainty where rounding hides it.
+
+    Attributes
+    ----------
+    masks : list of MaskScore
+        Unsharp masks in the noise of the plains.
+    textured : list of MaskScore
+        The same, where the plains may have a fine texture, which the lens images.
+    halo : MaskScore
+        An unsharp mask beside the edge.
+    scattered : MaskScore
+        An unsharp mask that sharpens the edge and spares the plains, by the scatter on the edge.
+    growth, exponent : float
+        Growth of the noise from dark to bright, in standard uncertainties; exponent of the light in its variance.
+    scatter, scatter_px : float
+        Excess of the scatter on the edge, in standard uncertainties; the displacement that explains it, in pixels.
+    fall, windows : float, int
+        Largest fall of the spread function to a neighbouring window, in standard uncertainties; number of windows.
+    tail : float
+        Excess of the tail over that of any lens, in standard uncertainties.
+    """
+
+    masks: list[MaskScore]
+    textured: list[MaskScore]
+    halo: MaskScore
+    scattered: MaskScore
+    growth: float
+    exponent: float
+    scatter: float
+    scatter_px: float
+    fall: float
+    windows: int
+    tail: float
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Samples of an edge, 0 dark and 1 bright: distances, values, those of edge and plains, noise variances of both."""
+
+    d: Array
+    value: Array
+    inside: Mask
+    variances: tuple[float, float]
+
+
+def examine(strip: Strip, course: Course, profile: Profile, mtf: Array) -> Evidence:
+    """Scores of a measured edge."""
+    d = course.distances(strip)
+    value = values_of(profile.light, strip, d)
+    inside = strip.usable & (np.abs(d) < strip.reach_px)
+    rounding = (step_of(strip.samples[inside], strip.quantisation) / profile.contrast / 2) ** 2
+    far = inside & (np.abs(d) > profile.flat_px)
+    plain = _noise(value - (d > 0) + profile.tail / np.where(far, d, 1.0), d, far)
+    sides = [far & (d < 0), far & (d > 0)]
+    dark, bright = (float(np.var(plain[side])) for side in sides)
+    fields, growth, exponent, inflation = [], math.nan, math.nan, [1.0, 1.0]
+    if min(dark, bright) > rounding:
+        fields = [Variogram.of(plain, side) for side in sides]
+        inflation = [one.inflation(variance) for one, variance in zip(fields, (dark, bright), strict=True)]
+        logarithm = math.log(bright / dark)
+        growth = logarithm / math.sqrt(sum(2 / np.count_nonzero(side) for side in sides))
+        levels = np.maximum(profile.light[:2], 1e-3 * profile.contrast)
+        exponent = logarithm / math.log(levels[1] / levels[0])
+    variances = max(dark, rounding), max(bright, rounding)
+    samples = _Samples(d, value, inside, variances)
+    averaged = replace(samples, variances=(variances[0] * inflation[0], variances[1] * inflation[1]))
+    scatter, scatter_px, scattered = _scatter(samples, profile)
+    fall, windows = _fall(averaged)
+    seen = profile.tail_seen
+    return Evidence(
+        masks=mask_scores(fields, MASK_RADII),
+        textured=mask_scores(fields, MASK_RADII, [texture_correlation(FREQUENCIES, mtf)]),
+        halo=_halo(averaged, profile),
+        scattered=scattered if fields else replace(scattered, amount=0.0, uncertainty=math.inf),
+        growth=growth,
+        exponent=exponent,
+        scatter=scatter,
+        scatter_px=scatter_px,
+        fall=fall,
+        windows=windows,
+        tail=(seen.px - MOST_TAIL) / max(seen.uncertainty_px, 1e-12),
+    )
+
+
+def _noise(plain: Array, d: Array, far: Mask) -> Array:
+    """What the plains (n, m) have beyond a smooth function of the distance, 0 outside of them."""
+    bins = np.floor(d[far] * BINS).astype(int)
+    bins -= bins.min()
+    count, total = (uniform_filter1d(np.bincount(bins, part), SMOOTH_BINS) for part in (np.ones(len(bins)), plain[far]))
+    noise = np.zeros_like(plain)
+    noise[far] = plain[far] - (total / np.maximum(count, 1e-9))[bins]
+    return noise
+
+
+def _scatter(samples: _Samples, profile: Profile) -> tuple[float, float, MaskScore]:
+    """Score of the scatter on the edge against the noise of its plains, the displacement and the mask that explain it.
+
+    The variance of a linear sensor's noise is a convex function of the light: between the plains it is at most their
+    mean by the light. A displacement adds the square of the profile's slope, a tone curve most in the middle.
+    """
+    d = samples.d
+    used = samples.inside & (np.abs(d) < profile.end_px + 1)
+    profile, residual = rebinned(profile, samples.value, d, used)
+    core = used & (np.abs(d) < profile.flat_px)
+    place = np.floor(d[core] * SUBBINS).astype(int)
+    place -= place.min()
+    count = np.bincount(place)
+    mean, at = (np.bincount(place, part[core]) / np.maximum(count, 1) for part in (residual, d))
+    known = count > 1
+    square = np.bincount(place, (residual[core] - mean[place]) ** 2)[known] / (count[known] - 1)
+    light = np.clip(np.interp(at[known], profile.centres, profile.esf), 0, 1)
+    slope, middle = steepness(profile, at[known]) ** 2, 4 * light * (1 - light)
+    expected = samples.variances[0] * (1 - light) + samples.variances[1] * light + MODEL_PX**2 * slope
+    weight = (count[known] - 1) / (2 * expected**2)
+    fits = []
+    for shape in (slope, middle, middle * expected):
+        information = max(float(np.sum(weight * shape**2)), 1e-300)
+        fits.append((float(np.sum(weight * shape * (square - expected))) / information, information**-0.5))
+    score = max(strength / uncertainty for strength, uncertainty in fits[:2])
+    # a mask of amount a raises the variance of white noise by about 2 a
+    strength, uncertainty = fits[2]
+    return score, max(fits[0][0], 0.0) ** 0.5, MaskScore(1.0, strength / 2, uncertainty / 2)
+
+
+def _binned(samples: _Samples) -> tuple[Array, Array, Array]:
+    """Bins of all samples: centres, means, numbers, (2 K,)."""
+    d = samples.d[samples.inside]
+    K = int(np.abs(d).max() * BINS) + 1
+    bins = np.floor(d * BINS).astype(int) + K
+    count = np.bincount(bins, minlength=2 * K).astype(np.float64)
+    total = np.bincount(bins, samples.value[samples.inside], minlength=2 * K).astype(np.float64)
+    return (np.arange(-K, K) + 0.5) / BINS, total, count
+
+
+def _fall(samples: _Samples) -> tuple[float, int]:
+    """Largest fall of the spread function from a window to the next, in standard uncertainties; number of windows."""
+    x, total, count = _binned(samples)
+    noise = count * np.where(x < 0, *samples.variances)
+    sums = np.concatenate([np.zeros((3, 1)), np.cumsum([count, total, noise], axis=1)], axis=1)
+    scores = []
+    for width in WINDOWS_PX:
+        k = width * BINS
+        start = np.arange(0, len(x) - 2 * k + 1, BINS if width > 1 else BINS // 2)
+        first, second = (sums[:, start + (i + 1) * k] - sums[:, start + i * k] for i in (0, 1))
+        known = np.minimum(first[0], second[0]) > MIN_SAMPLES
+        first, second = first[:, known], second[:, known]
+        variance = first[2] / first[0] ** 2 + second[2] / second[0] ** 2
+        scores.append((first[1] / first[0] - second[1] / second[0]) / np.sqrt(np.maximum(variance, 1e-24)))
+    found = np.concatenate(scores)
+    return float(np.max(found, initial=0.0)), max(len(found), 1)
+
+
+def _halo(samples: _Samples, profile: Profile) -> MaskScore:
+    """Unsharp mask beside the edge: light that is missing there, with levels, tail and slope of the light unknown."""
+    x, total, count = _binned(samples)
+    near = np.abs(x) > max(HALO_WIDTHS * profile.width_px, HALO_FROM_PX)
+    kept = near & (count > 0)
+    if np.count_nonzero(kept & (x < 0)) < BINS or np.count_nonzero(kept & (x > 0)) < BINS:
+        return MaskScore(HALO_PX, 0.0, math.inf)
+    reach = int(6 * HALO_PX * BINS)
+    wide = x[0] - reach / BINS + np.arange(len(x) + 2 * reach) / BINS
+    inside = np.abs(wide) < 0.9 * profile.end_px
+    esf = np.where(inside, np.interp(wide, profile.centres, profile.esf), (wide > 0) - profile.tail / wide)
+    mask = (esf - gaussian_filter1d(esf, HALO_PX * BINS))[reach:-reach]
+    d = x[kept]
+    dark, bright = profile.light[:2] / profile.contrast
+    base = np.where(d < 0, dark, bright)
+    columns = np.column_stack([d < 0, d > 0, -1 / d, 1 / d**2, base * d * LIGHT_UNITS[3], mask[kept]])
+    weight = np.sqrt(count[kept] / np.where(d < 0, *samples.variances))[:, None]
+    covariance = np.linalg.pinv((columns * weight).T @ (columns * weight))
+    values = filled(total, count)[kept] - (d > 0)
+    answer = covariance @ ((columns * weight).T @ (values * weight[:, 0]))
+    return MaskScore(HALO_PX, float(answer[-1]), float(np.sqrt(covariance[-1, -1])))
