@@ -83,7 +83,7 @@ class PsfProcedure(Procedure[P]):
     ) -> Measurement:  # fmt: skip
         """The results in the requested terms; `asked` are the parameters of the estimate."""
         pixels = settings.pixels(frames[0])
-        planes = [terms.told(one, pixels[one.name]) for one in results]
+        planes = [terms.apply(one, pixels[one.name]) for one in results]
         told = {**asked, **settings.given()}
         head = RecordHead(self.record_name, files_read(frames), {**told, **terms.parameters()}, terms.specified(planes))
         found = PsfPhotographs(tuple(frames), told)
