@@ -87,7 +87,7 @@ class BatchProcedure:
     def fingerprint(self) -> dict[str, Any]:
         """All that a result depends on besides its files, as plain data."""
         at = [one.value for one in self.terms.at]
-        limits = {name: value for name, value in self.terms.specification.told().items() if name != "path"}
+        limits = {name: value for name, value in self.terms.specification.to_record().items() if name != "path"}
         return {"procedure": self.name, "specification": limits, "at": at, **self.parameters()}
 
 

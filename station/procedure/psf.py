@@ -83,7 +83,7 @@ class PsfProcedure(Procedure[P]):
     ) -> Measurement:  # fmt: skip
         """The results in the requested terms; `asked` are the parameters of the estimate."""
         pixels = settings.pixels(frames[0])
-        planes = [terms.told(one, pixels[one.name]) for one in results]
+        planes = [terms.apply(one, pixels[one.name]) for one in results]
         given = {**asked, **settings.given()}
         parameters = {**given, **terms.parameters()}
         head = RecordHead(self.record_name, files_read(frames), parameters, terms.specified(planes))

@@ -64,10 +64,10 @@ def report_page(
     sections = [_head(report, summary)]
     for plane in report.planes:
         blocks = [*plane_blocks(plane), *_numbers(plane), *_limits(plane)]
-        if blocks or plane.untold:
+        if blocks or plane.unavailable:
             name = plane_name(plane.name, tag(plane.verdict))
-            untold = [sentence(words) for words in plane.untold]
-            sections.append(Section(name, [*untold, *blocks], new_page=True, anchor=f"plane-{plane.name}"))
+            words = [sentence(one) for one in plane.unavailable]
+            sections.append(Section(name, [*words, *blocks], new_page=True, anchor=f"plane-{plane.name}"))
     lines = (("Conditions", report.conditions), ("Devices", report.devices))
     sections += [
         Section(title, [Table([[one.name, one.words] for one in facts], columns="ww", style="numbers conditions")])

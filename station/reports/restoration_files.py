@@ -18,10 +18,9 @@ from procedures.restoration.metres import Distances
 from station.common.versions import software
 from station.drawing.pictures import described_tiff, encoded, false_colours, float_tiff, levels, picture
 from station.results.exports import kernel_fits
-from station.results.measurement import Measurement
+from station.results.measurement import RESTORATION, Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, verdict_entry
-from station.results.restored import RESTORATION
 from station.results.result_files import npy
 
 SHARP_WORDS = "restored picture, linear, 1 = white, first row uppermost; calibration-station"

@@ -100,7 +100,7 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
     if whole is None:
         return [PlaneResult.of_outcome(name, one) for name, one in outcomes.items()]
     pixels = field_pixels(whole.measured, facts_as(FieldFacts, facts).pixel_pitch_um)
-    terms = terms.tellable(next(iter(pixels.values())))
+    terms = terms.with_known_unit(next(iter(pixels.values())))
     try:
         planes = field_results(whole, terms, pixels, lambda plane: None)
     except BadParameter as error:

@@ -15,6 +15,7 @@ from procedures.restoration.known_blur import planes_of, rig_poses, split_ground
 from procedures.restoration.photograph_blur import Shape
 from procedures.restoration.plan import plan as restoration_plan
 from station.calibration.restoration.inputs import files_in, imu_table, poses_table, read_blur_shape, with_files
+from station.procedure.registry import procedure_named
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
@@ -43,16 +44,14 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
-    """Write the result of a guided restoration, or the record of its refusal; returns the record's text."""
-    from station.reports.report import measurement_report  # here: it draws, which is slow to load
-    from station.reports.restoration_files import Restored, restoration_measurement
-    from station.reports.restoration_page import restoration_page
+    """Write the files of `station restore` for a session; the record alone for a refused result."""
+    from station.reports.restoration_files import Restored, restoration_measurement  # it draws, a slow import
 
-    (result,) = planes
-    restoration: Restoration | None = result.found
-    outcome = result.outcome(restoration)
+    (picture,) = planes
+    restoration: Restoration | None = picture.found
+    outcome = picture.outcome(restoration)
     if restoration is None:
-        return write_measurement(folder, restoration_measurement(result.name, Restored(outcome, ()), head))
+        return write_measurement(folder, restoration_measurement(picture.name, Restored(outcome, ()), head))
     facts = facts_as(RestorationFacts, head.parameters)
     blurred, _ = split_ground_truth(frames, facts)
     for n, frame in enumerate(blurred, start=1):
@@ -64,6 +63,6 @@ def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[
     timeless = replace(restoration, history=tuple(replace(r, seconds=0.0) for r in restoration.history))
     photographs = [stacked(planes_of(frame, facts)) for frame in blurred]
     whole = Restored(replace(outcome, value=timeless), photographs)  # makes the files reproducible
-    found = restoration_measurement(result.name, whole, head)
-    folder.write("report.html", restoration_page(measurement_report(found, "restore"), whole).encode())
-    return write_measurement(folder, found)
+    measurement = restoration_measurement(picture.name, whole, head)
+    folder.write("report.html", procedure_named("restore").page(measurement))
+    return write_measurement(folder, measurement)

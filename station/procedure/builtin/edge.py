@@ -19,7 +19,7 @@ from station.procedure.settings import setting
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
-from station.results.units import told_quantity
+from station.results.units import convert_quantity
 from station.results.verdict_words import measurement_words
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def _words(record: EdgeRecord, outcome: EdgeOutcome) -> str:
     words = f"{record.name}{place}: {measurement_words(outcome.verdict)}, {orientation(outcome.turned)}"
     if edge is None or EDGE_MTF50 not in edge.numbers:
         return f"{words}; {outcome.reason}"
-    mtf50 = told_quantity(edge.numbers[EDGE_MTF50], result.unit, result.factor)
+    mtf50 = convert_quantity(edge.numbers[EDGE_MTF50], result.unit, result.factor)
     angle = edge.numbers[EDGE_ANGLE].value
     return f"{words}, {angle:.2f} degrees; MTF50 {stated(mtf50.value, mtf50.uncertainty)} {mtf50.unit}"
 

@@ -26,7 +26,7 @@ from station.procedure.optics import INSIST
 from station.procedure.psf import ChartPsfSettings, PsfProcedure
 from station.procedure.settings import setting
 from station.results.measurement import Measurement
-from station.results.overlay import HeightOverlay, read_height_overlays
+from station.results.overlay import Overlay, read_height_overlays
 from station.results.record_head import InputFile, RecordHead
 from station.results.terms import USUAL, Terms
 from station.results.units import Pixels
@@ -150,7 +150,7 @@ class Field(PsfProcedure[FieldSettings]):
         measured = found.found.result.measured
         return [str(one) for one in measured.misses if one.source not in measured.failed]
 
-    def read_overlays(self, paths: Sequence[Path], terms: Terms) -> Sequence[HeightOverlay]:
+    def read_overlays(self, paths: Sequence[Path], terms: Terms) -> Sequence[Overlay]:
         """Fields whose MTF over image height is drawn over this one's. Raises BadParameter."""
         return read_height_overlays(paths, terms.unit)
 

@@ -51,9 +51,8 @@ from station.common.progress import Progress, silent
 from station.common.sanitise import encodable
 from station.procedure.base import Inputs, Procedure
 from station.procedure.restore_settings import RestoreSettings
-from station.results.measurement import Measurement
+from station.results.measurement import RESTORATION, Measurement
 from station.results.record_head import RecordHead, files_read
-from station.results.restored import RESTORATION
 from station.results.terms import USUAL, Terms
 
 MIN_DETERMINED = 0.3

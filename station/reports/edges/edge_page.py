@@ -12,7 +12,7 @@ from station.reports.otf_figures import FrequencyAxis
 from station.reports.page import Block, Figures, Note, Section, Table, quantity, reason_words, render, tag
 from station.reports.report import Report
 from station.reports.report_page import curves_over, report_page
-from station.results.units import told_numbers
+from station.results.units import convert_numbers
 
 MAX_DRAWN = 6
 """Edges of a plane that are drawn; its table has all."""
@@ -51,7 +51,7 @@ def _plane_blocks(report: Report, photograph: PhotographEdges, record: EdgeRecor
 def _cells(record: EdgeRecord, one: EdgeOutcome) -> list[str]:
     """Verdict, direction, region and numbers of an edge in the result's unit."""
     roi, result = one.roi, record.result
-    numbers = {} if one.value is None else told_numbers(one.value.numbers, result.unit, result.factor)
+    numbers = {} if one.value is None else convert_numbers(one.value.numbers, result.unit, result.factor)
     words = [f"{label(name).replace(' across the edge', '').replace(' of the edge', '')} {quantity(number)}"
              for name, number in numbers.items()]  # fmt: skip
     region = "" if roi is None else f"{roi.x}, {roi.y}, {roi.width}, {roi.height}"

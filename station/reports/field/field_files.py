@@ -30,7 +30,7 @@ from station.results.plane_result import PlaneResult
 from station.results.psf_files import psf_measurement
 from station.results.record_head import PartBeside, RecordHead, verdict_entry
 from station.results.result_files import json_text
-from station.results.units import told_quantity
+from station.results.units import convert_quantity
 
 FILE, CAMERA = "field.h5", "camera.h5"
 MAX_CANDIDATES = 8
@@ -126,7 +126,7 @@ def with_medians(one: PlaneResult, found: FieldResult) -> PlaneResult:
     outcome = found.planes.get(one.name)
     if outcome is None or outcome.value is None:
         return one
-    medians = {name: told_quantity(number, one.unit, one.factor) for name, number in outcome.value.numbers.items()}
+    medians = {name: convert_quantity(number, one.unit, one.factor) for name, number in outcome.value.numbers.items()}
     return replace(one, numbers={**one.numbers, **medians})
 
 
@@ -166,7 +166,7 @@ def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...
 
 def _provenance(head: RecordHead) -> dict[str, str]:
     """Texts for the file's attributes."""
-    entries = head.told()
+    entries = head.to_record()
     kept = {name: entries[name] for name in ("procedure", "input", "parameters")}
     return {**{name: json_text({name: value}) for name, value in kept.items()}, "software": json_text(software())}
 

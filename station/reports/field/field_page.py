@@ -37,7 +37,6 @@ from station.reports.page import (
 from station.reports.report import Report
 from station.reports.report_page import report_page
 from station.results.measurement import Measurement
-from station.results.overlay import HeightOverlay
 from station.results.plane_result import PlaneResult
 from station.results.units import Unit
 
@@ -110,8 +109,7 @@ def _plane_blocks(whole: FieldParts, found: Measurement, plane: PlaneResult) -> 
                field_figures.places_figure(field, one.interpolation.axis, f"{name}-places")]  # fmt: skip
     axis = FrequencyAxis(str(plane.unit), plane.factor)
     if heights := curves.get(HEIGHTS):
-        overlays: Sequence[HeightOverlay] = found.overlays
-        columns = {other.name: other.of(name, "mm" if mm else "pixel") for other in overlays}
+        columns = {other.name: other.of(name, plane.unit, "mm" if mm else "pixel") for other in found.overlays}
         figures.append(heights_figure(heights, f"{name}-heights", axis, mm, columns))
     if photosite is not None and (before := curves.get(WITHOUT_PHOTOSITE)):
         caption = f"The same without the photosite: {_division(photosite)} The bands include the fill factor’s error."

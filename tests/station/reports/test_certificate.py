@@ -28,7 +28,7 @@ def report_of(*names, limits=1, shots=1, reason=""):
     held = Specification((Limit("mtf50", least=0.9),) * limits, "a very sharp lens")
     verdict = Verdict.DOUBTFUL if reason else Verdict.PASS
     plain = [PlaneResult.of(one, verdict, psf, quality, pitch=2, reason=reason) for one in names]
-    planes = [Terms(specification=held).told(one, Pixels(2)) for one in plain]
+    planes = [Terms(specification=held).apply(one, Pixels(2)) for one in plain]
     taken = [ReportShot(f"/photographs/<b>{number}.dng", f"{number:064x}") for number in range(shots)]
     lines = [ReportLine("Camera", "Nikon \u00b5 \u4e2d"), ReportLine("Temperature", "21.0 °C")]
     return Report(

@@ -43,7 +43,7 @@ def report(chart_photograph, tmp_path_factory):
     limits = (Limit("mtf50_horizontal", least=0.4), Limit("mtf50_vertical", least=0.9, planes=("G2",)))
     terms = Terms(specification=Specification(limits, "a sharp lens"))
     calibrated = calibrate(frame, Chart.from_seed(), PatternParameters(at=(0.25,)))
-    told = [terms.told(one, Pixels(2)) for one in calibrated]
+    told = [terms.apply(one, Pixels(2)) for one in calibrated]
     return report_of_files("pattern", [frame], told, {"s": 4, "k": 17}, terms.specification)
 
 
