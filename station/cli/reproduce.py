@@ -65,7 +65,7 @@ def _table(result: Reproduction) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    from station.demo.reproduce.page import shown
+    from station.demo.reproduce.row import shown
 
     table = Table(box=None, pad_edge=False)
     for heading in ("row", "published in", "numbers", "result"):

@@ -102,7 +102,7 @@ class RestoredDepth:
     @cached_property
     def rim(self) -> int:
         """Rim that light from beyond the frame reaches, samples; excluded from all figures."""
-        return _reach(self.plan)
+        return int(np.ceil(self.plan.max_w * RATIO + 0.5))
 
     @property
     def figures(self) -> dict[str, Any]:
@@ -237,11 +237,6 @@ def _white(plan: DepthPlan) -> float:
     """Level of white in green, 1 = saturation."""
     sensor = plan.sensor
     return WHITE_E / sensor.gain_e_per_dn / (sensor.white - min(sensor.black))
-
-
-def _reach(plan: DepthPlan) -> int:
-    """Half-size of the masks, samples."""
-    return int(np.ceil(plan.max_w * RATIO + 0.5))
 
 
 def _setting(plan: DepthPlan) -> CameraSetting:

@@ -18,10 +18,12 @@ from procedures.quality import Diffraction
 from simulators.camera.optics import WAVELENGTHS_UM
 from station.demo.reproduce import cameras
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import Check, Row, RowValues, Setting
+from station.demo.reproduce.row import Check, Row, RowValues, Setting, register
 from station.demo.truth_comparison import align
 
 Array = npt.NDArray[np.float64]
+ROWS: list[Row] = []
+row = register(ROWS, "camera")
 
 F = cameras.FREQUENCIES
 NYQUIST = int(np.argmin(abs(F - 0.5)))
@@ -55,7 +57,21 @@ def _error(found: PatternPsf, truth: Array) -> float:
     return float(np.linalg.norm(found.psf.h - aligned) / np.linalg.norm(truth))
 
 
-def _apertures(setting: Setting) -> RowValues:
+@row(
+    place="Thesis, Figure 2.10",
+    checks=(
+        Check("least MTF at Nyquist, f/3.2 to f/16", "significantly greater than zero", low=0.1),
+        Check("MTF at Nyquist at f/32, over that", "only f/32 is not", high=0.5),
+        Check("MTF at Nyquist at f/16, over the least of f/3.2 to f/12.9", "cut significantly more", high=0.9),
+        Check("MTF at Nyquist at f/32, over the same", "cut significantly more", high=0.5),
+    ),
+    setup=(
+        "The thesis has curves without numbers. On this pitch diffraction lowers the MTF at Nyquist by 33 %, 41 %"
+        " and 87 % at f/12.9, f/16 and f/32."
+    ),
+)
+def apertures(setting: Setting) -> RowValues:
+    """The PSF at five apertures: f/16 and f/32 cut high frequencies, the camera aliases at all but f/32."""
     found = {N: _at_aperture(N)[0] for N in APERTURES}
     mtf = {N: cameras.mtf_down(one.psf.h) for N, one in found.items()}
     at_nyquist = {N: float(one[NYQUIST]) for N, one in mtf.items()}
@@ -70,26 +86,16 @@ def _apertures(setting: Setting) -> RowValues:
     )
 
 
-APERTURE = Row(
-    name="apertures",
-    chapter="camera",
-    place="Thesis, Figure 2.10",
-    title="The PSF at five apertures: f/16 and f/32 cut high frequencies, the camera aliases at all but f/32",
+@row(
+    place="Thesis, Figure 2.12",
     checks=(
-        Check("least MTF at Nyquist, f/3.2 to f/16", "significantly greater than zero", low=0.1),
-        Check("MTF at Nyquist at f/32, over that", "only f/32 is not", high=0.5),
-        Check("MTF at Nyquist at f/16, over the least of f/3.2 to f/12.9", "cut significantly more", high=0.9),
-        Check("MTF at Nyquist at f/32, over the same", "cut significantly more", high=0.5),
+        Check("greatest excess over diffraction", "under the ideal response", high=0.02),
+        Check("greatest excess from 0.25 to 1 cycles per pixel", "under the ideal response", high=0.0),
     ),
-    setup=(
-        "The thesis has curves without numbers. On this pitch diffraction lowers the MTF at Nyquist by 33 %, 41 %"
-        " and 87 % at f/12.9, f/16 and f/32."
-    ),
-    compute=_apertures,
+    setup="Near zero both are 1; there the light outside the support raises the estimate by up to 2 %.",
 )
-
-
-def _diffraction(setting: Setting) -> RowValues:
+def diffraction(setting: Setting) -> RowValues:
+    """At f/5.6 the MTF is below that of diffraction alone, because of photosites and low-pass filter."""
     found, _ = _at_aperture(5.6)
     limit = Diffraction(5.6, 2 * cameras.PITCH_UM, 1000 * WAVELENGTHS_UM["Y"])
     quality = found.quality
@@ -109,21 +115,19 @@ def _diffraction(setting: Setting) -> RowValues:
     return RowValues((float(excess.max()), float(excess[under & (quality.frequencies < 1)].max())), (figure,))
 
 
-DIFFRACTION = Row(
-    name="diffraction",
-    chapter="camera",
-    place="Thesis, Figure 2.12",
-    title="At f/5.6 the MTF is below that of diffraction alone, because of photosites and low-pass filter",
+@row(
+    place="Thesis, Figure 2.13",
     checks=(
-        Check("greatest excess over diffraction", "under the ideal response", high=0.02),
-        Check("greatest excess from 0.25 to 1 cycles per pixel", "under the ideal response", high=0.0),
+        Check("greatest imaginary part", "both curves coincide", high=0.02),
+        Check("greatest distance of the phase from 0 or π where the MTF exceeds 5 %", "0 or π", high=0.2, unit="rad"),
     ),
-    setup="Near zero both are 1; there the light outside the support raises the estimate by up to 2 %.",
-    compute=_diffraction,
+    setup=(
+        "The photograph's noise gives the imaginary part a standard deviation of 0.3 %; a centre error of 0.005 pixel"
+        " adds 0.03 rad per cycle per pixel."
+    ),
 )
-
-
-def _phase(setting: Setting) -> RowValues:
+def phase(setting: Setting) -> RowValues:
+    """At f/5.6 in the middle of the frame the OTF is real: modulus and real part coincide, the phase is 0 or π."""
     found, _ = _at_aperture(5.6)
     otf = cameras.spectrum(found.psf.h, cameras.S, F, np.zeros_like(F))
     figure = curves(
@@ -137,42 +141,20 @@ def _phase(setting: Setting) -> RowValues:
     return RowValues((float(np.abs(otf.imag).max()), float(np.minimum(phase, np.pi - phase).max())), (figure,))
 
 
-PHASE = Row(
-    name="phase",
-    chapter="camera",
-    place="Thesis, Figure 2.13",
-    title="At f/5.6 in the middle of the frame the OTF is real: modulus and real part coincide, the phase is 0 or π",
-    checks=(
-        Check("greatest imaginary part", "both curves coincide", high=0.02),
-        Check("greatest distance of the phase from 0 or π where the MTF exceeds 5 %", "0 or π", high=0.2, unit="rad"),
-    ),
-    setup=(
-        "The photograph's noise gives the imaginary part a standard deviation of 0.3 %; a centre error of 0.005 pixel"
-        " adds 0.03 rad per cycle per pixel."
-    ),
-    compute=_phase,
-)
-
-
-def _accuracy(setting: Setting) -> RowValues:
-    shots = [(N, seed) for N in (2.8, 4.0, 5.6, 8.0) for seed in range(5 if setting.full else 2)]
-    errors = np.array([_at_aperture(N, seed)[1] for N, seed in shots])
-    figure = curves("accuracy", [Curve("error", [N for N, _ in shots], errors, "o")], x="f-number", y="relative error")
-    return RowValues((float(errors.mean()), float(errors.max())), (figure,))
-
-
-ACCURACY = Row(
-    name="accuracy",
-    chapter="camera",
+@row(
     place="Thesis, section 2.6; IPOL 2012, abstract",
-    title="The relative error of the PSF is of the order of 2 to 5 %",
     checks=(
         Check("mean relative error", "2 to 5 %", high=0.05),
         Check("greatest relative error", "2 to 5 %", high=0.05),
     ),
     setup="Simulated photographs, known truth.",
-    compute=_accuracy,
 )
+def accuracy(setting: Setting) -> RowValues:
+    """The relative error of the PSF is of the order of 2 to 5 %."""
+    shots = [(N, seed) for N in (2.8, 4.0, 5.6, 8.0) for seed in range(5 if setting.full else 2)]
+    errors = np.array([_at_aperture(N, seed)[1] for N, seed in shots])
+    figure = curves("accuracy", [Curve("error", [N for N, _ in shots], errors, "o")], x="f-number", y="relative error")
+    return RowValues((float(errors.mean()), float(errors.max())), (figure,))
 
 
 # --- Figures 2.15, 2.16: planes and places ---
@@ -181,7 +163,23 @@ DIAGONAL_AT = np.linspace(0.6, 1.2, 13)
 """Frequencies at which photosites without a corner differ along the two diagonals."""
 
 
-def _planes(setting: Setting) -> RowValues:
+@row(
+    place="Thesis, Figures 1.7 and 2.15",
+    checks=(
+        Check("radius of 80 % energy, R over the larger green", "larger", low=1.005),
+        Check("the same, R over B", "larger", low=1.005),
+        Check("the same, G1 over G2", "alike", 0.98, 1.02),
+        Check("difference of the diagonals' MTF, R over minus green's", "rotated from green", 0.0),
+        Check("the same, B", "rotated from green", 0.0),
+    ),
+    setup=(
+        "Diffraction grows by 13 % from green to red and is a small part of the PSF at f/5.6. The thesis explains"
+        " the rotation by L-shaped photosites; the simulated sensor has them. Of the last two numbers the sign is"
+        " the claim."
+    ),
+)
+def planes(setting: Setting) -> RowValues:
+    """PSFs of the four Bayer planes: red is larger, the MTFs of red and blue are rotated from green's."""
     shot = cameras.photograph_chart(cameras.mosaic_camera(), _chart(), 3, roll_deg=1.0)
     found = {name: cameras.estimated(cameras.plane_of(shot, name), _chart()) for name in ("R", "G1", "G2", "B")}
     radius = {name: one.quality.numbers[ENCIRCLED_ENERGY_80].value for name, one in found.items()}
@@ -213,28 +211,18 @@ def _lean(h: Array) -> float:
     return float(np.mean(there - across))
 
 
-PLANES = Row(
-    name="planes",
-    chapter="camera",
-    place="Thesis, Figures 1.7 and 2.15",
-    title="PSFs of the four Bayer planes: red is larger, the MTFs of red and blue are rotated from green's",
+@row(
+    place="Thesis, Figures 1.4 and 2.16; IPOL 2012, section 5.2",
     checks=(
-        Check("radius of 80 % energy, R over the larger green", "larger", low=1.005),
-        Check("the same, R over B", "larger", low=1.005),
-        Check("the same, G1 over G2", "alike", 0.98, 1.02),
-        Check("difference of the diagonals' MTF, R over minus green's", "rotated from green", 0.0),
-        Check("the same, B", "rotated from green", 0.0),
+        Check("radius of 80 % energy, edge over centre", "larger", low=1.05),
+        Check("the same, corner over centre", "larger", low=1.05),
+        Check("asymmetry, edge over centre", "more asymmetrical", low=1.5),
+        Check("asymmetry, corner over centre", "more asymmetrical", low=1.5),
     ),
-    setup=(
-        "Diffraction grows by 13 % from green to red and is a small part of the PSF at f/5.6. The thesis explains"
-        " the rotation by L-shaped photosites; the simulated sensor has them. Of the last two numbers the sign is"
-        " the claim."
-    ),
-    compute=_planes,
+    setup="The thesis has no numbers, and the lens is simulated, with coma, astigmatism and a curved field.",
 )
-
-
-def _places(setting: Setting) -> RowValues:
+def places(setting: Setting) -> RowValues:
+    """PSFs far from the middle of the frame are larger and more asymmetrical."""
     lens = {"coma_um": 0.10, "astigmatism_um": 0.10, "field_curvature_um": 0.06, "spherical_um": 0.02}
     camera = cameras.green_camera(5.6, 600, **lens)
     places = {"centre": (0.5, 0.5), "edge": (0.86, 0.5), "corner": (0.86, 0.86)}
@@ -257,26 +245,19 @@ def _asymmetry(h: Array) -> float:
     return float(np.linalg.norm(h - h[::-1, ::-1]) / np.linalg.norm(h))
 
 
-PLACES = Row(
-    name="places",
-    chapter="camera",
-    place="Thesis, Figures 1.4 and 2.16; IPOL 2012, section 5.2",
-    title="PSFs far from the middle of the frame are larger and more asymmetrical",
-    checks=(
-        Check("radius of 80 % energy, edge over centre", "larger", low=1.05),
-        Check("the same, corner over centre", "larger", low=1.05),
-        Check("asymmetry, edge over centre", "more asymmetrical", low=1.5),
-        Check("asymmetry, corner over centre", "more asymmetrical", low=1.5),
-    ),
-    setup="The thesis has no numbers, and the lens is simulated, with coma, astigmatism and a curved field.",
-    compute=_places,
-)
-
-
 # --- Figure 2.17: stability ---
 
 
-def _stability(setting: Setting) -> RowValues:
+@row(
+    place="Thesis, Figure 2.17",
+    checks=(
+        Check("relative sensitivity, whole spectrum", "does not exceed 0.08", high=0.08),
+        Check("the same where the MTF is 5 % or more", "less than 3 %", high=0.03),
+    ),
+    setup="Simulated photographs: no vibration, refocusing or change of light between them, which lowers the scatter.",
+)
+def stability(setting: Setting) -> RowValues:
+    """Thirteen photographs from similar viewpoints: mean of the MTF's standard deviation over mean of the MTF."""
     rng = np.random.default_rng(13)
     camera, curves_found = cameras.green_camera(5.6), []
     for seed in range(13):
@@ -292,20 +273,3 @@ def _stability(setting: Setting) -> RowValues:
     )
     at_5_percent = float(np.interp(0.05, thresholds, sensitivity))
     return RowValues((max(sensitivity), at_5_percent), figures)
-
-
-STABILITY = Row(
-    name="stability",
-    chapter="camera",
-    place="Thesis, Figure 2.17",
-    title="Thirteen photographs from similar viewpoints: mean of the MTF's standard deviation over mean of the MTF",
-    checks=(
-        Check("relative sensitivity, whole spectrum", "does not exceed 0.08", high=0.08),
-        Check("the same where the MTF is 5 % or more", "less than 3 %", high=0.03),
-    ),
-    setup="Simulated photographs: no vibration, refocusing or change of light between them, which lowers the scatter.",
-    compute=_stability,
-)
-
-
-ROWS = (APERTURE, DIFFRACTION, PHASE, ACCURACY, PLANES, PLACES, STABILITY)

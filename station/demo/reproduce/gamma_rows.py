@@ -11,9 +11,11 @@ import numpy.typing as npt
 from procedures.pattern_psf.gamma.amplification import gamma_bound
 from station.demo.reproduce import patterns
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting
+from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, register
 
 Array = npt.NDArray[np.float64]
+ROWS: list[Row] = []
+row = register(ROWS, "gamma")
 
 S = 4
 SUPPORTS = (9, 17, 25, 33)
@@ -62,10 +64,44 @@ OTHERS: dict[str, patterns.Drawing] = {
 }
 """Patterns made of step edges."""
 
-# --- Tables 1.1 and 2.2 --------------------------------------------------------------------------------------------
+
+def _sized(name: str, published: tuple[str, ...]) -> tuple[Check, ...]:
+    """A check for each support."""
+    return tuple(Check.printed(f"{name}, {r} × {r}", value) for r, value in zip(SUPPORTS, published, strict=True))
 
 
-def _table(setting: Setting) -> RowValues:
+def _table_order(values: tuple[float, ...]) -> bool:
+    bounds, noise, joshi = (np.array(values[n : n + 4]) for n in (0, 4, 8))
+    return bool(
+        np.all(bounds < noise)
+        and np.all(np.diff(noise) > 0)
+        and np.all(np.diff(joshi / noise) > 0)
+        and np.all(joshi > 10 * noise)
+    )
+
+
+# --- Tables 1.1 and 2.2 ---
+
+
+@row(
+    place="Thesis, Tables 1.1 and 2.2",
+    checks=(
+        *_sized("bound", BOUND_PUBLISHED),
+        *_sized("noise pattern", BERNOULLI_PUBLISHED),
+        *_sized("Joshi et al.", JOSHI_PUBLISHED),
+    ),
+    order=Order(
+        "bound < noise pattern < a tenth of Joshi's γ, and the ratio of the two patterns grows with the support",
+        _table_order,
+    ),
+    setup=(
+        "The table does not state its window and its s/t: the bounds give the window, and within s/t = 1 to 1.1 γ"
+        " changes by 3 %. The pattern of Joshi et al. is not published as data. A disc of arcs with a radius of 20"
+        " pixels replaces it; its γ varies by a factor of ten with the radius."
+    ),
+)
+def gamma_table(setting: Setting) -> RowValues:
+    """γ of the noise pattern, of the pattern of Joshi et al., and the theoretical bound, s = 4."""
     windows = [table_window(r) for r in SUPPORTS]
     bounds = [gamma_bound(m * n, r * r) for r, (m, n) in zip(SUPPORTS, windows, strict=True)]
     noise = [_mean_gamma(r, w, _seeds(setting)) for r, w in zip(SUPPORTS, windows, strict=True)]
@@ -87,48 +123,19 @@ def _table(setting: Setting) -> RowValues:
     return RowValues((*bounds, *noise, *joshi), (figure,), remark)
 
 
-def _sized(name: str, published: tuple[str, ...]) -> tuple[Check, ...]:
-    """A check for each support."""
-    return tuple(Check.printed(f"{name}, {r} × {r}", value) for r, value in zip(SUPPORTS, published, strict=True))
+# --- other patterns ---
 
 
-def _table_order(values: tuple[float, ...]) -> bool:
-    bounds, noise, joshi = (np.array(values[n : n + 4]) for n in (0, 4, 8))
-    return bool(
-        np.all(bounds < noise)
-        and np.all(np.diff(noise) > 0)
-        and np.all(np.diff(joshi / noise) > 0)
-        and np.all(joshi > 10 * noise)
-    )
-
-
-TABLE = Row(
-    name="gamma-table",
-    chapter="gamma",
-    place="Thesis, Tables 1.1 and 2.2",
-    title="γ of the noise pattern, of the pattern of Joshi et al., and the theoretical bound, s = 4",
-    checks=(
-        *_sized("bound", BOUND_PUBLISHED),
-        *_sized("noise pattern", BERNOULLI_PUBLISHED),
-        *_sized("Joshi et al.", JOSHI_PUBLISHED),
-    ),
-    order=Order(
-        "bound < noise pattern < a tenth of Joshi's γ, and the ratio of the two patterns grows with the support",
-        _table_order,
-    ),
+@row(
+    place="Thesis, sections 1 and 2.3.4",
+    checks=tuple(Check(f"γ of a {name} over the noise pattern's", "significantly larger", low=5.0) for name in OTHERS),
     setup=(
-        "The table does not state its window and its s/t: the bounds give the window, and within s/t = 1 to 1.1 γ"
-        " changes by 3 %. The pattern of Joshi et al. is not published as data. A disc of arcs with a radius of 20"
-        " pixels replaces it; its γ varies by a factor of ten with the radius."
+        "The thesis has numbers for the pattern of Joshi et al. only; the others belong to the claim that step edges"
+        " leave the problem ill-posed. Significantly larger is read as five times the variance."
     ),
-    compute=_table,
 )
-
-
-# --- other patterns ------------------------------------------------------------------------------------------------
-
-
-def _other_patterns(setting: Setting) -> RowValues:
+def gamma_patterns(setting: Setting) -> RowValues:
+    """Patterns made of step edges have far larger γ than the noise pattern (17 × 17, s = 4)."""
     r = 17
     window = table_window(r)
     samples = patterns.side(window, S, r)
@@ -140,26 +147,21 @@ def _other_patterns(setting: Setting) -> RowValues:
     return RowValues(tuple(ratios), (figure,), f"γ of the noise pattern is {best:.3f}.")
 
 
-PATTERNS = Row(
-    name="gamma-patterns",
-    chapter="gamma",
-    place="Thesis, sections 1 and 2.3.4",
-    title="Patterns made of step edges have far larger γ than the noise pattern (17 × 17, s = 4)",
-    checks=tuple(Check(f"γ of a {name} over the noise pattern's", "significantly larger", low=5.0) for name in OTHERS),
-    setup=(
-        "The thesis has numbers for the pattern of Joshi et al. only; the others belong to the claim that step edges"
-        " leave the problem ill-posed. Significantly larger is read as five times the variance."
-    ),
-    compute=_other_patterns,
-)
-
-
-# --- Figures 2.2 to 2.4: the bounds --------------------------------------------------------------------------------
+# --- Figures 2.2 to 2.4: the bounds ---
 
 WINDOW_SIDES = (20, 30, 40, 60, 80, 100, 140, 200)
 
 
-def _bound_solved(setting: Setting) -> RowValues:
+@row(
+    place="Thesis, Lemma 3, Remark 3 and Figure 2.2",
+    checks=(
+        Check("greatest relative difference", "extremely close", high=1e-3),
+        Check("least difference, exact solution minus Lemma 3", "not negative", low=0.0),
+    ),
+    setup="The difference is 3 / (M N), the bound 4 N / M: one part in 4 N² / 3.",
+)
+def bound_solved(setting: Setting) -> RowValues:
+    """The bound of Lemma 3 and the exact solution of its constrained minimum."""
     N = 17 * 17
     M = np.array(WINDOW_SIDES) ** 2
     plain = np.array([gamma_bound(int(m), N) for m in M])
@@ -177,21 +179,16 @@ def _bound_solved(setting: Setting) -> RowValues:
     return RowValues((float(np.max((solved - plain) / plain)), float(np.min(solved - plain))), (both, apart))
 
 
-BOUND_SOLVED = Row(
-    name="bound-solved",
-    chapter="gamma",
-    place="Thesis, Lemma 3, Remark 3 and Figure 2.2",
-    title="The bound of Lemma 3 and the exact solution of its constrained minimum",
+@row(
+    place="Thesis, Proposition 1 and Figure 2.3",
     checks=(
-        Check("greatest relative difference", "extremely close", high=1e-3),
-        Check("least difference, exact solution minus Lemma 3", "not negative", low=0.0),
+        Check("least difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
+        Check("greatest difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
     ),
-    setup="The difference is 3 / (M N), the bound 4 N / M: one part in 4 N² / 3.",
-    compute=_bound_solved,
+    setup="It is 1 − 1 / N + 1 / (N + 1) − 1 / (4 N), 0.9991 for N = 289; the thesis says ≈.",
 )
-
-
-def _bound_expected(setting: Setting) -> RowValues:
+def bound_expected(setting: Setting) -> RowValues:
+    """γ of the expected Bernoulli operator lies above the bound by 4 / M."""
     N = 17 * 17
     M = np.array(WINDOW_SIDES) ** 2
     bound = np.array([gamma_bound(int(m), N) for m in M])
@@ -207,21 +204,20 @@ def _bound_expected(setting: Setting) -> RowValues:
     return RowValues((float(share.min()), float(share.max())), (figure,))
 
 
-BOUND_EXPECTED = Row(
-    name="bound-expected",
-    chapter="gamma",
-    place="Thesis, Proposition 1 and Figure 2.3",
-    title="γ of the expected Bernoulli operator lies above the bound by 4 / M",
+@row(
+    place="Thesis, Figure 2.4",
     checks=(
-        Check("least difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
-        Check("greatest difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
+        Check("γ over the bound, 17 × 17, 100 × 100 pixels", "very close", 1.0, 1.1),
+        Check("greatest γ over the bound, 9 × 9 to 33 × 33", "proximity", 1.0, 1.25),
+        Check("least γ over the bound of any", "never below it", low=1.0),
     ),
-    setup="It is 1 − 1 / N + 1 / (N + 1) − 1 / (4 N), 0.9991 for N = 289; the thesis says ≈.",
-    compute=_bound_expected,
+    setup=(
+        "Random matrices of M rows and N columns with independent entries have M / (M − N − 1) times the expected γ:"
+        " 1.03 for 17 × 17 and 1.12 for 33 × 33 in 100 × 100 pixels. Here neighbouring rows share entries."
+    ),
 )
-
-
-def _realised(setting: Setting) -> RowValues:
+def bound_realised(setting: Setting) -> RowValues:
+    """Random zeros and ones as samples approach the bound at finite windows and supports, s = 4."""
     """Random zeros and ones as samples, without cells and their low-pass filter."""
 
     def over_bound(r: int, m: int) -> float:
@@ -240,30 +236,23 @@ def _realised(setting: Setting) -> RowValues:
     return RowValues((by_window[-1], max(by_support), min(by_window + by_support)), figures)
 
 
-REALISED = Row(
-    name="bound-realised",
-    chapter="gamma",
-    place="Thesis, Figure 2.4",
-    title="Random zeros and ones as samples approach the bound at finite windows and supports, s = 4",
-    checks=(
-        Check("γ over the bound, 17 × 17, 100 × 100 pixels", "very close", 1.0, 1.1),
-        Check("greatest γ over the bound, 9 × 9 to 33 × 33", "proximity", 1.0, 1.25),
-        Check("least γ over the bound of any", "never below it", low=1.0),
-    ),
-    setup=(
-        "Random matrices of M rows and N columns with independent entries have M / (M − N − 1) times the expected γ:"
-        " 1.03 for 17 × 17 and 1.12 for 33 × 33 in 100 × 100 pixels. Here neighbouring rows share entries."
-    ),
-    compute=_realised,
-)
-
-
-# --- Figure 2.5 ----------------------------------------------------------------------------------------------------
+# --- Figure 2.5 ---
 
 CELLS_PER_SAMPLE = (0.4, 0.55, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0)
 
 
-def _zoom(setting: Setting) -> RowValues:
+@row(
+    place="Thesis, section 2.3.3 and Figure 2.5 (b)",
+    checks=(
+        Check("t/s with the least γ", "close to one", 0.7, 1.3),
+        Check("γ at t/s = 0.7 over the least", "close to its optimal value", high=3.0),
+        Check("γ at t/s = 2 over the least", "close to its optimal value", high=3.0),
+        Check("γ at t/s = 0.4 over the least", "higher: looks like step edges", low=3.0),
+    ),
+    setup="The figure has a logarithmic scale of decades: close is read as a factor of three.",
+)
+def gamma_zoom(setting: Setting) -> RowValues:
+    """γ over the zoom: near its least between 0.7 and 2, growing when the chart is seen from too near or too far."""
     r, window = 17, (60, 60)
     values = np.array([_mean_gamma(r, window, range(1), 1 / t_over_s) for t_over_s in CELLS_PER_SAMPLE])
     at = dict(zip(CELLS_PER_SAMPLE, values, strict=True))
@@ -303,23 +292,20 @@ def _whole_chart(r: int) -> tuple[Array, Array]:
     return ratios, np.array(found)
 
 
-ZOOM = Row(
-    name="gamma-zoom",
-    chapter="gamma",
-    place="Thesis, section 2.3.3 and Figure 2.5 (b)",
-    title="γ over the zoom: near its least between 0.7 and 2, growing when the chart is seen from too near or too far",
+@row(
+    place="Thesis, Figure 2.5 (a)",
     checks=(
-        Check("t/s with the least γ", "close to one", 0.7, 1.3),
-        Check("γ at t/s = 0.7 over the least", "close to its optimal value", high=3.0),
-        Check("γ at t/s = 2 over the least", "close to its optimal value", high=3.0),
-        Check("γ at t/s = 0.4 over the least", "higher: looks like step edges", low=3.0),
+        Check("least step of γ from one support to the next", "grows", low=0.0),
+        Check("least γ over the bound", "1.9 at 9 × 9 in Table 2.2", 1.7, 2.1),
+        Check("greatest γ over the bound", "2.6 at 33 × 33 in Table 2.2", 2.3, 2.9),
     ),
-    setup="The figure has a logarithmic scale of decades: close is read as a factor of three.",
-    compute=_zoom,
+    setup=(
+        "The low-pass filter of cells of one sample costs a factor of (2 ln 2)² = 1.92 in the mean over the band;"
+        " finite windows add M / (M − N − 1). The table's ratios are rounded to 5 %."
+    ),
 )
-
-
-def _by_support(setting: Setting) -> RowValues:
+def gamma_support(setting: Setting) -> RowValues:
+    """γ of the noise pattern grows with the PSF's support, s/t = 1."""
     supports, window = (5, 9, 13, 17, 21, 25, 29, 33), (60, 60)
     values = [_mean_gamma(r, window, range(2)) for r in supports]
     bounds = [gamma_bound(window[0] * window[1], r * r) for r in supports]
@@ -335,28 +321,22 @@ def _by_support(setting: Setting) -> RowValues:
     return RowValues((float(steps.min()), float(ratios.min()), float(ratios.max())), (figure,))
 
 
-SUPPORT = Row(
-    name="gamma-support",
-    chapter="gamma",
-    place="Thesis, Figure 2.5 (a)",
-    title="γ of the noise pattern grows with the PSF's support, s/t = 1",
+# --- Figure 2.7 ---
+
+
+@row(
+    place="Thesis, Figure 2.7",
     checks=(
-        Check("least step of γ from one support to the next", "grows", low=0.0),
-        Check("least γ over the bound", "1.9 at 9 × 9 in Table 2.2", 1.7, 2.1),
-        Check("greatest γ over the bound", "2.6 at 33 × 33 in Table 2.2", 2.3, 2.9),
+        Check("second over last eigenvalue, noise pattern", "very similar", high=40.0),
+        Check("this ratio of a disc of arcs, over the noise pattern's", "fast decay", low=1e3),
     ),
     setup=(
-        "The low-pass filter of cells of one sample costs a factor of (2 ln 2)² = 1.92 in the mean over the band;"
-        " finite windows add M / (M − N − 1). The table's ratios are rounded to 5 %."
+        "Cells of one sample attenuate the band's corner by 1 / sinc(1/2)⁴ = 6.1 in power, and eigenvalues of random"
+        " matrices spread by (1 + √(N/M))² / (1 − √(N/M))² = 3.6: 22 in total, read as 40 because rows share samples."
     ),
-    compute=_by_support,
 )
-
-
-# --- Figure 2.7 ----------------------------------------------------------------------------------------------------
-
-
-def _eigenvalues(setting: Setting) -> RowValues:
+def eigenvalues(setting: Setting) -> RowValues:
+    """Eigenvalues after the first are similar for the noise pattern and decay fast for Joshi's (81 × 81, 25 × 25)."""
     r, window = 25, (81, 81)
     views = {
         "noise pattern": _bernoulli(r, window, 0),
@@ -373,22 +353,3 @@ def _eigenvalues(setting: Setting) -> RowValues:
     )
     spread = {name: float(one[1] / one[-1]) for name, one in values.items()}
     return RowValues((spread["noise pattern"], spread["disc of arcs"] / spread["noise pattern"]), (figure,))
-
-
-EIGENVALUES = Row(
-    name="eigenvalues",
-    chapter="gamma",
-    place="Thesis, Figure 2.7",
-    title="Eigenvalues after the first are similar for the noise pattern and decay fast for Joshi's (81 × 81, 25 × 25)",
-    checks=(
-        Check("second over last eigenvalue, noise pattern", "very similar", high=40.0),
-        Check("this ratio of a disc of arcs, over the noise pattern's", "fast decay", low=1e3),
-    ),
-    setup=(
-        "Cells of one sample attenuate the band's corner by 1 / sinc(1/2)⁴ = 6.1 in power, and eigenvalues of random"
-        " matrices spread by (1 + √(N/M))² / (1 − √(N/M))² = 3.6: 22 in total, read as 40 because rows share samples."
-    ),
-    compute=_eigenvalues,
-)
-
-ROWS = (TABLE, PATTERNS, BOUND_SOLVED, BOUND_EXPECTED, REALISED, ZOOM, SUPPORT, EIGENVALUES)

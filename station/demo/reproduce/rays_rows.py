@@ -21,9 +21,11 @@ from procedures.ray_histogram.filter import PAPER
 from procedures.ray_histogram.multiscale import filter_film
 from procedures.reading.arrays import checked_array, read_npz
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting
+from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, register
 
 Array = npt.NDArray[np.float64]
+ROWS: list[Row] = []
+row = register(ROWS, "rays")
 
 FILMS = {64: "rays/cornell_00064_f16.npz", 256: "rays/cornell_00256_f16.npz"}
 REFERENCE = "rays/cornell_reference.npz"
@@ -78,23 +80,8 @@ PUBLISHED = {
 """(samples, kappa, scales): PSNR in dB, values clipped to 0..1, of the published program on these films."""
 
 
-def _program(setting: Setting) -> RowValues:
-    film, truth = _of(setting, 256)
-    ours = [_decibels(setting, *case) for case in PUBLISHED]
-    figure = pictures(
-        "rays",
-        [("256 samples", _shown(film.mean)), ("filtered", _shown(_filtered(setting, 256, 1.0, 3))),
-         ("converged", _shown(truth))],
-        columns=3,
-    )  # fmt: skip
-    return RowValues((psnr_db(film.mean, truth)[0], *ours), (figure,))
-
-
-PROGRAM = Row(
-    name="rays-cornell",
-    chapter="rays",
+@row(
     place="Thesis, Figures 4.6 to 4.8, and the published program's answers",
-    title="PSNR of the Cornell box as rendered with 256 samples, and filtered as the published program does",
     checks=(
         Check.printed("as rendered, 256 samples", "32.7", "dB"),
         *(
@@ -110,16 +97,39 @@ PROGRAM = Row(
         "The rendered picture has 250 instead of 256 pixels a side. The paper leaves the rims, and which patches always"
         " count, open; there the published program and this one differ."
     ),
-    compute=_program,
     needs=NEEDS,
 )
+def rays_cornell(setting: Setting) -> RowValues:
+    """PSNR of the Cornell box as rendered with 256 samples, and filtered as the published program does."""
+    film, truth = _of(setting, 256)
+    ours = [_decibels(setting, *case) for case in PUBLISHED]
+    figure = pictures(
+        "rays",
+        [("256 samples", _shown(film.mean)), ("filtered", _shown(_filtered(setting, 256, 1.0, 3))),
+         ("converged", _shown(truth))],
+        columns=3,
+    )  # fmt: skip
+    return RowValues((psnr_db(film.mean, truth)[0], *ours), (figure,))
+
 
 # --- Figure 4.20 ---------------------------------------------------------------------------------------------------
 
 KAPPAS = (0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0)
 
 
-def _kappa(setting: Setting) -> RowValues:
+@row(
+    place="Thesis, Figure 4.20",
+    checks=(
+        Check("κ of the least error", "0.7 to 1.0", 0.7, 1.0),
+        Check("error at κ = 0.3 over the least", "high variance", low=1.2),
+        Check("error at κ = 3 over the least", "high bias", low=1.2),
+    ),
+    order=Order("the error has a minimum between", lambda v: min(v[1:]) > 1),
+    setup="The thesis's figure is of another scene, toasters. High is read as 1.2 times.",
+    needs=NEEDS,
+)
+def rays_kappa(setting: Setting) -> RowValues:
+    """A small threshold κ leaves noise, a large one blurs; the error is least at 0.7 to 1.0 (256 samples)."""
     _, truth = _of(setting, 256)
     found = [np.clip(_filtered(setting, 256, kappa, 3), 0, 1) for kappa in KAPPAS]
     error = np.array([np.mean((one - np.clip(truth, 0, 1)) ** 2) for one in found])
@@ -135,26 +145,25 @@ def _kappa(setting: Setting) -> RowValues:
     return RowValues((KAPPAS[best], float(error[0] / error[best]), float(error[-1] / error[best])), figures)
 
 
-KAPPA = Row(
-    name="rays-kappa",
-    chapter="rays",
-    place="Thesis, Figure 4.20",
-    title="A small threshold κ leaves noise, a large one blurs; the error is least at 0.7 to 1.0 (256 samples)",
-    checks=(
-        Check("κ of the least error", "0.7 to 1.0", 0.7, 1.0),
-        Check("error at κ = 0.3 over the least", "high variance", low=1.2),
-        Check("error at κ = 3 over the least", "high bias", low=1.2),
-    ),
-    order=Order("the error has a minimum between", lambda v: min(v[1:]) > 1),
-    setup="The thesis's figure is of another scene, toasters. High is read as 1.2 times.",
-    compute=_kappa,
-    needs=NEEDS,
-)
-
 # --- Figure 4.2 ----------------------------------------------------------------------------------------------------
 
 
-def _scales(setting: Setting) -> RowValues:
+@row(
+    place="Thesis, Figure 4.2, and the published program's answers",
+    checks=(
+        Check("error at low frequencies, three scales over one", "almost completely eliminated", high=0.2),
+        Check.at_least("gain of three scales over one, κ = 1", "0.98", "dB"),
+    ),
+    order=Order("three scales leave less noise of low frequency than one", lambda v: v[0] < 1 and v[1] > 0),
+    setup=(
+        "The thesis does not name the figure's scene. On this film part of the error at low frequencies is bias along"
+        " edges, which no scale removes; the published program gains as little by its scales."
+        " Almost completely is read as four fifths."
+    ),
+    needs=NEEDS,
+)
+def rays_scales(setting: Setting) -> RowValues:
+    """Filtering at one scale leaves noise of low frequency that three scales remove (256 samples)."""
     _, truth = _of(setting, 256)
     found = {scales: _filtered(setting, 256, 1.0, scales) for scales in (1, 3)}
     wide = {scales: _wide_noise(one, truth) for scales, one in found.items()}
@@ -180,31 +189,24 @@ def _wide_noise(picture: Array, truth: Array) -> float:
     return float(np.sqrt(np.mean(gaussian_filter(error, (WIDE_PX, WIDE_PX, 0)) ** 2)))
 
 
-SCALES = Row(
-    name="rays-scales",
-    chapter="rays",
-    place="Thesis, Figure 4.2, and the published program's answers",
-    title="Filtering at one scale leaves noise of low frequency that three scales remove (256 samples)",
-    checks=(
-        Check("error at low frequencies, three scales over one", "almost completely eliminated", high=0.2),
-        Check.at_least("gain of three scales over one, κ = 1", "0.98", "dB"),
-    ),
-    order=Order("three scales leave less noise of low frequency than one", lambda v: v[0] < 1 and v[1] > 0),
-    setup=(
-        "The thesis does not name the figure's scene. On this film part of the error at low frequencies is bias along"
-        " edges, which no scale removes; the published program gains as little by its scales."
-        " Almost completely is read as four fifths."
-    ),
-    compute=_scales,
-    needs=NEEDS,
-)
-
 # --- Figure 4.21 ---------------------------------------------------------------------------------------------------
 
 OCTAVES = 2.0
 
 
-def _samples(setting: Setting) -> RowValues:
+@row(
+    place="Thesis, section 4.6 and Figure 4.21",
+    checks=(
+        Check.printed("path tracing, 64 to 256 samples", "3", "dB/octave"),
+        Check.printed("filtered", "2.8", "dB/octave"),
+        Check("gain of the filter at 256 samples", "10 to 15", low=10.0, unit="dB"),
+    ),
+    order=Order("the filter's slope is smaller, its level far higher", lambda v: 0 < v[1] < v[0] and v[2] > 10),
+    setup="The thesis's 2.8 dB are for another scene. The published program gains 1.98 dB per octave on these films.",
+    needs=NEEDS,
+)
+def rays_samples(setting: Setting) -> RowValues:
+    """PSNR over samples: path tracing gains 3 dB per octave, the filter nearly as much at a far higher level."""
     rendered = {n: psnr_db(_of(setting, n)[0].mean, _of(setting, n)[1])[0] for n in FILMS}
     filtered = {n: _decibels(setting, n, 1.0, 3) for n in FILMS}
     figure = curves(
@@ -221,22 +223,3 @@ def _samples(setting: Setting) -> RowValues:
     gain = filtered[256] - rendered[256]
     remark = f"{gain:.1f} dB are the quality of {10 ** (gain / 10):.0f} times as many samples."
     return RowValues((*slopes, gain), (figure,), remark)
-
-
-SAMPLES = Row(
-    name="rays-samples",
-    chapter="rays",
-    place="Thesis, section 4.6 and Figure 4.21",
-    title="PSNR over samples: path tracing gains 3 dB per octave, the filter nearly as much at a far higher level",
-    checks=(
-        Check.printed("path tracing, 64 to 256 samples", "3", "dB/octave"),
-        Check.printed("filtered", "2.8", "dB/octave"),
-        Check("gain of the filter at 256 samples", "10 to 15", low=10.0, unit="dB"),
-    ),
-    order=Order("the filter's slope is smaller, its level far higher", lambda v: 0 < v[1] < v[0] and v[2] > 10),
-    setup="The thesis's 2.8 dB are for another scene. The published program gains 1.98 dB per octave on these films.",
-    compute=_samples,
-    needs=NEEDS,
-)
-
-ROWS = (PROGRAM, KAPPA, SCALES, SAMPLES)

@@ -20,9 +20,11 @@ from procedures.restoration.masks.blur_models import uniform_motion
 from procedures.restoration.masks.blur_operator import MaskStack
 from station.demo.reproduce import scenes
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, increases
+from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, increases, register
 
 Array = npt.NDArray[np.float64]
+ROWS: list[Row] = []
+row = register(ROWS, "restoration")
 
 NOISES: tuple[float | None, ...] = (None, 40.0, 20.0, 10.0)
 NOISE_WORDS = ("no noise", "40 dB", "20 dB", "10 dB")
@@ -62,7 +64,23 @@ def _at_most(quantity: str, published: Sequence[str], unit: str) -> tuple[Check,
 KNOWN = ("4.79", "5.22", "16.39", "52.22")
 
 
-def _known(setting: Setting) -> RowValues:
+@row(
+    place="Sorel 2007, section 10.1 and Figure 10.3",
+    checks=(
+        *_at_most("error", KNOWN, "grey levels"),
+        Check("Gaussian instead of the true mask, error over that of the blurred photograph", "the same or worse", 0.9),
+        Check("error after twice the steps over that after 100, no noise", "negligible influence", 0.95, 1.05),
+        Check("error at a third of the weight over that, no noise", "the regularisation's", high=0.95),
+        Check("the same, 10 dB", "noise", low=1.05),
+    ),
+    order=increases("the error grows with the noise", (0, 4)),
+    setup=(
+        "Another picture: the errors of its blurred photographs are about 24 grey levels, those of the thesis's map"
+        " 17.2 and 19.2. The weight's unit is not published."
+    ),
+)
+def restoration_known(setting: Setting) -> RowValues:
+    """Restoration at the known depth, four levels of noise, 100 steps of conjugate gradients, Tikhonov."""
     shape = scenes.comatic()
     right, wrong = scenes.stacks(shape), scenes.gaussian_stacks()
     pairs = [scenes.pair(shape, noise) for noise in NOISES]
@@ -91,26 +109,6 @@ def _known(setting: Setting) -> RowValues:
     return RowValues((*map(float, measured), float(grid[3, at - 1] / grid[3, at])), figures)
 
 
-KNOWN_DEPTH = Row(
-    name="restoration-known",
-    chapter="restoration",
-    place="Sorel 2007, section 10.1 and Figure 10.3",
-    title="Restoration at the known depth, four levels of noise, 100 steps of conjugate gradients, Tikhonov",
-    checks=(
-        *_at_most("error", KNOWN, "grey levels"),
-        Check("Gaussian instead of the true mask, error over that of the blurred photograph", "the same or worse", 0.9),
-        Check("error after twice the steps over that after 100, no noise", "negligible influence", 0.95, 1.05),
-        Check("error at a third of the weight over that, no noise", "the regularisation's", high=0.95),
-        Check("the same, 10 dB", "noise", low=1.05),
-    ),
-    order=increases("the error grows with the noise", (0, 4)),
-    setup=(
-        "Another picture: the errors of its blurred photographs are about 24 grey levels, those of the thesis's map"
-        " 17.2 and 19.2. The weight's unit is not published."
-    ),
-    compute=_known,
-)
-
 # --- Figures 10.4, 10.6, 10.7, 10.9, 10.10 ---
 
 
@@ -138,7 +136,19 @@ def _grid(shape: Array, name: str) -> RowValues:
     return RowValues((*w, *picture), (pictures(name, shown),))
 
 
-def _one_level(setting: Setting) -> RowValues:
+@row(
+    place="Sorel 2007, Figures 10.6 (d) and 10.7 (d)",
+    checks=(
+        Check.at_most("error of w", "0.151", "pixels"),
+        Check.at_most("error", "6.42", "grey levels"),
+        Check.at_most("that over the error at the known depth", "1.23"),
+        Check.at_most("error over that of the first blurred photograph", "0.37"),
+    ),
+    order=Order("the restored picture has a smaller error than the blurred photograph", lambda v: v[3] < 1),
+    setup=UNKNOWN_SETUP,
+)
+def restoration_40db(setting: Setting) -> RowValues:
+    """Picture and depth from two photographs out of focus, noise of 40 dB, a quarter of the frame."""
     shape = scenes.comatic()
     stacks = scenes.stacks(shape)
     pair = scenes.pair(shape, 40.0, SMALL)
@@ -153,48 +163,41 @@ def _one_level(setting: Setting) -> RowValues:
     return RowValues((pair.w_error(restored.w), picture, picture / best, picture / pair.error(pair.z[0, 0])), (figure,))
 
 
-ONE_LEVEL = Row(
-    name="restoration-40db",
-    chapter="restoration",
-    place="Sorel 2007, Figures 10.6 (d) and 10.7 (d)",
-    title="Picture and depth from two photographs out of focus, noise of 40 dB, a quarter of the frame",
-    checks=(
-        Check.at_most("error of w", "0.151", "pixels"),
-        Check.at_most("error", "6.42", "grey levels"),
-        Check.at_most("that over the error at the known depth", "1.23"),
-        Check.at_most("error over that of the first blurred photograph", "0.37"),
-    ),
-    order=Order("the restored picture has a smaller error than the blurred photograph", lambda v: v[3] < 1),
-    setup=UNKNOWN_SETUP,
-    compute=_one_level,
-)
-
-OUT_OF_FOCUS = Row(
-    name="restoration-defocus",
-    chapter="restoration",
+@row(
     place="Sorel 2007, Figures 10.6 and 10.7",
-    title="Picture and depth from two photographs out of focus with coma, four levels of noise",
     checks=_unknown(("0.152", "0.151", "0.307", "0.889"), ("6.12", "6.42", "15.42", "42.89")),
     order=UNKNOWN_ORDER,
     setup=UNKNOWN_SETUP,
-    compute=lambda setting: _grid(scenes.comatic(), "unknown-defocus"),
     long=True,
 )
+def restoration_defocus(setting: Setting) -> RowValues:
+    """Picture and depth from two photographs out of focus with coma, four levels of noise."""
+    return _grid(scenes.comatic(), "unknown-defocus")
 
-IN_MOTION = Row(
-    name="restoration-motion",
-    chapter="restoration",
+
+@row(
     place="Sorel 2007, Figures 10.9 and 10.10",
-    title="Picture and depth from two photographs blurred by motion along x, four levels of noise",
     checks=_unknown(("0.21", "0.20", "0.44", "0.82"), ("8.09", "10.89", "21.91", "51.44")),
     order=UNKNOWN_ORDER,
     setup=UNKNOWN_SETUP,
-    compute=lambda setting: _grid(uniform_motion(), "unknown-motion"),
     long=True,
 )
+def restoration_motion(setting: Setting) -> RowValues:
+    """Picture and depth from two photographs blurred by motion along x, four levels of noise."""
+    return _grid(uniform_motion(), "unknown-motion")
 
 
-def _start(setting: Setting) -> RowValues:
+@row(
+    place="Sorel 2007, Figures 10.2 and 10.4",
+    checks=_at_most("error of w", ("0.25", "0.26", "0.51", "1.42"), "pixels"),
+    order=increases("the error grows with the noise from 40 dB on", (1, 4)),
+    setup=(
+        "Other pictures: textures, whose blurred photographs have the same error as the thesis's map. Depth steps cause"
+        " most of the error of w: windows there contain both sides. The thesis does not state the sizes of its filters."
+    ),
+)
+def restoration_start(setting: Setting) -> RowValues:
+    """Depth maps directly from the filter-based Algorithm II, smoothed by an 11 × 11 median."""
     shape = scenes.comatic()
     stacks = scenes.stacks(shape)
     textures = [
@@ -231,19 +234,3 @@ def _mean(lines: list[list[float]]) -> tuple[float, ...]:
 
 TEXTURES = 4
 """Number of pictures over which errors are averaged."""
-
-START = Row(
-    name="restoration-start",
-    chapter="restoration",
-    place="Sorel 2007, Figures 10.2 and 10.4",
-    title="Depth maps directly from the filter-based Algorithm II, smoothed by an 11 × 11 median",
-    checks=_at_most("error of w", ("0.25", "0.26", "0.51", "1.42"), "pixels"),
-    order=increases("the error grows with the noise from 40 dB on", (1, 4)),
-    setup=(
-        "Other pictures: textures, whose blurred photographs have the same error as the thesis's map. Depth steps cause"
-        " most of the error of w: windows there contain both sides. The thesis does not state the sizes of its filters."
-    ),
-    compute=_start,
-)
-
-ROWS = (KNOWN_DEPTH, ONE_LEVEL, OUT_OF_FOCUS, IN_MOTION, START)

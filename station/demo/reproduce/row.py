@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from markupsafe import Markup
 
@@ -85,6 +86,21 @@ class Check:
         return f"{abs(value - bound):.3g}{' ' * bool(self.unit)}{self.unit} {side}{ratio}"
 
 
+PLAIN_FROM, PLAIN_TO = 1e-3, 1e5
+"""Numbers outside this range are written with a power of ten."""
+
+
+def shown(value: float) -> str:
+    """A number to four digits: 0.1961, 31806, 2.1×10¹²."""
+    if not math.isfinite(value):
+        return "none"
+    if value and not PLAIN_FROM <= abs(value) < PLAIN_TO:
+        mantissa, power = f"{value:.2e}".split("e")
+        return f"{mantissa}×10^{int(power)}".replace("-", "−")
+    digits = max(0, 3 - (math.floor(math.log10(abs(value))) if value else 0))
+    return f"{value:.{digits}f}".replace("-", "−")
+
+
 def half_digit(printed: str) -> float:
     """Half a unit of the last digit of a printed number."""
     return 0.5 * 10.0 ** -len(printed.partition(".")[2])
@@ -110,6 +126,9 @@ class RowValues:
     values: Values
     figures: tuple[Markup, ...] = ()
     remark: str = ""
+
+
+Compute = Callable[[Setting], RowValues]
 
 
 @dataclass(frozen=True)
@@ -139,7 +158,21 @@ class Row:
     title: str
     checks: tuple[Check, ...]
     setup: str
-    compute: Callable[[Setting], RowValues]
+    compute: Compute
     order: Order | None = None
     needs: tuple[str, ...] = ()
     long: bool = False
+
+
+def register(rows: list[Row], chapter: str) -> Callable[..., Callable[[Compute], Compute]]:
+    """A decorator that appends a row to `rows`: its arguments, name and docstring are the row's."""
+
+    def row(**fields: Any) -> Callable[[Compute], Compute]:
+        def append(compute: Compute) -> Compute:
+            title = (compute.__doc__ or "").removesuffix(".")
+            rows.append(Row(compute.__name__.replace("_", "-"), chapter, title=title, compute=compute, **fields))
+            return compute
+
+        return append
+
+    return row

@@ -13,7 +13,7 @@ from typing import Any
 from procedures.outcome import BadParameter, ProcedureError
 from station.common.progress import Progress, silent
 from station.common.versions import software
-from station.demo.reproduce.row import Check, Row, RowValues, Setting
+from station.demo.reproduce.row import Check, Row, RowValues, Setting, shown
 from station.results.result_files import ResultFolder, write_record
 
 SCHEMA = "station/reproduce/2"
@@ -104,10 +104,17 @@ def reproduce(
             results.append(compute(row, setting, by_name=row.name == name))
             progress(_sentence(results[-1]))
         result = Reproduction(tuple(results), setting.full, time.perf_counter() - start)
-        from station.demo.reproduce.page import reproduction_page  # here: templates are slow to load
-
-        folder.write(PAGE, reproduction_page(result).encode())
+        folder.write(PAGE, _page(result).encode())
         return result, write_record(folder, _record(result, setting))
+
+
+def _page(result: Reproduction) -> str:
+    from station.demo.reproduce.catalogue import NOT_HERE  # here: rows and templates are slow to load
+    from station.reports.page import render
+
+    return render(
+        "reproduce.html", found=result, State=RowState, shown=shown, not_here=NOT_HERE, software=software(),
+    )  # fmt: skip
 
 
 def compute(row: Row, setting: Setting, *, by_name: bool = False) -> RowResult:

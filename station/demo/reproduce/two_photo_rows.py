@@ -15,13 +15,15 @@ from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estim
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.optics import GaussianBlur, Optics
 from simulators.camera.truth import true_psf
-from station.demo.reproduce import cameras, patterns, rivals
+from station.demo.reproduce import cameras, patterns, rival_rows
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.rival_rows import LEVELS, NOISE, edge_mtf, view
-from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting
+from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, register
 from station.demo.truth_comparison import align
 
 Array = npt.NDArray[np.float64]
+ROWS: list[Row] = []
+row = register(ROWS, "two-photo")
 
 F = cameras.FREQUENCIES
 RATIO = 4.3
@@ -66,7 +68,23 @@ def _gaussian_camera(side: int) -> SimulatedCamera:
     return replace(camera, sensor=sensor, optics=optics, white_e_per_s=100 * camera.white_e_per_s)
 
 
-def _simulated(setting: Setting) -> RowValues:
+@row(
+    place="Thesis, Figures 3.3 and 3.4",
+    checks=(
+        Check("relative error of the PSF", "accurate", high=0.08),
+        Check(
+            "greatest difference of MTF up to 1 cycle per pixel, inter-image kernel from PSF",
+            "very close",
+            high=0.05,
+        ),
+    ),
+    setup=(
+        "The thesis has pictures only. Accurate is read as 8 %: it states 2 to 5 % for the chart, and a wall is"
+        " noisier. The kernels' variances differ by 1/λ², 5 %, which is 0.02 in MTF."
+    ),
+)
+def two_photo_simulated(setting: Setting) -> RowValues:
+    """A known Gaussian PSF from a simulated pair at a ratio of about 4, s = 4, registered automatically."""
     pair = cameras.wall_pair(_gaussian_camera, RATIO)
     found = estimated(pair, 4)
     truth = true_psf(_gaussian_camera(64).sharp_optics(), 4, SUPPORT[4]).h
@@ -86,27 +104,6 @@ def _simulated(setting: Setting) -> RowValues:
         ),
     )
     return RowValues((error, apart), figures)
-
-
-SIMULATED = Row(
-    name="two-photo-simulated",
-    chapter="two-photo",
-    place="Thesis, Figures 3.3 and 3.4",
-    title="A known Gaussian PSF from a simulated pair at a ratio of about 4, s = 4, registered automatically",
-    checks=(
-        Check("relative error of the PSF", "accurate", high=0.08),
-        Check(
-            "greatest difference of MTF up to 1 cycle per pixel, inter-image kernel from PSF",
-            "very close",
-            high=0.05,
-        ),
-    ),
-    setup=(
-        "The thesis has pictures only. Accurate is read as 8 %: it states 2 to 5 % for the chart, and a wall is"
-        " noisier. The kernels' variances differ by 1/λ², 5 %, which is 0.02 in MTF."
-    ),
-    compute=_simulated,
-)
 
 
 # --- Figure 3.8 ---
@@ -143,26 +140,26 @@ ZOOM_SETUP = (
     " band's end, 1 cycle per pixel; the light beyond is folded into the fit, so that the last tenth is excluded."
 )
 
-ZOOM = Row(
-    name="two-photo-zoom",
-    chapter="two-photo",
+
+@row(
     place="Thesis, Figure 3.8",
-    title="The PSF at 2×, 3× and 4× from one simulated pair: the MTFs overlap in their common range",
     checks=ZOOM_CHECKS,
     setup=ZOOM_SETUP,
-    compute=lambda setting: _zoom_of(wall_pair(), "zoom"),
 )
+def two_photo_zoom(setting: Setting) -> RowValues:
+    """The PSF at 2×, 3× and 4× from one simulated pair: the MTFs overlap in their common range."""
+    return _zoom_of(wall_pair(), "zoom")
 
-ZOOM_PUBLISHED = Row(
-    name="two-photo-zoom-published",
-    chapter="two-photo",
+
+@row(
     place="Thesis, Figure 3.8, with the published pair of IPOL 2013",
-    title="The PSF at 2×, 3× and 4× from the published pair of a wall: the MTFs overlap in their common range",
     checks=ZOOM_CHECKS,
     setup=ZOOM_SETUP + " The magazine's photographs are not published; this wall's are.",
-    compute=lambda setting: _zoom_of(_published(setting), "zoom-published"),
     needs=PAIR,
 )
+def two_photo_zoom_published(setting: Setting) -> RowValues:
+    """The PSF at 2×, 3× and 4× from the published pair of a wall: the MTFs overlap in their common range."""
+    return _zoom_of(_published(setting), "zoom-published")
 
 
 # --- Figures 1.6, 3.5 and 3.10 ---
@@ -176,7 +173,25 @@ def _by_chart() -> Array:
     return cameras.estimated(cameras.plane_of(shot), chart).psf.h
 
 
-def _wall_against_chart(setting: Setting) -> RowValues:
+@row(
+    place="Thesis, Figures 1.6 and 3.5",
+    checks=(
+        Check("greatest difference of MTF up to Nyquist", "quite close", high=0.03),
+        Check(
+            "differences of MTF up to 2 cycles per pixel over the wall's standard uncertainty, rms",
+            "mostly noise of the two-scale estimate",
+            high=1.5,
+        ),
+        Check("MTF50, wall over chart", "sizes are similar", 0.97, 1.03),
+        Check("first zero of the MTF, wall over chart", "the MTFs vanish in the same locations", 0.9, 1.1),
+    ),
+    setup=(
+        "The thesis does not quantify the noise; the stated uncertainty does. It grows towards the band's end, as the"
+        " wall's spectrum falls. Where the MTF vanishes, its uncertainty of 0.014 moves the zero by a twentieth."
+    ),
+)
+def wall_chart(setting: Setting) -> RowValues:
+    """The PSF of one simulated camera from two photographs of a wall and from the noise chart, s = 4."""
     by_chart, found = _by_chart(), estimated(wall_pair(), 4).psf
     by_wall = found.h
     chart, wall = (cameras.mtf_down(h) for h in (by_chart, by_wall))
@@ -203,30 +218,24 @@ def _wall_against_chart(setting: Setting) -> RowValues:
     return RowValues((float(apart[F <= 0.5].max()), in_noise, width[0] / width[1], zero[0] / zero[1]), figures, remark)
 
 
-WALL = Row(
-    name="wall-chart",
-    chapter="two-photo",
-    place="Thesis, Figures 1.6 and 3.5",
-    title="The PSF of one simulated camera from two photographs of a wall and from the noise chart, s = 4",
+@row(
+    place="Thesis, Figures 1.3, 2.20 and 3.10",
     checks=(
-        Check("greatest difference of MTF up to Nyquist", "quite close", high=0.03),
+        Check("greatest difference from the chart up to 0.15 cycles per pixel", "very similar", high=0.06),
+        Check("spread of Joshi's levels between 0.4 and 1.2", "depends strongly on the level", low=0.08),
         Check(
-            "differences of MTF up to 2 cycles per pixel over the wall's standard uncertainty, rms",
-            "mostly noise of the two-scale estimate",
-            high=1.5,
+            "rms difference from the chart, wall over the best of the others", "closest to the noise chart", high=1.0
         ),
-        Check("MTF50, wall over chart", "sizes are similar", 0.97, 1.03),
-        Check("first zero of the MTF, wall over chart", "the MTFs vanish in the same locations", 0.9, 1.1),
     ),
+    order=Order("the differences grow from low to high frequencies", lambda v: v[0] < v[1]),
     setup=(
-        "The thesis does not quantify the noise; the stated uncertainty does. It grows towards the band's end, as the"
-        " wall's spectrum falls. Where the MTF vanishes, its uncertainty of 0.014 moves the zero by a twentieth."
+        f"Joshi et al. and the edge have noise of {NOISE:g}. Strong regularisation widens the kernel, which changes"
+        " even low frequencies by some hundredths. Methods are compared up to 1 cycle per pixel, the end of the"
+        " edge's MTF."
     ),
-    compute=_wall_against_chart,
 )
-
-
-def _comparison(setting: Setting) -> RowValues:
+def comparison(setting: Setting) -> RowValues:
+    """MTFs by five methods agree at low frequencies; Joshi's varies with its level, the wall's is nearest to the chart."""
     truth = true_psf(cameras.optics(5.6), 4, 17).h
     rng = np.random.default_rng(10)
     window = (90, 90)
@@ -238,7 +247,7 @@ def _comparison(setting: Setting) -> RowValues:
     mtf = {
         "noise chart": cameras.mtf_across(_by_chart()),
         "two photographs": cameras.mtf_across(estimated(wall_pair(), 4).psf.h),
-        **{f"Joshi, {name}": cameras.mtf_across(rivals.joshi(arcs.A, v, 17, w)) for name, w in LEVELS.items()},
+        **{f"Joshi, {name}": cameras.mtf_across(rival_rows.joshi(arcs.A, v, 17, w)) for name, w in LEVELS.items()},
         "slanted edge": np.interp(F, across.frequencies, across.mtf, right=np.nan),
     }
     chart = mtf["noise chart"]
@@ -260,35 +269,23 @@ def _comparison(setting: Setting) -> RowValues:
     return RowValues((max(apart.values()), spread, rms["two photographs"] / others), (figure,))
 
 
-COMPARISON = Row(
-    name="comparison",
-    chapter="two-photo",
-    place="Thesis, Figures 1.3, 2.20 and 3.10",
-    title=(
-        "MTFs of one simulated camera by noise chart, two photographs, Joshi et al. at three levels, and slanted edge:"
-        " alike at low frequencies; at high ones Joshi's depends on its level, and the wall comes closest to the chart"
-    ),
-    checks=(
-        Check("greatest difference from the chart up to 0.15 cycles per pixel", "very similar", high=0.06),
-        Check("spread of Joshi's levels between 0.4 and 1.2", "depends strongly on the level", low=0.08),
-        Check(
-            "rms difference from the chart, wall over the best of the others", "closest to the noise chart", high=1.0
-        ),
-    ),
-    order=Order("the differences grow from low to high frequencies", lambda v: v[0] < v[1]),
-    setup=(
-        f"Joshi et al. and the edge have noise of {NOISE:g}. Strong regularisation widens the kernel, which changes"
-        " even low frequencies by some hundredths. Methods are compared up to 1 cycle per pixel, the end of the"
-        " edge's MTF."
-    ),
-    compute=_comparison,
-)
-
-
 # --- IPOL 2013 ---
 
 
-def _program(setting: Setting) -> RowValues:
+@row(
+    place="IPOL 2013, section 5, and its program's results",
+    checks=(
+        Check("correlation of the PSFs", "the program's own PSF", low=0.97),
+        Check("correlation of the inter-image kernels", "the program's own kernel", low=0.97),
+    ),
+    setup=(
+        "The program registers by 14 to 21 matches and has errors of 3 to 22 % on known walls. A correlation of 0.97"
+        " is a relative difference of a quarter."
+    ),
+    needs=(*PAIR, *REFERENCES),
+)
+def published_pair(setting: Setting) -> RowValues:
+    """PSF and inter-image kernel of the published pair, s = 3, compared with the published program's."""
     found = estimated(_published(setting), 3)
     psf, inter = (np.loadtxt(setting.path(name)) for name in REFERENCES)
     inter = inter / inter.sum()
@@ -303,23 +300,3 @@ def _program(setting: Setting) -> RowValues:
         ),
     )
     return RowValues(tuple(correlations), figures, f"λ = {found.scale[0]:.3f}, {found.scale[1]:.3f}.")
-
-
-PROGRAM = Row(
-    name="published-pair",
-    chapter="two-photo",
-    place="IPOL 2013, section 5, and its program's results",
-    title="PSF and inter-image kernel of the published pair, s = 3, compared with the published program's",
-    checks=(
-        Check("correlation of the PSFs", "the program's own PSF", low=0.97),
-        Check("correlation of the inter-image kernels", "the program's own kernel", low=0.97),
-    ),
-    setup=(
-        "The program registers by 14 to 21 matches and has errors of 3 to 22 % on known walls. A correlation of 0.97"
-        " is a relative difference of a quarter."
-    ),
-    compute=_program,
-    needs=(*PAIR, *REFERENCES),
-)
-
-ROWS = (SIMULATED, ZOOM, ZOOM_PUBLISHED, WALL, COMPARISON, PROGRAM)

@@ -8,8 +8,7 @@ from markupsafe import Markup
 
 from procedures.outcome import BadParameter, Refused
 from station.demo.reproduce.catalogue import NOT_HERE, ROWS
-from station.demo.reproduce.page import shown
-from station.demo.reproduce.row import Check, Row, RowValues, Setting, increases
+from station.demo.reproduce.row import Check, Row, RowValues, Setting, increases, shown
 from station.demo.reproduce.runner import RowState, compute, reproduce, select
 
 
