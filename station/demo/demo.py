@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -24,6 +24,8 @@ from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
 from station.common.versions import software
 from station.demo.truth_comparison import TruthComparison, compare
+from station.reports import otf_figures, psf_figures
+from station.reports.page import exposure_words, render
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.record_head import InputFile, RecordHead, verdict_entry
@@ -32,6 +34,8 @@ from station.results.result_files import RECORD, ResultFolder, write_record
 SCHEMA = "station/demo/1"
 CHART = "chart.pdf"
 PAGE = "index.html"
+SHOWN_PLANE = "G1"
+"""Plane whose photograph and residual are drawn."""
 STEPS_PER_PHOTOGRAPH = 5
 """The photograph, then its four planes."""
 
@@ -146,9 +150,7 @@ def run_demo(
             for i, setup in enumerate(setups)
         )
         demonstration = Demonstration(seed, chart, parameters, shots)
-        from station.demo.demo_page import demonstration_page  # here: importing the drawing library is slow
-
-        folder.write(PAGE, demonstration_page(demonstration, summary(demonstration)).encode())
+        folder.write(PAGE, demonstration_page(demonstration).encode())
         progress("wrote the page")
         text = write_record(folder, _record(demonstration, time.perf_counter() - start))
     return demonstration, text
@@ -235,3 +237,61 @@ def _plane_entry(plane: ComparedPlane) -> dict[str, Any]:
         for name, mtf50 in against.mtf50.items():
             entry[f"mtf50_{name}"] = {**asdict(mtf50.measured), "true": mtf50.true, "sigmas": mtf50.sigmas}
     return entry
+
+
+def demonstration_page(demonstration: Demonstration) -> str:
+    """The demonstration's report."""
+    return render(
+        "demo.html",
+        found=demonstration,
+        summary=summary(demonstration),
+        size=Size(WIDTH_MM),
+        ratios=psf_figures.ratios_figure(_compared(demonstration, lambda one: [one.ratio]), "ratios"),
+        sigmas=psf_figures.sigmas_figure(
+            _compared(demonstration, lambda one: [against.sigmas for against in one.mtf50.values()]), "sigmas"
+        ),
+        places=psf_figures.places_figure(_places(demonstration), "places"),
+        pictures={shot.setup.name: _pictures(shot, f"p{i}") for i, shot in enumerate(demonstration.shots, 1)},
+        shown_plane=SHOWN_PLANE,
+        exposure=exposure_words,
+        software=software(),
+    )
+
+
+def _compared(demonstration: Demonstration, numbers: Callable[[TruthComparison], Sequence[float]]) -> psf_figures.Rows:
+    """Numbers of every compared plane, by photograph."""
+    return [
+        (shot.setup.title, {one.name: numbers(one.comparison) for one in shot.planes if one.comparison is not None})
+        for shot in demonstration.shots
+    ]
+
+
+def _places(demonstration: Demonstration) -> list[Any]:
+    """Outlines of the charts in fractions of the frame."""
+    outlines = []
+    for shot in demonstration.shots:
+        for plane in shot.planes[:1]:
+            if plane.result.found is not None:
+                rows, columns = shot.frame.planes[plane.name].samples.shape
+                outlines.append(psf_figures.chart_outline(plane.result.found) / (columns, rows))
+    return outlines
+
+
+def _pictures(shot: DemoPhotograph, name: str) -> Mapping[str, Any]:
+    """Figures of one photograph: of its shown plane, and of every plane."""
+    pictures: dict[str, Any] = {"planes": {}}
+    for plane in shot.planes:
+        estimate, against = plane.result.found, plane.comparison
+        if estimate is None or against is None:
+            continue
+        here = f"{name}-{plane.name}"
+        pictures["planes"][plane.name] = {
+            "psf": psf_figures.psf_figure(estimate.psf, against.aligned, f"{here}-psf"),
+            "mtf": otf_figures.mtf_figure(estimate.quality, against.otf, f"{here}-mtf", estimate.diffraction),
+        }
+        if plane.name == SHOWN_PLANE:
+            samples = shot.frame.planes[plane.name]
+            pictures["diagnostics"] = estimate.diagnostics
+            pictures["photograph"] = psf_figures.photograph_figure(samples, estimate, f"{here}-photograph")
+            pictures["residual"] = psf_figures.residual_figure(plane.name, estimate, f"{here}-residual")
+    return pictures
