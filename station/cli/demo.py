@@ -19,7 +19,7 @@ from station.drawing.colours import TERMINAL_COLOURS
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from station.demo.demonstration import ComparedPlane, Demonstration, Summary
+    from station.demo.demo import ComparedPlane, Demonstration, Summary
     from station.guide.frontend import Result
 
 HEADINGS = {"horizontal": "MTF50, rows", "vertical": "MTF50, columns"}
@@ -40,8 +40,7 @@ def demo(out: Path, seed: int, rendered: bool, guided: bool, as_json: bool) -> N
     """Photograph the chart with a simulated camera, estimate the PSFs from its files, and compare with the truth."""
     if guided:
         raise click.exceptions.Exit(_guide(out, seed, as_json=as_json))
-    from station.demo.demo import run_demo, steps
-    from station.demo.demonstration import summary
+    from station.demo.demo import run_demo, steps, summary
 
     with progress_shown(steps()) as progress:
         demonstration, text = run_demo(out, seed, progress=progress)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from procedures.numbers import Group, in_group
+from procedures.outcome import Verdict
 from procedures.pattern_print.formats import encode
 from procedures.pattern_print.sheet import Size
 from procedures.pattern_print.source import Source
@@ -21,8 +24,11 @@ from simulators.camera.camera import Photograph
 from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
 from station.common.versions import software
-from station.demo.demonstration import ComparedPlane, Demonstration, DemoPhotograph, summary
-from station.demo.truth_comparison import compare
+from station.demo.truth_comparison import TruthComparison, compare
+from station.reports import otf_figures, psf_figures
+from station.reports.page import exposure_words, render
+from station.reports.psf_page import chart_figures, edge_rows
+from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import RECORD, ResultFolder, write_record
@@ -30,8 +36,93 @@ from station.results.result_files import RECORD, ResultFolder, write_record
 SCHEMA = "station/demo/1"
 CHART = "chart.pdf"
 PAGE = "index.html"
+SHOWN_PLANE = "G1"
+"""Plane whose photograph and residual are drawn."""
 STEPS_PER_PHOTOGRAPH = 5
 """The photograph, then its four planes."""
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedPlane:
+    """A plane's result and its comparison with the truth, None if it was refused."""
+
+    result: PlaneResult
+    comparison: TruthComparison | None
+
+    @property
+    def name(self) -> str:
+        """Name of the plane."""
+        return self.result.name
+
+
+@dataclass(frozen=True, eq=False)
+class DemoPhotograph:
+    """One photograph read from its file, and its planes. path : of the DNG, relative to the demonstration's folder."""
+
+    setup: Staging
+    path: Path
+    frame: RawFrame
+    planes: tuple[ComparedPlane, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """All photographs of a demonstration."""
+
+    seed: int
+    chart: Source
+    parameters: PatternParameters
+    shots: tuple[DemoPhotograph, ...]
+
+    @property
+    def planes(self) -> tuple[ComparedPlane, ...]:
+        """Planes of all photographs."""
+        return tuple(plane for shot in self.shots for plane in shot.planes)
+
+    @property
+    def refused(self) -> tuple[ComparedPlane, ...]:
+        """Planes without a PSF."""
+        return tuple(plane for plane in self.planes if plane.comparison is None)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Agreement of all planes with the truth.
+
+    `ratio_*` are errors of PSFs over the expected errors, `centre_px` is the largest error of a centre, `mtf50_within`
+    the number of MTF50 within 2.5 standard uncertainties of the truth.
+    """
+
+    planes: int
+    passed: int
+    doubtful: int
+    refused: int
+    ratio_mean: float
+    ratio_least: float
+    ratio_most: float
+    centre_px: float
+    mtf50_n: int
+    mtf50_within: int
+
+
+def summary(demonstration: Demonstration) -> Summary:
+    """Summary of a demonstration; NaN if every plane was refused."""
+    verdicts = [plane.result.verdict for plane in demonstration.planes]
+    compared = [plane.comparison for plane in demonstration.planes if plane.comparison is not None]
+    ratios = [one.ratio for one in compared] or [math.nan]
+    sigmas = [against.sigmas for one in compared for against in one.mtf50.values()]
+    return Summary(
+        planes=len(verdicts),
+        passed=verdicts.count(Verdict.PASS),
+        doubtful=verdicts.count(Verdict.DOUBTFUL),
+        refused=verdicts.count(Verdict.REFUSED),
+        ratio_mean=float(np.mean(ratios)),
+        ratio_least=min(ratios),
+        ratio_most=max(ratios),
+        centre_px=max((one.centre_error_px for one in compared), default=math.nan),
+        mtf50_n=len(sigmas),
+        mtf50_within=sum(abs(sigma) <= 2.5 for sigma in sigmas),
+    )
 
 
 def steps(setups: tuple[Staging, ...] = SETUPS) -> int:
@@ -61,9 +152,7 @@ def run_demo(
             for i, setup in enumerate(setups)
         )
         demonstration = Demonstration(seed, chart, parameters, shots)
-        from station.demo.demo_page import demonstration_page  # here: importing the drawing library is slow
-
-        folder.write(PAGE, demonstration_page(demonstration, summary(demonstration)).encode())
+        folder.write(PAGE, demonstration_page(demonstration).encode())
         progress("wrote the page")
         text = write_record(folder, _record(demonstration, time.perf_counter() - start))
     return demonstration, text
@@ -150,3 +239,61 @@ def _plane_entry(plane: ComparedPlane) -> dict[str, Any]:
         for name, mtf50 in against.mtf50.items():
             entry[f"mtf50_{name}"] = {**asdict(mtf50.measured), "true": mtf50.true, "sigmas": mtf50.sigmas}
     return entry
+
+
+def demonstration_page(demonstration: Demonstration) -> str:
+    """The demonstration's report."""
+    return render(
+        "demo.html",
+        found=demonstration,
+        summary=summary(demonstration),
+        size=Size(WIDTH_MM),
+        compared=[
+            psf_figures.ratios_figure(_compared(demonstration, lambda one: [one.ratio]), "ratios"),
+            psf_figures.sigmas_figure(
+                _compared(demonstration, lambda one: [against.sigmas for against in one.mtf50.values()]), "sigmas"
+            ),
+            psf_figures.places_figure(_places(demonstration), "places"),
+        ],
+        titles=in_group(Group.HEADLINE),
+        edge_rows=edge_rows,
+        pictures={shot.setup.name: _pictures(shot, f"p{i}") for i, shot in enumerate(demonstration.shots, 1)},
+        exposure=exposure_words,
+        software=software(),
+    )
+
+
+def _compared(demonstration: Demonstration, numbers: Callable[[TruthComparison], Sequence[float]]) -> psf_figures.Rows:
+    """Numbers of every compared plane, by photograph."""
+    return [
+        (shot.setup.title, {one.name: numbers(one.comparison) for one in shot.planes if one.comparison is not None})
+        for shot in demonstration.shots
+    ]
+
+
+def _places(demonstration: Demonstration) -> list[Any]:
+    """Outlines of the charts in fractions of the frame."""
+    outlines = []
+    for shot in demonstration.shots:
+        for plane in shot.planes[:1]:
+            if plane.result.found is not None:
+                rows, columns = shot.frame.planes[plane.name].samples.shape
+                outlines.append(psf_figures.chart_outline(plane.result.found) / (columns, rows))
+    return outlines
+
+
+def _pictures(shot: DemoPhotograph, name: str) -> Mapping[str, Any]:
+    """Figures of one photograph: of its shown plane, and of every plane."""
+    pictures: dict[str, Any] = {"planes": {}}
+    for plane in shot.planes:
+        estimate, against = plane.result.found, plane.comparison
+        if estimate is None or against is None:
+            continue
+        here = f"{name}-{plane.name}"
+        pictures["planes"][plane.name] = {
+            "psf": psf_figures.psf_figure(estimate.psf, against.aligned, f"{here}-psf"),
+            "mtf": otf_figures.mtf_figure(estimate.quality, against.otf, f"{here}-mtf", estimate.diffraction),
+        }
+        if plane.name == SHOWN_PLANE:
+            pictures["chart"] = chart_figures(shot.frame.planes[plane.name], estimate, here)
+    return pictures

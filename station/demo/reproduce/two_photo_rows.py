@@ -235,7 +235,7 @@ def wall_chart(setting: Setting) -> RowValues:
     ),
 )
 def comparison(setting: Setting) -> RowValues:
-    """MTFs by five methods agree at low frequencies; Joshi's varies with its level; the wall's is nearest."""
+    """MTFs by five methods agree at low frequencies; Joshi's varies with its level, the wall's is nearest the chart."""
     truth = true_psf(cameras.optics(5.6), 4, 17).h
     rng = np.random.default_rng(10)
     window = (90, 90)
