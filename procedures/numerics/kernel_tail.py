@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from procedures.numerics import transforms
 from procedures.numerics.bessel import integral_of_j0, j0, j1
-from procedures.numerics.compiled import vectorised
+from procedures.numerics.loops import folded_product
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -84,7 +84,7 @@ def tail_columns(
     seen = transforms.rfft2(u, shape) * _shift(k, shape[0])
     found, places = np.empty((len(rows), shapes)), rows * shape[1] + tail_border(k) + s * columns
     for j, spectrum in enumerate(_spectra(k, *shape)[:shapes]):
-        folded = _folded(seen, spectrum, s)
+        folded = folded_product(seen, spectrum, s)
         found[:, j] = transforms.irfft2(folded, (shape[0] // s, shape[1])).ravel()[places]
     return found / s
 
@@ -130,18 +130,6 @@ def _far_spectrum(rows: int, columns: int, s: int, k: int) -> npt.NDArray[np.com
     weight = np.clip(r - tail_border(k) / s + 0.5, 0, 1) * (r <= FAR)
     density = tail_density(k) / s * weight / np.maximum(r * r * r, 1)
     return np.asarray(transforms.rfft2(density.astype(np.float32)), dtype=np.complex64)
-
-
-@vectorised
-def _folded(seen: npt.NDArray[np.complex64], spectrum: Array32, s: int) -> npt.NDArray[np.complex64]:
-    """The product (rows, c) of two half planes, its s bands of rows / s added: (rows / s, c)."""
-    rows = len(seen) // s
-    out = np.zeros((rows, seen.shape[1]), np.complex64)
-    for i in range(len(seen)):
-        total, values, factors = out[i % rows], seen[i], spectrum[i]
-        for j in range(len(values)):
-            total[j] += values[j] * factors[j]
-    return out
 
 
 @lru_cache(maxsize=4)
