@@ -5,6 +5,8 @@ has the same loops in C++ (the headers of the same names), so that a command sta
 both and its name below; `tests/procedures/numerics/test_loops.py` compares them.
 """
 
+from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 __all__ = [
@@ -14,8 +16,9 @@ __all__ = [
     "sums_of_groups",
 ]  # fmt: skip
 
+_native: ModuleType | None
 try:
-    from procedures.numerics.loops import _native
+    _native = import_module(f"{__name__}._native")
 except ImportError:
     _native = None
 

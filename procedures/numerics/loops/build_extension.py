@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 import sysconfig
+import textwrap
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -40,7 +41,7 @@ def build() -> None:
         command.run()
 
 
-class LoopExtension(BuildHookInterface):
+class LoopExtension(BuildHookInterface[Any]):
     """Adds the extension to a wheel, which is then one for this system and Python; without a compiler, adds nothing."""
 
     PLUGIN_NAME = "custom"
@@ -49,10 +50,10 @@ class LoopExtension(BuildHookInterface):
         """Compile before the files are gathered."""
         try:
             build()
-        except BaseException as error:  # setuptools ends the program when there's no compiler
+        except BaseException as error:  # setuptools ends the program when there is no compiler
             if isinstance(error, KeyboardInterrupt):
                 raise
-            reason = str(error).splitlines()[-1] if str(error) else type(error).__name__
+            reason = textwrap.shorten(f"{type(error).__name__} {error}", 120)
             self.app.display_warning(f"no extension, the loops will be compiled by Numba when first used: {reason}")
         else:
             build_data["artifacts"].append(MODULE.relative_to(ROOT).as_posix())
