@@ -35,13 +35,16 @@ class Terminal:
         )  # fmt: skip
         os.close(slave)
         self.open = True
+        self.unread = b""
 
     def wait_for(self, text: str) -> None:
-        seen, end = b"", time.monotonic() + PATIENCE_S
-        while text.encode() not in seen:
+        """Read up to and including the text; what follows it stays for the next call."""
+        end = time.monotonic() + PATIENCE_S
+        while text.encode() not in self.unread:
             assert time.monotonic() < end, f"waited in vain for {text}"
             if select.select([self.master], [], [], 1.0)[0]:
-                seen += os.read(self.master, 65536)
+                self.unread += os.read(self.master, 65536)
+        self.unread = self.unread.partition(text.encode())[2]
 
     def wait_until(self, ready: Callable[[], bool]) -> None:
         end = time.monotonic() + PATIENCE_S
