@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+from procedures import display
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 T = TypeVar("T")
 S = TypeVar("S")
@@ -71,9 +76,36 @@ class Outcome(Generic[T]):
             raise Refused(self.reason, self.remedy)
         return self.value
 
+    def __repr__(self) -> str:
+        lines = [
+            f"{type(self).__name__}: {self.verdict}",
+            *(f"{one.reason}; {one.remedy}" for one in causes_of(self)[:1]),
+        ]
+        if self.value is not None:
+            lines.append(display.summary(self.value, display.LINES - len(lines)))
+        return "\n".join(lines)
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the result as its `plot` does. Raises Refused without a result, TypeError without a figure of it."""
+        plot = getattr(self.result(), "plot", None)
+        if plot is None:
+            raise TypeError(f"there is no figure of a {type(self.value).__name__}; plot its arrays")
+        axes: Axes = plot(ax)
+        return axes
+
+    def _repr_html_(self) -> str | None:
+        return display.html(self) if hasattr(self.value, "plot") else None
+
     def of_value(self, value: S | None) -> Outcome[S]:
         """The same verdict and causes with another value."""
         return Outcome(value, self.verdict, self.reason, self.remedy, self.other_causes)
+
+
+def checked_type(value: object, kind: type[T], remedy: str) -> T:
+    """The value, if it is of that kind. Raises TypeError with what to pass instead."""
+    if not isinstance(value, kind):
+        raise TypeError(f"a {kind.__name__} is needed, got {type(value).__name__}: {remedy}")
+    return value
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import axes_of, html, summary
 from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_density, tail_kernels, tail_spectra, tail_sums
 from procedures.numerics.solvers import SOLVERS
 from procedures.outcome import BadParameter
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = npt.NDArray[np.float64]
 
@@ -139,6 +144,17 @@ class Psf:
         if q > len(SHAPES) or (q and self.tail.cross.shape != (k * k, q)) or self.tail.covariance.shape != (q, q):
             raise ValueError(f"the tail's covariances must fit {k * k} samples and {q} of {len(SHAPES)} shapes")
 
+    __repr__ = summary
+    _repr_html_ = html
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the samples, in pixels of the plane about the centre."""
+        ax, end = axes_of(ax), self.k / 2 / self.s
+        picture = ax.imshow(self.h, cmap="gray", extent=(-end, end, end, -end))
+        ax.figure.colorbar(picture, ax=ax, label="share of the light per sample")
+        ax.set(xlabel="x / pixel", ylabel="y / pixel")
+        return ax
+
     @classmethod
     def of(cls, parameters: Array, covariance: Array, k: int, s: int, lacking: Array | None = None) -> Psf:
         """PSF of k x k samples with these `parameters` (k^2 + q,) and their covariance.
@@ -149,6 +165,17 @@ class Psf:
         tail = PsfTail(parameters[n:], covariance[n:, n:], covariance[:n, n:])
         lacking_samples = None if lacking is None else lacking[:n, :n]
         return cls(parameters[:n].reshape(k, k), s, covariance[:n, :n], tail, lacking_samples)
+
+    @classmethod
+    def of_unit_sum(cls, parameters: Array, covariance: Array, k: int, s: int) -> Psf:
+        """`of`, after normalisation of the samples to sum 1, to first order in the covariance."""
+        n = k * k
+        total = parameters[:n].sum()
+        p = parameters / total
+        # J C J' with J = (I - p 1_n') / total
+        covariance = covariance - np.outer(p, covariance[:n].sum(axis=0))
+        covariance = (covariance - np.outer(covariance[:, :n].sum(axis=1), p)) / total**2
+        return cls.of(p, covariance, k, s)
 
     @property
     def k(self) -> int:

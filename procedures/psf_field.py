@@ -14,14 +14,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import axes_of, html, summary
 from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, tail_kernels, tail_sums
 from procedures.numerics.scattered import Hull
+from procedures.outcome import BadParameter
 from procedures.psf import Psf
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = npt.NDArray[np.float64]
 
@@ -54,6 +59,8 @@ class Node:
     number: int = 0
     doubt: str = ""
     remedy: str = ""
+
+    __repr__ = summary
 
 
 class CoefficientModel(Protocol):
@@ -117,6 +124,22 @@ class PsfField:
     model: CoefficientModel
     lack: Array
     lack_rest: Array
+
+    __repr__ = summary
+    _repr_html_ = html
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw PSFs over the frame, each relative to its maximum, and the nodes' places."""
+        ax, (rows, columns) = axes_of(ax), self.shape
+        down, across = 5, max(1, round(5 * columns / rows))
+        x, y = ((np.arange(n) + 0.5) / n * size - 0.5 for n, size in ((across, columns), (down, rows)))
+        psfs = self.samples(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).clip(0)
+        psfs = (psfs / psfs.max(axis=(1, 2), keepdims=True)).reshape(down, across, self.k, self.k)
+        tiles = psfs.swapaxes(1, 2).reshape(down * self.k, across * self.k)
+        ax.imshow(tiles, cmap="gray", extent=(-0.5, columns - 0.5, rows - 0.5, -0.5))
+        ax.plot(*self.positions.T, "+", color="tab:orange", label="measured")
+        ax.set(xlabel="x / pixel", ylabel="y / pixel", title=f"PSFs of plane {self.plane}")
+        return ax
 
     @property
     def s(self) -> int:
@@ -186,7 +209,18 @@ class PsfField:
 
         Outside the hull (`inside`) it is extrapolated from the nearest position inside, with a larger uncertainty: as a
         constant, or linearly over a short distance where the lens is known to be symmetric.
+
+        Raises
+        ------
+        BadParameter
+            If the position lies outside the frame.
         """
+        rows, columns = self.shape
+        if not (-0.5 <= x <= columns - 0.5 and -0.5 <= y <= rows - 0.5):
+            raise BadParameter(
+                f"a position lies within the frame of {columns} x {rows} pixels; got ({x:g}, {y:g})",
+                f"give x from 0 to {columns - 1} and y from 0 to {rows - 1}, in pixels of plane {self.plane}",
+            )
         p = self.parameters(np.array([[x, y]], dtype=np.float64))[0]
         noise, lacking = self.covariances(x, y)
         return Psf.of(p, noise + lacking, self.k, self.s, lacking)

@@ -10,14 +10,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import axes_of, html, summary
 from procedures.numbers import ENERGY_ABOVE_NYQUIST, FWHM_HORIZONTAL, FWHM_VERTICAL, LEVELS, MTF_CROSSINGS, STREHL
 from procedures.numerics.bessel import j1
 from procedures.numerics.kernel_tail import EXCHANGED, MIRRORED, SHAPES, tail_spectra
-from procedures.outcome import BadParameter, Check, Quantity, Verdict
+from procedures.outcome import BadParameter, Check, Quantity, Verdict, checked_type
 from procedures.psf import Psf
 from procedures.spatial_numbers import (
     CIRCLES,
@@ -30,6 +32,9 @@ from procedures.spatial_numbers import (
 )
 from procedures.stray_tail import tail_energy_uncertainty, truncation, truncation_at
 from procedures.transfer_function import curve_numbers, first_crossing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -86,6 +91,20 @@ class Quality:
     gradients: Mapping[str, Array]
     budgets: Mapping[str, Mapping[str, float]]
     at: tuple[float, ...] = ()
+
+    __repr__ = summary
+    _repr_html_ = html
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the MTF along x, along y and its radial mean, with one standard uncertainty."""
+        ax = axes_of(ax)
+        for name in ("horizontal", "vertical", "radial"):
+            mtf, sigma = (getattr(self, f"mtf_{name}{end}") for end in ("", "_uncertainty"))
+            (line,) = ax.plot(self.frequencies, mtf, label=name)
+            ax.fill_between(self.frequencies, mtf - sigma, mtf + sigma, color=line.get_color(), alpha=0.3, linewidth=0)
+        ax.set(xlabel="frequency / (cycles/pixel)", ylabel="MTF", ylim=(0, 1.05))
+        ax.legend()
+        return ax
 
 
 CAMERA, OPERATOR = "camera", "operator"
@@ -177,6 +196,7 @@ def assess(psf: Psf, *, n: int, diffraction: Diffraction | None = None, at: Sequ
     at : sequence of float
         Further frequencies, in cycles per pixel of the plane, at which the MTF is reported; none beyond s/2.
     """
+    checked_type(psf, Psf, "pass the psf of an estimate, outcome.result().psf, or field.at(x, y)")
     f = frequencies(psf)
     zero = np.zeros_like(f)
     horizontal, vertical = psf.spectra(f, zero), psf.spectra(zero, f)

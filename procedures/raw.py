@@ -13,7 +13,9 @@ from typing import Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import summary
 from procedures.outcome import BadInput, BadParameter
+from procedures.reading.arrays import checked_array
 from procedures.reading.exposure import Exposure, read_exposure
 from procedures.reading.grey_image import (
     PNG_MAGIC,
@@ -93,6 +95,32 @@ class Plane:
     bad_pixels: npt.NDArray[np.intp] = field(default_factory=no_pixels)
     raw: bool = False
 
+    __repr__ = summary
+
+    @classmethod
+    def from_array(
+        cls, array: npt.NDArray[Any], name: str = GREY_PLANE, *, black: float = 0.0, white: float | None = None
+    ) -> Plane:
+        """Plane of linear samples (rows, columns).
+
+        Parameters
+        ----------
+        black, white : float
+            Sample values of black and white. White is 1 by default for floating-point samples, which are taken as
+            quantised to 16 bits, and the largest value of an integer type.
+
+        Raises
+        ------
+        BadInput
+            If it is not two-dimensional, or not all samples are finite.
+        """
+        whole = np.issubdtype(array.dtype, np.integer)
+        if white is None:
+            white = float(np.iinfo(array.dtype).max) if whole else 1.0
+        samples = checked_array(array, "a plane", (None, None), remedy="give one linear channel, as image[..., 1]")
+        step = 1 / (white - black) if whole else 1 / 65535
+        return cls(name, ((samples - black) / (white - black)).astype(np.float32), step, black=black, white=white)
+
 
 UNLIKELY_IN_RAW = 0.3
 """Prior of processing as a cause for a RAW file, relative to a picture written by a program."""
@@ -116,6 +144,36 @@ class RawFrame:
     exposure: Exposure
     imu: ImuRecord | None = None
     shaker_path: ShakerPath | None = None
+
+    @property
+    def guide(self) -> Plane:
+        """Plane for detection and advice: G1 of a mosaic, otherwise the first."""
+        return self.planes.get("G1") or next(iter(self.planes.values()))
+
+    __repr__ = summary
+
+
+PlaneLike = Plane | npt.NDArray[Any]
+"""A plane, or an array (rows, columns) of linear samples as `Plane.from_array` takes it."""
+FrameLike = RawFrame | PlaneLike
+
+
+def as_plane(image: object) -> Plane:
+    """A plane, given as such or as an array. Raises TypeError for anything else, and as `Plane.from_array`."""
+    if isinstance(image, Plane):
+        return image
+    if isinstance(image, np.ndarray):
+        return Plane.from_array(image)
+    remedy = "pass a Plane, as read_frame(path).planes['G1'], or an array (rows, columns) of linear samples"
+    raise TypeError(f"a plane is needed, got {type(image).__name__}: {remedy}")
+
+
+def as_frame(image: object, name: str = "array") -> RawFrame:
+    """A photograph, given as such or as its one plane. Raises as `as_plane`."""
+    if isinstance(image, RawFrame):
+        return image
+    plane = as_plane(image)
+    return RawFrame(Path(name), "", {plane.name: plane}, Exposure())
 
 
 def read_frame(

@@ -9,6 +9,10 @@ from pathlib import Path
 
 import click
 
+from station.common.namesakes import check_namesakes
+
+check_namesakes()  # before the imports that would fail in a foreign package
+
 from station.cli.terminal.bench_options import check_shaker, existing_file
 from station.cli.terminal.lazy import LazyGroup
 from station.cli.terminal.numbers import SEED, UNITS
@@ -26,7 +30,7 @@ COMMANDS = {
     "export": ("export", "export", "Write a result as a file of another program."),
     "focus": ("focus", "focus", "Tell how sharp every photograph is as it comes, and which way to turn."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
-    "restore": ("restore", "restore", "Restore a sharp picture and depth from blurred photographs."),
+    "restore": ("procedure_command", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "correct": ("procedure_command", "correct", "Sharpen a photograph by the measured PSF field of its lens."),
     "rays": ("procedure_command", "rays", "Remove the noise of a Monte Carlo render."),
     "batch": ("batch", "batch", "Measure folders of photographs by any procedure."),
@@ -76,8 +80,8 @@ LARGE_HEAP = 50_000
 @click.option("--plan", help="What to be guided through.  [default: pattern]")
 @click.option(
     "--specification", type=click.Path(path_type=Path),
-    help="Limits to hold results to, in TOML.  [also for: psf, sensor, geometry, rig, vignetting, tilt, mtf, correct,"
-    " rays, serve]",
+    help="Limits to hold results to, in TOML.  [also for: psf, sensor, geometry, rig, vignetting, tilt, mtf, restore,"
+    " correct, rays, serve]",
 )  # fmt: skip
 @click.option(
     "--unit", type=UNITS,

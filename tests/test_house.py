@@ -28,12 +28,11 @@ def test_a_wheel_tells_scripts_its_types(tmp_path: Path) -> None:
     site, cache = site_of_wheel(tmp_path), tmp_path / "cache"
     if (ROOT / ".mypy_cache").is_dir():
         shutil.copytree(ROOT / ".mypy_cache", cache)
-    scripts = [tmp_path / f"script_{number}.py" for number, _ in enumerate(python_blocks(PAGES[0]))]
-    for script, block in zip(scripts, python_blocks(PAGES[0]), strict=True):
-        script.write_text(block, encoding="utf-8")
+    script = tmp_path / "page.py"
+    script.write_text("\n".join(python_blocks(PAGES[0])), encoding="utf-8")
     environ = {**os.environ, "MYPYPATH": "", "PYTHONPATH": str(site)}
     typed = subprocess.run(
-        [sys.executable, "-m", "mypy", "--strict", "--warn-unreachable", "--cache-dir", cache, *scripts],
+        [sys.executable, "-m", "mypy", "--strict", "--warn-unreachable", "--cache-dir", cache, script],
         cwd=tmp_path, env=environ, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert typed.returncode == 0, typed.stdout + typed.stderr

@@ -22,9 +22,10 @@ from procedures.correction.optics import Optics, Shift
 from procedures.correction.prediction import Prediction, predict
 from procedures.correction.priors import Prior
 from procedures.correction.tiles import Grid
-from procedures.outcome import Check, Outcome, Verdict, verdict_of
+from procedures.display import summary
+from procedures.outcome import Check, Outcome, Verdict, checked_type, verdict_of
 from procedures.psf_field import PsfField
-from procedures.raw import RawFrame
+from procedures.raw import FrameLike, as_frame
 
 Array = npt.NDArray[np.float64]
 Single = npt.NDArray[np.float32]
@@ -96,6 +97,8 @@ class Correction:
     told: float = 1.0
     scale: int = 1
 
+    __repr__ = summary
+
     @property
     def sensor_shape(self) -> tuple[int, int]:
         """Rows and columns of the sensor."""
@@ -109,18 +112,18 @@ class Correction:
 
 
 def correct(
-    frame: RawFrame,
+    frame: FrameLike,
     fields: Mapping[str, PsfField],
     shifts: Mapping[str, Shift] | None = None,
     parameters: CorrectionParameters | None = None,
     progress: Progress = lambda done, all: None,
-    others: Sequence[RawFrame] = (),
+    others: Sequence[FrameLike] = (),
 ) -> Outcome[Correction]:
     """Correct one photograph or several for the blur of their lens.
 
     Parameters
     ----------
-    frame : the photograph, linear: a grey plane or the four of a mosaic
+    frame : the photograph, linear: a grey plane, also as an array (rows, columns), or the four of a mosaic
     fields : by plane
     shifts : by plane, its lateral colour relative to the reference plane, which is corrected
     progress : called with the numbers of tiles done and in total
@@ -132,7 +135,9 @@ def correct(
         If the field has other planes or is coarser than the picture, photographs are from different cameras, or one was
         processed (see `checks`).
     """
-    p = parameters or CorrectionParameters()
+    p, frame, further = parameters or CorrectionParameters(), as_frame(frame), [as_frame(one) for one in others]
+    for one in fields.values():
+        checked_type(one, PsfField, "pass a field by plane, as read_field gives, or outcome.result() of each")
     check_fields(frame.planes, fields)
     check_scale(frame.planes, fields, p.scale)
     noise = {name: noise_of(plane) for name, plane in frame.planes.items()}
@@ -140,7 +145,7 @@ def correct(
     outcome: Outcome[Correction] = verdict_of(checks)
     if outcome.verdict is Verdict.REFUSED:
         return outcome
-    burst = gather(frame, others, shifts or {}, p.scale, noise)
+    burst = gather(frame, further, shifts or {}, p.scale, noise)
     mosaic = Mosaic.of(burst.planes, burst.noise, burst.light)
     optics = Optics.of(burst.planes, fields, burst.shifts)
     side = p.side or optics.side(mosaic.shape)

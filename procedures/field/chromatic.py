@@ -1,7 +1,7 @@
-"""Lateral colour: where one plane shows a point, less where another does, over the frame.
+"""Lateral colour: the displacement of one plane's image relative to another's, over the frame.
 
-The marks keep each plane's PSF centred where that plane shows them, so the planes' PSFs say nothing about it: it is the
-difference of their registrations, at the charts' centres, in pixels of the sensor.
+The marks centre each plane's PSF on that plane's own image, so the PSFs do not contain it. It is the difference of the
+planes' registrations at the charts' centres, in pixels of the sensor.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.field.maps import COLUMNS, FieldMap, grid, radius_direction
+from procedures.field.maps import COLUMNS, FieldMap, grid, mesh, radius_direction, surface_maps
 from procedures.field.surfaces import Surface, fit_surface
 from procedures.numerics.scattered import Hull
 from procedures.outcome import Refused
@@ -26,7 +26,7 @@ DEGREES = (1, 2, 3)
 
 @dataclass(frozen=True, eq=False)
 class LateralColour:
-    """How far a plane's picture lies from that of a reference, in pixels of the sensor.
+    """Displacement of a plane's image relative to a reference, in pixels of the sensor.
 
     Attributes
     ----------
@@ -34,13 +34,13 @@ class LateralColour:
     shape : (int, int)
         Rows and columns of a plane.
     positions : (N, 2) float64
-        Where it was measured, in pixels of the plane.
+        Positions of the charts, in pixels of the plane.
     shift : (N, 2) float64, covariance : (N, 2, 2) float64
-        (x, y) as measured.
+        Measured (x, y).
     surface : Surface
-        Of the shift, over places in half diagonals.
+        The shift as a function of the position in half diagonals.
     charts : tuple of (str, int)
-        Which charts were compared: source and number of their nodes; empty where a file does not tell.
+        Source and number of the compared nodes; empty where read from a file.
     """
 
     plane: str
@@ -58,32 +58,24 @@ class LateralColour:
         return self.surface.at(places), self.surface.covariance(places)
 
     def shift_at(self, points: Array) -> Array:
-        """The shift alone, (n, 2), at points (n, 2) of the plane; beyond the charts that of the nearest place."""
-        nearest = Hull(self.positions).nearest(np.asarray(points, dtype=np.float64))
-        return np.asarray(self.surface.at(in_half_diagonals(nearest, self.shape)))
+        """Shift (n, 2) at points (n, 2) of the plane; beyond the charts that of the nearest position among them."""
+        return self.at(Hull(self.positions).nearest(np.asarray(points, dtype=np.float64)))[0]
 
-    def maps(self, columns: int = COLUMNS) -> tuple[FieldMap, FieldMap]:
-        """The shift along the radius, outwards positive, and across it, from x towards y positive."""
-        x, y = grid(self.shape, columns)
-        points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        inside = Hull(self.positions).holds(points)
-        shift, covariance = self.at(points)
-        turn = np.array([radius_direction(self.shape, *point) for point in points])
-        maps = []
-        for what, angle in (("radial", turn), ("tangential", turn + np.pi / 2)):
-            u = np.column_stack([np.cos(angle), np.sin(angle)])
-            value = np.where(inside, np.sum(u * shift, axis=1), np.nan)
-            spread = np.where(inside, np.sqrt(np.einsum("na,nab,nb->n", u, covariance, u)), np.nan)
-            title = f"{self.plane} against {self.reference}, {what} shift"
-            pictures = (v.reshape(len(y), len(x)) for v in (value, spread))
-            maps.append(FieldMap(f"lateral_colour_{what}", title, "sensor pixel", x, y, *pictures))
-        return maps[0], maps[1]
+    def maps(self, columns: int = COLUMNS) -> tuple[FieldMap, ...]:
+        """Shift along the radius, positive outwards, and perpendicular to it, positive from x towards y."""
+        angle = np.array([radius_direction(self.shape, *point) for point in mesh(*grid(self.shape, columns))])
+        return surface_maps(
+            self.surface, self.positions, self.shape, columns, "sensor pixel",
+            [(f"lateral_colour_{name}", f"{self.plane} against {self.reference}, {name} shift",
+              np.column_stack([np.cos(turned), np.sin(turned)]))
+             for name, turned in (("radial", angle), ("tangential", angle + np.pi / 2))],
+        )  # fmt: skip
 
 
 def lateral_colour(
     plane: str, nodes: Sequence[Node], reference: str, against: Sequence[Node], shape: tuple[int, int], pitch: int
 ) -> LateralColour:
-    """Lateral colour from two planes' nodes; those of the same chart in the same photograph belong together.
+    """Lateral colour from two planes' nodes, matched by photograph and chart.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What the nodes of many photographs say together: each plane's field, maps and numbers, lateral colour, best focus."""
+"""Results of many photographs' nodes: each plane's field, maps and numbers, lateral colour, best focus."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 from procedures.budget import Budget
 from procedures.field.chromatic import LateralColour, lateral_colour
+from procedures.field.estimate import MeasuredChart, mean_budgets
 from procedures.field.focus import FocusSurface, focus_surface, sharpest
 from procedures.field.interpolate import Interpolation, interpolate
 from procedures.field.maps import FieldMap, derive
-from procedures.field.measuring import MeasuredFrames, Told, silent
+from procedures.field.measuring import MeasuredFrames
 from procedures.field.photosite import Photosite, WithoutPhotosite
-from procedures.field.seen_charts import SeenChart, usual_budgets
 from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE
 from procedures.outcome import Check, Miss, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.psf import Psf
@@ -24,28 +24,28 @@ from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
 
 Limit = Callable[[Plane], Diffraction | None]
-"""The diffraction limit of a plane, None where it is not known."""
+"""Diffraction limit of a plane, None where it is not known."""
 REFERENCE = "G1"
-"""The plane that lateral colour is told against."""
+"""Preferred reference plane of lateral colour."""
 LARGE_ERROR = 0.1
-"""Of the PSF's norm: an interpolation that errs by more is doubted."""
+"""Interpolation error, relative to the PSF's norm, above which a field is doubtful."""
 SMALL_SHARE = 0.3
-"""Of the frame: nodes that enclose less are doubted."""
-MANY_DOUBTS = 0.2
-"""Share of the charts that may be doubtful under a field that is trusted: one of a tour of nine, not two corners of
-its four, whose places no other chart outvotes."""
+"""Share of the frame inside the nodes' hull below which a field is doubtful."""
+MAX_DOUBTFUL_SHARE = 0.2
+"""Accepted share of doubtful charts: one in a tour of nine, but not two of its four corners, which no other chart
+outweighs."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneField:
-    """What the nodes of one plane say together.
+    """Results of one plane.
 
     Attributes
     ----------
-    centre, quality : the PSF at the frame's centre, and what it says
+    centre, quality : the PSF at the frame's centre, and its numbers
     numbers : of the whole field: the axis of the lens, and the median of each map
     pitch : sensor pixels per pixel of the plane
-    budgets : of the numbers at one chart, see `usual_budgets`
+    budgets : of the numbers at one chart, see `mean_budgets`
     """
 
     centre: Psf
@@ -59,9 +59,9 @@ class PlaneField:
 
 @dataclass(frozen=True, eq=False)
 class FieldResult:
-    """The whole answer, by plane; `reference` is the plane that lateral colour and focus are told of.
+    """Results of all planes; `reference` is the plane of `focus` and the reference of lateral colour.
 
-    `photosite` is the one that maps are told without, beside the camera's.
+    `photosite` is the one removed in the additional maps.
     """
 
     measured: MeasuredFrames
@@ -75,7 +75,7 @@ class FieldResult:
 
 def conclude(
     measured: MeasuredFrames, focus: Mapping[str, float] | None = None, limit: Limit = lambda plane: None,
-    told: Told = silent, at: Sequence[float] = (), photosite: Photosite | None = None,
+    at: Sequence[float] = (), photosite: Photosite | None = None,
 ) -> FieldResult:  # fmt: skip
     """Field, maps and numbers of every plane, lateral colour between them, best focus where positions are known.
 
@@ -84,9 +84,9 @@ def conclude(
     focus : mapping of photograph's name to focus position in mm, optional
         The field is then that of the sharpest position.
     at : sequence of float
-        Frequencies in cycles per pixel of the plane at which the MTF of the frame's centre is told.
+        Frequencies in cycles per pixel of the plane at which the MTF of the frame's centre is reported.
     photosite : Photosite, optional
-        Maps of sagittal and meridional MTF50 are told without it too.
+        Sagittal and meridional MTF50 are also mapped without it.
 
     Raises
     ------
@@ -106,39 +106,32 @@ def conclude(
     planes = {}
     for name, nodes in kept.items():
         sources = {node.source for node in nodes}
-        charts = [one for one in measured.charts.get(name, ()) if one.node.source in sources]
+        charts = [chart for chart in measured.charts.get(name, ()) if chart.node.source in sources]
         planes[name] = _plane_field(measured.planes[name], nodes, charts, limit, at, photosite)
-        told(f"field of {name}")
     surface, refusal = None, ""
     if focus:
         try:
             surface = focus_surface(brackets[reference], _shape(measured.planes[reference]))
         except Refused as error:
             refusal = f"{error.reason}; {error.remedy}"
-    colours = _colours(measured, kept, reference)
-    return FieldResult(measured, planes, colours, reference, surface, refusal, photosite)
-
-
-def _bracket(nodes: Sequence[Node], focus: Mapping[str, float]) -> dict[float, list[Node]]:
-    """Nodes by focus position; all at 0 where none is known, those of photographs without one left out otherwise."""
-    found: dict[float, list[Node]] = {}
-    for node in nodes:
-        if not focus or node.source in focus:
-            found.setdefault(focus.get(node.source, 0.0), []).append(node)
-    return found
-
-
-def _colours(measured: MeasuredFrames, kept: Mapping[str, Sequence[Node]], reference: str) -> tuple[LateralColour, ...]:
-    """Lateral colour of every plane against the reference, as far as there are charts enough."""
-    found = []
+    colours = []
     for name, nodes in kept.items():
         plane = measured.planes[name]
         if name != reference:
             try:
-                found.append(lateral_colour(name, nodes, reference, kept[reference], _shape(plane), plane.pitch))
+                colours.append(lateral_colour(name, nodes, reference, kept[reference], _shape(plane), plane.pitch))
             except Refused:
-                continue  # the plane's own record says that there are too few
-    return tuple(found)
+                continue  # the plane's own record reports that there are too few
+    return FieldResult(measured, planes, tuple(colours), reference, surface, refusal, photosite)
+
+
+def _bracket(nodes: Sequence[Node], focus: Mapping[str, float]) -> dict[float, list[Node]]:
+    """Nodes by focus position: all at 0 where none is known; otherwise without those of unknown position."""
+    bracket: dict[float, list[Node]] = {}
+    for node in nodes:
+        if not focus or node.source in focus:
+            bracket.setdefault(focus.get(node.source, 0.0), []).append(node)
+    return bracket
 
 
 def _shape(plane: Plane) -> tuple[int, int]:
@@ -147,35 +140,32 @@ def _shape(plane: Plane) -> tuple[int, int]:
 
 
 def _plane_field(
-    plane: Plane,
-    nodes: Sequence[Node],
-    charts: Sequence[SeenChart],
-    limit: Limit,
-    at: Sequence[float],
+    plane: Plane, nodes: Sequence[Node], charts: Sequence[MeasuredChart], limit: Limit, at: Sequence[float],
     photosite: Photosite | None,
-) -> Outcome[PlaneField]:
-    shape = _shape(plane)
+) -> Outcome[PlaneField]:  # fmt: skip
+    rows, columns = shape = _shape(plane)
     try:
-        found = interpolate(plane.name, shape, nodes)
+        interpolation = interpolate(plane.name, shape, nodes)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    without = WithoutPhotosite(photosite, plane.pitch) if photosite else None
-    maps = derive(found.field, without=without)
-    centre = found.field.at((shape[1] - 1) / 2, (shape[0] - 1) / 2)
+    maps = derive(interpolation.field, without=WithoutPhotosite(photosite, plane.pitch) if photosite else None)
+    centre = interpolation.field.at((columns - 1) / 2, (rows - 1) / 2)
     diffraction = limit(plane)
     quality = assess(centre, n=len(nodes), diffraction=diffraction, at=at)
-    checks = [*_checks(found, maps), _doubted(nodes), *beyond_diffraction(quality, diffraction)]
-    told = PlaneField(centre, quality, found, maps, _numbers(found, maps), plane.pitch, usual_budgets(charts))
-    return verdict_of(checks, told)
+    checks = [*_checks(interpolation, maps), _doubtful_nodes(nodes), *beyond_diffraction(quality, diffraction)]
+    numbers = _numbers(interpolation, maps)
+    return verdict_of(
+        checks, PlaneField(centre, quality, interpolation, maps, numbers, plane.pitch, mean_budgets(charts))
+    )
 
 
-def _checks(found: Interpolation, maps: Sequence[FieldMap]) -> list[Check]:
-    """What makes a field doubtful."""
+def _checks(interpolation: Interpolation, maps: Sequence[FieldMap]) -> list[Check]:
+    """Checks of coverage and interpolation error."""
     by_name = {one.name: one for one in maps}
     error = by_name[ERROR_INTERPOLATION].median(by_name[ERROR_INTERPOLATION].value)
     enclosed = by_name[ERROR_NOISE].share
-    rows, columns = found.field.shape
-    centred = bool(found.field.inside(np.array([[(columns - 1) / 2, (rows - 1) / 2]]))[0])
+    rows, columns = interpolation.field.shape
+    centred = bool(interpolation.field.inside(np.array([[(columns - 1) / 2, (rows - 1) / 2]]))[0])
     return [
         Check("centre", not centred, 0, Verdict.DOUBTFUL,
               "the frame's centre lies beyond the nodes: its PSF is that of the nearest place among them",
@@ -188,30 +178,24 @@ def _checks(found: Interpolation, maps: Sequence[FieldMap]) -> list[Check]:
     ]  # fmt: skip
 
 
-def _doubted(nodes: Sequence[Node]) -> Check:
-    """A field rests on its nodes: where many are doubted, so is the field; the commonest remedy comes first."""
-    doubted = [node for node in nodes if node.doubt]
-    commonest = Counter(node.remedy for node in doubted).most_common(1)
-    remedy = commonest[0][0] if commonest else ""
-    example = next((node.doubt for node in doubted if node.remedy == remedy), "")
-    reason = f"{len(doubted)} of the {len(nodes)} charts are doubtful, for example: {example}"
-    return Check("nodes", len(doubted), MANY_DOUBTS * len(nodes), Verdict.DOUBTFUL, reason, remedy)
+def _doubtful_nodes(nodes: Sequence[Node]) -> Check:
+    """Check of the share of doubtful nodes, with the most frequent remedy."""
+    doubtful = [node for node in nodes if node.doubt]
+    remedy = next((remedy for remedy, _ in Counter(node.remedy for node in doubtful).most_common(1)), "")
+    example = next((node.doubt for node in doubtful if node.remedy == remedy), "")
+    reason = f"{len(doubtful)} of the {len(nodes)} charts are doubtful, for example: {example}"
+    return Check("nodes", len(doubtful), MAX_DOUBTFUL_SHARE * len(nodes), Verdict.DOUBTFUL, reason, remedy)
 
 
-def _numbers(found: Interpolation, maps: Sequence[FieldMap]) -> dict[str, Quantity]:
-    """What is told of a plane in figures: the axis of its lens, and the median of each map."""
-    field, n = found.field, len(found.field.nodes)
-    numbers = {}
-    if found.axis is not None:
-        half = float(np.hypot(*field.shape)) / 2
-        for i, name in enumerate("xy"):
-            numbers[f"decentring_{name}"] = Quantity(
-                float(found.axis.position[i]) * half,
-                "pixel",
-                float(np.sqrt(found.axis.covariance[i, i])) * half,
-                "axis of symmetry of the PSFs, from the frame's centre",
-                n,
-            )
+def _numbers(interpolation: Interpolation, maps: Sequence[FieldMap]) -> dict[str, Quantity]:
+    """Position of the lens's axis, and the median of each map."""
+    n, axis, numbers = len(interpolation.field.nodes), interpolation.axis, {}
+    if axis is not None:
+        half = float(np.hypot(*interpolation.field.shape)) / 2
+        for name, at, variance in zip("xy", axis.position, np.diag(axis.covariance), strict=True):
+            method = "axis of symmetry of the PSFs, from the frame's centre"
+            error = float(np.sqrt(variance)) * half
+            numbers[f"decentring_{name}"] = Quantity(float(at) * half, "pixel", error, method, n)
     for one in maps:
         if one.uncertainty is not None and np.isfinite(one.median(one.value)):
             spread, method = one.median(one.uncertainty), "median over the field, and of the uncertainty"

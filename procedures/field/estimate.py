@@ -1,4 +1,4 @@
-"""From a photograph of one or several charts to nodes: the PSF of every plane at every chart, and where that is."""
+"""Nodes from a photograph of one or several charts: the PSF of every plane at every chart, and its position."""
 
 from __future__ import annotations
 
@@ -10,61 +10,119 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from procedures.budget import Budget
 from procedures.field.interpolate import interpolate
-from procedures.field.seen_charts import HEADLINE, SeenChart, seen_chart_of
-from procedures.outcome import BadInput, Miss, Outcome, Refused, Verdict
+from procedures.numbers import FWHM_HORIZONTAL, FWHM_VERTICAL, MTF50_HORIZONTAL, MTF50_RADIAL, MTF50_VERTICAL
+from procedures.outcome import BadInput, Miss, Outcome, Quantity, Refused, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
+from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from procedures.pattern_psf.registration import Registration
+from procedures.pattern_psf.solution import SharedErrors
 from procedures.psf import Psf
 from procedures.psf_field import Node, PsfField
-from procedures.raw import Plane, RawFrame
+from procedures.raw import FrameLike, Plane, RawFrame, as_frame
 from procedures.sensor_model import SensorModel
 
 Array = npt.NDArray[np.float64]
 
 FIELD = PatternParameters(s=4)
-"""How the nodes of a field are sampled where nothing else is asked for: they must all have the same s. A small aperture
-and a corner's aberrations need wider supports than the frame's centre."""
+"""Default sampling of a field's nodes, which must all have the same s. A small aperture and a corner's aberrations need
+wider supports than the frame's centre, so k is free."""
 BRACKET = PatternParameters(s=4, k=17)
-"""The same through focus, where sharpness alone is asked, of many charts."""
-LEFT_OVER, MOST_OVER = ("mismatch", "choice"), 0.95
-"""Terms of the budgets that are no noise of the samples, and their share of a number's variance that counts at most."""
-MIDDLE: Array = np.full((1, 2), CELLS / 2)
-"""The chart's centre, in cells: the node's place."""
+"""Sampling through focus, where only the sharpness of many charts is needed."""
+SYSTEMATIC_TERMS, MAX_SYSTEMATIC_SHARE = ("mismatch", "choice"), 0.95
+"""Terms of the budgets that are not noise of the samples, and the largest share of a number's variance counted."""
+HEADLINE: tuple[str, ...] = (MTF50_HORIZONTAL, MTF50_VERTICAL, MTF50_RADIAL, FWHM_HORIZONTAL, FWHM_VERTICAL)
+"""Numbers reported for every chart."""
+Sensors = Mapping[str, SensorModel]
+"""Models of the planes' sensor; a plane without one is estimated without."""
+NO_SENSORS: Sensors = MappingProxyType({})
+Job = tuple[Plane, int, ChartSighting]
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredChart:
+    """One chart in one plane of one photograph.
+
+    Attributes
+    ----------
+    node : Node
+    numbers : mapping of str to Quantity
+        Those of `HEADLINE` that the PSF has.
+    gradients : mapping of str to (P,) float64
+        Derivatives of the numbers by the PSF's parameters.
+    registration : Registration
+    correspondences : Correspondences
+        In pixels of the plane.
+    shared : SharedErrors
+    budgets : mapping of str to Budget
+        Uncertainty budgets of the numbers.
+    """
+
+    node: Node
+    numbers: Mapping[str, Quantity]
+    gradients: Mapping[str, Array]
+    registration: Registration
+    correspondences: Correspondences
+    shared: SharedErrors
+    budgets: Mapping[str, Budget] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, estimate: PatternPsf, node: Node) -> MeasuredChart:
+        """The part of an estimate that is kept."""
+        quality = estimate.quality
+        names = [name for name in HEADLINE if name in quality.numbers]
+        numbers = {name: quality.numbers[name] for name in names}
+        gradients = {name: quality.gradients[name] for name in names}
+        budgets = {name: quality.budgets[name] for name in names}
+        return cls(node, numbers, gradients, estimate.registration, estimate.correspondences, estimate.shared, budgets)
+
+    @property
+    def joint_covariance(self) -> Array:
+        """Covariance (P + 2, P + 2) of the PSF's parameters and of the position of the chart's centre."""
+        shared = self.shared.centre
+        return np.block([[self.node.psf.parameter_covariance, shared], [shared.T, self.node.position_covariance]])
+
+
+def mean_budgets(charts: Sequence[MeasuredChart]) -> dict[str, dict[str, float]]:
+    """Uncertainty budgets of the numbers at one chart: root mean squares over the charts, without terms that are 0."""
+    mean: dict[str, dict[str, float]] = {}
+    for name in HEADLINE:
+        budgets = [chart.budgets[name] for chart in charts if name in chart.budgets]
+        terms = dict.fromkeys(term for budget in budgets for term, size in budget.items() if size > 0)
+        if terms:
+            mean[name] = {
+                term: float(np.sqrt(np.mean([budget.get(term, 0.0) ** 2 for budget in budgets]))) for term in terms
+            }
+    return mean
 
 
 @dataclass(frozen=True, eq=False)
 class FrameNodes:
-    """What one photograph gives.
+    """Results of one photograph, by plane.
 
     Attributes
     ----------
-    nodes : mapping of plane to nodes
-    shapes : mapping of plane to (rows, columns)
-    misses : sequence of Miss
-    charts : mapping of plane to what each node's chart tells beside it
+    shapes : rows and columns
+    misses : charts without a result
     """
 
     nodes: Mapping[str, Sequence[Node]]
     shapes: Mapping[str, tuple[int, int]]
     misses: Sequence[Miss]
-    charts: Mapping[str, Sequence[SeenChart]] = field(default_factory=dict)
-
-
-Sensors = Mapping[str, SensorModel]
-"""What is known of the planes' sensor; a plane that is not named is estimated without."""
-NO_SENSORS: Sensors = MappingProxyType({})
-Job = tuple[Plane, int, ChartSighting]
-Estimated = Outcome[PatternPsf]
+    charts: Mapping[str, Sequence[MeasuredChart]] = field(default_factory=dict)
 
 
 class MapLike(Protocol):
-    """Does something to each of some things and gives the answers in order, as `map` does: here or side by side."""
+    """Apply a function to each job and return the results in order, as `map` does: serially or in parallel."""
 
-    def __call__(self, function: Callable[[Job], Estimated], jobs: Sequence[Job], /) -> Iterable[Estimated]:
-        """The answers."""
+    def __call__(
+        self, function: Callable[[Job], Outcome[PatternPsf]], jobs: Sequence[Job], /
+    ) -> Iterable[Outcome[PatternPsf]]:
+        """Results in the order of the jobs."""
         ...
 
 
@@ -73,14 +131,14 @@ def measure_frame(
 ) -> FrameNodes:
     """The nodes of all charts in all planes of a photograph.
 
-    The charts are found in one plane, green where there is one; the others show them in the same places.
+    The charts are detected in one plane, green where there is one, and have the same positions in the others.
 
     Parameters
     ----------
     each : MapLike
-        How the charts are gone through; `map` takes one after the other.
+        How the charts are processed; `map` takes one after the other.
     sensors : Sensors
-        Whose response is undone and whose noise weighs the samples.
+        Their response is inverted, and their noise weights the samples.
 
     Raises
     ------
@@ -88,7 +146,7 @@ def measure_frame(
         If there is no chart in it.
     """
     source = frame.path.name
-    guide = frame.planes.get("G1", next(iter(frame.planes.values())))
+    guide = frame.guide
     sightings = _in_order(find_charts(guide.samples))
     if not sightings:
         raise Refused(
@@ -100,46 +158,41 @@ def measure_frame(
         x, y = ((a - b) / plane.pitch for a, b in zip(guide.origin, plane.origin, strict=True))
         jobs += [(plane, number, sighting.moved(x, y)) for number, sighting in enumerate(sightings, 1)]
 
-    def estimated(job: Job) -> Estimated:
+    def estimated(job: Job) -> Outcome[PatternPsf]:
         plane, _, sighting = job
         return estimate_psf(plane, chart, parameters, sighting=sighting, sensor=sensors.get(plane.name))
 
-    outcomes = each(estimated, jobs)
-    charts: dict[str, list[SeenChart]] = {name: [] for name in frame.planes}
+    charts: dict[str, list[MeasuredChart]] = {name: [] for name in frame.planes}
     misses = []
-    for (plane, number, sighting), outcome in zip(jobs, outcomes, strict=True):
+    for (plane, number, sighting), outcome in zip(jobs, each(estimated, jobs), strict=True):
         if outcome.value is None:
             place = "({:.0f}, {:.0f})".format(*sighting.centre())
             misses.append(Miss(source, outcome.reason, outcome.remedy, plane.name, place))
         else:
-            node = node_of(outcome.value, plane, source, number)
-            if outcome.verdict is Verdict.DOUBTFUL:
-                psf = _with_left_over(outcome.value)
-                node = replace(node, psf=psf, doubt=outcome.reason, remedy=outcome.remedy)
-            charts[plane.name].append(seen_chart_of(outcome.value, node))
+            charts[plane.name].append(MeasuredChart.of(outcome.value, _node(outcome, plane, source, number)))
     shapes = {name: (plane.samples.shape[0], plane.samples.shape[1]) for name, plane in frame.planes.items()}
-    nodes = {name: [one.node for one in seen] for name, seen in charts.items()}
+    nodes = {name: [chart.node for chart in measured] for name, measured in charts.items()}
     return FrameNodes(nodes, shapes, misses, charts)
 
 
 def estimate_field(
-    frames: Iterable[RawFrame], chart: Chart, parameters: PatternParameters | None = None, each: MapLike = map
+    frames: Iterable[FrameLike], chart: Chart, parameters: PatternParameters | None = None, each: MapLike = map
 ) -> dict[str, Outcome[PsfField]]:
-    """The PSF over the frame, by plane, from photographs that show the chart at six places or more between them.
+    """PSF over the frame, by plane, from photographs with charts at six positions or more in total.
 
     Parameters
     ----------
-    frames : iterable of RawFrame
+    frames : iterable of RawFrame, or of (rows, columns) arrays
         Of one camera, lens, aperture and focus. They may be read while they are gone through: none is kept.
     parameters : PatternParameters, optional
-        By default s = 4 and k as wide as each chart asks. All nodes need the same s.
+        Default: s = 4, and k by chart. All nodes need the same s.
     each : MapLike
-        How the charts of a photograph are gone through; `map` takes one after the other.
+        How the charts of a photograph are processed; `map` takes one after the other.
 
     Returns
     -------
     dict of str to Outcome[PsfField]
-        Refused for a plane whose nodes are too few, on one line or not alike.
+        Refused for a plane whose nodes are too few, on one line or sampled differently.
 
     Raises
     ------
@@ -150,7 +203,8 @@ def estimate_field(
     """
     nodes: dict[str, list[Node]] = {}
     shapes: Mapping[str, tuple[int, int]] = {}
-    for frame in frames:
+    for number, image in enumerate(frames, 1):
+        frame = as_frame(image, f"photograph {number}")
         measured = measure_frame(frame, chart, parameters or FIELD, each)
         if shapes and measured.shapes != shapes:
             raise BadInput(
@@ -158,49 +212,56 @@ def estimate_field(
                 "give photographs of one camera, in one format",
             )
         shapes = measured.shapes
-        for name, found in measured.nodes.items():
-            nodes.setdefault(name, []).extend(found)
+        for name, new in measured.nodes.items():
+            nodes.setdefault(name, []).extend(new)
     if not shapes:
         raise Refused("a field needs photographs; there is none", "give photographs of the chart")
-    return {name: _field_of(name, shapes[name], nodes[name]) for name in shapes}
+    fields: dict[str, Outcome[PsfField]] = {}
+    for name, shape in shapes.items():
+        try:
+            fields[name] = Outcome(interpolate(name, shape, nodes[name]).field)
+        except Refused as refusal:
+            fields[name] = Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    return fields
 
 
-def _field_of(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> Outcome[PsfField]:
-    try:
-        return Outcome(interpolate(plane, shape, nodes).field)
-    except Refused as refusal:
-        return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+def _node(outcome: Outcome[PatternPsf], plane: Plane, source: str, number: int) -> Node:
+    """The node of an estimate, at the apparent position of a mark at the chart's centre.
 
-
-def node_of(found: PatternPsf, plane: Plane, source: str, number: int) -> Node:
-    """The node of an estimate: its place is where a mark at the chart's centre is seen."""
-    offset = mark_offset(found.psf.h, found.psf.s, found.registration.jacobian())
-    position = found.registration.to_sensor(MIDDLE)[0] + offset
-    on_sensor = plane.pitch * position + np.array(plane.origin, dtype=np.float64)
-    return Node(position, found.centre_covariance, on_sensor, found.psf, source, number)
-
-
-def _with_left_over(found: PatternPsf) -> Psf:
-    """The PSF, its covariance as much larger as what model, s and k leave over makes the variances of its numbers.
-
-    Of a doubtful chart, so that the others outvote it. Of good ones it is small, and no noise that nodes average.
+    The covariance of a doubtful one is enlarged, so that the others outweigh it.
     """
-    budgets = [found.quality.budgets[name] for name in HEADLINE if name in found.quality.budgets]
-    over = [sum(one.get(term, 0.0) ** 2 for term in LEFT_OVER) / sum(v**2 for v in one.values()) for one in budgets]
-    if not any(over):
-        return found.psf
-    psf, wider = found.psf, float(np.mean([1 / (1 - min(share, MOST_OVER)) for share in over]))
+    estimate = outcome.result()
+    offset = mark_offset(estimate.psf.h, estimate.psf.s, estimate.registration.jacobian())
+    position = estimate.registration.to_sensor(np.full((1, 2), CELLS / 2))[0] + offset
+    on_sensor = plane.pitch * position + np.array(plane.origin, dtype=np.float64)
+    node = Node(position, estimate.centre_covariance, on_sensor, estimate.psf, source, number)
+    if outcome.verdict is not Verdict.DOUBTFUL:
+        return node
+    return replace(node, psf=_enlarged(estimate), doubt=outcome.reason, remedy=outcome.remedy)
+
+
+def _enlarged(estimate: PatternPsf) -> Psf:
+    """The PSF with its covariance enlarged by the share of systematic terms in the variance of its numbers.
+
+    For good charts these terms are small, and no noise that nodes average.
+    """
+    psf, all_budgets = estimate.psf, estimate.quality.budgets
+    budgets = [all_budgets[name] for name in HEADLINE if name in all_budgets]
+    shares = [sum(b.get(term, 0.0) ** 2 for term in SYSTEMATIC_TERMS) / sum(v**2 for v in b.values()) for b in budgets]
+    if not any(shares):
+        return psf
+    factor = float(np.mean([1 / (1 - min(share, MAX_SYSTEMATIC_SHARE)) for share in shares]))
     C = psf.parameter_covariance
-    return Psf.of(psf.parameters, wider * C, psf.k, psf.s, (wider - 1) * C)
+    return Psf.of(psf.parameters, factor * C, psf.k, psf.s, (factor - 1) * C)
 
 
 def _in_order(sightings: Sequence[ChartSighting]) -> list[ChartSighting]:
-    """Row by row: charts whose centres are within half a chart of each other's height are in one row."""
-    left = sorted(sightings, key=lambda one: float(one.centre()[1]))
+    """Charts row by row: centres within half a chart's height of each other are in one row."""
+    remaining = sorted(sightings, key=lambda sighting: float(sighting.centre()[1]))
     ordered: list[ChartSighting] = []
-    while left:
-        reach = left[0].centre()[1] + left[0].widths().mean() / 2
-        row = [one for one in left if one.centre()[1] < reach]
-        ordered += sorted(row, key=lambda one: float(one.centre()[0]))
-        left = left[len(row) :]
+    while remaining:
+        reach = remaining[0].centre()[1] + remaining[0].widths().mean() / 2
+        row = [sighting for sighting in remaining if sighting.centre()[1] < reach]
+        ordered += sorted(row, key=lambda sighting: float(sighting.centre()[0]))
+        remaining = remaining[len(row) :]
     return ordered

@@ -1,4 +1,4 @@
-"""What a tour over the frame knows beside the chart: how many places, and from where it began."""
+"""Facts of a tour over the frame, in addition to those of the chart: number of positions, and where it began."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from procedures.plan import Facts
 
 TOUR = "tour_"
 BASE = f"{TOUR}from_"
-"""Before an axis' name: the fact where it was when the chart was in the middle."""
+"""Prefix of an axis' name: the fact of its position when the chart was in the middle."""
 
 
 @dataclass(frozen=True)
 class TourStart:
-    """What the moves of a tour follow from: the chart seen where the tour began.
+    """The start of a tour, from which its moves are computed.
 
     Attributes
     ----------
     shape : rows and columns of the plane
-    principal_px : distance of the image behind the lens, in its pixels
-    distance_mm : of the chart along the optical axis
-    seen_at : where in the frame
-    half : half the width and height that the sheet takes of the frame, in parts of the frame's
-    base : by name, where the axes were
+    principal_px : distance of the image from the lens, in pixels of the plane
+    distance_mm : distance of the chart along the optical axis
+    chart_at : position of the chart in the frame
+    half : half the width and height of the sheet, in fractions of the frame's
+    base : positions of the axes by name
     """
 
     shape: tuple[int, int]
     principal_px: float
     distance_mm: float
-    seen_at: Location
+    chart_at: Location
     half: tuple[float, float]
     base: Mapping[str, float]
 
 
 def start_of(facts: Facts) -> TourStart | None:
-    """Where the tour began; None before it did. Raises BadParameter."""
+    """Start of the tour; None before it. Raises BadParameter."""
     if f"{TOUR}rows" not in facts:
         return None
     rows, columns, principal_px, distance_mm, x, y, half_x, half_y = (
@@ -46,18 +46,16 @@ def start_of(facts: Facts) -> TourStart | None:
         for name in ("rows", "columns", "principal_px", "distance_mm", "x", "y", "half_x", "half_y")
     )
     base = {name.removeprefix(BASE): number(facts, name) for name in facts if name.startswith(BASE)}
-    return TourStart(
-        (int(rows), int(columns)), principal_px, distance_mm, Location(x, y), (half_x, half_y), base
-    )  # fmt: skip
+    return TourStart((int(rows), int(columns)), principal_px, distance_mm, Location(x, y), (half_x, half_y), base)
 
 
 @dataclass(frozen=True)
 class FieldFacts(PatternFacts):
-    """The facts of the plan of a field: those of the chart, `places` to measure, and where the tour began."""
+    """Facts of the plan of a field: those of the chart, the number of `places`, and the start of the tour."""
 
     places: float | None = None
     start: TourStart | None = gathered(start_of, *SIZES, prefix=TOUR)
 
     def begun(self) -> TourStart:
-        """Where the tour began. Raises BadParameter before it did."""
+        """Start of the tour. Raises BadParameter before it."""
         return required(self.start, "where the tour begins", "take the step `places` again")

@@ -1,4 +1,4 @@
-"""The field in one HDF5 file that explains itself, and back: see `decisions/0001-hdf5.md`."""
+"""A field in one self-describing HDF5 file, written and read: see `decisions/0001-hdf5.md`."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.field.chromatic import DEGREES, LateralColour
-from procedures.field.interpolate import Interpolation, Recipe, rebuild
-from procedures.field.maps import FieldMap, grid
+from procedures.field.interpolate import Interpolation, Recipe, rebuild, recipe_of
+from procedures.field.maps import FieldMap, grid, mesh
 from procedures.field.surfaces import fit_surface
 from procedures.numbers import ENERGY_OUTSIDE_SUPPORT
 from procedures.numerics.kernel_tail import SHAPES, tail_kernels
-from procedures.outcome import BadInput
+from procedures.outcome import BadInput, checked_type
 from procedures.psf import MOST_PER_PX, Psf, PsfTail
 from procedures.psf_field import Node, PsfField, in_half_diagonals
 from procedures.reading.arrays import LONGEST
@@ -34,52 +35,60 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 SCHEMA, WITHOUT_TAIL = "station/psf-field/2", "station/psf-field/1"
-"""What is written, and what older versions wrote: PSFs that end with their supports, read as such."""
+"""Schemas of this version and of older ones, whose PSFs end with their supports."""
 CONVENTIONS = """\
 Arrays are [row, column]; positions are (x, y) in pixels of the plane, pixel centres at integers, x right, y down.
 A PSF has `samples_per_pixel` samples per pixel of its plane along each axis. `psf` is its support, an odd square of
-samples, of sum 1; its tail outside that is sum over j of tail[j] tail_shapes[j], images about the same centre, which
-end at a radius (the first goes on as 1/r^3). The photograph is the convolution with support and tail, over the sum of
-both; energy_outside_support is the tail's share of that. The centre sample lies where the chart's marks are seen.
-Covariances are of the samples in the order psf.ravel(), of the tail's amplitudes (tail_covariance), and of these with
-those (tail_cross), of the noise of the photographs.
-PLANE/nodes: what was measured.
+samples, of sum 1; its tail outside that is the sum over j of tail[j] tail_shapes[j], images about the same centre,
+which end at a radius (the first continues as 1/r^3). The photograph is the convolution with support and tail, over the
+sum of both; energy_outside_support is the tail's share of that sum. The centre sample lies at the position of the
+chart's marks. Covariances are those of the samples in the order psf.ravel(), of the tail's amplitudes
+(tail_covariance), and between the two (tail_cross), due to the noise of the photographs.
+PLANE/nodes: measured PSFs.
 PLANE/anywhere: base + sum over c of coefficients[i, j, c] components[c] is the PSF's support at (x[j], y[i]); the same
 of base_tail and components_tail is the tail's amplitudes.
 PLANE/maps: numbers of the whole PSF and their standard uncertainties; beyond the nodes they grow.
 lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor.
 vignetting/PLANE: log of the light over that at the frame's centre, a polynomial of the place in half diagonals."""
 CAMERA = "camera"
-"""The attribute that tells what the photographs were taken with, as JSON."""
+"""Attribute with the camera's metadata as JSON."""
 VIGNETTING = "vignetting"
-NOTED = ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
-WORDS = ("camera", "lens")
+TEXTS, NUMBERS = ("camera", "lens"), ("f_number", "focal_length_mm", "subject_distance_mm")
+NOTHING: Mapping[str, Any] = MappingProxyType({})
 COLUMNS = 64
-"""Places of the rendered field along the frame's longer side."""
+"""Positions of the rendered field along the frame's longer side."""
 
 
 def write_field(
-    path: Path,
-    fields: Mapping[str, Interpolation],
-    maps: Mapping[str, Sequence[FieldMap]],
-    colours: Sequence[LateralColour],
-    provenance: Mapping[str, str],
+    path: Path | str,
+    fields: Mapping[str, Interpolation | PsfField],
+    maps: Mapping[str, Sequence[FieldMap]] = NOTHING,
+    colours: Sequence[LateralColour] = (),
+    provenance: Mapping[str, str] = NOTHING,
     camera: Exposure | None = None,
 ) -> None:
-    """Write fields and maps by plane, lateral colour, and texts that say where all comes from.
+    """Write fields by plane, and where they are given their maps, lateral colour, and texts on their provenance.
 
     `camera` is what all photographs have in common: camera, lens, aperture, focus.
+
+    Raises
+    ------
+    TypeError
+        If one of them is no field, as the outcome of an estimate.
     """
     import h5py
 
+    advice = "pass a field by plane, as outcome.result() of each that estimate_field gives"
+    bare = ((name, one.field if isinstance(one, Interpolation) else one) for name, one in fields.items())
+    whole = {name: checked_type(one, PsfField, advice) for name, one in bare}
     with h5py.File(path, "w") as file:
         file.attrs.update({"schema": SCHEMA, "conventions": CONVENTIONS, **provenance})
         if camera is not None:
-            told = asdict(camera)
-            file.attrs[CAMERA] = json.dumps({name: told[name] for name in NOTED})
-        for name, found in fields.items():
+            metadata = asdict(camera)
+            file.attrs[CAMERA] = json.dumps({name: metadata[name] for name in (*TEXTS, *NUMBERS)})
+        for name, field in whole.items():
             plane = file.create_group(name)
-            _write_plane(plane, found)
+            _write_plane(plane, field)
             _write_maps(plane.create_group("maps"), maps.get(name, ()))
         for colour in colours:
             group = file.create_group(f"lateral_colour/{colour.plane}")
@@ -91,40 +100,35 @@ def write_field(
 
 
 def add_lights(path: Path, lights: Mapping[str, LightSurface]) -> None:
-    """Add the light that the lens loses over the frame, by plane, to a field that was written.
-
-    Raises
-    ------
-    BadInput
-        If it is of a frame of another size.
-    """
+    """Add the vignetting, by plane, to a written field. Raises BadInput where the frame's size differs."""
     import h5py
 
     with h5py.File(path, "a") as file:
         for name, light in lights.items():
+            rows, columns = light.shape
             shape = (int(file[name].attrs["rows"]), int(file[name].attrs["columns"])) if name in file else light.shape
             if shape != light.shape:
                 raise BadInput(
-                    f"the vignetting of {name} is of {light.shape[1]} x {light.shape[0]} pixels, the field of "
-                    f"{shape[1]} x {shape[0]}",
+                    f"the vignetting of {name} must have the size of the field, {shape[1]} x {shape[0]} pixels; got "
+                    f"{columns} x {rows}",
                     "give the flats and the charts of one camera",
                 )
             group = file.create_group(f"{VIGNETTING}/{name}")
-            group.attrs.update({"rows": light.shape[0], "columns": light.shape[1], "degree": light.degree})
+            group.attrs.update({"rows": rows, "columns": columns, "degree": light.degree})
             _put(group, "coefficients", light.coefficients, "1")
 
 
 def read_lights(path: Path | str) -> dict[str, LightSurface]:
-    """The light over the frame by plane, as it was added; empty where none was. Raises BadInput as `read_field`."""
+    """The vignetting by plane; empty where none was added. Raises BadInput as `read_field`."""
     with _opened(path) as file:
         room = Room(str(path))
-        return {name: _read_light(group, room) for name, group in file.get(VIGNETTING, {}).items()}
-
-
-def _read_light(group: h5py.Group, room: Room) -> LightSurface:
-    stored = Stored(group, room)
-    degree = stored.count("degree", 1, LONGEST)
-    return LightSurface(_shape_of(stored), degree, stored.numbers("coefficients", (None,)))
+        planes = {name: Stored(group, room) for name, group in file.get(VIGNETTING, {}).items()}
+        return {
+            name: LightSurface(
+                _shape_of(plane), plane.count("degree", 1, LONGEST), plane.numbers("coefficients", (None,))
+            )
+            for name, plane in planes.items()
+        }
 
 
 def _shape_of(plane: Stored) -> tuple[int, int]:
@@ -135,17 +139,17 @@ def _put(group: h5py.Group, name: str, values: npt.ArrayLike, unit: str, **optio
     group.create_dataset(name, data=np.asarray(values), **options).attrs["unit"] = unit
 
 
-def _write_plane(plane: h5py.Group, found: Interpolation) -> None:
-    field = found.field
+def _write_plane(plane: h5py.Group, field: PsfField) -> None:
+    recipe = recipe_of(field.model)
     plane.attrs.update(
         {
             "rows": field.shape[0],
             "columns": field.shape[1],
             "samples_per_pixel": field.s,
             "model": field.model.name,
-            "model_kind": found.recipe.kind,
-            "model_setting": found.recipe.setting,
-            "model_axis": np.array(found.recipe.axis),
+            "model_kind": recipe.kind,
+            "model_setting": recipe.setting,
+            "model_axis": np.array(recipe.axis),
             "components": len(field.components),
         }
     )
@@ -170,10 +174,10 @@ def _write_plane(plane: h5py.Group, found: Interpolation) -> None:
 
 
 def _write_anywhere(group: h5py.Group, field: PsfField) -> None:
-    """The field as base, components and coefficients on a grid: no model is needed to read it."""
+    """The field as base, components and coefficients on a grid, readable without its model."""
     k, n = field.k, field.k**2
     x, y = grid(field.shape, COLUMNS)
-    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    points = mesh(x, y)
     coefficients = field.coefficients(points)
     _put(group, "x", x, "pixel of the plane")
     _put(group, "y", y, "pixel of the plane")
@@ -201,15 +205,15 @@ def _write_maps(group: h5py.Group, maps: Iterable[FieldMap]) -> None:
 
 
 def read_field(path: Path | str) -> dict[str, PsfField]:
-    """The fields of a file by plane, as they were written but for the covariances' eighth digit.
+    """The fields of a file by plane, with covariances in single precision.
 
-    Those of a file by an older version have no tail (`PsfField.q` is 0): its PSFs end with their supports, and numbers
-    drawn from them are of the support alone.
+    PSFs in a file of an older version have no tail (`PsfField.q` is 0): they end with their supports, and their
+    numbers describe the support alone.
 
     Raises
     ------
     BadInput
-        If it is no such file.
+        If it is not such a file.
     """
     with _opened(path) as file:
         room = Room(str(path))
@@ -217,31 +221,31 @@ def read_field(path: Path | str) -> dict[str, PsfField]:
 
 
 def read_camera(path: Path | str) -> Exposure | None:
-    """Camera, lens, aperture and focus that the field was measured with; None where its file does not tell.
-
-    Raises BadInput as `read_field`.
-    """
+    """Camera, lens, aperture and focus of the measurement; None where unknown. Raises BadInput as `read_field`."""
     with _opened(path) as file:
         text = file.attrs.get(CAMERA)
     try:
-        told = json.loads(text) if text is not None else None
+        metadata = json.loads(text) if text is not None else None
     except (TypeError, ValueError, RecursionError):
-        told = None
-    if not isinstance(told, dict):
         return None
-    return Exposure(**{name: value for name, value in told.items() if name in NOTED and _is_meant(name, value)})
+    if not isinstance(metadata, dict):
+        return None
+    texts = {name: metadata[name] for name in TEXTS if isinstance(metadata.get(name), str)}
+    numbers = {name: metadata[name] for name in NUMBERS if _is_positive(metadata.get(name))}
+    return Exposure(**texts, **numbers)
 
 
-def _is_meant(name: str, value: Any) -> bool:
-    return isinstance(value, str) if name in WORDS else type(value) in (int, float) and 0 < value < math.inf
+def _is_positive(value: Any) -> bool:
+    return type(value) in (int, float) and 0 < value < math.inf
 
 
 def read_colours(path: Path | str) -> dict[str, LateralColour]:
-    """Lateral colour by plane, as it was written; planes without any are left out. Raises BadInput as `read_field`."""
+    """Lateral colour by plane, where it was measured. Raises BadInput as `read_field`."""
     with _opened(path) as file:
-        group, room = file.get("lateral_colour", {}), Room(str(path))
-        shapes = {name: _shape_of(Stored(one, room)) for name, one in _planes(file)}
-        return {name: _read_colour(name, one, shapes[name], room) for name, one in group.items() if name in shapes}
+        room = Room(str(path))
+        shapes = {name: _shape_of(Stored(plane, room)) for name, plane in _planes(file)}
+        groups = {name: group for name, group in file.get("lateral_colour", {}).items() if name in shapes}
+        return {name: _read_colour(name, group, shapes[name], room) for name, group in groups.items()}
 
 
 def _read_colour(name: str, group: h5py.Group, shape: tuple[int, int], room: Room) -> LateralColour:
@@ -258,55 +262,51 @@ def _planes(file: h5py.File) -> list[tuple[str, h5py.Group]]:
 
 @contextmanager
 def _opened(path: Path | str) -> Iterator[h5py.File]:
-    """The file, of a version that is known; what is damaged in it is said as such."""
+    """A file of a known version. Raises BadInput where it is damaged."""
     import h5py
 
     open_file(Path(path), "PSF field").close()
     with decoding(str(path), "HDF5", "give the field.h5 of a result"):
         check_ends(Path(path), largest_bytes())
         with h5py.File(path, "r") as file:
-            _check_version(file, path)
+            if file.attrs.get("schema") not in (SCHEMA, WITHOUT_TAIL):
+                raise BadInput(
+                    f"{path} is no PSF field of this version", f"give a file with schema {SCHEMA} or {WITHOUT_TAIL}"
+                )
             yield file
 
 
-def _check_version(file: h5py.File, path: Path | str) -> None:
-    if file.attrs.get("schema") not in (SCHEMA, WITHOUT_TAIL):
-        raise BadInput(f"{path} is no PSF field of this version", f"give a file with schema {SCHEMA} or {WITHOUT_TAIL}")
-
-
 def _read_plane(name: str, plane: h5py.Group, room: Room) -> PsfField:
-    stored, told = Stored(plane["nodes"], room), Stored(plane, room)
-    s = told.count("samples_per_pixel", 1, MOST_PER_PX)
-    places = (
+    stored, attributes = Stored(plane["nodes"], room), Stored(plane, room)
+    s = attributes.count("samples_per_pixel", 1, MOST_PER_PX)
+    columns = (
         stored.numbers("position", (None, 2), LONGEST),
         stored.numbers("position_covariance", (None, 2, 2)),
         stored.numbers("sensor_position", (None, 2), LONGEST),
+        _read_psfs(stored, s),
+        stored.texts("source"),
+        [int(number) for number in stored.values("number")],
     )
-    rows = zip(*places, stored.texts("source"), stored.values("number"), _read_psfs(stored, s), strict=True)
-    nodes = [
-        Node(position, spread, on_sensor, psf, source, int(number))
-        for position, spread, on_sensor, source, number, psf in rows
-    ]
+    nodes = [Node(*row) for row in zip(*columns, strict=True)]
     x, y = plane.attrs["model_axis"]
     recipe = Recipe(str(plane.attrs["model_kind"]), float(plane.attrs["model_setting"]), (float(x), float(y)))
-    field = rebuild(name, _shape_of(told), nodes, recipe, told.count("components", 0, len(nodes)))
-    _ = field.hull  # nodes that enclose nothing are the file's fault: ValueError here
+    field = rebuild(name, _shape_of(attributes), nodes, recipe, attributes.count("components", 0, len(nodes)))
+    _ = field.hull  # raises ValueError where the file's nodes enclose nothing
     return field
 
 
 def _read_psfs(stored: Stored, s: int) -> Iterator[Psf]:
-    """The nodes' PSFs, with their tails where the file has them."""
+    """The nodes' PSFs, with their tails where the file contains them."""
     supports = stored.numbers("psf", (None, "k", "k"))
-    samples = supports.shape[1] ** 2
-    covariances = stored.numbers("covariance", (len(supports), samples, samples))
+    n, samples = len(supports), supports.shape[1] ** 2
+    covariances = stored.numbers("covariance", (n, samples, samples))
+    tails: Iterable[PsfTail] = [PsfTail.none(samples)] * n
     if "tail" in stored:
-        tails = (
+        parts = (
             stored.numbers("tail", (None, None)),
             stored.numbers("tail_covariance", (None, "q", "q")),
             stored.numbers("tail_cross", (None, samples, None)),
         )
-        for h, covariance, *tail in zip(supports, covariances, *tails, strict=True):
-            yield Psf(h, s, covariance, PsfTail(*tail))
-    else:
-        for h, covariance in zip(supports, covariances, strict=True):
-            yield Psf(h, s, covariance, PsfTail.none(h.size))
+        tails = [PsfTail(*part) for part in zip(*parts, strict=True)]
+    for h, covariance, tail in zip(supports, covariances, tails, strict=True):
+        yield Psf(h, s, covariance, tail)

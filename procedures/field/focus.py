@@ -1,8 +1,8 @@
-"""Best focus over the frame from a bracket: the field's curvature, the sensor's tilt, and astigmatism as a distance.
+"""Best focus over the frame from a bracket: field curvature, tilt of the sensor, and astigmatism as a distance.
 
-At every chart the MTF at one frequency is followed through the focus positions; the top of a parabola through its
-logarithm is the best focus there, sagittal and meridional apart. Tops are errors of one chart's noise alone, so a
-quadratic surface through them has a plain covariance.
+The MTF of every chart at one frequency is followed through the focus positions. The vertex of a polynomial through its
+logarithm is the best focus there, separately for sagittal and meridional detail. The vertices' errors derive from one
+chart's noise each, so a quadratic surface through them has a simple covariance.
 """
 
 from __future__ import annotations
@@ -12,27 +12,32 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from numpy.polynomial.polynomial import polyder, polyval
+from numpy.polynomial.polynomial import polyder, polyroots, polyval
 
-from procedures.field.maps import COLUMNS, FieldMap, grid, radius_direction
+from procedures.field.maps import COLUMNS, FieldMap, radius_direction, surface_maps
 from procedures.field.surfaces import Surface, fit_surface
 from procedures.numbers import FIELD_CURVATURE, FOCUS
-from procedures.numerics.scattered import Hull
 from procedures.outcome import Quantity, Refused
 from procedures.psf_field import Node, in_half_diagonals
 from procedures.quality import mtf_along
 
 Array = npt.NDArray[np.float64]
+Bracket = Mapping[float, Sequence[Node]]
+"""Nodes of one plane by focus position."""
+FocusSeries = list[tuple[float, Node]]
+"""Focus position and node, at one place of the frame."""
 
 FREQUENCY = 0.25
-"""Cycles per pixel at which the MTF is followed."""
+"""Frequency of the followed MTF, in cycles per pixel."""
 FEWEST_POSITIONS = 3
 FEWEST_PLACES = 7
 """A quadratic surface has six coefficients."""
 NEAR_TOP = 0.5
-"""The parabola is laid through the positions whose MTF is at least this share of the best."""
+"""Positions whose MTF is at least this share of the best are fitted."""
 SAME_PLACE = 0.1
-"""Charts of different positions are one place when they are this near, in half diagonals."""
+"""Charts at different focus positions nearer than this, in half diagonals, are at the same place."""
+COMBINATIONS = {"sagittal": (1.0, 0.0), "meridional": (0.0, 1.0), "mean": (0.5, 0.5), "astigmatism": (1.0, -1.0)}
+"""Mapped combinations of sagittal and meridional focus."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +48,11 @@ class FocusSurface:
     ----------
     shape : (int, int)
     positions : (N, 2) float64
-        Where it was measured, in pixels of the plane.
+        Measured places, in pixels of the plane.
     best : (N, 2) float64, variance : (N, 2) float64
-        Sagittal and meridional, as measured.
+        Measured sagittal and meridional focus.
     surface : Surface
-        Of both, over places in half diagonals; quadratic.
+        Both as quadratic functions of the position in half diagonals.
     """
 
     shape: tuple[int, int]
@@ -58,64 +63,64 @@ class FocusSurface:
     unit: str
 
     def numbers(self) -> dict[str, Quantity]:
-        """Tilt and curvature of the mean of sagittal and meridional focus, and of their difference.
+        """Tilt and curvature of the mean of sagittal and meridional focus, and the difference of their curvatures.
 
-        With the place (x, y) in half diagonals from the frame's centre, best focus is z + tilt . (x, y) + a quadratic;
-        the curvature is the quadratic's mean over all directions, at one half diagonal.
+        At (x, y) in half diagonals from the frame's centre, best focus is z + tilt . (x, y) + a quadratic form; the
+        curvature is the mean of that form over all directions, at one half diagonal.
         """
         c, C = self.surface.coefficients()
-        rows: Mapping[str, tuple[Array, str]] = {
-            "focus_centre": (np.array([1.0, 0, 0, 0, 0, 0]), "best focus at the frame's centre"),
-            "focus_tilt_x": (np.array([0, 1.0, 0, 0, 0, 0]), "slope along x, per half diagonal"),
-            "focus_tilt_y": (np.array([0, 0, 1.0, 0, 0, 0]), "slope along y, per half diagonal"),
-            FIELD_CURVATURE: (np.array([0, 0, 0, 0.5, 0, 0.5]), "mean quadratic, at one half diagonal"),
-        }
-        numbers = {}
-        for name, (row, method) in rows.items():
-            error = float(np.sqrt(row @ (C[0] + C[1]) @ row) / 2)
-            numbers[name] = Quantity(float(row @ c.mean(axis=1)), self.unit, error, method, len(self.best))
-        row = rows[FIELD_CURVATURE][0]
-        numbers["astigmatic_difference"] = Quantity(
-            float(row @ (c[:, 0] - c[:, 1])),
-            self.unit,
-            float(np.sqrt(row @ (C[0] + C[1]) @ row)),
-            "sagittal less meridional curvature, at one half diagonal",
-            len(self.best),
-        )
-        return numbers
+        curvature = np.array([0, 0, 0, 0.5, 0, 0.5])
+        mean, difference = c.mean(axis=1), c[:, 0] - c[:, 1]
+        rows = {
+            "focus_centre": (np.eye(6)[0], mean, 2, "best focus at the frame's centre"),
+            "focus_tilt_x": (np.eye(6)[1], mean, 2, "slope along x, per half diagonal"),
+            "focus_tilt_y": (np.eye(6)[2], mean, 2, "slope along y, per half diagonal"),
+            FIELD_CURVATURE: (curvature, mean, 2, "mean quadratic, at one half diagonal"),
+            "astigmatic_difference": (
+                curvature, difference, 1, "sagittal less meridional curvature, at one half diagonal"
+            ),
+        }  # fmt: skip
+        return {
+            name: Quantity(
+                float(row @ values), self.unit, float(np.sqrt(row @ (C[0] + C[1]) @ row) / divisor), method,
+                len(self.best),
+            )
+            for name, (row, values, divisor, method) in rows.items()
+        }  # fmt: skip
 
     def maps(self, columns: int = COLUMNS) -> tuple[FieldMap, ...]:
         """Sagittal focus, meridional focus, their mean, and their difference."""
-        x, y = grid(self.shape, columns)
-        points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        inside = Hull(self.positions).holds(points)
-        places = in_half_diagonals(points, self.shape)
-        focus, covariance = self.surface.at(places), self.surface.covariance(places)
-        maps = []
-        for name, u in _COMBINATIONS:
-            value = np.where(inside, focus @ u, np.nan).reshape(len(y), len(x))
-            spread = np.where(inside, np.sqrt(np.einsum("a,nab,b->n", u, covariance, u)), np.nan)
-            maps.append(FieldMap(name, name.label, self.unit, x, y, value, spread.reshape(len(y), len(x))))
-        return tuple(maps)
+        combinations = [(FOCUS[name], FOCUS[name].label, np.array(u)) for name, u in COMBINATIONS.items()]
+        return surface_maps(self.surface, self.positions, self.shape, columns, self.unit, combinations)
 
 
-_COMBINATIONS = (
-    (FOCUS["sagittal"], np.array([1.0, 0.0])),
-    (FOCUS["meridional"], np.array([0.0, 1.0])),
-    (FOCUS["mean"], np.array([0.5, 0.5])),
-    (FOCUS["astigmatism"], np.array([1.0, -1.0])),
-)
+@dataclass(frozen=True)
+class FocusOptimum:
+    """Focus position of the greatest MTF along one direction.
 
-
-def focus_surface(
-    bracket: Mapping[float, Sequence[Node]], shape: tuple[int, int], *, unit: str = "mm", frequency: float = FREQUENCY
-) -> FocusSurface:
-    """Best focus from nodes at known focus positions.
-
-    Parameters
+    Attributes
     ----------
-    bracket : mapping of focus position to nodes
-        Of one plane; charts at about the same place of the frame belong together.
+    at, variance : float
+        Focus position, and its variance by the noise of the PSFs.
+    sensitivities : mapping of photograph to float
+        Derivatives of `at` by the positions of the photographs, of sum 1.
+    """
+
+    at: float
+    variance: float
+    sensitivities: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceFocus:
+    """Best sagittal and meridional focus at one position (x, y) of the plane."""
+
+    position: Array
+    optima: tuple[FocusOptimum, FocusOptimum]
+
+
+def focus_surface(bracket: Bracket, shape: tuple[int, int], *, unit: str = "mm") -> FocusSurface:
+    """Best focus from nodes at known focus positions.
 
     Raises
     ------
@@ -127,128 +132,96 @@ def focus_surface(
             f"best focus needs {FEWEST_POSITIONS} focus positions or more; there are {len(bracket)}",
             "photograph the same charts on both sides of the best focus",
         )
-    found = best_focus(bracket, shape, frequency=frequency)
-    positions = np.array([one.position for one in found])
-    best = np.array([[top.at for top in one.tops] for one in found])
-    variance = np.array([[top.variance for top in one.tops] for one in found])
+    places = best_focus(bracket, shape)
+    positions = np.array([place.position for place in places])
+    best = np.array([[optimum.at for optimum in place.optima] for place in places])
+    variance = np.array([[optimum.variance for optimum in place.optima] for place in places])
     covariances = np.einsum("nm,ma->nma", variance, np.eye(2))
     surface = fit_surface(in_half_diagonals(positions, shape), best, covariances, (2,))
     return FocusSurface(shape, positions, best, variance, surface, unit)
 
 
-@dataclass(frozen=True)
-class Top:
-    """Where the MTF along one direction is greatest.
-
-    Attributes
-    ----------
-    at, variance : float
-        Focus position, and the variance that the noise of the PSFs makes.
-    sways : mapping of photograph to float
-        How far it moves when the position of that photograph is told higher by one; their sum is 1.
-    """
-
-    at: float
-    variance: float
-    sways: Mapping[str, float]
-
-
-@dataclass(frozen=True, eq=False)
-class PlaceFocus:
-    """Best focus at one place (x, y) of the plane: of sagittal and of meridional detail."""
-
-    position: Array
-    tops: tuple[Top, Top]
-
-
-def best_focus(
-    bracket: Mapping[float, Sequence[Node]], shape: tuple[int, int], *, frequency: float = FREQUENCY
-) -> list[PlaceFocus]:
-    """Best focus at every place whose MTF has its top within the bracket.
+def best_focus(bracket: Bracket, shape: tuple[int, int], *, frequency: float = FREQUENCY) -> list[PlaceFocus]:
+    """Best focus at every place whose greatest MTF is within the bracket.
 
     Raises
     ------
     Refused
         If these are fewer than seven.
     """
-    found = []
+    places = []
     for series in _series(bracket, shape):
         x, y = np.mean([node.position for _, node in series], axis=0)
         radius = radius_direction(shape, x, y)
-        sagittal, meridional = (_top(series, angle, frequency) for angle in (radius + np.pi / 2, radius))
+        sagittal, meridional = (_optimum(series, angle, frequency) for angle in (radius + np.pi / 2, radius))
         if sagittal is not None and meridional is not None:
-            found.append(PlaceFocus(np.array([x, y]), (sagittal, meridional)))
-    if len(found) < FEWEST_PLACES:
+            places.append(PlaceFocus(np.array([x, y]), (sagittal, meridional)))
+    if len(places) < FEWEST_PLACES:
         raise Refused(
-            f"best focus lies within the bracket at {len(found)} places; {FEWEST_PLACES} are needed",
+            f"best focus lies within the bracket at {len(places)} places; {FEWEST_PLACES} are needed",
             "extend the bracket on both sides, and photograph more charts",
         )
-    return found
+    return places
 
 
-_Series = list[tuple[float, Node]]
+def _series(bracket: Bracket, shape: tuple[int, int]) -> list[FocusSeries]:
+    """Available nodes of each place at all focus positions.
 
-
-def _series(bracket: Mapping[float, Sequence[Node]], shape: tuple[int, int]) -> list[_Series]:
-    """The nodes of each place at all positions, as far as they are there."""
-    positions = sorted(bracket)
+    Places are collected from the middle position outwards: a chart too blurred at one position is sharp at another.
+    """
     reach = SAME_PLACE * np.hypot(*shape) / 2
-    found: list[_Series] = []
-    for node in _places([bracket[z] for z in positions], reach):
-        series: _Series = []
-        for z in positions:
-            near = min(bracket[z], key=lambda one: float(np.linalg.norm(one.position - node.position)), default=None)
-            if near is not None and np.linalg.norm(near.position - node.position) < reach:
-                series.append((z, near))
-        found.append(series)
-    return found
+    positions = sorted(bracket)
+    middle = len(positions) // 2
+    places: list[Array] = []
+    for i in sorted(range(len(positions)), key=lambda i: abs(i - middle)):
+        known = list(places)
+        new = [node.position for node in bracket[positions[i]]]
+        places += [at for at in new if all(np.linalg.norm(at - other) >= reach for other in known)]
+    return [
+        [(z, nearest) for z in positions if (nearest := _nearest(bracket[z], place, reach)) is not None]
+        for place in places
+    ]
 
 
-def _places(shots: Sequence[Sequence[Node]], reach: float) -> list[Node]:
-    """One node of each place, from the middle outwards: a chart too blurred at one position is seen at another."""
-    middle = len(shots) // 2
-    found: list[Node] = []
-    for i in sorted(range(len(shots)), key=lambda i: abs(i - middle)):
-        seen = [one.position for one in found]
-        found += [node for node in shots[i] if all(np.linalg.norm(node.position - at) >= reach for at in seen)]
-    return found
+def _nearest(nodes: Sequence[Node], place: Array, reach: float) -> Node | None:
+    """The node nearest to a place, if it is within reach."""
+    nearest = min(nodes, key=lambda node: float(np.linalg.norm(node.position - place)), default=None)
+    return nearest if nearest is not None and np.linalg.norm(nearest.position - place) < reach else None
 
 
-def _top(series: _Series, angle: float, frequency: float) -> Top | None:
-    """The greatest MTF along a direction; None where it is not within the bracket."""
+def _optimum(series: FocusSeries, angle: float, frequency: float) -> FocusOptimum | None:
+    """The focus of the greatest MTF along a direction; None where it is not within the bracket."""
     if len(series) < FEWEST_POSITIONS:
         return None
     z = np.array([position for position, _ in series])
     mtf, variance = np.array([_mtf(node, angle, frequency) for _, node in series]).T
-    used = mtf > NEAR_TOP * mtf.max()
-    if np.count_nonzero(used) < FEWEST_POSITIONS:
+    used = np.flatnonzero(mtf > NEAR_TOP * mtf.max())
+    if len(used) < FEWEST_POSITIONS:
         used = np.argsort(-mtf)[:FEWEST_POSITIONS]
     middle, span = z[used].mean(), np.ptp(z[used])
     t, weight = (z[used] - middle) / span, mtf[used] / np.sqrt(variance[used])
     D = t[:, None] ** np.arange(3 if len(t) < 5 else 5)
     solution = np.linalg.pinv(D * weight[:, None]) * weight
     c = solution @ np.log(mtf[used])
-    top = _highest(c, float(t.min()), float(t.max()))
+    top = _maximum(c, float(t.min()), float(t.max()))
     if top is None:
         return None
-    slope, bend = polyder(c), float(polyval(top, polyder(c, 2)))
-    # a logarithm that is greater by one moves the top by that; a position that is, its logarithm along the curve
-    moves = polyval(top, polyder(np.eye(len(c)))) @ solution / bend
-    sways: dict[str, float] = {}
-    for i, sway in zip(np.arange(len(z))[used], moves * polyval(t, slope), strict=True):
+    # derivative of the maximum by each logarithm; a position acts through the slope of the curve
+    by_logarithm = polyval(top, polyder(np.eye(len(c)))) @ solution / float(polyval(top, polyder(c, 2)))
+    sensitivities: dict[str, float] = {}
+    for i, by_position in zip(used, by_logarithm * polyval(t, polyder(c)), strict=True):
         source = series[i][1].source
-        sways[source] = sways.get(source, 0.0) + float(sway)
-    spread = moves**2 @ (variance[used] / mtf[used] ** 2)
-    return Top(float(middle + span * top), float(span**2 * spread), sways)
+        sensitivities[source] = sensitivities.get(source, 0.0) + float(by_position)
+    spread = by_logarithm**2 @ (variance[used] / mtf[used] ** 2)
+    return FocusOptimum(float(middle + span * top), float(span**2 * spread), sensitivities)
 
 
-def _highest(c: Array, low: float, high: float) -> float | None:
-    """Where a polynomial has its greatest value within an interval; None if that is at an end."""
-    roots = np.roots((np.arange(1, len(c)) * c[1:])[::-1])
+def _maximum(c: Array, low: float, high: float) -> float | None:
+    """Position of a polynomial's maximum in an interval; None at its ends."""
+    roots = polyroots(polyder(c))
     real = roots[np.abs(roots.imag) < 1e-9].real
     inside = real[(real > low) & (real < high)]
-    values = polyval(np.concatenate([inside, [low, high]]), c)
-    best = int(np.argmax(values))
+    best = int(np.argmax(polyval(np.concatenate([inside, [low, high]]), c)))
     return float(inside[best]) if best < len(inside) else None
 
 
@@ -258,10 +231,10 @@ def _mtf(node: Node, angle: float, frequency: float) -> tuple[float, float]:
     return float(value[0]), float(slope[0] @ node.psf.parameter_covariance @ slope[0])
 
 
-def sharpest(bracket: Mapping[float, Sequence[Node]], frequency: float = FREQUENCY) -> float:
-    """The position whose charts have the greatest MTF at one frequency, along rows and columns, on average."""
+def sharpest(bracket: Bracket) -> float:
+    """The focus position of the greatest mean MTF along rows and columns."""
 
     def mean_mtf(position: float) -> float:
-        return float(np.mean([_mtf(node, a, frequency)[0] for node in bracket[position] for a in (0.0, np.pi / 2)]))
+        return float(np.mean([_mtf(node, a, FREQUENCY)[0] for node in bracket[position] for a in (0.0, np.pi / 2)]))
 
     return max(bracket, key=mean_mtf)

@@ -1,8 +1,8 @@
-"""The PSF between the nodes: components, a model of their coefficients, and which model the nodes left out prefer."""
+"""The PSF between the nodes: components, a model of their coefficients, and its choice by cross-validation."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,9 +11,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from procedures.field.alike import alike
 from procedures.field.models import AxialSymmetry, Separate, SymmetryAxis, fit_axis
-from procedures.field.whitening import MOST, WhitenedNodes
+from procedures.field.support import with_common_support
+from procedures.field.whitening import MAX_DIRECTIONS, WhitenedNodes
 from procedures.numerics.scattered import Polynomial, ThinPlate
 from procedures.outcome import Refused
 from procedures.psf_field import CoefficientModel, Node, PsfField, in_half_diagonals
@@ -22,38 +22,37 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
 FEWEST = 6
-"""Nodes from which a PSF is interpolated: a quadratic surface has six coefficients."""
+"""Positions from which a PSF is interpolated: a quadratic surface has six coefficients."""
 FEWEST_OF_LENS = 9
-"""Nodes from which a symmetric lens is tried and its axis told: those of the usual tour tell it to 0.003 half
+"""Nodes from which a symmetric lens is tried and its axis estimated: those of the usual tour determine it to 0.003 half
 diagonals where aberrations are strong."""
 SAME_PLACE = 0.02
-"""Nodes nearer than this, in half diagonals, are one place."""
+"""Nodes nearer than this, in half diagonals, are at one position."""
 NARROWEST = 0.02
-"""Least root mean square distance of the nodes from a line, in half diagonals."""
-ONE_BY_ONE = 30
-"""Up to so many nodes are left out one at a time, more in ten groups."""
-GROUPS = 10
-COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, MOST)
-"""Numbers of components that are tried."""
+"""Minimum root mean square distance of the nodes from a line, in half diagonals."""
+ONE_BY_ONE, GROUPS = 30, 10
+"""Up to so many positions cross-validation excludes one at a time; more are excluded in groups."""
+COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, MAX_DIRECTIONS)
+"""InterpolationCandidate numbers of components."""
 DEGREES = (0, 1, 2, 3, 4, 5, 6)
 STIFFNESS = (0.0, 0.03)
 SYMMETRIC_DEGREES = (2, 3, 4)
-HIGH_DEGREE, EARNED = 6, 0.95
-"""Degree of a lens with strong aberrations near the corners, and its error over those of lower degrees from which it is
-believed: where noise alone decides, its maps err by more than they tell."""
+HIGH_DEGREE, MAX_ERROR_RATIO = 6, 0.95
+"""Degree of a lens with strong aberrations near the corners, and its accepted error relative to lower degrees: where
+noise decides, the error of its maps exceeds their uncertainty."""
 FEW = 16
-"""Up to so many nodes a symmetric lens's own directions are its components, not the nodes': these span too little."""
-MOST_SYMMETRIC = 16
-"""Components of the symmetric lens among more nodes, at most."""
+"""Up to so many nodes the components of a symmetric lens are its own: those of the nodes do not span its variation."""
+MAX_SYMMETRIC = 16
+"""Most components of the symmetric lens with more nodes."""
 AXIS_ROUNDS = 2
-"""In which the axis by what the nodes show is found again by what a lens about it shows."""
-UNSURE = 0.25
-"""Standard uncertainty of the axis, in half diagonals, from which it is not told."""
+"""Iterations that refine the axis estimated from the nodes' components by those of a lens about it."""
+MAX_AXIS_ERROR = 0.25
+"""Standard uncertainty of the axis, in half diagonals, from which it is not reported."""
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """A way to interpolate, and its error at nodes left out: mean square, in units of the noise (1 is noise alone)."""
+class InterpolationCandidate:
+    """A tried interpolation; `error` is the mean square in cross-validation, in units of the noise."""
 
     name: str
     components: int
@@ -69,9 +68,9 @@ class Recipe:
     kind : str
         "polynomial", "thin plate" or "symmetric lens".
     setting : float
-        The degree, or the plate's stiffness.
+        Degree, or stiffness of the plate.
     axis : (x, y)
-        Of the symmetric lens, in half diagonals from the frame's centre.
+        Axis of the symmetric lens, in half diagonals from the frame's centre.
     """
 
     kind: str
@@ -80,7 +79,7 @@ class Recipe:
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Description for reports."""
         if self.kind == "thin plate":
             return "thin plate" if self.setting == 0 else "thin plate, stiff"
         return f"{self.kind}, degree {self.setting:.0f}"
@@ -88,28 +87,27 @@ class Recipe:
 
 @dataclass(frozen=True, eq=False)
 class Interpolation:
-    """A field, and how it was chosen.
+    """A field, and its choice.
 
     Attributes
     ----------
     field : PsfField
     recipe : Recipe
-        Of its model; with the number of components it is enough to build the field again from its nodes.
-    candidates : tuple of Candidate
-        All that were tried, the best first.
+        Of its model; with the number of components it is sufficient to rebuild the field from its nodes.
+    candidates : tuple of InterpolationCandidate
+        All tried interpolations, the best first.
     axis : SymmetryAxis or None
-        Where the lens's axis of symmetry meets the frame, in half diagonals from its centre; None where the nodes
-        do not tell.
+        Intersection of the lens's axis of symmetry with the frame; None where the nodes do not determine it.
     """
 
     field: PsfField
     recipe: Recipe
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[InterpolationCandidate, ...]
     axis: SymmetryAxis | None
 
 
 def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> Interpolation:
-    """The PSF over the frame from its nodes, by the model that predicts nodes left out best.
+    """The PSF over the frame from its nodes, by the model with the smallest cross-validation error.
 
     Parameters
     ----------
@@ -119,12 +117,10 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
     Raises
     ------
     Refused
-        If there are fewer than six nodes, they lie on a line, or their PSFs are not sampled alike (`alike`).
+        If there are fewer than six nodes, they lie on a line, or have different samplings (`with_common_support`).
     """
-    _check(plane, shape, nodes)
-    nodes = alike(nodes)
-    data = WhitenedNodes.of(nodes, shape)
-    folds = list(_folds(data.places))
+    nodes, data = _prepared(plane, shape, nodes)
+    folds = _folds(data.places)
     scores = _separate_scores(data, folds)
     best = min(scores, key=_rank)
     axis = _axis(data, best[1])
@@ -134,21 +130,20 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
     scores.sort(key=_rank)
     recipe, r, _ = scores[0]
     field = _field(plane, shape, nodes, data, recipe, r)
-    told = tuple(Candidate(one.name, n, score) for one, n, score in scores)
-    return Interpolation(field, recipe, told, axis)
+    candidates = tuple(InterpolationCandidate(one.name, n, error) for one, n, error in scores)
+    return Interpolation(field, recipe, candidates, axis)
 
 
 def rebuild(plane: str, shape: tuple[int, int], nodes: Sequence[Node], recipe: Recipe, components: int) -> PsfField:
     """The field of an earlier choice from its nodes, without choosing again. Raises Refused as `interpolate`."""
-    _check(plane, shape, nodes)
-    nodes = alike(nodes)
-    return _field(plane, shape, nodes, WhitenedNodes.of(nodes, shape), recipe, components)
+    nodes, data = _prepared(plane, shape, nodes)
+    return _field(plane, shape, nodes, data, recipe, components)
 
 
-def _check(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> None:
-    """Raise Refused for nodes between which nothing can be told."""
+def _prepared(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> tuple[tuple[Node, ...], WhitenedNodes]:
+    """The nodes with a common support, and whitened. Raises Refused where they cannot be interpolated."""
     places = in_half_diagonals(np.array([node.position for node in nodes]).reshape(-1, 2), shape)
-    count = int(_places_apart(places).max(initial=-1)) + 1
+    count = int(_place_numbers(places).max(initial=-1)) + 1
     if count < FEWEST:
         raise Refused(
             f"the PSF is interpolated from {FEWEST} places of the frame or more; plane {plane} has {count}",
@@ -160,30 +155,35 @@ def _check(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> None:
             f"the places must enclose a part of the frame; those of plane {plane} lie on one line",
             "spread them over the frame, along both its sides",
         )
+    nodes = with_common_support(nodes)
+    return nodes, WhitenedNodes.of(nodes, shape)
 
 
-def _places_apart(places: Array) -> Indices:
-    """Number of the place of each node, (N,): nodes that hardly lie apart are one place, measured again."""
+def _place_numbers(places: Array) -> Indices:
+    """Index of the position of each node, (N,): nodes closer than `SAME_PLACE` are repeated measurements."""
     pairs = cKDTree(places).query_pairs(SAME_PLACE, output_type="ndarray") if len(places) else np.zeros((0, 2), int)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places), len(places)))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
 
 
-def _folds(places: Array) -> Iterator[tuple[Indices, Indices]]:
-    """(kept, left out), so that every node is left out once, and with it whatever was measured at its place."""
-    number = _places_apart(places)
+_Folds = Sequence[tuple[Indices, Indices]]
+"""Indices of the kept and excluded nodes."""
+
+
+def _folds(places: Array) -> _Folds:
+    """Folds that exclude every node once, together with the others at its position."""
+    number = _place_numbers(places)
     count = int(number.max()) + 1
     groups = count if count <= ONE_BY_ONE else GROUPS
-    for g in range(groups):
-        out = number % groups == g
-        yield np.flatnonzero(~out), np.flatnonzero(out)
+    excluded = [number % groups == g for g in range(groups)]
+    return [(np.flatnonzero(~mask), np.flatnonzero(mask)) for mask in excluded]
 
 
-# --- models as recipes: built again from whichever nodes are kept -------------------------------------------------
+# --- models as recipes, built from any subset of the nodes --------------------------------------------------------
 
 
-def _build(recipe: Recipe, data: WhitenedNodes, kept: Indices, V: Array) -> CoefficientModel:
-    """The model of the nodes that are kept. Raises ValueError where they do not determine it."""
+def _model(recipe: Recipe, data: WhitenedNodes, kept: Indices, V: Array) -> CoefficientModel:
+    """The model of the kept nodes. Raises ValueError where they do not determine it."""
     places, trust = data.places[kept], data.trust[kept]
     if recipe.kind == "polynomial":
         return Separate(recipe.name, Polynomial(places, trust, int(recipe.setting)))
@@ -192,30 +192,42 @@ def _build(recipe: Recipe, data: WhitenedNodes, kept: Indices, V: Array) -> Coef
     return AxialSymmetry(places, trust, data.optic(V), int(recipe.setting), recipe.axis)
 
 
+def recipe_of(model: CoefficientModel) -> Recipe:
+    """The recipe by which a model was built. Raises TypeError for a model of another kind."""
+    match model:
+        case AxialSymmetry():
+            return Recipe("symmetric lens", model.degree, model.axis)
+        case Separate(smoother=Polynomial(degree=degree)):
+            return Recipe("polynomial", degree)
+        case Separate(smoother=ThinPlate(stiffness=stiffness)):
+            return Recipe("thin plate", stiffness)
+    raise TypeError(f"a field of model {model.name!r} cannot be written: pass one of estimate_field or read_field")
+
+
 def _basis(data: WhitenedNodes, kept: Indices, recipe: Recipe) -> tuple[Array, Array]:
-    """Mean (p,) and directions (n, p) of the nodes that are kept, the strongest first, in which its PSFs differ."""
+    """Mean (p,) and principal directions (n, p) of the variation of the kept nodes, the strongest first."""
     if recipe.kind == "symmetric lens" and _few(data):
         return data.symmetric_basis(kept, int(recipe.setting), recipe.axis)
     return data.basis(kept)
 
 
 def _few(data: WhitenedNodes) -> bool:
-    """Whether the nodes do not show by themselves all that a lens shows between them."""
+    """Whether the nodes do not span the variation of a lens between them."""
     return len(data.z) <= FEW
 
 
-_Scores = list[tuple[Recipe, int, float]]
-_Folds = Sequence[tuple[Indices, Indices]]
+_Score = tuple[Recipe, int, float]
+"""Recipe, number of components, error."""
 
 
-def _rank(score: tuple[Recipe, int, float]) -> tuple[float, int]:
-    """The error, and where errors are equal but for rounding the number of components: a constant has any number."""
+def _rank(score: _Score) -> tuple[float, int]:
+    """The error, and where errors are equal within rounding the number of components: a constant has any number."""
     _, components, error = score
     return float(f"{error:.9g}"), components
 
 
-def _separate_scores(data: WhitenedNodes, folds: _Folds) -> _Scores:
-    """The error of every polynomial and plate with every number of components."""
+def _separate_scores(data: WhitenedNodes, folds: _Folds) -> list[_Score]:
+    """Errors of all polynomials and plates with all numbers of components."""
     recipes = [Recipe("polynomial", d) for d in DEGREES] + [Recipe("thin plate", v) for v in STIFFNESS]
     counts = [r for r in COUNTS if r <= min(len(kept) for kept, _ in folds) - 1]
     total = {recipe: np.zeros(len(counts)) for recipe in recipes}
@@ -223,144 +235,131 @@ def _separate_scores(data: WhitenedNodes, folds: _Folds) -> _Scores:
         mean, V = data.basis(kept)
         inside, outside = (data.z[kept] - mean) @ V.T, (data.z[out] - mean) @ V.T
         trust = data.trust[out]
-        all_of_it = trust @ np.sum((data.z[out] - mean) ** 2, axis=1)
+        without_components = trust @ np.sum((data.z[out] - mean) ** 2, axis=1)
         for recipe in list(total):
             try:
-                predicted = _build(recipe, data, kept, V).predict(data.places[out], inside)
+                predicted = _model(recipe, data, kept, V).predict(data.places[out], inside)
             except ValueError:
                 del total[recipe]
                 continue
-            gained = np.cumsum(trust @ ((outside - predicted) ** 2 - outside**2))
-            total[recipe] += all_of_it + gained[np.array(counts) - 1]
-    size = data.z.size
+            change = np.cumsum(trust @ ((outside - predicted) ** 2 - outside**2))
+            total[recipe] += without_components + change[np.array(counts) - 1]
     return [
-        (recipe, r, float(e) / size) for recipe, errors in total.items() for r, e in zip(counts, errors, strict=True)
+        (recipe, r, float(error) / data.z.size)
+        for recipe, errors in total.items()
+        for r, error in zip(counts, errors, strict=True)
     ]
 
 
-def _symmetric_scores(data: WhitenedNodes, folds: _Folds, r: int, axis: SymmetryAxis) -> tuple[_Scores, SymmetryAxis]:
-    """The error of the symmetric lens, and its axis: that of the high degree where it earns it."""
-    scores = [one for degree in SYMMETRIC_DEGREES for one in _symmetric_score(data, folds, r, degree, axis)]
-    of_high = _refined(data, axis, HIGH_DEGREE) if _few(data) else axis
-    high = _symmetric_score(data, folds, r, HIGH_DEGREE, of_high)
-    earned = [one for one in high if one[2] < EARNED * min(error for *_, error in scores)]
-    return scores + earned, of_high if earned else axis
+def _symmetric_scores(
+    data: WhitenedNodes, folds: _Folds, r: int, axis: SymmetryAxis
+) -> tuple[list[_Score], SymmetryAxis]:
+    """Errors of the symmetric lens, and its axis: that of the high degree where it is accepted."""
+    scores = [score for degree in SYMMETRIC_DEGREES for score in _symmetric_score(data, folds, r, degree, axis)]
+    high_axis = _refined(data, axis, HIGH_DEGREE) if _few(data) else axis
+    limit = MAX_ERROR_RATIO * min(error for *_, error in scores)
+    high = [score for score in _symmetric_score(data, folds, r, HIGH_DEGREE, high_axis) if score[2] < limit]
+    return scores + high, high_axis if high else axis
 
 
-def _symmetric_score(data: WhitenedNodes, folds: _Folds, r: int, degree: int, axis: SymmetryAxis) -> _Scores:
-    """With all that the lens shows where nodes are few, else with as many components as served the others best, and
-    with twice as many."""
-    recipe = Recipe("symmetric lens", degree, _place(axis))
-    counts = {r, min(2 * r, min(len(kept) for kept, _ in folds) - 1, MOST_SYMMETRIC)}
+def _symmetric_score(data: WhitenedNodes, folds: _Folds, r: int, degree: int, axis: SymmetryAxis) -> list[_Score]:
+    """Errors with all components of the lens where nodes are few; otherwise with the best number of components of the
+    separate models, and twice as many."""
+    recipe = Recipe("symmetric lens", degree, _coordinates(axis))
+    counts = {r, min(2 * r, min(len(kept) for kept, _ in folds) - 1, MAX_SYMMETRIC)}
     if _few(data):
         counts = {len(_basis(data, np.arange(len(data.z)), recipe)[1])}
-    scores: _Scores = []
+    scores: list[_Score] = []
     for count in sorted(counts):
-        left = [_left_out(data, fold, _built(data, fold[0], recipe, count)) for fold in folds]
-        error = sum(float(data.trust[out] @ np.sum(e**2, axis=1)) for e, (_, out) in zip(left, folds, strict=True))
+        errors = [_validated(data, fold, recipe, count)[0] for fold in folds]
+        error = sum(float(data.trust[out] @ np.sum(e**2, axis=1)) for e, (_, out) in zip(errors, folds, strict=True))
         scores.append((recipe, count, error / data.z.size))
     return scores
 
 
-_Built = tuple[CoefficientModel, Array, Array]
-"""The model of some nodes, their mean (p,), and its directions (r, p)."""
+def _validated(
+    data: WhitenedNodes, fold: tuple[Indices, Indices], recipe: Recipe, r: int
+) -> tuple[Array, CoefficientModel]:
+    """Errors (n, p) at the excluded nodes, in units of noise, and the model of the others.
 
-
-def _built(data: WhitenedNodes, kept: Indices, recipe: Recipe, r: int) -> _Built:
-    """By the nodes that are kept. Raises ValueError where they do not determine it."""
-    mean, V = _basis(data, kept, recipe)
-    return _build(recipe, data, kept, V[:r]), mean, V[:r]
-
-
-def _left_out(data: WhitenedNodes, fold: tuple[Indices, Indices], built: _Built) -> Array:
-    """Errors (n, p) at the nodes left out, in units of noise."""
+    Raises ValueError where these do not determine it.
+    """
     kept, out = fold
-    model, mean, V = built
-    origin = data.origin(mean, V)
+    mean, V = _basis(data, kept, recipe)
+    V = V[:r]
+    model, origin = _model(recipe, data, kept, V), data.origin(mean, V)
     predicted = model.predict(data.places[out], data.z[kept] @ V.T - origin) + origin
-    return np.asarray(data.z[out] - mean - (predicted - V @ mean) @ V)
-
-
-def _shares(data: WhitenedNodes, out: Indices, model: CoefficientModel, r: int) -> Array:
-    """How much of one node's variance comes to those left out through the others, (n,)."""
-    return np.asarray(np.sum(model.transfer(data.places[out], r) ** 2, axis=(1, 2, 3)) / r)
+    return np.asarray(data.z[out] - mean - (predicted - V @ mean) @ V), model
 
 
 def _axis(data: WhitenedNodes, r: int) -> SymmetryAxis | None:
-    """Where the lens's axis is, by the nodes; None where they are too few, or do not really tell."""
+    """The lens's axis; None where the nodes are too few or do not determine it."""
     if len(data.z) < FEWEST_OF_LENS:
         return None
-    everything = np.arange(len(data.z))
-    mean, V = data.basis(everything)
+    mean, V = data.basis(np.arange(len(data.z)))
     V = V[: max(r, 2)]
     axis = fit_axis(data.places, data.trust, data.optic(V), 4, data.z @ V.T - data.origin(mean, V))
     for _ in range(AXIS_ROUNDS if _few(data) else 0):
         axis = _refined(data, axis, 4)
-    return axis if np.sqrt(np.trace(axis.covariance)) < UNSURE else None
+    return axis if np.sqrt(np.trace(axis.covariance)) < MAX_AXIS_ERROR else None
 
 
 def _refined(data: WhitenedNodes, axis: SymmetryAxis, degree: int) -> SymmetryAxis:
-    """The axis near another, by all that a lens of that degree shows about it."""
-    at = _place(axis)
-    mean, V = data.symmetric_basis(np.arange(len(data.z)), degree, at)
-    return fit_axis(data.places, data.trust, data.optic(V), degree, data.z @ V.T - data.origin(mean, V), at)
+    """The axis near another one, by all components of a lens of that degree."""
+    start = _coordinates(axis)
+    mean, V = data.symmetric_basis(np.arange(len(data.z)), degree, start)
+    return fit_axis(data.places, data.trust, data.optic(V), degree, data.z @ V.T - data.origin(mean, V), start)
 
 
-def _place(axis: SymmetryAxis) -> tuple[float, float]:
+def _coordinates(axis: SymmetryAxis) -> tuple[float, float]:
     return float(axis.position[0]), float(axis.position[1])
 
 
-# --- the field and its error ----------------------------------------------------------------------------------------
+# --- the field and its error --------------------------------------------------------------------------------------
 
 
 def _field(
-    plane: str,
-    shape: tuple[int, int],
-    nodes: Sequence[Node],
-    data: WhitenedNodes,
-    recipe: Recipe,
-    r: int,
+    plane: str, shape: tuple[int, int], nodes: tuple[Node, ...], data: WhitenedNodes, recipe: Recipe, r: int
 ) -> PsfField:
     """The field by the chosen recipe, from all nodes."""
     everything = np.arange(len(nodes))
     mean, V = _basis(data, everything, recipe)
     V = V[:r]
-    lack, rest = _lack(data, list(_folds(data.places)), recipe, r, V)
-    outside = np.eye(data.size) - V.T @ V
+    lack, rest = _model_error(data, _folds(data.places), recipe, r, V)
     return PsfField(
         plane=plane,
         shape=shape,
-        nodes=tuple(nodes),
+        nodes=nodes,
         share=data.trust / data.trust.sum(),
         components=V @ data.back.T,
         analysis=V @ data.to,
         origin=data.origin(mean, V),
-        model=_build(recipe, data, everything, V),
+        model=_model(recipe, data, everything, V),
         lack=lack,
-        lack_rest=rest * data.back @ outside @ data.back.T,
+        lack_rest=rest * data.back @ (np.eye(data.size) - V.T @ V) @ data.back.T,
     )
 
 
-def _lack(data: WhitenedNodes, folds: _Folds, recipe: Recipe, r: int, V: Array) -> tuple[Array, float]:
-    """Variance of what the model leaves out: of the coefficients (r, r), and of every other direction.
+def _model_error(data: WhitenedNodes, folds: _Folds, recipe: Recipe, r: int, V: Array) -> tuple[Array, float]:
+    """Variance of the model error: of the coefficients (r, r), and in every other direction.
 
-    The errors at nodes left out have the noise of the node, that of the others by their share, and what is looked for,
-    once at the node and by the same share through the others.
+    The cross-validation errors contain the noise of the excluded node, that of the others by their weights, and the
+    model error, once at the node and with the same weights through the others.
     """
     inner = data.inner(V)
     noise = data.size / data.trust
     excess, rest = np.zeros((r, r)), 0.0
-    for fold in folds:
-        kept, out = fold
-        built = _built(data, kept, recipe, r)
-        error, share = _left_out(data, fold, built), _shares(data, out, built[0], r)
-        seen = error @ V.T
+    for kept, out in folds:
+        error, model = _validated(data, (kept, out), recipe, r)
+        # share of one node's variance that reaches the excluded ones through the others
+        share = np.sum(model.transfer(data.places[out], r) ** 2, axis=(1, 2, 3)) / r
+        along = error @ V.T
         mean_share = 1 / len(kept)
         for i, node in enumerate(out):
-            beyond = np.outer(seen[i], seen[i]) - inner[node] - share[i] * inner[kept].mean(axis=0)
+            beyond = np.outer(along[i], along[i]) - inner[node] - share[i] * inner[kept].mean(axis=0)
             excess += beyond / (1 + share[i])
             expected = (noise[node] - np.trace(inner[node])) * (1 + mean_share)
-            beyond_rest = float(error[i] @ error[i] - seen[i] @ seen[i]) - expected
+            beyond_rest = float(error[i] @ error[i] - along[i] @ along[i]) - expected
             rest += beyond_rest / (1 + mean_share) / (data.size - r)
     values, vectors = np.linalg.eigh(excess / len(data.z))
     return (vectors * np.maximum(values, 0)) @ vectors.T, max(rest / len(data.z), 0.0)

@@ -1,4 +1,4 @@
-"""Where in the frame to measure, in order, and how a rig brings a chart there."""
+"""Positions of the chart in the frame, their order, and the moves of a rig that bring the chart there."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from procedures.outcome import BadParameter
 
 Array = npt.NDArray[np.float64]
 
-MARGIN = 0.12
-"""How near to the frame's sides the chart's centre comes, in fractions of the frame."""
 CANDIDATES = 25
-"""Places along the longer side from which the chosen ones are taken."""
+"""Candidate positions along the longer side."""
+AHEAD: Array = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
 class Location:
-    """Where a chart's centre shall be, in fractions of the frame's width and height from the top left."""
+    """Position of a chart's centre, in fractions of the frame's width and height from the top left."""
 
     x: float
     y: float
@@ -31,28 +30,11 @@ class Location:
         return self.x * shape[1] - 0.5, self.y * shape[0] - 0.5
 
 
-def grid_locations(columns: int, rows: int, margin: float = MARGIN) -> list[Location]:
-    """A grid, row by row, every other row from right to left: the shortest way for a rig.
-
-    Raises
-    ------
-    BadParameter
-        If there is no column or row, or the margin leaves nothing of the frame.
-    """
-    if columns < 1 or rows < 1 or not 0 <= margin < 0.5:
-        raise BadParameter(
-            f"a grid needs columns, rows and a margin below one half; got {columns} x {rows}, margin {margin}",
-            "choose for example 5 x 5 and 0.12",
-        )
-    x, y = (np.linspace(margin, 1 - margin, n) if n > 1 else np.array([0.5]) for n in (columns, rows))
-    return [Location(float(a), float(b)) for i, b in enumerate(y) for a in (x if i % 2 == 0 else x[::-1])]
-
-
-def chosen_locations(n: int, aspect: float = 1.5, margin: float = MARGIN) -> list[Location]:
-    """The n places that determine a smooth surface best, in an order with short ways.
+def chosen_locations(n: int, aspect: float = 1.5) -> list[Location]:
+    """The n positions, up to the frame's sides, that determine a smooth surface best, in an order with short moves.
 
     They are the pivots of the QR decomposition of the monomials over a fine grid (approximate Fekete points), of the
-    highest degree that n determine; what n exceeds these by goes where the largest gaps are.
+    highest degree that n determine; further ones are placed in the largest gaps.
 
     Parameters
     ----------
@@ -72,56 +54,51 @@ def chosen_locations(n: int, aspect: float = 1.5, margin: float = MARGIN) -> lis
     while (degree + 2) * (degree + 3) // 2 <= n:
         degree += 1
     V = monomials(candidates, degree)
-    pivots = scipy.linalg.qr(V.T, mode="r", pivoting=True)[1][: V.shape[1]]
-    chosen: list[int] = pivots.tolist()
+    chosen: list[int] = scipy.linalg.qr(V.T, mode="r", pivoting=True)[1][: V.shape[1]].tolist()
     while len(chosen) < n:
         apart = (candidates[:, None] - candidates[chosen]) * [aspect, 1.0]
         chosen.append(int(np.argmax(np.hypot(*apart.T).min(axis=0))))
-    places = 0.5 + candidates[chosen] * (0.5 - margin)
-    return [Location(float(a), float(b)) for a, b in _short_way(places)]
+    return [Location(float(a), float(b)) for a, b in _boustrophedon(0.5 + candidates[chosen] / 2)]
 
 
-def _short_way(places: Array) -> Array:
-    """The places in bands from top to bottom, every other band from right to left."""
+def _boustrophedon(places: Array) -> Array:
+    """The positions in bands from top to bottom, every other band from right to left."""
     bands = max(round(np.sqrt(len(places))), 1)
     order = np.array_split(np.argsort(places[:, 1], kind="stable"), bands)
     ways = [part[np.argsort(places[part, 0])][:: 1 if i % 2 == 0 else -1] for i, part in enumerate(order)]
     return np.asarray(places[np.concatenate(ways)])
 
 
-AHEAD: Array = np.array([0.0, 0.0, 1.0])
-
-
 def ray(location: Location, shape: tuple[int, int], principal_px: float) -> Array:
-    """The direction, of length 1, in which the camera sees a place of its frame: x right, y down, z ahead.
+    """Unit vector (3,) from the camera to a position of its frame: x right, y down, z ahead.
 
     Parameters
     ----------
     shape : (int, int)
         Rows and columns of the sensor or of a plane.
     principal_px : float
-        Distance of the lens's image from the sensor in the same pixels: focal length over pitch.
+        Distance of the image from the lens in the same pixels: focal length over pitch.
     """
     x, y = location.in_pixels(shape)
-    seen = np.array([x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2, principal_px])
-    return np.asarray(seen / np.linalg.norm(seen))
+    towards = np.array([x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2, principal_px])
+    return np.asarray(towards / np.linalg.norm(towards))
 
 
-def direction(seen: Array, pan_deg: float, tilt_deg: float) -> Array:
-    """Where a ray of the camera points for the head, R_y(pan) R_x(tilt) of it: both right-handed, y down."""
+def direction(ray: Array, pan_deg: float, tilt_deg: float) -> Array:
+    """A ray of the camera in the axes of the head, R_y(pan) R_x(tilt) ray: both right-handed, y down."""
     (cp, sp), (ct, st) = ((np.cos(a), np.sin(a)) for a in np.radians([pan_deg, tilt_deg]))
     R_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     R_x = np.array([[1, 0, 0], [0, ct, -st], [0, st, ct]])
-    return np.asarray(R_y @ R_x @ seen)
+    return np.asarray(R_y @ R_x @ ray)
 
 
 def pan_tilt_deg(
     location: Location, shape: tuple[int, int], principal_px: float, towards: Array = AHEAD
 ) -> tuple[float, float]:
-    """Pan and tilt with which the chart appears at a place in the frame.
+    """Pan and tilt at which the chart appears at a position of the frame.
 
     A camera that is panned (about its vertical), then tilted (about its horizontal) sees the direction d as the ray
-    t = R^-1 d. Turned back by the tilt, t keeps its x; turned by the pan, d keeps its y: R_x(tilt) t = R_y(pan)^-1 d
+    t = R^-1 d. Rotated back by the tilt, t keeps its x; rotated by the pan, d keeps its y: R_x(tilt) t = R_y(pan)^-1 d
     is two equations, in x for the pan and in y for the tilt.
 
     Parameters
@@ -129,7 +106,7 @@ def pan_tilt_deg(
     shape, principal_px
         As in `ray`.
     towards : (3,) float64
-        The direction of the chart's centre, in the axes of a head at rest.
+        Direction of the chart's centre, in the axes of a head at rest.
     """
     t, d = ray(location, shape, principal_px), towards / np.linalg.norm(towards)
     pan = np.arctan2(d[0], d[2]) - np.arcsin(t[0] / np.hypot(d[0], d[2]))
@@ -138,7 +115,7 @@ def pan_tilt_deg(
 
 
 def rail_mm(location: Location, shape: tuple[int, int], principal_px: float, distance_mm: float) -> tuple[float, float]:
-    """How far the camera moves to the right and down so that a chart on the axis appears at a place in the frame."""
+    """Moves of the camera to the right and down by which a chart on the axis appears at a position of the frame."""
     x, y = location.in_pixels(shape)
     scale = distance_mm / principal_px
     return -(x - (shape[1] - 1) / 2) * scale, -(y - (shape[0] - 1) / 2) * scale

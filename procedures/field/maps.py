@@ -1,17 +1,19 @@
-"""Maps over the frame, drawn from a PSF field: each value with its standard uncertainty, each of the whole PSF.
+"""Maps over the frame derived from a PSF field: numbers of the whole PSF with their standard uncertainties.
 
-Sagittal and meridional are about the frame's centre: meridional detail repeats along the radius, sagittal detail across
+Sagittal and meridional refer to the frame's centre: meridional detail repeats along the radius, sagittal detail across
 it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.field.photosite import WithoutPhotosite
+from procedures.field.surfaces import Surface
 from procedures.numbers import (
     ENERGY_ABOVE_NYQUIST,
     ENERGY_OUTSIDE_SUPPORT,
@@ -20,8 +22,9 @@ from procedures.numbers import (
     OF_PLACES,
     without_photosite,
 )
+from procedures.numerics.scattered import Hull
 from procedures.psf import Psf
-from procedures.psf_field import PsfField
+from procedures.psf_field import PsfField, in_half_diagonals
 from procedures.quality import frequencies, mtf_along
 from procedures.spatial_numbers import energy_above_nyquist
 from procedures.stray_tail import tail_energy_uncertainty, truncation
@@ -30,9 +33,15 @@ from procedures.transfer_function import first_crossing
 Array = npt.NDArray[np.float64]
 
 STEP = 0.005
-"""Cycles per pixel on both sides of MTF50 between which the curve's slope is taken."""
+"""Half the interval around MTF50 over which the curve's slope is taken, in cycles per pixel."""
 COLUMNS = 21
-"""Places of a map along the frame's longer side."""
+"""Positions of a map along the frame's longer side."""
+MAPS = (*OF_PLACES, ENERGY_ABOVE_NYQUIST, ENERGY_OUTSIDE_SUPPORT)
+"""Maps of numbers derived from the PSF."""
+BEFORE_PHOTOSITES = tuple(without_photosite(name) for name in OF_PLACES)
+"""Optional maps without the photosites: lens, filters, and charge diffusion."""
+ERRORS = (ERROR_NOISE, ERROR_INTERPOLATION)
+"""Maps of the field's predicted error: its norm over that of the PSF."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +51,14 @@ class FieldMap:
     Attributes
     ----------
     name, title, unit : str
-        For programs, for people, and what it counts.
     x : (nx,), y : (ny,) float64
-        Places in pixels of the plane.
+        Positions in pixels of the plane.
     value : (ny, nx) float64
-        NaN where there is no such number.
+        NaN where the number is undefined.
     uncertainty : (ny, nx) float64 or None
         None where the value is itself an uncertainty.
     enclosed : (ny, nx) bool or None
-        Which places the nodes enclose, where the others have a value too; None: those that have one.
+        Mask of the positions inside the hull of the nodes, where the others have a value too; None: the finite values.
     """
 
     name: str
@@ -64,101 +72,126 @@ class FieldMap:
 
     @property
     def share(self) -> float:
-        """The share of the frame that the nodes enclose."""
+        """Share of the frame inside the hull of the nodes."""
         return float((np.isfinite(self.value) if self.enclosed is None else self.enclosed).mean())
 
     def median(self, values: Array) -> float:
-        """Of values (ny, nx) at the map's places, those that the nodes enclose; NaN where there are none."""
-        some = values if self.enclosed is None else values[self.enclosed]
-        return float(np.nanmedian(some)) if np.isfinite(some).any() else np.nan
-
-
-MAPS = (*OF_PLACES, ENERGY_ABOVE_NYQUIST, ENERGY_OUTSIDE_SUPPORT)
-"""Maps of numbers drawn from the PSF."""
-BEFORE_PHOTOSITES = tuple(without_photosite(one) for one in OF_PLACES)
-"""The same of what comes before the photosites, where that is asked for: lens, filters, and charge that wanders."""
+        """Median of values (ny, nx) at the map's positions inside the hull; NaN where there are none."""
+        inside = values if self.enclosed is None else values[self.enclosed]
+        return float(np.nanmedian(inside)) if np.isfinite(inside).any() else np.nan
 
 
 def grid(shape: tuple[int, int], columns: int = COLUMNS) -> tuple[Array, Array]:
-    """x (nx,) and y (ny,) of places equally spaced over a plane of that shape, its rim left out by half a step."""
+    """x (nx,) and y (ny,) of equally spaced positions over a plane of that shape, half a step from its sides."""
     step = max(shape) / columns
     rows, columns = (max(round(size / step), 1) for size in shape)
     x, y = ((np.arange(n) + 0.5) * size / n - 0.5 for n, size in ((columns, shape[1]), (rows, shape[0])))
     return x, y
 
 
+def mesh(x: Array, y: Array) -> Array:
+    """Points (ny nx, 2) of a grid, row by row."""
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
 def radius_direction(shape: tuple[int, int], x: float, y: float) -> float:
-    """Direction from the frame's centre to a place of the plane, radians from x towards y."""
+    """Direction from the frame's centre to a position of the plane, radians from x towards y."""
     return float(np.arctan2(y - (shape[0] - 1) / 2, x - (shape[1] - 1) / 2))
 
 
-ERRORS = (ERROR_NOISE, ERROR_INTERPOLATION)
-"""Maps of the field's own error: its norm over that of the PSF."""
+def surface_maps(
+    surface: Surface,
+    positions: Array,
+    shape: tuple[int, int],
+    columns: int,
+    unit: str,
+    combinations: Sequence[tuple[str, str, Array]],
+) -> tuple[FieldMap, ...]:
+    """Maps of linear combinations of a surface's components, inside the hull of its positions (N, 2) in the plane.
+
+    `combinations` are names, titles, and weights of the components: (m,), or (n, m) by point of the map.
+    """
+    x, y = grid(shape, columns)
+    points = mesh(x, y)
+    inside = Hull(positions).holds(points)
+    places = in_half_diagonals(points, shape)
+    value, covariance = surface.at(places), surface.covariance(places)
+    maps = []
+    for name, title, weights in combinations:
+        u = np.broadcast_to(weights, value.shape)
+        spread = np.sqrt(np.einsum("na,nab,nb->n", u, covariance, u))
+        images = (np.where(inside, v, np.nan).reshape(len(y), len(x)) for v in (np.sum(u * value, axis=1), spread))
+        maps.append(FieldMap(name, title, unit, x, y, *images))
+    return tuple(maps)
 
 
 def derive(field: PsfField, columns: int = COLUMNS, without: WithoutPhotosite | None = None) -> tuple[FieldMap, ...]:
-    """Every map of one plane, those without the photosite where these are asked for, and the predicted error's last.
+    """All maps of one plane: `MAPS`, those before the photosites where `without` is given, and `ERRORS`.
 
-    Beyond the nodes they are what `PsfField.at` tells.
+    Outside the nodes' hull the PSF is that of `PsfField.at`.
     """
     x, y = grid(field.shape, columns)
     names = (*MAPS, *BEFORE_PHOTOSITES) if without else MAPS
     value, uncertainty = np.full((2, len(names), len(y), len(x)), np.nan)
     errors = np.full((len(ERRORS), len(y), len(x)), np.nan)
-    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    enclosed = field.inside(places).reshape(len(y), len(x))
-    parameters = field.parameters(places).reshape(len(y), len(x), -1)
-    for row, at_y in enumerate(y):
-        for column in range(len(x)):
-            parts = field.covariances(x[column], at_y)
-            psf = Psf.of(parameters[row, column], parts[0] + parts[1], field.k, field.s, parts[1])
-            norm = float(np.linalg.norm(psf.extended()))
-            errors[:, row, column] = [field.norm_of_error(C) / norm for C in parts]
-            radius = radius_direction(field.shape, x[column], at_y)
-            numbers = [numbers_of(psf, radius)] + ([mtf50_about(psf, radius, without)] if without else [])
-            value[:, row, column], uncertainty[:, row, column] = np.hstack(numbers)
-    numbered = zip(names, value, uncertainty, strict=True)
-    maps = [FieldMap(one, one.label, one.unit, x, y, v, u, enclosed) for one, v, u in numbered]
-    told = zip(ERRORS, errors, strict=True)
-    return (*maps, *(FieldMap(one, one.label, one.unit, x, y, v, None, enclosed) for one, v in told))
+    points = mesh(x, y)
+    enclosed = field.inside(points).reshape(len(y), len(x))
+    parameters = field.parameters(points).reshape(len(y), len(x), -1)
+    for row, column in np.ndindex(enclosed.shape):
+        at = float(x[column]), float(y[row])
+        parts = field.covariances(*at)
+        psf = Psf.of(parameters[row, column], parts[0] + parts[1], field.k, field.s, parts[1])
+        norm = float(np.linalg.norm(psf.extended()))
+        errors[:, row, column] = [field.norm_of_error(C) / norm for C in parts]
+        radius = radius_direction(field.shape, *at)
+        numbers = [numbers_of(psf, radius)] + ([mtf50_about(psf, radius, without)] if without else [])
+        value[:, row, column], uncertainty[:, row, column] = np.hstack(numbers)
+    images = zip((*names, *ERRORS), (*value, *errors), (*uncertainty, None, None), strict=True)
+    return tuple(FieldMap(name, name.label, name.unit, x, y, v, u, enclosed) for name, v, u in images)
 
 
 def numbers_of(psf: Psf, radius: float) -> tuple[Array, Array]:
-    """The numbers of MAPS at one place, and their standard uncertainties; NaN where there is none.
+    """The numbers of MAPS at one position, and their standard uncertainties; NaN where undefined.
 
-    What the tail's few shapes leave out is in the uncertainties: it is the same at all nodes.
-    `radius` is the direction from the frame's centre, in radians.
+    The uncertainties include the truncation of the tail's shapes, which is common to all nodes. `radius` is the
+    direction from the frame's centre, in radians.
     """
     values, uncertainties = mtf50_about(psf, radius)
     above, slope = energy_above_nyquist(psf)
     of_above = np.sqrt(max(float(slope @ psf.parameter_covariance @ slope), 0.0))
     outside, noise = psf.energy_outside if len(psf.tail.amplitudes) else (np.nan, np.nan)
-    u_outside = np.hypot(noise, tail_energy_uncertainty(psf))
-    return np.append(values, [above, outside]), np.append(uncertainties, [of_above, u_outside])
+    of_outside = np.hypot(noise, tail_energy_uncertainty(psf))
+    return np.append(values, [above, outside]), np.append(uncertainties, [of_above, of_outside])
 
 
 def mtf50_about(psf: Psf, radius: float, without: WithoutPhotosite | None = None) -> tuple[Array, Array]:
-    """MTF50 of sagittal detail, of meridional detail, and their difference (3,), and standard uncertainties (3,).
+    """Sagittal MTF50, meridional MTF50 and their difference (3,), and standard uncertainties (3,).
 
-    Of the camera, or of what comes before the photosites; NaN where the MTF stays above 1/2.
+    Of the camera, or `without` the photosites; NaN where the MTF stays above 1/2.
     """
     two = [_mtf50(psf, angle, without) for angle in (radius + np.pi / 2, radius)]
-    (sagittal, by_sagittal, left_s), (meridional, by_meridional, left_m) = two
-    slopes, n = np.array([by_sagittal, by_meridional, by_sagittal - by_meridional]), len(psf.parameters)
-    of_psf = slopes[:, :n]
-    # what follows the PSF's parameters is counted in its standard uncertainties
-    variance = np.einsum("ij,ij->i", of_psf @ psf.parameter_covariance, of_psf) + np.sum(slopes[:, n:] ** 2, axis=1)
-    left_out = np.array([left_s, left_m, np.hypot(left_s, left_m)])
-    return np.array([sagittal, meridional, sagittal - meridional]), np.hypot(np.sqrt(np.maximum(variance, 0)), left_out)
+    (sagittal, by_sagittal, stray_s), (meridional, by_meridional, stray_m) = two
+    slopes = np.array([by_sagittal, by_meridional, by_sagittal - by_meridional])
+    truncated = np.array([stray_s, stray_m, np.hypot(stray_s, stray_m)])
+    values = np.array([sagittal, meridional, sagittal - meridional])
+    return values, np.hypot(propagated(psf, slopes), truncated)
+
+
+def propagated(psf: Psf, slopes: Array) -> Array:
+    """Standard uncertainties (n,) by derivatives (n, p or more): by the PSF's parameters, and after them by further
+    ones in their standard uncertainties."""
+    own, other = np.split(slopes, [len(psf.parameters)], axis=1)
+    variance = np.einsum("ij,ij->i", own @ psf.parameter_covariance, own) + np.sum(other**2, axis=1)
+    return np.asarray(np.sqrt(np.maximum(variance, 0)))
 
 
 def _mtf50(psf: Psf, angle: float, without: WithoutPhotosite | None) -> tuple[float, Array, float]:
-    """MTF50 along a direction, its derivative, and its standard uncertainty by what the tail's shapes leave out."""
+    """MTF50 along a direction, its derivative, and its standard uncertainty by the tail's truncation."""
     f = without.frequencies(psf, angle) if without else frequencies(psf)
     curve = without.curve if without else mtf_along
-    found = first_crossing(f, lambda some: curve(psf, some, angle))
-    if found is None:
+    crossing = first_crossing(f, lambda some: curve(psf, some, angle))
+    if crossing is None:
         return np.nan, np.full(len(psf.parameters) + (without is not None), np.nan), np.nan
-    before, after = curve(psf, found[0] + np.array([-STEP, STEP]), angle)[0]
-    stray = truncation(psf) / (float(without.passed(found[0], angle)) if without else 1.0)
-    return *found, stray * 2 * STEP / max(float(before - after), 1e-9)
+    before, after = curve(psf, crossing[0] + np.array([-STEP, STEP]), angle)[0]
+    stray = truncation(psf) / (float(without.passed(crossing[0], angle)) if without else 1.0)
+    return *crossing, stray * 2 * STEP / max(float(before - after), 1e-9)

@@ -1,4 +1,4 @@
-"""What a square photosite takes of the MTF along a direction: the sensor's share of a cross in the maps of a field."""
+"""MTF of a square photosite along a direction: the sensor's contribution to a cross in the maps of a field."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from procedures.quality import frequencies, mtf_along
 
 Array = npt.NDArray[np.float64]
 
-LEAST_LEFT = 0.1
-"""Of the photosite's MTF: where it passes less, dividing by it tells more of noise and of its side than of the lens."""
+MIN_MTF = 0.1
+"""Below this MTF of the photosite, division by it amplifies noise and the error of its side."""
 
 
 @dataclass(frozen=True)
 class Photosite:
-    """A square photosite about the middle of its pixel.
+    """A square photosite centred in its pixel.
 
     Attributes
     ----------
     fill : float
-        Its area over the pixel's, as far as it takes light: with the microlens over it.
+        Effective area over the pixel's, including the microlens.
     uncertainty : float
-        Standard uncertainty of that.
+        Standard uncertainty of `fill`.
     assumed : bool
-        Whether nobody measured it.
+        Whether it was not measured.
 
     Raises
     ------
     BadParameter
-        If there is no such square.
+        If the fill factor is impossible.
     """
 
     fill: float
@@ -43,13 +43,13 @@ class Photosite:
     def __post_init__(self) -> None:
         if not (0 < self.fill <= 1 and 0 <= self.uncertainty < self.fill):
             raise BadParameter(
-                f"a photosite fills a part of its pixel, more than 0 and at most 1, known to less than that part; got "
-                f"{self.fill:g} with an uncertainty of {self.uncertainty:g}",
+                f"a fill factor must be greater than 0 and at most 1, its uncertainty smaller; got {self.fill:g} with "
+                f"an uncertainty of {self.uncertainty:g}",
                 "give area over area, as `fill_factor` of station psf pattern --physics",
             )
 
     def mtf(self, f: Array, angle: float, pitch: int) -> tuple[Array, Array]:
-        """Its MTF, and the change of that where the fill factor grows by its standard uncertainty, both (n,).
+        """MTF, and its change when the fill factor grows by its standard uncertainty, both (n,).
 
         |sinc(a fx) sinc(a fy)|, a the root of the fill factor, sinc(x) = sin(pi x) / (pi x).
 
@@ -72,12 +72,12 @@ class Photosite:
 
 
 ASSUMED = Photosite(0.9, 0.06, assumed=True)
-"""Of a sensor with microlenses of which nothing is known: anything from 0.8 to 1, as an even distribution's spread."""
+"""An unknown sensor with microlenses: uniformly distributed from 0.8 to 1."""
 
 
 @dataclass(frozen=True)
 class WithoutPhotosite:
-    """The MTF of a plane, divided by that of the photosite; `pitch` is of the plane, in sensor pixels."""
+    """MTF of a plane divided by that of the photosite; `pitch` is that of the plane, in sensor pixels."""
 
     photosite: Photosite
     pitch: int = 1
@@ -87,15 +87,15 @@ class WithoutPhotosite:
         return self.photosite.mtf(np.asarray(f, dtype=np.float64), angle, self.pitch)[0]
 
     def curve(self, psf: Psf, f: Array, angle: float) -> tuple[Array, Array]:
-        """It at frequencies (n,) along a direction, and its derivative (n, p + 1): by the PSF's parameters, and last by
-        the fill factor in its standard uncertainties."""
+        """The quotient at frequencies (n,) along a direction, and its derivative (n, p + 1): by the PSF's parameters,
+        and by the fill factor in its standard uncertainties."""
         value, slope = mtf_along(psf, f, angle)
         own, own_slope = self.photosite.mtf(f, angle, self.pitch)
         own = np.maximum(own, 1e-9)
         return value / own, np.column_stack([slope, -value * own_slope / own]) / own[:, None]
 
     def frequencies(self, psf: Psf, angle: float) -> Array:
-        """Those of a curve, as far as enough passes the photosite."""
+        """Frequencies of a curve up to `MIN_MTF` of the photosite."""
         f = frequencies(psf)
-        little = self.passed(f, angle) < LEAST_LEFT
-        return f[: int(np.argmax(little))] if little.any() else f
+        low = self.passed(f, angle) < MIN_MTF
+        return f[: int(np.argmax(low))] if low.any() else f

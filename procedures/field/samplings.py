@@ -1,6 +1,6 @@
-"""The field as other programs hold one: PSFs on a grid, or a polynomial of the place in every sample.
+"""Representations of a field in other programs: PSFs on a grid, or a polynomial of the position in every sample.
 
-PSFs are images of the whole PSF, the tail as far as its shapes reach (`Psf.extended`), all light being 1.
+Images hold the whole PSF, the tail as far as its shapes extend (`Psf.extended`), normalised to all energy.
 """
 
 from __future__ import annotations
@@ -10,33 +10,32 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.field.maps import grid
+from procedures.field.maps import grid, mesh
 from procedures.numerics.scattered import Polynomial
 from procedures.psf import extended
 from procedures.psf_field import PsfField, in_half_diagonals
 
 Array = npt.NDArray[np.float64]
 
-DENSE = 16
-"""Places along the longer side at which a polynomial is fitted and held against the field."""
-HIGHEST = 5
-"""Degree: (HIGHEST + 1)(HIGHEST + 2) / 2 = 21 images, more than a field has nodes to tell apart."""
+FIT_COLUMNS = 16
+"""Positions along the longer side at which a polynomial is fitted and compared with the field."""
+MAX_DEGREE = 5
+"""(MAX_DEGREE + 1)(MAX_DEGREE + 2) / 2 = 21 images, more than the nodes of a field distinguish."""
 
 
 @dataclass(frozen=True, eq=False)
 class PsfPolynomial:
-    """Every sample of the PSF as a polynomial of the place.
+    """Every sample of the PSF as a polynomial of the position.
 
     Attributes
     ----------
     degree : int
     images : (c, K, K) float64
-        Beside x^a y^b, a + b <= degree, y's power slowest: 1, x, x^2, .., y, x y, ..; x and y as `centre` and `scale`
-        make them.
+        Coefficients of x^a y^b, a + b <= degree, in the order of `powers`: 1, x, x^2, .., y, x y, ..
     centre, scale : (x, y) and float
         x is (column - centre) / scale, in pixels of the plane, likewise y.
     lost : float
-        Largest norm of the difference from the field over the PSF's norm, where the nodes enclose the place.
+        Largest norm of the difference from the field over the PSF's norm, inside the nodes' hull.
     """
 
     degree: int
@@ -47,45 +46,42 @@ class PsfPolynomial:
 
 
 def whole_psfs(field: PsfField, points: Array) -> Array:
-    """Whole PSFs at points (n, 2) of the plane, (n, K, K), all light 1: their sums lack what lies beyond K."""
+    """Whole PSFs (n, K, K) at points (n, 2) of the plane; their sums lack the energy beyond K."""
     parameters = field.parameters(points)
-    light = 1 / (1 - field.energy_outside(points))
-    return np.stack([extended(p, field.k) for p in parameters]) / light[:, None, None]
+    energy = 1 / (1 - field.energy_outside(points))
+    return np.stack([extended(p, field.k) for p in parameters]) / energy[:, None, None]
 
 
 def grid_places(field: PsfField, columns: int) -> tuple[Array, Array]:
-    """Whole pixels x (nx,) and y (ny,) of a grid over the frame, `columns` along its longer side, rims included."""
+    """Whole pixels x (nx,) and y (ny,) of a grid over the frame, `columns` along its longer side."""
     x, y = grid(field.shape, columns)
     return np.round(x), np.round(y)
 
 
 def as_polynomial(field: PsfField, *, allowed: float) -> PsfPolynomial:
-    """The field as a polynomial of the lowest degree that loses no more than `allowed` of the PSF's norm, or the best.
+    """The polynomial of the lowest degree that loses no more than `allowed` of the PSF's norm, or the best one.
 
-    Beyond the nodes the field does not vary, which no polynomial follows: there it goes on as it is inside.
+    It is fitted inside the nodes' hull and extrapolated outside, where the field itself is constant.
     """
-    x, y = grid(field.shape, DENSE)
-    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    points = mesh(*grid(field.shape, FIT_COLUMNS))
     points = np.vstack([points[field.inside(points)], field.positions])
     psfs = whole_psfs(field, points)
-    best: PsfPolynomial | None = None
-    for degree in range(HIGHEST + 1):
-        try:
-            found = _fitted(field, points, psfs, degree)
-        except ValueError:
-            break
-        if best is None or found.lost < best.lost:
-            best = found
+    best = _fitted(field, points, psfs, 0)
+    for degree in range(1, MAX_DEGREE + 1):
         if best.lost <= allowed:
             break
-    assert best is not None  # a constant is always determined
+        try:
+            best = min(best, _fitted(field, points, psfs, degree), key=lambda polynomial: polynomial.lost)
+        except ValueError:
+            break
     return best
 
 
 def _fitted(field: PsfField, points: Array, psfs: Array, degree: int) -> PsfPolynomial:
+    """Least-squares fit of one degree. Raises ValueError where the points do not determine it."""
     rows, columns = field.shape
     places = in_half_diagonals(points, field.shape)
-    Polynomial(places, np.ones(len(places)), degree)  # whether the places determine it
+    Polynomial(places, np.ones(len(places)), degree)  # raises ValueError
     design = powers(places, degree)
     flat = psfs.reshape(len(psfs), -1)
     images = np.linalg.lstsq(design, flat, rcond=None)[0]

@@ -1,7 +1,6 @@
-"""Intrinsics, distortion and poses of a camera, with covariance, from charts seen in many poses.
+"""Intrinsics, distortion and poses of a camera, with covariance, from photographs of a chart in many poses.
 
-Photographs become views (`chart_bins`, `views`), views a camera (`estimate`): a first guess, bundle adjustment by
-pycolmap with the chart as it should be (`bundle`), then with the chart as it is (`adjustment`, `shape`); the model is
-chosen and doubted in `choice` and `misfit`, and `uncertainty` tells how well any place of the frame is known.
-`conversion` says the same camera in another model's numbers. Imports `pattern_psf` and what the rooms share.
+Photographs give views (`chart_bins`, `views`); views give a camera (`estimate`): an initial estimate by pycolmap
+(`bundle`), then an adjustment that includes the shape of the chart (`adjustment`, `shape`). `choice` selects the model,
+`misfit` tests it, `uncertainty` propagates the covariance to the frame, `conversion` converts to other models.
 """

@@ -1,14 +1,14 @@
-"""Camera, poses and the chart's own shape together, every point weighing what it is worth, with one covariance.
+"""Least-squares adjustment of camera, poses and chart shape, with their joint covariance.
 
-pycolmap knows neither the points' covariances nor what is known beforehand of a chart's shape, so this last adjustment
-is our own: the Levenberg-Marquardt method of `procedures.numerics.damped` on
+pycolmap supports neither covariances of points nor priors on the shape of a chart, so the final adjustment uses the
+Levenberg-Marquardt method of `procedures.numerics.damped` to minimise
 
-    sum |W (project(R (X + B c + e) + t) - x)|^2 + sum (c / prior)^2 + sum (e / node)^2 + sum (k / beforehand)^2
+    sum |W (project(R (X + B c + e) + t) - x)|^2 + sum (c / prior)^2 + sum (e / node)^2 + sum (k / prior)^2
 
-in the camera's parameters k, the poses, the shape's terms c and every node's own error e.
-The errors e, three for each of hundreds of nodes, meet in the system only each with itself: they are eliminated node by
-node (the Schur complement of bundle adjustment), and what is left is small and dense. All nodes moved as one body, or
-grown, would be a pose or another scale: Lagrange's multipliers, seven more unknowns, keep their errors from doing that.
+over the camera parameters k, the poses, the shape terms c, and an error e of every node. The normal equations couple
+the errors of different nodes only through the other unknowns. They are eliminated node by node (the Schur complement of
+bundle adjustment), which leaves a small dense system. A rigid motion or a scaling of all nodes is equivalent to another
+pose or scale; seven Lagrange multipliers exclude it from e.
 
 References
 ----------
@@ -34,26 +34,24 @@ from procedures.outcome import Refused
 
 Array = npt.NDArray[np.float64]
 
-CONVERGENCE = 1e-3
-"""Decrease of chi-square, over its mean per coordinate, that is worth no other step: a thirtieth of an uncertainty."""
-OPEN = 1e-15
-"""Least share of the scaled system's eigenvalues that rounding leaves meaningful."""
+CONVERGENCE_TOLERANCE = 1e-3
+"""Decrease of chi-square, relative to its mean per coordinate, at convergence: 1/30 of a standard uncertainty."""
+LEAST_EIGENVALUE = 1e-15
+"""Eigenvalue of the scaled system below which rounding dominates."""
 POSE = 6
-"""Numbers of a pose's change: rotation (3) about the camera's axes in radians, then translation (3) in mm."""
+"""Parameters of a change of pose: rotation (3) about the camera's axes in radians, then translation (3) in mm."""
 
 
 @dataclass(frozen=True, eq=False)
 class AdjustmentState:
-    """Camera, poses, and the chart's shape.
+    """Camera, poses, and the shape of the chart.
 
     Attributes
     ----------
-    camera : Camera
-    poses : tuple of Pose
     terms_mm : (q,) float64
-        The shape's terms.
+        Shape terms.
     errors_mm : (N, 3) float64
-        Every node's own error.
+        Error of each node in addition to the terms.
     """
 
     camera: Camera
@@ -62,25 +60,25 @@ class AdjustmentState:
     errors_mm: Array
 
     def deviations_mm(self, shape: ShapeModel) -> Array:
-        """How far every node lies from its plan, (N, 3)."""
+        """Deviation of every node from the plan, (N, 3)."""
         return np.asarray(shape.terms @ self.terms_mm + self.errors_mm)
 
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """The normal equations of a state, the nodes' own errors still in them.
+    """The normal equations at a state, before elimination of the node errors.
 
-    The first M unknowns are the camera's parameters (p), the shape's terms (q), six for every pose, the extra columns,
-    and the multipliers; every node has three more.
+    The first M unknowns are the camera parameters (p), the shape terms (q), six per pose, further unknowns, and the
+    multipliers; each node has three more.
 
     Attributes
     ----------
     U : (M, M), u : (M,)
-        J'J and J'r of the first.
+        J'J and J'r of the first unknowns.
     V : (N, 3, 3), v : (N, 3)
-        The same of every node's errors.
+        J'J and J'r of the node errors.
     W : (N, 3, M)
-        What they have in common.
+        J'J between node errors and first unknowns.
     """
 
     U: Array
@@ -91,42 +89,165 @@ class System:
 
     @property
     def right(self) -> Array:
-        """u and v in one."""
+        """u and v concatenated."""
         return np.concatenate([self.u, self.v.ravel()])
 
     def reduced(self) -> tuple[Array, Array]:
-        """Matrix and right side of the first unknowns, the nodes' errors eliminated."""
+        """Matrix and right side for the first unknowns after elimination of the node errors."""
         # with V = L L', W'V^-1 W is the square of L^-1 W: half the work of a product of two matrices
         inverse = np.linalg.inv(np.linalg.cholesky(self.V))
         root, right = (inverse @ self.W).reshape(-1, len(self.u)), (inverse @ self.v[..., None]).ravel()
         return self.U - root.T @ root, self.u - root.T @ right
 
     def errors(self, step: Array) -> Array:
-        """The step (N, 3) of the nodes' errors that goes with one of the first unknowns."""
+        """Step (N, 3) of the node errors for a step of the first unknowns."""
         return self.solved((self.v - self.W @ step)[..., None])[..., 0]
 
     def solved(self, right: Array) -> Array:
-        """V^-1 times (N, 3, k); 0 where a node has no error of its own."""
+        """V^-1 times (N, 3, k); 0 for nodes without an error."""
         return np.asarray(np.linalg.solve(self.V, right))
 
 
 @dataclass(frozen=True, eq=False)
-class Adjustment:
-    """The answer, with its covariance for the points' covariances as they were given.
+class AdjustmentProblem:
+    """The least-squares problem: views of a chart, its plan, and the prior of its shape.
 
     Attributes
     ----------
+    nodes : (N, 3) float64
+        The plan of the chart, in mm.
+    views : sequence of ChartView
+    shape : ShapeModel
+    """
+
+    nodes: Array
+    views: Sequence[ChartView]
+    shape: ShapeModel
+
+    def flat_state(self, camera: Camera, poses: tuple[Pose, ...]) -> AdjustmentState:
+        """State with a chart that conforms to its plan."""
+        return AdjustmentState(camera, poses, np.zeros(len(self.shape.prior_mm)), np.zeros_like(self.nodes))
+
+    def view_residual(self, state: AdjustmentState, i: int) -> Array:
+        """Observed minus projected points of a view, in standard deviations, (n, 2)."""
+        view = self.views[i]
+        projected = state.camera.project(state.poses[i].apply(self._shaped(state, view)))
+        return np.asarray(np.einsum("nab,nb->na", view.whitening, view.points - projected))
+
+    def view_residuals(self, state: AdjustmentState) -> list[Array]:
+        """Residuals of every view."""
+        return [self.view_residual(state, i) for i in range(len(self.views))]
+
+    def residual(self, state: AdjustmentState) -> Array:
+        """Residuals of all points, then of the priors."""
+        spread = np.concatenate([state.camera.prior, self.shape.prior_mm])
+        values = np.concatenate([state.camera.params, state.terms_mm])
+        errors = state.errors_mm / self.shape.node_mm if self.shape.node_mm.all() else np.zeros(0)
+        points = (one.ravel() for one in self.view_residuals(state))
+        return np.concatenate([*points, values / spread, errors.ravel()])
+
+    def linearise(self, state: AdjustmentState) -> _ChartLinearisation:
+        """The normal equations at a state."""
+        return _ChartLinearisation(state, self, self.residual(state))
+
+    def moved(self, state: AdjustmentState, step: Array) -> AdjustmentState:
+        """The state after a step of the first unknowns, then of the node errors."""
+        p, q, poses = len(state.camera.params), len(state.terms_mm), POSE * len(state.poses)
+        changes = step[p + q : p + q + poses].reshape(-1, POSE)
+        turns = Rotation.from_rotvec(changes[:, :3]).as_matrix()
+        return AdjustmentState(
+            state.camera.with_params(state.camera.params + step[:p]),
+            tuple(_turned(*one) for one in zip(state.poses, turns, changes[:, 3:], strict=True)),
+            state.terms_mm + step[p : p + q],
+            state.errors_mm + step[-self.nodes.size :].reshape(-1, 3),
+        )
+
+    def jacobian(self, state: AdjustmentState, i: int) -> tuple[Array, Array]:
+        """Derivatives of a view's points: (n, 2, p + q + 6) by camera, shape terms and pose; (n, 2, 3) by nodes."""
+        pose, view = state.poses[i], self.views[i]
+        points = pose.apply(self._shaped(state, view))
+        by_points = state.camera.by_points(points)
+        by_nodes = by_points @ pose.R
+        by_terms = by_nodes @ self.shape.terms[view.index]
+        return np.concatenate([state.camera.by_params(points), by_terms, by_pose(by_points, points)], -1), by_nodes
+
+    def _shaped(self, state: AdjustmentState, view: ChartView) -> Array:
+        """Actual positions (n, 3) of a view's nodes on the chart."""
+        return np.asarray(self.nodes[view.index] + _deviations(state, self.shape)[view.index])
+
+    def system(self, state: AdjustmentState, extra: Sequence[Array] | None = None) -> System:
+        """The normal equations with the priors.
+
+        Parameters
+        ----------
+        extra : sequence of (n, 2, k), optional
+            Derivatives of the points of every view, in pixels, by k further unknowns.
+        """
+        system, shape = self.point_system(state, self.view_residuals(state), extra), self.shape
+        U, u, V, v, W = system.U, system.u, system.V, system.v, system.W
+        precision = np.concatenate([state.camera.prior, shape.prior_mm]) ** -2.0
+        values, where = np.concatenate([state.camera.params, state.terms_mm]), np.arange(len(precision))
+        U[where, where] += precision
+        u[where] -= precision * values
+        multipliers = shape.similarity.shape[-1]
+        if shape.node_mm.all():
+            V[:, range(3), range(3)] += shape.node_mm**-2.0
+            v -= state.errors_mm / shape.node_mm**2
+            W[..., -multipliers:] = shape.similarity
+            u[-multipliers:] = -np.einsum("nas,na->s", shape.similarity, state.errors_mm)
+        else:  # without node errors, neither these nor the multipliers are coupled to anything
+            V[:], v[:], W[:] = np.eye(3), 0.0, 0.0
+            last = np.arange(len(U) - multipliers, len(U))
+            U[last, last] = 1.0
+        return system
+
+    def point_system(
+        self, state: AdjustmentState, residuals: Sequence[Array], extra: Sequence[Array] | None = None
+    ) -> System:
+        """The normal equations for residuals (n, 2) of the points of every view, without the priors."""
+        p, q, poses = len(state.camera.params), len(self.shape.prior_mm), POSE * len(self.views)
+        k = extra[0].shape[-1] if extra else 0
+        N, M = len(self.nodes), p + q + poses + k + self.shape.similarity.shape[-1]
+        U, u, W = np.zeros((M, M)), np.zeros(M), np.zeros((N, 3, M))
+        V, v = np.zeros((N, 3, 3)), np.zeros((N, 3))
+        for i, (view, r) in enumerate(zip(self.views, residuals, strict=True)):
+            J, E = self.jacobian(state, i)
+            if extra:
+                J = np.concatenate([J, extra[i]], axis=-1)
+            first = p + q + POSE * i
+            places = np.r_[: p + q, first : first + POSE, p + q + poses : p + q + poses + k]
+            add_view(J, E, r, view.whitening, view.index, places, V, v, W)
+            flat = J.reshape(-1, J.shape[-1])
+            U[np.ix_(places, places)] += flat.T @ flat
+            u[places] += flat.T @ r.ravel()
+        return System(U, u, V, v, W)
+
+
+@lru_cache(maxsize=2)
+def _deviations(state: AdjustmentState, shape: ShapeModel) -> Array:
+    """Deviations of the nodes, cached since every view needs them."""
+    return state.deviations_mm(shape)
+
+
+@dataclass(frozen=True, eq=False)
+class Adjustment:
+    """The result, with its covariance for the stated covariances of the points.
+
+    Attributes
+    ----------
+    problem : AdjustmentProblem
     state : AdjustmentState
     covariance : (p + q + 6 views, p + q + 6 views) float64
-        Of the camera's parameters, the shape's terms, and the poses' changes, in this order.
+        Of the camera parameters, the shape terms, and the changes of the poses, in this order.
     errors_variance : (N, 3) float64
-        Of the nodes' own errors, in square mm.
+        Of the node errors, in square mm.
     chi_square : float
         Of the points alone.
     freedom : float
-        Number of coordinates less what was fitted to them, what is known beforehand counted as far as it holds.
+        Degrees of freedom: coordinates minus fitted parameters, each counted as far as the points determine it.
     """
 
+    problem: AdjustmentProblem
     state: AdjustmentState
     covariance: Array
     errors_variance: Array
@@ -135,24 +256,21 @@ class Adjustment:
 
     @property
     def scale(self) -> float:
-        """Residual in units of the points' covariances: 1 where these, the model and the chart's shape are right."""
+        """Residual in units of the stated standard deviations: 1 for a correct model."""
         return float(np.sqrt(self.chi_square / self.freedom))
+
+    @property
+    def shared(self) -> int:
+        """Number of camera parameters and shape terms; the poses follow in the covariance."""
+        return len(self.state.camera.params) + len(self.state.terms_mm)
 
 
 class NotConverged(Refused):
-    """The adjustment did not reach the minimum: a failure of the numerics, which says nothing of the views."""
+    """The adjustment did not converge: a numerical failure, which implies nothing about the views."""
 
 
-def adjust(start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> Adjustment:
-    """The answer from a state near it.
-
-    Parameters
-    ----------
-    start : AdjustmentState
-    nodes : (N, 3) float64
-        The chart's plan, in mm.
-    views : sequence of ChartView
-    shape : ShapeModel
+def adjust(start: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
+    """The adjustment from an initial state.
 
     Raises
     ------
@@ -161,51 +279,28 @@ def adjust(start: AdjustmentState, nodes: Array, views: Sequence[ChartView], sha
     Refused
         If the views do not determine the camera.
     """
-    tolerance = CONVERGENCE / sum(2 * len(view) for view in views)
-    found = minimise(_ChartProblem(nodes, views, shape), start, tolerance=tolerance)
-    if not found.converged:
+    tolerance = CONVERGENCE_TOLERANCE / sum(2 * len(view) for view in problem.views)
+    fit = minimise(problem, start, tolerance=tolerance)
+    if not fit.converged:
         raise NotConverged(
             f"the adjustment of camera and poses must converge; with {start.camera.model} it did not in "
-            f"{found.iterations} iterations; the last relative decrease of the sum of squares was {found.decrease:.1e}",
+            f"{fit.iterations} iterations; the last relative decrease of the sum of squares was {fit.decrease:.1e}",
             "name a simpler camera model, or add views of the chart, tilted differently and spread over the frame",
         )
-    return _concluded(found.state, nodes, views, shape, assemble(found.state, nodes, views, shape))
-
-
-@dataclass(frozen=True, eq=False)
-class _ChartProblem:
-    """Camera, poses and the chart's shape as a problem of least squares."""
-
-    nodes: Array
-    views: Sequence[ChartView]
-    shape: ShapeModel
-
-    def residual(self, state: AdjustmentState) -> Array:
-        """Of all points, then of what is known beforehand."""
-        points = (residual(state, self.nodes, view, self.shape, i).ravel() for i, view in enumerate(self.views))
-        return np.concatenate([*points, *_prior_residuals(state, self.shape)])
-
-    def linearise(self, state: AdjustmentState) -> _ChartLinearisation:
-        """The normal equations about a state."""
-        return _ChartLinearisation(state, self, self.residual(state))
-
-    def moved(self, state: AdjustmentState, step: Array) -> AdjustmentState:
-        """The state after a step: of the first unknowns, then of the nodes' errors."""
-        errors = self.nodes.size
-        return _moved(state, step[:-errors], step[-errors:].reshape(-1, 3))
+    return _concluded(fit.state, problem)
 
 
 @dataclass(frozen=True, eq=False)
 class _ChartLinearisation:
-    """The normal equations about a state, solved with the nodes' errors eliminated."""
+    """The normal equations at a state, solved by elimination of the node errors."""
 
     state: AdjustmentState
-    problem: _ChartProblem
+    problem: AdjustmentProblem
     residual: Array
 
     @cached_property
     def _system(self) -> System:
-        return assemble(self.state, self.problem.nodes, self.problem.views, self.problem.shape)
+        return self.problem.system(self.state)
 
     @property
     def gradient(self) -> Array:
@@ -214,26 +309,26 @@ class _ChartLinearisation:
 
     @cached_property
     def scale(self) -> Array:
-        """Diagonal of J'J; 0 for the multipliers, which are no unknowns of the sum of squares."""
+        """Diagonal of J'J; 0 for the multipliers, which do not enter the sum of squares."""
         first = np.diag(self._system.U).copy()
         first[-self.problem.shape.similarity.shape[-1] :] = 0.0
         return np.concatenate([first, np.einsum("naa->na", self._system.V).ravel()])
 
     @property
     def unknowns(self) -> Array:
-        """Values of the unknowns; poses count by their distance."""
+        """Values of the unknowns; for a pose, its distance."""
         state, count = self.state, self.problem.shape.similarity.shape[-1]
         poses = [np.concatenate([np.zeros(3), pose.t]) for pose in state.poses]
         return np.concatenate([state.camera.params, state.terms_mm, *poses, np.zeros(count), state.errors_mm.ravel()])
 
     def transposed(self, residual: Array) -> Array:
-        """J' times residuals; those of what is known beforehand are linear and have no second derivative."""
-        one, cuts = self.problem, np.cumsum([2 * len(view) for view in self.problem.views])
+        """J' times residuals; those of the priors are linear and have no second derivative."""
+        cuts = np.cumsum([2 * len(view) for view in self.problem.views])
         parts = [part.reshape(-1, 2) for part in np.split(residual, cuts)[:-1]]
-        return _of_points(self.state, one.nodes, one.views, one.shape, parts).right
+        return self.problem.point_system(self.state, parts).right
 
     def solve(self, right: Array, damping: float) -> Array:
-        """(J'J + damping D)^-1 times the unknowns' right side."""
+        """(J'J + damping D)^-1 times a right side."""
         system = self._system
         M = len(system.u)
         damped = replace(
@@ -243,71 +338,42 @@ class _ChartLinearisation:
             u=right[:M],
             v=right[M:].reshape(-1, 3),
         )
-        step = _solve(*damped.reduced())
+        S, b = damped.reduced()
+        scale = np.sqrt(np.abs(np.diag(S)))
+        step = np.asarray(np.linalg.solve(S / np.outer(scale, scale), b / scale) / scale)
         return np.concatenate([step, damped.errors(step).ravel()])
 
 
-def _prior_residuals(state: AdjustmentState, shape: ShapeModel) -> tuple[Array, Array]:
-    """What is known beforehand of camera and terms, and of the nodes' own errors, in standard deviations."""
-    spread = np.concatenate([state.camera.beforehand, shape.prior_mm])
-    errors = state.errors_mm / shape.node_mm if shape.node_mm.all() else np.zeros(0)
-    return np.concatenate([state.camera.params, state.terms_mm]) / spread, errors.ravel()
-
-
-def _solve(S: Array, b: Array) -> Array:
-    """The step, in unknowns that are scaled so that each is worth about as much."""
-    scale = np.sqrt(np.abs(np.diag(S)))
-    return np.asarray(np.linalg.solve(S / np.outer(scale, scale), b / scale) / scale)
-
-
 def _inverse(S: Array) -> Array:
-    """The unknowns' covariance; raises Refused where the views leave some of them open."""
+    """Covariance of the unknowns. Raises Refused where the views leave some of them undetermined."""
     scale = np.sqrt(np.abs(np.diag(S)))
     values, vectors = np.linalg.eigh(S / np.outer(scale, scale))
-    if np.abs(values).min() < OPEN or np.count_nonzero(values < 0) != np.count_nonzero(np.diag(S) < 0):
-        raise _undetermined()
+    if np.abs(values).min() < LEAST_EIGENVALUE or np.count_nonzero(values < 0) != np.count_nonzero(np.diag(S) < 0):
+        raise Refused(
+            "these views do not determine the camera", "tilt the chart by 20 degrees and more, and fill the frame"
+        )
     return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
 
 
-def _undetermined() -> Refused:
-    return Refused(
-        "these views do not determine the camera", "tilt the chart by 20 degrees and more, and fill the frame"
-    )
-
-
-def _concluded(
-    state: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel, system: System
-) -> Adjustment:
+def _concluded(state: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
+    views, shape, system = problem.views, problem.shape, problem.system(state)
     p, q, count = len(state.camera.params), len(shape.prior_mm), sum(2 * len(view) for view in views)
     inverse, known = _inverse(system.reduced()[0]), p + q + POSE * len(views)
     covariance = inverse[:known, :known]
-    residuals = [residual(state, nodes, view, shape, i) for i, view in enumerate(views)]
-    chi_square = sum(float(np.sum(one**2)) for one in residuals)
-    prior = np.concatenate([state.camera.beforehand, shape.prior_mm])
+    chi_square = sum(float(np.sum(one**2)) for one in problem.view_residuals(state))
+    prior = np.concatenate([state.camera.prior, shape.prior_mm])
     held = float(np.sum(np.diag(covariance)[: p + q] / prior**2))
-    variance = _errors_variance(system, inverse) if shape.node_mm.all() else np.zeros_like(nodes)
+    variance = _errors_variance(system, inverse) if shape.node_mm.all() else np.zeros_like(problem.nodes)
     free = float(np.sum(1 - variance / shape.node_mm**2)) - shape.similarity.shape[-1] if variance.any() else 0.0
     freedom = count - POSE * len(views) - (p + q - held) - free
-    return Adjustment(state, covariance, variance, chi_square, freedom)
+    return Adjustment(problem, state, covariance, variance, chi_square, freedom)
 
 
 def _errors_variance(system: System, inverse: Array) -> Array:
-    """Variances (N, 3) of the nodes' own errors."""
+    """Variances (N, 3) of the node errors."""
     K = system.solved(system.W)
     own = np.einsum("naa->na", np.linalg.inv(system.V))
     return np.asarray(own + np.einsum("nam,mk,nak->na", K, inverse, K, optimize=True))
-
-
-def _moved(state: AdjustmentState, step: Array, errors: Array) -> AdjustmentState:
-    """The state after a step of everything."""
-    p, q = len(state.camera.params), len(state.terms_mm)
-    changes = step[p + q : p + q + POSE * len(state.poses)].reshape(-1, POSE)
-    turns = Rotation.from_rotvec(changes[:, :3]).as_matrix()
-    poses = tuple(_turned(*one) for one in zip(state.poses, turns, changes[:, 3:], strict=True))
-    camera = state.camera.with_params(state.camera.params + step[:p])
-    return replace(
-        state, camera=camera, poses=poses, terms_mm=state.terms_mm + step[p : p + q], errors_mm=state.errors_mm + errors
-    )
 
 
 def moved_pose(pose: Pose, change: Array) -> Pose:
@@ -319,99 +385,8 @@ def _turned(pose: Pose, turn: Array, shift: Array) -> Pose:
     return Pose(np.asarray(turn @ pose.R), np.asarray(turn @ pose.t + shift))
 
 
-def residual(state: AdjustmentState, nodes: Array, view: ChartView, shape: ShapeModel, number: int) -> Array:
-    """Where a view's nodes are seen less where they are put, in standard deviations, (n, 2)."""
-    seen = state.camera.project(state.poses[number].apply(_shaped(state, nodes, view, shape)))
-    return np.asarray(np.einsum("nab,nb->na", view.whitening, view.points - seen))
-
-
-def _shaped(state: AdjustmentState, nodes: Array, view: ChartView, shape: ShapeModel) -> Array:
-    """The nodes (n, 3) of a view, where the chart really has them."""
-    return np.asarray(nodes[view.index] + _deviations(state, shape)[view.index])
-
-
-@lru_cache(maxsize=2)
-def _deviations(state: AdjustmentState, shape: ShapeModel) -> Array:
-    """Of the state, kept: all views ask for the same."""
-    return state.deviations_mm(shape)
-
-
-def assemble(
-    state: AdjustmentState,
-    nodes: Array,
-    views: Sequence[ChartView],
-    shape: ShapeModel,
-    extra: Sequence[Array] | None = None,
-) -> System:
-    """The normal equations of a state.
-
-    Parameters
-    ----------
-    extra : sequence of (n, 2, k), optional
-        Further unknowns that move the points of every view, in pixels.
-    """
-    residuals = [residual(state, nodes, view, shape, i) for i, view in enumerate(views)]
-    return _with_prior(_of_points(state, nodes, views, shape, residuals, extra), state, shape)
-
-
-def _of_points(
-    state: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel, residuals: Sequence[Array],
-    extra: Sequence[Array] | None = None,
-) -> System:  # fmt: skip
-    """The normal equations of residuals (n, 2) of every view's points, without what is known beforehand."""
-    p, q, poses = len(state.camera.params), len(shape.prior_mm), POSE * len(views)
-    k = extra[0].shape[-1] if extra else 0
-    N, M = len(nodes), p + q + poses + k + shape.similarity.shape[-1]
-    U, u, W = np.zeros((M, M)), np.zeros(M), np.zeros((N, 3, M))
-    V, v = np.zeros((N, 3, 3)), np.zeros((N, 3))
-    for i, (view, r) in enumerate(zip(views, residuals, strict=True)):
-        J, E = jacobian(state, nodes, view, shape, i)
-        if extra:
-            J = np.concatenate([J, extra[i]], axis=-1)
-        first = p + q + POSE * i
-        places = np.r_[: p + q, first : first + POSE, p + q + poses : p + q + poses + k]
-        add_view(J, E, r, view.whitening, view.index, places, V, v, W)
-        flat = J.reshape(-1, J.shape[-1])
-        U[np.ix_(places, places)] += flat.T @ flat
-        u[places] += flat.T @ r.ravel()
-    return System(U, u, V, v, W)
-
-
-def _with_prior(system: System, state: AdjustmentState, shape: ShapeModel) -> System:
-    """The system with what is known beforehand of the distortion and the chart's shape."""
-    U, u, V, v, W = system.U, system.u, system.V, system.v, system.W
-    precision = np.concatenate([state.camera.beforehand, shape.prior_mm]) ** -2.0
-    values, where = np.concatenate([state.camera.params, state.terms_mm]), np.arange(len(precision))
-    U[where, where] += precision
-    u[where] -= precision * values
-    if shape.node_mm.all():
-        V[:, range(3), range(3)] += shape.node_mm**-2.0
-        v -= state.errors_mm / shape.node_mm**2
-        W[..., -shape.similarity.shape[-1] :] = shape.similarity
-        u[-shape.similarity.shape[-1] :] = -np.einsum("nas,na->s", shape.similarity, state.errors_mm)
-    else:  # no errors of their own: neither they nor the multipliers are moved by anything
-        V[:], v[:], W[:] = np.eye(3), 0.0, 0.0
-        last = np.arange(len(U) - shape.similarity.shape[-1], len(U))
-        U[last, last] = 1.0
-    return System(U, u, V, v, W)
-
-
-def jacobian(
-    state: AdjustmentState, nodes: Array, view: ChartView, shape: ShapeModel, number: int
-) -> tuple[Array, Array]:
-    """Derivatives of a view's points: (n, 2, p + q + 6) of camera, shape's terms and pose; (n, 2, 3) of the nodes."""
-    pose = state.poses[number]
-    points = pose.apply(_shaped(state, nodes, view, shape))
-    by_points = state.camera.by_points(points)
-    by_nodes = by_points @ pose.R
-    by_terms = by_nodes @ shape.terms[view.index]
-    return np.concatenate([state.camera.by_params(points), by_terms, by_pose(by_points, points)], axis=-1), by_nodes
-
-
 def by_pose(by_points: Array, points: Array) -> Array:
-    """Derivative (n, 2, 6) with a pose's change, from that with the points (n, 3) of the camera's frame."""
-    x, y, z = points.T
-    zero = np.zeros_like(x)
+    """Derivative (n, 2, 6) by a change of pose, from that by the points (n, 3) in the camera's frame."""
     # a turn by w moves X by w x X = -[X] w
-    cross = np.stack([np.stack([zero, z, -y], -1), np.stack([-z, zero, x], -1), np.stack([y, -x, zero], -1)], axis=-2)
+    cross = np.cross(np.eye(3), points[:, None, :]).swapaxes(-1, -2)
     return np.concatenate([by_points @ cross, by_points], axis=-1)

@@ -1,7 +1,6 @@
-"""Camera models: where points before the camera are seen, and how that changes; the formulas are COLMAP's.
+"""Camera models by COLMAP's formulas: projection, rays, and derivatives.
 
-COLMAP has its pixel centres at 0.5, this project at integers. The numbers of a `Camera` are this project's; the half
-pixel is added at the one place where they are handed to pycolmap.
+COLMAP has pixel centres at 0.5, this project at integers. The half pixel is added where parameters pass to pycolmap.
 """
 
 from __future__ import annotations
@@ -19,39 +18,39 @@ from procedures.outcome import BadParameter
 Array = npt.NDArray[np.float64]
 
 MODELS = ("SIMPLE_RADIAL", "OPENCV", "FULL_OPENCV", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")
-"""Models that are tried, the poorest first."""
+"""Models to choose from, the simplest first."""
 OTHER_MODELS = ("PINHOLE", "OPENCV_FISHEYE")
-"""Models that are taken where they are asked for, and written into files."""
+"""Further models, used on request and in exports."""
 COLMAP_CENTRE = 0.5
 CENTRE = ("cx", "cy")
 PIXELS = ("f", "fx", "fy", *CENTRE)
-"""Parameters in pixels; the others are plain numbers."""
-PLAIN = 1.0
-"""Standard deviation beforehand of a distortion's numbers. Views tell them far better, but for a quotient of two
-polynomials that are nearly the same (FULL_OPENCV), where only this keeps both from running away together."""
+"""Parameters in pixels; the others are dimensionless."""
+PRIOR = 1.0
+"""Prior standard deviation of distortion coefficients. It matters only where views hardly determine them: in a quotient
+of two nearly equal polynomials (FULL_OPENCV) it keeps both from diverging."""
 SPLINE = "+SPLINE_"
 NESTED = (
     {"PINHOLE": 0, "SIMPLE_RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 3},
     {"OPENCV_FISHEYE": 0, "THIN_PRISM_FISHEYE": 1},
 )
-"""Families of models in which each draws all that the poorer ones draw, parameters of one name meaning the same."""
-FEWEST = 4
-"""Control points of a cubic B-spline along a side."""
+"""Families of models that contain the simpler ones; parameters of the same name have the same meaning."""
+FEWEST_CONTROLS = 4
+"""Control points of a cubic B-spline along a side, at least."""
 STEP_PX, STEP, STEP_SHARE = 1e-2, 1e-6, 1e-5
-"""Of central differences: parameters in pixels, plain ones, and a point over its distance. The formulas are smooth and
-computed in double precision: both errors stay below 1e-6 of the derivative."""
+"""Steps of central differences: for parameters in pixels, dimensionless ones, and points relative to their distance.
+The formulas are smooth and in double precision: the error stays below 1e-6 of the derivative."""
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera model with its numbers.
+    """A camera model with its parameters.
 
     Attributes
     ----------
     model : str
-        A name of COLMAP's camera models.
+        Name of the COLMAP model.
     params : (p,) float64
-        In COLMAP's order, `names`; the principal point is in pixels whose centres lie at integers.
+        In COLMAP's order, see `names`; the principal point with pixel centres at integers.
     columns, rows : int
         Size of the frame.
     """
@@ -63,18 +62,18 @@ class Camera:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What the parameters are called."""
+        """Names of the parameters."""
         return parameter_names(self.model)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Of the parameters: "pixel" or "1"."""
+        """Units of the parameters: "pixel" or "1"."""
         return tuple("pixel" if name in PIXELS or name.startswith("spline") else "1" for name in self.names)
 
     @property
-    def beforehand(self) -> Array:
-        """Standard deviations (p,) of the parameters before anything is seen; they are then expected at 0."""
-        return np.array([np.inf if unit == "pixel" else PLAIN for unit in self.units])
+    def prior(self) -> Array:
+        """Prior standard deviations (p,) of the parameters about 0."""
+        return np.array([np.inf if unit == "pixel" else PRIOR for unit in self.units])
 
     @property
     def focal_px(self) -> tuple[float, float]:
@@ -91,41 +90,41 @@ class Camera:
         return float(self.params[self.names.index(name)])
 
     def with_params(self, params: Array) -> Camera:
-        """The same model with other numbers."""
+        """The same model with other parameters."""
         return replace(self, params=np.asarray(params, dtype=np.float64))
 
     def colmap(self) -> pycolmap.Camera:
-        """The same for pycolmap, its pixel centres at 0.5."""
+        """The camera for pycolmap, with pixel centres at 0.5."""
         params = self.params + COLMAP_CENTRE * _is_centre(self.model)
         return pycolmap.Camera(model=self.model, width=self.columns, height=self.rows, params=params)
 
     @cached_property
-    def _theirs(self) -> pycolmap.Camera:
-        """The same, kept: to be read alone."""
+    def _colmap(self) -> pycolmap.Camera:
+        """Cached camera for pycolmap; not to be modified."""
         return self.colmap()
 
     @classmethod
     def from_colmap(cls, camera: pycolmap.Camera) -> Camera:
-        """The camera of one of pycolmap's."""
+        """The camera from one of pycolmap."""
         model = camera.model.name
         params = np.array(camera.params, dtype=np.float64) - COLMAP_CENTRE * _is_centre(model)
         return cls(model, params, camera.width, camera.height)
 
     def project(self, points: Array) -> Array:
-        """Where points (n, 3) of the camera's frame (x right, y down, z away) are seen, (n, 2); NaN behind it."""
-        return _projected(self._theirs, np.ascontiguousarray(points))
+        """Pixels (n, 2) of points (n, 3) in the camera's frame (x right, y down, z away); NaN behind it."""
+        return _projected(self._colmap, np.ascontiguousarray(points))
 
     def rays(self, pixels: Array) -> Array:
-        """Directions (x, y, 1) in which pixels (n, 2) look, (n, 3); NaN where the model has none."""
-        flat = self._theirs.cam_from_img(np.ascontiguousarray(pixels + COLMAP_CENTRE))
+        """Directions (x, y, 1) of pixels (n, 2), (n, 3); NaN where the model has none."""
+        flat = self._colmap.cam_from_img(np.ascontiguousarray(pixels + COLMAP_CENTRE))
         return np.column_stack([np.asarray(flat, dtype=np.float64)[:, :2], np.ones(len(pixels))])
 
     def by_params(self, points: Array) -> Array:
-        """Derivative (n, 2, p) of where points (n, 3) are seen with respect to the parameters."""
+        """Derivative (n, 2, p) of the projection of points (n, 3) by the parameters."""
         theirs, points, columns = self.colmap(), np.ascontiguousarray(points), []
         params = np.array(theirs.params)
         for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            if name in CENTRE:  # it moves every point as far as it is moved
+            if name in CENTRE:  # all points move with it
                 columns.append(np.tile([float(name == one) for one in CENTRE], (len(points), 1)))
                 continue
             step = np.zeros(len(params))
@@ -137,9 +136,9 @@ class Camera:
         return np.stack(columns, axis=-1)
 
     def by_points(self, points: Array) -> Array:
-        """Derivative (n, 2, 3) of where points (n, 3) are seen with respect to their place."""
+        """Derivative (n, 2, 3) of the projection of points (n, 3) by the points."""
         step = STEP_SHARE * np.linalg.norm(points, axis=1)
-        theirs, columns = self._theirs, []
+        theirs, columns = self._colmap, []
         for axis in np.eye(3):
             move = step[:, None] * axis
             change = _projected(theirs, points + move) - _projected(theirs, points - move)
@@ -147,7 +146,7 @@ class Camera:
         return np.stack(columns, axis=-1)
 
     def frame_grid(self, columns: int, rows: int) -> Array:
-        """Places (columns * rows, 2) spread evenly over the frame, row by row, rims included."""
+        """Regular grid (columns * rows, 2) over the frame, row by row, including its edges."""
         x, y = np.meshgrid(np.linspace(0, self.columns - 1, columns), np.linspace(0, self.rows - 1, rows))
         return np.column_stack([x.ravel(), y.ravel()])
 
@@ -173,7 +172,7 @@ def simple_camera(
 
 
 def enriched(camera: Camera, model: str) -> Camera | None:
-    """The same camera by a model that can draw all that its own can, or None where the model is no such one."""
+    """The same camera as a model that contains its own; None where the model does not."""
     if not any(camera.model in family and family[camera.model] <= family.get(model, -1) for family in NESTED):
         return None
     (fx, fy), known = camera.focal_px, dict(zip(camera.names, camera.params.tolist(), strict=True))
@@ -185,13 +184,13 @@ def enriched(camera: Camera, model: str) -> Camera | None:
 
 
 def _projected(theirs: pycolmap.Camera, points: Array) -> Array:
-    """Where pycolmap's camera sees points (n, 3), in this project's pixels, (n, 2)."""
+    """Projection (n, 2) of points (n, 3) by pycolmap's camera, with pixel centres at integers."""
     return np.asarray(theirs.img_from_cam(points), dtype=np.float64) - COLMAP_CENTRE
 
 
 @cache
 def parameter_names(model: str) -> tuple[str, ...]:
-    """The parameters of a model; raises BadParameter where there is no such model."""
+    """Names of a model's parameters. Raises BadParameter where there is no such model."""
     base, (nx, ny) = split_model(model)
     names = tuple(pycolmap.Camera.create_from_model_name(0, base, 1.0, 1, 1).params_info.split(", "))
     return names + tuple(f"spline_{axis}_{i}_{j}" for j in range(ny) for i in range(nx) for axis in "xy")
@@ -199,7 +198,7 @@ def parameter_names(model: str) -> tuple[str, ...]:
 
 @cache
 def split_model(model: str) -> tuple[str, tuple[int, int]]:
-    """The formula of a model, and how many control points a spline over it has along x and y: (0, 0) without.
+    """The formula of a model, and the control points of its spline along x and y: (0, 0) without one.
 
     Raises
     ------
@@ -207,12 +206,12 @@ def split_model(model: str) -> tuple[str, tuple[int, int]]:
         If there is no such model.
     """
     base, spline, grid = model.partition(SPLINE)
-    told = re.fullmatch("([0-9]{1,2})X([0-9]{1,2})", grid)
-    nx, ny = (int(told[1]), int(told[2])) if told else (0, 0)
-    if base not in (*MODELS, *OTHER_MODELS) or (spline and min(nx, ny) < FEWEST):
+    counts = re.fullmatch("([0-9]{1,2})X([0-9]{1,2})", grid)
+    nx, ny = (int(counts[1]), int(counts[2])) if counts else (0, 0)
+    if base not in (*MODELS, *OTHER_MODELS) or (spline and min(nx, ny) < FEWEST_CONTROLS):
         known = ", ".join((*MODELS, *OTHER_MODELS))
         raise BadParameter(
-            f"there is no camera model {model!r}", f"name one of {known}, or one with {SPLINE}12X9 behind it"
+            f"there is no camera model {model!r}", f"name one of {known}, or append a spline: {SPLINE}12X9"
         )
     return base, (nx, ny)
 
@@ -224,6 +223,6 @@ def _is_centre(model: str) -> Array:
 
 
 def distortion(camera: Camera, pixels: Array) -> Array:
-    """How far places of the frame (n, 2) lie from where a pinhole of the same focal length has them, in pixels."""
+    """Displacement (n, 2), in pixels, at places (n, 2) of the frame, relative to a pinhole of the same focal length."""
     pinhole = camera.rays(pixels)[:, :2] * camera.focal_px + camera.centre
     return np.asarray(pixels - pinhole)

@@ -1,8 +1,8 @@
-"""Which camera model: the one that foretells views that it was not fitted to.
+"""Choice of the camera model by cross-validation.
 
-The views are dealt out into two halves. A model is fitted to one half, the chart's shape with it; of each view of the
-other half only the pose is fitted, six numbers for hundreds of points, and what is left over is counted. A model that
-is too poor cannot draw the other views; one that is too rich has followed its own views' noise.
+The views are divided into two halves. A model is fitted to one half, together with the shape of the chart; for each
+view of the other half only the pose is fitted, six parameters for several hundred points, and the residual is counted.
+A model that is too simple cannot describe the other views; one that is too flexible has fitted the noise of its own.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from procedures.geometry.adjustment import (
     POSE,
     Adjustment,
+    AdjustmentProblem,
     AdjustmentState,
     NotConverged,
     adjust,
@@ -24,7 +25,6 @@ from procedures.geometry.adjustment import (
 )
 from procedures.geometry.bundle import adjust_flat, first_bundle
 from procedures.geometry.cameras import Camera, enriched, parameter_names, simple_camera, split_model
-from procedures.geometry.shape import ShapeModel
 from procedures.geometry.spline_camera import SplineCamera, spline_models
 from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import Refused
@@ -32,30 +32,30 @@ from procedures.outcome import Refused
 Array = npt.NDArray[np.float64]
 
 LEAST_VIEWS = 6
-"""Of which half can be left out."""
-AS_GOOD = 0.005
-"""A simpler model is taken where it leaves no more than this above the best: 0.07 standard deviations of a point; or
-no more than one standard error of the difference, over the views."""
-FIRST, POOREST = "OPENCV", "SIMPLE_RADIAL"
-"""The model of `first_state`; of a long lens, whose narrow frame does not tell the first from a turn."""
+"""Number of views required for cross-validation."""
+EQUIVALENCE = 0.005
+"""A simpler model is preferred where its residual exceeds that of the best by no more than this fraction (0.07 standard
+deviations of a point), or by no more than one standard error of the difference over the views."""
+FIRST, SIMPLEST = "OPENCV", "SIMPLE_RADIAL"
+"""The model of `first_state`; that for a long lens, whose narrow frame does not separate the first from a rotation."""
 BASES = ("OPENCV", "THIN_PRISM_FISHEYE")
-"""Formulas that splines are laid over, for narrow and for wide lenses: rich enough to leave them pixels, no more."""
-POSE_STEPS, POSE_STILL = 20, 1e-3
+"""Formulas under splines, for narrow and for wide lenses: accurate to within some pixels."""
+MAX_POSE_ITERATIONS, POSE_TOLERANCE = 20, 1e-3
 
 
 @dataclass(frozen=True)
 class ModelTrial:
-    """A model that was tried.
+    """A model that was compared.
 
     Attributes
     ----------
-    model : str
     parameters : int
+        Number of parameters.
     left_over : float
-        Mean square of what it leaves in views that it was not fitted to, in units of the points' covariances; inf where
+        Mean square residual in views to which it was not fitted, in units of the covariances of the points; inf where
         it could not be fitted, nan where there were too few views.
     converged : bool
-        Whether its adjustment reached the minimum; where not, nothing is known of the model.
+        Whether its adjustment converged; if not, nothing is known about the model.
     """
 
     model: str
@@ -64,41 +64,37 @@ class ModelTrial:
     converged: bool = True
 
 
-def first_state(nodes: Array, views: Sequence[ChartView], size: tuple[int, int], shape: ShapeModel) -> AdjustmentState:
-    """Camera, poses and the chart's shape by a model of few numbers: where every other begins."""
-    bundle = first_bundle(nodes, views, size)
-    start = AdjustmentState(bundle.camera, bundle.poses, np.zeros(len(shape.prior_mm)), np.zeros_like(nodes))
+def first_state(problem: AdjustmentProblem, size: tuple[int, int]) -> AdjustmentState:
+    """State of a simple model, from which the others start."""
+    bundle = first_bundle(problem.nodes, problem.views, size)
+    start = problem.flat_state(bundle.camera, bundle.poses)
     try:
-        return fit_model(FIRST, start, nodes, views, shape).state
+        return fit_model(FIRST, start, problem).state
     except Refused:
-        return fit_model(POOREST, start, nodes, views, shape).state
+        return fit_model(SIMPLEST, start, problem).state
 
 
-def fit_model(
-    model: str, start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
-) -> Adjustment:
-    """A model fitted to views, the chart's shape with it.
+def fit_model(model: str, start: AdjustmentState, problem: AdjustmentProblem) -> Adjustment:
+    """A model fitted to views, together with the shape of the chart.
 
-    The adjustment begins with the state's own camera where the model draws all that this can, else with what pycolmap
-    finds for a chart of the state's shape. A spline begins where its formula alone ends.
+    The adjustment starts from the state's camera where the model contains that of the state, else from pycolmap's
+    result for a chart of the state's shape. A spline starts from the result of its formula.
     """
     base, grid = split_model(model)
     if any(grid):
-        formula = fit_model(base, start, nodes, views, shape).state
-        return adjust(replace(formula, camera=SplineCamera.over(formula.camera, model)), nodes, views, shape)
+        formula = fit_model(base, start, problem).state
+        return adjust(replace(formula, camera=SplineCamera.over(formula.camera, model)), problem)
     camera = start.camera.base if isinstance(start.camera, SplineCamera) else start.camera
     known = enriched(camera, model)
     if known is not None:
-        return adjust(replace(start, camera=known), nodes, views, shape)
+        return adjust(replace(start, camera=known), problem)
     plain = simple_camera(model, camera.focal_px, camera.centre, (camera.columns, camera.rows))
-    bundle = adjust_flat(plain, start.poses, nodes + start.deviations_mm(shape), views)
-    return adjust(replace(start, camera=bundle.camera, poses=bundle.poses), nodes, views, shape)
+    bundle = adjust_flat(plain, start.poses, problem.nodes + start.deviations_mm(problem.shape), problem.views)
+    return adjust(replace(start, camera=bundle.camera, poses=bundle.poses), problem)
 
 
-def choose_model(
-    models: Sequence[str], start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel
-) -> tuple[ModelTrial, ...]:
-    """What was tried, the chosen one first.
+def choose_model(models: Sequence[str], start: AdjustmentState, problem: AdjustmentProblem) -> tuple[ModelTrial, ...]:
+    """The compared models, the chosen one first.
 
     Parameters
     ----------
@@ -107,89 +103,84 @@ def choose_model(
     start : AdjustmentState
         Of all views.
     """
+    views = problem.views
     if len(views) < LEAST_VIEWS or len(models) == 1:
         unknown = [ModelTrial(model, len(parameter_names(model)), float("nan")) for model in models]
         first = next((one for one in unknown if one.model == FIRST), unknown[0])
         return (first, *(one for one in unknown if one is not first))
-    compared = _Comparison(start, nodes, views, shape)
-    left = {model: compared.left_over(model) for model in models}
+    comparison = _CrossValidation(start, problem)
+    residuals = {model: comparison.residuals(model) for model in models}
     freedom = np.array([2 * len(view) - POSE for view in views], dtype=np.float64)
     trials = [
-        ModelTrial(model, len(parameter_names(model)), float(one.sum() / freedom.sum()), model not in compared.failed)
-        for model, one in left.items()
+        ModelTrial(model, len(parameter_names(model)), float(one.sum() / freedom.sum()), model not in comparison.failed)
+        for model, one in residuals.items()
     ]
     best = min(trials, key=lambda trial: trial.left_over)
-    chosen = next(one for one in trials if one is best or _as_good(left[one.model], left[best.model], freedom))
+    chosen = next(
+        one for one in trials if one is best or _equivalent(residuals[one.model], residuals[best.model], freedom)
+    )
     return (chosen, *sorted((trial for trial in trials if trial is not chosen), key=lambda trial: trial.left_over))
 
 
 def with_splines(
-    trials: tuple[ModelTrial, ...], size: tuple[int, int], start: AdjustmentState, nodes: Array,
-    views: Sequence[ChartView], shape: ShapeModel,
-) -> tuple[ModelTrial, ...]:  # fmt: skip
-    """The trials once more with splines, over the formula that lies nearest to the lens, the chosen of all first."""
-    base = min(BASES, key=lambda model: _residual(model, start, nodes, views, shape))
-    best = trials[0].model
-    first, *others = choose_model((best, *spline_models(base, *size)), start, nodes, views, shape)
+    trials: tuple[ModelTrial, ...], size: tuple[int, int], start: AdjustmentState, problem: AdjustmentProblem
+) -> tuple[ModelTrial, ...]:
+    """The trials with splines over the formula that fits the lens best, the chosen model first."""
+    base = min(BASES, key=lambda model: _scale(model, start, problem))
+    first, *others = choose_model((trials[0].model, *spline_models(base, *size)), start, problem)
     return (first, *sorted([*others, *trials[1:]], key=lambda trial: trial.left_over))
 
 
-def _residual(model: str, start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> float:
-    """Of a model fitted to all views, in units of the points' covariances; inf where it cannot be."""
+def _scale(model: str, start: AdjustmentState, problem: AdjustmentProblem) -> float:
+    """Residual of a model fitted to all views; inf where the fit fails."""
     try:
-        return fit_model(model, start, nodes, views, shape).scale
+        return fit_model(model, start, problem).scale
     except Refused:
         return float("inf")
 
 
-def _as_good(one: Array, best: Array, freedom: Array) -> bool:
-    """Whether what a model leaves of every view is about what the best one leaves."""
+def _equivalent(one: Array, best: Array, freedom: Array) -> bool:
+    """Whether the residuals of a model in every view are about those of the best one."""
     if not np.isfinite(one).all():
         return False
     excess = (one - best) / freedom.mean()
     error = float(np.std(excess, ddof=1) / np.sqrt(len(excess)))
-    return float(excess.mean()) <= max(AS_GOOD * float(best.sum() / freedom.sum()), error)
+    return float(excess.mean()) <= max(EQUIVALENCE * float(best.sum() / freedom.sum()), error)
 
 
-class _Comparison:
-    """Models fitted to halves of the views one after the other, the poorest first.
+class _CrossValidation:
+    """Models fitted to halves of the views in turn, the simplest first; `failed` did not converge."""
 
-    Attributes
-    ----------
-    failed : set of str
-        Models whose adjustment did not converge.
-    """
-
-    def __init__(self, start: AdjustmentState, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> None:
-        self.start, self.nodes, self.views, self.shape = start, nodes, views, shape
+    def __init__(self, start: AdjustmentState, problem: AdjustmentProblem) -> None:
+        self.start, self.problem = start, problem
         self.failed: set[str] = set()
-        self._halves = [range(half, len(views), 2) for half in (0, 1)]
+        self._halves = [range(half, len(problem.views), 2) for half in (0, 1)]
         self._ends: dict[range, AdjustmentState] = {}
 
-    def left_over(self, model: str) -> Array:
-        """What a model leaves of every view when it was fitted to the other half, in units of the covariances."""
-        left = np.full(len(self.views), np.inf)
+    def residuals(self, model: str) -> Array:
+        """Sum of squares in every view of a model fitted to the other half, in units of the covariances."""
+        problem, squares = self.problem, np.full(len(self.problem.views), np.inf)
         try:
             ends = [self._fitted(model, half) for half in self._halves]
         except NotConverged:
             self.failed.add(model)
-            return left
+            return squares
         except Refused:
-            return left
+            return squares
         self._ends = dict(zip(self._halves, ends, strict=True))
         for end, others in zip(ends, reversed(self._halves), strict=True):
             for i in others:
-                shaped = self.nodes + end.deviations_mm(self.shape)
-                r = fit_pose(end.camera, self.start.poses[i], shaped, self.views[i])[1]
-                left[i] = np.sum(r**2) if np.isfinite(r).all() else np.inf
-        return left
+                shaped = problem.nodes + end.deviations_mm(problem.shape)
+                r = fit_pose(end.camera, self.start.poses[i], shaped, problem.views[i])[1]
+                squares[i] = np.sum(r**2) if np.isfinite(r).all() else np.inf
+        return squares
 
     def _fitted(self, model: str, half: range) -> AdjustmentState:
-        """The state of half of the views, from the first of several starts from which the adjustment converges."""
-        views = [self.views[i] for i in half]
+        """State for half of the views, from the first of several starts that converges."""
+        problem = replace(self.problem, views=[self.problem.views[i] for i in half])
         for start in self._starts(model, half):
             try:
-                return fit_model(model, start, self.nodes, views, self.shape).state
+                return fit_model(model, start, problem).state
             except NotConverged as error:
                 failure = error
         raise failure
@@ -197,26 +188,25 @@ class _Comparison:
     def _starts(self, model: str, half: range) -> Iterator[AdjustmentState]:
         if half in self._ends:
             yield self._ends[half]
-        yield _part(self.start, half)
-        yield _part(fit_model(model, self.start, self.nodes, self.views, self.shape).state, half)
+        yield _subset(self.start, half)
+        yield _subset(fit_model(model, self.start, self.problem).state, half)
 
 
-def _part(state: AdjustmentState, views: range) -> AdjustmentState:
-    """The state of some of the views."""
+def _subset(state: AdjustmentState, views: range) -> AdjustmentState:
     return replace(state, poses=tuple(state.poses[i] for i in views))
 
 
 def fit_pose(camera: Camera, pose: Pose, nodes: Array, view: ChartView) -> tuple[Pose, Array]:
-    """The pose of a chart of known shape from one near it, and what it leaves over in standard deviations, (n, 2)."""
+    """Pose of a chart of known shape from a nearby one, and the residuals in standard deviations, (n, 2)."""
     whitening = view.whitening
-    for _ in range(POSE_STEPS):
+    for _ in range(MAX_POSE_ITERATIONS):
         points = pose.apply(nodes[view.index])
         r = np.einsum("nab,nb->na", whitening, view.points - camera.project(points))
         J = (whitening @ by_pose(camera.by_points(points), points)).reshape(-1, POSE)
-        if not (np.isfinite(r).all() and np.isfinite(J).all()):  # a camera that does not see the chart so
+        if not (np.isfinite(r).all() and np.isfinite(J).all()):  # the chart is outside the field of view
             return pose, np.full_like(r, np.inf)
         step = np.linalg.lstsq(J, r.ravel(), rcond=None)[0]
-        if np.linalg.norm(J @ step) < POSE_STILL:
+        if np.linalg.norm(J @ step) < POSE_TOLERANCE:
             break
         pose = moved_pose(pose, step)
     return pose, r

@@ -1,12 +1,14 @@
-"""The same camera in the numbers of other models: exact where the formulas are the same, fitted where they are not.
+"""Conversion of a camera to other models: exact for the same formula, fitted otherwise.
 
-What a model cannot hold is told in pixels, over the part of the frame that the charts covered.
+The residual of a fit is given in pixels over the part of the frame that the charts covered.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
@@ -18,15 +20,22 @@ from procedures.outcome import BadParameter
 Array = npt.NDArray[np.float64]
 
 OPENCV_COUNTS = (4, 5, 8, 12)
-"""Numbers of distortion coefficients that OpenCV's formula takes."""
-SAME = {"PINHOLE": 4, "SIMPLE_RADIAL": 4, "OPENCV": 4, "FULL_OPENCV": 8}
-"""COLMAP's models that are OpenCV's formula, and with how many coefficients."""
+"""Numbers of distortion coefficients supported by OpenCV's formula."""
+SAME_FORMULA = {"PINHOLE": 4, "SIMPLE_RADIAL": 4, "OPENCV": 4, "FULL_OPENCV": 8}
+"""COLMAP's models with OpenCV's formula, and their numbers of coefficients."""
 GRID = (49, 33)
+RADIAL_FORMULAS: dict[str, tuple[tuple[int, ...], int]] = {
+    "poly3": ((2,), 1),
+    "poly5": ((2, 4), 0),
+    "ptlens": ((3, 2, 1), 1),
+    "even": ((2, 4, 6), 0),
+}
+"""The factor 1 + sum k (r^n - c) of the undistorted radius: the powers n, and c. lensfun's three, and a DNG's warp."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """What is lost by a conversion, in pixels: root mean square and largest distance over the covered frame."""
+    """Error of a conversion over the covered frame, in pixels: root mean square and largest distance."""
 
     rms_px: float
     max_px: float
@@ -34,15 +43,15 @@ class Difference:
 
 @dataclass(frozen=True, eq=False)
 class OpenCvCamera:
-    """A camera as OpenCV has it, pixel centres at integers.
+    """A camera as OpenCV defines it, with pixel centres at integers.
 
     Attributes
     ----------
     focal_px, centre : (x, y)
     distortion : (4,), (5,), (8,) or (12,) float64
-        k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, as far as they go.
+        The first of k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4.
     difference : Difference
-        From the camera that was measured.
+        From the measured camera.
     """
 
     focal_px: tuple[float, float]
@@ -51,24 +60,49 @@ class OpenCvCamera:
     difference: Difference
 
     def project(self, rays: Array) -> Array:
-        """Where rays (n, 3) are seen, (n, 2)."""
-        return opencv_projection(np.array([*self.focal_px, *self.centre, *self.distortion]), rays)
+        """Pixels (n, 2) of rays (n, 3)."""
+        return _opencv_projection(np.array([*self.focal_px, *self.centre, *self.distortion]), rays)
 
 
-def opencv_projection(params: Array, rays: Array) -> Array:
-    """OpenCV's formula: pixels (n, 2) of rays (n, 3), by fx, fy, cx, cy and the coefficients that follow.
+@dataclass(frozen=True, eq=False)
+class RadialCamera:
+    """A camera with radial distortion: a factor of the undistorted radius, as in lensfun and in a DNG's warp.
 
-    References
+    The focal length of its pinhole may differ from that of the camera, which such files do not define.
+
+    Attributes
     ----------
-    OpenCV documentation, module calib3d, "Detailed description".
+    formula : str
+        One of RADIAL_FORMULAS.
+    focal_px : float
+        Of the undistorted pinhole.
+    centre : (x, y)
+        Of projection and distortion, in pixels.
+    unit_px : float
+        Unit of the radius.
+    coefficients : (n,) float64
+    tangential : (2,) float64
+        Decentring p1 (along y) and p2 (along x); 0 where the format has none.
+    difference : Difference
+        From the measured camera.
     """
-    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = np.pad(params[4:], (0, 16 - len(params)))
-    x, y = rays[:, 0] / rays[:, 2], rays[:, 1] / rays[:, 2]
-    r2 = x * x + y * y
-    radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2)
-    v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4)
-    return np.column_stack([params[0] * u + params[2], params[1] * v + params[3]])
+
+    formula: str
+    focal_px: float
+    centre: tuple[float, float]
+    unit_px: float
+    coefficients: Array
+    tangential: Array
+    difference: Difference
+
+    def distort(self, points: Array) -> Array:
+        """Positions (n, 2) in the photograph of points (n, 2) of the corrected picture."""
+        params = np.array([*self.centre, *self.tangential, *self.coefficients])
+        return _distorted((points - self.centre) / self.unit_px, params, self.formula, self.unit_px)
+
+    def project(self, rays: Array) -> Array:
+        """Pixels (n, 2) of rays (n, 3)."""
+        return self.distort(self.focal_px * rays[:, :2] / rays[:, 2:] + self.centre)
 
 
 def as_opencv(camera: Camera, region: Array, count: int) -> OpenCvCamera:
@@ -77,63 +111,109 @@ def as_opencv(camera: Camera, region: Array, count: int) -> OpenCvCamera:
     Parameters
     ----------
     region : (m, 2) float64
-        Outline of the part of the frame where it is to be the same camera.
+        Outline of the part of the frame in which the cameras shall agree.
 
     Raises
     ------
     BadParameter
-        If OpenCV has no formula of so many coefficients.
+        If OpenCV has no formula with so many coefficients.
     """
     if count not in OPENCV_COUNTS:
         raise BadParameter(f"OpenCV's distortion has {OPENCV_COUNTS} coefficients, not {count}", "give one of these")
-    pixels, rays = covered(camera, region)
-    if SAME.get(camera.model, 99) <= count:
-        params = _same(camera, count)
+    pixels, rays = _covered(camera, region)
+    params = np.zeros(4 + count)
+    params[:4] = [*camera.focal_px, *camera.centre]
+    if SAME_FORMULA.get(camera.model, 99) <= count:
+        known = dict(zip(camera.names, camera.params, strict=True))
+        known.setdefault("k1", known.get("k", 0.0))
+        for place, name in enumerate(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")[:count], 4):
+            params[place] = known.get(name, 0.0)
     else:
-        start = np.zeros(4 + count)
-        start[:4] = [*camera.focal_px, *camera.centre]
         scale = np.concatenate([np.full(4, camera.focal_px[0]), np.full(count, 0.1)])
-        fit = least_squares(
-            lambda p: (opencv_projection(p, rays) - pixels).ravel(), start, x_scale=scale, xtol=1e-14, ftol=1e-14
-        )
-        params = np.asarray(fit.x)
-    difference = difference_of(opencv_projection(params, rays) - pixels)
+        params = _fit(lambda p: _opencv_projection(p, rays), params, scale, pixels)
+    difference = _difference(_opencv_projection(params, rays) - pixels)
     return OpenCvCamera((params[0], params[1]), (params[2], params[3]), params[4:], difference)
 
 
 def as_model(camera: Camera, region: Array, model: str) -> tuple[Camera, Difference]:
-    """The camera by the formula of another of COLMAP's models, and what that loses.
+    """The camera by another of COLMAP's models, and the error.
 
     Raises
     ------
     BadParameter
         If there is no such model.
     """
-    pixels, rays = covered(camera, region)
+    pixels, rays = _covered(camera, region)
     start = simple_camera(model, camera.focal_px, camera.centre, (camera.columns, camera.rows))
     scale = np.array([camera.focal_px[0] if unit == "pixel" else 0.1 for unit in start.units])
-    fit = least_squares(
-        lambda p: (start.with_params(p).project(rays) - pixels).ravel(), start.params, x_scale=scale, xtol=1e-14,
-        ftol=1e-14,
-    )  # fmt: skip
-    found = start.with_params(fit.x)
-    return found, difference_of(found.project(rays) - pixels)
+    fit = start.with_params(_fit(lambda p: start.with_params(p).project(rays), start.params, scale, pixels))
+    return fit, _difference(fit.project(rays) - pixels)
 
 
-def _same(camera: Camera, count: int) -> Array:
-    """The numbers of a camera whose formula is OpenCV's."""
-    known = dict(zip(camera.names, camera.params, strict=True))
-    known.setdefault("k1", known.get("k", 0.0))
-    order = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-    params = np.zeros(4 + count)
-    params[:4] = [*camera.focal_px, *camera.centre]
-    for place, name in enumerate(order[:count], 4):
-        params[place] = known.get(name, 0.0)
-    return params
+def as_radial(camera: Camera, region: Array, formula: str, unit_px: float, *, decentring: bool = False) -> RadialCamera:
+    """The camera by a radial formula, with fitted focal length and centre.
+
+    Parameters
+    ----------
+    region : (m, 2) float64
+        Outline of the part of the frame in which the cameras shall agree.
+    decentring : bool
+        Whether the format has p1 and p2, too.
+
+    Raises
+    ------
+    BadParameter
+        If there is no such formula.
+    """
+    if formula not in RADIAL_FORMULAS:
+        known = ", ".join(RADIAL_FORMULAS)
+        raise BadParameter(f"a radial distortion is one of {known}, not {formula!r}", "name one of them")
+    pixels, rays = _covered(camera, region)
+    flat = rays[:, :2] / rays[:, 2:]
+    focal = float(np.mean(camera.focal_px))
+    start = np.concatenate([[focal, *camera.centre], np.zeros(2 * decentring + len(RADIAL_FORMULAS[formula][0]))])
+    scale = np.concatenate([[focal, unit_px, unit_px], np.full(len(start) - 3, 0.1)])
+
+    def complete(p: Array) -> Array:
+        return p if decentring else np.insert(p, 3, [0.0, 0.0])
+
+    def project(p: Array) -> Array:
+        return _distorted(flat * p[0] / unit_px, complete(p)[1:], formula, unit_px)
+
+    fit = _fit(project, start, scale, pixels)
+    p, difference = complete(fit), _difference(project(fit) - pixels)
+    return RadialCamera(formula, float(p[0]), (float(p[1]), float(p[2])), unit_px, p[5:], p[3:5], difference)
 
 
-def covered(camera: Camera, region: Array) -> tuple[Array, Array]:
-    """Places of the frame inside an outline, and their rays."""
+def _fit(project: Callable[[Array], Array], start: Array, scale: Array, pixels: Array) -> Array:
+    """Parameters whose projection is nearest to the pixels."""
+    fit = least_squares(lambda p: (project(p) - pixels).ravel(), start, x_scale=scale, xtol=1e-14, ftol=1e-14)
+    return np.asarray(fit.x)
+
+
+def _opencv_projection(params: Array, rays: Array) -> Array:
+    """Pixels (n, 2) of rays (n, 3) by OpenCV, from fx, fy, cx, cy and the coefficients."""
+    K = np.array([[params[0], 0, params[2]], [0, params[1], params[3]], [0, 0, 1.0]])
+    points = np.ascontiguousarray(rays)[:, None]
+    pixels = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, params[4:])[0]
+    return np.asarray(pixels[:, 0], dtype=np.float64)
+
+
+def _distorted(u: Array, params: Array, formula: str, unit_px: float) -> Array:
+    """Pixels of undistorted positions u (n, 2); params are cx, cy, p1, p2 and the coefficients."""
+    (cx, cy, p1, p2), k = params[:4], params[4:]
+    powers, offset = RADIAL_FORMULAS[formula]
+    r = np.linalg.norm(u, axis=1)
+    factor = 1 + (r[:, None] ** np.array(powers) - offset) @ k
+    x, y = u.T
+    tangential = np.column_stack([
+        p2 * (r**2 + 2 * x**2) + 2 * p1 * x * y, p1 * (r**2 + 2 * y**2) + 2 * p2 * x * y
+    ])  # fmt: skip
+    return np.asarray((u * factor[:, None] + tangential) * unit_px + [cx, cy])
+
+
+def _covered(camera: Camera, region: Array) -> tuple[Array, Array]:
+    """Grid of pixels within an outline, and their rays."""
     pixels = camera.frame_grid(*GRID)
     pixels = pixels[enclosed(region, pixels)]
     rays = camera.rays(pixels)
@@ -141,7 +221,6 @@ def covered(camera: Camera, region: Array) -> tuple[Array, Array]:
     return pixels[known], rays[known]
 
 
-def difference_of(moved: Array) -> Difference:
-    """Of places that a conversion moved by (n, 2) pixels."""
-    lengths = np.linalg.norm(moved, axis=1)
+def _difference(errors: Array) -> Difference:
+    lengths = np.linalg.norm(errors, axis=1)
     return Difference(float(np.sqrt(np.mean(lengths**2))), float(lengths.max()))

@@ -1,4 +1,4 @@
-"""What a guided geometry knows beside the tour's start: how many views are wanted, and the poses in those taken."""
+"""Facts of the guided calibration: those of a field, the number of views, and the chart's pose in each."""
 
 from __future__ import annotations
 
@@ -27,31 +27,31 @@ class ViewPose:
 
 
 def poses_of(facts: Facts) -> tuple[ViewPose, ...]:
-    """Of the views that count, in their order; one that was left out is missing. Raises BadParameter."""
+    """Poses of the views that count, in their order; skipped views are missing. Raises BadParameter."""
     first = f"_{PARTS[0]}"
-    told = sorted(
+    numbers = sorted(
         int(name[len(VIEW) : -len(first)]) for name in facts if name.startswith(VIEW) and name.endswith(first)
     )
-    rows = {i: [number(facts, f"{VIEW}{i}_{part}") for part in PARTS] for i in told}
+    rows = {i: [number(facts, f"{VIEW}{i}_{part}") for part in PARTS] for i in numbers}
     return tuple(ViewPose(i, ChartPose((row[0], row[1], row[2]), *row[3:])) for i, row in rows.items())
 
 
-def pose_facts(one: ViewPose) -> dict[str, Fact]:
+def pose_facts(view: ViewPose) -> dict[str, Fact]:
     """The facts of a view."""
-    pose = one.pose
+    pose = view.pose
     values = (*pose.centre_mm, pose.yaw_deg, pose.pitch_deg, pose.roll_deg)
-    return {f"{VIEW}{one.number}_{part}": value for part, value in zip(PARTS, values, strict=True)}
+    return {f"{VIEW}{view.number}_{part}": value for part, value in zip(PARTS, values, strict=True)}
 
 
-def as_pose(seen: ChartPose) -> Pose:
-    """The pose as the geometry counts."""
-    turn = Rotation.from_euler("ZYX", [seen.roll_deg, seen.yaw_deg, seen.pitch_deg], degrees=True)
-    return Pose(np.asarray(turn.as_matrix()), np.array(seen.centre_mm))
+def as_pose(pose: ChartPose) -> Pose:
+    """The pose in the convention of the geometry."""
+    turn = Rotation.from_euler("ZYX", [pose.roll_deg, pose.yaw_deg, pose.pitch_deg], degrees=True)
+    return Pose(np.asarray(turn.as_matrix()), np.array(pose.centre_mm))
 
 
 @dataclass(frozen=True)
 class GeometryFacts(FieldFacts):
-    """The facts of the plan: those of a field, how many `views` are wanted, and the poses in those that count."""
+    """The facts of the plan: those of a field, the requested number of `views`, and the poses in those that count."""
 
     views: float | None = None
     poses: tuple[ViewPose, ...] = gathered(poses_of, *SIZES, prefix=VIEW)

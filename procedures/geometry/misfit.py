@@ -1,46 +1,43 @@
-"""What a camera model leaves undrawn: a smooth field over the frame that the residuals have in common, tested.
+"""Systematic residual of a camera model: a smooth displacement field common to all views, with an F test.
 
-Residuals of a right model are noise. What a model cannot draw is the same for every view that shows a place of the
-frame, and smooth. So the adjustment is offered, once it has come to rest, a field of displacements over the frame,
-polynomials that no camera model stands for; how much of the sum of squares these take is held against what they would
-take of mere noise (the F test). The noise is measured by the residuals themselves, so that points whose covariances are
-all stated too small make no false alarm.
+The residuals of an adequate model are noise. What a model cannot describe is smooth and the same in every view that
+shows a place of the frame. After the adjustment, a displacement field over the frame is added to the unknowns:
+polynomials that no camera model contains. The decrease of the sum of squares is compared with that expected from noise,
+whose level comes from the residuals, so that covariances that are all stated too small cause no false alarm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import f as f_distribution
 
-from procedures.geometry.adjustment import Adjustment, assemble
+from procedures.geometry.adjustment import Adjustment
 from procedures.geometry.cameras import Camera
-from procedures.geometry.shape import ShapeModel
 from procedures.geometry.views import ChartView
 
 Array = npt.NDArray[np.float64]
 
 DEGREE = 7
-"""Highest power of place in the field."""
-CHANCE = 0.005
-"""Probability at which noise alone raises the alarm."""
-NEW = 0.01
-"""Share of a field that camera model, poses and chart must leave of it for it to count as something else."""
+"""Total degree of the polynomials."""
+SIGNIFICANCE = 0.005
+"""Probability of a false alarm."""
+INDEPENDENT = 0.01
+"""Share of a component of the field not described by camera, poses and chart, from which it counts as independent."""
 
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """What is left undrawn.
+    """The systematic residual.
 
     Attributes
     ----------
     probability : float
-        That noise alone takes so much: the F test's p-value.
+        Of such a decrease by noise alone: p-value of the F test.
     rms_px : float
-        Root mean square length of the field over the places seen, its own noise allowed for.
+        Root mean square length of the field over the points, corrected for its noise.
     coefficients : (2 k,) float64
         Of the field's polynomials, for x, then y.
     """
@@ -53,56 +50,56 @@ class Misfit:
 
     @property
     def significant(self) -> bool:
-        """Whether it is more than noise."""
-        return self.probability < CHANCE
+        """Whether it exceeds noise."""
+        return self.probability < SIGNIFICANCE
 
     def at(self, pixels: Array) -> Array:
         """The field (n, 2), in pixels, at places (n, 2) of the frame."""
-        basis = field_polynomials(pixels, self.columns, self.rows)
+        basis = _polynomials(pixels, self.columns, self.rows)
         return np.asarray(basis @ self.coefficients.reshape(2, -1).T)
 
 
-def field_polynomials(pixels: Array, columns: int, rows: int) -> Array:
+def _polynomials(pixels: Array, columns: int, rows: int) -> Array:
     """Products of Chebyshev polynomials at places (n, 2), up to a total degree of DEGREE, (n, k)."""
     u, v = 2 * pixels[:, 0] / (columns - 1) - 1, 2 * pixels[:, 1] / (rows - 1) - 1
     U, V = (np.polynomial.chebyshev.chebvander(np.clip(one, -1, 1), DEGREE) for one in (u, v))
     return np.stack([U[:, i] * V[:, j] for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)], axis=1)
 
 
-def find_misfit(found: Adjustment, nodes: Array, views: Sequence[ChartView], shape: ShapeModel) -> Misfit:
-    """The field that lowers an adjustment's sum of squares most, and whether that is more than chance."""
-    camera = found.state.camera
+def find_misfit(fit: Adjustment) -> Misfit:
+    """The field that reduces the sum of squares of an adjustment most, and its significance."""
+    camera, views = fit.state.camera, fit.problem.views
     extra = [_columns(camera, view) for view in views]
     k = extra[0].shape[-1]
-    S, b = assemble(found.state, nodes, views, shape, extra).reduced()
-    known = len(found.covariance)
+    S, b = fit.problem.system(fit.state, extra).reduced()
+    known = len(fit.covariance)
     field = (np.arange(len(S)) >= known) & (np.arange(len(S)) < known + k)
     cross = S[np.ix_(~field, field)]
-    follow = np.linalg.solve(S[np.ix_(~field, ~field)], np.column_stack([cross, b[~field]]))
-    left = S[np.ix_(field, field)] - cross.T @ follow[:, :-1]
-    right = b[field] - cross.T @ follow[:, -1]
+    eliminated = np.linalg.solve(S[np.ix_(~field, ~field)], np.column_stack([cross, b[~field]]))
+    matrix = S[np.ix_(field, field)] - cross.T @ eliminated[:, :-1]
+    right = b[field] - cross.T @ eliminated[:, -1]
     total = sum(np.einsum("nak,nab,nbl->kl", e, np.linalg.inv(view.covariance), e, optimize=True)
                 for e, view in zip(extra, views, strict=True))  # fmt: skip
     scale = 1 / np.sqrt(np.diag(total))
-    values, vectors = np.linalg.eigh(left * np.outer(scale, scale))
-    new = values > NEW
-    if not new.any():  # the model draws all of it
+    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+    new = values > INDEPENDENT
+    if not new.any():
         return Misfit(1.0, 0.0, np.zeros(k), camera.columns, camera.rows)
     directions = vectors[:, new] * scale[:, None]
     amplitudes = (directions.T @ right) / values[new]
-    taken, count = float(np.sum(amplitudes**2 * values[new])), int(new.sum())
-    freedom = found.freedom - count
-    ratio = (taken / count) / ((found.chi_square - taken) / freedom)
-    coefficients = directions @ amplitudes
-    # the mean square of the field over all points, less what its noise would make it
-    seen = np.concatenate([e.reshape(-1, k) for e in extra]) @ directions
-    noise = found.scale**2 * float(np.sum(np.sum(seen**2, axis=0) / values[new]))
-    square = (float(np.sum((seen @ amplitudes) ** 2)) - noise) / (len(seen) / 2)
+    decrease, count = float(np.sum(amplitudes**2 * values[new])), int(new.sum())
+    freedom = fit.freedom - count
+    ratio = (decrease / count) / ((fit.chi_square - decrease) / freedom)
+    # the mean square of the field over all points, minus the contribution of its noise
+    at_points = np.concatenate([e.reshape(-1, k) for e in extra]) @ directions
+    noise = fit.scale**2 * float(np.sum(np.sum(at_points**2, axis=0) / values[new]))
+    square = (float(np.sum((at_points @ amplitudes) ** 2)) - noise) / (len(at_points) / 2)
     probability = float(f_distribution.sf(ratio, count, freedom))
-    return Misfit(probability, float(np.sqrt(max(square, 0.0))), coefficients, camera.columns, camera.rows)
+    rms_px = float(np.sqrt(max(square, 0.0)))
+    return Misfit(probability, rms_px, directions @ amplitudes, camera.columns, camera.rows)
 
 
 def _columns(camera: Camera, view: ChartView) -> Array:
-    """How a view's points move with the field's coefficients, (n, 2, 2 k)."""
-    basis = field_polynomials(view.points, camera.columns, camera.rows)
+    """Derivatives of a view's points by the coefficients of the field, (n, 2, 2 k)."""
+    basis = _polynomials(view.points, camera.columns, camera.rows)
     return np.asarray(np.einsum("ab,nk->nabk", np.eye(2), basis).reshape(len(view), 2, -1))

@@ -1,4 +1,4 @@
-"""The inner loop of the adjustment: what the points of a view add to the nodes' part of the normal equations."""
+"""Inner loop of the adjustment: contribution of a view to the nodes' part of the normal equations."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ Indices = npt.NDArray[np.int64]
 def add_view(
     J: Array, E: Array, r: Array, whitening: Array, index: Indices, places: Indices, V: Array, v: Array, W: Array
 ) -> None:
-    """Put J (n, 2, m) and E (n, 2, 3) over the noise, in place, and add E'E, E'r and E'J to V, v and W of the nodes.
+    """Whiten J (n, 2, m) and E (n, 2, 3) in place, and add E'E, E'r and E'J to V, v and W of the nodes.
 
     Parameters
     ----------
     J, E : (n, 2, m), (n, 2, 3) float64
-        Derivatives of where the points are seen, by the first unknowns and by their nodes.
+        Derivatives of the points by the first unknowns and by their nodes.
     r : (n, 2) float64
-        Residual, over the noise.
+        Whitened residuals.
     whitening : (n, 2, 2) float64
     index : (n,) int64
-        The points' nodes.
+        Node of each point.
     places : (m,) int64
-        Where the columns of J stand among the first unknowns.
+        Index of each column of J among the first unknowns.
     V, v, W : (N, 3, 3), (N, 3), (N, 3, M) float64
-        Of `adjustment.System`.
+        See `adjustment.System`.
     """
     for i in range(len(index)):
-        over_noise(whitening[i], J[i])
-        over_noise(whitening[i], E[i])
+        whiten(whitening[i], J[i])
+        whiten(whitening[i], E[i])
         node = index[i]
         for a in range(3):
             x, y = E[i, 0, a], E[i, 1, a]
@@ -46,8 +46,8 @@ def add_view(
 
 
 @compiled
-def over_noise(whitening: Array, rows: Array) -> None:
-    """Two rows of derivatives (2, m) multiplied by a point's whitening (2, 2), in place."""
+def whiten(whitening: Array, rows: Array) -> None:
+    """Multiply two rows of derivatives (2, m) by a point's whitening matrix (2, 2), in place."""
     for c in range(rows.shape[1]):
         x, y = rows[0, c], rows[1, c]
         rows[0, c] = whitening[0, 0] * x + whitening[0, 1] * y

@@ -1,7 +1,7 @@
-"""The plan of a camera's geometry: the chart in a dozen poses, each the one that the projection gains most by.
+"""The guided calibration of a camera's geometry: the chart in a dozen poses, each the most informative one.
 
-Which pose that is follows from those taken already, the lens as its data sheet has it, and the chart (`next_view`). The
-head brings the chart to its place in the frame, hands turn it.
+The pose follows from those already taken, the nominal lens and the chart (`next_view`). The head moves the chart to its
+place in the frame; the operator turns it.
 """
 
 from __future__ import annotations
@@ -47,20 +47,20 @@ from procedures.plan import (
 from procedures.raw import Plane, RawFrame
 
 BEFORE = ("print", "mount", "distance", "focus")
-"""Steps that are the pattern PSF's."""
+"""Steps shared with the pattern PSF."""
 USUAL, FEWEST, MOST = 12, 6, 60
-"""Views: fewer than six cannot be held against each other."""
+"""Numbers of views: fewer than six do not allow cross-validation."""
 NEAR = 0.05
-"""How far from its place the chart may appear, in parts of the frame's width: any place near it tells as much."""
+"""Tolerance of the chart's position, as a fraction of the frame's width: nearby positions are as informative."""
 TURN_DEG = 7.0
-"""How far its turn may be from the one wanted."""
+"""Tolerance of its yaw and pitch."""
 SURE_DEG, STEP_DEG = 20.0, 25.0
-"""A turn below the first is told by perspective alone, which distortion looks like: from there the chart is turned by
-the second at most before it is looked at again, so that it is not turned out of sight."""
+"""A tilt below the first shows in perspective alone, which resembles distortion: from there the chart is turned by at
+most the second before the next photograph, lest it be turned out of sight."""
 LEAST_WHITE = 0.15
-"""Of the scale: a chart that is turned away is darker."""
+"""Of full scale: a tilted chart is darker."""
 SCATTER_PX = 0.02
-"""Of a point in a photograph, in sensor pixels: what next views are weighed by, not what they will be known to."""
+"""Standard deviation of a point, in sensor pixels, assumed for the choice of views."""
 
 
 def plan() -> Plan:
@@ -73,11 +73,11 @@ def plan() -> Plan:
             *(begin.step(name) for name in BEFORE),
             Step(
                 "start", "Start", "Choose how many views to take, the chart in the middle.", START,
-                drawings.TOUR, gave_wanted,
+                drawings.TOUR, views_chosen,
             ),
             Step(
                 "views", "Views", "One photograph of the chart in each pose.", (Tour(stops),),
-                drawings.VIEWS, gave_views,
+                drawings.VIEWS, views_taken,
             ),
             Step("estimate", "Estimate", "Put the camera together from all views.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the views again.", (Decide("views"),)),
@@ -87,26 +87,26 @@ def plan() -> Plan:
     )  # fmt: skip
 
 
-def gave_wanted(facts: Facts) -> str:
-    """How many views were chosen."""
+def views_chosen(facts: Facts) -> str:
+    """Number of views chosen."""
     views = facts_as(GeometryFacts, facts).views
     return "" if views is None else f"{views:.0f} views"
 
 
-def gave_views(facts: Facts) -> str:
-    """How many were taken."""
+def views_taken(facts: Facts) -> str:
+    """Number of views taken."""
     poses = facts_as(GeometryFacts, facts).poses
     return f"{len(poses)} views" if poses else ""
 
 
 def check_start(frame: RawFrame, facts: Facts) -> Advice:
-    """As the field's, and charts in the frame's corners must cover as much of it as the result needs."""
+    """The check of a field; in addition, charts in the corners must cover enough of the frame."""
     advice = field_plan.check_start(frame, facts)
     if not advice.good:
         return advice
     known = facts_as(GeometryFacts, {**facts, **advice.facts})
     start = known.begun()
-    camera = camera_as_told(start.shape, start.principal_px)
+    camera = nominal_camera(start.shape, start.principal_px)
     share = corner_share(camera, chart_nodes(known.cell_mm), start.distance_mm, rim_of(start))
     covered = Reading("covered by the corner views", 100 * share, "% of the frame", 100 * COVER)
     advice = replace(advice, readings=(*advice.readings, covered))
@@ -119,26 +119,26 @@ START = (
     Look("start", check_start, tries=10, rests_on=SIZES),
 )
 
-# --- which view is next ------------------------------------------------------------------------------------------
+# --- the next view -----------------------------------------------------------------------------------------------
 
 
-def pose_wanted(number: int, known: GeometryFacts) -> NextView:
-    """The pose that the projection gains most by, after the views before. Raises Refused where none fits."""
+def wanted_pose(number: int, known: GeometryFacts) -> NextView:
+    """The most informative pose after the previous views. Raises Refused where none fits."""
     start = known.begun()
     before, rim = known.before(number), rim_of(start)
-    found = _planned(before, start.shape, start.principal_px, start.distance_mm, known.cell_mm, rim)
-    if found is None:
+    view = _planned(before, start.shape, start.principal_px, start.distance_mm, known.cell_mm, rim)
+    if view is None:
         raise Refused("the chart fits into the frame in no pose", "go farther away, or print a smaller chart")
-    return found
+    return view
 
 
 def rim_of(start: TourStart) -> tuple[float, float]:
-    """How near to the frame's sides the chart's centre may come, in parts of the frame."""
+    """Least distance of the chart's centre from the sides, as fractions of the frame."""
     return start.half[0] + NEAR, start.half[1] + NEAR
 
 
-def camera_as_told(shape: tuple[int, int], principal_px: float) -> Camera:
-    """The camera as its data sheet has it, in the plane's pixels."""
+def nominal_camera(shape: tuple[int, int], principal_px: float) -> Camera:
+    """The camera according to its data sheet, in pixels of the plane."""
     rows, columns = shape
     centre = ((columns - 1) / 2, (rows - 1) / 2)
     return simple_camera("OPENCV", (principal_px, principal_px), centre, (columns, rows))
@@ -149,40 +149,40 @@ def _planned(
     poses: tuple[ChartPose, ...], shape: tuple[int, int], principal_px: float, distance_mm: float, cell_mm: float,
     rim: tuple[float, float],
 ) -> NextView | None:  # fmt: skip
-    camera = camera_as_told(shape, principal_px)
+    camera = nominal_camera(shape, principal_px)
     return planned_view(camera, [as_pose(one) for one in poses], chart_nodes(cell_mm), distance_mm, SCATTER_PX, rim)
 
 
 def stops(facts: Facts) -> list[TourStop]:
-    """As many as are wanted; where each is, is told by the views before it."""
+    """The requested number of views; the pose of each follows from the previous ones."""
     wanted = facts_as(GeometryFacts, facts).views
     count = USUAL if wanted is None else int(wanted)
     return [TourStop(f"view {i} of {count}", way_to(i), partial(check_view, i)) for i in range(1, count + 1)]
 
 
 def way_to(number: int) -> Go:
-    """The way to a view."""
+    """The move to a view."""
     return Go(partial(to_view, number), partial(say_view, number))
 
 
 def to_view(number: int, facts: Facts) -> dict[str, float]:
-    """Where the head goes so that the chart appears in the place wanted; nothing where there is none."""
-    return to_place(Location(*pose_wanted(number, facts_as(GeometryFacts, facts)).at), facts)
+    """Position of the head at which the chart appears in the wanted place; empty without a head."""
+    return to_place(Location(*wanted_pose(number, facts_as(GeometryFacts, facts)).at), facts)
 
 
 def say_view(number: int, facts: Facts) -> str:
-    """The pose for the operator."""
-    words = next_view_words(pose_wanted(number, facts_as(GeometryFacts, facts)))
+    """Description of the move for the operator."""
+    words = next_view_words(wanted_pose(number, facts_as(GeometryFacts, facts)))
     if to_view(number, facts):
-        return f"going where the chart appears in {words.partition(',')[0]}"
-    return f"Turn the camera, and the chart, until it is seen in {words}."
+        return f"moving until the chart appears in {words.partition(',')[0]}"
+    return f"Turn the camera, and the chart, until it appears in {words}."
 
 
 # --- a photograph of a view --------------------------------------------------------------------------------------
 
 
 def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
-    """The chart in the pose wanted, with the settings of the trial, neither clipped nor dark."""
+    """The chart in the wanted pose, with the settings of the trial, neither clipped nor dark."""
     plane, known = shown(frame), facts_as(GeometryFacts, facts)
     changed = changed_settings(frame.exposure, known)
     if changed:
@@ -190,7 +190,7 @@ def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return replace(sighting, moves={})
-    wanted = pose_wanted(number, known)
+    wanted = wanted_pose(number, known)
     pose = chart_pose(sighting.H_sensor_pattern, plane.samples.shape, known.optics(plane.pitch))
     location = Location(*wanted.at)
     white, clipped = light_readings(frame, sighting)
@@ -205,7 +205,7 @@ def check_view(number: int, frame: RawFrame, facts: Facts) -> Advice:
     if not (readings[1].good and readings[2].good):
         return turn_chart(pose, wanted, readings, marks)
     if not readings[0].good:
-        say = f"The chart is off its place: it shall be seen in {next_view_words(wanted)}."
+        say = f"The chart is off its place: it must appear in {next_view_words(wanted)}."
         return Advice(False, say, readings, moves=correction(location, sighting, plane, known), marks=marks)
     bad = next((reading for reading in readings if not reading.good), None)
     if bad is not None:
@@ -222,7 +222,7 @@ REMEDIES = {
 def turn_chart(
     pose: ChartPose, wanted: NextView, readings: tuple[Reading, ...], marks: tuple[tuple[float, float], ...]
 ) -> Advice:
-    """Both turns at once: by the rig, where the chart hangs on axes of these names, else by hand."""
+    """Advice on both turns: by the rig where it has axes of these names, else by hand."""
     yaw, pitch = turn_by(pose.yaw_deg, wanted.yaw_deg), turn_by(pose.pitch_deg, wanted.pitch_deg)
     parts = []
     if not readings[1].good:
@@ -234,43 +234,43 @@ def turn_chart(
     return Advice(False, say, readings, moves=turns, by_hand=turns, marks=marks)
 
 
-def turn_by(seen_deg: float, wanted_deg: float) -> float:
-    """By how much to turn the chart next."""
-    turn = wanted_deg - seen_deg
-    return turn if abs(seen_deg) >= SURE_DEG else min(max(turn, -STEP_DEG), STEP_DEG)
+def turn_by(present_deg: float, wanted_deg: float) -> float:
+    """Next turn of the chart."""
+    turn = wanted_deg - present_deg
+    return turn if abs(present_deg) >= SURE_DEG else min(max(turn, -STEP_DEG), STEP_DEG)
 
 
 # --- estimate ----------------------------------------------------------------------------------------------------
 
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-    """The camera from all views, by the plane that they were measured in."""
-    told = facts_as(GeometryFacts, facts)
-    name, size = _measured(shown(frames[0])) if frames else ("", (0, 0))
-    views, reasons = seen_views(frames, told)
-    found = calibrate_geometry(views, size, GeometryParameters(told.cell_mm))
-    if found.value is None and reasons:
-        return {name: replace(found, reason=f"{found.reason}; {reasons[0]}")}
-    return {name: found}
+    """The camera from all views, by the name of their plane."""
+    known_facts = facts_as(GeometryFacts, facts)
+    name, size = _plane_size(shown(frames[0])) if frames else ("", (0, 0))
+    views, reasons = chart_views(frames, known_facts)
+    outcome = calibrate_geometry(views, size, GeometryParameters(known_facts.cell_mm))
+    if outcome.value is None and reasons:
+        return {name: replace(outcome, reason=f"{outcome.reason}; {reasons[0]}")}
+    return {name: outcome}
 
 
-def _measured(plane: Plane) -> tuple[str, tuple[int, int]]:
-    """The plane's name, and columns and rows of the sensor."""
+def _plane_size(plane: Plane) -> tuple[str, tuple[int, int]]:
+    """Name of the plane, and columns and rows of the sensor."""
     rows, columns = plane.samples.shape
     return plane.name, (columns * plane.pitch, rows * plane.pitch)
 
 
-def seen_views(frames: Sequence[RawFrame], told: GeometryFacts) -> tuple[list[ChartView], list[str]]:
-    """The views of those photographs that tell one, and why the others tell none."""
+def chart_views(frames: Sequence[RawFrame], facts: GeometryFacts) -> tuple[list[ChartView], list[str]]:
+    """The views of the photographs, and the reasons why some give none."""
     views: list[ChartView] = []
     reasons = []
     for frame in frames:
         try:
-            seen = view_of(shown(frame), told.chart, frame.path.name)
+            view = view_of(shown(frame), facts.chart, frame.path.name)
         except Refused as refusal:
-            seen = Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-        if seen.value is None:
-            reasons.append(f"{frame.path.name}: {seen.reason}")
+            view = Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+        if view.value is None:
+            reasons.append(f"{frame.path.name}: {view.reason}")
         else:
-            views.append(seen.value)
+            views.append(view.value)
     return views, reasons

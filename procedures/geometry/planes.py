@@ -1,4 +1,4 @@
-"""The cameras of several colour planes: of one formula, so that they differ by light and not by how it is drawn."""
+"""Cameras of several colour planes with a common model, so that they differ by wavelength and not by formula."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry, too_poor
+from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry, is_too_simple
 from procedures.geometry.views import ChartView
 from procedures.outcome import Outcome
 
@@ -21,10 +21,10 @@ def calibrate_planes(
     parameters: GeometryParameters,
     nodes: Array | None = None,
 ) -> dict[str, Outcome[Geometry]]:
-    """The camera of every plane, as `calibrate_geometry` has it from the plane's views.
+    """The camera of every plane from its views by `calibrate_geometry`.
 
-    A model that is to be chosen is chosen in one plane, G1 where there is one; another plane takes it too, or chooses
-    for itself where it is too poor there.
+    Without a given model, it is chosen in G1, or else in the first plane. The other planes use the same model unless
+    it is too simple for them.
     """
     guide = "G1" if "G1" in views else next(iter(views))
     first = calibrate_geometry(views[guide], size, parameters, nodes)
@@ -38,9 +38,9 @@ def _like(
     parameters: GeometryParameters,
     nodes: Array | None,
 ) -> Outcome[Geometry]:
-    """A plane's camera of the model that another plane has."""
+    """A plane's camera with the model of another plane."""
     if first.value is not None and parameters.model is None:
-        found = calibrate_geometry(views, size, replace(parameters, model=first.value.camera.model), nodes)
-        if found.value is not None and not too_poor(found.value):
-            return found
+        outcome = calibrate_geometry(views, size, replace(parameters, model=first.value.camera.model), nodes)
+        if outcome.value is not None and not is_too_simple(outcome.value):
+            return outcome
     return calibrate_geometry(views, size, parameters, nodes)

@@ -1,15 +1,14 @@
-"""How two cameras on one rig stand to each other, from charts that both photographed at the same time.
+"""Relative pose of two cameras on a rig, from charts that both photographed at the same time.
 
-Each camera is calibrated by itself and knows the pose of every chart, T_a and T_b, with one covariance over all, in
-which its intrinsics and the chart's shape are allowed for. Every chart gives the relative pose T_b T_a^-1; that of
-the rig is the one nearest to all, by generalised least squares in the changes (w, d): X -> exp(w) X + d. A change
-(w, d) of T_a is one of the relative pose (R, t) by
+Each camera is calibrated separately, which gives the poses T_a and T_b of every chart with a joint covariance that
+includes the intrinsics and the shape of the chart. Each chart gives a relative pose T_b T_a^-1; that of the rig is the
+generalised least-squares mean in the changes (w, d): X -> exp(w) X + d. A change (w, d) of T_a changes the relative
+pose (R, t) by
 
     -(R w, R d + t x R w).
 
-What both cameras' views have in common, errors of the print that neither tells, is counted twice and not as common: it
-cancels in part, and the uncertainty is then too large rather than too small. The print's scale does not cancel, neither
-what is not known of a cell nor what the nodes' own errors make of the whole.
+Errors of the print that affect both cameras partly cancel but are treated as independent, so that the uncertainty is
+overestimated rather than underestimated. Errors of the print's scale do not cancel, whether of cell or of nodes.
 """
 
 from __future__ import annotations
@@ -30,26 +29,26 @@ from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdi
 
 Array = npt.NDArray[np.float64]
 
-FEWEST = 3
-"""Charts: fewer do not tell whether the rig is rigid."""
-ROUNDS = 4
+FEWEST_CHARTS = 3
+"""Fewer charts do not show whether the rig is rigid."""
+ITERATIONS = 4
 UNLIKELY = 0.001
-"""Chance of differences as large among the charts, below which the rig is doubted."""
+"""Probability of such differences among the charts, below which the rig is doubtful."""
 
 
 @dataclass(frozen=True, eq=False)
 class PosedCharts:
-    """The charts that one camera saw.
+    """The charts photographed by one camera.
 
     Attributes
     ----------
     sources : tuple of str
-        What the photographs are called.
+        Names of the photographs.
     poses : tuple of Pose
     covariance : (6 n, 6 n) float64
-        Of the poses' changes in the camera's frame, one after the other.
+        Of the changes of the poses in the camera's frame, in order.
     scale_uncertainty : float
-        Standard uncertainty of the print's scale, over it.
+        Relative standard uncertainty of the print's scale.
     """
 
     sources: tuple[str, ...]
@@ -68,19 +67,19 @@ class PosedCharts:
 
 @dataclass(frozen=True, eq=False)
 class RigPose:
-    """The second camera on the first one's rig: X_second = R X_first + t.
+    """Pose of the second camera relative to the first: X_second = R X_first + t.
 
     Attributes
     ----------
     pose : Pose
     covariance : (6, 6) float64
-        Of its change in the second camera's frame: rotation in radians, translation in mm; the print's scale is in it.
+        Of its change in the second camera's frame: rotation in radians, translation in mm; includes the print's scale.
     charts : tuple of str
-        The first camera's photographs that it is made of.
+        The first camera's photographs from which it is estimated.
     misfit : float
-        Root of chi^2 over the degrees of freedom among the charts; where above 1 the covariance is widened by it.
+        Root of chi^2 over the degrees of freedom of the charts; if above 1 the covariance is scaled by its square.
     chance : float
-        Of a chi^2 as large.
+        Probability of a larger chi^2.
     """
 
     pose: Pose
@@ -90,11 +89,11 @@ class RigPose:
     chance: float
 
     def numbers(self) -> dict[str, Quantity]:
-        """Baseline and the angle between the axes, with their uncertainties."""
+        """Baseline and angle between the axes."""
         t, turn = self.pose.t, Rotation.from_matrix(self.pose.R)
         length, angle = float(np.linalg.norm(t)), float(turn.magnitude())
         along = t / length if length else np.zeros(3)
-        # a turn of the camera carries t with it and leaves its length
+        # a rotation of the camera turns t and preserves its length
         spread = float(np.sqrt(along @ self.covariance[3:, 3:] @ along))
         axis = turn.as_rotvec() / angle if angle else np.array([0.0, 0.0, 1.0])
         of_angle = float(np.degrees(np.sqrt(axis @ self.covariance[:3, :3] @ axis)))
@@ -105,23 +104,23 @@ class RigPose:
         }
 
 
-def posed_charts(found: Geometry) -> PosedCharts:
+def posed_charts(geometry: Geometry) -> PosedCharts:
     """The charts of a calibrated camera."""
-    first = len(found.camera.params) + len(found.adjustment.state.terms_mm)
-    covariance = found.adjustment.covariance[first:, first:] * found.residual_scale**2
+    first = geometry.adjustment.shared
+    covariance = geometry.adjustment.covariance[first:, first:] * geometry.residual_scale**2
     return PosedCharts(
-        tuple(one.view.source for one in found.views), tuple(one.pose for one in found.views), covariance,
-        found.shape.scale_uncertainty,
+        tuple(one.view.source for one in geometry.views), tuple(one.pose for one in geometry.views), covariance,
+        geometry.shape.scale_uncertainty,
     )  # fmt: skip
 
 
 def matched(first: PosedCharts, second: PosedCharts) -> tuple[PosedCharts, PosedCharts]:
-    """The charts that both saw: photographs of one name; where none has, and there are as many, in their order.
+    """The charts in common: photographs with the same name; without any, equally many ones in their order.
 
     Raises
     ------
     Refused
-        If it cannot be told which belong together, or they are too few.
+        If the correspondence is ambiguous, or there are too few.
     """
     common = [name for name in first.sources if name in second.sources]
     if common:
@@ -130,13 +129,13 @@ def matched(first: PosedCharts, second: PosedCharts) -> tuple[PosedCharts, Posed
         pairs = [(i, i) for i in range(len(first.sources))]
     else:
         raise Refused(
-            f"photographs that were taken together have one name, or both cameras have as many; "
-            f"they have {len(first.sources)} and {len(second.sources)}, none of one name",
-            "name those that were taken together alike",
+            f"simultaneous photographs must have the same name, or both cameras equally many; got "
+            f"{len(first.sources)} and {len(second.sources)}, and no name in common",
+            "give the same name to photographs that were taken together",
         )
-    if len(pairs) < FEWEST:
+    if len(pairs) < FEWEST_CHARTS:
         raise Refused(
-            f"a rig needs {FEWEST} charts that both cameras saw at a time; there are {len(pairs)}",
+            f"a rig needs {FEWEST_CHARTS} charts photographed by both cameras at the same time; there are {len(pairs)}",
             "photograph the chart with both cameras at once, in more poses",
         )
     left, right = zip(*pairs, strict=True)
@@ -144,7 +143,7 @@ def matched(first: PosedCharts, second: PosedCharts) -> tuple[PosedCharts, Posed
 
 
 def estimate_rig(first: PosedCharts, second: PosedCharts) -> Outcome[RigPose]:
-    """How the second camera stands to the first, or the reason why they do not tell it.
+    """The pose of the second camera relative to the first, or the reason why the charts do not determine it.
 
     Parameters
     ----------
@@ -157,33 +156,33 @@ def estimate_rig(first: PosedCharts, second: PosedCharts) -> Outcome[RigPose]:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     relative = [_relative(one, other) for one, other in zip(a.poses, b.poses, strict=True)]
     pose, count = relative[0], len(relative)
-    carried = np.zeros((POSE * count, POSE * count))
+    transport = np.zeros((POSE * count, POSE * count))
     for i, one in enumerate(relative):
-        carried[POSE * i : POSE * (i + 1), POSE * i : POSE * (i + 1)] = _carrying(one)
-    covariance = b.covariance + carried @ a.covariance @ carried.T
+        transport[POSE * i : POSE * (i + 1), POSE * i : POSE * (i + 1)] = _transport(one)
+    covariance = b.covariance + transport @ a.covariance @ transport.T
     precision, every = np.linalg.inv(covariance), np.tile(np.eye(POSE), (count, 1))
     known: Array = np.asarray(np.linalg.inv(every.T @ precision @ every), dtype=np.float64)
-    for _ in range(ROUNDS):
-        away = np.concatenate([_change(pose, one) for one in relative])
-        pose = moved_pose(pose, known @ (every.T @ (precision @ away)))
-    left = np.concatenate([_change(pose, one) for one in relative])
-    chi_square, freedom = float(left @ precision @ left), POSE * (count - 1)
+    for _ in range(ITERATIONS):
+        residual = np.concatenate([_change(pose, one) for one in relative])
+        pose = moved_pose(pose, known @ (every.T @ (precision @ residual)))
+    residual = np.concatenate([_change(pose, one) for one in relative])
+    chi_square, freedom = float(residual @ precision @ residual), POSE * (count - 1)
     misfit = float(np.sqrt(chi_square / freedom))
     known = known * max(misfit, 1.0) ** 2
-    share = max(a.scale_uncertainty, b.scale_uncertainty)  # of one print: both saw the same error
+    share = max(a.scale_uncertainty, b.scale_uncertainty)  # the same print: a common error
     known[3:, 3:] += share**2 * np.outer(pose.t, pose.t)
-    found = RigPose(pose, known, a.sources, misfit, float(stats.chi2.sf(chi_square, freedom)))
-    return verdict_of([_rigid(found)], found)
+    rig = RigPose(pose, known, a.sources, misfit, float(stats.chi2.sf(chi_square, freedom)))
+    return verdict_of([_rigid(rig)], rig)
 
 
-def _rigid(found: RigPose) -> Check:
+def _rigid(rig: RigPose) -> Check:
     return Check(
         "rigidity",
-        -stats.norm.ppf(found.chance),
+        -stats.norm.ppf(rig.chance),
         -stats.norm.ppf(UNLIKELY),
         Verdict.DOUBTFUL,
-        f"the charts give relative poses that differ by {found.misfit:.1f} times their uncertainties",
-        "see that the photographs were taken at one time, that they are named alike, and that the rig does not give",
+        f"the charts give relative poses that differ by {rig.misfit:.1f} times their uncertainties",
+        "check that the photographs were taken at one time and have the same names, and that the rig is rigid",
     )
 
 
@@ -193,14 +192,14 @@ def _relative(first: Pose, second: Pose) -> Pose:
     return Pose(np.asarray(R), np.asarray(second.t - R @ first.t))
 
 
-def _carrying(pose: Pose) -> Array:
-    """What makes the relative pose's change of the first camera's, (6, 6)."""
+def _transport(pose: Pose) -> Array:
+    """Derivative (6, 6) of the relative pose by a change of the first camera's pose."""
     R, t = pose.R, pose.t
     cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
     return -np.block([[R, np.zeros((3, 3))], [cross @ R, R]])
 
 
 def _change(start: Pose, end: Pose) -> Array:
-    """The change (6,) that makes one pose of another."""
+    """The change (6,) from one pose to another."""
     turn = end.R @ start.R.T
     return np.concatenate([Rotation.from_matrix(turn).as_rotvec(), end.t - turn @ start.t])

@@ -1,8 +1,8 @@
-"""The chart as it was printed and hangs: what its nodes may deviate from the plan, and how far beforehand.
+"""Shape of the printed chart: deviations of its nodes from the plan, and their prior.
 
-A print is stretched, sheared and drawn unevenly by its printer, the sheet bends, and every node errs by itself.
-Translation, rotation and scale of the whole are no part of it: the first two are the pose's, and a larger chart farther
-away looks the same, so that the scale is nobody's to find without a distance that is known.
+A print is stretched, sheared and uneven, the sheet bends, and every node has an error of its own. Translation, rotation
+and scale are excluded: the first two belong to the pose, and a larger chart at a larger distance has the same image, so
+that the scale cannot be estimated without a known distance.
 """
 
 from __future__ import annotations
@@ -15,34 +15,34 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 STRETCH, UNEVEN, BEND = 0.005, 0.002, 0.02
-"""Standard deviations before anything is seen, over half the chart: of stretch and shear, of the quadratic errors in
-the plane, and of the sheet's bending out of it."""
+"""Prior standard deviations relative to half the chart: of stretch and shear, of quadratic errors in the plane, and of
+bending out of it."""
 NODE_MM = 0.05
-"""Standard deviation of a node's own error, in the plane and out of it, where the fit begins."""
+"""Initial standard deviation of the node errors, in the plane and out of it."""
 LEAST_MM = 1e-4
-"""No print is better: keeps the system of an ideal chart solvable."""
+"""Lower limit of that standard deviation: keeps the system of an ideal chart solvable."""
 NAMES = (
     "stretch", "shear",
     "uneven_x_xx", "uneven_x_xy", "uneven_x_yy", "uneven_y_xx", "uneven_y_xy", "uneven_y_yy",
     "bend_xx", "bend_xy", "bend_yy", "bend_xxx", "bend_xxy", "bend_xyy", "bend_yyy",
 )  # fmt: skip
-"""The terms: what moves (in the plane along x or y, or out of it) and with which powers of place."""
+"""The terms: direction of the displacement (x or y in the plane, or out of it), and powers of the position."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeModel:
-    """What is known beforehand of a chart's shape.
+    """Prior of a chart's shape.
 
     Attributes
     ----------
     terms : (N, 3, q) float64
-        How the nodes move per mm of every term, most at the chart's rim.
+        Displacement of the nodes per mm of every term, 1 at the chart's edge.
     prior_mm : (q,) float64
         Standard deviations of the terms.
     node_mm : (3,) float64
-        Standard deviations of every node's own error along x, y and z; 0 where it has none.
+        Standard deviations of the node errors along x, y and z; 0 without node errors.
     similarity : (N, 3, 7) float64
-        What a pose or another scale does to the nodes, orthonormal: neither terms nor own errors may do it.
+        Orthonormal displacements by a change of pose or scale, excluded from terms and node errors.
     """
 
     terms: Array
@@ -64,21 +64,21 @@ def shape_model(nodes: Array, node_mm: float = NODE_MM) -> ShapeModel:
 
 
 def shape_of_terms(nodes: Array, terms: Array, prior_mm: Array, node_mm: float) -> ShapeModel:
-    """The model of a board whose nodes (N, 3) move by terms (N, 3, q) of one's own; see `ShapeModel`."""
+    """The model of a board with nodes (N, 3) and given terms (N, 3, q); see `ShapeModel`."""
     basis = _similarity(nodes)
     common = np.einsum("nas,naq->sq", basis, terms)
     return ShapeModel(terms - basis @ common, prior_mm, np.full(3, node_mm), basis)
 
 
 def rigid_shape(nodes: Array) -> ShapeModel:
-    """The model of a chart that is as it should be."""
+    """The model of an ideal chart."""
     return ShapeModel(np.zeros((len(nodes), 3, 0)), np.zeros(0), np.zeros(3), _similarity(nodes))
 
 
-def own_errors(errors_mm: Array, variance: Array) -> Array:
-    """Standard deviations (3,) of the nodes' own errors that explain those found: x and y alike, and z.
+def estimated_node_errors(errors_mm: Array, variance: Array) -> Array:
+    """Standard deviations (3,) of the node errors, equal for x and y, from the estimated errors (N, 3).
 
-    One step of expectation maximisation: the mean of the errors' squares (N, 3), each with its variance.
+    One step of expectation maximisation: the mean of the squared errors, each plus its variance.
     """
     squares = errors_mm**2 + variance
     plane, out = float(squares[:, :2].mean()), float(squares[:, 2].mean())
@@ -86,17 +86,17 @@ def own_errors(errors_mm: Array, variance: Array) -> Array:
 
 
 def scale_spread(nodes: Array, node_mm: Array) -> float:
-    """Standard deviation of a print's scale as a whole, over it, that the nodes' own errors make.
+    """Relative standard deviation of the scale of a print due to the node errors.
 
-    Errors e of nodes X are a scale of sum(e X) / sum(X^2). The gauge keeps it out of the errors that are found, as no
-    photograph tells it; a distance has it all the same.
+    Errors e of nodes X contain a scale of sum(e X) / sum(X^2). The gauge excludes it from the estimated errors, since
+    photographs do not determine it; distances are affected nevertheless.
     """
     squares = np.sum(nodes**2, axis=0)
     return float(np.sqrt(squares @ node_mm**2) / squares.sum())
 
 
 def _similarity(nodes: Array) -> Array:
-    """Translations, rotations and scale of nodes (N, 3), orthonormal, (N, 3, 7)."""
+    """Translations, rotations and scaling of nodes (N, 3), orthonormalised, (N, 3, 7)."""
     moves = [np.broadcast_to(axis, nodes.shape) for axis in np.eye(3)]
     moves += [np.cross(axis, nodes) for axis in np.eye(3)]
     basis = np.linalg.qr(np.stack([*moves, nodes], axis=-1).reshape(-1, 7))[0]

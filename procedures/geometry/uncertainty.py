@@ -1,9 +1,9 @@
-"""How well the frame is known: the uncertainty of where things at a distance are seen, propagated from the points' own.
+"""Projection uncertainty over the frame, and response of the camera parameters to the points.
 
-A camera's numbers mean nothing by themselves: a principal point that is off comes with poses that are turned, and the
-two together put the charts where they were seen. So a place of the frame is taken for what it looks at, a point at a
-distance, and that point is thought to be fixed to the charts. An error of the points moves the camera's numbers and all
-poses; the fixed point moves as the poses do on average; where it is then seen is the error of the projection there.
+Uncertainties of single camera parameters have little meaning: an error of the principal point is compensated by
+rotations of the poses. Therefore an object at a given distance along a ray is considered as fixed to the charts. Noise
+of the points changes camera and poses; the object moves with the mean of the poses; the change of its projection is the
+projection error.
 
 References
 ----------
@@ -20,19 +20,19 @@ from procedures.geometry.adjustment import POSE, Adjustment, by_pose
 
 Array = npt.NDArray[np.float64]
 
-ROUGHLY = 0.003
-"""How far an outline's corners may be cut, over its size: people and other programs read it."""
+OUTLINE_TOLERANCE = 0.003
+"""Simplification of outlines, relative to their size."""
 
 
-def projection_derivative(found: Adjustment, pixels: Array, distance_mm: float) -> Array:
-    """How places of the frame (n, 2) move with the adjustment's unknowns, (n, 2, M).
+def projection_derivative(fit: Adjustment, pixels: Array, distance_mm: float) -> Array:
+    """Derivative (n, 2, M) of the projection at places (n, 2) of the frame by the unknowns of the adjustment.
 
     Parameters
     ----------
     distance_mm : float
-        Of what is looked at, along the ray; inf: only turns count then.
+        Of the object along the ray; inf: only rotations have an effect.
     """
-    camera = found.state.camera
+    camera = fit.state.camera
     rays = camera.rays(pixels)
     unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
     points = unit * (distance_mm if np.isfinite(distance_mm) else 1.0)
@@ -40,32 +40,49 @@ def projection_derivative(found: Adjustment, pixels: Array, distance_mm: float) 
     moves = by_pose(by_points, points)
     if not np.isfinite(distance_mm):
         moves = moves * np.repeat([1.0, 0.0], 3)
-    p, q, count = len(camera.params), len(found.state.terms_mm), len(found.state.poses)
+    p, q, count = len(camera.params), len(fit.state.terms_mm), len(fit.state.poses)
     derivative = np.zeros((len(pixels), 2, p + q + POSE * count))
     derivative[..., :p] = camera.by_params(points)
     derivative[..., p + q :] = np.tile(moves / count, count)
     return derivative
 
 
-def projection_covariance(found: Adjustment, pixels: Array, distance_mm: float) -> Array:
-    """Covariance (n, 2, 2), in squared pixels, of where things that are seen at places (n, 2) are projected."""
-    J = projection_derivative(found, pixels, distance_mm)
-    return np.asarray(J @ (found.covariance * found.scale**2) @ np.swapaxes(J, 1, 2))
+def projection_uncertainty(fit: Adjustment, pixels: Array, distance_mm: float) -> Array:
+    """Root mean square length (n,), in pixels, of the projection error at places (n, 2) of the frame."""
+    J = projection_derivative(fit, pixels, distance_mm)
+    covariance = J @ (fit.covariance * fit.scale**2) @ np.swapaxes(J, 1, 2)
+    return np.asarray(np.sqrt(np.einsum("naa->n", covariance)))
 
 
-def projection_uncertainty(found: Adjustment, pixels: Array, distance_mm: float) -> Array:
-    """Root mean square length (n,), in pixels, of the projection's error at places (n, 2) of the frame."""
-    return np.asarray(np.sqrt(np.einsum("naa->n", projection_covariance(found, pixels, distance_mm))))
+def camera_response(fit: Adjustment) -> list[Array]:
+    """Derivative (p, n, 2) of the camera parameters by the points of every view, with poses and chart adapting.
+
+    A displacement d of a point changes the right sides by J' P d and E' P d, P its precision; the node errors are
+    eliminated as in the adjustment.
+    """
+    state, problem = fit.state, fit.problem
+    system = problem.system(state)
+    inverse = np.linalg.inv(system.reduced()[0])[: len(state.camera.params)]
+    of_nodes = system.solved(system.W) @ inverse.T  # (N, 3, p)
+    responses = []
+    for i, view in enumerate(problem.views):
+        J, E = problem.jacobian(state, i)
+        first = fit.shared + POSE * i
+        places = np.r_[0 : fit.shared, first : first + POSE]
+        moved = J @ inverse[:, places].T - E @ of_nodes[view.index]  # (n, 2, p)
+        precision = np.swapaxes(view.whitening, 1, 2) @ view.whitening
+        responses.append(np.asarray((precision @ moved).transpose(2, 0, 1)))
+    return responses
 
 
-def seen_region(points: Array) -> Array:
-    """The convex outline (m, 2) of all points (n, 2) of the views: inside it the camera was measured."""
+def covered_region(points: Array) -> Array:
+    """Convex outline (m, 2) of the points (n, 2) of all views, within which the camera was measured."""
     outline = cv2.convexHull(points.astype(np.float32))
-    few = cv2.approxPolyDP(outline, ROUGHLY * float(np.ptp(points)), True)
+    few = cv2.approxPolyDP(outline, OUTLINE_TOLERANCE * float(np.ptp(points)), True)
     return np.asarray(few[:, 0], dtype=np.float64)
 
 
 def enclosed(region: Array, pixels: Array) -> npt.NDArray[np.bool_]:
-    """Which of the pixels (n, 2) lie inside an outline."""
+    """Whether each pixel (n, 2) lies inside an outline."""
     outline = region.astype(np.float32)[:, None]
     return np.array([cv2.pointPolygonTest(outline, (float(x), float(y)), False) >= 0 for x, y in pixels])

@@ -1,4 +1,4 @@
-"""What the geometry is computed from: a chart's nodes, and where each photograph shows them."""
+"""Input of the calibration: the nodes of a chart, and their positions in each photograph."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class ChartView:
     Attributes
     ----------
     source : str
-        What it is called.
+        Name of the photograph.
     index : (n,) int64
-        Which of the chart's nodes are seen.
+        Indices of the visible nodes.
     points : (n, 2) float64
-        Where, (x, y) in sensor pixels with centres at integers.
+        Their positions (x, y) in sensor pixels with centres at integers.
     covariance : (n, 2, 2) float64
-        Of each point, in squared pixels; those of different points are independent.
+        Of each point, in squared pixels; different points are independent.
     """
 
     source: str
@@ -37,20 +37,20 @@ class ChartView:
     covariance: Array
 
     def __len__(self) -> int:
-        """Number of nodes seen."""
+        """Number of points."""
         return len(self.index)
 
     @cached_property
     def whitening(self) -> Array:
-        """W (n, 2, 2) with W C W' = 1: what turns pixels into standard deviations."""
+        """W (n, 2, 2) with W C W' = 1: from pixels to standard deviations."""
         return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)), dtype=np.float64)
 
 
 def greatest_tilt(nodes: Array, views: Sequence[ChartView]) -> float:
-    """How far a chart's plane is turned away from the sensor's at the most, in degrees, as its foreshortening tells.
+    """Largest angle between chart and sensor plane, in degrees, from the foreshortening.
 
-    Needs no camera: a plane that stands square to the lens is seen with one scale in all directions, wherever it
-    appears. Distortion by some per cent looks like 15 degrees.
+    No camera is required: a frontal plane has the same scale in all directions, wherever it appears. Distortion of
+    several per cent appears as 15 degrees.
     """
     ratios = []
     for view in views:
@@ -62,12 +62,12 @@ def greatest_tilt(nodes: Array, views: Sequence[ChartView]) -> float:
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the chart stands before the camera: X_camera = R X_chart + t.
+    """Pose of the chart in the camera's frame: X_camera = R X_chart + t.
 
     Attributes
     ----------
     R : (3, 3) float64
-        Its columns are the chart's right, down and away as the camera sees them (x right, y down, z away).
+        Its columns are the chart's right, down and away in the camera's frame (x right, y down, z away).
     t : (3,) float64
         The chart's centre in the camera's frame, in mm.
     """
@@ -81,7 +81,7 @@ class Pose:
 
 
 def chart_nodes(cell_mm: float) -> Array:
-    """The centres of the chart's bins in mm from its centre, on a flat sheet, (N, 3).
+    """Centres of the chart's bins on a flat sheet, in mm from its centre, (N, 3).
 
     Parameters
     ----------

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.budget import with_convergence, with_parts
 from procedures.choice import FINEST, START_S, Trial, choose, remaining_change
+from procedures.display import html, summary
 from procedures.numbers import (
     GAMMA,
     GAMMA_BOUND,
@@ -25,7 +27,7 @@ from procedures.numbers import (
     S_OVER_T,
 )
 from procedures.numerics.kernel_tail import far_light
-from procedures.outcome import Outcome, Refused, Verdict, verdict_of
+from procedures.outcome import Outcome, Refused, Verdict, checked_type, verdict_of
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_chart
 from procedures.pattern_psf.correspondences import Correspondences, correspondences
@@ -54,9 +56,12 @@ from procedures.pattern_psf.solution import SharedErrors, solution
 from procedures.pattern_psf.trust import VerdictInputs, check_cells, check_light, checks_of, is_misfit
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
-from procedures.raw import Plane
+from procedures.raw import Plane, PlaneLike, as_plane
 from procedures.sensor_model import SensorModel
 from procedures.sharpening.paper import measure_noise
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = npt.NDArray[np.float64]
 
@@ -152,6 +157,13 @@ class PatternPsf:
     correspondences: Correspondences
     shared: SharedErrors
 
+    __repr__ = summary
+    _repr_html_ = html
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the MTF; `psf.plot` draws the PSF."""
+        return self.quality.plot(ax)
+
     @property
     def charts(self) -> tuple[PatternPsf, ...]:
         """Estimates from single photographs: this one."""
@@ -174,7 +186,7 @@ class PatternPsf:
 
 
 def estimate_psf(
-    plane: Plane,
+    plane: PlaneLike,
     chart: Chart,
     parameters: PatternParameters | None = None,
     diffraction: Diffraction | None = None,
@@ -185,7 +197,7 @@ def estimate_psf(
 
     Parameters
     ----------
-    plane : Plane
+    plane : Plane, or (rows, columns) array
         Linear samples, black 0, white 1; the chart may lie anywhere.
     chart : Chart
         The printed cells.
@@ -202,7 +214,8 @@ def estimate_psf(
     Outcome[PatternPsf]
         A refused outcome has a reason and a remedy and no value; poor photographs raise nothing.
     """
-    parameters = parameters or PatternParameters()
+    plane, parameters = as_plane(plane), parameters or PatternParameters()
+    checked_type(chart, Chart, "pass Chart.from_seed() for the chart of `station pattern`")
     try:
         return _estimate(plane, chart, parameters, diffraction, sighting, sensor)
     except Refused as refusal:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import summary
 from procedures.numbers import STREHL_LENS, WAVEFRONT_RMS, WAVEFRONT_RMS_NM
-from procedures.outcome import BadParameter, Check, Outcome, Quantity, Verdict, verdict_of
+from procedures.outcome import BadParameter, Check, Outcome, Quantity, Verdict, checked_type, verdict_of
 from procedures.physics.choice import choose, scale_of
 from procedures.physics.fit import ModelFit, WhitenedPsf
 from procedures.physics.model import Grid, names_of
@@ -63,6 +64,8 @@ class Physics:
     prediction: Array
     candidates: tuple[tuple[str, float], ...]
 
+    __repr__ = summary
+
 
 def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> Outcome[Physics]:
     """Fit the physical model that explains a measured PSF best.
@@ -81,6 +84,7 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
     BadParameter
         If aperture or pitch are not known: without them diffraction and defocus cannot be separated.
     """
+    checked_type(psf, Psf, "pass the psf of an estimate, outcome.result().psf, or field.at(x, y)")
     data = WhitenedPsf.of(Grid(psf, check_known(diffraction), pitch))
     fit, tried = choose(data)
     numbers = _numbers(data, fit)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import summary
 from procedures.numerics.compiled import compiled
 from procedures.outcome import BadInput
 
@@ -55,6 +56,8 @@ class Film:
     moment2: Doubles | None
     count: Counts
     dropped: Counts
+
+    __repr__ = summary
 
     @classmethod
     def blank(cls, rows: int, columns: int) -> Film:

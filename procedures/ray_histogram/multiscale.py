@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import summary
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import LARGEST, Film
 from procedures.ray_histogram.film_noise import mean_variance
@@ -50,6 +51,8 @@ class FilteredFilm:
     similar: Floats
     median_similar: tuple[float, ...]
     uncertainty: Floats | None = None
+
+    __repr__ = summary
 
 
 def filter_film(

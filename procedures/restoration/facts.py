@@ -70,23 +70,23 @@ class RestorationFacts(CameraFacts):
     steady: str = NO
     scheme: str | None = None
 
+    def _each(self, fact: str) -> Mapping[str, float | None]:
+        return {which: getattr(self, f"{which}_{fact}") for which in (*ORDER, TRUTH)}
+
     @property
     def f_numbers(self) -> Mapping[str, float | None]:
         """By photograph."""
-        each = self.first_f_number, self.second_f_number, self.third_f_number, self.truth_f_number
-        return dict(zip((*ORDER, TRUTH), each, strict=True))
+        return self._each("f_number")
 
     @property
     def levels(self) -> Mapping[str, float | None]:
         """By photograph."""
-        each = self.first_level, self.second_level, self.third_level, self.truth_level
-        return dict(zip((*ORDER, TRUTH), each, strict=True))
+        return self._each("level")
 
     @property
     def exposures_s(self) -> Mapping[str, float | None]:
         """By photograph."""
-        each = self.first_exposure_s, self.second_exposure_s, self.third_exposure_s, self.truth_exposure_s
-        return dict(zip((*ORDER, TRUTH), each, strict=True))
+        return self._each("exposure_s")
 
     @property
     def blurred(self) -> tuple[str, ...]:

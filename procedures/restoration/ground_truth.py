@@ -18,7 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from procedures.numerics.registration import affine_between
 from procedures.outcome import BadInput, Outcome, with_doubt
-from procedures.raw import Plane
+from procedures.raw import Plane, PlaneLike, as_frame
 from procedures.restoration.colour.mosaic import COLOUR
 from procedures.restoration.joint.picture_error import noise_upper_bound
 from procedures.restoration.joint.result import GroundTruth, Restoration
@@ -32,50 +32,38 @@ SOFTEST_PX, CENTRE_PX = 3.0, 512
 frame in which it is estimated, pixels."""
 
 
-@dataclass(frozen=True)
-class GroundTruthLimits:
-    """Limits for a valid ground truth, and for its agreement with the restoration.
-
-    Attributes
-    ----------
-    least_seen : float
-        Smallest fraction of the frame that it must show.
-    nothing_alike : float
-        Residual over contrast above which it shows another scene; for two unrelated scenes it is 1.4.
-    most_over_stated : float
-        Ratio of error and estimated error above which the restoration is doubtful.
-    """
-
-    least_seen: float = 0.1
-    nothing_alike: float = 0.7
-    most_over_stated: float = 2.0
-
-
+LEAST_SEEN = 0.1
+"""Smallest fraction of the frame that a ground truth must show."""
+NOTHING_ALIKE = 0.7
+"""Residual over contrast above which it shows another scene; for two unrelated scenes it is 1.4."""
+MOST_OVER_STATED = 2.0
+"""Ratio of error and estimated error above which the restoration is doubtful."""
 Planes = Mapping[str, Plane]
 T = TypeVar("T", bound=np.generic)
 
 
 def compare_to_ground_truth(
-    outcome: Outcome[Restoration], photographs: Sequence[Planes], truth: Planes, limits: GroundTruthLimits | None = None
+    outcome: Outcome[Restoration], photographs: Sequence[Planes | PlaneLike], truth: Planes | PlaneLike
 ) -> Outcome[Restoration]:
     """Add the comparison with the ground truth; doubtful where it contradicts the estimated error.
 
     Parameters
     ----------
-    photographs : the restored planes of each
-    truth : the planes of the ground truth
+    photographs : the restored planes of each by name, or its one plane, also as an array (H, W)
+    truth : the same of the ground truth
 
     Raises
     ------
     BadInput
         If the ground truth has other planes than the photographs, or another size, or is one of them.
     """
-    check_ground_truth(photographs, truth)
-    restoration, s = outcome.value, limits or GroundTruthLimits()
+    each, truth = [_planes_of(one) for one in photographs], _planes_of(truth)
+    check_ground_truth(each, truth)
+    restoration = outcome.value
     if restoration is None:
         return outcome
     static = np.asarray(~_on_planes(restoration.moved, truth).any(axis=0))
-    aligned = _align(_as_planes(restoration.sharp, truth), truth, static, s)
+    aligned = _align(_as_planes(restoration.sharp, truth), truth, static)
     if isinstance(aligned, str):
         return with_doubt(
             outcome, aligned, "take it of the same scene from the same place, without motion and in focus"
@@ -84,7 +72,7 @@ def compare_to_ground_truth(
     noise = min(noise_upper_bound(_stack(truth)[None]), restoration.diagnostics.noise) / aligned.light
     softer = _softer(aligned)
     witness = GroundTruth(
-        psnr_db=_psnr(aligned.error), before_db=tuple(_before(planes, truth, s) for planes in photographs),
+        psnr_db=_psnr(aligned.error), before_db=tuple(_before(planes, truth) for planes in each),
         error=_without_noise(aligned.error, noise), stated_error=stated, softer_px=softer,
         error_as_soft=_without_noise(aligned.softened(softer) - aligned.truth[:, aligned.valid], noise), noise=noise,
         compared=float(aligned.valid.mean()), light=aligned.light, matrix=aligned.matrix,
@@ -99,13 +87,17 @@ def compare_to_ground_truth(
             f"restored picture ({witness.psnr_db:.1f} dB): it is blurred itself, or the restoration is wrong"
         )
         return with_doubt(compared, reason, "look at the ground truth; give one that is sharp everywhere")
-    if least <= s.most_over_stated * stated:
+    if least <= MOST_OVER_STATED * stated:
         return compared
     reason = (
         f"the restoration differs from the ground truth by {witness.error:.1%} of white, "
         f"{witness.error / max(stated, 1e-9):.1f} times its estimated error"
     )
     return with_doubt(compared, reason, "check shapes and ratios; see difference.tiff")
+
+
+def _planes_of(photograph: Planes | PlaneLike) -> Planes:
+    return photograph if isinstance(photograph, Mapping) else as_frame(photograph).planes
 
 
 def check_ground_truth(photographs: Sequence[Planes], truth: Planes) -> None:
@@ -155,7 +147,7 @@ class _Aligned:
         return replace(self, picture=self.picture[:, y, x], truth=self.truth[:, y, x], valid=self.valid[y, x])
 
 
-def _align(picture: Array, truth: Planes, counts: NDArray[np.bool_], s: GroundTruthLimits) -> _Aligned | str:
+def _align(picture: Array, truth: Planes, counts: NDArray[np.bool_]) -> _Aligned | str:
     """The ground truth aligned to a picture of its planes, or the reason why it is invalid."""
     planes = _stack(truth)
     grey = [np.minimum(one.mean(axis=0), SATURATED).astype(np.float32) for one in (picture, planes)]
@@ -168,12 +160,12 @@ def _align(picture: Array, truth: Planes, counts: NDArray[np.bool_], s: GroundTr
     warped: Array = np.stack([cv2.warpAffine(p, matrix, size, flags=flags | cv2.INTER_LANCZOS4) for p in planes])
     inside = cv2.warpAffine(clear, matrix, size, flags=flags | cv2.INTER_LINEAR) > 0.999
     valid = cv2.erode((inside & counts).astype(np.uint8), np.ones((TAPS, TAPS), np.uint8), borderValue=0) > 0
-    if valid.mean() < s.least_seen:
+    if valid.mean() < LEAST_SEEN:
         return f"{ELSEWHERE}: {valid.mean():.0%} of the frame can be compared"
     light = float(warped[:, valid].mean() / max(picture[:, valid].mean(), 1e-9))
     aligned = _Aligned(picture, warped / max(light, 1e-9), valid, light, matrix)
     contrast = float(aligned.truth[:, valid].std(axis=1).mean())
-    if light <= 0 or float(np.sqrt(np.mean(aligned.error**2))) > s.nothing_alike * contrast:
+    if light <= 0 or float(np.sqrt(np.mean(aligned.error**2))) > NOTHING_ALIKE * contrast:
         return ELSEWHERE
     return aligned
 
@@ -181,10 +173,10 @@ def _align(picture: Array, truth: Planes, counts: NDArray[np.bool_], s: GroundTr
 ELSEWHERE = "the ground truth shows another scene, or the scene from another place"
 
 
-def _before(photograph: Planes, truth: Planes, s: GroundTruthLimits) -> float:
+def _before(photograph: Planes, truth: Planes) -> float:
     """PSNR of a photograph before restoration; NaN where the ground truth cannot be aligned to it."""
     stack = _stack(photograph)
-    aligned = _align(stack, truth, np.asarray((stack < SATURATED).all(axis=0)), s)
+    aligned = _align(stack, truth, np.asarray((stack < SATURATED).all(axis=0)))
     return float("nan") if isinstance(aligned, str) else _psnr(aligned.error)
 
 

@@ -30,8 +30,6 @@ WINDOW = 9
 MAX_RESIDUAL = 1.3
 """Local residual over noise, root mean square, above which no distance is given: at depth edges, where pixels are
 assigned to the wrong side, it is 2 to 5, elsewhere 0.4 to 1.3."""
-LEAST_W = 0.3
-"""Blur below which depths are indistinguishable."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ def ambiguity(photographs: Sequence[Array], masks: Sequence[Masks], w: Array, no
     ----------
     photographs : (C, H, W) each, registered; noise : their standard deviation
     """
-    z, levels = np.stack([np.asarray(one, np.float64) for one in photographs]), levels_of(masks, LEAST_W)
+    z, levels = np.stack([np.asarray(one, np.float64) for one in photographs]), levels_of(masks)
     cost = cost_volume(z, masks, np.full(len(z), max(noise, 1e-5)), levels, WINDOW)
     terms = z.shape[1] * len(z) * (len(z) - 1) / 2
     variance = np.empty(w.shape)

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadInput, Outcome, Refused, Verdict
-from procedures.raw import Plane
+from procedures.raw import Plane, PlaneLike
 from procedures.restoration.colour.estimate import in_colour
 from procedures.restoration.flat_part import Box, Whole, check_region, parts
 from procedures.restoration.joint.estimate import RestorationParameters, judge, restore
@@ -29,8 +29,8 @@ from procedures.restoration.joint.kernel_sizes import (
 from procedures.restoration.joint.result import Restoration, with_unit
 from procedures.restoration.masks.blur_models import DepthUnit, mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array
-from procedures.restoration.masks.camera_motion import Poses, RigSettings, motion_blur, planar_stacks, px_per_inverse_m
-from procedures.restoration.masks.checks import check_extent, check_max_w
+from procedures.restoration.masks.camera_motion import Poses, motion_blur, planar_stacks, px_per_inverse_m
+from procedures.restoration.masks.checks import as_channels, check_extent, check_max_w
 from procedures.restoration.masks.defocus_and_motion import with_defocus
 from procedures.restoration.masks.mask_fields import Masks
 from procedures.restoration.masks.psf_shapes import MeasuredShape
@@ -39,13 +39,12 @@ from procedures.restoration.unknown_motion.blind import Prototypes, prototype_sh
 from procedures.restoration.unknown_motion.flat_scene import (
     MIN_PICTURE_WEIGHT,
     FreeKernels,
-    FreeKernelSettings,
+    KernelEffort,
     given_kernels,
 )
 from procedures.restoration.unknown_motion.kernel_error import picture_change
 from procedures.restoration.unknown_motion.motion_splines import fit_recorded
-from procedures.restoration.unknown_motion.path_refinement import REMEDY, MotionShapes, motion_of_scene
-from procedures.restoration.unknown_motion.path_settings import PathSettings
+from procedures.restoration.unknown_motion.path_refinement import REMEDY, MotionShapes, PathEffort, motion_of_scene
 from procedures.restoration.unknown_motion.recorded_paths import recorded_masks
 from procedures.restoration.unknown_motion.rotated_scene import kernels_of_rotated_scene
 
@@ -76,13 +75,11 @@ class RecordedMotion:
 
     focal_px : focal length in pixels of the plane; None for a rig without rotation, with w in pixels.
     max_inverse_m : largest inverse depth, 1/m; None for the one that blurs by `BlurSpec.max_w`.
-    settings : resolution of the masks.
     """
 
     exposures: tuple[Poses, ...]
     focal_px: float | None = None
     max_inverse_m: float | None = None
-    settings: RigSettings = field(default_factory=RigSettings)
 
 
 @dataclass(frozen=True)
@@ -95,7 +92,7 @@ class UnknownMotion:
     ratios : of w, as in `KnownShapes`; default 1.
     kernels, doubt : known kernels of a flat scene's motions, each (K, K) with one sample a pixel, used unchanged, and
     why they are unreliable, or None.
-    settings : of the search of kernels of any form for a flat scene, of paths otherwise; None for the defaults.
+    effort : of the search of kernels of any form for a flat scene, of paths otherwise; None for the default.
     """
 
     region: Box | Whole | None = None
@@ -103,7 +100,7 @@ class UnknownMotion:
     ratios: tuple[float, ...] = ()
     kernels: tuple[Array, ...] = ()
     doubt: str | None = None
-    settings: PathSettings | FreeKernelSettings | None = None
+    effort: PathEffort | KernelEffort | None = None
 
 
 @dataclass(frozen=True)
@@ -147,18 +144,18 @@ class SceneBlur:
 
     def restored(
         self,
-        photographs: Sequence[Array],
+        photographs: Sequence[PlaneLike],
         parameters: RestorationParameters | None = None,
         progress: Callable[[JointRound], None] | None = None,
     ) -> Outcome[Restoration]:
-        """Picture and depth of photographs (C, H, W), as judged by `restore`; doubtful if the blur is."""
+        """Picture and depth of photographs, as `restore` takes and judges them; doubtful if the blur is."""
         kernels, shapes = None, None if self.motion is None else self.motion.shapes
         if self.flat_w is not None:
             parameters = flat_scene_parameters(parameters or RestorationParameters(), self.flat_w)
             kernels, shapes = shapes, None
         outcome = restore([*photographs], self.masks, parameters, progress)
         if self.motion is not None and self.motion.others is not None and outcome.value is not None:
-            outcome = judge_with_alternative(outcome.value, self.motion.shapes, self.motion.others, parameters)
+            outcome = judge_with_alternative(outcome.value, self.motion.shapes, self.motion.others)
         outcome = with_unit(self.unit, outcome, kernels, shapes)
         if self.doubt is not None and outcome.verdict is Verdict.PASS:
             outcome = replace(outcome, verdict=Verdict.DOUBTFUL, reason=self.doubt, remedy=REMEDY)
@@ -173,18 +170,19 @@ class SceneBlur:
         return replace(outcome, value=in_colour(outcome.value, photographs, self.finer(2)))
 
 
-def blur_of(spec: BlurSpec, photographs: Sequence[Array], report: Callable[[Finding], None] | None = None) -> SceneBlur:
-    """The blur of photographs (C, H, W) of one scene.
+def blur_of(
+    spec: BlurSpec, photographs: Sequence[PlaneLike], report: Callable[[Finding], None] | None = None
+) -> SceneBlur:
+    """The blur of photographs of one scene: arrays (H, W) or (C, H, W), or planes.
 
     report : receives estimates of unknown motion, in the flat part and then in the whole frame.
 
-    Raises
-    ------
-    BadParameter, BadInput, Refused
-        If it leaves nothing of the photographs or does not determine depth, or if motion cannot be estimated.
+    Raises BadParameter, BadInput, Refused if it leaves nothing of the photographs or does not determine depth, or if
+    motion cannot be estimated.
     """
     if spec.max_w is not None:
         check_max_w(spec.max_w)
+    photographs = as_channels(photographs)
     source, shape = spec.source, (int(photographs[0].shape[1]), int(photographs[0].shape[2]))
     if isinstance(source, KnownShapes):
         blur = _shaped(source, spec.max_w, photographs, shape)
@@ -261,19 +259,19 @@ def _recorded(source: RecordedMotion, max_w: float, shape: Size) -> SceneBlur:
     if focal is None:
 
         def planar(n: int) -> Sequence[Masks]:
-            stacks = planar_stacks([one.planar_path for one in exposures], n * max_w, source.settings)
+            stacks = planar_stacks([one.planar_path for one in exposures], n * max_w)
             check_extent(stacks[0].R, (n * shape[0], n * shape[1]))
             return stacks
 
         return SceneBlur(planar(1), planar)
     inverse = source.max_inverse_m
     if inverse is None:
-        inverse = max_w / px_per_inverse_m(exposures, focal, shape, source.settings.least_path_m)
-    blur = motion_blur(exposures, focal, shape, inverse, source.settings)
+        inverse = max_w / px_per_inverse_m(exposures, focal, shape)
+    blur = motion_blur(exposures, focal, shape, inverse)
 
     def finer(n: int) -> Sequence[Masks]:
         frame = (n * shape[0], n * shape[1])
-        return motion_blur(exposures, n * focal, frame, inverse, source.settings).fields
+        return motion_blur(exposures, n * focal, frame, inverse).fields
 
     return SceneBlur(blur.fields, finer, blur.unit)
 
@@ -297,9 +295,9 @@ def _of_flat_scene(
     if source.kernels:
         motion = given_kernels(source.kernels, len(photographs), source.doubt)
     else:
-        settings = source.settings if isinstance(source.settings, FreeKernelSettings) else None
+        effort = source.effort if isinstance(source.effort, KernelEffort) else None
         grey = np.stack([one.mean(axis=0) for one in photographs])
-        kernels = kernels_of_rotated_scene(grey, None if max_w is None else int(np.ceil(max_w)), settings)
+        kernels = kernels_of_rotated_scene(grey, None if max_w is None else int(np.ceil(max_w)), effort)
         report(kernels)
         motion = kernels.shapes
     known = KnownShapes((*motion.shapes,), (1.0,) * len(photographs))
@@ -307,18 +305,15 @@ def _of_flat_scene(
     return replace(blur, motion=motion, flat_w=motion.half_width)
 
 
-def judge_with_alternative(
-    restoration: Restoration, kernels: Array, others: Array, parameters: RestorationParameters | None = None
-) -> Outcome[Restoration]:
+def judge_with_alternative(restoration: Restoration, kernels: Array, others: Array) -> Outcome[Restoration]:
     """A flat scene's picture, judged with its change under the kernels of another search."""
     more = picture_change(restoration.sharp, kernels, others, restoration.history[-1].weights.picture)
-    return judge(restoration.with_added_error(more), parameters.limits if parameters else None)
+    return judge(restoration.with_added_error(more))
 
 
 def flat_scene_parameters(parameters: RestorationParameters, w: float) -> RestorationParameters:
     """Parameters for photographs with estimated kernels that are constant over the frame."""
-    weights = replace(parameters.weights, least_picture=max(parameters.weights.least_picture, MIN_PICTURE_WEIGHT))
-    return replace(parameters, flat_w=w, weights=weights)
+    return replace(parameters, flat_w=w, least_image_weight=max(parameters.least_image_weight, MIN_PICTURE_WEIGHT))
 
 
 def _motion_in(
@@ -354,7 +349,7 @@ def _motion_of_part(
     ]
     rng = np.random.default_rng(0)
     known = np.stack(starts) if starts else None
-    settings = source.settings if isinstance(source.settings, PathSettings) else None
-    motion = motion_of_scene([*photographs], box, prototypes, max_w, rng, known, settings)
+    effort = source.effort if isinstance(source.effort, PathEffort) else None
+    motion = motion_of_scene([*photographs], box, prototypes, max_w, rng, known, effort)
     report(motion)
     return motion

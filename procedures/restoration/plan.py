@@ -71,15 +71,15 @@ def plan(read_shape: ReadShape = named_shape) -> Plan:
             ),
             Step(
                 "second", "Second", "Take the second: another aperture or motion.", shots("second", SECOND, check),
-                drawings.SECOND, second_summary,
+                drawings.SECOND, partial(light_summary, "second"),
             ),
             Step(
                 "third", "Third", "Take the third: yet another aperture or motion.", shots("third", THIRD, check),
-                drawings.THIRD, third_summary, with_third,
+                drawings.THIRD, partial(light_summary, "third"), with_third,
             ),
             Step(
                 TRUTH, "Truth", "Take the ground truth: a sharp photograph.", shots(TRUTH, GROUND_TRUTH, check),
-                drawings.TRUTH, truth_summary, with_truth,
+                drawings.TRUTH, partial(light_summary, TRUTH), with_truth,
             ),
             Step("estimate", "Restore", "Restore picture and depth from all.", (restore,)),
             Step("verdict", "Verdict", "Accept the result, or take all again.", (Decide("first"),)),
@@ -100,22 +100,10 @@ def first_summary(facts: Facts) -> str:
     return "" if level is None else f"mean {100 * level:.0f} %"
 
 
-def second_summary(facts: Facts) -> str:
-    """Relative brightness of the second."""
-    return _light_summary("second", facts)
-
-
-def third_summary(facts: Facts) -> str:
-    """Relative brightness of the third, if there is one."""
-    return _light_summary("third", facts) if with_third(facts) else OMITTED
-
-
-def truth_summary(facts: Facts) -> str:
-    """Relative brightness of the ground truth, if there is one."""
-    return _light_summary(TRUTH, facts) if with_truth(facts) else OMITTED
-
-
-def _light_summary(which: str, facts: Facts) -> str:
+def light_summary(which: str, facts: Facts) -> str:
+    """Brightness of a later photograph relative to the first, if there is such a photograph."""
+    if (which == "third" and not with_third(facts)) or (which == TRUTH and not with_truth(facts)):
+        return OMITTED
     levels = facts_as(RestorationFacts, facts).levels
     first, level = levels["first"], levels[which]
     return "" if first is None or level is None else f"light {100 * (level / first - 1):+.0f} %"

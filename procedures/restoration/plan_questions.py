@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 from procedures.facts import facts_as
@@ -23,29 +24,23 @@ def done_by_shaker(facts: Facts) -> Fact | None:
     return True if shaken(facts) else None
 
 
-def by_apertures(facts: Facts) -> bool:
-    """Whether apertures blur the photographs."""
-    return facts_as(RestorationFacts, facts).blur_by == APERTURES
+def where(condition: Callable[[RestorationFacts], bool]) -> Callable[[Facts], bool]:
+    """A condition on the plan's facts."""
+    return lambda facts: condition(facts_as(RestorationFacts, facts))
 
 
-def by_motions(facts: Facts) -> bool:
-    """Whether motions of the rig blur, alone or in addition to the lens."""
-    return not by_apertures(facts)
-
-
-def by_both(facts: Facts) -> bool:
-    """Whether the lens blurs in addition to recorded motions."""
-    return facts_as(RestorationFacts, facts).blur_by == BOTH
-
-
-def by_motions_alone(facts: Facts) -> bool:
-    """Whether motions alone blur."""
-    return facts_as(RestorationFacts, facts).blur_by == MOTIONS
-
-
-def with_third(facts: Facts) -> bool:
-    """Whether a third photograph is requested."""
-    return facts_as(RestorationFacts, facts).photographs > 2
+by_apertures = where(lambda known: known.blur_by == APERTURES)
+by_motions = where(lambda known: known.blur_by != APERTURES)
+by_motions_alone = where(lambda known: known.blur_by == MOTIONS)
+by_both = where(lambda known: known.blur_by == BOTH)
+motions_measured = where(lambda known: known.blur_by == MOTIONS and known.motion_shape != SEARCH)
+with_third = where(lambda known: known.photographs > 2)
+third_by_apertures = where(lambda known: known.photographs > 2 and known.blur_by == APERTURES)
+third_by_motions = where(lambda known: known.photographs > 2 and known.blur_by != APERTURES)
+with_truth = where(lambda known: known.ground_truth == YES)
+truth_by_apertures = where(lambda known: known.ground_truth == YES and known.blur_by == APERTURES)
+truth_at_rest = where(lambda known: known.ground_truth == YES and known.blur_by == MOTIONS)
+truth_of_both = where(lambda known: known.ground_truth == YES and known.blur_by == BOTH)
 
 
 def motions_unrecorded(facts: Facts) -> bool:
@@ -58,45 +53,10 @@ def only_flat(facts: Facts) -> bool:
     return with_third(facts) and motions_unrecorded(facts)
 
 
-def third_by_apertures(facts: Facts) -> bool:
-    """Whether a third aperture blurs."""
-    return with_third(facts) and by_apertures(facts)
-
-
-def third_by_motions(facts: Facts) -> bool:
-    """Whether a third motion blurs."""
-    return with_third(facts) and by_motions(facts)
-
-
-def with_truth(facts: Facts) -> bool:
-    """Whether a ground truth is requested."""
-    return facts_as(RestorationFacts, facts).ground_truth == YES
-
-
-def truth_by_apertures(facts: Facts) -> bool:
-    """Whether the lens is stopped down for it."""
-    return with_truth(facts) and by_apertures(facts)
-
-
-def truth_at_rest(facts: Facts) -> bool:
-    """Whether the rig rests for it."""
-    return with_truth(facts) and by_motions_alone(facts)
-
-
-def truth_of_both(facts: Facts) -> bool:
-    """Whether the rig rests and the lens is stopped down for it."""
-    return with_truth(facts) and by_both(facts)
-
-
 def check_photographs(answer: Fact, facts: Facts) -> None:
     """Refuse other numbers than 2 and 3. Raises BadParameter."""
     if answer not in (2, 3):
         raise BadParameter(f"two or three photographs are restored together; got {answer}", "answer 2 or 3")
-
-
-def motions_measured(facts: Facts) -> bool:
-    """Whether the motions are given as measured kernels."""
-    return by_motions_alone(facts) and facts_as(RestorationFacts, facts).motion_shape != SEARCH
 
 
 def names_file(part: str) -> bool:

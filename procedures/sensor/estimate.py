@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import summary
 from procedures.numbers import (
     DEFECT_PIXELS,
     DSNU,
@@ -93,6 +94,8 @@ class SensorResult:
     light: Pattern | None
     dark_level: float
     doubt: str = ""
+
+    __repr__ = summary
 
 
 def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcome[SensorResult]:

@@ -12,14 +12,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import axes_of, html, summary
 from procedures.numbers import CYCLES, EDGE_ANGLE, EDGE_CROSSINGS, EDGE_MTF_NYQUIST, LEVELS
-from procedures.outcome import Outcome, Quantity, Refused, Verdict, verdict_of
+from procedures.outcome import Outcome, Quantity, Refused, Verdict, checked_type, verdict_of
 from procedures.quality import Diffraction
-from procedures.raw import Plane
+from procedures.raw import Plane, PlaneLike, as_plane
 from procedures.slanted_edge.edge_line import Course, find_course
 from procedures.slanted_edge.find import EdgeSighting, edge_listed, find_edges
 from procedures.slanted_edge.profile import Profile, edge_profile
@@ -29,6 +31,9 @@ from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
 from procedures.slanted_edge.trust import MOST_OVERSHOOT, check_clipping, check_course, check_samples, checks_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = npt.NDArray[np.float64]
 
@@ -87,6 +92,19 @@ class EdgeMtf:
     esf: Array
     diagnostics: Mapping[str, float]
 
+    __repr__ = summary
+    _repr_html_ = html
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the MTF with one standard uncertainty."""
+        ax, f = axes_of(ax), self.frequencies
+        (line,) = ax.plot(f, self.mtf, label=self.orientation)
+        low, high = self.mtf - self.uncertainty, self.mtf + self.uncertainty
+        ax.fill_between(f, low, high, color=line.get_color(), alpha=0.3, linewidth=0)
+        ax.set(xlabel="frequency / (cycles/pixel)", ylabel="MTF", ylim=(0, max(1.05, float(self.mtf.max()))))
+        ax.legend()
+        return ax
+
     @property
     def orientation(self) -> str:
         """The edge's own: near-horizontal or near-vertical."""
@@ -100,7 +118,7 @@ class EdgeMtf:
         return Quantity(value, "1", spread, METHOD, self.numbers[EDGE_MTF_NYQUIST].n)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class EdgeOutcome(Outcome[EdgeMtf]):
     """One edge's MTF with its own verdict, and where it lies; no place where nothing was found."""
 
@@ -108,11 +126,12 @@ class EdgeOutcome(Outcome[EdgeMtf]):
     turned: bool = False
 
 
-def estimate_edges(plane: Plane, diffraction: Diffraction | None = None) -> list[EdgeOutcome]:
+def estimate_edges(plane: PlaneLike, diffraction: Diffraction | None = None) -> list[EdgeOutcome]:
     """Every slanted edge that a plane shows: those that pass, the doubtful, the refused, the best of each first.
 
     One refusal without a place where there is no edge. Diffraction, where it is known, says what is known of the tail.
     """
+    plane = as_plane(plane)
     try:
         sightings = find_edges(plane.samples)
     except Refused as refusal:
@@ -121,7 +140,7 @@ def estimate_edges(plane: Plane, diffraction: Diffraction | None = None) -> list
     return sorted(outcomes, key=lambda one: list(Verdict).index(one.verdict))
 
 
-def estimate_edge(plane: Plane, roi: Roi, diffraction: Diffraction | None = None) -> EdgeOutcome:
+def estimate_edge(plane: PlaneLike, roi: Roi, diffraction: Diffraction | None = None) -> EdgeOutcome:
     """The MTF across the one edge of a region, or the reason why it has none.
 
     A region that an edge has in `estimate_edges` means that edge, with as much of its plains as is plain.
@@ -131,7 +150,8 @@ def estimate_edge(plane: Plane, roi: Roi, diffraction: Diffraction | None = None
     BadParameter
         If the region does not lie in the plane.
     """
-    strip = strip_of(plane.samples, roi)
+    plane = as_plane(plane)
+    strip = strip_of(plane.samples, checked_type(roi, Roi, "pass Roi(x, y, width, height) in pixels of the plane"))
     listed = edge_listed(plane.samples, roi)
     if listed is not None:
         return _of_sighting(listed, plane, diffraction)

@@ -164,7 +164,7 @@ def estimate_tilt(
     found = found.widened(chart_slope(list(bracket), parameters) ** 2, nominal_um(parameters) ** 2)
     with_focus = parameters.nominal_mm is not None
     turns = turns_for(found, parameters.screws, with_focus=with_focus)
-    astigmatism = np.array([one.tops[1].at - one.tops[0].at for one in places])
+    astigmatism = np.array([one.optima[1].at - one.optima[0].at for one in places])
     tilt = Tilt(found, astigmatism, parameters.screws, turns, with_focus)
     return verdict_of(_checks(tilt, set(in_um), places), tilt)
 
@@ -174,10 +174,12 @@ def heights_of(places: Sequence[PlaceFocus], zero_um: float, position_um: float)
 
     The noise of the PSFs is each place's own; the errors of the positions are common to all charts of a photograph.
     """
-    sources = sorted({name for one in places for top in one.tops for name in top.sways})
-    sways = np.array([[sum(top.sways.get(name, 0.0) for top in one.tops) / 2 for name in sources] for one in places])
-    noise = np.array([sum(top.variance for top in one.tops) / 4 for one in places])
-    best = np.array([sum(top.at for top in one.tops) / 2 for one in places])
+    sources = sorted({name for one in places for top in one.optima for name in top.sensitivities})
+    sways = np.array(
+        [[sum(top.sensitivities.get(name, 0.0) for top in one.optima) / 2 for name in sources] for one in places]
+    )
+    noise = np.array([sum(top.variance for top in one.optima) / 4 for one in places])
+    best = np.array([sum(top.at for top in one.optima) / 2 for one in places])
     return zero_um - best, np.diag(noise) + position_um**2 * sways @ sways.T
 
 
@@ -226,7 +228,7 @@ def _checks(tilt: Tilt, positions: set[float], places: Sequence[PlaceFocus]) -> 
     uncertain = max(numbers[name].uncertainty for name in (TILT_HORIZONTAL, TILT_VERTICAL))
     z = np.sort(list(positions))
     low, high = (z[0] + z[1]) / 2, (z[-1] + z[-2]) / 2
-    tops = [top.at for one in places for top in one.tops]
+    tops = [top.at for one in places for top in one.optima]
     return [
         Check("misfit", -ndtri(found.chance), -ndtri(UNLIKELY), doubtful,
               f"best focus differs from a smooth surface by {found.misfit:.1f} times its uncertainty",

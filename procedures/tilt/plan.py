@@ -21,9 +21,9 @@ from procedures.facts import AxisTravel, facts_as
 from procedures.field import plan as field_plan
 from procedures.field.facts import TourStart
 from procedures.field.locations import AHEAD, Location, direction, pan_tilt_deg, ray
-from procedures.field.plan import BEFORE, correction, light_readings, off_place
+from procedures.field.plan import BEFORE
 from procedures.numbers import HELPS, TILT_CORNER
-from procedures.pattern_psf.checks import check_light, marks_of, seen_chart, shown
+from procedures.pattern_psf.checks import check_light, seen_chart, shown
 from procedures.pattern_psf.facts import SIZES
 from procedures.pattern_psf.plan import LENS
 from procedures.pattern_psf.plan import plan as pattern_plan
@@ -41,7 +41,6 @@ from procedures.plan import (
     Measure,
     Outcomes,
     Plan,
-    Reading,
     Request,
     Step,
     Tour,
@@ -227,7 +226,7 @@ def chart_mm(start: TourStart, at: Mapping[str, float]) -> Array:
 
     Straight along the rail, whose places are known better than a chart's size tells its distance.
     """
-    seen, base = ray(start.seen_at, start.shape, start.principal_px), start.base
+    seen, base = ray(start.chart_at, start.shape, start.principal_px), start.base
     chart = direction(seen, base.get("pan_deg", 0.0), base.get("tilt_deg", 0.0)) * start.distance_mm / seen[2]
     x, y, z = (at.get(name, base.get(name, 0.0)) - base.get(name, 0.0) for name in ("x_mm", "y_mm", "z_mm"))
     return np.asarray(chart + np.array([-x, y, z]))
@@ -283,17 +282,6 @@ def check_bracket(location: Location, frame: RawFrame, facts: Facts) -> Advice:
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return replace(sighting, by_hand={}, moves={})
-    off, marks = off_place(location, sighting, plane), marks_of(sighting)
-    readings = (
-        Reading("off its place", 100 * off, "% of the width", None, 100 * NEAR),
-        *light_readings(frame, sighting),
-    )
-    if not readings[0].good:
-        say = f"The chart is {100 * off:.0f} % of the frame's width off its place."
-        return Advice(False, say, readings, moves=correction(location, sighting, plane, known), marks=marks)
-    bad = next((reading for reading in readings if not reading.good), None)
-    if bad is not None:
-        say = f"{field_plan.REMEDIES[bad.name]} ({bad.name} {bad.value:.3g} {bad.unit})"
-        return Advice(False, say, readings, marks=marks)
-    told = {DEPTH + frame.sha256[:MARK]: depth_mm(known.begun(), known.where())}
-    return Advice(True, "The chart is in its place.", readings, facts=told, marks=marks)
+    advice = field_plan.place_advice(location, sighting, frame, known, NEAR)
+    depth = {DEPTH + frame.sha256[:MARK]: depth_mm(known.begun(), known.where())}
+    return replace(advice, facts=depth) if advice.good else advice

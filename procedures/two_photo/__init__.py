@@ -1,6 +1,6 @@
 """PSF from two photographs of one textured wall at different distances.
 
-Lives here: matching of the two photographs, the kernel between them, the recursion that makes the camera's PSF of it,
-what tells that they are not alike, and the verdict. May import `psf`, `quality`, `choice`, `budget`, `sharpening`,
-`clipping`, `raw`, `outcome` and `numerics`, no other room.
+Contains the registration of the two photographs, the kernel between them, the recursion from it to the camera's PSF,
+checks of their consistency, and the verdict. May import `psf`, `quality`, `choice`, `budget`, `sharpening`,
+`clipping`, `raw`, `outcome` and `numerics`, no other estimator.
 """

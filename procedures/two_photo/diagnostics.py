@@ -1,8 +1,9 @@
-"""What tells a good pair of photographs from a bad one: measured on the final fit and the answer drawn from it."""
+"""Diagnostics of a pair of photographs, measured on the final fit and the PSF derived from it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,10 +11,10 @@ import numpy.typing as npt
 from procedures.clipping import find_clipping
 from procedures.numbers import EDGE_MTF50
 from procedures.psf import Psf
-from procedures.two_photo.error_parts import ErrorParts, near_errors
+from procedures.two_photo.error_parts import PairErrorParts, near_errors
 from procedures.two_photo.inter_image import PairFit
-from procedures.two_photo.likeness import Likeness
-from procedures.two_photo.near_noise import Kernel, noise_at_most
+from procedures.two_photo.near_noise import InterImageKernel, noise_at_most
+from procedures.two_photo.pair_consistency import PairConsistency
 from procedures.two_photo.registration import PairSighting
 from procedures.two_photo.sharpness import sharpness_ratio
 
@@ -21,19 +22,19 @@ Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 TILES = 8
-"""Tiles along each side of the common region that may each move by themselves."""
+"""Tiles along each side of the common region whose local shifts are estimated."""
 CLEAR = 0.1
-"""A frequency counts as determined where the MTF's standard uncertainty is under this."""
+"""A frequency is determined where the MTF's standard uncertainty is below this."""
 
 
 @dataclass(frozen=True)
-class Diagnostics:
-    """What tells a good pair of photographs from a bad one.
+class PairDiagnostics:
+    """Diagnostics of a pair of photographs.
 
     Attributes
     ----------
     matches : float
-        Matches that agree with the first homography.
+        Matches consistent with the first homography.
     match_rms_px : float
         Their scatter, in far pixels.
     samples : float
@@ -45,29 +46,29 @@ class Diagnostics:
     agreement : float
         Share of the far photograph's variance that the near one explains.
     residual_std : float
-        Pixel noise that the residual claims, over the most that a near pixel can hold: above 1 not all of it is noise.
+        Pixel noise implied by the residual, over the upper limit of a near pixel's noise; at most 1 for noise alone.
     whiteness : float
-        Largest correlation of the residual with itself one pixel further: 0 when white.
+        Largest correlation of the residual at a lag of one pixel: 0 when white.
     local_shift_px : float
-        Root mean square shift, in far pixels, of parts of the wall against the map, their noise allowed for.
+        Root mean square shift, in far pixels, of parts of the wall from the map, without noise.
     local_shift_significance : float
-        The same shifts as a chi-square per freedom, minus 1, in its standard deviations.
+        The same shifts as a chi-square per degree of freedom, minus 1, in its standard deviations.
     relief_px : float
-        Random shift from pixel to pixel that would explain how the residual grows with the gradient.
+        Random shift from pixel to pixel that explains the growth of the residual with the gradient.
     gain : float
         Contrast of the far photograph over the near one's.
     light_change : float
-        Root mean square of the gain's change over the region.
+        Root mean square of the gain's variation over the region.
     passed : float
-        By how much the kernel's transfer exceeds 1 anywhere, in its standard uncertainties.
+        Largest excess of the kernel's transfer over 1, in its standard uncertainties.
     excess : float
-        The largest such excess that is more than three standard uncertainties; 0 if there is none.
+        Largest such excess beyond three standard uncertainties; 0 if there is none.
     relative_uncertainty : float
-        sqrt(trace of the covariance) over the norm of the PSF: the relative L2 error to expect at most.
+        sqrt(trace of the covariance) over the norm of the PSF: an upper limit of the expected relative L2 error.
     determined_horizontal, determined_vertical : float
-        Cycles/pixel up to which the MTF is known to 0.1 along x and y.
+        Frequency in cycles/pixel up to which the MTF along x and y is known to 0.1.
     near_noise_bias : float
-        What the near photograph's noise alone would have taken from the kernel, over its norm.
+        Bias of the kernel by the near photograph's noise before its correction, over the kernel's norm.
     recursion_check : float
         Distance of the recursion from the direct solution, over the PSF's norm.
     support_cut : float
@@ -77,17 +78,17 @@ class Diagnostics:
     saturated : float
         Larger clipped share of the two photographs.
     outliers : float
-        Share of the common region's samples that were left out because no noise explains them.
+        Share of the common region's samples excluded as outliers.
     travelled_px, moved_px : float
-        How far the map moved from the first homography, and in the last step, in far pixels.
+        Moves of the map from the first homography and in the last iteration, in far pixels.
     left_over, colour, smoothing, streaks, detail, light_turned, missing_light, beyond_light : float
-        See `likeness.Likeness`.
+        See `pair_consistency.PairConsistency`.
     softness_x, softness_y, sharpening, turned, wall_power : float
-        See `likeness.NearLook`.
+        See `pair_consistency.NearSpectrum`.
     near_noise : float
-        Noise that the near photograph has at most, by its finest detail, over the noise that the residual claims.
+        Upper limit of the near photograph's noise, by its finest detail, over the noise implied by the residual.
     focus_effect : float
-        By what share another focus, if that is what softness tells, changes the MTF at Nyquist: the larger of x and y.
+        Relative change of the MTF at Nyquist if `softness` is due to focus: the larger of x and y.
     mismatch : float
         Variance of MTF50 by the scatter of the region's parts, over that by white noise.
     """
@@ -137,24 +138,19 @@ class Diagnostics:
 
 
 def diagnose(
-    fit: PairFit,
-    kernel: Kernel,
-    psf: Psf,
-    sighting: PairSighting,
-    near: Array32,
-    far: Array32,
-    near_noise_limit: float,
-    recursion_check: float,
-    saturated: float,
-    alike: Likeness,
-    parts: ErrorParts,
-) -> Diagnostics:
-    """Measure what the verdict needs, on the final fit and the answer drawn from it."""
+    fit: PairFit, kernel: InterImageKernel, psf: Psf, sighting: PairSighting, near: Array32, far: Array32,
+    near_noise_limit: float, recursion_check: float, saturated: float, consistency: PairConsistency,
+    parts: PairErrorParts,
+) -> PairDiagnostics:  # fmt: skip
+    """Diagnostics of the final fit and of the PSF derived from it."""
     zoom = np.sqrt(np.abs(np.linalg.det(fit.warp.derivative(fit.samples.points[::29]))))
     shift, significance = local_shifts(fit)
     passed, excess = transfer_above_one(kernel, psf)
-    determined = [determined_to(psf, axis) for axis in (0, 1)]
-    return Diagnostics(
+    determined_horizontal, determined_vertical = (determined_to(psf, axis) for axis in (0, 1))
+    (x, y), (rows, columns) = fit.near.corner, fit.near.shape
+    common: dict[str, Any] = {name: value for name, value in vars(consistency).items() if name != "near"}
+    spectrum = consistency.near
+    return PairDiagnostics(
         matches=float(sighting.matches),
         match_rms_px=sighting.rms_far_px,
         samples=float(len(fit.residual)),
@@ -171,55 +167,39 @@ def diagnose(
         passed=passed,
         excess=excess,
         relative_uncertainty=float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h)),
-        determined_horizontal=determined[0],
-        determined_vertical=determined[1],
+        determined_horizontal=determined_horizontal,
+        determined_vertical=determined_vertical,
         near_noise_bias=kernel.bias,
         recursion_check=recursion_check,
         support_cut=kernel.cut,
-        sharpness_ratio=_sharpness_ratio(fit, near, far, kernel.noise),
+        sharpness_ratio=sharpness_ratio(fit.common_part(near), far[y : y + rows, x : x + columns], kernel.noise),
         saturated=saturated,
         outliers=fit.outliers,
         travelled_px=fit.travelled_px,
         moved_px=fit.moved_px,
-        left_over=alike.left_over,
-        colour=alike.colour,
-        smoothing=alike.smoothing,
-        detail=alike.detail,
-        streaks=alike.streaks,
-        light_turned=alike.light_turned,
-        beyond_light=alike.beyond_light,
-        softness_x=float(alike.near.softness[0]),
-        softness_y=float(alike.near.softness[1]),
-        sharpening=alike.near.sharpening,
-        turned=float(np.hypot(*alike.near.turned)),
-        wall_power=alike.near.wall_power,
-        missing_light=alike.missing_light,
-        near_noise=alike.near.most_noise / kernel.noise,
-        focus_effect=float(np.hypot(*near_errors(alike.near, fit.scale(), *(0.5 * np.eye(2)))).max()),
+        **common,
+        softness_x=float(spectrum.softness[0]),
+        softness_y=float(spectrum.softness[1]),
+        sharpening=spectrum.sharpening,
+        turned=float(np.hypot(*spectrum.turned)),
+        wall_power=spectrum.wall_power,
+        near_noise=spectrum.most_noise / kernel.noise,
+        focus_effect=float(np.hypot(*near_errors(spectrum, fit.scale(), *(0.5 * np.eye(2)))).max()),
         mismatch=max((ratio for name, ratio in parts.mismatch.items() if name.startswith(EDGE_MTF50)), default=1.0),
     )
 
 
 def clipped_share(photograph: Array32) -> float:
-    """Share of a photograph's samples that are cut off, at its own ends or at white."""
+    """Share of a photograph's samples that are clipped, at the limits of its range or at white."""
     noise = noise_at_most(photograph)
-    found = find_clipping(photograph, dark_noise=noise, bright_noise=noise)
-    return max(found.black, found.white)
-
-
-def _sharpness_ratio(fit: PairFit, near: Array32, far: Array32, noise: float) -> float:
-    """Of the parts that both photographs show."""
-    (x, y), (rows, columns) = fit.near.corner, fit.near.shape
-    rim = fit.warp.forward(np.array([[x, y], [x + columns, y], [x + columns, y + rows], [x, y + rows]], dtype=float))
-    low = np.maximum(rim.min(axis=0), 0).astype(int)
-    high = rim.max(axis=0).astype(int)
-    return sharpness_ratio(near[low[1] : high[1], low[0] : high[0]], far[y : y + rows, x : x + columns], noise)
+    clipping = find_clipping(photograph, dark_noise=noise, bright_noise=noise)
+    return max(clipping.black, clipping.white)
 
 
 def local_shifts(fit: PairFit) -> tuple[float, float]:
-    """How far parts of the wall lie from the map: rms shift in far pixels beyond noise, and its significance.
+    """Root mean square shift of parts of the wall from the map, in far pixels without noise, and its significance.
 
-    Each tile's residual is explained by a shift of its own; a wall that is one plane leaves noise of known size.
+    The residual of each tile is fitted by a shift of its own; a plane wall leaves noise of known variance.
     """
     s = fit.samples
     rows, columns = fit.near.shape
@@ -243,9 +223,9 @@ def local_shifts(fit: PairFit) -> tuple[float, float]:
 
 
 def relief(fit: PairFit) -> float:
-    """Root mean square of a random shift, in far pixels, whose residual grows with the gradient as it does.
+    """Root mean square of a random shift, in far pixels, that explains the growth of the residual with the gradient.
 
-    Squared residuals as a constant, a linear function of the level (noise) and one of the squared gradient.
+    Squared residuals are fitted by a constant, a linear function of the level (noise), and the squared gradient.
     """
     squared = np.sum(fit.slopes**2, axis=1) / 2
     model = np.column_stack([np.ones_like(squared), fit.prediction, squared])
@@ -255,22 +235,21 @@ def relief(fit: PairFit) -> float:
 
 def _neighbour_correlation(fit: PairFit) -> float:
     """Largest correlation of the residual at lag one, along rows or columns."""
-    grid = np.full(fit.near.shape, np.nan)
-    grid[fit.samples.rows, fit.samples.columns] = fit.residual
+    grid = fit.as_image(fit.residual, np.nan)
     pairs = (grid[1:] * grid[:-1], grid[:, 1:] * grid[:, :-1])
     return max((float(np.nanmean(pair)) / fit.variance for pair in pairs), key=abs)
 
 
 def _light_change(fit: PairFit) -> float:
-    """Root mean square of the multiplied quadratics, over the samples."""
+    """Root mean square of the multiplicative quadratics, over the samples."""
     x, y = ((fit.samples.points - fit.warp.centre) / fit.warp.radius).T
     return float(np.std(np.stack([x, y, x * x, x * y, y * y], axis=-1) @ fit.light[6:]))
 
 
-def transfer_above_one(kernel: Kernel, psf: Psf) -> tuple[float, float]:
-    """By how many standard uncertainties |K| exceeds 1, and by how much where that is over three of them.
+def transfer_above_one(kernel: InterImageKernel, psf: Psf) -> tuple[float, float]:
+    """Largest excess of |K| over 1 in standard uncertainties, and its value where that is more than three of them.
 
-    K(f) = H(f) / H(f / lambda) stays under 1 for any PSF whose MTF falls; above, the near photograph is the less sharp.
+    K(f) = H(f) / H(f / lambda) is below 1 for any decreasing MTF; above, the near photograph is the less sharp.
     """
     n = np.arange(psf.k) - psf.k // 2
     f = np.linspace(0.05, 0.5, 10) * psf.s
@@ -285,12 +264,12 @@ def transfer_above_one(kernel: Kernel, psf: Psf) -> tuple[float, float]:
         np.maximum(np.einsum("ij,jk,ik->i", slope, kernel.covariance[: psf.k**2, : psf.k**2], slope), 1e-24)
     )
     above = np.abs(K) - 1
-    sure = above[above > 3 * uncertainty]
-    return float((above / uncertainty).max()), float(sure.max()) if len(sure) else 0.0
+    significant = above[above > 3 * uncertainty]
+    return float((above / uncertainty).max()), float(significant.max(initial=0.0))
 
 
 def determined_to(psf: Psf, axis: int) -> float:
-    """Cycles/pixel up to which the MTF along x (0) or y (1) has a standard uncertainty under `CLEAR`."""
+    """Frequency in cycles/pixel up to which the MTF along x (0) or y (1) has a standard uncertainty below `CLEAR`."""
     n = (np.arange(psf.k) - psf.k // 2) / psf.s
     f = np.linspace(0, psf.s / 2, 31)
     C = psf.covariance.reshape(psf.k, psf.k, psf.k, psf.k).sum(axis=(0, 2) if axis == 0 else (1, 3))

@@ -1,4 +1,4 @@
-"""The PSF from two photographs of one textured wall at different distances: a number with its error bar, or a refusal.
+"""PSF from two photographs of one textured wall at different distances, with its uncertainty, or a refusal.
 
 References
 ----------
@@ -8,42 +8,47 @@ Delbracio, Almansa, Muse, IPOL 2013, section 4; Delbracio's thesis, chapter 3 an
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.budget import with_convergence, with_parts
 from procedures.choice import Trial, choose, remaining_change
+from procedures.display import html, summary
 from procedures.numbers import GAIN, NOISE, RESIDUAL_STD, SCALE
 from procedures.numerics.solvers import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
 from procedures.outcome import Outcome, Refused, Verdict, verdict_of
-from procedures.psf import Psf, PsfTail, Sampling
+from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
-from procedures.raw import Plane
+from procedures.raw import Plane, PlaneLike, as_plane
 from procedures.two_photo.diagnostics import diagnose
 from procedures.two_photo.error_parts import error_parts, likely_errors, widened
 from procedures.two_photo.inter_image import PairFit, fit_kernel
-from procedures.two_photo.likeness import likeness
-from procedures.two_photo.near_noise import Kernel, noise_at_most, without_near_noise
+from procedures.two_photo.near_noise import InterImageKernel, noise_at_most, without_near_noise
+from procedures.two_photo.pair_consistency import pair_consistency
 from procedures.two_photo.recursion import Recovered, psf_by_equation, psf_by_recursion
 from procedures.two_photo.registration import PairSighting, register
 from procedures.two_photo.trust import check_distance, check_light, checks_of, most_samples_per_pixel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 START_S = 3
-"""The first try: a finer grid asks for detail of the wall that few walls have."""
+"""First s that is tried: a finer grid needs detail that few walls have."""
 
 
 @dataclass(frozen=True)
 class TwoPhotoParameters(Sampling):
-    """How the PSF is sampled and solved for: see `Sampling`.
+    """Sampling of the PSF and solver: see `Sampling`.
 
-    The non-negative solution is the published algorithm's projection, made in the metric of the error bars instead
-    of sample by sample.
+    The non-negative solution is the published algorithm's projection, in the metric of the covariance instead of
+    sample by sample.
     """
 
     s: int | None = None
@@ -59,9 +64,9 @@ class TwoPhotoPsf:
     Attributes
     ----------
     psf : Psf
-        Its centre is its centroid under a Gaussian window: two photographs of a wall know no other.
+        Centred on its centroid under a Gaussian window: two photographs of a wall determine no other centre.
     quality : Quality
-        MTF and the numbers drawn from the PSF, with the budgets of their uncertainties.
+        MTF and numbers of the PSF, with their uncertainty budgets.
     inter_image : (k, k) float64
         The kernel from the near to the far photograph inside its support, sum 1.
     scale : (lambda_x, lambda_y)
@@ -71,11 +76,11 @@ class TwoPhotoPsf:
     gain : float
         Contrast of the far photograph over the near one's.
     noise : float
-        Standard deviation of a pixel's noise, of the scale from black to white.
+        Standard deviation of a pixel's noise, on the scale from black to white.
     residual_std : float
-        Residual in units of the largest noise that the far photograph can hold.
+        Residual in units of the upper limit of the far photograph's noise.
     choice : tuple of Trial
-        What was tried of s and k; the last one is this.
+        Tried s and k; the last one is this.
     warp : CubicWarp
         Far pixels -> near pixels.
     diagnostics : mapping of str to float
@@ -93,46 +98,53 @@ class TwoPhotoPsf:
     warp: CubicWarp
     diagnostics: Mapping[str, float]
 
+    __repr__ = summary
+    _repr_html_ = html
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the MTF; `psf.plot` draws the PSF."""
+        return self.quality.plot(ax)
+
     @property
     def diffraction(self) -> None:
-        """Whoever gives photographs knows what limits them."""
+        """None: the caller knows the diffraction limit."""
 
     @property
     def charts(self) -> tuple[()]:
-        """A wall shows none."""
+        """Empty: a wall shows no chart."""
         return ()
 
     @property
     def variations(self) -> tuple[()]:
-        """Nothing is told of the parts of a wall."""
+        """Empty: parts of the wall are not reported separately."""
         return ()
 
     @property
     def values(self) -> dict[str, float | tuple[float, float]]:
-        """The numbers that have no uncertainty."""
+        """The numbers without uncertainty."""
         return {SCALE: self.scale, GAIN: self.gain, NOISE: self.noise, RESIDUAL_STD: self.residual_std}
 
 
-def estimate_psf(
-    a: Plane, b: Plane, parameters: TwoPhotoParameters | None = None, diffraction: Diffraction | None = None
+def estimate_psf_of_pair(
+    a: PlaneLike, b: PlaneLike, parameters: TwoPhotoParameters | None = None, diffraction: Diffraction | None = None
 ) -> Outcome[TwoPhotoPsf]:
-    """The PSF of the plane's camera from two photographs of one wall, in any order, or the reason why there is none.
+    """The PSF of the plane's camera from two photographs of one wall, in any order.
 
     Parameters
     ----------
-    a, b : Plane
+    a, b : Plane, or (rows, columns) arrays
         Linear samples of the same plane, black 0, white 1.
     parameters : TwoPhotoParameters, optional
         s and k that are not given are chosen.
     diffraction : Diffraction, optional
-        What limits this plane: where it is given, the Strehl ratio is reported too.
+        Diffraction limit of this plane, for the Strehl ratio.
 
     Returns
     -------
     Outcome[TwoPhotoPsf]
-        Refused outcomes carry the reason and the remedy and no value; poor photographs raise nothing.
+        A refused outcome has a reason and a remedy and no value; poor photographs raise nothing.
     """
-    parameters = parameters or TwoPhotoParameters()
+    a, b, parameters = as_plane(a), as_plane(b), parameters or TwoPhotoParameters()
     try:
         return _estimate(a, b, parameters, diffraction)
     except Refused as refusal:
@@ -148,12 +160,12 @@ def estimate_psf(
 
 
 @dataclass(frozen=True)
-class _Attempt:
-    """The joint fit at one s and k, the kernel without the near noise's bias, and the PSF drawn from it, free and as
-    asked for."""
+class _PairAttempt:
+    """The joint fit at one s and k, the kernel corrected for the near photograph's noise, and the PSFs derived from it:
+    unconstrained, and by the requested solver."""
 
     fit: PairFit
-    kernel: Kernel
+    kernel: InterImageKernel
     recovered: Recovered
     free: Psf
     psf: Psf
@@ -162,47 +174,60 @@ class _Attempt:
 def _estimate(
     a: Plane, b: Plane, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
-    """The chain itself; raises Refused."""
+    """The complete estimation. Raises Refused."""
     saturated = check_light(a.samples, b.samples)
     sighting = register(a.samples, b.samples)
     near, far = (b.samples, a.samples) if sighting.swapped else (a.samples, b.samples)
     check_distance(sighting.H_near_far, far.shape, parameters.s or 2)
     most_s = most_samples_per_pixel(sighting.H_near_far, far.shape)
     limit = noise_at_most(near)
-    found, tried = _chosen(near, far, sighting, limit, parameters, most_s)
-    fit, kernel, J = found.fit, found.kernel, found.fit.scale()
-    alike = likeness(fit, found.free, near)
-    errors = likely_errors(alike, found.recovered, found.free, J)
-    psf = widened(found.psf, errors)
+    best, tried = _chosen(near, far, sighting, limit, parameters, most_s)
+    fit, kernel, J = best.fit, best.kernel, best.fit.scale()
+    consistency = pair_consistency(fit, best.free, near)
+    errors = likely_errors(consistency, best.recovered, best.free, J)
+    psf = widened(best.psf, errors)
     quality = assess(psf, n=len(fit.residual), diffraction=diffraction, at=parameters.at)
-    parts = error_parts(fit, kernel, found.recovered, found.free, quality, errors)
+    parts = error_parts(fit, kernel, best.recovered, best.free, quality, errors)
     quality = with_parts(with_convergence(quality, remaining_change(tried)), parts.parts)
     check = psf_by_equation(kernel.total, psf.s, J)
-    off = float(np.linalg.norm(found.recovered.h - check.h) / np.linalg.norm(check.h))
-    diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, off, saturated, alike, parts)
+    off = float(np.linalg.norm(best.recovered.h - check.h) / np.linalg.norm(check.h))
+    diagnostics = diagnose(fit, kernel, psf, sighting, near, far, limit, off, saturated, consistency, parts)
     contradicted, raw = beyond_diffraction(quality, diffraction), a.raw and b.raw
-    result = _result(replace(found, psf=psf), quality, tried, sighting, asdict(diagnostics))
+    scale_x, scale_y = np.linalg.norm(J, axis=0)
+    result = TwoPhotoPsf(
+        psf=psf,
+        quality=quality,
+        inter_image=kernel.k.reshape(psf.k, psf.k) / kernel.k.sum(),
+        scale=(float(scale_x), float(scale_y)),
+        swapped=sighting.swapped,
+        gain=kernel.gain,
+        noise=kernel.noise,
+        residual_std=diagnostics.residual_std,
+        choice=tried,
+        warp=fit.warp,
+        diagnostics=asdict(diagnostics),
+    )
     return verdict_of(checks_of(diagnostics, parameters, tried, psf.s, contradicted, raw=raw), result)
 
 
 def _chosen(
     near: Array32, far: Array32, sighting: PairSighting, limit: float, parameters: TwoPhotoParameters, most_s: int
-) -> tuple[_Attempt, tuple[Trial, ...]]:
-    """The result for the s and k that are given, or that do, and what was tried; raises Refused."""
+) -> tuple[_PairAttempt, tuple[Trial, ...]]:
+    """The result for the given or chosen s and k, and the trials. Raises Refused."""
     start: CubicWarp | None = None
 
-    def attempt(s: int, k: int) -> _Attempt:
+    def attempt(s: int, k: int) -> _PairAttempt:
         nonlocal start
         fit = fit_kernel(near, far, sighting.H_near_far, s, k, start)
         start = fit.warp
         kernel = without_near_noise(fit, limit)
         recovered = psf_by_recursion(kernel.total, s, fit.scale())
         free, psf = (_psf(recovered, kernel, s, solver) for solver in ("ls", parameters.solver))
-        return _Attempt(fit, kernel, recovered, free, psf)
+        return _PairAttempt(fit, kernel, recovered, free, psf)
 
     samples = min(int(np.prod(far.shape)), int(np.prod(near.shape) / most_s**2))
 
-    def chosen_from(start_s: int) -> tuple[_Attempt, tuple[Trial, ...]]:
+    def chosen_from(start_s: int) -> tuple[_PairAttempt, tuple[Trial, ...]]:
         return choose(attempt, lambda one: one.psf, samples, most_s, start_s=start_s, s=parameters.s, k=parameters.k)
 
     try:
@@ -213,53 +238,16 @@ def _chosen(
         return chosen_from(2)  # a wall with little fine detail
 
 
-def _psf(recovered: Recovered, kernel: Kernel, s: int, solver: str) -> Psf:
-    """The PSF as asked for, of sum 1.
+def _psf(recovered: Recovered, kernel: InterImageKernel, s: int, solver: str) -> Psf:
+    """The PSF of sum 1 by a solver.
 
-    The covariance is that of the free solution; for "clip" and "nnls" it is an upper limit.
+    The covariance is that of the unconstrained solution; for "clip" and "nnls" it is an upper limit.
     """
     covariance, p = recovered.covariance(kernel.covariance), recovered.parameters
     n = recovered.h.size
     if solver != "ls":
         information = cholesky_solve(covariance[:n, :n], np.eye(n))
-        moved = solve_constrained(information, information @ p[:n], solver) - p[:n]
-        # the tail goes with the samples as its covariance with them tells
-        p = p + np.concatenate([moved, covariance[n:, :n] @ (information @ moved)])
-    return _of_sum_one(p, covariance, s, len(recovered.h))
-
-
-def _of_sum_one(p: Array, covariance: Array, s: int, k: int) -> Psf:
-    """The PSF whose samples have the sum 1, from samples and tail (k^2 + q,) and their covariance, to first order."""
-    n = k * k
-    total = p[:n].sum()
-    p = p / total
-    # J C J' with J = (I - p 1_n') / total
-    covariance = covariance - np.outer(p, covariance[:n].sum(axis=0))
-    covariance = (covariance - np.outer(covariance[:, :n].sum(axis=1), p)) / total**2
-    tail = PsfTail(p[n:], covariance[n:, n:], covariance[:n, n:])
-    return Psf(p[:n].reshape(k, k), s, covariance[:n, :n], tail)
-
-
-def _result(
-    found: _Attempt,
-    quality: Quality,
-    tried: tuple[Trial, ...],
-    sighting: PairSighting,
-    diagnostics: Mapping[str, float],
-) -> TwoPhotoPsf:
-    """Everything that is reported, from the final fit."""
-    kernel, k = found.kernel, found.psf.k
-    scale_x, scale_y = np.linalg.norm(found.fit.scale(), axis=0)
-    return TwoPhotoPsf(
-        psf=found.psf,
-        quality=quality,
-        inter_image=kernel.k.reshape(k, k) / kernel.k.sum(),
-        scale=(float(scale_x), float(scale_y)),
-        swapped=sighting.swapped,
-        gain=kernel.gain,
-        noise=kernel.noise,
-        residual_std=diagnostics[RESIDUAL_STD],
-        choice=tried,
-        warp=found.fit.warp,
-        diagnostics=diagnostics,
-    )
+        change = solve_constrained(information, information @ p[:n], solver) - p[:n]
+        # the tail follows the samples by their covariance
+        p = p + np.concatenate([change, covariance[n:, :n] @ (information @ change)])
+    return Psf.of_unit_sum(p, covariance, len(recovered.h), s)

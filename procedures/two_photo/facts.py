@@ -1,4 +1,4 @@
-"""What a calibration from two photographs of a wall knows: the two distances, the light, the frames from nearby."""
+"""Facts of a calibration from two photographs of a wall: distances, light, numbers of frames."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ from dataclasses import dataclass
 from procedures.facts import CameraFacts, derived_from
 
 LEAST_RATIO, RATIO, MOST_RATIO = 2.2, 4.0, 8.0
-"""Of the two distances: below, no subpixel PSF is determined; above, too little of the wall is common to both."""
+"""Ratio of the two distances: below, no subpixel PSF is determined; above, the common part of the wall is too small."""
 SHARP_RATIO = 3.2
-"""From which three samples per pixel are determined, as a sharp lens needs: the zoom is larger than the ratio."""
+"""Ratio from which three samples per pixel are determined, as required by a sharp lens: the zoom is larger."""
 
 
 @dataclass(frozen=True)
 class TwoPhotoFacts(CameraFacts):
-    """The facts of the plan.
+    """Facts of the plan.
 
     Attributes
     ----------
-    near_mm : distance of the wall from nearby
+    near_mm : near distance of the wall
     ratio : far over near distance
-    s : samples per pixel; None lets the photographs choose
+    s : samples per pixel; None: chosen from the photographs
     focus_by : "ring" or "skip"
     near_level : mean of the near photograph
-    far_light_percent : how much brighter the wall is from afar
-    near_laser_mm, near_z_mm : the rangefinder's reading and the rail's position from nearby
-    far_way_mm : how far the camera went back from there, by rail or rangefinder
-    near_frames, far_frames : photographs that count
+    far_light_percent : relative increase of the light in the far photograph
+    near_laser_mm, near_z_mm : the rangefinder's reading and the rail's position at the near place
+    far_way_mm : way of the camera to the far place, by rail or rangefinder
+    near_frames, far_frames : number of accepted photographs
     """
 
     near_mm: float | None = None

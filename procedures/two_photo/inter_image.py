@@ -1,13 +1,14 @@
-"""The kernel between the two photographs, jointly with the map and the light: the near photograph plays the chart.
+"""The kernel between the two photographs, fitted jointly with map and light: the near photograph serves as the chart.
 
 Every Gauss-Newton step linearises
 
     y = A k + sum tau_j T_j + sum a_i q_i + sum b_i q_i A k
 
 about the current map, kernel and light, with y the far photograph's samples, A the near photograph on the s grid of
-the far one as a convolution, T_j the same seen through the shapes of the tail beyond the support of k, q_i the
-quadratics of place, and eliminates everything but k and the tail (variable projection, Kaufman's form). The map is a
-homography followed by a cubic displacement; its constant is a shift of k, and is set so that k stays centred.
+the far one as a convolution, T_j its convolution with the shapes of the tail beyond the support of k, q_i the
+quadratics of position, and eliminates everything but k and the tail (variable projection, Kaufman's form). The map is a
+homography followed by a cubic displacement; its constant is equivalent to a shift of k, and is set so that k stays
+centred.
 """
 
 from __future__ import annotations
@@ -22,32 +23,32 @@ from procedures.numerics.normal_equations import NormalEquations, Products, elim
 from procedures.numerics.sampled_convolution import sample_convolution
 from procedures.numerics.splines import photograph_spline, read_spline
 from procedures.numerics.warps import CubicWarp, displacement_columns, homography_jacobian
-from procedures.two_photo.region import Samples, common_region
+from procedures.two_photo.region import FarSamples, common_region
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int64]
 
 GEOMETRY, LIGHT = 18, 11
-"""Nuisance parameters: nine cubics each for x and y; six quadratics added, five multiplied."""
+"""Nuisance parameters: nine cubics each for x and y; six additive quadratics, five multiplicative."""
 TAIL = len(SHAPES)
 TILES = 6
-"""Tiles along each side of the region: large beside the kernel, small beside what shades, moves or defocuses."""
-MAX_STEPS = 8
-NEAR_PX = 0.02  # what the last step may have left for the next: below this every sample is taken
-STILL_PX = 0.04  # the step itself is accounted for to first order: a tenth of it at most is left
-OUTLYING = 6.0  # standard deviations of the residual from which a sample is left out
-COARSE_SAMPLES = 20  # samples per unknown that bring the map near
+"""Tiles along each side of the region: larger than the kernel, smaller than shading, motion and defocus vary over."""
+MAX_ITERATIONS = 8
+ALL_SAMPLES_PX = 0.02  # move of the map below which all samples are used
+CONVERGED_PX = 0.04  # the step is exact to first order: at most a tenth of it remains
+OUTLIER_SIGMAS = 6.0  # standard deviations of the residual from which a sample is excluded
+COARSE_SAMPLES = 20  # samples per unknown of the first iterations
 
 
 @dataclass(frozen=True)
 class NearImage:
-    """The near photograph, band-limited to what the far one's s grid holds.
+    """The near photograph, band-limited to the s grid of the far one.
 
     Attributes
     ----------
     coefficients : (rows, columns) float32
-        Of a cubic spline about the photograph's mean.
+        Cubic spline about the photograph's mean.
     grid : (3, 3) float64
         Near pixels (x, y) -> grid points.
     s : int
@@ -64,7 +65,7 @@ class NearImage:
     shape: tuple[int, int]
 
     def read(self, warp: CubicWarp, border: int) -> Array32:
-        """The near photograph on the s grid over the window and `border` samples around it, seen through the map."""
+        """The near photograph, mapped to the s grid over the window and `border` samples around it."""
         rows, columns = self.shape
         return np.asarray(
             read_spline(
@@ -82,36 +83,33 @@ class NearImage:
 
 @dataclass(frozen=True)
 class PairFit:
-    """The state of the estimate: map, kernel, light, and what is left over.
+    """State of the estimate: map, kernel, light, and residual.
 
     Attributes
     ----------
     warp : CubicWarp
         Far pixels -> near pixels.
     kernel : (k^2,) float64
-        The inter-image kernel by plain least squares.
+        Inter-image kernel by plain least squares.
     tail : (q,) float64
-        tau_j, what the kernel has beyond its support; with it the kernel's sum is the gain from near to far photograph.
+        tau_j, the kernel beyond its support; the sum of both is the gain from near to far photograph.
     light : (11,) float64
         a (6), b without its constant (5).
     samples : Samples
     near : NearImage
     equations : NormalEquations
-        Of the last step, for kernel and tail.
-    seen : (m,) float64
-        The near photograph through the kernel, before the light.
+        Of the last iteration, for kernel and tail.
     slopes : (m, 2) float64
         Change of the prediction per far pixel along x and y.
     prediction : (m,) float64
-    steps : int
     moved_px : float
-        Largest move of the map in the last step, in far pixels.
+        Largest move of the map in the last iteration, in far pixels.
     travelled_px : float
-        The same summed over all steps, translations aside.
+        Sum of these moves, without translations.
     outliers : float
-        Share of the common region's samples that were left out.
+        Share of the common region's samples that were excluded.
     scores : (TILES^2, k^2 + q + p) float64
-        The share of every tile in A'r, the tail's columns and Z'r: what the tile says of kernel, tail and nuisance.
+        Contribution of every tile to A'r, the tail's columns and Z'r, for kernel, tail and nuisance parameters.
     counts : (TILES^2,) int64
         Samples of every tile.
     """
@@ -120,13 +118,11 @@ class PairFit:
     kernel: Array
     tail: Array
     light: Array
-    samples: Samples
+    samples: FarSamples
     near: NearImage
     equations: NormalEquations
-    seen: Array
     slopes: Array
     prediction: Array
-    steps: int
     moved_px: float
     travelled_px: float
     outliers: float = 0.0
@@ -140,18 +136,32 @@ class PairFit:
 
     @property
     def variance(self) -> float:
-        """Variance of the residual, freedoms allowed for."""
+        """Variance of the residual per degree of freedom."""
         freedom = len(self.samples.y) - len(self.kernel) - TAIL - GEOMETRY - LIGHT
         return float(self.residual @ self.residual / freedom)
 
     def scale(self) -> Array:
-        """d(near pixels) / d(far pixels) (2, 2), its mean over the samples: the kernel is such a mean too."""
+        """d(near pixels) / d(far pixels) (2, 2), its mean over the samples, like the kernel."""
         return np.asarray(self.warp.derivative(self.samples.points[::29]).mean(axis=0))
 
     @property
     def agreement(self) -> float:
         """Share of the samples' variance that the near photograph explains."""
         return 1 - self.variance / float(np.var(self.samples.y))
+
+    def as_image(self, values: Array, background: float) -> Array:
+        """Values (m,) of the samples as an image of the window."""
+        image = np.full(self.near.shape, background)
+        image[self.samples.rows, self.samples.columns] = values
+        return image
+
+    def common_part(self, near: Array32) -> Array32:
+        """The part of the near photograph inside the window."""
+        (x, y), (rows, columns) = self.near.corner, self.near.shape
+        corners = [[x, y], [x + columns, y], [x + columns, y + rows], [x, y + rows]]
+        rim = self.warp.forward(np.array(corners, dtype=float))
+        low, high = np.maximum(rim.min(axis=0), 0).astype(int), rim.max(axis=0).astype(int)
+        return near[low[1] : high[1], low[0] : high[0]]
 
 
 def fit_kernel(
@@ -163,11 +173,11 @@ def fit_kernel(
     ----------
     near, far : (rows, columns) float32
     H_near_far : (3, 3) float64
-        Far -> near pixels, good to about half a far pixel.
+        Far -> near pixels, to about half a far pixel.
     s, k : int
         Samples per far pixel, and their number along the kernel's side.
     start : CubicWarp, optional
-        The map that a fit of other s and k ended with.
+        Map of an earlier fit with other s and k.
 
     Raises
     ------
@@ -175,96 +185,83 @@ def fit_kernel(
         If the common region is too small for the kernel.
     """
     samples, corner, shape = common_region(near, far, H_near_far, s, k)
-    warp = start or _first_warp(H_near_far, samples)
+    centre = samples.points.mean(axis=0)
+    warp = start or CubicWarp(H_near_far, centre, float(np.abs(samples.points - centre).max()), np.zeros((2, 9)))
     image = _near_image(near, warp, samples, s, k, corner, shape)
     stride = int(np.clip(np.sqrt(len(samples.y) / (COARSE_SAMPLES * k * k)), 1, 3))
     coarse = samples.kept((samples.rows % stride == 0) & (samples.columns % stride == 0)) if stride > 1 else samples
-    fit = _settled(_first_fit(coarse, image, warp, k), samples, k)
-    clean = _without_outliers(fit)
+    fit = _iterated(_first_fit(coarse, image, warp, k), samples, k)
+    away = np.abs(fit.residual)  # beyond noise: an object in front of the wall in one of the photographs
+    clean = fit.samples.kept(away < OUTLIER_SIGMAS * 1.4826 * float(np.median(away)))
     if len(clean.y) < len(samples.y) - max(10, 1e-3 * len(samples.y)):
-        fit = replace(_settled(fit, clean, k), outliers=1 - len(clean.y) / len(samples.y))
+        fit = replace(_iterated(fit, clean, k), outliers=1 - len(clean.y) / len(samples.y))
     return fit
 
 
-def _settled(fit: PairFit, samples: Samples, k: int) -> PairFit:
-    """Gauss-Newton steps on the fit's own samples while the map moves, the last one on all of `samples`."""
-    for step in range(1, MAX_STEPS + 1):
-        if fit.moved_px < NEAR_PX or step >= MAX_STEPS - 2:
+def _iterated(fit: PairFit, samples: FarSamples, k: int) -> PairFit:
+    """Gauss-Newton iterations on the fit's own samples while the map moves, the last ones on all of `samples`."""
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        if fit.moved_px < ALL_SAMPLES_PX or iteration >= MAX_ITERATIONS - 2:
             fit = replace(fit, samples=samples)
-        last, fit = fit, _step(_centred(fit, k), k, whole=fit.samples is samples)
-        fit = replace(fit, steps=last.steps + 1, travelled_px=last.travelled_px + fit.moved_px)
-        if fit.samples is samples and fit.moved_px < STILL_PX:
+        before, fit = fit, _step(_centred(fit, k), k, whole=fit.samples is samples)
+        fit = replace(fit, travelled_px=before.travelled_px + fit.moved_px)
+        if fit.samples is samples and fit.moved_px < CONVERGED_PX:
             break
     return fit
 
 
-def _without_outliers(fit: PairFit) -> Samples:
-    """The samples without those that no noise explains: something before the wall in one of the photographs."""
-    away = np.abs(fit.residual)
-    return fit.samples.kept(away < OUTLYING * 1.4826 * float(np.median(away)))
-
-
-def _first_warp(H_near_far: Array, samples: Samples) -> CubicWarp:
-    centre = samples.points.mean(axis=0)
-    radius = float(np.abs(samples.points - centre).max())
-    return CubicWarp(H_near_far, centre, radius, np.zeros((2, 9)))
-
-
 def _near_image(
-    near: Array32, warp: CubicWarp, samples: Samples, s: int, k: int, corner: tuple[int, int], shape: tuple[int, int]
+    near: Array32, warp: CubicWarp, samples: FarSamples, s: int, k: int, corner: tuple[int, int], shape: tuple[int, int]
 ) -> NearImage:
-    """The part of the near photograph that is needed, as a spline."""
-    seen = warp.forward(samples.points)
+    """The required part of the near photograph, as a spline."""
+    mapped = warp.forward(samples.points)
     scale = np.abs(homography_jacobian(warp.H, warp.centre)).sum(axis=1)
     margin = scale * tail_border(k) / s + 8
-    low = np.maximum(np.floor(seen.min(axis=0) - margin), 0).astype(int)
-    high = np.minimum(np.ceil(seen.max(axis=0) + margin) + 1, near.shape[::-1]).astype(int)
+    low = np.maximum(np.floor(mapped.min(axis=0) - margin), 0).astype(int)
+    high = np.minimum(np.ceil(mapped.max(axis=0) + margin) + 1, near.shape[::-1]).astype(int)
     part = near[low[1] : high[1], low[0] : high[0]]
     coefficients, grid = photograph_spline(part - part.mean(), warp.jacobian(), s / 2)
     shift = np.array([[1, 0, -low[0]], [0, 1, -low[1]], [0, 0, 1]])
     return NearImage(coefficients, grid @ shift, s, corner, shape)
 
 
-def _place(samples: Samples, warp: CubicWarp) -> Array:
-    """Quadratics of place at the samples, (m, 6): the light's terms."""
+def _quadratics(samples: FarSamples, warp: CubicWarp) -> Array:
+    """Quadratics of position at the samples, (m, 6): the light's terms."""
     x, y = ((samples.points - warp.centre) / warp.radius).T
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
 
 
-def _system(samples: Samples, u: Array32, s: int, k: int) -> Array32:
-    """The convolution with the near photograph `u`, read with the tail's border, sampled at the far pixels."""
+def _system(samples: FarSamples, u: Array32, s: int, k: int) -> Array32:
+    """Convolution with the near photograph `u`, read with the tail's border, sampled at the far pixels."""
     unweighted = np.ones(len(samples.y), np.float32)
     extra = tail_border(k) - k // 2
     inner = u[extra:-extra, extra:-extra]
     return np.asarray(sample_convolution(inner, samples.rows, samples.columns, unweighted, s, k))
 
 
-def _first_fit(samples: Samples, near: NearImage, warp: CubicWarp, k: int) -> PairFit:
-    """The kernel by the first map, the added light free."""
-    A, place = _system(samples, near.read(warp, tail_border(k)), near.s, k), _place(samples, warp)
-    equations = eliminate(products(gram(A), A, place, samples.y))
+def _first_fit(samples: FarSamples, near: NearImage, warp: CubicWarp, k: int) -> PairFit:
+    """The kernel with the initial map and free additive light."""
+    A, quadratics = _system(samples, near.read(warp, tail_border(k)), near.s, k), _quadratics(samples, warp)
+    equations = eliminate(products(gram(A), A, quadratics, samples.y))
     kernel = equations.kernel
-    seen = (A @ kernel.astype(np.float32)).astype(np.float64)
     light = np.zeros(LIGHT)
     light[:6] = equations.nuisance(kernel)
-    slopes = np.zeros((len(seen), 2))
-    prediction = seen + place @ light[:6]
-    return PairFit(
-        warp, kernel, np.zeros(TAIL), light, samples, near, equations, seen, slopes, prediction, 0, np.inf, 0.0
-    )
+    slopes = np.zeros((len(samples.y), 2))
+    prediction = (A @ kernel.astype(np.float32)).astype(np.float64) + quadratics @ light[:6]
+    return PairFit(warp, kernel, np.zeros(TAIL), light, samples, near, equations, slopes, prediction, np.inf, 0.0)
 
 
 def _centred(fit: PairFit, k: int) -> PairFit:
-    """The same fit with the map shifted to where the kernel is centred; the next step moves the kernel."""
+    """The fit with the map shifted so that the kernel is centred; the next step moves the kernel."""
     offset = centre_of(fit.kernel.reshape(k, k)) / fit.near.s
     return replace(fit, warp=fit.warp.translated(-offset))
 
 
 def centre_of(kernel: Array) -> Array:
-    """Centroid (x, y) of a kernel (k, k), in samples from its middle, under a Gaussian window that follows it.
+    """Centroid (x, y) of a kernel (k, k), in samples from its middle, under a Gaussian window centred on it.
 
-    The window, a quarter of the support wide, keeps out the noise of the far samples; for a kernel with a centre of
-    symmetry the centroid is that centre whatever the window.
+    The window, a quarter of the support wide, suppresses the noise of the outer samples; for a kernel with a centre of
+    symmetry the centroid is that centre for any window.
     """
     k = len(kernel)
     x = np.arange(k) - k // 2
@@ -272,34 +269,34 @@ def centre_of(kernel: Array) -> Array:
     for _ in range(30):
         window = np.exp(-((x - centre[0]) ** 2 + (x[:, None] - centre[1]) ** 2) / (2 * (k / 4) ** 2))
         weighted = window * kernel
-        found = np.array([weighted.sum(axis=0) @ x, weighted.sum(axis=1) @ x]) / weighted.sum()
-        still = np.abs(found - centre).max() < 1e-6
-        centre = np.clip(found, -k / 4, k / 4)
-        if still:
+        centroid = np.array([weighted.sum(axis=0) @ x, weighted.sum(axis=1) @ x]) / weighted.sum()
+        converged = np.abs(centroid - centre).max() < 1e-6
+        centre = np.clip(centroid, -k / 4, k / 4)
+        if converged:
             break
     return centre
 
 
 def _step(fit: PairFit, k: int, *, whole: bool) -> PairFit:
-    """One Gauss-Newton step: a new system for the current map, increments of everything; the tail in `whole` ones."""
+    """One Gauss-Newton step from the current map; the tail is included in `whole` ones."""
     samples, warp = fit.samples, fit.warp
     u = fit.near.read(warp, tail_border(k))
     A = _system(samples, u, fit.near.s, k)
     slope_y, slope_x = np.gradient(fit.kernel.reshape(k, k))
     both = np.column_stack([fit.kernel, slope_x.ravel(), slope_y.ravel()]).astype(np.float32)
-    seen, *slopes = (A @ both).T.astype(np.float64)
-    shifted = np.stack(slopes, axis=-1) * fit.near.s
-    place, monomials = _place(samples, warp), warp.monomials(samples.points)
-    columns = [displacement_columns(shifted, monomials), place, place[:, 1:] * seen[:, None]]
+    blurred, *gradients = (A @ both).T.astype(np.float64)
+    slopes = np.stack(gradients, axis=-1) * fit.near.s
+    quadratics, monomials = _quadratics(samples, warp), warp.monomials(samples.points)
+    columns = [displacement_columns(slopes, monomials), quadratics, quadratics[:, 1:] * blurred[:, None]]
     known = fit.light
     if whole:
         columns.append(tail_columns(u, samples.rows, samples.columns, fit.near.s, k))
         known = np.concatenate([known, fit.tail])
     Z = np.hstack(columns)
-    before = seen + Z[:, GEOMETRY:] @ known
+    before = blurred + Z[:, GEOMETRY:] @ known
     residual = samples.y - before
     parts = products(gram(A), A, Z, residual)
-    equations = _with_tail_known(parts, fit, float(np.mean(residual**2))) if whole else eliminate(parts)
+    equations = _with_tail_prior(parts, fit, float(np.mean(residual**2))) if whole else eliminate(parts)
     change, tail = np.split(equations.kernel, [k * k])
     t = np.concatenate([equations.nuisance(np.append(change, tail)), tail])
     displacement = t[:GEOMETRY].reshape(2, 9)
@@ -313,8 +310,7 @@ def _step(fit: PairFit, k: int, *, whole: bool) -> PairFit:
         tail=fit.tail + tail if whole else fit.tail,
         light=fit.light + t[GEOMETRY : GEOMETRY + LIGHT],
         equations=equations,
-        seen=seen,
-        slopes=shifted,
+        slopes=slopes,
         prediction=prediction,
         moved_px=float(np.abs(moves).max()),
         scores=scores,
@@ -323,27 +319,24 @@ def _step(fit: PairFit, k: int, *, whole: bool) -> PairFit:
 
 
 def _scores(fit: PairFit, A: Array32, Z: Array, residual: Array) -> tuple[Indices, Array]:
-    """Samples of every tile, and its share in the products with the residual: kernel, tail, nuisance parameters."""
+    """Samples of every tile, and its contribution to the products with the residual: kernel, tail, nuisance."""
     rows, columns = (
-        np.minimum(place * TILES // n, TILES - 1)
-        for place, n in zip((fit.samples.rows, fit.samples.columns), fit.near.shape, strict=True)
+        np.minimum(index * TILES // n, TILES - 1)
+        for index, n in zip((fit.samples.rows, fit.samples.columns), fit.near.shape, strict=True)
     )
     tile = rows * TILES + columns
     shares = np.zeros((len(tile), TILES * TILES), dtype=np.float32)
     shares[np.arange(len(tile)), tile] = residual
-    turned = np.hstack([Z[:, -TAIL:], Z[:, :-TAIL]]).astype(np.float32)
-    scores = np.hstack([shares.T @ A, shares.T @ turned])
+    reordered = np.hstack([Z[:, -TAIL:], Z[:, :-TAIL]]).astype(np.float32)
+    scores = np.hstack([shares.T @ A, shares.T @ reordered])
     return np.bincount(tile, minlength=TILES * TILES), np.asarray(scores, dtype=np.float64)
 
 
-def _with_tail_known(parts: Products, fit: PairFit, variance: float) -> NormalEquations:
-    """The equations of kernel and tail, with what is known of the tail's other shapes before they are fitted.
-
-    `variance` is that of the residual: what is known counts against it.
-    """
+def _with_tail_prior(parts: Products, fit: PairFit, variance: float) -> NormalEquations:
+    """Equations of kernel and tail, with priors of the tail's shapes weighted by the `variance` of the residual."""
     first = len(fit.kernel)
     mean = abs(float(fit.tail[0]))
-    if mean == 0:  # not fitted yet: by itself first
+    if mean == 0:  # first fit: the mean alone
         alone = eliminate(parts.with_joined(TAIL, np.full(TAIL - 1, 1e9 * np.trace(parts.ZZ)), np.zeros(TAIL - 1)))
         mean = abs(float(alone.kernel[first]))
     precision = variance / (DIFFERS * max(mean, LEAST_TAIL)) ** 2

@@ -1,11 +1,11 @@
-"""The noise of the near photograph: what it does to least squares, and the kernel without that.
+"""Correction of the kernel for the noise of the near photograph.
 
-The matrix A holds the near photograph, noise and all: A = A0 + E. On the s grid, band-limited to it, the near pixels'
-noise stays white, of variance c sigma^2 with c = s^2 / det J: the share of the near photograph's band that is kept.
-Each row of A holds k^2 different samples, so that E'E is m c sigma^2 D on average, D the identity; the tail's columns
-hold means of others, and D there the products of their kernels. Least squares therefore solves
-(A0'A0 + m c sigma^2 D) k = A0'y and shrinks the kernel where the wall's spectrum is weak; taking m c sigma^2 D off
-again leaves no bias, to first order. sigma itself comes from the residual, whose variance is sigma^2 (1 + c |k|^2).
+The matrix A contains the near photograph with its noise: A = A0 + E. On the s grid, band-limited to it, the near
+pixels' noise is white, of variance c sigma^2 with c = s^2 / det J, the retained share of the near photograph's band.
+Each row of A contains k^2 different samples, so that the mean of E'E is m c sigma^2 D, D the identity; the tail's
+columns contain means of other samples, and D the products of their kernels. Least squares therefore solves
+(A0'A0 + m c sigma^2 D) k = A0'y and shrinks the kernel where the wall's spectrum is weak; subtracting m c sigma^2 D
+removes the bias to first order. sigma derives from the residual, whose variance is sigma^2 (1 + c |k|^2).
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ Array32 = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Kernel:
-    """The inter-image kernel, free of the near photograph's noise.
+class InterImageKernel:
+    """The inter-image kernel, corrected for the near photograph's noise.
 
     Attributes
     ----------
     total : (n + q,) float64
-        The kernel's samples and, last, its tail's amplitudes.
+        Samples of the kernel, and amplitudes of its tail.
     covariance : (n + q, n + q) float64
-        Noise of both photographs, and the nuisance parameters.
+        By the noise of both photographs, including nuisance parameters.
     noise : float
-        sigma, in the units of the samples.
+        sigma, in the unit of the samples.
     bias : float
         |k - plain least squares| / |k|.
     inverse : (n + q, n + q) float64
-        Of the equations without the near photograph's noise.
-    given_back : (n + q,) float64
-        What taking that noise off adds to the equations' right-hand side.
+        Inverse of the corrected normal equations.
+    noise_correction : (n + q,) float64
+        Change of the equations' right-hand side by the correction.
     """
 
     total: Array
@@ -52,7 +52,7 @@ class Kernel:
     noise: float
     bias: float
     inverse: Array
-    given_back: Array
+    noise_correction: Array
 
     @property
     def k(self) -> Array:
@@ -70,14 +70,14 @@ class Kernel:
         return 1 - float(self.k.sum()) / self.gain
 
 
-def without_near_noise(fit: PairFit, near_noise_limit: float) -> Kernel:
-    """The kernel with the bias that the near photograph's noise gives least squares taken out.
+def without_near_noise(fit: PairFit, near_noise_limit: float) -> InterImageKernel:
+    """The kernel corrected for the bias of least squares due to the near photograph's noise.
 
     Parameters
     ----------
     fit : PairFit
     near_noise_limit : float
-        Upper limit of the near pixels' noise: what the residual holds beyond it is not noise of a pixel.
+        Upper limit of the near pixels' noise: a larger residual is not pixel noise.
 
     Raises
     ------
@@ -95,8 +95,8 @@ def without_near_noise(fit: PairFit, near_noise_limit: float) -> Kernel:
     D = scipy.linalg.block_diag(np.eye(len(fit.kernel)), np.tensordot(shapes, shapes, axes=((1, 2), (1, 2))))
     c = fit.near.s**2 / float(np.linalg.det(fit.scale()))
     noise = float(np.sqrt(fit.variance / (1 + c * float(fit.kernel @ fit.kernel))))
-    taken_off = len(fit.residual) * c * min(noise, near_noise_limit) ** 2 * D
-    corrected = G - taken_off
+    correction = len(fit.residual) * c * min(noise, near_noise_limit) ** 2 * D
+    corrected = G - correction
     try:
         total = cholesky_solve(corrected, G @ plain)
     except np.linalg.LinAlgError as error:
@@ -107,14 +107,13 @@ def without_near_noise(fit: PairFit, near_noise_limit: float) -> Kernel:
         ) from error
     inverted = inverse(corrected)
     bias = float(np.linalg.norm(total - plain) / np.linalg.norm(total))
-    return Kernel(total, fit.variance * inverted @ G @ inverted, noise, bias, inverted, taken_off @ total)
+    return InterImageKernel(total, fit.variance * inverted @ G @ inverted, noise, bias, inverted, correction @ total)
 
 
 def noise_at_most(samples: Array32) -> float:
-    """An upper limit of the pixels' noise: the median size of the second difference along both axes.
+    """An upper limit of the pixels' noise: the median magnitude of the second difference along both axes.
 
-    Texture can only add to it. The difference of noise sigma has the standard deviation 6 sigma; one pixel in nine
-    is asked.
+    Texture can only increase it. Noise sigma gives a standard deviation of 6 sigma; one pixel in nine is used.
     """
     rows, columns = (n // 3 * 3 for n in samples.shape)
     squares = samples[:rows, :columns].reshape(rows // 3, 3, columns // 3, 3)

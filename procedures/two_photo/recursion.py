@@ -1,11 +1,11 @@
-"""From the kernel between the two photographs to the PSF of the camera, in Fourier, with the derivative of every step.
+"""The camera's PSF from the kernel between the two photographs, in the Fourier domain, with its derivative.
 
 With x' = J x the map from far to near pixels, the kernel k and the PSF h are tied by K(f) = H(f) / H(J^-T f): the
-near photograph holds the same optics, J times finer. J is kept whole, so that a roll of the camera between the two
+near photograph contains the same optics, J times finer. J is a full matrix, so that a roll of the camera between the
 photographs, and different zooms along x and y, are exact.
 
-K is known at every frequency, its tail beyond the support included; so is the product H. The PSF that is handed on,
-samples and tail, is the one whose spectrum is nearest to H.
+K is known at every frequency, including its tail beyond the support; so is the product H. The resulting PSF, samples
+and tail, is the one whose spectrum is nearest to H.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from procedures.numerics.warps import inverse
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
-REST = 1e-4
-"""The product ends with the first factor that nowhere in the band differs from 1 by more."""
-MOST_FACTORS = 40
+CONVERGENCE_TOLERANCE = 1e-4
+"""The product ends with the first factor that differs from 1 by less everywhere in the band."""
+MAX_FACTORS = 40
 TAIL = len(SHAPES)
 CLOSE, FINER = 4, 4
-"""Steps of the grid of frequencies from 0 within which there are so many times more of them along either axis."""
+"""Range of low frequencies, in steps of their grid, that is sampled more finely, and by what factor."""
 RIM, RIM_WEIGHT = 0.4, 0.05
-"""Cycles per sample from which frequencies count less, and how much they count."""
+"""Cycles per sample from which frequencies have a lower weight, and that weight."""
 EXACT = 1e3
-"""Weight of the light's equation: exact beside the others, which are of order 1."""
+"""Weight of the equation of the sum: exact compared with the others, which are of order 1."""
 
 
 @dataclass(frozen=True)
 class Recovered:
-    """A PSF with its dependence on the kernel it came from.
+    """A PSF with its derivative by the kernel.
 
     Attributes
     ----------
     parameters : (k^2 + q,) float64
-        Its samples on the kernel's grid, inside its support, and the amplitudes of its tail.
+        Samples on the kernel's grid and support, and amplitudes of the tail.
     derivative : (k^2 + q, k^2 + q) float64
-        Of the parameters by those of the kernel.
+        Derivatives of the parameters by those of the kernel.
     """
 
     parameters: Array
@@ -68,7 +68,7 @@ def otf_by_recursion(total: Array, s: int, J: Array, fx: Array, fy: Array) -> tu
     Parameters
     ----------
     total : (k^2 + q,) float64
-        The inter-image kernel on the s grid and, last, the amplitudes of its tail beyond.
+        Inter-image kernel on the s grid, and amplitudes of its tail.
     s : int
         Samples per far pixel.
     J : (2, 2) float64
@@ -77,23 +77,23 @@ def otf_by_recursion(total: Array, s: int, J: Array, fx: Array, fy: Array) -> tu
     Raises
     ------
     ValueError
-        If J does not enlarge: the product would not end.
+        If J does not enlarge: the product would not converge.
 
     References
     ----------
     Delbracio, Almansa, Muse, IPOL 2013, section 4.4; thesis, Proposition 4. The factors beyond the first are
-    normalised at f = 0, where any gain would be raised to their number.
+    normalised at f = 0, where a gain would be raised to their number.
     """
     M = _shrinking(J)
     values: list[Complex] = []
     slopes: list[Complex] = []
     gain, ones, k = gain_of(total), _sums(_side(total)), _side(total)
-    for _ in range(MOST_FACTORS):
+    for _ in range(MAX_FACTORS):
         wave = _waves(fx, fy, k, s)
         value = wave @ total / (gain if values else 1.0)
         slopes.append(np.asarray((wave - np.outer(value, ones)) / gain if values else wave))
         values.append(value)
-        if len(values) > 1 and np.abs(values[-1] - 1).max() < REST:
+        if len(values) > 1 and np.abs(values[-1] - 1).max() < CONVERGENCE_TOLERANCE:
             break
         fx, fy = M[0, 0] * fx + M[0, 1] * fy, M[1, 0] * fx + M[1, 1] * fy
     H = np.prod(values, axis=0)
@@ -104,8 +104,8 @@ def otf_by_recursion(total: Array, s: int, J: Array, fx: Array, fy: Array) -> tu
 def psf_by_recursion(total: Array, s: int, J: Array) -> Recovered:
     """The PSF, samples and tail, nearest to H of `otf_by_recursion` over the band; parameters as there.
 
-    Least squares over the frequencies of a grid that the tail's reach fits on, with more of them near 0, where the
-    tail tells; its light is that of H exactly.
+    Least squares over a grid of frequencies that resolves the tail, with more of them near 0, which determine it; the
+    sum is that of H exactly.
     """
     k = _side(total)
     fx, fy, _ = _band(k)
@@ -114,27 +114,27 @@ def psf_by_recursion(total: Array, s: int, J: Array) -> Recovered:
     both = np.column_stack([H, dH])
     right = A.real.T @ both.real + A.imag.T @ both.imag
     right += EXACT**2 * np.outer(_sums(k), np.concatenate([[gain_of(total)], _sums(k)]))
-    found = scipy.linalg.cho_solve(factor, right, check_finite=False)
-    return Recovered(np.asarray(found[:, 0]), np.asarray(found[:, 1:]))
+    solution = scipy.linalg.cho_solve(factor, right, check_finite=False)
+    return Recovered(np.asarray(solution[:, 0]), np.asarray(solution[:, 1:]))
 
 
 def band(k: int, s: int) -> tuple[Array, Array]:
-    """The frequencies (x, y) in cycles/pixel at which a spectrum is wanted by `nearest`."""
+    """Frequencies (x, y) in cycles/pixel at which `nearest` requires a spectrum."""
     fx, fy, _ = _band(k)
     return s * fx, s * fy
 
 
 def nearest(change: Complex, k: int) -> Array:
-    """The parameters (k^2 + q,) nearest to a change of the spectrum at the frequencies of `band`, of no light."""
+    """Parameters (k^2 + q,) of sum 0 nearest to a change of the spectrum at the frequencies of `band`."""
     A, factor = _nearest(k)
     right = A.real.T @ change.real + A.imag.T @ change.imag
     return np.asarray(scipy.linalg.cho_solve(factor, right, check_finite=False))
 
 
 def psf_by_equation(total: Array, s: int, J: Array) -> Recovered:
-    """The PSF as the least-squares solution of H(f) - K(f) H(J^-T f) = 0 under equal sums: the recursion's check.
+    """The PSF as the least-squares solution of H(f) - K(f) H(J^-T f) = 0 under equal sums: a check of the recursion.
 
-    Here h itself has the k x k support and the tail, in the recursion only the kernel has. Parameters as there.
+    Here h itself has the k x k support and the tail, in the recursion only the kernel. Parameters as there.
     """
     k = _side(total)
     gain = gain_of(total)
@@ -152,12 +152,12 @@ def psf_by_equation(total: Array, s: int, J: Array) -> Recovered:
 
 
 def gain_of(total: Array) -> float:
-    """The gain between the photographs: the sum of kernel and tail (k^2 + q,), the tail taken without an end."""
+    """Gain between the photographs: the sum of kernel and infinite tail (k^2 + q,)."""
     return float(_sums(_side(total)) @ total)
 
 
 def _side(total: Array) -> int:
-    """k, of k^2 samples and the tail's amplitudes."""
+    """Side k of k^2 samples with a tail's amplitudes."""
     return math.isqrt(len(total) - TAIL)
 
 
@@ -170,8 +170,8 @@ def _sums(k: int) -> Array:
 def _band(k: int) -> tuple[Array, Array, Array]:
     """Frequencies (x, y) of the half band in cycles per sample, and their weights.
 
-    The numbers are read at low frequencies, and the kernel is best known there. At the band's edge the OTF may end
-    with a step, whose ringing outside the support no tail can follow.
+    The numbers depend on low frequencies, where the kernel is known best. At the band's edge the OTF may end with a
+    step, whose ringing outside the support no tail can represent.
     """
     N = 2 * int(1.3 * k)
     fx, fy = _half_plane(N, 1)
@@ -181,14 +181,14 @@ def _band(k: int) -> tuple[Array, Array, Array]:
     coarse = np.maximum(np.abs(fx), np.abs(fy)) > (CLOSE + 0.5) / N
     x, y = np.concatenate([fx[coarse], close_x]), np.concatenate([fy[coarse], close_y])
     area = np.concatenate([np.ones(coarse.sum()), np.full(len(close_x), FINER**-2.0)])
-    area[x == 0] /= 2  # both of a pair of opposite frequencies are there
+    area[x == 0] /= 2  # both frequencies of an opposite pair are included
     rim = np.where(np.maximum(np.abs(x), np.abs(y)) > RIM, RIM_WEIGHT, 1.0)
     return x, y, area * rim / np.maximum(np.hypot(x, y), 1 / N)
 
 
 @lru_cache(maxsize=4)
 def _nearest(k: int) -> tuple[Complex, tuple[Array, bool]]:
-    """Weighted spectra of unit parameters over the band, and the factor of their normal equations, the light's too."""
+    """Weighted spectra of unit parameters over the band, and the factor of the normal equations with the sum."""
     fx, fy, weight = _band(k)
     waves = _waves(fx, fy, k, 1)
     A = weight[:, None] * waves
@@ -203,7 +203,7 @@ def _half_plane(N: int, s: int) -> tuple[Array, Array]:
 
 
 def _shrinking(J: Array) -> Array:
-    """J^-T, which takes the far photograph's frequencies to the near one's."""
+    """J^-T, from the far photograph's frequencies to the near one's."""
     M = inverse(J).T
     if np.linalg.norm(M, 2) >= 1:
         raise ValueError(f"the near photograph must be larger than the far one along every direction; got J = {J}")
@@ -211,7 +211,7 @@ def _shrinking(J: Array) -> Array:
 
 
 def _waves(fx: Array, fy: Array, k: int, s: int) -> Complex:
-    """Spectra at frequencies (n,) of unit samples at the k x k places, and of the tail's shapes: (n, k^2 + q)."""
+    """Spectra at frequencies (n,) of k x k unit samples and of the tail's shapes: (n, k^2 + q)."""
     x = (np.arange(k) - k // 2) / s
     ex, ey = np.exp(-2j * np.pi * fx[:, None] * x), np.exp(-2j * np.pi * fy[:, None] * x)
     inside = (ey[:, :, None] * ex[:, None, :]).reshape(len(fx), k * k)

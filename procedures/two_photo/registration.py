@@ -1,6 +1,6 @@
-"""Which photograph is the near one, and where each pixel of the far one lies on it: SIFT and a robust homography.
+"""Order and registration of the two photographs, by SIFT features and a robust homography.
 
-The map found here is good to a few tenths of a far pixel; `inter_image` refines it on the photographs themselves.
+The homography is accurate to a few tenths of a far pixel; `inter_image` refines it on the photographs themselves.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 QUICK_PIXELS, MOST_PIXELS = 0.16e6, 4e6
-"""A photograph is searched for features reduced to the first size, and to the second where that finds too little."""
+"""Size to which a photograph is reduced for the detection of features, and where these are too few."""
 MOST_FEATURES = 3000
 CONTRAST = 0.01  # SIFT's threshold: walls are faint
 RATIO = 0.85  # of the nearest descriptor's distance to the second nearest's
 FEWEST = 12
-"""Matches that must agree on one homography: four make one, the others vouch for it."""
+"""Matches that must agree on one homography: four determine it, the others confirm it."""
 ENOUGH = 60
-"""Matches from which nothing larger is searched."""
+"""Matches from which larger copies are not searched."""
 TOLERANCE_PX = 1.5  # distance of a match from the homography, in pixels of the reduced photograph
 
 
 @dataclass(frozen=True)
 class PairSighting:
-    """How two photographs lie on each other.
+    """Registration of two photographs.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class PairSighting:
     H_near_far : (3, 3) float64
         Pixels (x, y) of the far photograph -> pixels of the near one.
     matches : int
-        Matches that agree with it.
+        Matches consistent with the homography.
     rms_far_px : float
         Their scatter about it, in pixels of the far photograph.
     """
@@ -64,12 +64,12 @@ def register(a: Array32, b: Array32) -> PairSighting:
     """The order of two photographs and the homography from the far one to the near one.
 
     Small copies are matched first: a near photograph reduced to about the far one's scale gives more and better
-    matches than the whole one, and costs a tenth. Where that is not enough, either photograph is taken whole.
+    matches than the whole one, at a tenth of the cost. Where these are too few, either photograph is used whole.
 
     Raises
     ------
     Refused
-        If too few features or matches are found: no texture, or no common scene.
+        If there are too few features or matches: no texture, or no common scene.
 
     References
     ----------
@@ -79,27 +79,27 @@ def register(a: Array32, b: Array32) -> PairSighting:
     small = [_reduction(photograph, QUICK_PIXELS) for photograph in photographs]
     whole = [_reduction(photograph, MOST_PIXELS) for photograph in photographs]
 
-    found: dict[tuple[int, int], _Features] = {}
+    detected: dict[tuple[int, int], _Features] = {}
     best: PairSighting | None = None
 
     def features(which: int, reduction: int) -> _Features:
-        if (which, reduction) not in found:
-            found[which, reduction] = find_features(photographs[which], reduction)
-        return found[which, reduction]
+        if (which, reduction) not in detected:
+            detected[which, reduction] = find_features(photographs[which], reduction)
+        return detected[which, reduction]
 
     for first, second in dict.fromkeys(((small[0], small[1]), (small[0], whole[1]), (whole[0], small[1]))):
-        sighting = _sighted(features(0, first), features(1, second))
+        sighting = _registered(features(0, first), features(1, second))
         if sighting is not None and (best is None or sighting.matches > best.matches):
             best = sighting
         if best is not None and best.matches >= ENOUGH:
             break
     if best is not None:
         return best
-    raise _refusal(min(max(len(f.points) for (i, _), f in found.items() if i == which) for which in (0, 1)))
+    raise _refusal(min(max(len(f.points) for (i, _), f in detected.items() if i == which) for which in (0, 1)))
 
 
 def _refusal(features: int) -> Refused:
-    """Why the photographs do not match, by the number of features of the poorer one."""
+    """Refusal of photographs that do not match, by the number of features of the poorer one."""
     if features < 5 * FEWEST:
         return Refused(
             f"the wall must have texture to match the photographs by; one shows {features} features",
@@ -112,14 +112,14 @@ def _refusal(features: int) -> Refused:
 
 
 def grey_levels(samples: Array32) -> npt.NDArray[np.uint8]:
-    """The photograph stretched to 256 levels, all but its extremes inside."""
+    """The photograph stretched to 256 levels, without its extremes."""
     low, high = np.percentile(samples[::5, ::5], [0.5, 99.5])
     scaled = (samples - low) * (255 / max(high - low, 1e-6))
     return np.asarray(np.clip(scaled, 0, 255), dtype=np.uint8)
 
 
 def _reduction(photograph: npt.NDArray[np.uint8], pixels: float) -> int:
-    """The whole number by which a photograph is reduced to about so many pixels."""
+    """Integer factor that reduces a photograph to about that number of pixels."""
     return max(1, int(np.ceil(np.sqrt(photograph.size / pixels) - 0.2)))
 
 
@@ -133,24 +133,24 @@ def find_features(photograph: npt.NDArray[np.uint8], reduction: int) -> _Feature
     sift = cv2.SIFT.create(nfeatures=MOST_FEATURES, contrastThreshold=CONTRAST, enable_precise_upscale=True)
     keypoints, descriptors = sift.detectAndCompute(photograph, np.empty(0, np.uint8))
     points = np.array([keypoint.pt for keypoint in keypoints], dtype=np.float64).reshape(-1, 2)
-    found = np.zeros((0, 128)) if descriptors is None else descriptors
-    return _Features((points + 0.5) * reduction - 0.5, np.asarray(found, dtype=np.float32), reduction)
+    descriptors = np.zeros((0, 128)) if descriptors is None else descriptors
+    return _Features((points + 0.5) * reduction - 0.5, np.asarray(descriptors, dtype=np.float32), reduction)
 
 
-def _sighted(a: _Features, b: _Features) -> PairSighting | None:
-    """The sighting that two sets of features support, if they do."""
+def _registered(a: _Features, b: _Features) -> PairSighting | None:
+    """The registration by two sets of features, if they suffice."""
     p, q = _match(a, b)
     if len(p) < FEWEST:
         return None
-    found, kept = cv2.findHomography(
+    fitted, kept = cv2.findHomography(
         p.reshape(-1, 1, 2), q.reshape(-1, 1, 2), cv2.USAC_MAGSAC, TOLERANCE_PX * b.reduction, None, 5000, 0.9999
     )
-    if found is None or kept is None or int(kept.sum()) < FEWEST:
+    if fitted is None or kept is None or int(kept.sum()) < FEWEST:
         return None
     p, q = p[kept.ravel() > 0], q[kept.ravel() > 0]
-    H: Array = np.asarray(found, dtype=np.float64)
+    H: Array = np.asarray(fitted, dtype=np.float64)
     zoom = np.linalg.det(homography_jacobian(H, p.mean(axis=0)))
-    if zoom <= 0:  # a mirror image: no two views of one wall
+    if zoom <= 0:  # a mirror image: not two views of one wall
         return None
     swapped = bool(zoom > 1)
     H_near_far = H if swapped else inverse(H)
@@ -160,10 +160,10 @@ def _sighted(a: _Features, b: _Features) -> PairSighting | None:
 
 
 def _match(a: _Features, b: _Features) -> tuple[Array, Array]:
-    """Points (n, 2) of both photographs whose descriptors are clearly each other's nearest in the second one."""
+    """Points (n, 2) of both photographs that pass the ratio test of their descriptors."""
     if len(a.points) < 2 or len(b.points) < 2:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    # from the poorer set into the richer one: what the richer shows beyond the poorer's frame stays out
+    # from the poorer set to the richer one, which may extend beyond the poorer's frame
     poor, rich = (a, b) if len(a.points) <= len(b.points) else (b, a)
     pairs = cv2.BFMatcher().knnMatch(poor.descriptors, rich.descriptors, k=2)
     good = [best for best, second in pairs if best.distance < RATIO * second.distance]

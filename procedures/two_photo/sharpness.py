@@ -1,4 +1,4 @@
-"""Whether both photographs are equally sharp, by their spectra: they should be, refocused at either distance."""
+"""Relative sharpness of both photographs, by their spectra: equal, when refocused at either distance."""
 
 from __future__ import annotations
 
@@ -10,42 +10,40 @@ Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 PATCH = 64
-"""Side of the patches; a photograph that is smaller is one patch along that axis."""
-MOST_PATCHES = 6
-"""Along either axis."""
+"""Side of the patches; a smaller photograph is one patch along that axis."""
+MOST_PATCHES = 6  # along either axis
 LOW, HIGH = (0.06, 0.12), (0.27, 0.36)
-"""Two bands of frequencies, in cycles per pixel of the photograph."""
+"""Bands of frequencies, in cycles per pixel."""
 
 
 def sharpness_ratio(near: Array32, far: Array32, noise: float) -> float:
-    """Fine over coarse contrast of the near photograph, over the same of the far one; 1 when both are equally sharp.
+    """Fine over coarse contrast of the near photograph, over that of the far one; 1 when both are equally sharp.
 
-    Texture looks alike at all scales: from four times as far a wall has the spectrum it had, up to a factor. Real
-    walls give 0.5 to 1, for they have less that is very small; a ratio far from that is the focus.
+    Texture is approximately scale-invariant: from four times the distance a wall has the same spectrum up to a factor.
+    Real walls give 0.5 to 1, as they have less very fine detail; other ratios are due to the focus.
 
     Parameters
     ----------
     near, far : (rows, columns) float32
-        The parts that show the same wall.
+        The parts of the same wall.
     noise : float
-        Standard deviation of a pixel's noise: its flat spectrum is taken off.
+        Standard deviation of a pixel's noise, whose flat spectrum is subtracted.
     """
     return fineness(near, noise) / fineness(far, noise)
 
 
 def fineness(photograph: Array32, noise: float) -> float:
-    """Amplitude of the high band over that of the low one, noise taken off."""
+    """Amplitude of the high band over that of the low one, without noise."""
     rows, columns = (min(n, PATCH) for n in photograph.shape)
     power = patch_spectra(photograph, rows, columns)[0] - noise**2
     f = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns))
     low, high = (float(power[(f >= start) & (f < end)].mean()) for start, end in (LOW, HIGH))
-    floor = 1e-3 * noise**2  # nothing but noise must not become a negative power
+    floor = 1e-3 * noise**2  # noise alone must not give a negative power
     return float(np.sqrt(max(high, floor) / max(low, floor, 1e-12)))
 
 
 def patch_spectra(photograph: Array32, rows: int, columns: int) -> tuple[Array, int]:
-    """Power per pixel of a photograph, (rows, columns // 2 + 1): the mean over windowed patches spread over it; their
-    number."""
+    """Power per pixel of a photograph, (rows, columns // 2 + 1), averaged over windowed patches, and their number."""
     window = np.outer(np.hanning(rows), np.hanning(columns)).astype(np.float32)
     tops, lefts = (_starts(n, side) for n, side in zip(photograph.shape, (rows, columns), strict=True))
     patches = np.stack([photograph[i : i + rows, j : j + columns] for i in tops for j in lefts])
@@ -57,6 +55,6 @@ def patch_spectra(photograph: Array32, rows: int, columns: int) -> tuple[Array, 
 
 
 def _starts(n: int, side: int) -> npt.NDArray[np.int64]:
-    """First pixels of at most six patches of a side along an axis of n pixels, overlapping by half at most."""
+    """First pixels of at most six patches along an axis of n pixels, overlapping by half at most."""
     count = int(np.clip(2 * n // side - 1, 1, MOST_PATCHES))
     return np.unique(np.linspace(0, max(n - side, 0), count).astype(np.int64))

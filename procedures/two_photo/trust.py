@@ -1,4 +1,4 @@
-"""Whether a PSF from two photographs can be trusted: what is refused beforehand, and the verdict on what was found."""
+"""Requirements on two photographs, and the verdict on the PSF derived from them."""
 
 from __future__ import annotations
 
@@ -11,35 +11,34 @@ from procedures.outcome import SYMPTOM, Check, Refused, Verdict
 from procedures.psf import Sampling
 from procedures.raw import UNLIKELY_IN_RAW, unprocessed
 from procedures.reading.exposure import Exposure
-from procedures.two_photo.diagnostics import Diagnostics, clipped_share
+from procedures.two_photo.diagnostics import PairDiagnostics, clipped_share
 
 Array = npt.NDArray[np.float64]
 
-CLEAR_OF = 1.02
-"""By how much the zoom must exceed s that is chosen."""
-COARSE_REMAINS, FINE_REMAINS, SMOOTHING, STREAKS = 1.6, 0.8, 1.35, 1.4
-"""Power of the remains at coarse over fine detail, at middle over the finest, and along x over along y, that noise does
-not have."""
+ZOOM_MARGIN = 1.02
+"""Minimum of the zoom over a chosen s."""
+COARSE_RESIDUAL, FINE_RESIDUAL, SMOOTHING, STREAKS = 1.6, 0.8, 1.35, 1.4
+"""Limits of the residual's power at coarse over fine detail, at middle over the finest, and along x over along y."""
 LIGHT_TURNED = 0.005
-"""Variation with the direction at coarse detail: a lens gives 0.001."""
+"""Limit of the variation with the direction at coarse detail: a lens gives 0.001."""
 FAR_SOFTER = 1.8
-"""Fine contrast of the near photograph over the far one's from which the far one is doubted to be in focus."""
+"""Fine contrast of the near photograph over the far one's above which the focus of the far one is doubtful."""
 PARTS_OFF_PX, PARTS_OFF_SIGMAS = 0.02, 6.0
-"""Distance of a part of the wall from where one plane puts it, and its standard uncertainties, from which it tells."""
+"""Significant distance of a part of the wall from one plane, in pixels and in standard uncertainties."""
 COARSE_SHARE = 0.05
-"""Share of the wall's coarse detail that may differ."""
-BEYOND_LIGHT, DUG_OUT = 0.02, 4.0
-"""Excess over what cosines allow, and light missing around the core in standard uncertainties."""
+"""Accepted difference of the wall's coarse detail, relative to its amplitude."""
+BEYOND_LIGHT, MISSING_LIGHT = 0.02, 4.0
+"""Accepted violation of the inequality of cosines, and light missing around the core in standard uncertainties."""
 SMOOTHED = 0.8
-"""Noise of the near photograph over the far one's."""
+"""Minimum noise of the near photograph, relative to the far one's."""
 AT_DETAIL = 1.5
-"""Power of the remains at the wall's detail over that where it has none."""
+"""Limit of the residual's power at the wall's detail over that where it has none."""
 TURNED = 0.1
-"""Growth of the spectrum's variation with direction, per factor e of the frequency."""
+"""Limit of the growth of the spectrum's variation with direction, per factor e of the frequency."""
 OTHER_FOCUS = 0.15
-"""Share of the MTF at Nyquist that the focus may put in doubt."""
+"""Accepted effect of the focus on the MTF at Nyquist."""
 SCATTERED = 9.0
-"""Variance of a number by the region's parts, over that by noise, from which it is doubted."""
+"""Accepted variance of a number by the region's parts, over that by noise."""
 Array32 = npt.NDArray[np.float32]
 
 
@@ -49,13 +48,14 @@ def check_light(near: Array32, far: Array32) -> float:
     Raises
     ------
     Refused
-        If too much of a photograph is clipped, or it shows next to no light, or is of a few pixels only.
+        If too much of a photograph is clipped, or it is almost black, or narrower than three pixels.
     """
     clipped = []
     for photograph in (near, far):
-        if min(photograph.shape) < 3:  # noise is told by second differences
-            rows, columns = photograph.shape
-            raise Refused(f"photographs must be 3 pixels wide and high; one is {columns} x {rows}", "give whole ones")
+        rows, columns = photograph.shape
+        if min(rows, columns) < 3:  # noise is estimated by second differences
+            reason = f"photographs must be at least 3 pixels wide and high; one is {columns} x {rows}"
+            raise Refused(reason, "give whole photographs")
         clipped.append(clipped_share(photograph))
         if clipped[-1] > 0.05:
             raise Refused(
@@ -63,19 +63,19 @@ def check_light(near: Array32, far: Array32) -> float:
                 "expose both less, by the same amount",
             )
         if np.percentile(photograph[::5, ::5], 99) < 0.01:
-            raise Refused("the wall must stand clear of black; a photograph is all but dark", "expose both longer")
+            raise Refused("the wall must be brighter than black; a photograph is almost dark", "expose both longer")
     return max(clipped)
 
 
 def most_samples_per_pixel(H_near_far: Array, far_shape: tuple[int, ...]) -> int:
-    """The largest s under the smallest zoom: with less the inter-image kernel is not determined. Source: as below."""
-    return int(np.clip(np.ceil(_least_zoom(H_near_far, far_shape) / CLEAR_OF) - 1, 2, FINEST))
+    """The largest s below the smallest zoom; see `check_distance`."""
+    return int(np.clip(np.ceil(_least_zoom(H_near_far, far_shape) / ZOOM_MARGIN) - 1, 2, FINEST))
 
 
 def check_distance(H_near_far: Array, far_shape: tuple[int, ...], s: int) -> None:
     """Refuse a far photograph that is not far enough for s samples per pixel.
 
-    Source: thesis, remark 5: with lambda under s the inter-image kernel is not determined.
+    The inter-image kernel is not determined for a zoom lambda below s (Delbracio's thesis, remark 5).
     """
     zoom = _least_zoom(H_near_far, far_shape)
     if zoom <= s:
@@ -89,14 +89,14 @@ def check_distance(H_near_far: Array, far_shape: tuple[int, ...], s: int) -> Non
 
 
 def _least_zoom(H_near_far: Array, far_shape: tuple[int, ...]) -> float:
-    """Near pixels per far pixel in the middle of the far photograph, along the direction where they are fewest."""
+    """Smallest number of near pixels per far pixel along any direction, in the middle of the far photograph."""
     rows, columns = far_shape
     J = homography_jacobian(H_near_far, np.array([(columns - 1) / 2, (rows - 1) / 2]))
     return float(np.linalg.svd(J, compute_uv=False)[-1])
 
 
 def check_settings(a: Exposure, b: Exposure) -> None:
-    """Refuse photographs that the camera noted to be of different optics: only focus and shutter may differ."""
+    """Refuse photographs with different optics in the camera's metadata: only focus and shutter may differ."""
     for unit, first, second in (
         ("f-number", a.f_number, b.f_number),
         ("focal length", a.focal_length_mm, b.focal_length_mm),
@@ -110,51 +110,51 @@ def check_settings(a: Exposure, b: Exposure) -> None:
 
 
 def checks_of(
-    d: Diagnostics, asked: Sampling, tried: tuple[Trial, ...], s: int, contradicted: list[Check], *, raw: bool
+    d: PairDiagnostics, asked: Sampling, tried: tuple[Trial, ...], s: int, contradicted: list[Check], *, raw: bool
 ) -> list[Check]:
     """All checks on a PSF.
 
     Parameters
     ----------
     contradicted : list of Check
-        What f-number and pitch forbid, as far as they are known.
+        Contradictions to f-number and pitch, where known.
     raw : bool
         Whether both photographs are RAW files.
     """
     return [
-        *_refusals(d), *_doubts_of_wall(d, s), *_doubts_of_camera(d), *_other_light(d, raw), *_processed(d, raw),
-        *_unlike(d, raw, tried[-1].band_open), *_left_out(asked, tried[-1], d.scale), *contradicted,
+        *_refusals(d), *_wall_checks(d, s), *_camera_checks(d), *_light_checks(d, raw), *_processing_checks(d, raw),
+        *_consistency_checks(d, raw, tried[-1].band_open), *_sampling_checks(asked, tried[-1], d.scale), *contradicted,
     ]  # fmt: skip
 
 
-def _shifted(d: Diagnostics) -> bool:
-    """Whether parts of the wall lie off its plane: detail that does not meet looks soft, smoothed and noisy."""
+def _shifted(d: PairDiagnostics) -> bool:
+    """Whether parts of the wall deviate from its plane: misregistered detail appears soft, smoothed and noisy."""
     return d.local_shift_px > PARTS_OFF_PX and d.local_shift_significance > PARTS_OFF_SIGMAS
 
 
-def _processing(d: Diagnostics, raw: bool) -> float:
+def _processing(d: PairDiagnostics, raw: bool) -> float:
     """Prior of processing as the cause."""
     return SYMPTOM if _shifted(d) else UNLIKELY_IN_RAW if raw else 1.0
 
 
 def _as_raw(raw: bool) -> str:
-    """What is added to a remedy where the photographs are no RAW files."""
+    """Addition to a remedy where the photographs are not RAW files."""
     return "" if raw else ", as RAW files"
 
 
-def _other_light(d: Diagnostics, raw: bool) -> list[Check]:
-    """What the near photograph does not explain of the far one, as another light or focus leaves it: coarse."""
+def _light_checks(d: PairDiagnostics, raw: bool) -> list[Check]:
+    """Checks for another light or focus, which leave a coarse residual."""
     doubtful = Verdict.DOUBTFUL
     return [
-        Check("coarse residual", d.colour, COARSE_REMAINS, doubtful,
-              f"what the near photograph does not explain is coarse, {d.colour:.1f} times as strong as at fine detail: "
+        Check("coarse residual", d.colour, COARSE_RESIDUAL, doubtful,
+              f"the residual of the far photograph is coarse, {d.colour:.1f} times as strong as at fine detail: "
               "the light came from elsewhere, or the far photograph is softer than the near one",
               "take both in the same steady light, focus at either distance, and let nothing move"),
         Check("direction of the light", d.light_turned, LIGHT_TURNED, doubtful,
               "the contrast of coarse detail changed with its direction between the photographs: the light came from "
-              "elsewhere, or the lens throws much light farther one way than the other (a corner, strong astigmatism)",
+              "elsewhere, or the lens spreads much light in one direction (a corner, strong astigmatism)",
               "take both in the same light, one soon after the other, or choose a wall that is painted, not rough; in "
-              "the middle of the frame only light is left as a cause"),
+              "the middle of the frame light is the only cause"),
         Check("coarse detail", d.left_over, COARSE_SHARE, doubtful,
               f"{d.left_over:.0%} of the wall's coarse detail is not the same in both photographs: another light, or a "
               "response that is not linear",
@@ -162,34 +162,34 @@ def _other_light(d: Diagnostics, raw: bool) -> list[Check]:
     ]  # fmt: skip
 
 
-def _processed(d: Diagnostics, raw: bool) -> list[Check]:
-    """What it does not explain, as smoothing, sharpening, compression or motion leave it."""
+def _processing_checks(d: PairDiagnostics, raw: bool) -> list[Check]:
+    """Checks for smoothing, sharpening, compression or motion in the residual."""
     doubtful, prior = Verdict.DOUBTFUL, _processing(d, raw)
-    files = unprocessed(raw, "use the RAW files")
+    files, streaks = unprocessed(raw, "use the RAW files"), max(d.streaks, 1 / max(d.streaks, 1e-12))
     return [
         Check("smoothing", d.smoothing, SMOOTHING, doubtful,
               f"the far photograph's noise is {d.smoothing:.1f} times as strong at middle detail as at the finest: "
               "it was smoothed", files, prior=prior),
-        Check("fine residual", d.colour, FINE_REMAINS, doubtful,
-              f"what the near photograph does not explain is fine, at coarse detail {d.colour:.2f} times as strong: "
+        Check("fine residual", d.colour, FINE_RESIDUAL, doubtful,
+              f"the residual of the far photograph is fine, at coarse detail {d.colour:.2f} times as strong: "
               "the far photograph was sharpened or compressed", files, least=True, prior=prior),
-        Check("streaks", max(d.streaks, 1 / max(d.streaks, 1e-12)), STREAKS, doubtful,
-              f"what the near photograph does not explain is {max(d.streaks, 1 / max(d.streaks, 1e-12)):.1f} times as "
-              "strong along one axis as along the other: the camera moved in the far exposure"
+        Check("streaks", streaks, STREAKS, doubtful,
+              f"the residual of the far photograph is {streaks:.1f} times as strong along one axis as along the "
+              "other: the camera moved in the far exposure"
               + ("" if raw else ", or the photograph was processed"),
               f"take both from a tripod, without touching the camera{_as_raw(raw)}"),
         Check("residual at detail", d.detail, AT_DETAIL, doubtful,
-              f"what the near photograph does not explain is {d.detail:.1f} times as strong at the wall's detail as "
-              "where it has none: the far photograph was smoothed all but for its edges, or the near one is aliased",
+              f"the residual of the far photograph is {d.detail:.1f} times as strong at the wall's detail as where it "
+              "has none: the far photograph was smoothed except at edges, or the near one is aliased",
               f"{files}, choose a flat wall, or stop the lens down", prior=prior),
     ]  # fmt: skip
 
 
-def _unlike(d: Diagnostics, raw: bool, band_open: bool) -> list[Check]:
-    """What tells that the photographs are not equally sharp, equally lit and unprocessed.
+def _consistency_checks(d: PairDiagnostics, raw: bool, band_open: bool) -> list[Check]:
+    """Checks for unequal sharpness, unequal light and processing.
 
-    A band that ends where the OTF has not rings around the core as sharpening does; a far photograph that is softer
-    than the near one was not sharpened.
+    A band that ends before the OTF does rings around the core like sharpening; a far photograph that is softer than the
+    near one was not sharpened.
     """
     softer = d.sharpness_ratio > FAR_SOFTER
     doubtful, prior = Verdict.DOUBTFUL, _processing(d, raw)
@@ -197,10 +197,10 @@ def _unlike(d: Diagnostics, raw: bool, band_open: bool) -> list[Check]:
     focused = "focus again at either distance" if raw else "use the RAW files, focused at either distance"
     return [
         Check("MTF of light", d.beyond_light, BEYOND_LIGHT, doubtful, no_light, focused, given=not softer),
-        Check("MTF of light", d.missing_light, DUG_OUT, doubtful, no_light, focused,
+        Check("MTF of light", d.missing_light, MISSING_LIGHT, doubtful, no_light, focused,
               given=not (softer or band_open)),
         Check("near focus", d.focus_effect, OTHER_FOCUS, doubtful,
-              f"the near photograph's fine detail is not what a wall of this kind has: if the focus is why, the MTF at "
+              f"the near photograph's fine detail is unusual for this wall: if the focus is the cause, the MTF at "
               f"Nyquist is wrong by {d.focus_effect:.0%}",
               f"focus again at either distance{'' if raw else ', use the RAW files'}, or choose a wall with more fine "
               "detail"),
@@ -210,34 +210,34 @@ def _unlike(d: Diagnostics, raw: bool, band_open: bool) -> list[Check]:
               f"{unprocessed(raw, 'use the RAW files')}, and give both the same exposure", least=True, prior=prior),
         Check("direction of fine detail", d.turned, TURNED, doubtful,
               "the near photograph's fine detail has another direction than its coarse detail: its light came from "
-              "elsewhere, it was moved or processed, or the wall is such",
+              "elsewhere, it was moved or processed, or the wall itself is anisotropic",
               "take both in the same steady light, from a tripod, of a wall without a direction"),
         Check("parts", d.mismatch**0.5, SCATTERED**0.5, doubtful,
-              f"parts of the wall disagree: {d.mismatch**0.5:.1f} times as far as noise explains",
+              f"parts of the wall disagree by {d.mismatch**0.5:.1f} times their noise",
               "choose a flat wall, photograph it squarely, in even light", prior=SYMPTOM),
     ]  # fmt: skip
 
 
-def _left_out(asked: Sampling, last: Trial, scale: float) -> list[Check]:
-    """What s and k as they were given leave out, and what no s can give from where the photographs were taken."""
+def _sampling_checks(asked: Sampling, last: Trial, scale: float) -> list[Check]:
+    """Checks of the given s and k, and of the largest s that the distances allow."""
     doubtful = Verdict.DOUBTFUL
-    would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else "raise k"
+    better = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else "raise k"
     needed = last.s + 1
     farther = f"take the far photograph from {1.1 * needed / scale:.2f} times its distance: it needs s = {needed}"
     return [
         Check("truncation", last.truncation, last.most_truncated, doubtful,
-              f"k = {last.k} may leave out {last.truncation:.4f} of the OTF, which is known to {last.uncertainty:.4f}",
-              would, given=asked.k is not None),
+              f"k = {last.k} may truncate {last.truncation:.4f} of the OTF, which is known to {last.uncertainty:.4f}",
+              better, given=asked.k is not None),
         Check("band edge", last.band_edge, OPEN, doubtful,
-              f"s = {last.s} ends the band where the OTF is still {last.band_edge:.2f}", would,
+              f"s = {last.s} ends the band where the OTF is still {last.band_edge:.2f}", better,
               given=asked.s is not None and last.better is not None and last.better[0] > last.s),
         Check("MTF50", None in last.mtf50, 0, doubtful, f"MTF50 lies beyond the band of s = {last.s}",
-              f"use -s {needed}" if needed < scale / CLEAR_OF else farther),
+              f"use -s {needed}" if needed < scale / ZOOM_MARGIN else farther),
     ]  # fmt: skip
 
 
-def _refusals(d: Diagnostics) -> list[Check]:
-    """What makes a PSF unusable."""
+def _refusals(d: PairDiagnostics) -> list[Check]:
+    """Checks that refuse a PSF."""
     refused = Verdict.REFUSED
     flat = "choose a flat wall without relief, photograph it squarely, and keep everything out of its way"
     return [
@@ -245,8 +245,8 @@ def _refusals(d: Diagnostics) -> list[Check]:
               f"the near photograph must explain the far one; it explains {max(d.agreement, 0):.0%} of it",
               "photograph the same flat part of a wall from both distances, in the same light", least=True),
         Check("local shift", d.local_shift_px, 0.1, refused,
-              f"the wall must be one plane; parts of it lie {d.local_shift_px:.2f} pixel from where one plane puts "
-              "them", flat),
+              f"the wall must be one plane; parts of it deviate by {d.local_shift_px:.2f} pixel from a plane",
+              flat),
         Check("relief", d.relief_px, 0.25, refused,
               f"the wall must be flat; its relief moves details by {d.relief_px:.2f} pixel between the photographs",
               flat),
@@ -259,13 +259,13 @@ def _refusals(d: Diagnostics) -> list[Check]:
     ]  # fmt: skip
 
 
-def _doubts_of_wall(d: Diagnostics, s: int) -> list[Check]:
-    """What the wall and its place may lack."""
+def _wall_checks(d: PairDiagnostics, s: int) -> list[Check]:
+    """Checks of the wall and its position."""
     doubtful = Verdict.DOUBTFUL
     determined = min(d.determined_horizontal, d.determined_vertical)
     return [
         Check("local shift", d.local_shift_px, PARTS_OFF_PX, doubtful,
-              f"parts of the wall lie {d.local_shift_px:.3f} pixel from where one plane puts them",
+              f"parts of the wall deviate by {d.local_shift_px:.3f} pixel from a plane",
               "choose a flatter wall", given=d.local_shift_significance > PARTS_OFF_SIGMAS),
         Check("relief", d.relief_px, 0.06, doubtful,
               f"the wall's relief moves details by {d.relief_px:.2f} pixel between the photographs",
@@ -277,7 +277,7 @@ def _doubts_of_wall(d: Diagnostics, s: int) -> list[Check]:
               f"the wall's spectrum determines the MTF up to {determined:.2f} cycles/pixel only",
               "choose a wall with finer detail", least=True),
         Check("outliers", d.outliers, 0.02, doubtful,
-              f"{d.outliers:.1%} of the far photograph does not show what the near one shows",
+              f"{d.outliers:.1%} of the far photograph differs from the near one beyond noise",
               "keep everything out of the way between camera and wall, in the same light"),
         Check("scale", d.scale_spread, 0.25, doubtful,
               f"the zoom between the photographs varies by {d.scale_spread:.0%} over the wall",
@@ -285,11 +285,11 @@ def _doubts_of_wall(d: Diagnostics, s: int) -> list[Check]:
     ]  # fmt: skip
 
 
-def _doubts_of_camera(d: Diagnostics) -> list[Check]:
-    """What the two exposures may lack."""
+def _camera_checks(d: PairDiagnostics) -> list[Check]:
+    """Checks of the two exposures."""
     doubtful = Verdict.DOUBTFUL
     refocus = "focus again at either distance, with nothing else changed"
-    softer = "the near photograph is less sharp than the far one: the PSF comes out too sharp"
+    softer = "the near photograph is less sharp than the far one: the PSF is too sharp"
     return [
         Check("sharpness", d.sharpness_ratio, 0.4, doubtful, softer, refocus, least=True),
         Check("sharpness", d.excess, 0.05, doubtful, softer, refocus),

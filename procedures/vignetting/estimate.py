@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import summary
 from procedures.numbers import (
     COLOUR_SHADING,
     CORNER_LIGHT,
@@ -18,7 +19,7 @@ from procedures.numbers import (
     VIGNETTING_NOT_RADIAL,
 )
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
-from procedures.raw import Plane
+from procedures.raw import FrameLike, Plane, as_frame
 from procedures.vignetting.cells import Cells, cells_of
 from procedures.vignetting.surface import Falloff, RadialFalloff, fit_falloff, fit_radial
 
@@ -56,18 +57,22 @@ class PlaneVignetting:
     uncertainty: Array
     middle: Array
 
+    __repr__ = summary
+
     @property
     def centre(self) -> Array:
         """Centre (2,) of the radial formula from the frame's, in pixels of the plane."""
         return np.asarray(self.radial.centre - self.middle)
 
 
-def estimate_vignetting(flats: Sequence[tuple[str, Mapping[str, Plane]]]) -> dict[str, Outcome[PlaneVignetting]]:
+def estimate_vignetting(
+    flats: Sequence[tuple[str, Mapping[str, Plane]] | FrameLike],
+) -> dict[str, Outcome[PlaneVignetting]]:
     """Vignetting of every plane, and colour shading against green.
 
     Parameters
     ----------
-    flats : sequence of (name of the photograph, its planes)
+    flats : sequence of (name of the photograph, its planes), of RawFrame, or of (rows, columns) arrays
         One camera, lens, aperture and focus; camera or light turned between them.
 
     Returns
@@ -81,14 +86,20 @@ def estimate_vignetting(flats: Sequence[tuple[str, Mapping[str, Plane]]]) -> dic
     """
     if not flats:
         raise Refused("vignetting needs photographs of even light; there is none", "give one flat, better four")
+    named = [one if isinstance(one, tuple) else _named(one, n) for n, one in enumerate(flats, 1)]
     found: dict[str, Outcome[PlaneVignetting]] = {}
-    for name in flats[0][1]:
+    for name, first in named[0][1].items():
         try:
-            cells = [cells_of(planes[name], source) for source, planes in flats]
-            found[name] = _plane(cells, flats[0][1][name])
+            cells = [cells_of(planes[name], source) for source, planes in named]
+            found[name] = _plane(cells, first)
         except Refused as refusal:
             found[name] = Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     return _with_colour(found)
+
+
+def _named(flat: FrameLike, number: int) -> tuple[str, Mapping[str, Plane]]:
+    frame = as_frame(flat, f"flat {number}")
+    return frame.path.name, frame.planes
 
 
 def _plane(cells: Sequence[Cells], plane: Plane) -> Outcome[PlaneVignetting]:

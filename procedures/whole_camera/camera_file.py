@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import summary
 from procedures.outcome import BadInput
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 from procedures.reading.hdf5 import Stored, check_ends
@@ -63,6 +64,8 @@ class CameraNumbers:
     blocks: tuple[Block, ...]
     model: str = ""
     size: tuple[int, int] = (0, 0)
+
+    __repr__ = summary
 
     def places(self, beginning: str) -> list[int]:
         """Which numbers have names that begin so: "geometry.", "psf.G1."."""

@@ -10,12 +10,11 @@ import numpy.typing as npt
 
 from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult
-from procedures.field.seen_charts import SeenChart
+from procedures.field.estimate import MeasuredChart
 from procedures.geometry.chart_bins.photographs import on_sensor
 from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
-from procedures.geometry.response import camera_response
-from procedures.geometry.shape import shape_model
-from procedures.geometry.views import ChartView, chart_nodes
+from procedures.geometry.uncertainty import camera_response
+from procedures.geometry.views import ChartView
 from procedures.outcome import Outcome, Verdict
 from procedures.psf_field import Node, prior_sensitivity
 from procedures.whole_camera.joint import ChartKey, JointNumbers, Part, join
@@ -35,7 +34,7 @@ class WholeCamera:
     Attributes
     ----------
     numbers : JointNumbers
-    places : tuple of (str, SeenChart)
+    places : tuple of (str, MeasuredChart)
         Plane and chart of every place at which the PSF's numbers are told, in their order.
     colours : tuple of LateralColour
         Whose polynomials' coefficients are told.
@@ -44,7 +43,7 @@ class WholeCamera:
     """
 
     numbers: JointNumbers
-    places: tuple[tuple[str, SeenChart], ...]
+    places: tuple[tuple[str, MeasuredChart], ...]
     colours: tuple[LateralColour, ...]
     geometry: Outcome[Geometry]
 
@@ -68,7 +67,7 @@ def whole_camera(
     geometry = field_geometry(found, charts[found.reference], cell_mm, views)
     parts = []
     if geometry.value is not None:
-        parts.append(geometry_part(found, geometry.value, charts[found.reference], chart_nodes(cell_mm)))
+        parts.append(geometry_part(found, geometry.value, charts[found.reference]))
     parts += [psf_part(name, seen) for name, seen in charts.items() if seen]
     parts += [colour_part(colour, found.measured.planes[colour.plane].pitch, charts) for colour in found.colours]
     parts = [resting(one, charts) for one in parts]
@@ -77,7 +76,7 @@ def whole_camera(
     return WholeCamera(join([*parts, *others], known), places, found.colours, geometry)
 
 
-def charts_of(found: FieldResult) -> dict[str, list[SeenChart]]:
+def charts_of(found: FieldResult) -> dict[str, list[MeasuredChart]]:
     """By plane the charts that its field is made of; none where it was refused.
 
     They are known by photograph and number: the field's nodes are others where supports were widened to one size.
@@ -94,7 +93,7 @@ def _key(plane: str, node: Node) -> ChartKey:
     return plane, node.source, node.number
 
 
-def resting(part: Part, charts: Mapping[str, Sequence[SeenChart]]) -> Part:
+def resting(part: Part, charts: Mapping[str, Sequence[MeasuredChart]]) -> Part:
     """The same; where its charts were estimated with the sensor's own result, with what that means for their blocks.
 
     Weights move no expected value. The response's error does: of a number's variance that is the square of the budget's
@@ -120,7 +119,7 @@ def resting(part: Part, charts: Mapping[str, Sequence[SeenChart]]) -> Part:
 # --- PSF ---------------------------------------------------------------------------------------------------------
 
 
-def psf_part(plane: str, charts: Sequence[SeenChart]) -> Part:
+def psf_part(plane: str, charts: Sequence[MeasuredChart]) -> Part:
     """The headline numbers of a plane at all its places, with what noise and priors have in common among them."""
     names, units, values, slopes, moves = [], [], [], [], []
     for i, one in enumerate(charts, 1):
@@ -144,7 +143,7 @@ def psf_part(plane: str, charts: Sequence[SeenChart]) -> Part:
     return Part(f"psf.{plane}", tuple(names), tuple(units), np.array(values), covariance, CHARTS, by_charts)
 
 
-def _slopes(one: SeenChart) -> Array:
+def _slopes(one: MeasuredChart) -> Array:
     """Derivatives (m, P) of a chart's numbers, shortened where a number is known better than its covariance says."""
     slope = np.array([one.gradients[name] for name in one.numbers]).reshape(len(one.numbers), -1)
     carried = np.sqrt(np.einsum("ij,jk,ik->i", slope, one.node.psf.parameter_covariance, slope))
@@ -152,7 +151,7 @@ def _slopes(one: SeenChart) -> Array:
     return np.asarray(slope * np.minimum(1.0, stated / np.maximum(carried, 1e-300))[:, None])
 
 
-def _own_covariance(one: SeenChart, slope: Array) -> Array:
+def _own_covariance(one: MeasuredChart, slope: Array) -> Array:
     """Covariance of one chart's numbers: what is stated of each beside the PSF's covariance is its own."""
     covariance = slope @ one.node.psf.parameter_covariance @ slope.T
     stated = np.array([number.uncertainty**2 for number in one.numbers.values()])
@@ -162,7 +161,7 @@ def _own_covariance(one: SeenChart, slope: Array) -> Array:
 # --- lateral colour ----------------------------------------------------------------------------------------------
 
 
-def colour_part(colour: LateralColour, pitch: int, charts: dict[str, list[SeenChart]]) -> Part:
+def colour_part(colour: LateralColour, pitch: int, charts: dict[str, list[MeasuredChart]]) -> Part:
     """The coefficients of a plane's lateral colour: first all of the shift along x, then along y.
 
     The places of the reference plane are in the lateral colour of all others: so are their errors.
@@ -201,7 +200,7 @@ def _power(letter: str, exponent: int) -> str:
 
 
 def field_geometry(
-    found: FieldResult, charts: Sequence[SeenChart], cell_mm: float, more: Sequence[ChartView] = ()
+    found: FieldResult, charts: Sequence[MeasuredChart], cell_mm: float, more: Sequence[ChartView] = ()
 ) -> Outcome[Geometry]:
     """The camera from the bins of the charts of the reference plane, each photograph a view, and from more views."""
     sources = [one.node.source for one in charts]
@@ -214,14 +213,13 @@ def field_geometry(
     return calibrate_geometry(views, (columns * plane.pitch, rows * plane.pitch), GeometryParameters(cell_mm))
 
 
-def geometry_part(found: FieldResult, geometry: Geometry, charts: Sequence[SeenChart], nodes: Array) -> Part:
+def geometry_part(found: FieldResult, geometry: Geometry, charts: Sequence[MeasuredChart]) -> Part:
     """Intrinsics and distortion, with what they share with PSF and centre of the charts whose bins they come of."""
     plane = found.measured.planes[found.reference]
     seen = {one.node.source: one for one in charts}
-    views, adjusted = [one.view for one in geometry.views], geometry.adjustment
-    shape = replace(shape_model(nodes), node_mm=np.array(geometry.shape.node_mm))
     with_charts = {}
-    for view, response in zip(views, camera_response(adjusted, nodes, views, shape), strict=True):
+    views = (one.view for one in geometry.views)
+    for view, response in zip(views, camera_response(geometry.adjustment), strict=True):
         if (one := seen.get(view.source)) is None:
             continue
         points = plane.pitch * one.shared.of_points(one.registration, one.correspondences.points)

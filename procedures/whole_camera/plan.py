@@ -204,7 +204,7 @@ def foreseen_px(known: WholeCameraFacts, places: int, most: int) -> Sequence[flo
     The camera is the data sheet's; a view that comes next is the one that helps most.
     """
     start = known.begun()
-    camera = geometry_plan.camera_as_told(start.shape, start.principal_px)
+    camera = geometry_plan.nominal_camera(start.shape, start.principal_px)
     poses = [as_pose(one) for one in known.before(1 + places)]
     rim, nodes = geometry_plan.rim_of(start), chart_nodes(known.cell_mm)
     errors: list[float] = []

@@ -45,7 +45,7 @@ from station.common.stop_signals import EXIT_DEVICE
 
 if TYPE_CHECKING:
     from station.drawing.glyphs import Glyphs
-    from station.guide.workspace import Lab
+    from station.guide.workspace import StationLab
 
 END_TIMEOUT_S = 5.0
 """Wait for a run to end after an emergency stop, before the program exits anyway."""
@@ -97,7 +97,7 @@ class StationApp(WorkingApp):
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual declares it so
     CSS_PATH = Path(__file__).with_name("app.tcss")
 
-    def __init__(self, lab: Lab, glyphs: Glyphs | None = None, plan: str | None = None) -> None:
+    def __init__(self, lab: StationLab, glyphs: Glyphs | None = None, plan: str | None = None) -> None:
         super().__init__(lab, glyphs)
         self.animation_level = "none"  # an animated page is painted twenty times, perhaps over ssh
         self.add_mode(GUIDE, lambda: StartScreen(*lab.names, plan))

@@ -16,7 +16,7 @@ from station.app.terminal_images import Thumbnail, thumbnail
 from station.guide.frontend import Event, FrameEvent, ProgressEvent, RunEnded, ScanEvent, Stopped
 
 if TYPE_CHECKING:
-    from station.guide.workspace import Running
+    from station.guide.run import Run
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class Mailbox:
             self._lock.notify_all()
 
 
-Begin = Callable[[Mailbox], "Running"]
+Begin = Callable[[Mailbox], "Run"]
 
 
 class OperatorSession:
@@ -104,7 +104,7 @@ class OperatorSession:
     def __init__(self, begin: Begin, ring: Callable[[], None], stop_bench: Callable[[], None]) -> None:
         self.mailbox = Mailbox(ring)
         self._begin, self._stop_bench = begin, stop_bench
-        self._running: Running | None = None
+        self._running: Run | None = None
         self._asked = False
 
     def work(self) -> RunEnded:

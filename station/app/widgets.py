@@ -18,9 +18,10 @@ from textual.visual import VisualType
 from textual.widget import Widget
 from textual.widgets import Static
 
+from station.common.sanitise import printable
 from station.drawing.big_letters import big_lines
 from station.drawing.colours import MARK_GROUND, MARK_TEXT
-from station.drawing.glyphs import Glyphs, visible
+from station.drawing.glyphs import Glyphs
 from station.results.verdict_words import measurement_words
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ BAR = 16
 
 def literal(text: str, style: str = "") -> Content:
     """Text without markup, on one line, in a style."""
-    return Content.styled(visible(text), style) if style else Content(visible(text))
+    return Content.styled(printable(text), style) if style else Content(printable(text))
 
 
 def lines_of(*lines: Content | str) -> Content:
@@ -136,12 +137,12 @@ class Picture(Drawn):
 
         cells = lay_out(self.picture, width, max(1, height - 1))
         rows = [_text_strip(line) for line in in_letters(cells)] if self.glyphs.ascii else _half_blocks(cells)
-        return (*rows, _text_strip(visible(self.picture.caption)))
+        return (*rows, _text_strip(printable(self.picture.caption)))
 
 
 def centred(text: str, width: int, height: int) -> list[str]:
     """Left-aligned lines centred as a block and cropped to the area."""
-    lines = [visible(line) for line in text.splitlines()][:height]
+    lines = [printable(line) for line in text.splitlines()][:height]
     indent = " " * (max(0, width - max(map(len, lines), default=0)) // 2)
     return [""] * ((height - len(lines)) // 2) + [f"{indent}{line}"[:width] for line in lines]
 
@@ -217,7 +218,7 @@ class Rail(Part):
         else:
             mark, word, style = self.glyphs.todo, "to do", "dim"
         room = width - len(mark) - len(word) - 2
-        return literal(f"{mark} {visible(title)[:room]:<{room}} {word}", style)
+        return literal(f"{mark} {printable(title)[:room]:<{room}} {word}", style)
 
 
 class Readings(Part):

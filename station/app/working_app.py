@@ -27,8 +27,9 @@ from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.start import StartScreen
 from station.app.stopping_driver import stopping_first
 from station.common.errors import TRACEBACK
+from station.common.sanitise import printable
 from station.common.stop_signals import EXIT_DEVICE
-from station.drawing.glyphs import Glyphs, glyphs_for, visible
+from station.drawing.glyphs import Glyphs, glyphs_for
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -38,7 +39,8 @@ if TYPE_CHECKING:
     from station.app.screens.guide import GuideScreen
     from station.bench.opening import Bench, DeviceRow
     from station.bench.stage_watch import DeviceState
-    from station.guide.workspace import Lab, Running, SessionSummary
+    from station.guide.run import Run
+    from station.guide.workspace import SessionSummary, StationLab
 
 SHOW_EVERY_S = 0.08
 """Shortest interval between updates from a run; 12 per second suffice for the eye and for ssh."""
@@ -50,7 +52,7 @@ ALARM = "EMERGENCY STOP: every device was stopped. Home the stages before moving
 class WorkingApp(App[int]):
     """An application with a bench, jobs and runs; its value is the exit code."""
 
-    def __init__(self, lab: Lab, glyphs: Glyphs | None = None) -> None:
+    def __init__(self, lab: StationLab, glyphs: Glyphs | None = None) -> None:
         super().__init__()
         self.lab = lab
         self.glyphs = glyphs or glyphs_for(os.environ, sys.stdout.encoding or "")
@@ -64,7 +66,7 @@ class WorkingApp(App[int]):
         self._operator_session: OperatorSession | None = None
         self._session: Path | None = None
         self._subject = self._alarm = ""
-        self._wanted: Callable[[Mailbox], Running] | None = None
+        self._wanted: Callable[[Mailbox], Run] | None = None
         self._wanted_mode = ""
         self._is_loaded = self._run_is_due = self._focus_on_bench = False
         self._afterwards: Callable[[], object] | None = None
@@ -98,7 +100,7 @@ class WorkingApp(App[int]):
             super()._fatal_error()
             return
         problem = problem_of(self._exception)
-        self.panic(Text(visible(f"{problem.reason}; {problem.remedy}")))
+        self.panic(Text(printable(f"{problem.reason}; {problem.remedy}")))
 
     def on_unmount(self) -> None:
         """End the polling of the devices."""
@@ -217,7 +219,7 @@ class WorkingApp(App[int]):
             self._start_screen.show_kept(finished.value)
 
     def _complain(self, problem: Problem) -> None:
-        self.notify(visible(f"{problem.reason}. {problem.remedy}."), severity="error", markup=False, timeout=20)
+        self.notify(printable(f"{problem.reason}. {problem.remedy}."), severity="error", markup=False, timeout=20)
 
     # --- runs ----------------------------------------------------------------------------------------------------
 
@@ -245,7 +247,7 @@ class WorkingApp(App[int]):
         self._afterwards = lambda: self._begin(lambda mailbox: self.lab.resume(folder, mailbox, back_to=step))
         self._end_run_then_go_on()
 
-    def _begin(self, begin: Callable[[Mailbox], Running]) -> None:
+    def _begin(self, begin: Callable[[Mailbox], Run]) -> None:
         """Carry out a run once everything is loaded; not during another run or a manual move."""
         if not self._is_loaded:  # loading begins after the first paint
             self._wanted = begin
@@ -303,7 +305,7 @@ class WorkingApp(App[int]):
                 guide.show(entry)
             if isinstance(entry, Question) and self.front is not guide:
                 self.bell()
-                self.notify(visible(f"The guide (F2) asks: {entry.ask.question}"), markup=False)
+                self.notify(printable(f"The guide (F2) asks: {entry.ask.question}"), markup=False)
 
     @on(AnswerBox.Given)
     def _answered(self, message: AnswerBox.Given) -> None:
@@ -404,7 +406,7 @@ class WorkingApp(App[int]):
             self.front.refresh_frame()
 
 
-def _load(lab: Lab) -> tuple[Mapping[str, str], Sequence[SessionSummary]]:
+def _load(lab: StationLab) -> tuple[Mapping[str, str], Sequence[SessionSummary]]:
     """Import the modules of screens and runs, and read the sessions; in a thread."""
     import station.app.screens.bench
     import station.app.screens.focus

@@ -1,4 +1,4 @@
-"""What one item of a batch may take, memory and time, so that no photograph endangers the machine or holds the rest."""
+"""Limits of memory and time for one item of a batch."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 LEAST_BYTES = 2_000_000_000
-"""Of memory that an item may take where nobody tells: a photograph of 60 million pixels takes a quarter of it."""
+"""Smallest default limit of memory: a photograph of 60 million pixels takes a quarter of it."""
 TIME_S = 3600.0
-"""Seconds that an item may take where nobody tells."""
+"""Default limit of time, seconds."""
 
 
 @dataclass(frozen=True)
 class Allowance:
-    """What an item may take; None where there is no limit.
+    """Limits of an item; None for none.
 
     Attributes
     ----------
     memory_bytes : int or None
-        Of address space, beside what its process has before it begins.
+        Address space in addition to that of the process before it begins.
     time_s : float or None
     """
 
@@ -31,7 +31,7 @@ class Allowance:
 
     @classmethod
     def fair(cls, jobs: int) -> Allowance:
-        """A share of the machine's memory for each of so many processes, and an hour."""
+        """The share of the machine's memory for one of `jobs` processes, and an hour."""
         try:
             whole = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
         except (AttributeError, ValueError, OSError):  # Windows
@@ -41,10 +41,7 @@ class Allowance:
 
 @contextmanager
 def limited_memory(allowed: int | None) -> Iterator[None]:
-    """Within, the process may take so many bytes of address space more; what takes more gets a MemoryError.
-
-    Linux only: elsewhere the system does not hold to such a limit, and none is set.
-    """
+    """Limit further address space within the context; allocations beyond it raise MemoryError. Linux only."""
     if allowed is None or sys.platform != "linux":
         yield
         return
@@ -61,7 +58,7 @@ def limited_memory(allowed: int | None) -> Iterator[None]:
 
 
 def is_stopped(process: int) -> bool:
-    """Whether a child of this process is stopped, as by SIGSTOP; nothing is taken from who waits for its end."""
+    """Whether a child of this process is stopped, as by SIGSTOP; its exit status remains to be waited for."""
     if not hasattr(os, "waitid"):
         return False
     try:

@@ -1,4 +1,4 @@
-"""A batch's folder: one batch at a time in it, and nobody else's files written over."""
+"""The folder of a batch: one batch at a time, and no foreign file is overwritten."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from station.results.result_files import PUBLISHING, RECORD
 
 LINES, TABLE, PAGE = "results.jsonl", "summary.csv", "report.html"
 LINE_BEGINS = '{"files": '
-"""Of every line."""
+"""Beginning of every line of results."""
 
 
 def check_own(out: Path) -> None:
-    """Raises BadParameter where a file that a batch writes is there, and no batch has written it as it is."""
+    """Raise BadParameter if a file that a batch would overwrite was not written by a batch."""
     known = known_hashes(out)
     own = {RECORD: bool(_object(out / RECORD).get("schema")), LINES: _begins(out / LINES, LINE_BEGINS)}
     own |= {name: any(holds(out / name, one) for one in known.get(name, ())) for name in (TABLE, PAGE)}
@@ -33,17 +33,17 @@ def check_own(out: Path) -> None:
 
 
 def known_hashes(out: Path) -> dict[str, list[str]]:
-    """By name the hashes that a batch's files may have: by its record, and by the note of one that was interrupted."""
+    """Possible hashes of a batch's files by name, from its record and from the note of an interrupted one."""
     record, found = _object(out / RECORD), dict[str, list[str]]()
-    told = record.get("files") if str(record.get("schema", "")).startswith("station/") else {}
-    for files in (told, _object(out / PUBLISHING).get("files")):
+    files_of_record = record.get("files") if str(record.get("schema", "")).startswith("station/") else {}
+    for files in (files_of_record, _object(out / PUBLISHING).get("files")):
         for name, hashes in files.items() if isinstance(files, dict) else ():
             found.setdefault(name, []).extend(map(str, hashes) if isinstance(hashes, list) else [str(hashes)])
     return found
 
 
 def _object(path: Path) -> dict[str, Any]:
-    """The JSON object in a file; an empty one where there is none."""
+    """The JSON object in a file; an empty one if there is none."""
     try:
         found = json.loads(read_own(path))
     except (OSError, ValueError, RecursionError):
@@ -52,7 +52,7 @@ def _object(path: Path) -> dict[str, Any]:
 
 
 def _begins(path: Path, letters: str) -> bool:
-    """Whether a file is empty, or begins so."""
+    """Whether a file is empty, or begins with these letters."""
     try:
         data = read_own(path)
     except OSError:
@@ -62,7 +62,7 @@ def _begins(path: Path, letters: str) -> bool:
 
 @contextmanager
 def owned(out: Path) -> Iterator[None]:
-    """The folder for one batch at a time; what killed workers left half written is removed before and after."""
+    """Lock the folder for one batch; incomplete results of killed workers are removed before and after."""
     try:
         (out / RESULTS).mkdir(parents=True, exist_ok=True)
         lock = (out / ".lock").open("w")
@@ -76,7 +76,7 @@ def owned(out: Path) -> Iterator[None]:
 
 
 def _lock(lock: Any, out: Path) -> None:
-    """Held until the file is closed, also by a kill. Windows has no such lock: there two batches are not kept apart."""
+    """Lock until the file is closed, also by a kill. Not on Windows, which has no such lock."""
     try:
         import fcntl
     except ImportError:
@@ -95,6 +95,6 @@ def _sweep(out: Path) -> None:
 
 
 def unwritable(out: Path, error: OSError) -> BadParameter:
-    """What is said of a folder that cannot be written."""
+    """The error of a folder that cannot be written."""
     reason = f"the results need a folder that can be written; {out}: {error.strerror}"
     return BadParameter(reason, "name another folder with --out, or make room")

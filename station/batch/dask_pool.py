@@ -1,4 +1,4 @@
-"""The same work shared out by Dask: to processes of this machine, or to workers that share its folders."""
+"""The same work distributed by Dask: to processes of this machine, or to workers that share its folders."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ R = TypeVar("R")
 
 LOCAL = "local"
 AHEAD = 2
-"""Items given out for each thread of the workers: one runs, one waits."""
+"""Items per thread of the workers: one in work, one waiting."""
 PATIENCE_S = 20
 OPEN = "the local cluster speaks without TLS: whoever has an account on this machine can connect to it while it runs"
 
@@ -53,15 +53,15 @@ def run_on_cluster(
 ) -> Generator[tuple[int, R | Lost], None, None]:
     """As `run_in_processes`, on the cluster at an address, or on one of `jobs` processes started here ("local").
 
-    Workers of a cluster must have this program, and see photographs and results under the same paths. Its scheduler is
-    trusted: what it and its workers send is unpacked here as Python objects.
+    Workers of a cluster need this program, and photographs and results under the same paths. The scheduler is trusted:
+    its messages and those of its workers are unpickled here.
 
     Parameters
     ----------
     allowance : Allowance
-        What each item may take of a local cluster; others have limits of their own.
+        Limits of each item on a local cluster; others have limits of their own.
     tls : (Path, Path, Path), optional
-        Files by which a cluster at tls://... is trusted and trusts: authority, own certificate, own key.
+        Files for a cluster at tls://...: authority, own certificate, own key.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def run_on_cluster(
         If the cluster goes away while it works.
     """
     with _client(address, jobs, tls) as client:
-        # a task, not data: if the workers that hold it die, it is made again
+        # a task, not data: it is computed again if the workers that hold it die
         shared = client.submit(_same, job, pure=False)
         allowed = allowance if address == LOCAL else NO_LIMIT
         waiting, running, ended = deque(range(len(items))), dict[Any, int](), SimpleQueue[Any]()
@@ -102,7 +102,7 @@ def _same(job: J) -> J:
 
 
 def _alone(function: Callable[[I, J], R], item: I, job: J, allowance: Allowance) -> R:
-    """The work, in one thread; a process that takes too long ends itself."""
+    """The work in one thread; a process that exceeds its time kills itself."""
     one_thread()
     end = threading.Timer(allowance.time_s or 0.0, lambda: os.kill(os.getpid(), getattr(signal, "SIGKILL", 9)))
     end.daemon = True
@@ -126,12 +126,12 @@ def _answer(future: Any) -> Any:
 
 @contextmanager
 def _client(address: str, jobs: int, tls: tuple[Path, Path, Path] | None) -> Iterator[Any]:
-    """A client of the cluster; a local one is started and ended here."""
+    """A client of the cluster; a local cluster is started and ended here."""
     try:
         from distributed import Client
     except ImportError as error:
         raise BadParameter("--cluster needs Dask", "pip install 'calibration-station[cluster]'") from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters to the operator is said here
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # the operator is informed here
     if address != LOCAL:
         with _connected(Client, address, tls) as client:
             yield client
@@ -142,9 +142,9 @@ def _client(address: str, jobs: int, tls: tuple[Path, Path, Path] | None) -> Ite
 
 
 def _killing(others: set[Any]) -> Callable[[], AbstractContextManager[None]]:
-    """A context: within, whatever ends the program kills at once all processes that were started but `others`.
+    """A context in which any exception kills all processes except `others` at once.
 
-    Dask would wait for each of them to answer, and forgets those of a cluster that is only half made.
+    Dask would wait for each of them, and forgets those of a cluster that is incomplete.
     """
 
     @contextmanager
@@ -161,7 +161,7 @@ def _killing(others: set[Any]) -> Callable[[], AbstractContextManager[None]]:
 
 
 def _local(jobs: int) -> Any:
-    """Processes here that nobody else can connect to, where the package cryptography is there for it."""
+    """Local processes, closed to other users if the package cryptography is installed."""
     import dask
     from distributed import LocalCluster
     from distributed.security import Security
@@ -179,15 +179,15 @@ def _local(jobs: int) -> Any:
 
 
 def has_tls() -> bool:
-    """Whether a local cluster can be closed to others: Dask makes its certificate by the package cryptography."""
+    """Whether a local cluster can be closed to other users: Dask needs the package cryptography for a certificate."""
     return find_spec("cryptography") is not None
 
 
 @contextmanager
 def _watched(cluster: Any) -> Iterator[None]:
-    """Within, processes of a local cluster that are stopped are ended, and Dask starts others in their place.
+    """Kill stopped processes of a local cluster, in a thread; Dask replaces them.
 
-    A thread looks after them: who waits for an answer that a stopped process holds would wait for ever.
+    Without it an answer of a stopped process would be waited for without end.
     """
     over = threading.Event()
 
@@ -219,6 +219,6 @@ def _connected(connect: Callable[..., Any], address: str, tls: tuple[Path, Path,
         files = {name: str(path) for name, path in zip(names, tls or (), strict=False)}
         security = Security(**files, require_encryption=True) if tls else None
         return connect(address, timeout=PATIENCE_S, security=security)
-    except Exception as error:  # whatever listens there may answer anything
-        told = f"{type(error).__name__}: {error}" if not isinstance(error, OSError | ValueError) else error
-        raise BadParameter(f"no cluster answers at {address}: {told}", remedy) from error
+    except Exception as error:  # any program may listen there
+        words = f"{type(error).__name__}: {error}" if not isinstance(error, OSError | ValueError) else error
+        raise BadParameter(f"no cluster answers at {address}: {words}", remedy) from error

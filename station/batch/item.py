@@ -1,42 +1,41 @@
-"""One photograph of a batch, from its file to its folder: the work that processes and clusters share out."""
+"""One item of a batch, from its files to its folder: the work that is distributed to processes and clusters."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import BadInput, Outcome, ProcedureError, Verdict
+from procedures.outcome import BadInput, ProcedureError, Verdict
 from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
-from station.batch.estimates import Answer, ChangedMeanwhile, Write, estimate, further_files, hash_of
-from station.batch.procedure_file import PATTERN, SERIES, Procedure
-from station.calibration.folder_photographs import Item, called
+from station.batch.procedure_file import BatchProcedure
+from station.calibration.folder_photographs import Item, naming_path
 from station.common.sanitise import encodable, printable, safe_stem
+from station.common.threads import limited
 from station.common.versions import software
-from station.procedure.base import Inputs
+from station.procedure.base import Inputs, Procedure
 from station.results.comparison import Comparison, Judged
 from station.results.measurement import BY_PLANE, Measurement, write_measurement
 from station.results.plane_result import PlaneResult
-from station.results.psf_files import write_psf_result
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import RECORD, ResultFolder
 from station.results.result_seal import damage
 
 RESULTS = "results"
 KEY_LETTERS = 16
-"""Letters of an item's hash that its folder's name ends with."""
+"""Letters of an item's hash at the end of its folder's name."""
 PASS, DOUBTFUL, REFUSED = (str(one) for one in Verdict)
 UNREADABLE, LOST, FAULT = "unreadable", "lost", "fault"
 VERDICTS = (PASS, DOUBTFUL, REFUSED, UNREADABLE, LOST, FAULT)
-"""What can come of a measurement, the best first: trusted, doubtful; no PSF from the photograph; no photograph at all;
-it ended the process that worked on it; it met an error of this program."""
+"""Verdicts, the best first: trusted; doubtful; no result; unreadable file; process that died; error of this program."""
 JUDGED = ("", *(str(one) for one in Judged))
-"""How it stands to its specification, the best first; "" where there is none."""
+"""Verdicts against the specification, the best first; "" without a specification."""
 USABLE = (PASS, DOUBTFUL)
 NO_MEMORY = -4
 """Code of an OpenCV error (cv::Error::StsNoMem)."""
@@ -45,19 +44,19 @@ MORE_MEMORY = "look at this photograph by itself; if it is meant so, give more -
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What is the same for all items.
+    """What all items have in common.
 
     Attributes
     ----------
     out : Path
-        The batch's folder.
+        Folder of the batch.
     done : mapping of key to folder
-        What earlier runs have finished.
+        Results of earlier runs.
     reports : bool
         Whether a page is written for each item.
     """
 
-    procedure: Procedure
+    procedure: BatchProcedure
     out: Path
     done: Mapping[str, str] = field(default_factory=dict)
     reports: bool = False
@@ -65,7 +64,7 @@ class Job:
 
 @dataclass(frozen=True)
 class PlaneRow:
-    """One plane in one line: both its verdicts, the numbers with value, uncertainty and unit, and the limits."""
+    """One plane: both verdicts, the numbers with value, uncertainty and unit, and the limits."""
 
     verdict: str
     reason: str
@@ -77,25 +76,25 @@ class PlaneRow:
 
 @dataclass(frozen=True)
 class ItemRow:
-    """What became of an item, in one line.
+    """The result of an item.
 
     Attributes
     ----------
     files, sha256 : sequence of str
     verdict : one of VERDICTS
-        Of the measurement: the worst of its planes.
+        Of the measurement: the worst of the planes'.
     specification : one of JUDGED
-        How it stands to its limits: the worst of its planes.
+        The worst verdict of the planes against their limits.
     against : str
-        Which limits it does not meet, or not surely, in sentences.
+        The limits that are missed or undecided, in sentences.
     noted : mapping of str to number or str
-        What the camera noted: exposure_s, f_number, focus_distance_mm, iso, focal_length_mm, camera, lens.
+        Recorded by the camera: exposure_s, f_number, focus_distance_mm, iso, focal_length_mm, camera, lens.
     folder : str
-        Of its result, from the batch's folder; "" where none was kept, so that a later run tries again.
+        Of its result, relative to the batch; "" where none was written, so that a later run tries again.
     reused : bool
-        Whether an earlier run has done it.
+        Whether it is the result of an earlier run.
     redone : str
-        Why it was done again though an earlier run had, "" where none had.
+        Why the result of an earlier run was not used; "" where there is none.
     """
 
     files: Sequence[str]
@@ -114,17 +113,17 @@ class ItemRow:
 
     @property
     def usable(self) -> bool:
-        """Whether there is a measurement, and it does not miss its specification."""
+        """Whether there is a measurement that does not miss its specification."""
         return self.verdict in USABLE and self.specification != Judged.MISSES
 
     @property
     def sure(self) -> bool:
-        """Whether it is trusted, and meets its specification where there is one."""
+        """Whether it is trusted, and meets its specification if there is one."""
         return self.verdict == PASS and self.specification in ("", Judged.MEETS)
 
 
-def key_of(hashes: Sequence[str], procedure: Procedure, further: Sequence[str] = ()) -> str:
-    """What an item's result depends on, as a hash: the files, the procedure, and this program's version.
+def key_of(hashes: Sequence[str], procedure: BatchProcedure, further: Sequence[str] = ()) -> str:
+    """Hash of all that an item's result depends on: the files, the procedure, and this program's version.
 
     further : hashes of files that the procedure names
     """
@@ -134,11 +133,11 @@ def key_of(hashes: Sequence[str], procedure: Procedure, further: Sequence[str] =
 
 
 def work(item: Item, job: Job) -> ItemRow:
-    """Estimate one item and keep its result, or find that this was done; whatever goes wrong is in the row."""
+    """Measure one item and write its result, or find that of an earlier run; every error is in the row."""
     start = time.perf_counter()
     try:
         row = _row(item, job)
-    except Exception as error:  # one photograph must not stop the others, whatever it meets
+    except Exception as error:  # one photograph must not stop the others
         row = _failure(item, error)
     return replace(row, files=item.files, duration_s=round(time.perf_counter() - start, 3))
 
@@ -146,61 +145,90 @@ def work(item: Item, job: Job) -> ItemRow:
 def _row(item: Item, job: Job) -> ItemRow:
     if item.trouble:
         return ItemRow(item.files, UNREADABLE, item.trouble, item.remedy)
-    if job.procedure.inputs in (Inputs.PHOTOGRAPHS, Inputs.FOLDER):  # read one after the other
-        contents, hashes = [], [hash_of(path) for path in item.paths]
-    else:
-        contents = [read_photograph(path) for path in item.paths]
-        hashes = [hashlib.sha256(data).hexdigest() for data in contents]
-    key = key_of(hashes, job.procedure, [*further_files(job.procedure, item.paths).values()])
+    one_fails = job.procedure.procedure.inputs not in (Inputs.PHOTOGRAPHS, Inputs.FOLDER)
+    hashes = [hash_of(path, required=one_fails) for path in item.paths]
+    files = dict(zip(item.paths, hashes, strict=True)) | further_files(job.procedure, item.paths)
+    key = key_of(hashes, job.procedure, list(files.values())[len(hashes) :])
     kept, redone = kept_row(job.out, job.done[key]) if key in job.done else (None, "")
     if kept is not None:
         return replace(kept, reused=True)
-    folder = f"{RESULTS}/{safe_stem(called(item.paths[0]))}-{key}"
+    folder = f"{RESULTS}/{safe_stem(naming_path(item.paths[0]))}-{key}"
     with ResultFolder(job.out / folder, force=True) as place:
-        return replace(_estimate(item, job, contents, hashes, folder, place), redone=redone)
+        return replace(_measure(item, job, files, ItemRow(item.files, PASS, sha256=hashes, folder=folder), place),
+                       redone=redone)  # fmt: skip
 
 
-def _estimate(
-    item: Item, job: Job, contents: Sequence[bytes], hashes: Sequence[str], folder: str, place: ResultFolder
-) -> ItemRow:
-    start = time.perf_counter()
+def hash_of(path: Path, *, required: bool = False) -> str:
+    """SHA-256 of a file; "" if it cannot be read. Raises BadInput if it is required."""
     try:
-        answer = estimate(job.procedure, item.paths, contents, hashes)
+        return hashlib.sha256(read_photograph(path)).hexdigest()
+    except BadInput:
+        if required:
+            raise
+        return ""
+
+
+def further_files(batch: BatchProcedure, paths: Sequence[Path]) -> dict[Path, str]:
+    """The files besides its photographs that a result depends on, with their hashes; "" where there is none."""
+    return {one: hash_of(one) for one in batch.procedure.files(paths, batch.settings)}
+
+
+class ChangedMeanwhile(Exception):
+    """A file whose hash is no longer that of the item."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(f"{printable(path)} was changed while the batch read it")
+
+
+def _measure(item: Item, job: Job, files: Mapping[Path, str], row: ItemRow, place: ResultFolder) -> ItemRow:
+    """Measure an item and write its result; `row` states its files."""
+    start, batch = time.perf_counter(), job.procedure
+    procedure = batch.procedure
+    paths = [Path(os.path.commonpath(item.paths))] if procedure.inputs is Inputs.FOLDER else item.paths
+    try:
+        with limited(1):  # other processes work beside this one
+            found = procedure.measure(paths, batch.settings, batch.terms)
     except ProcedureError as error:
-        row = replace(_failure(item, error), sha256=hashes, folder=folder)
-        answer = Answer((), Exposure(), _write_failure(job.procedure, error))
+        _check_unchanged(files)
+        failure = _failure(item, error)
+        row = replace(row, verdict=failure.verdict, reason=failure.reason, remedy=failure.remedy)
+        found = _refusal(procedure, error)
+        parameters = batch.parameters()
     else:
-        row = replace(_row_of(item, answer.planes, hashes, folder), noted=noted(answer.exposure))
-    head = RecordHead(
-        PATTERN if job.procedure.name == SERIES else job.procedure.name,
-        tuple(map(InputFile, item.files, hashes)),
-        job.procedure.told(),
-        job.procedure.terms.specified(answer.planes),
-        batch=asdict(row),
+        _check_unchanged({path: files[path] for path in list(files)[len(item.paths) :]})
+        for one in found.head.input:
+            if files.get(Path(one.path), one.sha256) != one.sha256:
+                raise ChangedMeanwhile(Path(one.path))
+        row = replace(_judged(row, found.planes), noted=noted(found.exposure))
+        parameters = {**found.head.parameters, **batch.terms.parameters()}
+        if job.reports and procedure.draws(found):
+            place.write(procedure.page_name, procedure.page(found))
+    head = replace(
+        found.head, input=tuple(map(InputFile, item.files, row.sha256)), parameters=parameters,
+        specification=batch.terms.specified(found.planes), batch=asdict(row),
         duration_s=round(time.perf_counter() - start, 3),
-    )
-    answer.write(place, head, job.reports)
+    )  # fmt: skip
+    write_measurement(place, replace(found, head=head))
     return row
 
 
-def _write_failure(procedure: Procedure, error: ProcedureError) -> Write:
-    """Writes the record of what could not be estimated."""
-    if procedure.settings is not None:
-        measuring = procedure.measuring
-        missing = PlaneResult(measuring.name, Verdict.REFUSED, error.reason, error.remedy)
-        planes = () if measuring.results_key == BY_PLANE else (missing,)
-        return lambda place, head, page: write_measurement(
-            place, Measurement(measuring.schema, head, planes, results_key=measuring.results_key)
-        )
-    if procedure.restoration is None:
-        return lambda place, head, page: write_psf_result(place, (), head)
-    from station.reports.restoration_files import write_refusal  # here: it draws, which is slow to load
-
-    refused: Outcome[Any] = Outcome(None, Verdict.REFUSED, error.reason, error.remedy)
-    return lambda place, head, page: write_refusal(place, refused, head)
+def _check_unchanged(files: Mapping[Path, str]) -> None:
+    for path, known in files.items():
+        if hash_of(path) != known:
+            raise ChangedMeanwhile(path)
 
 
-def _row_of(item: Item, records: Sequence[PlaneResult], hashes: Sequence[str], folder: str) -> ItemRow:
+def _refusal(procedure: Procedure[Any], error: ProcedureError) -> Measurement:
+    """The measurement of an item that cannot be measured."""
+    head, key = RecordHead(procedure.record_name), procedure.results_key
+    if key == BY_PLANE:
+        return Measurement(procedure.schema, head, ())
+    refused = PlaneResult(procedure.name, Verdict.REFUSED, error.reason, error.remedy, pitch=0)
+    return Measurement(procedure.schema, head, (refused,), entries=verdict_entry(refused), results_key=key)
+
+
+def _judged(row: ItemRow, records: Sequence[PlaneResult]) -> ItemRow:
+    """The row with the planes, their worst verdicts and causes."""
     planes = {record.name: plane_row(record) for record in records}
     name, worst = max(planes.items(), key=lambda one: VERDICTS.index(one[1].verdict))
     reason = f"{name}: {worst.reason}" if worst.reason else ""
@@ -208,13 +236,14 @@ def _row_of(item: Item, records: Sequence[PlaneResult], hashes: Sequence[str], f
     against = "; ".join(
         f"{one.name}: {words}" for one in records if one.specification for words in one.specification.against
     )
-    return ItemRow(
-        item.files, worst.verdict, reason, worst.remedy, hashes, folder, planes, specification=judged, against=against
-    )
+    return replace(
+        row, verdict=worst.verdict, reason=reason, remedy=worst.remedy, planes=planes, specification=judged,
+        against=against,
+    )  # fmt: skip
 
 
 def noted(exposure: Exposure) -> dict[str, float | str]:
-    """What the camera noted of a photograph, as far as it did: what a series is drawn over."""
+    """The settings that the camera recorded, without those that it did not."""
     found = {
         "camera": exposure.camera,
         "lens": exposure.lens,
@@ -229,19 +258,21 @@ def noted(exposure: Exposure) -> dict[str, float | str]:
 
 
 def plane_row(record: PlaneResult) -> PlaneRow:
-    """A plane in one line."""
-    found = (record.specification or Comparison()).told()
+    """The row of a plane."""
+    compared = (record.specification or Comparison()).told()
     numbers: dict[str, Mapping[str, Any]] = {
         name: {"value": value} for name, value in record.values.items() if isinstance(value, int | float)
     }
     physics = record.physics.value.numbers if record.physics is not None and record.physics.value is not None else {}
     for name, one in {**record.numbers, **physics}.items():
         numbers[name] = {"value": one.value, "uncertainty": one.uncertainty, "unit": one.unit}
-    return PlaneRow(str(record.verdict), record.reason, record.remedy, numbers, found["verdict"] or "", found["limits"])
+    return PlaneRow(
+        str(record.verdict), record.reason, record.remedy, numbers, compared["verdict"] or "", compared["limits"]
+    )
 
 
 def _failure(item: Item, error: Exception) -> ItemRow:
-    """What an error says about an item: it is no photograph, or cannot be used, or this program fails on it."""
+    """The row of an error: an unreadable file, a refused measurement, or a fault of this program."""
     if isinstance(error, ProcedureError):
         verdict = UNREADABLE if isinstance(error, BadInput) else REFUSED
         return ItemRow(item.files, verdict, encodable(error.reason), encodable(error.remedy))
@@ -251,11 +282,11 @@ def _failure(item: Item, error: Exception) -> ItemRow:
         )
     if isinstance(error, MemoryError) or getattr(error, "code", None) == NO_MEMORY:
         return ItemRow(item.files, LOST, "it takes more memory than an item may take here", MORE_MEMORY)
-    reason = f"the program failed on something it did not foresee: {type(error).__name__}: {printable(error)}"
+    reason = f"the program failed unexpectedly: {type(error).__name__}: {printable(error)}"
     return ItemRow(item.files, FAULT, reason, "report it, with the photograph")
 
 
-# --- what earlier runs have done ---------------------------------------------------------------------------------
+# --- results of earlier runs -------------------------------------------------------------------------------------
 
 
 def finished(out: Path) -> dict[str, str]:
@@ -265,7 +296,7 @@ def finished(out: Path) -> dict[str, str]:
 
 
 def kept_row(out: Path, folder: str) -> tuple[ItemRow | None, str]:
-    """The row that a result was kept with; None where it is not what was written, and what is not."""
+    """The row of an earlier result; None if its files were changed, and the reason."""
     if wrong := damage(out / folder):
         return None, f"{', '.join(wrong)} of the result that was there: missing, or not what was written"
     try:

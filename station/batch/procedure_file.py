@@ -1,288 +1,163 @@
-"""A batch's procedure as a file says it: what to estimate, how, and what is good enough.
+"""A batch's procedure file: what to measure, with which settings, and the limits of the results.
 
 ```toml
-procedure = "pattern"               # or "field", "series", "restore" (see `restoration_file`), another procedure
-planes = ["G1"]                     # or ["all"]; by default G1 of a RAW file, Y of a grey image
+procedure = "pattern"               # or any other procedure
 specification = "lens.toml"         # beside this file; or the same [limits] and [[limit]] here
 unit = "cycles/pixel"               # of every frequency, here and in the results; or "lp/mm", "lw/ph"
-at = [0.25]                         # frequencies at which the MTF is told too
+at = [0.25]                         # further frequencies of the MTF
 coverage = 2                        # guard bands of the limits in here, in standard uncertainties
-parameters = { s = "auto", k = "auto", solver = "ls" }
-chart = { seed = 1 }                # or bits = "cells.pgm", beside this file
-optics = { pixel_pitch_um = 3.76, f_number = 8, wavelength_nm = 530 }
-physics = false                     # pattern, series: whether PSFs are explained by photosites and aberrations
-trust_typed = false                 # true: optics count against what the cameras noted in their files
-raw = "1920x1080,RGGB,u16le,64,1023"          # where the photographs are a sensor's samples without a header
-pairs = { near = "_near", far = "_far" }      # two-photo: how names of a pair end; or { table = "pairs.csv" }
+pairs = { near = "_near", far = "_far" }      # how names of a pair end; or { table = "pairs.csv" }
 
-[settings]                          # the options of the command of any procedure but field and restore, by name
-sensor = "result.json"
+[settings]                          # the options of the command, by name; [parameters] is the same
+sensor = "result.json"              # beside this file
 
 [limits]
 mtf50_horizontal = { min = 0.25 }
 energy_above_nyquist = { max = 0.05, planes = ["G1", "G2"] }
 ```
+
+Settings may also be given outside [settings], where the procedure has them:
+
+```toml
+planes = ["G1"]                     # or ["all"]; by default G1 of a RAW file, Y of a grey image
+chart = { seed = 1 }                # or bits = "cells.pgm", beside this file
+optics = { pixel_pitch_um = 3.76, f_number = 8, wavelength_nm = 530 }
+physics = false
+trust_typed = false                 # true: the optics take precedence over what the cameras recorded in their files
+raw = "1920x1080,RGGB,u16le,64,1023"
+```
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from procedures.field.estimate import FIELD as FIELD_PARAMETERS
-from procedures.outcome import BadParameter
-from procedures.pattern import DEFAULT_SEED
-from procedures.pattern_print.source import Source
-from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
-from procedures.reading.sensor_dump import DumpLayout
 from station.common.sanitise import printable
 from station.common.toml_table import Table
-from station.procedure.base import Inputs
-from station.procedure.base import Procedure as Measuring
+from station.procedure.base import Inputs, Procedure
 from station.procedure.registry import procedure_named, procedure_names
-from station.procedure.settings import Settings, fields_of, placed, read_settings, to_record
+from station.procedure.settings import Settings, fields_of, read_settings, to_record
 from station.results.specification_file import read_specification, specification_in
 from station.results.terms import USUAL, Terms
 from station.results.units import Frequency, Unit
 
-if TYPE_CHECKING:
-    from station.calibration.restoration.restorations import RestorationOptions
-
-PATTERN, TWO_PHOTO, FIELD, EDGE, SERIES, RESTORE = "pattern", "two-photo", "field", "edge", "series", "restore"
-OWN = (FIELD, SERIES, RESTORE)
-"""Procedures of batches beside those of `station.procedure`."""
-PAIRS: Mapping[str, str] = {"first": "_1", "second": "_2"}
-"""How the names of a restoration's photographs end, where nothing is told."""
-AT_THE_TOP = (PATTERN, TWO_PHOTO, EDGE, SERIES)
-"""Procedures whose planes, parameters, chart, optics, ... may stand beside [settings]."""
+USUAL_PROCEDURE = "pattern"
+IN_PAIRS = (Inputs.PAIR, Inputs.SCENE, Inputs.RESULTS)
+"""Inputs that belong together by their names, or by a row of a table."""
+TABLES: Mapping[str, tuple[str, ...]] = {
+    "chart": ("bits", "seed"),
+    "optics": ("pixel_pitch_um", "f_number", "wavelength_nm"),
+}
+"""Tables of settings, for procedures that have all of them."""
+AT_THE_TOP = ("physics", "trust_typed", "raw")
+"""Settings outside any table."""
 ALL = "all"
-OPTICS = ("pixel_pitch_um", "f_number", "wavelength_nm")
 
 
 @dataclass(frozen=True, eq=False)
-class Procedure:
-    """What is done with every photograph, or pair of them.
+class BatchProcedure:
+    """A procedure with its settings.
 
     Attributes
     ----------
-    name : "field" (a folder's photographs together), "series", "restore", or one of `station.procedure`
-    parameters : PatternParameters of a field, None of others
-    planes : tuple of str
-        Empty for the default one of each file, ("all",) for all.
-    chart : Source or None
-        The cells that were photographed; None where no chart was.
-    optics : mapping of str to float
-        Of pixel_pitch_um, f_number and wavelength_nm those that are given.
-    terms : Terms
-        The unit, further frequencies, and what the results are held to.
-    endings : (str, str)
-        How the names of a pair's photographs end.
-    pairs : Path or None
-        A table whose rows name the photographs of an item, in place of endings.
-    restoration : RestorationOptions or None
-        As the file says them; None of other procedures.
-    folder : Path
-        Of the procedure file, where files lie that it names.
-    layout : DumpLayout or None
-        How the samples lie in photographs without a header; None where each file tells it itself.
-    trust_typed : bool
-        Whether `optics` count against what a camera noted in its files.
-    settings : Settings or None
-        Of a procedure of `station.procedure`, and of a series, which are those of its photographs; None of the others.
+    terms : unit of frequencies, further frequencies, and specification
+    endings : how the names of a pair's photographs end
+    pairs : a table whose rows name the photographs of an item, in place of endings
     """
 
-    name: str
-    parameters: PatternParameters | None
-    planes: tuple[str, ...] = ()
-    chart: Source | None = None
-    optics: Mapping[str, float] = field(default_factory=dict)
+    procedure: Procedure[Any]
+    settings: Settings
     terms: Terms = USUAL
     endings: tuple[str, str] = ("", "")
     pairs: Path | None = None
-    restoration: RestorationOptions | None = None
-    folder: Path = Path()
-    layout: DumpLayout | None = None
-    trust_typed: bool = False
-    settings: Settings | None = None
 
     @property
-    def inputs(self) -> Inputs:
-        """What one item of a batch is."""
-        if self.settings is not None:
-            return self.measuring.inputs
-        return Inputs.PHOTOGRAPHS if self.name == FIELD else Inputs.PAIR
+    def name(self) -> str:
+        """The procedure's name."""
+        return self.procedure.name
 
-    @property
-    def measuring(self) -> Measuring[Any]:
-        """The procedure of `station.procedure` that measures an item."""
-        return procedure_named(PATTERN if self.name == SERIES else self.name)
-
-    @property
-    def chart_source(self) -> Source:
-        """The chart that was photographed. Raises BadParameter where none was."""
-        if self.chart is None:
-            raise BadParameter(f"the procedure {self.name} photographs no chart", "choose another procedure")
-        return self.chart
-
-    def told(self) -> dict[str, Any]:
-        """The parameters as a record tells them, in the manner of `station psf`."""
-        chart = {} if self.chart is None else {"chart": self.chart.origin}
-        layout = {"raw": str(self.layout)} if self.layout else {}
-        trust = {"trust_typed": True} if self.trust_typed else {}
-        sampling = {} if self.parameters is None else self.parameters.to_record()
-        if self.restoration is not None:
-            sampling = self.restoration.entries
-        if self.settings is not None:
-            sampling = to_record(self.settings)
-        return {**sampling, **chart, **self.optics, **layout, **trust, **self.terms.parameters()}
+    def parameters(self) -> dict[str, Any]:
+        """Settings and unit as plain data."""
+        return {**to_record(self.settings), **self.terms.parameters()}
 
     def fingerprint(self) -> dict[str, Any]:
-        """All that a result depends on, as plain data."""
+        """All that a result depends on besides its files, as plain data."""
         at = [one.value for one in self.terms.at]
-        held = {name: value for name, value in self.terms.specification.told().items() if name != "path"}
-        return {"procedure": self.name, "planes": list(self.planes), "specification": held, "at": at, **self.told()}
+        limits = {name: value for name, value in self.terms.specification.told().items() if name != "path"}
+        return {"procedure": self.name, "specification": limits, "at": at, **self.parameters()}
 
 
-def read_procedure(path: Path) -> Procedure:
+def read_procedure(path: Path) -> BatchProcedure:
     """The procedure that a file describes.
 
     Raises
     ------
     BadParameter
-        If it cannot be read, has a key that is not known (the nearest one is named) or a value that cannot be meant.
+        If it cannot be read, has an unknown key (the nearest one is named), or a value is not valid.
     BadInput
         If the chart's cells cannot be read.
     """
     table = Table.read(path)
-    name = table.get("procedure", str, PATTERN)
-    known = (*OWN, *procedure_names())
-    if name not in known:
-        raise table.wrong("procedure", f"is {printable(name)!r}", f"use one of {', '.join(known)}")
-    if name == RESTORE:
-        return _restoration(table, path.parent)
-    return _field(table, path.parent) if name == FIELD else _measuring(table, name, path.parent)
-
-
-def _field(table: Table, beside: Path) -> Procedure:
-    found = Procedure(
-        FIELD,
-        _parameters(table.table("parameters"), FIELD_PARAMETERS),
-        _planes(table),
-        _chart(table.table("chart"), beside),
-        _optics(table.table("optics")),
-        _terms(table, beside),
-        layout=_layout(table),
-        trust_typed=table.get("trust_typed", bool, False),
-    )
+    name = table.get("procedure", str, USUAL_PROCEDURE)
+    if name not in procedure_names():
+        raise table.wrong("procedure", f"is {printable(name)!r}", f"use one of {', '.join(procedure_names())}")
+    procedure, folder = procedure_named(name), path.parent
+    settings = _settings(table, procedure.Settings).placed(folder)
+    endings, pairs = ("", ""), None
+    if procedure.inputs in IN_PAIRS:
+        endings, pairs = _pairs(table.table("pairs"), folder, procedure.endings)
+    found = BatchProcedure(procedure, settings, _terms(table, folder), endings, pairs)
     table.end()
+    settings.check()
     return found
 
 
-def _measuring(table: Table, name: str, beside: Path) -> Procedure:
-    """Of a procedure with a model of settings: its keys stand in [settings]."""
-    measuring = procedure_named(PATTERN if name == SERIES else name)
-    given = table.get("settings", dict, {})
-    if name in AT_THE_TOP:
-        known = {one.name for one in fields_of(measuring.Settings)}
-        given = {**_at_the_top(table, known, beside), **given}
-    settings = placed(read_settings(measuring.Settings, given, "settings."), beside)
-    endings, pairs = Procedure.endings, None
-    if measuring.inputs in (Inputs.PAIR, Inputs.RESULTS):
-        endings, pairs = _pairs(table.table("pairs"), beside, measuring.endings)
-    found = Procedure(
-        name, None, terms=_terms(table, beside), settings=settings, folder=beside, endings=endings, pairs=pairs
-    )
-    table.end()
-    return found
+def _settings(table: Table, model: type[Settings]) -> Settings:
+    """The settings of all tables, and those outside of tables."""
+    known = {one.name for one in fields_of(model)}
+    given: dict[str, Any] = {}
+    shown = {name: f"settings.{name}" for name in known}
+
+    def take(source: Table, keys: Collection[str], where: str = "") -> None:
+        for key in keys:
+            if source.has(key):
+                given[key], shown[key] = source.peek(key), f"{where}{key}"
+
+    if "plane" in known and (planes := _planes(table)):
+        given["plane"] = planes
+    take(table, known.intersection(AT_THE_TOP))
+    tables = {name: keys for name, keys in TABLES.items() if known.issuperset(keys)}
+    for name, keys in {**tables, "parameters": known, "settings": known}.items():
+        inside = table.table(name)
+        take(inside, keys, f"{name}.")
+        inside.end()
+    return read_settings(model, given, shown)
 
 
-def _at_the_top(table: Table, known: Collection[str], beside: Path) -> dict[str, Any]:
-    """Settings that stand in a procedure file under keys of their own."""
-    planes, parameters = _planes(table), table.table("parameters")
-    found: dict[str, Any] = {"plane": ",".join(planes)} if planes else {}
-    if "s" in known:
-        chosen = _parameters(parameters, PatternParameters())
-        found |= {"s": chosen.s or "auto", "k": chosen.k or "auto", "solver": chosen.solver}
-    else:
-        parameters.end()
-    if "bits" in known:
-        found |= _chart_settings(table.table("chart"), beside)
-    if (layout := _layout(table)) is not None:
-        found["raw"] = str(layout)
-    found |= {name: table.get(name, bool, False) for name in ("trust_typed", "physics") if name in known}
-    return found | _optics(table.table("optics"))
-
-
-def _chart_settings(table: Table, beside: Path) -> dict[str, Any]:
-    """The chart's seed, or its cells; raises BadInput where these cannot be read."""
-    _chart(table, beside)
-    found: dict[str, Any] = {"bits": beside / table.get("bits", str, "")} if table.has("bits") else {}
-    return found | ({"seed": table.get("seed", int, 0)} if table.has("seed") else {})
-
-
-def _auto(table: Table, name: str, default: int | None) -> int | None:
-    """A whole number, or "auto" for what the program chooses."""
-    return table.number_or(name, "auto", default)
-
-
-def _parameters(table: Table, default: PatternParameters) -> PatternParameters:
-    s, k, solver = (
-        _auto(table, "s", default.s),
-        _auto(table, "k", default.k),
-        table.get("solver", str, default.solver),
-    )
-    table.end()
-    return replace(default, s=s, k=k, solver=solver)
-
-
-def _planes(table: Table, known: tuple[str, ...] = (*MOSAIC_PLANES, GREY_PLANE, ALL)) -> tuple[str, ...]:
-    planes = table.words("planes")
+def _planes(table: Table) -> str:
+    known, planes = (*MOSAIC_PLANES, GREY_PLANE, ALL), table.words("planes")
     for plane in planes:
         if plane not in known:
             raise table.wrong("planes", f"has {printable(plane)!r}", f"use one of {', '.join(known)}")
-    return (ALL,) if ALL in planes else planes
+    return ALL if ALL in planes else ",".join(planes)
 
 
-def _chart(table: Table, beside: Path) -> Source:
-    seed, bits = table.get("seed", int, DEFAULT_SEED), table.get("bits", str, "")
-    if bits and table.has("seed"):
-        raise table.wrong("bits", "and chart.seed are both given", "give one of them")
-    table.end()
-    try:
-        return Source.from_file(beside / bits) if bits else Source.from_seed(seed)
-    except ValueError as error:  # a path with a null character in it
-        raise table.wrong("bits", "is no file's name") from error
-
-
-def _layout(table: Table) -> DumpLayout | None:
-    return DumpLayout.parse(table.get("raw", str, "")) if table.has("raw") else None
-
-
-def _optics(table: Table) -> dict[str, float]:
-    found = {name: table.get(name, float, 0.0) for name in OPTICS if table.has(name)}
-    table.end()
-    for name, value in found.items():
-        if not 0 < value < math.inf:
-            raise table.wrong(name, f"must be more than 0; it is {value:g}")
-    return found
-
-
-def _terms(table: Table, beside: Path) -> Terms:
+def _terms(table: Table, folder: Path) -> Terms:
     """Unit and frequencies; the specification, of a file beside this one or of this one."""
     own = specification_in(table)
     name = table.get("specification", str, "")
     if name and own.limits:
         raise table.wrong("specification", "and limits in this file are both given", "give one of them")
-    unit = Unit(table.get("unit", str, str(Unit.CYCLES)).lower())  # `specification_in` has looked at it
+    unit = Unit(table.get("unit", str, str(Unit.CYCLES)).lower())  # checked by `specification_in`
     at = tuple(Frequency(value, unit) for value in table.numbers("at"))
-    return Terms(unit, at, read_specification(beside / name) if name else own)
+    return Terms(unit, at, read_specification(folder / name) if name else own)
 
 
-def _pairs(table: Table, beside: Path, usual: Mapping[str, str]) -> tuple[tuple[str, str], Path | None]:
+def _pairs(table: Table, folder: Path, usual: Mapping[str, str]) -> tuple[tuple[str, str], Path | None]:
     """How a pair's names end, or the table that names them."""
     keys = list(usual)
     one, other = (table.get(key, str, usual[key]) for key in keys)
@@ -293,20 +168,4 @@ def _pairs(table: Table, beside: Path, usual: Mapping[str, str]) -> tuple[tuple[
     if not one or not other or one == other:
         words = f"and pairs.{keys[1]} must be two different endings"
         raise table.wrong(keys[0], words, f'write {keys[0]} = "{usual[keys[0]]}", {keys[1]} = "{usual[keys[1]]}"')
-    return (one, other), beside / rows if rows else None
-
-
-def _restoration(table: Table, beside: Path) -> Procedure:
-    """Of restorations, which have no chart, no optics and no limits."""
-    from station.batch.restoration_file import read_restoration  # here: it loads what restores
-
-    options = read_restoration(table.table("parameters"))
-    planes = _planes(table)
-    if len(planes) > 1:
-        raise table.wrong("planes", "must be one plane here", 'write ["G1"], or ["all"] for colour')
-    endings, pairs = _pairs(table.table("pairs"), beside, PAIRS)
-    found = Procedure(
-        RESTORE, None, planes, endings=endings, pairs=pairs, restoration=options, folder=beside, layout=_layout(table)
-    )
-    table.end()
-    return found
+    return (one, other), folder / rows if rows else None

@@ -1,4 +1,4 @@
-"""Work shared out to processes that may die: the item that a process dies on is tried once more, then given up.
+"""Work in processes that may die: an item whose process dies is tried once more, then given up.
 
 Processes are spawned: a fork would copy locks that other threads hold. Each computes in one thread: side by side they
 use all cores without waiting for each other.
@@ -31,21 +31,21 @@ J = TypeVar("J")
 R = TypeVar("R")
 
 TRIES = 2
-"""How often an item may end its process: the system kills the largest process, not the guilty one."""
+"""Attempts per item: the system kills the largest process, not the one that caused the shortage."""
 DEATHS_IN_A_ROW = 8
-"""So many processes that die one after the other, whatever they work on, do not die of the items."""
+"""Consecutive deaths after which the items are not the cause."""
 POLL_S = 0.5
-"""Between two looks at processes that work."""
+"""Interval at which working processes are checked."""
 STOPPED_S = 2.0
-"""A process that is stopped for so long is ended; Ctrl-Z stops parent and children alike, and `fg` lets all go on."""
+"""Time after which a stopped process is killed; Ctrl-Z stops parent and children, and `fg` continues all."""
 GOING_S = 5.0
-"""An idle process whose pipe is closed goes at once; after so long it is ended."""
+"""Time for an idle process to end after its pipe is closed, before it is killed."""
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 @dataclass(frozen=True)
 class Lost:
-    """An item without a result: what became of the process that worked on it."""
+    """An item without a result, and the reason why its process ended."""
 
     reason: str
 
@@ -55,7 +55,7 @@ NO_LIMIT = Allowance()
 
 @dataclass
 class Stop:
-    """Asked to stop: what runs is finished, nothing new is begun."""
+    """Request to stop: items in work are finished, no other is begun."""
 
     asked: bool = False
 
@@ -66,7 +66,7 @@ class Stop:
 
 @dataclass
 class _Worker(Generic[I, J, R]):
-    """A process, this end of its pipe, the item it works on by number, and since when it does, or is stopped."""
+    """A process, this end of its pipe, the number of its item, and since when it works on it, or is stopped."""
 
     function: Callable[[I, J], R]
     job: J
@@ -80,7 +80,7 @@ class _Worker(Generic[I, J, R]):
     def __post_init__(self) -> None:
         context = get_context("spawn")
         self.pipe, other = context.Pipe()
-        # little enough for a pipe: starting a process that is stopped before it reads would wait for it
+        # small enough for a pipe: otherwise the start would wait for a process that is stopped before it reads
         self.process = context.Process(target=_serve, args=(other, self.allowance), daemon=True)
         with single_threads(), without_interrupts():
             self.process.start()
@@ -91,12 +91,12 @@ class _Worker(Generic[I, J, R]):
         self._outgoing.put(bytes(ForkingPickler.dumps((self.function, self.job))))
 
     def give(self, number: int, item: I) -> None:
-        """Begin an item; a process that has died meanwhile is found out when its answer is read."""
+        """Begin an item; the death of a process is noticed when its answer is read."""
         self.busy, self.since_s, self.stopped_s = number, None, None
         self._outgoing.put(bytes(ForkingPickler.dumps(item)))
 
     def answer(self) -> tuple[int, R | Lost] | None:
-        """The number of the item, and what came of it; None where it has only been begun now."""
+        """The number of the item and its answer; None for the message that it was begun."""
         try:
             begun, answer = self.pipe.recv()
         except (EOFError, ConnectionError):
@@ -109,7 +109,7 @@ class _Worker(Generic[I, J, R]):
         return number, answer
 
     def watch(self) -> None:
-        """End the process where it has worked for too long, or is stopped: then its pipe has an end to be read."""
+        """Kill the process if it exceeds its time, or is stopped: its pipe can then be read to the end."""
         now = time.monotonic()
         most = self.allowance.time_s
         if most is not None and self.since_s is not None and now - self.since_s > most:
@@ -127,7 +127,7 @@ class _Worker(Generic[I, J, R]):
 
     @property
     def overtime(self) -> bool:
-        """Whether it was ended for its time, which another try would take again."""
+        """Whether it exceeded its time, as another attempt would."""
         return self.fault.startswith("it took longer")
 
     def _obituary(self) -> str:
@@ -139,7 +139,7 @@ class _Worker(Generic[I, J, R]):
         return f"the process that worked on it ended by itself (exit code {code})"
 
     def end(self, at_once: bool) -> None:
-        """Let the process go."""
+        """End the process."""
         self._outgoing.put(None)
         if not at_once:
             self.process.join(GOING_S)
@@ -152,23 +152,23 @@ class _Worker(Generic[I, J, R]):
 def run_in_processes(
     function: Callable[[I, J], R], job: J, items: Sequence[I], jobs: int, stop: Stop, allowance: Allowance = NO_LIMIT
 ) -> Generator[tuple[int, R | Lost], None, None]:
-    """`function(item, job)` of every item, as they are finished, each with its item's number.
+    """Yield number and `function(item, job)` of every item, as they are finished.
 
     Parameters
     ----------
     function : callable
-        One that another process finds by its name.
+        Importable by its name.
     jobs : int
         Processes at a time.
     stop : Stop
-        When it is asked to, what runs is finished and the rest is left out.
+        On request items in work are finished, and the others omitted.
     allowance : Allowance
-        What each item may take; a process that takes longer, or is stopped, is ended.
+        Limits of each item; a process that exceeds its time, or is stopped, is killed.
 
     Raises
     ------
     Refused
-        If processes die without end.
+        If `DEATHS_IN_A_ROW` processes die.
     """
     waiting, deaths, in_a_row = deque(range(len(items))), Counter[int](), 0
     workers: list[_Worker[I, J, R]] = []
@@ -183,9 +183,9 @@ def run_in_processes(
                 if worker.pipe not in ready:
                     worker.watch()
             for worker in (one for one in busy if one.pipe in ready):
-                if (told := worker.answer()) is None:
+                if (message := worker.answer()) is None:
                     continue
-                number, answer = told
+                number, answer = message
                 in_a_row = in_a_row + 1 if isinstance(answer, Lost) else 0
                 if isinstance(answer, Lost):
                     workers.remove(worker)
@@ -211,7 +211,7 @@ def _feed(
     make: Callable[[], _Worker[I, J, R]],
     jobs: int,
 ) -> None:
-    """Give what waits to idle processes, and to new ones while there are fewer than `jobs`."""
+    """Give waiting items to idle processes, and to new ones up to `jobs`."""
     for worker in workers[:jobs]:
         if waiting and worker.busy is None:
             worker.give(number := waiting.popleft(), items[number])
@@ -229,17 +229,17 @@ def _check_alive(in_a_row: int, reason: str) -> None:
 
 
 def _send(pipe: Connection[Any, Any], outgoing: SimpleQueue[bytes | None]) -> None:
-    """Send what comes, and an empty message at its end; who takes nothing holds this thread, and nothing else."""
+    """Send the messages of a queue, then an empty one; a process that does not read blocks only this thread."""
     try:
         while (data := outgoing.get()) is not None:
             pipe.send_bytes(data)
         pipe.send_bytes(b"")
-    except OSError:  # it has died, which is found out when its answer is read
+    except OSError:  # it died, which is noticed when its answer is read
         return
 
 
 def _serve(pipe: Connection[Any, Any], allowance: Allowance) -> None:
-    """A worker's life: one item after the other, until nothing more comes."""
+    """Main loop of a worker: one item after the other, until an empty message."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:
@@ -256,7 +256,7 @@ def _serve(pipe: Connection[Any, Any], allowance: Allowance) -> None:
 
 
 def _end_with_parent() -> None:
-    """End where the parent was killed: nobody takes the answers, and the next run removes what is half written."""
+    """End with the parent: the next run removes incomplete results."""
     parent = parent_process()
     if parent is not None:
         parent.join()
@@ -264,7 +264,7 @@ def _end_with_parent() -> None:
 
 
 def one_thread() -> None:
-    """Have OpenCV and numba, where the work has loaded them, compute in one thread from the calling thread."""
+    """Limit OpenCV and numba, if they are loaded, to one thread for calls from this thread."""
     if "cv2" in sys.modules:
         sys.modules["cv2"].setNumThreads(1)
     if "numba" in sys.modules:
@@ -273,7 +273,7 @@ def one_thread() -> None:
 
 @contextmanager
 def single_threads() -> Iterator[None]:
-    """Processes started within have one thread for linear algebra."""
+    """Limit linear algebra of processes started within the context to one thread."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))
     try:
@@ -288,11 +288,11 @@ def single_threads() -> Iterator[None]:
 
 @contextmanager
 def without_interrupts() -> Iterator[None]:
-    """Processes started within never hear of Ctrl-C; one pressed meanwhile is heard here afterwards."""
+    """Block SIGINT in processes started within the context; here it is delivered afterwards."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    ensure_running()  # the first start of a process would start it, and it leaves the signals unblocked
+    ensure_running()  # started by the first process otherwise, and it unblocks the signals
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -1,8 +1,8 @@
-"""Many photographs without a terminal: shared out, kept as they are finished, told in one table.
+"""Many photographs without a terminal: distributed, written as they are finished, summarised in one table.
 
 A batch's folder holds `results/NAME-HASH/` for each photograph (the files of `station psf`), `results.jsonl` with one
-line for each (written as they are finished, put in order at the end), `summary.csv` with one line for each plane, and
-`result.json`. A photograph that was finished by an earlier run with the same procedure and program is not done again.
+line for each (written as they are finished, sorted at the end), `summary.csv` with one line for each plane, and
+`result.json`. Results of earlier runs with the same procedure and program are used again.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from procedures.numbers import Group, Number, in_group
 from station.batch.allowance import Allowance
 from station.batch.batch_folder import LINES, PAGE, TABLE, check_own, known_hashes, owned, unwritable
 from station.batch.item import JUDGED, LOST, VERDICTS, ItemRow, Job, PlaneRow, work
-from station.batch.procedure_file import Procedure
+from station.batch.procedure_file import BatchProcedure
 from station.batch.process_pool import Lost, Stop, run_in_processes
 from station.calibration.folder_photographs import Item
 from station.common.atomic_files import write_whole
@@ -37,7 +37,7 @@ SCHEMA = "station/batch/1"
 
 
 def followed(rows: Sequence[ItemRow]) -> list[Number]:
-    """The numbers that the summary reports over all photographs, of those that the planes have."""
+    """The numbers in the summary over all photographs."""
     return in_group(Group.SUMMARY, {name for row in rows for plane in row.planes.values() for name in plane.numbers})
 
 
@@ -53,20 +53,22 @@ HEAD = (
     "folder",
     "sha256",
 )
-"""The summary's first columns."""
+"""First columns of the summary."""
+FAILURE = ("files", "verdict", "specification", "reason", "against")
+"""Entries of a failed item in the record."""
 NOTED = (
     ("camera", "camera"), ("lens", "lens"), ("captured_at", "captured_at"), ("exposure [s]", "exposure_s"),
     ("f_number", "f_number"), ("iso", "iso"), ("focal_length [mm]", "focal_length_mm"),
     ("focus_distance [mm]", "focus_distance_mm"),
 )  # fmt: skip
-"""Headings of what the camera noted, and its names in a row."""
+"""Headings of the settings recorded by the camera, and their names in a row."""
 Work = Callable[[Item, Job], ItemRow]
 Tls = tuple[Path, Path, Path] | None
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """What became of the items, in their order; `undone` were not begun before the batch was stopped."""
+    """The results of the items in order; `undone` were not begun before the batch was stopped."""
 
     job: Job
     rows: tuple[ItemRow, ...]
@@ -75,13 +77,13 @@ class Batch:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many items there are of each verdict that there is, the best first."""
+        """Number of items by verdict, the best first."""
         counted = Counter(row.verdict for row in self.rows)
         return {verdict: counted[verdict] for verdict in VERDICTS if counted[verdict]}
 
     @property
     def judged(self) -> dict[str, int]:
-        """How many items meet their specification, do not, or are undecided; empty where there is none."""
+        """Number of items by verdict against the specification; empty without one."""
         counted = Counter(row.specification for row in self.rows)
         return {verdict: counted[verdict] for verdict in JUDGED[1:] if counted[verdict]}
 
@@ -100,11 +102,11 @@ def run_batch(
     allowance: Allowance | None = None,
     tls: Tls = None,
     stop: Stop | None = None,
-    heard: Callable[[ItemRow], None] = lambda row: None,
+    report: Callable[[ItemRow], None] = lambda row: None,
     function: Work = work,
     force: bool = False,
 ) -> tuple[Batch, str]:
-    """Work on all items, keep what comes of each at once, then write the summaries; returns the record's text too.
+    """Work on all items, write each result at once, then the summaries; returns the record's text too.
 
     Parameters
     ----------
@@ -113,17 +115,17 @@ def run_batch(
     cluster : str, optional
         The address of a Dask cluster, or "local" for one of `jobs` processes here.
     allowance : Allowance, optional
-        What each item may take here; a fair share of this machine's memory, and an hour, where it is not told.
+        Limits of each item; by default its share of this machine's memory, and an hour.
     tls : (Path, Path, Path), optional
         Authority, certificate and key for a cluster at tls://...
     stop : Stop, optional
-        May be asked to stop from a signal or another thread.
-    heard : callable
-        Is told of every row as it comes.
+        Request to stop from a signal or another thread.
+    report : callable
+        Called with every row when it is finished.
     function : callable
         The work itself.
     force : bool
-        Whether files in the folder that no batch has written are written over.
+        Whether files in the folder that no batch has written are overwritten.
 
     Raises
     ------
@@ -134,13 +136,13 @@ def run_batch(
     rows: dict[int, ItemRow] = {}
     if not force:
         check_own(job.out)
-    with owned(job.out), _lines(job.out) as tell:
+    with owned(job.out), _lines(job.out) as write:
         with closing(_answers(items, job, jobs, cluster, allowance, tls, stop, function)) as answers:
             for number, answer in answers:
                 row = _lost(items[number], answer) if isinstance(answer, Lost) else answer
                 rows[number] = row
-                tell(row)
-                heard(row)
+                write(row)
+                report(row)
         batch = Batch(
             job, tuple(rows[i] for i in sorted(rows)), len(items) - len(rows), round(time.perf_counter() - start, 3)
         )
@@ -176,15 +178,15 @@ def _lost(item: Item, lost: Lost) -> ItemRow:
 
 @contextmanager
 def _lines(out: Path) -> Iterator[Callable[[ItemRow], None]]:
-    """Writes a line for each row, at once."""
+    """Write a line for each row, at once."""
     try:
         with (out / LINES).open("w", encoding="utf-8") as file:
 
-            def tell(row: ItemRow) -> None:
+            def write(row: ItemRow) -> None:
                 file.write(_line(row))
                 file.flush()
 
-            yield tell
+            yield write
     except OSError as error:
         raise unwritable(out, error) from error
 
@@ -194,11 +196,11 @@ def _line(row: ItemRow) -> str:
 
 
 def _write(batch: Batch) -> str:
-    """The batch's own files; returns the record's text."""
+    """Write the files of the batch; returns the record's text."""
     out = batch.job.out
     files = {LINES: "".join(map(_line, batch.rows)).encode(), TABLE: _table(batch.rows), PAGE: _page(batch)}
     hashes = {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
-    before = known_hashes(out)  # whoever comes after a crash knows by the note what is a batch's
+    before = known_hashes(out)  # after a crash the note states which files are a batch's
     note = {name: [*before.get(name, ()), one] for name, one in hashes.items()}
     write_whole(out / PUBLISHING, json.dumps({"files": note}).encode())
     for name, data in files.items():
@@ -223,11 +225,11 @@ def _page(batch: Batch) -> bytes:
     ]  # fmt: skip
     numbers = followed(batch.rows)
     samples = [
-        Sample(str(row.noted.get("camera", "")), name, number, told["value"], told.get("unit", "1"))
+        Sample(str(row.noted.get("camera", "")), name, number, value["value"], value.get("unit", "1"))
         for row in batch.rows
         for name, plane in row.planes.items()
         for number in numbers
-        if (told := plane.numbers.get(number)) is not None
+        if (value := plane.numbers.get(number)) is not None
     ]
     procedure = batch.job.procedure
     title = f"{len(batch.rows)} items by the procedure {procedure.name}"
@@ -235,8 +237,8 @@ def _page(batch: Batch) -> bytes:
     return batch_page(report).encode()
 
 
-def _bounds(procedure: Procedure) -> dict[str, list[float]]:
-    """The finite bounds of limits, by number, where they are told in the batch's own unit."""
+def _bounds(procedure: BatchProcedure) -> dict[str, list[float]]:
+    """The finite bounds of limits in the unit of the batch, by number."""
     found: dict[str, list[float]] = {}
     for limit in procedure.terms.specification.limits:
         if limit.at is None and limit.unit is procedure.terms.unit:
@@ -256,23 +258,14 @@ def _record(batch: Batch) -> dict[str, Any]:
         "verdicts": batch.counts,
         "specification_verdicts": batch.judged,
         "planes": statistics(batch.rows),
-        "failed": [
-            {
-                "files": row.files,
-                "verdict": row.verdict,
-                "specification": row.specification,
-                "reason": row.reason,
-                "against": row.against,
-            }
-            for row in batch.failed
-        ],
+        "failed": [{name: getattr(row, name) for name in FAILURE} for row in batch.failed],
         "software": software(),
         "duration_s": batch.duration_s,
     }
 
 
 def statistics(rows: Sequence[ItemRow]) -> dict[str, dict[str, Any]]:
-    """Of every plane how many are of each verdict, and the median, least and greatest of the summary's numbers."""
+    """Verdict counts of every plane, and median, minimum and maximum of the numbers in the summary."""
     numbers = followed(rows)
     found: dict[str, dict[str, Any]] = {}
     for name in sorted({name for row in rows for name in row.planes}):
@@ -288,12 +281,12 @@ def statistics(rows: Sequence[ItemRow]) -> dict[str, dict[str, Any]]:
 
 
 def _table(rows: Sequence[ItemRow]) -> bytes:
-    """One line for each plane, or for the item where it has none; headings tell units; no cell is a formula."""
+    """One line for each plane, or for an item without planes; headings state units; no cell is a formula."""
     planes = [(row, name, plane) for row in rows for name, plane in _planes(row)]
     units = {name: one.get("unit", "") for _, _, plane in planes if plane for name, one in plane.numbers.items()}
     numbers = sorted(units)
-    told = [column for number in numbers for column in (number, f"{number}_uncertainty")]
-    head = [*HEAD, *(heading for heading, _ in NOTED), *(_with_unit(one, units) for one in told)]
+    columns = [column for number in numbers for column in (number, f"{number}_uncertainty")]
+    head = [*HEAD, *(heading for heading, _ in NOTED), *(_with_unit(one, units) for one in columns)]
     table = [head]
     for row, name, plane in planes:
         about = row if plane is None else plane
@@ -306,7 +299,7 @@ def _table(rows: Sequence[ItemRow]) -> bytes:
 
 
 def _with_unit(column: str, units: Mapping[str, str]) -> str:
-    """A heading with the unit of its number, where it has one."""
+    """A heading with the unit of its number, if it has one."""
     unit = units.get(column) or units.get(column.removesuffix("_uncertainty")) or ""
     return column if unit in ("", "1") else f"{column} [{unit}]"
 

@@ -1,9 +1,7 @@
-"""Photographs through a measured field, corrected: reading, checking that they belong together, and the files."""
+"""Correction of photographs by a measured field: input, checks that they match, and files."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -19,8 +17,9 @@ from procedures.numbers import CYCLES, FIELD_ERROR, MTF50_AFTER, MTF50_BEFORE, N
 from procedures.outcome import Outcome, Refused, with_doubt
 from procedures.raw import Exposure, RawFrame, read_frame, read_photograph
 from procedures.reading.sensor_dump import DumpLayout
-from station.calibration.camera_notes import CameraNotes, read_notes
+from station.calibration.camera_metadata import CameraMetadata, read_metadata
 from station.calibration.picture_files import BLACK, WHITE, write_linear_dng, write_tiff
+from station.results.exports import csv_columns
 from station.results.record_head import verdict_entry
 
 TIFF, DNG, MAPS = "corrected.tiff", "corrected.dng", "gain.csv"
@@ -29,15 +28,16 @@ DESCRIPTION = "linear light, 0 black, 65535 white, camera colours not balanced; 
 
 @dataclass(frozen=True, eq=False)
 class Corrected:
-    """A photograph, further ones of the same scene, what was found, and what the first one's camera noted."""
+    """A photograph and further ones of the same scene, with the correction and the metadata of the first.
+
+    `undone` and `evened` are the planes corrected for lateral colour and for vignetting.
+    """
 
     frame: RawFrame
     outcome: Outcome[Correction]
-    notes: CameraNotes
+    metadata: CameraMetadata
     undone: tuple[str, ...]
-    """Planes whose lateral colour was undone."""
     evened: tuple[str, ...] = ()
-    """Planes whose vignetting was."""
     others: tuple[RawFrame, ...] = ()
 
 
@@ -50,14 +50,14 @@ def correct_photographs(
     *,
     insisted: bool = False,
 ) -> Corrected:
-    """Read all, refuse what does not belong together, and correct.
+    """Read all photographs, check that they match the field, and correct them.
 
     Parameters
     ----------
     photos
-        The first gives the picture its frame; the others are registered to it.
+        The first defines the frame of the picture; the others are registered to it.
     insisted : bool
-        The field is taken whatever camera it is of, and the result doubted.
+        The field is used for any camera, and the result flagged as doubtful.
 
     Raises
     ------
@@ -70,53 +70,47 @@ def correct_photographs(
     fields, camera = read_field(field), read_camera(field)
     unknown = ["--insist was given"] if insisted else _unknown([frame, *others], camera)
     shifts = {name: colour.shift_at for name, colour in read_colours(field).items() if name in frame.planes}
-    known = read_lights(field)
-    lights = {name: known[name].at for name in frame.planes if name in known}
+    lights = {name: light.at for name, light in read_lights(field).items() if name in frame.planes}
     outcome = correct(frame, fields, shifts, parameters, progress, others)
     if lights and outcome.value is not None:
         outcome = replace(outcome, value=evened(outcome.value, outcome.value.mosaic.planes, lights))
-    notes = read_notes(data, frame.exposure)
-    return Corrected(frame, _doubted(outcome, unknown), notes, tuple(shifts), tuple(lights), others)
+    if unknown and outcome.value is not None:
+        reason = f"it is not known whether the field is of this lens and setting: {', '.join(unknown)}"
+        remedy = "compare them yourself, or measure the field from files with the camera's metadata"
+        outcome = with_doubt(outcome, reason, remedy)
+    metadata = read_metadata(data, frame.exposure)
+    return Corrected(frame, outcome, metadata, tuple(shifts), tuple(lights), others)
 
 
 def _unknown(frames: Sequence[RawFrame], camera: Exposure | None) -> list[str]:
-    """What cannot be told of whether the photographs are of the field's camera and setting.
+    """Settings for which it is not known whether they agree with those of the field.
 
     Raises
     ------
     Refused
-        If one is not, by its name where there are several.
+        If one differs; names the photograph where there are several.
     """
-    found: list[str] = []
+    unknown: list[str] = []
     for frame in frames:
         try:
-            found += check_exposure(frame.exposure, camera)
+            unknown += check_exposure(frame.exposure, camera)
         except Refused as refusal:
             name = f"{frame.path.name}: " if len(frames) > 1 else ""
             raise Refused(f"{name}{refusal.reason}", refusal.remedy) from None
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(unknown))
 
 
-def _doubted(outcome: Outcome[Correction], unknown: list[str]) -> Outcome[Correction]:
-    """The same, doubtful where it is not known whether field and photograph belong together."""
-    if not unknown or outcome.value is None:
-        return outcome
-    reason = f"it is not known whether the field is of this lens and setting: {', '.join(unknown)}"
-    remedy = "compare them yourself, or measure the field from files that hold the camera's notes"
-    return with_doubt(outcome, reason, remedy)
-
-
-def correction_files(value: Correction, notes: CameraNotes) -> dict[str, bytes | Callable[[Path], None]]:
-    """The picture in both forms, written strip by strip, and the maps."""
+def correction_files(value: Correction, metadata: CameraMetadata) -> dict[str, bytes | Callable[[Path], None]]:
+    """The picture in both formats, written strip by strip, and the maps."""
     return {
-        TIFF: lambda path: write_tiff(path, value.picture, notes, DESCRIPTION),
-        DNG: lambda path: write_linear_dng(path, value.picture, notes),
+        TIFF: lambda path: write_tiff(path, value.picture, metadata, DESCRIPTION),
+        DNG: lambda path: write_linear_dng(path, value.picture, metadata),
         MAPS: _maps(value),
     }
 
 
 def correction_numbers(value: Correction) -> dict[str, float]:
-    """What limits can be set for: medians over the frame."""
+    """The numbers with limits: medians over the frame."""
     predicted = value.prediction
     return {
         MTF50_BEFORE: value.scale * float(np.median(predicted.before)),
@@ -126,14 +120,14 @@ def correction_numbers(value: Correction) -> dict[str, float]:
     }
 
 
-def correction_entries(found: Corrected) -> dict[str, Any]:
-    """What `result.json` says of a correction beside its head and its numbers."""
-    value = found.outcome.value
+def correction_entries(corrected: Corrected) -> dict[str, Any]:
+    """Entries of `result.json` in addition to head and numbers."""
+    value = corrected.outcome.value
     if value is None:
-        return verdict_entry(found.outcome)
-    predicted = value.prediction
+        return verdict_entry(corrected.outcome)
+    predicted, noise = value.prediction, float(np.sqrt(np.mean(value.field_error.noise)))
     return {
-        **verdict_entry(found.outcome),
+        **verdict_entry(corrected.outcome),
         "encodings": {
             TIFF: {"encoding": "linear", "black": 0, "white": 65535},
             DNG: {"encoding": "linear", "black": BLACK, "white": WHITE},
@@ -141,21 +135,21 @@ def correction_entries(found: Corrected) -> dict[str, Any]:
         "noise": {name: asdict(one) for name, one in value.noise.items()},
         "prior": {"tau": value.tau, "mean_difference": value.difference},
         "tile_px": value.side,
-        **_photographs(found, value),
+        **_photographs(corrected, value),
         "clipped": value.clipped,
-        "lateral_colour_undone": list(found.undone),
-        "vignetting_undone": list(found.evened),
+        "lateral_colour_undone": list(corrected.undone),
+        "vignetting_undone": list(corrected.evened),
         "predicted": {
             MTF50_BEFORE: _number(value.scale * predicted.before, CYCLES),
             MTF50_AFTER: _number(value.scale * predicted.after, CYCLES),
             NOISE_GAIN: _number(predicted.noise_gain, "1"),
-            FIELD_ERROR: {"rms": value.field_error.rms, "unit": "1", "of_noise": _rms(value.field_error.noise)},
+            FIELD_ERROR: {"rms": value.field_error.rms, "unit": "1", "of_noise": noise},
         },
     }
 
 
-def _photographs(found: Corrected, value: Correction) -> dict[str, Any]:
-    """How fine the picture is and how the further photographs lie; nothing of a single one on its own grid."""
+def _photographs(corrected: Corrected, value: Correction) -> dict[str, Any]:
+    """Scale of the picture and registration of further photographs; empty for a single one on its own grid."""
     if not value.places and value.scale == 1:
         return {}
     return {
@@ -169,13 +163,9 @@ def _photographs(found: Corrected, value: Correction) -> dict[str, Any]:
                 "left_over": place.left_over,
                 "set_aside": place.reason,
             }
-            for frame, place in zip(found.others, value.places, strict=True)
+            for frame, place in zip(corrected.others, value.places, strict=True)
         ],
     }
-
-
-def _rms(squares: Any) -> float:
-    return float(np.sqrt(np.mean(squares)))
 
 
 def _number(values: Any, unit: str) -> dict[str, Any]:
@@ -186,11 +176,10 @@ def _number(values: Any, unit: str) -> dict[str, Any]:
 
 def _maps(value: Correction) -> bytes:
     """Predicted MTF50 and noise over the frame, a place per row."""
-    text, told = io.StringIO(newline=""), value.prediction
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["x_px", "y_px", "mtf50_before_cycles_px", "mtf50_after_cycles_px", NOISE_GAIN])
-    for i, j in np.ndindex(told.before.shape):
-        place = told.x[j] / value.scale, told.y[i] / value.scale
-        row = (*place, value.scale * told.before[i, j], value.scale * told.after[i, j], told.noise_gain[i, j])
-        table.writerow([f"{number:.6g}" for number in row])
-    return text.getvalue().encode()
+    predicted = value.prediction
+    y, x = np.meshgrid(predicted.y, predicted.x, indexing="ij")
+    columns = {
+        "x_px": x / value.scale, "y_px": y / value.scale, "mtf50_before_cycles_px": value.scale * predicted.before,
+        "mtf50_after_cycles_px": value.scale * predicted.after, NOISE_GAIN: predicted.noise_gain,
+    }  # fmt: skip
+    return csv_columns({name: one.ravel() for name, one in columns.items()}, 6)

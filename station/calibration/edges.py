@@ -1,4 +1,4 @@
-"""Slanted edges of a photograph, and the measurement of them."""
+"""Slanted edges of a photograph, and their measurement."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from procedures.raw import Plane, RawFrame
 from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome, estimate_edge, estimate_edges, orientation
 from procedures.slanted_edge.strip import Roi
 from station.drawing.edge_pictures import edge_picture
-from station.results.exports import csv_bytes
+from station.results.exports import csv_columns
 from station.results.limits import place_of
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
@@ -26,18 +26,18 @@ SCHEMA = "station/mtf/1"
 
 @dataclass(frozen=True, eq=False)
 class EdgeRecord:
-    """What a result says about one plane: every edge with its own verdict, the best first.
+    """The edges of one plane, each with its verdict, the best first.
 
-    The plane's verdict is that of the numbers it reports: of the best edge's.
+    The plane reports numbers and verdict of the best edge.
 
     Attributes
     ----------
     result : PlaneResult
-        The best edge's numbers in the terms that were asked for, held to the specification.
+        The best edge's numbers in the requested unit, compared with the specification.
     at : tuple of float
-        Where the MTF is told, in cycles per pixel of the plane.
+        Frequencies at which the MTF is reported, in cycles per pixel of the plane.
     limit : Diffraction or None
-        What diffraction allows, where it is known.
+        The diffraction limit, where it is known.
     """
 
     name: str
@@ -48,17 +48,17 @@ class EdgeRecord:
 
     @property
     def best(self) -> EdgeOutcome:
-        """The edge whose numbers are the plane's, or the reason why it has none."""
+        """The edge reported for the plane, or the reason why there is none."""
         return self.outcomes[0]
 
     @property
     def edges(self) -> tuple[EdgeMtf, ...]:
-        """Those that were measured, the best first."""
+        """The measured edges, the best first."""
         return tuple(one.value for one in self.outcomes if one.value is not None)
 
     @property
     def count(self) -> str:
-        """How many edges have which verdict, in words; "" where there is one or none."""
+        """Number of edges by verdict, as text; "" for fewer than two."""
         verdicts = [one.verdict for one in self.outcomes]
         words = [f"{n} {verdict}" for verdict in Verdict if (n := verdicts.count(verdict))]
         return "" if len(verdicts) < 2 else f"{len(verdicts)} edges: {', '.join(words)}"
@@ -79,23 +79,23 @@ def measure_edges(
     terms: Terms = USUAL,
     pixels: Mapping[str, Pixels] | None = None,
 ) -> Iterator[EdgeRecord]:
-    """The edge of a region, or all edges that are found, plane by plane; `limit` is what is known of diffraction.
+    """The edge of a region, or all detected edges, plane by plane; `limit` gives the diffraction limit.
 
     Raises
     ------
     BadParameter
-        If the region does not lie in a plane, or the terms' unit needs what is not known.
+        If the region does not lie in a plane, or the unit requires an unknown quantity.
     """
     pixels = pixels or pixels_of(frame)
     for plane in frame.planes.values():
         known, at = limit(plane), terms.frequencies(pixels[plane.name])
         outcomes = [estimate_edge(plane, roi, known)] if roi else estimate_edges(plane, known)
-        told = terms.told(_result(plane, outcomes[0], at), pixels[plane.name])
-        yield EdgeRecord(plane.name, tuple(outcomes), told, at, known)
+        result = terms.told(_result(plane, outcomes[0], at), pixels[plane.name])
+        yield EdgeRecord(plane.name, tuple(outcomes), result, at, known)
 
 
 def _result(plane: Plane, best: EdgeOutcome, at: Sequence[float]) -> PlaneResult:
-    """The best edge's answer as the plane's."""
+    """The plane's result, from its best edge."""
     numbers = {} if best.value is None else _numbers(best.value, at)
     rows, columns = plane.samples.shape
     roi = best.roi
@@ -105,48 +105,47 @@ def _result(plane: Plane, best: EdgeOutcome, at: Sequence[float]) -> PlaneResult
 
 def _numbers(edge: EdgeMtf, at: Sequence[float]) -> dict[str, Quantity]:
     """An edge's numbers, and its MTF at frequencies in cycles per pixel of the plane."""
-    asked = {name_at(f): number for f in at if (number := edge.at(f)) is not None}
-    return {**edge.numbers, **asked}
+    return {**edge.numbers, **{name_at(f): number for f in at if (number := edge.at(f)) is not None}}
 
 
-def edge_measurement(found: PhotographEdges, head: RecordHead, terms: Terms) -> Measurement:
-    """Every plane with all of its edges, their MTFs as tables, and a picture of where they lie."""
+def edge_measurement(photograph: PhotographEdges, head: RecordHead, terms: Terms) -> Measurement:
+    """Every plane with its edges, their MTFs as tables, and a picture of their positions."""
     files: dict[str, Any] = {}
-    for record in found.records:
+    for record in photograph.records:
         if record.edges:
             files[f"mtf_{record.name}.csv"] = edge_table(record.edges, record.result)
             measured = [one for one in record.outcomes if one.value is not None]
-            unit, factor = str(record.result.unit), record.result.factor
-            files[f"edge_{record.name}.png"] = edge_picture(found.frame.planes[record.name], measured, unit, factor)
-    planes = tuple(replace(one.result, details=_entries(one)) for one in found.records)
-    at = {"at": list(found.records[0].at)} if found.records and found.records[0].at else {}
+            plane, unit = photograph.frame.planes[record.name], str(record.result.unit)
+            files[f"edge_{record.name}.png"] = edge_picture(plane, measured, unit, record.result.factor)
+    planes = tuple(replace(one.result, details=_entries(one)) for one in photograph.records)
+    frequencies = photograph.records[0].at if photograph.records else ()
+    at = {"at": list(frequencies)} if frequencies else {}
     whole = replace(
         head, parameters={**head.parameters, **terms.parameters(), **at}, specification=terms.specified(planes)
     )
     return Measurement(
-        SCHEMA, whole, planes, files=files, exposure=found.frame.exposure, terms=terms, found=found
+        SCHEMA, whole, planes, files=files, exposure=photograph.frame.exposure, terms=terms, found=photograph
     )  # fmt: skip
 
 
-def edge_table(edges: Sequence[EdgeMtf], told: PlaneResult) -> bytes:
-    """The MTFs as CSV: frequency in the unit that its heading tells, then of each edge its MTF and uncertainty."""
-    columns = {f"frequency [{told.unit}]": edges[0].frequencies * told.factor}
+def edge_table(edges: Sequence[EdgeMtf], result: PlaneResult) -> bytes:
+    """The MTFs as CSV: frequency in the result's unit, then MTF and uncertainty of each edge."""
+    columns = {f"frequency [{result.unit}]": edges[0].frequencies * result.factor}
     for number, edge in enumerate(edges, 1):
         name = "mtf" if number == 1 else f"mtf_{number}"
         columns[name], columns[f"{name}_uncertainty"] = edge.mtf, edge.uncertainty
-    rows = ([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))
-    return csv_bytes([list(columns), *rows])
+    return csv_columns(columns, 9)
 
 
 def _entries(record: EdgeRecord) -> dict[str, Any]:
-    """Every edge that has a place by itself, with its own verdict."""
-    placed = [edge_entry(one, record) for one in record.outcomes if one.roi is not None]
-    return {"edges": placed} if placed else {}
+    """Every edge that has a position, with its own verdict."""
+    edges = [_edge_entry(one, record) for one in record.outcomes if one.roi is not None]
+    return {"edges": edges} if edges else {}
 
 
-def edge_entry(outcome: EdgeOutcome, record: EdgeRecord) -> dict[str, Any]:
-    """One edge: its verdict and where it lies; where it is not refused its numbers, and how it was measured."""
-    roi, edge, told = outcome.roi, outcome.value, record.result
+def _edge_entry(outcome: EdgeOutcome, record: EdgeRecord) -> dict[str, Any]:
+    """One edge: verdict and position; unless it is refused, its numbers and the details of the measurement."""
+    roi, edge, result = outcome.roi, outcome.value, record.result
     entry: dict[str, Any] = {
         **verdict_entry(outcome),
         "roi": None if roi is None else [roi.x, roi.y, roi.width, roi.height],
@@ -154,7 +153,7 @@ def edge_entry(outcome: EdgeOutcome, record: EdgeRecord) -> dict[str, Any]:
     }
     if edge is None:
         return entry
-    numbers = told_numbers(_numbers(edge, record.at), told.unit, told.factor)
+    numbers = told_numbers(_numbers(edge, record.at), result.unit, result.factor)
     return entry | {
         **{name: asdict(number) for name, number in numbers.items()},
         "normal_deg": edge.normal_deg,

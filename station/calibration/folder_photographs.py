@@ -1,4 +1,4 @@
-"""The photographs in folders, which of them belong together, and which can be read."""
+"""Photographs in folders: search, grouping, and unreadable ones."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
+from drivers.frames import RAW_SUFFIXES as DRIVER_SUFFIXES
 from procedures.outcome import BadInput, BadParameter, Miss, Outcome
 from procedures.reading.text import read_rows
 from station.common.sanitise import encodable, printable
@@ -15,23 +16,27 @@ from station.results.result_files import RECORD
 
 T = TypeVar("T")
 
-RAW_SUFFIXES = frozenset(
-    """.3fr .arw .cr2 .cr3 .crw .dcr .dng .erf .fff .iiq .k25 .kdc .mef .mos .mrw .nef .nrw .orf .pef .raf .raw .rw2
-    .rwl .sr2 .srf .srw .x3f""".split()  # noqa: SIM905  (a list of them in quotes is twice as long)
-)
+RAW_SUFFIXES = DRIVER_SUFFIXES | {".fff", ".k25", ".rwl", ".sr2", ".srf"}
 GREY_SUFFIXES = frozenset((".pgm", ".png", ".tif", ".tiff"))
 PHOTOGRAPHS = RAW_SUFFIXES | GREY_SUFFIXES
 
 
+def photographs_in(folder: Path) -> set[Path]:
+    """The photographs directly in a folder, without hidden and temporary ones. Raises BadInput where there is none."""
+    if not folder.is_dir():
+        raise BadInput(f"there is no folder {folder}", "create it, or name another one")
+    return {p for p in folder.iterdir() if p.suffix.lower() in PHOTOGRAPHS and not p.name.startswith((".", "~"))}
+
+
 @dataclass(frozen=True)
 class Item:
-    """What is estimated at once: one photograph, or those that belong together.
+    """The input of one estimate: one photograph, or several that belong together.
 
     Attributes
     ----------
     paths : tuple of Path
     trouble, remedy : str
-        Why nothing can be estimated, "" where something can; and what to do.
+        Why it cannot be estimated, or ""; and the remedy.
     """
 
     paths: tuple[Path, ...]
@@ -40,7 +45,7 @@ class Item:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """The paths as text that can be written to a file."""
+        """The paths, encodable in UTF-8."""
         return tuple(encodable(str(path)) for path in self.paths)
 
     @property
@@ -53,11 +58,11 @@ def _refuse(folder: Path, error: OSError) -> None:
     raise BadInput(f"{printable(folder)} cannot be read: {error.strerror}", NOT_READ) from error
 
 
-NOT_READ = "check its permissions, or name the folders beside it"
+NOT_READ = "check its permissions, or name the other folders"
 
 
 def unread(folder: Path, error: OSError) -> Item:
-    """A folder that cannot be read, as an item that nothing comes of."""
+    """An item for a folder that cannot be read."""
     return Item((folder,), f"the folder cannot be read: {error.strerror}", NOT_READ)
 
 
@@ -67,34 +72,33 @@ def find_frames(
     missed: Callable[[Path, OSError], object] = _refuse,
     suffixes: Collection[str] = PHOTOGRAPHS,
 ) -> list[Path]:
-    """Files in folders and below, each once, folder by folder and in the order of their names.
+    """Files in folders and below, each once, folder by folder and ordered by name.
 
-    `suffixes` are those of the files that are meant, or their whole names; by default photographs.
-
-    Files may be named too, whatever their suffix. Hidden folders are left out, and so is `out`, where results go. Pipes
-    and links that lead nowhere are among them, if they are called so: whoever reads one refuses it by name.
-    `missed` is told of each folder that cannot be read; by default that is refused.
+    `suffixes` are those of the wanted files, or whole names; by default those of photographs. Files may be given, too,
+    with any suffix. Hidden folders and `out`, the folder of results, are excluded. Pipes and broken links are included:
+    reading them raises an error with their name. `missed` is called for each folder that cannot be read, which raises
+    by default.
 
     Raises
     ------
     BadParameter
         If one of the folders does not exist, or there is no photograph in all of them.
     BadInput
-        If a folder cannot be read, and `missed` is left out.
+        If a folder cannot be read, and `missed` is not given.
     """
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     for folder in folders:
         if not os.path.lexists(folder):
             raise BadParameter(f"there is no folder {printable(folder)}", "check the path")
         for path in [folder] if folder.is_file() else _below(folder, os.path.realpath(out), missed, suffixes):
-            found.setdefault(os.path.realpath(path), path)  # which goes round no loop of links
-    if not found:
+            files.setdefault(os.path.realpath(path), path)  # which ends in loops of links, too
+    if not files:
         where = ", ".join(map(printable, folders))
         if PHOTOGRAPHS.issubset(suffixes):
-            raise BadParameter(f"no photographs in {where}", "name folders that hold RAW, PGM, PNG or TIFF")
+            raise BadParameter(f"no photographs in {where}", "name folders with RAW, PGM, PNG or TIFF files")
         words = ", ".join(sorted(suffixes))
-        raise BadParameter(f"no {words} in {where}", f"name folders that hold {words}")
-    return list(found.values())
+        raise BadParameter(f"no {words} in {where}", f"name folders with {words}")
+    return list(files.values())
 
 
 def _below(
@@ -111,7 +115,7 @@ def _below(
 
 
 def singly(frames: Sequence[Path]) -> list[Item]:
-    """Each photograph for itself."""
+    """Each photograph separately."""
     return [Item((frame,)) for frame in frames]
 
 
@@ -120,23 +124,23 @@ def by_folder(frames: Sequence[Path]) -> list[Item]:
     folders: dict[Path, list[Path]] = {}
     for frame in frames:
         folders.setdefault(frame.parent, []).append(frame)
-    return [Item(tuple(found)) for found in folders.values()]
+    return [Item(tuple(one)) for one in folders.values()]
 
 
-def called(path: Path) -> Path:
-    """What a file is called by: a record by the folder of its result, others by themselves."""
+def naming_path(path: Path) -> Path:
+    """The path that names a file: for a record, the folder of its result."""
     return path.parent if path.name == RECORD else path
 
 
 def in_pairs(frames: Sequence[Path], endings: tuple[str, str]) -> list[Item]:
-    """Two photographs, or results, each: of one folder, with names that differ by their endings only.
+    """Pairs of photographs or results: in one folder, with names that differ by their endings only.
 
-    Photographs without a partner are items of their own, with that as their trouble.
+    Photographs without a partner are items of their own, with this as their trouble.
     """
     groups: dict[tuple[Path, str], dict[str, Path]] = {}
     alone: list[Path] = []
     for frame in frames:
-        name = called(frame)
+        name = naming_path(frame)
         ending = next((end for end in endings if name.stem.lower().endswith(end.lower())), None)
         if ending is None:
             alone.append(frame)
@@ -149,10 +153,10 @@ def in_pairs(frames: Sequence[Path], endings: tuple[str, str]) -> list[Item]:
 
 
 def in_rows(frames: Sequence[Path], table: Path, least: int = 2, most: int | None = None) -> list[Item]:
-    """The photographs that each row of a CSV file names together, by their names or the ends of their paths.
+    """The photographs of each row of a CSV file, given by name or the end of the path.
 
-    A row that names none of the photographs, or several by one name, or not as many as belong together, is an item
-    with that as its trouble. A first row of which no name is a photograph's is taken for headings.
+    A row with unknown or ambiguous names, or a wrong number of them, is an item with this as its trouble. A first row
+    without the name of a photograph is the heading.
 
     Raises
     ------
@@ -176,20 +180,20 @@ def _named(frames: Sequence[Path], name: str) -> list[Path]:
 
 
 def _row(frames: Sequence[Path], names: Sequence[str], table: Path, least: int, most: int) -> Item:
-    """The item that a row names."""
-    found = [_named(frames, name) for name in names]
+    """The item of a row."""
+    matches = [_named(frames, name) for name in names]
     words = [f"{len(one) or 'no'} photographs are called {printable(name)}"
-             for name, one in zip(names, found, strict=True) if len(one) != 1]  # fmt: skip
+             for name, one in zip(names, matches, strict=True) if len(one) != 1]  # fmt: skip
     if not least <= len(names) <= most:
-        words.append(f"{least} photographs belong together, and the row has {len(names)}")
+        words.append(f"{least} photographs are required; the row has {len(names)}")
     if words:
-        here = tuple(one[0] if one else Path(name) for name, one in zip(names, found, strict=True))
+        here = tuple(one[0] if one else Path(name) for name, one in zip(names, matches, strict=True))
         return Item(here, f"{printable(table.name)}: {'; '.join(words)}", "correct the table, or the folders")
-    return Item(tuple(one[0] for one in found))
+    return Item(tuple(one[0] for one in matches))
 
 
 def readable(paths: Iterable[Path], read: Callable[[Path], T], missed: list[Miss]) -> Iterator[T]:
-    """What `read` makes of the photographs that it can read, one after the other; the others are added to `missed`."""
+    """The photographs that `read` can read, in turn; the others are added to `missed`."""
     for path in paths:
         try:
             frame = read(path)
@@ -200,7 +204,7 @@ def readable(paths: Iterable[Path], read: Callable[[Path], T], missed: list[Miss
 
 
 def check_any(missed: Sequence[Miss], count: int) -> None:
-    """Raises BadInput where none of so many photographs is left."""
+    """Raises BadInput where none of `count` photographs is left."""
     if count == 0:
         raise BadInput("there are no photographs to measure", "name a folder that holds some")
     if len(missed) == count:
@@ -208,7 +212,7 @@ def check_any(missed: Sequence[Miss], count: int) -> None:
 
 
 def for_want(outcome: Outcome[T], missed: Sequence[Miss], count: int) -> Outcome[T]:
-    """The outcome; a refusal names what was left out of so many photographs, as they may be what it lacks."""
+    """The outcome; a refusal mentions the unusable ones of `count` photographs, which may be its cause."""
     if outcome.value is not None or not missed:
         return outcome
     reason = f"{outcome.reason}; {len(missed)} of {count} photographs cannot be used, {missed[0]}"

@@ -1,8 +1,8 @@
-"""The geometry of a camera from photographs of the chart: each measured by itself, all of a plane put together."""
+"""The geometry of a camera from photographs of the chart: views of each photograph, then the camera of each plane."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,14 +23,14 @@ from station.common.threads import threads
 
 @dataclass(frozen=True)
 class ViewRecord:
-    """What a photograph gave.
+    """The view of one photograph.
 
     Attributes
     ----------
     path, sha256 : of the file, the hash "" where it could not be read
     view : ChartView or None
     verdict, reason, remedy : of the chart in it
-    exposure : what the camera noted
+    exposure : from the metadata
     """
 
     path: Path
@@ -44,13 +44,13 @@ class ViewRecord:
 
 @dataclass(frozen=True, eq=False)
 class GeometryPhotographs:
-    """All photographs, measured in one plane.
+    """The views of all photographs in one plane.
 
     Attributes
     ----------
-    plane : name of the plane that they were measured in
+    plane : name of the plane
     size : (columns, rows) of the sensor, (0, 0) where no photograph could be read
-    records : one for each photograph, in their order
+    records : one for each photograph, in order
     """
 
     plane: str
@@ -59,23 +59,23 @@ class GeometryPhotographs:
 
     @property
     def views(self) -> list[ChartView]:
-        """Of the photographs that show the chart well."""
+        """The views of the photographs that have one."""
         return [record.view for record in self.records if record.view is not None]
 
     @property
     def missed(self) -> list[Miss]:
-        """The photographs that gave none."""
+        """The photographs without a view."""
         return [Miss(one.path.name, one.reason, one.remedy) for one in self.records if one.view is None]
 
     @property
     def exposure(self) -> Exposure:
-        """What the camera noted of the first photograph that could be read."""
+        """Of the first readable photograph."""
         return next((one.exposure for one in self.records if one.sha256), Exposure())
 
 
 @dataclass(frozen=True)
 class PlaneGeometry:
-    """A plane's photographs, and the camera that they tell."""
+    """A plane's photographs, and its camera."""
 
     shoot: GeometryPhotographs
     outcome: Outcome[Geometry]
@@ -83,7 +83,7 @@ class PlaneGeometry:
 
 @dataclass(frozen=True)
 class _Measured:
-    """What a photograph gave in every plane; `unread` why it could not be read."""
+    """The views of a photograph in every plane; `unread` is the reason why it could not be read."""
 
     records: Mapping[str, ViewRecord]
     size: tuple[int, int] = (0, 0)
@@ -91,30 +91,34 @@ class _Measured:
 
 
 def measure_views(
-    paths: Sequence[Path], plane: str | None, chart: Chart, layout: DumpLayout | None = None, told: Progress = silent
+    paths: Sequence[Path],
+    plane: str | None,
+    chart: Chart,
+    layout: DumpLayout | None = None,
+    progress: Progress = silent,
 ) -> list[GeometryPhotographs]:
-    """The charts of all photographs in each plane, several photographs at a time; one that fails is named, no more.
+    """The views of all photographs in each plane, several photographs at a time; failures are recorded.
 
     Parameters
     ----------
     plane : str or None
-        The colour plane, or "all"; None for green of RAW files, the only one of grey images.
+        The colour plane, or "all"; None for green of RAW files, the only plane of grey images.
 
     Raises
     ------
     BadInput
-        If photographs are of different sizes or planes: they are not of one camera.
+        If photographs differ in size or planes, and thus in camera.
     """
     one = partial(_measure, plane=plane, chart=chart, layout=layout)
-    found: list[_Measured] = []
+    measured: list[_Measured] = []
     with ThreadPoolExecutor(min(len(paths), threads())) as workers:
         try:
             for path, answer in zip(paths, workers.map(one, paths), strict=True):
-                found.append(answer)
-                told(path.name)
+                measured.append(answer)
+                progress(path.name)
         finally:
             workers.shutdown(cancel_futures=True)
-    return _together(found)
+    return _by_plane(measured)
 
 
 def _measure(path: Path, *, plane: str | None, chart: Chart, layout: DumpLayout | None) -> _Measured:
@@ -123,12 +127,12 @@ def _measure(path: Path, *, plane: str | None, chart: Chart, layout: DumpLayout 
         frame = read_frame(path, names, layout)
     except ProcedureError as error:
         return _Measured({}, unread=ViewRecord(path, "", None, Verdict.REFUSED, error.reason, error.remedy))
-    seen = views_of(frame.planes, chart, frame.path.name)
-    return _Measured({name: _record(frame, one) for name, one in seen.items()}, _size(frame))
-
-
-def _record(frame: RawFrame, seen: Outcome[ChartView]) -> ViewRecord:
-    return ViewRecord(frame.path, frame.sha256, seen.value, seen.verdict, seen.reason, seen.remedy, frame.exposure)
+    views = views_of(frame.planes, chart, frame.path.name)
+    records = {
+        name: ViewRecord(frame.path, frame.sha256, one.value, one.verdict, one.reason, one.remedy, frame.exposure)
+        for name, one in views.items()
+    }
+    return _Measured(records, _size(frame))
 
 
 def _size(frame: RawFrame) -> tuple[int, int]:
@@ -138,42 +142,34 @@ def _size(frame: RawFrame) -> tuple[int, int]:
     return columns * plane.pitch, rows * plane.pitch
 
 
-def _together(found: Sequence[_Measured]) -> list[GeometryPhotographs]:
-    read = [(one, record) for one in found for record in list(one.records.values())[:1]]
+def _by_plane(measured: Sequence[_Measured]) -> list[GeometryPhotographs]:
+    read = [(one, record) for one in measured for record in list(one.records.values())[:1]]
     if not read:
-        first = next(one.unread for one in found if one.unread)
-        raise BadInput(f"none of {len(found)} photographs can be read; {first.path}: {first.reason}", first.remedy)
+        first = next(one.unread for one in measured if one.unread)
+        raise BadInput(f"none of {len(measured)} photographs can be read; {first.path}: {first.reason}", first.remedy)
     kinds = {(one.size, ", ".join(one.records)): record.path for one, record in read}
     if len(kinds) > 1:
         differing = ", ".join(f"{path.name} {size[0]} x {size[1]} {planes}" for (size, planes), path in kinds.items())
         raise BadInput(
-            f"photographs of one camera have one size and one plane; got {differing}",
+            f"photographs of one camera must have one size and one plane; got {differing}",
             "give the photographs of one camera and one lens, all as RAW or all as grey images",
         )
     one, _ = read[0]
-    return [GeometryPhotographs(name, one.size, tuple(_of_plane(name, found))) for name in one.records]
-
-
-def _of_plane(name: str, found: Sequence[_Measured]) -> Iterator[ViewRecord]:
-    """What every photograph gave in a plane."""
-    for one in found:
-        record = one.records.get(name, one.unread)
-        if record is not None:
-            yield record
+    planes = {name: [each.records.get(name, each.unread) for each in measured] for name in one.records}
+    return [GeometryPhotographs(name, one.size, tuple(filter(None, records))) for name, records in planes.items()]
 
 
 def conclude(shoots: Sequence[GeometryPhotographs], parameters: GeometryParameters) -> list[PlaneGeometry]:
-    """The camera of every plane of a shoot, or why it has none; where photographs gave none, a refusal names one."""
-    found = calibrate_planes({one.plane: one.views for one in shoots}, shoots[0].size, parameters)
-    return [PlaneGeometry(one, _with_missed(found[one.plane], one)) for one in shoots]
+    """The camera of every plane, or the reason why it has none; a refusal mentions a photograph without a view."""
+    outcomes = calibrate_planes({one.plane: one.views for one in shoots}, shoots[0].size, parameters)
+    return [PlaneGeometry(one, _with_missed(outcomes[one.plane], one)) for one in shoots]
 
 
-def _with_missed(found: Outcome[Geometry], shoot: GeometryPhotographs) -> Outcome[Geometry]:
-    """The same; a refusal tells a photograph that was left out, too."""
+def _with_missed(outcome: Outcome[Geometry], shoot: GeometryPhotographs) -> Outcome[Geometry]:
     missed = shoot.missed
-    if found.value is not None or not missed:
-        return found
+    if outcome.value is not None or not missed:
+        return outcome
     first = missed[0]
     share = f"{len(missed)} of {len(shoot.records)} photographs gave none"
-    reason = f"{found.reason}; {share}, {first.source}: {first.reason}"
-    return replace(found, reason=reason, remedy=first.remedy or found.remedy)
+    reason = f"{outcome.reason}; {share}, {first.source}: {first.reason}"
+    return replace(outcome, reason=reason, remedy=first.remedy or outcome.remedy)

@@ -14,7 +14,7 @@ from procedures.geometry.estimate import Geometry, PosedView
 from procedures.outcome import Quantity
 from procedures.raw import RawFrame
 from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord
-from station.results.exports import csv_bytes, numbers_table
+from station.results.exports import csv_bytes, csv_columns, numbers_table
 from station.results.geometry_planes import table_prefix
 from station.results.measurement import NUMBERS, Measurement
 from station.results.plane_result import PlaneResult
@@ -25,7 +25,7 @@ SCHEMA = "station/geometry/1"
 
 
 def geometry_measurement(planes: Sequence[PlaneGeometry], head: RecordHead) -> Measurement:
-    """Each plane's camera with its tables; `found` are the planes themselves."""
+    """Every plane's camera with its tables; `found` are the planes."""
     cameras = {one.shoot.plane: one.outcome.value for one in planes if one.outcome.value is not None}
     files: dict[str, bytes | Callable[[Path], None]] = {}
     for name, camera in cameras.items():
@@ -40,28 +40,28 @@ def geometry_measurement(planes: Sequence[PlaneGeometry], head: RecordHead) -> M
 
 
 def session_plane(plane: PlaneResult, frames: Sequence[RawFrame]) -> PlaneGeometry:
-    """A session's one plane with the photographs that it was found in."""
-    found: Geometry | None = plane.found
-    views = {} if found is None else {one.view.source: one.view for one in found.views}
+    """The plane of a session with its photographs."""
+    camera: Geometry | None = plane.found
+    views = {} if camera is None else {one.view.source: one.view for one in camera.views}
     records = (
         ViewRecord(frame.path, frame.sha256, views.get(frame.path.name), plane.verdict, exposure=frame.exposure)
         for frame in frames
     )
-    return PlaneGeometry(GeometryPhotographs(plane.name, (0, 0), tuple(records)), plane.outcome(found))
+    return PlaneGeometry(GeometryPhotographs(plane.name, (0, 0), tuple(records)), plane.outcome(camera))
 
 
 def _plane(one: PlaneGeometry) -> PlaneResult:
-    found = one.outcome.value
+    camera = one.outcome.value
     left_out = [miss.told() for miss in one.shoot.missed]
     return PlaneResult.of_outcome(
-        one.shoot.plane, one.outcome, numbers={} if found is None else found.numbers(), found=found, pitch=0,
-        details={**({} if found is None else _entries(found)), "left_out": left_out},
+        one.shoot.plane, one.outcome, numbers={} if camera is None else camera.numbers(), found=camera, pitch=0,
+        details={**({} if camera is None else _entries(camera)), "left_out": left_out},
     )  # fmt: skip
 
 
-def _entries(found: Geometry) -> dict[str, Any]:
-    """What the record says of a camera beside its numbers."""
-    camera = found.camera
+def _entries(geometry: Geometry) -> dict[str, Any]:
+    """Entries of a camera in addition to its numbers."""
+    camera = geometry.camera
     return {
         "camera": {
             "model": camera.model,
@@ -71,17 +71,17 @@ def _entries(found: Geometry) -> dict[str, Any]:
             "params": camera.params.tolist(),
             "pixel_centres": "at integers; COLMAP's own numbers have 0.5 more in cx and cy",
         },
-        "models": [asdict(trial) for trial in found.trials],
-        "misfit": {"probability": found.misfit.probability, "rms_px": found.misfit.rms_px},
-        "residual_scale": found.residual_scale,
-        "covered_share": found.covered,
-        "region": found.region.tolist(),
-        "views": [_view_entry(one) for one in found.views],
-        "next_view": None if found.next_view is None else asdict(found.next_view),
+        "models": [asdict(trial) for trial in geometry.trials],
+        "misfit": {"probability": geometry.misfit.probability, "rms_px": geometry.misfit.rms_px},
+        "residual_scale": geometry.residual_scale,
+        "covered_share": geometry.covered,
+        "region": geometry.region.tolist(),
+        "views": [_view_entry(one) for one in geometry.views],
+        "next_view": None if geometry.next_view is None else asdict(geometry.next_view),
         "chart": {
-            **{name: asdict(number) for name, number in found.shape.terms.items()},
-            "node_mm": list(found.shape.node_mm),
-            "scale_uncertainty": found.shape.scale_uncertainty,
+            **{name: asdict(number) for name, number in geometry.shape.terms.items()},
+            "node_mm": list(geometry.shape.node_mm),
+            "scale_uncertainty": geometry.shape.scale_uncertainty,
         },
     }
 
@@ -99,42 +99,39 @@ def _view_entry(one: PosedView) -> dict[str, Any]:
     }
 
 
-def _tables(prefix: str, found: Geometry) -> dict[str, bytes]:
+def _tables(prefix: str, geometry: Geometry) -> dict[str, bytes]:
     return {
-        f"{prefix}covariance.npy": npy(found.covariance),
-        f"{prefix}joint_covariance.npy": npy(found.adjustment.covariance * found.residual_scale**2),
-        f"{prefix}chart.npy": npy(found.shape.deviations_mm),
-        f"{prefix}residuals.csv": csv_bytes(_residual_rows(found)),
-        f"{prefix}projection.csv": csv_bytes(_projection_rows(found)),
+        f"{prefix}covariance.npy": npy(geometry.covariance),
+        f"{prefix}joint_covariance.npy": npy(geometry.adjustment.covariance * geometry.residual_scale**2),
+        f"{prefix}chart.npy": npy(geometry.shape.deviations_mm),
+        f"{prefix}residuals.csv": csv_bytes(_residual_rows(geometry)),
+        f"{prefix}projection.csv": _projection(geometry),
     }
 
 
-def _numbers(plane: str, found: Geometry) -> Iterator[tuple[str, str, Quantity]]:
-    for name, number in found.numbers().items():
+def _numbers(plane: str, geometry: Geometry) -> Iterator[tuple[str, str, Quantity]]:
+    for name, number in geometry.numbers().items():
         yield plane, name, number
-    for name, number in found.shape.terms.items():
+    for name, number in geometry.shape.terms.items():
         yield plane, f"chart_{name}", number
-    for one in found.views:
+    for one in geometry.views:
         yield plane, f"distance {one.view.source}", one.distance
 
 
-def _residual_rows(found: Geometry) -> Iterator[tuple[object, ...]]:
-    """Every correspondence: where it is seen, what is left, how well it is known."""
+def _residual_rows(geometry: Geometry) -> Iterator[tuple[object, ...]]:
+    """Every correspondence: position, residual and standard uncertainty."""
     yield "source", "node", "x", "y", "residual_x", "residual_y", "sigma_x", "sigma_y"
-    for one in found.views:
+    for one in geometry.views:
         sigma = np.sqrt(np.einsum("naa->na", one.view.covariance))
         columns = np.hstack([one.view.points, one.residual_px, sigma])
         for node, row in zip(one.view.index, columns, strict=True):
             yield one.view.source, int(node), *(f"{value:.6g}" for value in row)
 
 
-def _projection_rows(found: Geometry) -> Iterator[tuple[object, ...]]:
-    """The maps over the frame: uncertainty of the projection at each distance, and what distortion does there."""
-    distances = [f"uncertainty_px_at_{one.distance_mm:g}_mm" for one in found.maps]
-    yield "x", "y", "distortion_x", "distortion_y", *distances
-    first = found.maps[0]
+def _projection(geometry: Geometry) -> bytes:
+    """Maps over the frame: distortion, and projection uncertainty at each distance."""
+    first = geometry.maps[0]
     x, y = (one.ravel() for one in np.meshgrid(first.x, first.y))
-    moved = distortion(found.camera, np.column_stack([x, y]))
-    columns = [x, y, *moved.T, *(one.value.ravel() for one in found.maps)]
-    for row in zip(*columns, strict=True):
-        yield tuple(f"{value:.6g}" for value in row)
+    dx, dy = distortion(geometry.camera, np.column_stack([x, y])).T
+    maps = {f"uncertainty_px_at_{one.distance_mm:g}_mm": one.value.ravel() for one in geometry.maps}
+    return csv_columns({"x": x, "y": y, "distortion_x": dx, "distortion_y": dy, **maps}, 6)

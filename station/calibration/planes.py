@@ -1,4 +1,4 @@
-"""From photographs to the results of their planes: what every way of calibrating shares."""
+"""Results of planes from photographs: common to all PSF calibrations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estim
 from procedures.psf import Psf
 from procedures.quality import CAMERA, OPERATOR, WAVELENGTHS_NM, Diffraction, Quality
 from procedures.raw import Exposure, Plane, RawFrame
-from station.calibration.sensor_models import NO_SENSOR, KnownSensor
+from station.calibration.sensor_models import NO_SENSOR, StoredSensor
 from station.common.threads import threads
 from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class EstimatedPsf(Protocol):
-    """What every estimate of a PSF holds."""
+    """Common interface of PSF estimates."""
 
     @property
     def psf(self) -> Psf:
@@ -39,31 +39,31 @@ class EstimatedPsf(Protocol):
 
     @property
     def quality(self) -> Quality:
-        """What it says about the camera."""
+        """Its sharpness metrics."""
 
     @property
     def values(self) -> Mapping[str, float | tuple[float, float]]:
-        """The numbers that have no uncertainty."""
+        """The numbers without uncertainty."""
 
     @property
     def diagnostics(self) -> Mapping[str, float]:
-        """What the verdict was drawn from."""
+        """The numbers behind the verdict."""
 
     @property
     def diffraction(self) -> Diffraction | None:
-        """What limits the plane, where it is known."""
+        """The diffraction limit of the plane, where it is known."""
 
     @property
     def choice(self) -> tuple[Trial, ...]:
-        """What was tried of s and k."""
+        """The trials of s and k."""
 
     @property
     def charts(self) -> tuple[PatternPsf, ...]:
-        """The estimates from single photographs of a chart that it is made of."""
+        """The estimates from single photographs of a chart that it combines."""
 
     @property
     def variations(self) -> tuple[Variation, ...]:
-        """What differs within the frame."""
+        """Variations within the frame."""
 
     @property
     def inter_image(self) -> npt.NDArray[np.float64] | None:
@@ -82,24 +82,24 @@ def calibrate(
     limit: Limit = lambda plane: None,
     *,
     physics: bool = False,
-    sensor: KnownSensor = NO_SENSOR,
+    sensor: StoredSensor = NO_SENSOR,
 ) -> Iterator[PlaneResult]:
-    """Every plane of a photograph in its order; one that is refused does not keep the others.
+    """Every plane of a photograph in order; a refused plane does not affect the others.
 
     Parameters
     ----------
     physics : bool
         Whether a model of sensor and lens is fitted to every PSF.
-    sensor : KnownSensor, optional
-        What the sensor's own calibration tells; a plane that it does not tell of is estimated without.
+    sensor : StoredSensor, optional
+        Result of the sensor's calibration; planes without one are estimated without it.
 
     Raises
     ------
     BadParameter
-        If it is, and the diffraction limit of a plane is not known.
+        If `physics` is set and the diffraction limit of a plane is not known.
     """
     if physics:
-        from procedures.physics.estimate import check_known, estimate_physics  # it optimises: that import is slow
+        from procedures.physics.estimate import check_known, estimate_physics  # a slow import
 
         for plane in frame.planes.values():
             check_known(limit(plane))
@@ -150,8 +150,8 @@ def calibrate_pair(
 def _of_pair(
     a: RawFrame, b: RawFrame, name: str, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
-    """The answer of one plane; refused where the camera noted that more than distance and focus changed."""
-    from procedures.two_photo.estimate import estimate_psf as estimate_psf_of_pair  # charts do not need them
+    """The outcome of one plane; refused where other settings than distance and focus differ."""
+    from procedures.two_photo.estimate import estimate_psf_of_pair  # a slow import
     from procedures.two_photo.trust import check_settings
 
     try:
@@ -163,7 +163,7 @@ def _of_pair(
 
 def _side_by_side(estimate: Callable[[Plane], PlaneResult], planes: Sequence[Plane]) -> Iterator[PlaneResult]:
     workers = min(len(planes), threads())
-    if workers == 1:  # a thread of its own would begin with memory of its own
+    if workers == 1:  # a further thread would allocate its own memory
         yield from map(estimate, planes)
         return
     with ThreadPoolExecutor(workers) as pool:
@@ -171,36 +171,36 @@ def _side_by_side(estimate: Callable[[Plane], PlaneResult], planes: Sequence[Pla
 
 
 def plane_result(plane: Plane, outcome: Outcome[F], exposure: Exposure | None = None) -> PlaneResult:
-    """The answer of an estimate as the result that travels; `exposure` is what the camera noted."""
-    found = outcome.value
-    if found is None:
+    """The result of an estimate; `exposure` is from the photograph's metadata."""
+    estimate = outcome.value
+    if estimate is None:
         return PlaneResult.of_outcome(plane.name, outcome, pitch=plane.pitch)
     return PlaneResult.of(
         plane.name,
         outcome.verdict,
-        found.psf,
-        found.quality,
+        estimate.psf,
+        estimate.quality,
         reason=outcome.reason,
         remedy=outcome.remedy,
         other_causes=outcome.other_causes,
-        values=found.values,
-        diagnostics=found.diagnostics,
+        values=estimate.values,
+        diagnostics=estimate.diagnostics,
         pitch=plane.pitch,
-        found=found,
-        inter_image=found.inter_image,
-        choice=found.choice,
-        variations=found.variations,
-        diffraction=found.diffraction,
-        place=_place(plane, found),
+        found=estimate,
+        inter_image=estimate.inter_image,
+        choice=estimate.choice,
+        variations=estimate.variations,
+        diffraction=estimate.diffraction,
+        place=_place(plane, estimate),
         exposure=exposure,
     )
 
 
-def _place(plane: Plane, found: EstimatedPsf) -> str:
-    """Where in the frame a chart was seen; "" of what is no chart."""
-    if not found.charts:
+def _place(plane: Plane, estimate: EstimatedPsf) -> str:
+    """Position of the chart in the frame; "" without a chart."""
+    if not estimate.charts:
         return ""
-    x, y = np.mean([np.nanmean(one.marks, axis=0) for one in found.charts], axis=0).tolist()
+    x, y = np.mean([np.nanmean(one.marks, axis=0) for one in estimate.charts], axis=0).tolist()
     rows, columns = plane.samples.shape
     return str(place_of(x, y, (rows, columns)))
 
@@ -219,26 +219,26 @@ def diffraction_limit(
     Raises
     ------
     BadParameter
-        If they are not, and it is `needed`: what is missing, and what gives it.
+        If they are not known and the limit is `needed`; names the missing options.
     """
     aperture = f_number or exposure.f_number
     if pixel_pitch_um is None or not aperture:
         if needed:
-            raise _lacking(pitch=pixel_pitch_um is None, aperture=not aperture)
+            raise _missing(pitch=pixel_pitch_um is None, aperture=not aperture)
         return None
     by = OPERATOR if aperture != exposure.f_number else CAMERA
     return Diffraction(aperture, pixel_pitch_um * plane.pitch, wavelength_nm or WAVELENGTHS_NM[plane.name[0]], by)
 
 
-def _lacking(*, pitch: bool, aperture: bool) -> BadParameter:
-    """What the physics of a PSF is not told."""
-    told = (
+def _missing(*, pitch: bool, aperture: bool) -> BadParameter:
+    """The error for missing inputs of the physics of a PSF."""
+    inputs = (
         (pitch, "the sensor's pitch", "--pixel-pitch-um"),
-        (aperture, "the f-number, which the camera did not note", "--f-number"),
+        (aperture, "the f-number, which the camera did not record", "--f-number"),
     )
-    missing = [(words, option) for lacks, words, option in told if lacks]
+    missing = [(words, option) for lacks, words, option in inputs if lacks]
     return BadParameter(
         f"the physics of a PSF needs {' and '.join(words for words, _ in missing)}",
-        f"give {' and '.join(option for _, option in missing)} (in a procedure file under optics), or leave the "
-        "physics out (of a series by --no-physics)",
+        f"give {' and '.join(option for _, option in missing)} (in a procedure file under optics), or omit the "
+        "physics (for a series with --no-physics)",
     )

@@ -1,4 +1,4 @@
-"""From a folder of dark and evenly lit pictures to what every plane's sensor is: EMVA 1288."""
+"""Characterisation of a sensor from dark and evenly lit pictures: EMVA 1288."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from station.results.record_head import InputFile
 Numbers = npt.NDArray[np.float64]
 
 LEVEL_PICTURES = 2
-"""Pictures that a level is measured from: those of a stack beyond them are the stack's."""
+"""Pictures from which a level is measured; further ones of a stack belong to the stack alone."""
 LEAST_PIXELS = 2
-"""Of a frame along each side: one pixel has no noise of its own beside the frame's."""
+"""Least size of a frame along each side: the noise of a single pixel is that of the frame."""
 SEED = 1288
-"""Of the draws that intervals come from: the same pictures give the same numbers."""
+"""Of the draws for intervals: the same pictures give the same numbers."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorPlane:
-    """One plane's answer.
+    """The outcome of one plane.
 
     Attributes
     ----------
     step : float
-        How many of the file's numbers one digital number is (left-aligned samples).
+        Step of the file's values per digital number (left-aligned samples).
     noise : NoisePower or None
-        Spectrum of the temporal noise at the flat stack's signal.
+        Spectrum of the temporal noise at the signal of the flat stack.
     """
 
     name: str
@@ -53,9 +53,9 @@ class SensorPlane:
 
 @dataclass(frozen=True, eq=False)
 class SensorFiles:
-    """What was read: the pictures' hashes, camera and sensitivity as the first picture tells them, and the planes.
+    """The pictures' hashes, camera and sensitivity of the first picture, and the planes.
 
-    `missed` are pictures that cannot be read, and the only one that such a picture left of a level.
+    `missed` are unreadable pictures, and pictures that are the only readable ones of their level.
     """
 
     files: Sequence[InputFile]
@@ -67,7 +67,7 @@ class SensorFiles:
 
 @dataclass
 class _Gathered:
-    """One plane while its pictures are read."""
+    """Levels and stacks of one plane."""
 
     darks: list[LightLevel] = field(default_factory=list)
     lights: list[LightLevel] = field(default_factory=list)
@@ -80,22 +80,22 @@ class _Gathered:
 def measure_sensor(
     shots: Sequence[Shots],
     plane: str | None,
-    tell: Callable[[Iterator[Path]], Iterator[Path]] = lambda paths: paths,
+    watch: Callable[[Iterator[Path]], Iterator[Path]] = lambda paths: paths,
     read: Callable[[Path], RawFrame] | None = None,
     missed: Sequence[Miss] = (),
 ) -> SensorFiles:
-    """Every plane asked for; the pictures are read once, one after the other. What cannot be read is left out.
+    """The requested planes. The pictures are read once, one after the other; unreadable ones are excluded.
 
     Parameters
     ----------
     plane : str or None
         A plane's name; "all" or None for every plane.
-    tell : callable
-        Sees every path as it is read.
+    watch : callable
+        Passes on the paths as they are read.
     read : callable, optional
-        Gives a picture; by default its file is opened.
+        Reads a picture; by default from its file.
     missed : sequence of Miss
-        What was left out of the shots.
+        Pictures that are already excluded.
 
     Raises
     ------
@@ -106,18 +106,18 @@ def measure_sensor(
     inputs: list[InputFile] = []
     exposures: list[Exposure] = []
     opened = read or partial(read_frame, names=None if plane in (None, "all") else [str(plane)])
-    left_out = [*missed]
-    paths = tell(path for one in shots for path in one.paths)
+    excluded = [*missed]
+    paths = watch(path for one in shots for path in one.paths)
     for one in shots:
-        frames = readable(islice(paths, len(one.paths)), opened, left_out)
-        _gather(gathered, one, (_checked(frame, inputs, exposures) for frame in frames), left_out)
+        frames = readable(islice(paths, len(one.paths)), opened, excluded)
+        _gather(gathered, one, (_checked(frame, inputs, exposures) for frame in frames), excluded)
     count = len(missed) + sum(len(one.paths) for one in shots)
-    check_any(left_out, count)
+    check_any(excluded, count)
     light = any(one.photons is not None for one in shots)
     planes = [
         SensorPlane(
             name,
-            for_want(_characterised(of, photons_known=light), left_out, count),
+            for_want(_characterised(of, photons_known=light), excluded, count),
             of.shape,
             of.step,
             _noise_power(of),
@@ -125,7 +125,7 @@ def measure_sensor(
         for name, of in gathered.items()
     ]
     first = exposures[0] if exposures else Exposure()
-    return SensorFiles(tuple(inputs), first.camera, first.iso, planes, left_out)
+    return SensorFiles(tuple(inputs), first.camera, first.iso, planes, excluded)
 
 
 def _checked(frame: RawFrame, inputs: list[InputFile], exposures: list[Exposure]) -> RawFrame:
@@ -141,7 +141,7 @@ def _checked(frame: RawFrame, inputs: list[InputFile], exposures: list[Exposure]
 
 
 def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFrame], missed: list[Miss]) -> None:
-    """Count the pictures of one exposure in, all planes side by side; one that is left alone is `missed`."""
+    """Add the pictures of one exposure to all planes; a single readable one is `missed`."""
     first: dict[str, list[Numbers]] = {}
     sums: dict[str, StackSums] = {}
     taken: list[Path] = []
@@ -151,7 +151,7 @@ def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFr
         for name, plane in frame.planes.items():
             if min(plane.samples.shape) < LEAST_PIXELS:
                 rows, columns = plane.samples.shape
-                reason = f"a sensor is measured from frames of {LEAST_PIXELS} x {LEAST_PIXELS} pixels or more a plane"
+                reason = f"a plane must have {LEAST_PIXELS} x {LEAST_PIXELS} pixels or more"
                 raise BadInput(f"{reason}; {frame.path} has {columns} x {rows}", "give whole frames")
             numbers = _numbers(gathered.setdefault(name, _Gathered()), plane, frame.path)
             if len(first.setdefault(name, [])) < LEVEL_PICTURES:
@@ -172,18 +172,18 @@ def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFr
 
 
 def _leave_alone(path: Path, shots: Shots, missed: list[Miss]) -> None:
-    """Leave out all that can be read of a level. Raises BadInput where there never was more of it."""
+    """Exclude the single readable picture of a level. Raises BadInput where the level has no other."""
     needed = "of its exposure; temporal noise needs two"
     if len(shots.paths) < LEVEL_PICTURES:
         raise BadInput(f"{path} is the only picture {needed}", "take every level twice, or leave this one out")
-    missed.append(Miss(str(path), f"{path} is the only picture left {needed}", "take the level again"))
+    missed.append(Miss(str(path), f"{path} is the only readable picture {needed}", "take the level again"))
 
 
 _ONE_CAMERA = "give pictures of one camera at one setting, in one format"
 
 
 def _numbers(of: _Gathered, plane: Plane, path: Path) -> Numbers:
-    """The digital numbers as the converter gave them: a file's samples may hold them left-aligned."""
+    """Digital numbers of the converter, also from left-aligned samples."""
     shape = plane.samples.shape
     if of.shape and shape != of.shape:
         raise BadInput(
@@ -193,14 +193,14 @@ def _numbers(of: _Gathered, plane: Plane, path: Path) -> Numbers:
         )
     numbers = plane.samples.astype(np.float64) / plane.quantisation + plane.black
     if float(plane.black).is_integer():
-        np.rint(numbers, out=numbers)  # single precision left them a little off
+        np.rint(numbers, out=numbers)  # removes rounding to single precision
     if not of.shape:
         of.shape, of.step = shape, _step(numbers)
     return numbers / of.step if of.step != 1 else numbers
 
 
 def _step(numbers: Numbers) -> float:
-    """What all differences of a picture's numbers are multiples of."""
+    """Greatest common divisor of the differences between a picture's values."""
     values = np.unique(numbers)
     if len(values) < 3 or not np.array_equal(values, np.rint(values)):
         return 1.0
@@ -220,22 +220,22 @@ def _characterised(of: _Gathered, *, photons_known: bool) -> Outcome[SensorResul
 
 
 def _noise_power(of: _Gathered) -> NoisePower | None:
-    """Of the flat stack's first pictures, where there is a dark stack too."""
+    """Noise spectrum of the first pictures of the flat stack; None without a dark stack."""
     dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
     if dark is None or flat is None:
         return None
-    found = next(one for one, (_, stack) in zip(of.spectra, of.stacks, strict=True) if stack is flat)
-    return None if found is None else replace(found, signal=flat.mean - dark.mean)
+    power = next(one for one, (_, stack) in zip(of.spectra, of.stacks, strict=True) if stack is flat)
+    return None if power is None else replace(power, signal=flat.mean - dark.mean)
 
 
 def _once(levels: Sequence[LightLevel], of: Callable[[LightLevel], float]) -> tuple[LightLevel, ...]:
-    """The levels in order, one of each: where a stack repeats a level of the ladder, the ladder's, which came first."""
-    found: dict[float, LightLevel] = {}
+    """The levels in order, the first of each: that of the ladder where a stack repeats it."""
+    first: dict[float, LightLevel] = {}
     for level in levels:
-        found.setdefault(of(level), level)
-    return tuple(found[at] for at in sorted(found))
+        first.setdefault(of(level), level)
+    return tuple(first[at] for at in sorted(first))
 
 
 def _largest(stacks: Sequence[tuple[str, FrameStack]], kind: str) -> FrameStack | None:
-    """The stack of a kind with the most pictures."""
+    """The largest stack of a kind."""
     return max((stack for of, stack in stacks if of == kind), key=lambda stack: stack.count, default=None)

@@ -1,9 +1,9 @@
-"""The files of a sensor's result: record, tables, and the summary as XML."""
+"""The measurement of a sensor: numbers, tables, and a summary as XML."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -29,7 +29,7 @@ from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.noise import linear_snr, total_snr
 from procedures.sensor.photon_transfer import gain_and_noise
 from station.calibration.sensor import SensorFiles, SensorPlane
-from station.results.exports import csv_bytes
+from station.results.exports import csv_bytes, csv_columns
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
@@ -47,7 +47,7 @@ SECTIONS = {
     "defect_pixel": ("defect_pixels",),
     "general": ("general",),
 }  # fmt: skip
-"""Of the XML summary: section -> beginnings of the numbers' names."""
+"""Sections of the XML summary, with prefixes of the numbers' names."""
 
 
 def sensor_measurement(found: SensorFiles, head: RecordHead) -> Measurement:
@@ -65,16 +65,16 @@ def sensor_measurement(found: SensorFiles, head: RecordHead) -> Measurement:
 
 
 def _plane(plane: SensorPlane) -> PlaneResult:
-    """Verdict and numbers, what other procedures take from the sensor, and what was found in its pictures."""
+    """Verdict and numbers, the model for other procedures, and diagnostics."""
     found = plane.outcome.value
     if found is None:
         return PlaneResult.of_outcome(plane.name, plane.outcome, pitch=0)
-    together = gain_and_noise(found.transfer)
+    joint = gain_and_noise(found.transfer)
     details: dict[str, Any] = {
         "model": asdict(sensor_model(found, plane.step)),
         "gain_and_noise": {
-            "names": list(together.NAMES), "values": together.values.tolist(),
-            "covariance": together.covariance.tolist(),
+            "names": list(joint.NAMES), "values": joint.values.tolist(),
+            "covariance": joint.covariance.tolist(),
         },
         "rows": plane.shape[0],
         "columns": plane.shape[1],
@@ -105,13 +105,13 @@ _HEAD = ["plane", "number", "value", "unit", "uncertainty", "low_95", "high_95",
 def _number_rows(plane: SensorPlane) -> Iterator[list[str]]:
     numbers = plane.outcome.value.numbers if plane.outcome.value is not None else {}
     for name, one in numbers.items():
-        told = (f"{value:.9g}" for value in (one.uncertainty, one.low, one.high))
-        yield [plane.name, name, f"{one.value:.9g}", one.unit, *told, one.method, str(one.n)]
+        bounds = (f"{value:.9g}" for value in (one.uncertainty, one.low, one.high))
+        yield [plane.name, name, f"{one.value:.9g}", one.unit, *bounds, one.method, str(one.n)]
 
 
 def _tables(name: str, found: SensorResult) -> dict[str, bytes]:
     """The plane's tables."""
-    files = {f"transfer_{name}.csv": csv_bytes(_table(transfer_columns(found)))}
+    files = {f"transfer_{name}.csv": csv_columns(transfer_columns(found), 9)}
     patterns = {"dark": found.dark, "light": found.light}
     kinds = {
         "spectrogram": (["direction", "frequency", "amplitude", "unit"], _spectra),
@@ -126,7 +126,7 @@ def _tables(name: str, found: SensorResult) -> dict[str, bytes]:
 
 
 def transfer_columns(found: SensorResult) -> dict[str, Array]:
-    """The measured curves by level: light, signal, variances, linearity, and signal-to-noise ratios."""
+    """Measured curves by level: light, signal, variances, linearity, and signal-to-noise ratios."""
     curves = found.curves
     signal = curves.signal[0]
     return {
@@ -142,10 +142,6 @@ def transfer_columns(found: SensorResult) -> dict[str, Array]:
         "snr_linear_model": linear_snr(found, curves.light[0]),
         "snr_total": total_snr(found, curves.light[0]),
     }
-
-
-def _table(columns: Mapping[str, Array]) -> list[list[str]]:
-    return [list(columns), *([f"{value:.9g}" for value in row] for row in zip(*columns.values(), strict=True))]
 
 
 def _spectra(which: str, pattern: Pattern) -> Iterator[list[str]]:
@@ -168,8 +164,8 @@ def _defects(which: str, pattern: Pattern) -> Iterator[list[str]]:
 def summary_xml(found: SensorFiles) -> bytes:
     """The numbers by the standard's sections, each with unit, value, uncertainty and interval.
 
-    The layout is that of the reference program's results (sections, then quantities with their values), with a plane
-    above the sections and two more values each: it knows no intervals.
+    The layout is that of the reference program (sections, then quantities with their values), with planes above the
+    sections, and the bounds of the interval in addition.
     """
     top = ElementTree.Element("results", {"standard": "EMVA 1288", "release": "4.0"})
     if found.camera:
@@ -192,9 +188,9 @@ def _add_section(parent: ElementTree.Element, name: str, numbers: Mapping[str, I
     section = ElementTree.SubElement(parent, name)
     for quantity, one in numbers.items():
         item = ElementTree.SubElement(section, quantity)
-        told: Sequence[tuple[str, object]] = (
-            ("unit", one.unit), ("value", f"{one.value:.9g}"), ("uncertainty", f"{one.uncertainty:.6g}"),
-            ("low", f"{one.low:.9g}"), ("high", f"{one.high:.9g}"), ("method", one.method),
-        )  # fmt: skip
-        for part, value in told:
-            ElementTree.SubElement(item, part).text = str(value)
+        parts = {
+            "unit": one.unit, "value": f"{one.value:.9g}", "uncertainty": f"{one.uncertainty:.6g}",
+            "low": f"{one.low:.9g}", "high": f"{one.high:.9g}", "method": one.method,
+        }  # fmt: skip
+        for part, value in parts.items():
+            ElementTree.SubElement(item, part).text = value

@@ -1,4 +1,4 @@
-"""Which pictures of a folder are dark, which are of which level of light: from a manifest, or from names and EXIF."""
+"""Dark pictures and levels of light in a folder: from a manifest, or from folder names and EXIF."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from procedures.reading.text import read_rows, read_text, read_toml
 
 DARK, LIGHT = "dark", "light"
 LONGEST = 300
-"""Letters of a name that are told."""
+"""Characters of a name quoted in a message."""
 _REMEDY = "see station sensor --help for what the folder and its manifest hold"
-_RAW_ONLY = "write a manifest (sensor.csv or sensor.toml) that tells every picture's exposure"
+_RAW_ONLY = "write a manifest (sensor.csv or sensor.toml) with the exposure of every picture"
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Shots:
     kind : "dark" or "light"
     exposure_s : float
     photons, light : float or None
-        Photons per pixel, or a number proportional to them, where the manifest tells.
+        Photons per pixel, or a number proportional to them, where the manifest has it.
     paths : tuple of Path
     """
 
@@ -40,10 +40,10 @@ class Shots:
 
     @property
     def level(self) -> float:
-        """What the sensor was given: photons, light, or seconds of it."""
+        """Amount of light: photons, relative light, or exposure in seconds."""
         if self.kind == DARK:
             return 0.0
-        return next((given for given in (self.photons, self.light) if given is not None), self.exposure_s)
+        return next((one for one in (self.photons, self.light) if one is not None), self.exposure_s)
 
 
 def _refuse(miss: Miss) -> None:
@@ -53,73 +53,67 @@ def _refuse(miss: Miss) -> None:
 def find_shots(folder: Path, missed: Callable[[Miss], object] = _refuse) -> tuple[Shots, ...]:
     """The pictures of a folder by exposure, dark ones first, then by light.
 
-    `missed` is told of each RAW file whose exposure time cannot be read; by default that is refused.
+    `missed` is called for each RAW file whose exposure time cannot be read, which raises by default.
 
     Raises
     ------
     BadInput
-        If there is no manifest and no folder `dark` and `light`, or what is told cannot be meant.
+        If there is no manifest and no folder `dark` and `light`, or the manifest is invalid.
     """
     if not folder.is_dir():
         raise BadInput(f"{folder} is no folder", "name the folder of the sensor's pictures")
-    shots = _told(folder, missed)
-    if len({_told_by(one) for one in shots if one.kind == LIGHT}) > 1:
-        raise BadInput(
-            f"{folder}: light is told of some levels in another way than of others", "give photons to all, or light"
-        )
+    shots = _listed(folder, missed)
+    if len({(one.photons is None, one.light is None) for one in shots if one.kind == LIGHT}) > 1:
+        raise BadInput(f"{folder}: all levels must have the same measure of light", "give photons for all, or light")
     missing = [str(path) for one in shots for path in one.paths if not _is_file(path)]
     if missing:
-        told = f"{len(missing)} pictures that are told of are not there, first {missing[0][:LONGEST]}"
-        raise BadInput(told, "check the names")
+        reason = f"{len(missing)} listed pictures do not exist, first {missing[0][:LONGEST]}"
+        raise BadInput(reason, "check the names")
     return tuple(sorted(shots, key=lambda one: (one.kind != DARK, one.level, one.exposure_s, len(one.paths))))
 
 
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except OSError:  # a name that no file can have
+    except OSError:  # an invalid name
         return False
 
 
-def _told_by(shots: Shots) -> str:
-    return "photons" if shots.photons is not None else "light" if shots.light is not None else "exposure"
-
-
-def _told(folder: Path, missed: Callable[[Miss], object]) -> list[Shots]:
-    """The pictures by whatever tells them."""
+def _listed(folder: Path, missed: Callable[[Miss], object]) -> list[Shots]:
+    """The pictures from a manifest, a descriptor, or the camera's metadata."""
     if (path := folder / "sensor.toml").is_file():
         return _from_toml(path)
     if (path := folder / "sensor.csv").is_file():
         return _from_csv(path)
     for path in sorted(folder.glob("*.txt")):
-        if _begins(path, b"v "):
+        if _is_descriptor(path):
             return _from_descriptor(path)
     return _merged(_from_camera(folder, missed))
 
 
-def _begins(path: Path, how: bytes) -> bool:
-    """Whether it is a file that begins so; a pipe, or what cannot be read, is none."""
+def _is_descriptor(path: Path) -> bool:
+    """Whether it is a readable file with the beginning of an EMVA 1288 descriptor."""
     try:
         with open_file(path) as file:
-            return file.read(len(how)) == how
+            return file.read(2) == b"v "
     except (BadInput, OSError):
         return False
 
 
 def _merged(shots: Iterable[Shots]) -> list[Shots]:
-    """Those of one exposure together, in the order in which they are told."""
-    found: dict[tuple[str, float, float | None, float | None], tuple[Path, ...]] = {}
+    """The pictures of each exposure together, in order."""
+    merged: dict[tuple[str, float, float | None, float | None], tuple[Path, ...]] = {}
     for one in shots:
         key = (one.kind, one.exposure_s, one.photons, one.light)
-        found[key] = (*found.get(key, ()), *one.paths)
-    return [Shots(*key, paths) for key, paths in found.items()]
+        merged[key] = (*merged.get(key, ()), *one.paths)
+    return [Shots(*key, paths) for key, paths in merged.items()]
 
 
 def _shots(where: str, folder: Path, entry: Mapping[str, Any], files: object) -> Shots:
     """One entry of a manifest."""
     kind = str(entry.get("kind", "")).strip().lower()
     if kind not in (DARK, LIGHT):
-        raise BadInput(f'{where}: kind is "dark" or "light"; got {entry.get("kind")!r}', _REMEDY)
+        raise BadInput(f'{where}: kind must be "dark" or "light"; got {entry.get("kind")!r}', _REMEDY)
     if not isinstance(files, list) or not files or not all(isinstance(name, str) and name for name in files):
         raise BadInput(f"{where}: every level needs its files", _REMEDY)
     exposure = _number(where, "exposure_s", entry.get("exposure_s"))
@@ -136,35 +130,35 @@ def _number(where: str, name: str, value: object, *, zero: bool = True) -> float
     if value is None or value == "":
         return None
     try:
-        number = float(value)  # type: ignore[arg-type]  # whatever it is, float says so
+        number = float(value)  # type: ignore[arg-type]  # float raises for other types
     except (TypeError, ValueError):
         number = -1.0
     if not (0 <= number < float("inf")) or (number == 0 and not zero):
-        raise BadInput(f"{where}: {name} is a number above 0; got {value!r}", _REMEDY)
+        raise BadInput(f"{where}: {name} must be a number above 0; got {value!r}", _REMEDY)
     return number
 
 
 def _from_toml(path: Path) -> list[Shots]:
     levels = read_toml(path, _REMEDY).get("level")
     if not isinstance(levels, list) or not all(isinstance(one, dict) for one in levels):
-        raise BadInput(f"{path} holds [[level]] tables; it has none", _REMEDY)
+        raise BadInput(f"{path} must contain [[level]] tables; it has none", _REMEDY)
     return [_shots(f"{path}, level {n}", path.parent, one, one.get("files")) for n, one in enumerate(levels, 1)]
 
 
 def _from_csv(path: Path) -> list[Shots]:
     names, *rows = read_rows(path, _REMEDY) or [[]]
     if not {"file", "kind", "exposure_s"} <= set(names):
-        raise BadInput(f"{path} needs the columns file, kind, exposure_s; it has {names}", _REMEDY)
+        raise BadInput(f"{path} must have the columns file, kind, exposure_s; it has {names}", _REMEDY)
     table = [(n, dict(zip(names, row, strict=False))) for n, row in enumerate(rows, 2) if row]
     return _merged(_shots(f"{path}, line {n}", path.parent, row, [row.get("file")]) for n, row in table)
 
 
 def _from_descriptor(path: Path) -> list[Shots]:
-    """EMVA's own: "b" exposure in ns and photons, or "d" exposure, then "i" and a picture's name for each.
+    """EMVA's format: "b" exposure in ns and photons, or "d" exposure, then "i" and the name of each picture.
 
-    Separate groups of one exposure stay together: two pictures are the ladder's, more are a stack.
+    Groups of the same exposure stay separate: two pictures belong to the ladder, more are a stack.
     """
-    found: list[Shots] = []
+    shots: list[Shots] = []
     for n, line in enumerate(read_text(path, "EMVA 1288 descriptor", _REMEDY, "replace").splitlines(), 1):
         words = line.split()
         if not words or words[0] in ("v", "n"):
@@ -173,18 +167,19 @@ def _from_descriptor(path: Path) -> list[Shots]:
             if words[0] in ("b", "d"):
                 photons = _finite(words[2]) if words[0] == "b" else None
                 kind = LIGHT if words[0] == "b" else DARK
-                found.append(Shots(kind, _finite(words[1]) * 1e-9, photons, None, ()))
+                shots.append(Shots(kind, _finite(words[1]) * 1e-9, photons, None, ()))
             elif words[0] == "i":
-                last = found.pop()
+                last = shots.pop()
                 name = Path(*line.split(maxsplit=1)[1].strip().split("\\"))
-                found.append(Shots(last.kind, last.exposure_s, last.photons, None, (*last.paths, path.parent / name)))
+                shots.append(Shots(last.kind, last.exposure_s, last.photons, None, (*last.paths, path.parent / name)))
         except (IndexError, ValueError) as error:
-            raise BadInput(f"{path}, line {n} is no line of an EMVA 1288 descriptor: {line!r}", _REMEDY) from error
-    return found
+            reason = f"{path}, line {n} must be a line of an EMVA 1288 descriptor; got {line!r}"
+            raise BadInput(reason, _REMEDY) from error
+    return shots
 
 
 def _finite(word: str) -> float:
-    """A number from 0 on, with a point or a comma. Raises ValueError."""
+    """A number from 0, with a decimal point or comma. Raises ValueError."""
     number = float(word.replace(",", "."))
     if not 0 <= number < float("inf"):
         raise ValueError(word)
@@ -192,23 +187,23 @@ def _finite(word: str) -> float:
 
 
 def _from_camera(folder: Path, missed: Callable[[Miss], object]) -> Iterator[Shots]:
-    """RAW files in folders named after what they show."""
+    """RAW files in folders named by kind."""
     if not all((folder / kind).is_dir() for kind in (DARK, LIGHT)):
         raise BadInput(f"{folder} has neither a manifest nor folders {DARK} and {LIGHT}", _REMEDY)
     for kind in (DARK, LIGHT):
         for path in sorted(p for p in (folder / kind).rglob("*") if not p.is_dir() and not p.name.startswith(".")):
             try:
-                exposure = _noted_exposure(path)
+                exposure = _exposure_of(path)
             except BadInput as error:
                 missed(Miss(str(path), error.reason, error.remedy))
             else:
                 yield Shots(kind, exposure, None, None, (path,))
 
 
-def _noted_exposure(path: Path) -> float:
-    """In seconds, as the camera noted it. Raises BadInput where it did not, or the file cannot be read."""
+def _exposure_of(path: Path) -> float:
+    """Exposure time in the metadata, in seconds. Raises BadInput where it is missing, or the file cannot be read."""
     with open_file(path) as file, decoding(str(path), "a photograph", _RAW_ONLY):
         exposure = read_exposure(file).exposure_s
     if exposure is None:
-        raise BadInput(f"{path} does not tell its exposure time", _RAW_ONLY)
+        raise BadInput(f"{path} has no exposure time in its metadata", _RAW_ONLY)
     return exposure

@@ -1,9 +1,9 @@
-"""What a sensor's result tells other procedures: read back from its record."""
+"""Sensor models and noise spectra from results of station sensor."""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,25 +15,24 @@ from procedures.psf import Psf
 from procedures.raw import RawFrame
 from procedures.reading.arrays import LARGEST, SMALLEST, checked_array, checked_number
 from procedures.reading.exposure import read_exposure
-from procedures.reading.guard import decoding, open_file, read_file
-from procedures.reading.text import parse_json
+from procedures.reading.guard import open_file
 from procedures.sensor_model import SensorModel
+from station.calibration.stored_results import StoredRecord, stored_record
 
 if TYPE_CHECKING:
     from procedures.sensor.information import Information
     from procedures.sensor.noise_power import NoisePower
 
-SCHEMA = "station/sensor/1"
 SEED = 1288
 """Of the draws of uncertainties."""
-LEAST = {"gain": SMALLEST, "saturation": SMALLEST, "signal_at_saturation": SMALLEST, "dark_variance": 0.0}
-"""Of these numbers of a model; others may be negative."""
+MINIMA = {"gain": SMALLEST, "saturation": SMALLEST, "signal_at_saturation": SMALLEST, "dark_variance": 0.0}
+"""Of these parameters of a model; others may be negative."""
 _GIVE = "give the result.json of station sensor, of the same camera at the same sensitivity"
 
 
 @dataclass(frozen=True)
-class KnownSensor:
-    """Planes' models and noise spectra by name, and the record that they come from."""
+class StoredSensor:
+    """Models and noise spectra of planes by name, and the record that they come from."""
 
     models: Mapping[str, SensorModel]
     noise: Mapping[str, NoisePower] = field(default_factory=dict)
@@ -41,76 +40,61 @@ class KnownSensor:
     sha256: str = ""
 
     def information(self, plane: str, psf: Psf) -> Information:
-        """What pictures of a plane with this PSF can tell."""
+        """Information content of pictures of a plane with this PSF."""
         from procedures.sensor.information import information
 
         return information(psf, self.noise[plane], np.random.default_rng(SEED))
 
-    def told(self) -> dict[str, Any]:
-        """What a record says of it."""
+    def record(self) -> dict[str, Any]:
+        """Its entry in a record; none without models."""
         return {"sensor": {"path": self.path, "sha256": self.sha256}} if self.models else {}
 
 
-NO_SENSOR = KnownSensor({})
+NO_SENSOR = StoredSensor({})
 
 
-def read_record(path: Path) -> tuple[dict[str, Any], str]:
-    """A sensor's record and its hash.
-
-    Raises
-    ------
-    BadParameter
-        If there is no such file, or it cannot be read.
-    BadInput
-        If it is no sensor's record.
-    """
-    try:
-        data = read_file(path, "sensor's record")
-    except BadInput as error:
-        raise BadParameter(error.reason, error.remedy) from error
-    record = parse_json(data, str(path), _GIVE)
-    if not isinstance(record, dict) or record.get("schema") != SCHEMA:
-        raise BadInput(f"{path} is no result of station sensor", _GIVE)
-    return record, hashlib.sha256(data).hexdigest()
+@contextmanager
+def sensor_record(path: Path) -> Iterator[StoredRecord]:
+    """A sensor's record; raises as `stored_record`, BadParameter where it cannot be read."""
+    with stored_record(path, "sensor", _GIVE, BadParameter) as stored:
+        yield stored
 
 
-def read_sensor(path: Path, frame: RawFrame) -> KnownSensor:
+def read_sensor(path: Path, frame: RawFrame) -> StoredSensor:
     """The models of a photograph's planes.
 
     Raises
     ------
     BadParameter, BadInput
-        As `read_record`; or if the record is of another sensitivity, or tells of none of the planes.
+        As `sensor_record`; or if the record is of another sensitivity, or has none of the planes.
     """
-    record, sha256 = read_record(path)
-    with decoding(str(path), "a sensor's record", _GIVE):
-        _check_iso(record, "the photograph", frame.exposure.iso)
-        models = models_of(record)
-        if not set(models) & set(frame.planes):
+    with sensor_record(path) as stored:
+        _check_iso(stored.data, "the photograph", frame.exposure.iso)
+        models = _models(stored.data)
+        common = [name for name in frame.planes if name in models]
+        if not common:
             names = ", ".join(models) or "no plane"
             raise BadInput(f"{path} contains {names}; the photograph has {', '.join(frame.planes)}", _GIVE)
-        common = [name for name in frame.planes if name in models]
-        noise = {name: one for name in common if (one := _noise(path, record["planes"][name])) is not None}
-        return KnownSensor({name: models[name] for name in common}, noise, str(path), sha256)
+        noise = {name: one for name in common if (one := _noise(stored.path, stored.data["planes"][name])) is not None}
+        return StoredSensor({name: models[name] for name in common}, noise, str(path), stored.sha256)
 
 
 def read_models(path: Path, photographs: Sequence[Path]) -> dict[str, SensorModel]:
-    """The models of all planes that a record tells of, for photographs of which none was read yet.
+    """The models of all planes of a record, for photographs that have not been read.
 
     Raises
     ------
     BadInput
-        If the record is none, or of another sensitivity than a camera noted in one of the files.
+        If the record is none, or of another sensitivity than one of the photographs.
     """
-    record, _ = read_record(path)
-    with decoding(str(path), "a sensor's record", _GIVE):
+    with sensor_record(path) as stored:
         for one in photographs:
-            _check_iso(record, one.name, _noted_iso(one))
-        return models_of(record)
+            _check_iso(stored.data, one.name, _iso_of(one))
+        return _models(stored.data)
 
 
-def _noted_iso(photograph: Path) -> float | None:
-    """What the camera noted; None of a file that cannot be opened: whoever reads it tells that."""
+def _iso_of(photograph: Path) -> float | None:
+    """Sensitivity in a photograph's metadata; None for an unreadable file, which is reported when it is read."""
     try:
         with open_file(photograph) as file:
             return read_exposure(file).iso
@@ -118,19 +102,19 @@ def _noted_iso(photograph: Path) -> float | None:
         return None
 
 
-def _check_iso(record: Mapping[str, Any], whose: str, own: float | None) -> None:
-    iso = record.get("iso")
-    if iso and own and iso != own:
-        raise BadInput(f"the sensor was measured at ISO {iso:g}, {whose} is of ISO {own:g}", _GIVE)
+def _check_iso(record: Mapping[str, Any], source: str, iso: float | None) -> None:
+    measured = record.get("iso")
+    if measured and iso and measured != iso:
+        raise BadInput(f"the sensor was measured at ISO {measured:g}, {source} is of ISO {iso:g}", _GIVE)
 
 
-def _noise(path: Path, plane: Mapping[str, Any]) -> NoisePower | None:
-    """The noise spectrum that lies beside the record; None where it was not measured, or is not there."""
+def _noise(record: Path, plane: Mapping[str, Any]) -> NoisePower | None:
+    """The noise spectrum next to the record; None where it was not measured, or its file is missing."""
     from procedures.reading.arrays import read_npy
     from procedures.sensor.noise_power import LEAST_SIDE, NoisePower
 
-    told = plane.get("noise_power")
-    if told is None or not (file := path.parent / Path(str(told["file"])).name).is_file():
+    entry = plane.get("noise_power")
+    if entry is None or not (file := record.parent / Path(str(entry["file"])).name).is_file():
         return None
     what = f"the noise spectrum {file}"
     power = checked_array(read_npy(file, "noise spectrum", _GIVE), what, ("n", "n"), low=0.0, remedy=_GIVE)
@@ -138,23 +122,23 @@ def _noise(path: Path, plane: Mapping[str, Any]) -> NoisePower | None:
         reason = f"{what} must have {LEAST_SIDE} frequencies or more along each axis, and a mean above 0"
         raise BadInput(f"{reason}; got {len(power)}, and {power.mean():.3g}", _GIVE)
     signal, blocks = (
-        checked_number(told[name], f"{name} of {what}", least, remedy=_GIVE)
+        checked_number(entry[name], f"{name} of {what}", least, remedy=_GIVE)
         for name, least in (("signal", SMALLEST), ("blocks", 1))
     )
     return NoisePower(power, signal, int(blocks))
 
 
-def models_of(record: Mapping[str, Any]) -> dict[str, SensorModel]:
-    """The models of a record's planes; refused ones have none."""
+def _models(record: Mapping[str, Any]) -> dict[str, SensorModel]:
+    """The models of a record's planes; refused planes have none."""
     planes = record.get("planes", {})
     return {name: _model(plane["model"]) for name, plane in planes.items() if "model" in plane}
 
 
-def _model(told: Mapping[str, Any]) -> SensorModel:
-    names = [one.name for one in fields(SensorModel) if one.name in told and one.name != "bend"]
+def _model(entry: Mapping[str, Any]) -> SensorModel:
+    names = [one.name for one in fields(SensorModel) if one.name in entry and one.name != "bend"]
     values: dict[str, Any] = {
-        name: checked_number(told[name], f"`{name}` of the sensor", LEAST.get(name, -LARGEST), remedy=_GIVE)
+        name: checked_number(entry[name], f"`{name}` of the sensor", MINIMA.get(name, -LARGEST), remedy=_GIVE)
         for name in names
     }
-    bend = [checked_number(one, "`bend` of the sensor", remedy=_GIVE) for one in told.get("bend", ())]
+    bend = [checked_number(one, "`bend` of the sensor", remedy=_GIVE) for one in entry.get("bend", ())]
     return SensorModel(**values, bend=tuple(bend))

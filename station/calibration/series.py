@@ -9,21 +9,23 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from procedures.numbers import EDGE_MTF50, WAVEFRONT_RMS, label
+from procedures.numbers import EDGE_MTF50, MTF50_HORIZONTAL, MTF50_VERTICAL, STREHL, WAVEFRONT_RMS, label
+from station.common.sanitise import printable
 from station.results.exports import csv_bytes
 
 TABLE, PAGE = "series.csv", "series.html"
 TITLES: Mapping[str, str] = {EDGE_MTF50: "MTF50, mean of rows and columns", WAVEFRONT_RMS: "Wavefront error, rms"}
 DRAWS, SEED = 20_000, 1
-"""Of the chance that an aperture is the best."""
+"""Monte Carlo draws for the probability that an aperture is the best."""
 
 
 @dataclass(frozen=True)
 class SeriesSetting:
-    """What was set: None where the camera noted nothing."""
+    """Setting of the camera; None where it recorded nothing."""
 
     f_number: float | None
     focus_mm: float | None
@@ -62,8 +64,57 @@ class Best:
     @property
     def words(self) -> str:
         """As a sentence."""
-        told = f"{self.value:.4g} ± {self.uncertainty:.2g} {self.unit}"
-        return f"{self.plane}: best at f/{self.f_number:g}, MTF50 {told}, with a confidence of {self.confidence:.0%}"
+        value = f"{self.value:.4g} ± {self.uncertainty:.2g} {self.unit}"
+        return f"{self.plane}: best at f/{self.f_number:g}, MTF50 {value}, with a confidence of {self.confidence:.0%}"
+
+
+NUMBERS: Mapping[str, tuple[str, ...]] = {
+    EDGE_MTF50: (MTF50_HORIZONTAL, MTF50_VERTICAL),
+    STREHL: (STREHL,),
+    WAVEFRONT_RMS: (WAVEFRONT_RMS,),
+}
+"""Numbers of a series, each the mean of numbers of a plane."""
+ONE = {"camera": "cameras", "lens": "lenses", "focal_length_mm": "focal lengths"}
+"""Entries of a row that are the same throughout a series."""
+
+
+def points_of(rows: Sequence[Any]) -> list[Point]:
+    """Every number of every plane at every setting, in order, from the usable rows of a batch."""
+    found: dict[tuple[str, str, SeriesSetting], list[tuple[float, float, str]]] = {}
+    for row in rows:
+        setting = SeriesSetting(*(_number(row.noted.get(key)) for key in ("f_number", "focus_distance_mm", "iso")))
+        for plane, one in row.planes.items():
+            for number, parts in NUMBERS.items() if one.verdict in ("pass", "doubtful") else ():
+                if all(part in one.numbers for part in parts):
+                    mean = _mean_of_parts([one.numbers[part] for part in parts])
+                    found.setdefault((plane, number, setting), []).append(mean)
+    points = [Point(*key, *together(shots), shots[0][2], len(shots)) for key, shots in found.items()]
+    return sorted(points, key=_order)
+
+
+def several(rows: Sequence[Any]) -> list[str]:
+    """Sentences on what differs among photographs that should be of one lens on one camera from one mounting."""
+    found = []
+    for key, words in ONE.items():
+        values = sorted({str(row.noted[key]) for row in rows if key in row.noted})
+        if len(values) > 1:
+            found.append(f"the photographs are of several {words}: {', '.join(map(printable, values))}")
+    return found
+
+
+def _order(one: Point) -> tuple[Any, ...]:
+    setting = (one.setting.f_number, one.setting.focus_mm, one.setting.iso)
+    return one.plane, one.number, *(-1.0 if value is None else value for value in setting)
+
+
+def _number(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) else None
+
+
+def _mean_of_parts(parts: Sequence[Mapping[str, Any]]) -> tuple[float, float, str]:
+    """The mean of numbers of one photograph; their errors are correlated, so the uncertainty is the mean one."""
+    value = sum(one["value"] for one in parts) / len(parts)
+    return value, sum(one.get("uncertainty", 0.0) for one in parts) / len(parts), parts[0].get("unit", "1")
 
 
 def together(shots: Sequence[tuple[float, float, str]]) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""The sensor's tilt from photographs of a focus bracket to its record: measured, judged, written."""
+"""The sensor's tilt from a focus bracket: estimate and measurement."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from procedures.field.measuring import MeasuredFrames
 from procedures.outcome import BadParameter, Miss, Outcome, Refused, Verdict
@@ -18,7 +16,7 @@ from procedures.tilt.estimate import Tilt, TiltParameters, chart_slope, estimate
 from procedures.tilt.positions import behind_lens_um
 from procedures.tilt.screws import SURE
 from procedures.tilt.shim import shim_words
-from station.results.exports import csv_bytes
+from station.results.exports import csv_columns
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
@@ -29,40 +27,39 @@ SCHEMA = "station/tilt/1"
 def measure_tilt(
     measured: MeasuredFrames, plane: str, positions: Mapping[str, float], parameters: TiltParameters
 ) -> Outcome[Tilt]:
-    """The tilt from the nodes of all photographs whose position is known; refused where none gave any.
+    """The tilt from the nodes of photographs with known positions; refused where there are none.
 
     Parameters
     ----------
-    positions : mapping of photograph's name to position in mm
+    positions : mapping of names of photographs to positions in mm
     """
     bracket: dict[float, list[Node]] = {}
     for node in measured.nodes.get(plane, ()):
         if node.source in positions:
             bracket.setdefault(positions[node.source], []).append(node)
     if not bracket:
-        why = measured.misses[0] if measured.misses else None
-        reason = "none of the photographs whose position is told gives a PSF" + (f"; {why.reason}" if why else "")
-        return Outcome(None, Verdict.REFUSED, reason, why.remedy if why else "add names and positions to the table")
-    of = measured.planes[plane]
-    rows, columns = of.samples.shape
+        miss = measured.misses[0] if measured.misses else None
+        reason = "no photograph with a known position gives a PSF" + (f"; {miss.reason}" if miss else "")
+        return Outcome(None, Verdict.REFUSED, reason, miss.remedy if miss else "add names and positions to the table")
+    rows, columns = measured.planes[plane].samples.shape
     try:
-        return estimate_tilt(bracket, (int(rows), int(columns)), of.pitch, parameters)
+        return estimate_tilt(bracket, (int(rows), int(columns)), measured.planes[plane].pitch, parameters)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
 
 
-def noted_optics(first: Path, pitch_um: float | None, focal_length_mm: float | None) -> tuple[float, float | None]:
-    """Pixel pitch and focal length, as typed or as a photograph tells. Raises BadParameter where no pitch is told."""
+def known_optics(first: Path, pitch_um: float | None, focal_length_mm: float | None) -> tuple[float, float | None]:
+    """Pixel pitch and focal length, as given or from a photograph. Raises BadParameter without a pitch."""
     with open_file(first) as file:
-        noted = read_exposure(file)
-    pitch = pitch_um or noted.pixel_pitch_um
+        exposure = read_exposure(file)
+    pitch = pitch_um or exposure.pixel_pitch_um
     if pitch is None:
-        raise BadParameter("the pixel pitch is not known: the photographs do not tell it", "give --pixel-pitch-um")
-    return pitch, focal_length_mm or noted.focal_length_mm
+        raise BadParameter("the pixel pitch is required; the photographs do not contain it", "give --pixel-pitch-um")
+    return pitch, focal_length_mm or exposure.focal_length_mm
 
 
 def check_known(parameters: TiltParameters, positions: Mapping[str, float]) -> None:
-    """Raises BadParameter where something that the estimate of this bracket rests on is not known."""
+    """Raises BadParameter where an input of the estimate is missing."""
     chart_slope(list(positions.values()), parameters)
     nominal = () if parameters.nominal_mm is None else (parameters.nominal_mm,)
     for position in (*positions.values(), *nominal):
@@ -72,20 +69,18 @@ def check_known(parameters: TiltParameters, positions: Mapping[str, float]) -> N
 def tilt_measurement(
     head: RecordHead, plane: str, outcome: Outcome[Tilt], missed: Sequence[Miss] | None = None
 ) -> Measurement:
-    """The numbers, the screws and the table of the places."""
-    found = outcome.value
+    """The numbers, the screws and the table of the nodes."""
+    found, lost = outcome.value, tuple(missed) if missed else None
     if found is None:
-        return Measurement(SCHEMA, head, (PlaneResult.of_outcome(plane, outcome, pitch=0),), missed=_missed(missed))
-    result = PlaneResult.of_outcome(plane, outcome, numbers=found.numbers(), found=found, pitch=0, details=_told(found))
-    return Measurement(SCHEMA, head, (result,), files={"tilt.csv": csv_bytes(_places(found))}, missed=_missed(missed))
-
-
-def _missed(missed: Sequence[Miss] | None) -> tuple[Miss, ...] | None:
-    return tuple(missed) if missed else None
+        return Measurement(SCHEMA, head, (PlaneResult.of_outcome(plane, outcome, pitch=0),), missed=lost)
+    result = PlaneResult.of_outcome(
+        plane, outcome, numbers=found.numbers(), found=found, pitch=0, details=_details(found)
+    )
+    return Measurement(SCHEMA, head, (result,), files={"tilt.csv": _table(found)}, missed=lost)
 
 
 def screw_lines(found: Tilt) -> list[str]:
-    """Each screw with its move and turn, the shim, and whether to turn at all."""
+    """Move and turn of each screw, the shim, and whether a correction is worthwhile."""
     lines = []
     for number, (angle, move, turn) in enumerate(
         zip(found.screws.angles_deg, found.turns.moves, found.turns.turns, strict=True), 1
@@ -101,7 +96,7 @@ def screw_lines(found: Tilt) -> list[str]:
     return [*lines, *shim, f"these turns help with a probability of {helps:.2f}: {advice}"]
 
 
-def _told(found: Tilt) -> dict[str, Any]:
+def _details(found: Tilt) -> dict[str, Any]:
     sensor, turns = found.sensor, found.turns
     return {
         "helps": turns.helps,
@@ -117,8 +112,8 @@ def _told(found: Tilt) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _places(found: Tilt) -> list[list[str]]:
+def _table(found: Tilt) -> bytes:
     sensor = found.sensor
-    rows = np.column_stack([sensor.places_mm, sensor.heights_um, sensor.residuals_um, found.astigmatism])
-    head = ["x [mm]", "y [mm]", "height [um]", "residual [um]", "astigmatism [um]"]
-    return [head, *([f"{value:.6g}" for value in row] for row in rows)]
+    x, y = sensor.places_mm.T
+    columns = {"x [mm]": x, "y [mm]": y, "height [um]": sensor.heights_um, "residual [um]": sensor.residuals_um}
+    return csv_columns({**columns, "astigmatism [um]": found.astigmatism}, 6)

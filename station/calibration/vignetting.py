@@ -1,4 +1,4 @@
-"""Vignetting from files to results and back: flats are read, their record is written, and read by the exports."""
+"""Vignetting: measurement from flats, and stored results for exports."""
 
 from __future__ import annotations
 
@@ -7,23 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from procedures.outcome import BadInput, BadParameter, Miss, Outcome
 from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.arrays import LONGEST, checked_array, checked_number, read_npy
-from procedures.reading.guard import decoding
-from procedures.reading.text import read_json
 from procedures.vignetting.estimate import PlaneVignetting, estimate_vignetting
 from procedures.vignetting.formula import LightSurface
 from procedures.vignetting.joint import NAMES, JointFormula, joint_formula
 from station.calibration.folder_photographs import check_any, for_want, readable
+from station.calibration.stored_results import stored_record
 from station.common.progress import Progress, silent
-from station.results.exports import csv_bytes
+from station.results.exports import csv_columns
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead
-from station.results.result_files import RECORD, npy
+from station.results.result_files import npy
 
 SCHEMA = "station/vignetting/1"
 COVARIANCE = "vignetting_covariance.npy"
@@ -32,7 +29,7 @@ _GIVE = "name the folder that `station vignetting` wrote"
 
 @dataclass(frozen=True, eq=False)
 class Flats:
-    """What photographs of even light say: their paths with hashes, every plane's outcome, and what cannot be read."""
+    """Flats: paths with hashes, the outcome of every plane, and unreadable photographs."""
 
     inputs: tuple[tuple[Path, str], ...]
     planes: Mapping[str, Outcome[PlaneVignetting]]
@@ -41,94 +38,88 @@ class Flats:
 
 @dataclass(frozen=True, eq=False)
 class StoredVignetting:
-    """A plane's vignetting as its record tells: the light, and the centre (x, y) of the radial formula."""
+    """A plane's vignetting from a record: the light, and the centre (x, y) of the radial formula."""
 
     plane: str
     light: LightSurface
     centre: tuple[float, float]
 
 
-def measure_flats(paths: Sequence[Path], told: Progress = silent) -> Flats:
-    """Vignetting from those of the photographs of even light that can be read.
+def measure_flats(paths: Sequence[Path], progress: Progress = silent) -> Flats:
+    """Vignetting from the readable photographs of even light.
 
     Raises
     ------
     BadInput
-        If none can be, or they are not of one camera.
+        If none can be read, or they are not of one camera.
     """
     missed: list[Miss] = []
-    found = flats_of(_some(paths, missed), told)
-    planes = {name: for_want(one, missed, len(paths)) for name, one in found.planes.items()}
-    return Flats(found.inputs, planes, tuple(missed))
+    flats = flats_of(_readable_flats(paths, missed), progress)
+    planes = {name: for_want(one, missed, len(paths)) for name, one in flats.planes.items()}
+    return Flats(flats.inputs, planes, tuple(missed))
 
 
-def _some(paths: Sequence[Path], missed: list[Miss]) -> Iterator[RawFrame]:
-    """The photographs that can be read; raises BadInput at their end where there was none."""
+def _readable_flats(paths: Sequence[Path], missed: list[Miss]) -> Iterator[RawFrame]:
+    """The readable photographs. Raises BadInput at their end where there was none."""
     yield from readable(paths, read_frame, missed)
     check_any(missed, len(paths))
 
 
-def flats_of(frames: Iterable[RawFrame], told: Progress = silent) -> Flats:
-    """The same of photographs that are read one after the other."""
+def flats_of(frames: Iterable[RawFrame], progress: Progress = silent) -> Flats:
+    """Vignetting from photographs that are read one after the other."""
     flats: list[tuple[str, Mapping[str, Plane]]] = []
     inputs: list[tuple[Path, str]] = []
     for frame in frames:
         path = frame.path
-        if flats and _kind(frame.planes) != _kind(flats[0][1]):
+        if flats and _shapes(frame.planes) != _shapes(flats[0][1]):
             raise BadInput(
-                f"flats have the same planes and sizes; {path.name} has others than {inputs[0][0].name}",
+                f"flats must have the same planes and sizes; {path.name} and {inputs[0][0].name} differ",
                 "give photographs of one camera, in one format",
             )
         flats.append((path.name, frame.planes))
         inputs.append((path, frame.sha256))
-        told(path.name)
+        progress(path.name)
     return Flats(tuple(inputs), estimate_vignetting(flats))
 
 
-def _kind(planes: Mapping[str, Plane]) -> dict[str, tuple[int, ...]]:
+def _shapes(planes: Mapping[str, Plane]) -> dict[str, tuple[int, ...]]:
     return {name: plane.samples.shape for name, plane in planes.items()}
 
 
-def vignetting_measurement(found: Flats) -> Measurement:
+def vignetting_measurement(flats: Flats) -> Measurement:
     """Each plane's numbers and map, and the radial formulas of all planes with their one covariance."""
-    values = {name: one.value for name, one in found.planes.items() if one.value is not None}
-    together = joint_formula(values)
+    values = {name: one.value for name, one in flats.planes.items() if one.value is not None}
+    joint = joint_formula(values)
     formula = {
-        "planes": list(together.planes), "names": list(NAMES), "values": together.values.tolist(),
+        "planes": list(joint.planes), "names": list(NAMES), "values": joint.values.tolist(),
         "covariance": COVARIANCE,
     }  # fmt: skip
-    maps = {f"vignetting_{name}.csv": csv_bytes(_map_rows(value)) for name, value in values.items()}
-    head = RecordHead("vignetting", tuple(InputFile(str(path), sha256) for path, sha256 in found.inputs))
+    maps = {f"vignetting_{name}.csv": _map(value) for name, value in values.items()}
+    head = RecordHead("vignetting", tuple(InputFile(str(path), sha256) for path, sha256 in flats.inputs))
     return Measurement(
-        SCHEMA, head, tuple(_plane(name, one) for name, one in found.planes.items()), {"formula": formula},
-        {**maps, COVARIANCE: npy(together.covariance)}, found.missed,
+        SCHEMA, head, tuple(_plane(name, one) for name, one in flats.planes.items()), {"formula": formula},
+        {**maps, COVARIANCE: npy(joint.covariance)}, flats.missed,
     )  # fmt: skip
 
 
-def _map_rows(found: PlaneVignetting) -> list[list[str]]:
-    rows = np.column_stack([found.places, found.value, found.uncertainty])
-    return [["x", "y", "light", "uncertainty"], *([f"{value:.7g}" for value in row] for row in rows)]
+def _map(one: PlaneVignetting) -> bytes:
+    x, y = one.places.T
+    return csv_columns({"x": x, "y": y, "light": one.value, "uncertainty": one.uncertainty}, 7)
 
 
 def _plane(name: str, outcome: Outcome[PlaneVignetting]) -> PlaneResult:
-    found = outcome.value
-    if found is None:
+    one = outcome.value
+    if one is None:
         return PlaneResult.of_outcome(name, outcome, pitch=0)
-    light = found.surface.light
+    light = one.surface.light
     details = {
         "light": {"rows": light.shape[0], "columns": light.shape[1], "degree": light.degree,
                   "coefficients": light.coefficients.tolist()},
-        "centre": found.radial.centre.tolist(),
-        "diagnostics": {"scatter": found.surface.scatter, "structure": found.surface.structure,
-                        "left_out": found.surface.left_out, "slopes": found.surface.slopes.tolist()},
+        "centre": one.radial.centre.tolist(),
+        "diagnostics": {"scatter": one.surface.scatter, "structure": one.surface.structure,
+                        "left_out": one.surface.left_out, "slopes": one.surface.slopes.tolist()},
     }  # fmt: skip
-    return PlaneResult.of_outcome(name, outcome, numbers=found.numbers, found=found, pitch=0, details=details)
-
-
-def is_vignetting(result: Path) -> bool:
-    """Whether a result, a folder or its record, is of flats; raises BadInput where it is no record."""
-    told: dict[str, Any] = read_json(result / RECORD if result.is_dir() else result, _GIVE)
-    return told.get("procedure") == "vignetting"
+    return PlaneResult.of_outcome(name, outcome, numbers=one.numbers, found=one, pitch=0, details=details)
 
 
 def read_vignetting(result: Path) -> dict[str, StoredVignetting]:
@@ -139,34 +130,28 @@ def read_vignetting(result: Path) -> dict[str, StoredVignetting]:
     BadInput
         If there is no such result, or it has none.
     """
-    record = result / RECORD if result.is_dir() else result
-    told: dict[str, Any] = read_json(record, _GIVE)
-    with decoding(str(record), "a vignetting's result", _GIVE):
-        if told.get("procedure") != "vignetting":
-            raise BadInput(f"{record} is of {told.get('procedure', 'nothing known')}, not of flats", _GIVE)
-        found = {name: _stored(name, one) for name, one in told["planes"].items() if "light" in one}
-        if not found:
-            raise BadInput(f"{record} holds the light of no plane", "see its reasons; photograph the flats again")
-        return found
+    with stored_record(result, "vignetting", _GIVE) as stored:
+        planes = {name: _stored(name, one) for name, one in stored.data["planes"].items() if "light" in one}
+        if not planes:
+            raise BadInput(f"{stored.path} has the light of no plane", "see its reasons; photograph the flats again")
+        return planes
 
 
 def read_joint_formula(result: Path) -> JointFormula:
-    """The radial formulas of all planes of a result with their one covariance.
+    """The radial formulas of all planes of a result with their joint covariance.
 
     Raises
     ------
     BadInput
-        If there is no such result, or it is of an older version that does not tell it.
+        If there is no such result, or it is of an older version without a joint covariance.
     """
-    record = result / RECORD if result.is_dir() else result
-    read_vignetting(record)
-    told: dict[str, Any] = read_json(record, _GIVE)
-    if "formula" not in told:
-        raise BadInput(f"{record} does not tell what its numbers share", "measure the flats again with this version")
-    with decoding(str(record), "a vignetting's result", _GIVE):
-        planes = tuple(str(one) for one in told["formula"]["planes"])
-        count, table = len(NAMES) * len(planes), record.parent / COVARIANCE
-        values = checked_array(told["formula"]["values"], f"the formula's values in {record}", (count,), remedy=_GIVE)
+    read_vignetting(result)
+    with stored_record(result, "vignetting", _GIVE) as stored:
+        if (formula := stored.data.get("formula")) is None:
+            raise BadInput(f"{stored.path} has no joint covariance", "measure the flats again with this version")
+        planes = tuple(str(one) for one in formula["planes"])
+        count, table = len(NAMES) * len(planes), stored.path.parent / COVARIANCE
+        values = checked_array(formula["values"], f"the formula's values in {stored.path}", (count,), remedy=_GIVE)
         covariance = read_npy(table, "covariance", _GIVE)
         return JointFormula(planes, values, checked_array(covariance, str(table), (count, count), remedy=_GIVE))
 
@@ -182,9 +167,9 @@ def _stored(name: str, entry: Mapping[str, Any]) -> StoredVignetting:
     return StoredVignetting(name, LightSurface((rows, columns), degree, coefficients), (float(x), float(y)))
 
 
-def green_of(found: Mapping[str, StoredVignetting]) -> StoredVignetting:
-    """That of green, or the only one of a grey image; raises BadParameter where there is neither."""
+def green_of(planes: Mapping[str, StoredVignetting]) -> StoredVignetting:
+    """The vignetting of green, or of a grey image. Raises BadParameter where there is neither."""
     for name in ("G1", "G2", "Y"):
-        if name in found:
-            return found[name]
+        if name in planes:
+            return planes[name]
     raise BadParameter("vignetting of green is needed, which was refused", "photograph the flats again")

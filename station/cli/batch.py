@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from station.cli.psf.terms import jobs_option
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.common.errors import INTERRUPTED
@@ -21,21 +22,26 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from station.batch.item import ItemRow
-    from station.batch.procedure_file import Procedure
+    from station.batch.procedure_file import BatchProcedure
     from station.batch.run import Batch
     from station.calibration.folder_photographs import Item
 
 SOME_FAILED = 1
+ITEMS = {
+    "pair": "pairs", "scene": "pairs", "results": "pairs", "photograph": "photographs", "series": "photographs",
+    "several": "files",
+}  # fmt: skip
+"""Names of items by the procedure's inputs."""
 MOST_NAMED = 40
-"""Photographs that are not usable, on the screen; the files name them all."""
+"""Number of unusable photographs on the screen; the files list all."""
 
 
 @click.command("batch")
 @click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--procedure", "file", type=click.Path(path_type=Path), required=True, help="What to do, in TOML.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
-@click.option("--jobs", type=click.IntRange(1, 1024), help="Processes at a time.  [default: as many as cores]")
-@click.option("--cluster", metavar="ADDRESS|local", help="Share the work out by Dask (extra `cluster`).")
+@jobs_option
+@click.option("--cluster", metavar="ADDRESS|local", help="Distribute the work by Dask (extra `cluster`).")
 @click.option(
     "--cluster-tls",
     "tls",
@@ -70,16 +76,16 @@ def batch(
 ) -> None:
     """Measure all photographs in FOLDER... by any procedure, and compare the numbers with limits.
 
-    What was done before with the same procedure is not done again. The first Ctrl-C finishes what runs, the second
-    stops at once; what is done is kept.
+    Results of an earlier run with the same procedure are used again. The first Ctrl-C finishes the items in work, the
+    second stops at once; finished results are kept.
     """
     if tls is not None and not (cluster or "").startswith("tls://"):
         raise click.UsageError("--cluster-tls goes with --cluster tls://HOST:PORT")
     from station.batch.procedure_file import read_procedure
 
-    if cluster is not None:  # its workers may stand in other folders
+    if cluster is not None:  # its workers may run in other folders
         folders, out = tuple(folder.absolute() for folder in folders), out.absolute()
-    _say_who_can_connect(cluster)
+    _warn_of_open_cluster(cluster)
     procedure = read_procedure(file)
     limits = {} if memory_mb is None else {"memory_bytes": memory_mb * 1_000_000}
     carry_out(
@@ -89,7 +95,7 @@ def batch(
 
 
 def carry_out(
-    procedure: Procedure,
+    procedure: BatchProcedure,
     folders: tuple[Path, ...],
     out: Path,
     *,
@@ -102,32 +108,35 @@ def carry_out(
     time_s: float = 3600,
     memory_bytes: int | None = None,
 ) -> None:
-    """Run a batch, tell it as it goes, and leave with its exit code."""
+    """Run a batch, report its progress, and exit with its code."""
     from station.batch.allowance import Allowance
     from station.batch.item import Job, finished
-    from station.batch.procedure_file import SERIES
     from station.batch.process_pool import Stop
     from station.batch.run import run_batch
     from station.common.stop_signals import guarded
 
     items = _items(folders, out, procedure)
-    what = {"pair": "pairs", "results": "pairs", "photograph": "photographs", "several": "files"}
-    log("found", f"found {len(items)} {what.get(procedure.inputs, 'folders')}", items=len(items))
+    words = ITEMS.get(procedure.procedure.inputs, "folders")
+    log("found", f"found {len(items)} {words}", items=len(items))
     jobs = jobs or os.cpu_count() or 1
     fair = Allowance.fair(min(jobs, len(items)))
     allowance = Allowance(memory_bytes or fair.memory_bytes, time_s)
     job, stop = Job(procedure, out, finished(out), reports), Stop()
-    with guarded(lambda: None, lambda: _ask(stop), terminated=INTERRUPTED), _heard(len(items)) as heard, _stopped(out):
+    with (
+        guarded(lambda: None, lambda: _ask(stop), terminated=INTERRUPTED),
+        _reporter(len(items)) as report,
+        _stopped(out),
+    ):
         done, text = run_batch(
-            items, job, jobs=jobs, cluster=cluster, allowance=allowance, tls=tls, stop=stop, heard=heard, force=forced()
-        )
+            items, job, jobs=jobs, cluster=cluster, allowance=allowance, tls=tls, stop=stop, report=report,
+            force=forced(),
+        )  # fmt: skip
     if as_json:
         click.echo(text, nl=False)
     else:
         _show(done)
     log("written", f"wrote {out / 'summary.csv'}", path=str(out / "summary.csv"))
-    if procedure.name == SERIES:
-        _tell_series(done)
+    _summarise(done)
     if stop.asked:
         log("interrupted", f"interrupted; {done.undone} were not begun", level="error", undone=done.undone)
         raise click.exceptions.Exit(INTERRUPTED)
@@ -135,57 +144,52 @@ def carry_out(
         raise click.exceptions.Exit(SOME_FAILED)
 
 
-def _tell_series(done: Batch) -> None:
-    """Write the series' table and page; tell the best aperture of each plane, and what does not belong together."""
-    from station.batch.series import best_of, several, write_series
+def _summarise(done: Batch) -> None:
+    """Write the procedure's own summary of the batch, if it has one."""
+    from station.common.atomic_files import write_whole
 
-    for words in several(done.rows):
+    procedure = done.job.procedure.procedure
+    found = procedure.summary(done.rows)
+    if found is None:
+        return
+    for words in found.warnings:
         log("several", words, level="warning", remedy="make a series of each by itself")
-    for path in write_series(done.job.out, done.rows):
-        log("written", f"wrote {path}", path=str(path))
-    for one in best_of(done.rows):
-        log("best", one.words, plane=one.plane, f_number=one.f_number, confidence=one.confidence)
+    for name, data in found.files.items():
+        write_whole(done.job.out / name, data)
+        log("written", f"wrote {done.job.out / name}", path=str(done.job.out / name))
+    for line in found.lines:
+        log(procedure.name, line)
 
 
-def _say_who_can_connect(cluster: str | None) -> None:
+def _warn_of_open_cluster(cluster: str | None) -> None:
     from station.batch.dask_pool import LOCAL, OPEN, has_tls
 
     if cluster == LOCAL and not has_tls():
         log("cluster", OPEN, level="warning", remedy="install the package cryptography, or leave --cluster out")
 
 
-def _items(folders: tuple[Path, ...], out: Path, procedure: Procedure) -> list[Item]:
-    from station.batch.procedure_file import RESTORE
-    from station.calibration.folder_photographs import (
-        PHOTOGRAPHS,
-        Item,
-        by_folder,
-        find_frames,
-        in_pairs,
-        in_rows,
-        singly,
-        unread,
-    )
+def _items(folders: tuple[Path, ...], out: Path, batch: BatchProcedure) -> list[Item]:
+    from station.batch.procedure_file import IN_PAIRS
+    from station.calibration.folder_photographs import Item, by_folder, find_frames, in_pairs, in_rows, singly, unread
     from station.procedure.base import Inputs
 
     missed: list[Item] = []
-    suffixes = PHOTOGRAPHS if procedure.settings is None else procedure.measuring.suffixes
+    procedure = batch.procedure
+    suffixes, inputs = procedure.suffixes, procedure.inputs
     frames = find_frames(folders, out, lambda folder, error: missed.append(unread(folder, error)), suffixes)
-    if procedure.pairs is not None:
-        return in_rows(frames, procedure.pairs, most=None if procedure.name == RESTORE else 2) + missed
-    if procedure.inputs in (Inputs.PAIR, Inputs.RESULTS):
-        return _without_records(in_pairs(frames, procedure.endings), procedure) + missed
-    if procedure.inputs is Inputs.FOLDER:
+    if batch.pairs is not None:
+        return in_rows(frames, batch.pairs, most=None if inputs is Inputs.SCENE else 2) + missed
+    if inputs in IN_PAIRS:
+        return _without_files(in_pairs(frames, batch.endings), batch) + missed
+    if inputs is Inputs.FOLDER:
         return [Item(tuple(find_frames([folder], out, suffixes=suffixes))) for folder in folders] + missed
-    return (by_folder(frames) if procedure.inputs is Inputs.PHOTOGRAPHS else singly(frames)) + missed
+    return (by_folder(frames) if inputs is Inputs.PHOTOGRAPHS else singly(frames)) + missed
 
 
-def _without_records(items: list[Item], procedure: Procedure) -> list[Item]:
-    """The items but for files that others of them are restored with, as ground truths that lie beside their pairs."""
-    if procedure.restoration is None:
-        return items
+def _without_files(items: list[Item], batch: BatchProcedure) -> list[Item]:
+    """The items except files that others are measured with, as ground truths beside their pairs."""
     pairs = [one for one in items if not one.trouble]
-    used = {file for one in pairs for file in procedure.restoration.placed(procedure.folder, one.paths).files}
+    used = {file for one in pairs for file in batch.procedure.files(one.paths, batch.settings)}
     return [one for one in items if not (one.trouble and used.issuperset(one.paths))]
 
 
@@ -204,15 +208,15 @@ def _stopped(out: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _heard(total: int) -> Iterator[Callable[[ItemRow], None]]:
-    """Tells every row as it comes, with rate and time left: a bar where a person watches, lines otherwise."""
+def _reporter(total: int) -> Iterator[Callable[[ItemRow], None]]:
+    """Report every row with rate and remaining time: a bar on a terminal, lines otherwise."""
     import time
 
     from station.common.progress import StepRate, bar
 
     rate = StepRate(total, time.monotonic)
 
-    def tell(row: ItemRow) -> None:
+    def report(row: ItemRow) -> None:
         left = rate.step()
         level = "info" if row.sure else "warning"
         words = f"{rate.done} of {total}, {left}: {_sentence(row)}"
@@ -225,7 +229,7 @@ def _heard(total: int) -> Iterator[Callable[[ItemRow], None]]:
         with bar(total) as progress:
             yield lambda row: progress(f"{rate.step()}  {_sentence(row)}")
     else:
-        yield tell
+        yield report
 
 
 def _sentence(row: ItemRow) -> str:
@@ -241,7 +245,7 @@ def _sentence(row: ItemRow) -> str:
 
 
 def _show(done: Batch) -> None:
-    """The planes' statistics, what is wrong with which photograph, and the counts, on stdout."""
+    """Print the planes' statistics, the failed photographs with their reasons, and the counts."""
     from rich.console import Console
 
     from station.results.verdict_words import measurement_words
@@ -289,16 +293,12 @@ def _wrong(done: Batch) -> Table:
     from station.common.sanitise import printable
     from station.results.verdict_words import measurement_words
 
-    photograph = Column("photograph", overflow="fold")  # its end tells it from the others
+    photograph = Column("photograph", overflow="fold")  # names differ at their ends
     heads = (photograph, "measurement", "specification", "why")
     table = Table(*heads, box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False)
     for row in done.failed[:MOST_NAMED]:
         why = "; ".join(words for words in (row.reason, row.against) if words)
         words = printable(" + ".join(row.files)), printable(why)
-        table.add_row(
-            escape(words[0]),
-            f"[{TERMINAL_COLOURS['fail']}]{measurement_words(row.verdict)}[/]",
-            row.specification,
-            escape(words[1]),
-        )
+        verdict = f"[{TERMINAL_COLOURS['fail']}]{measurement_words(row.verdict)}[/]"
+        table.add_row(escape(words[0]), verdict, row.specification, escape(words[1]))
     return table

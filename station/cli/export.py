@@ -127,14 +127,15 @@ def _export_dng(
     from procedures.reading.guard import read_file
     from station.calibration.exports.dng import export_dng
     from station.calibration.exports.geometry import read_camera
-    from station.calibration.vignetting import green_of, is_vignetting, read_vignetting
+    from station.calibration.stored_results import procedure_of
+    from station.calibration.vignetting import green_of, read_vignetting
     from station.common.atomic_files import write_whole
 
     if photo is None:
         raise BadParameter("a DNG's opcodes are written into a copy of a photograph; none was named", "give --photo")
     if out.exists() and out.samefile(photo):
         raise BadParameter(f"{out} is the photograph itself, which is not changed", "name another file for the copy")
-    of_light = is_vignetting(result)
+    of_light = procedure_of(result, "name a result of station geometry or station vignetting") == "vignetting"
     stored = None if of_light else read_camera(result, plane)
     light = result if of_light else vignetting
     data = read_file(photo)

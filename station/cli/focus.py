@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from procedures.numbers import EDGE_MTF50, S_OVER_T
-from station.cli.psf.planes import chart_options, chart_source
 from station.cli.psf.terms import plane_name
 from station.cli.terminal.bench_options import existing_file
 from station.cli.terminal.inherited import inherited
@@ -37,7 +36,8 @@ BAR = 30
 @inherited(
     "--simulated-seed", inherits="--seed", type=SEED, default=0, show_default=True, help="Of the simulated bench."
 )
-@chart_options
+@click.option("--bits", type=click.Path(path_type=Path), help="The chart's 256 x 256 cells as a grey image.")
+@click.option("--seed", type=SEED, help="The chart's seed; 1 if neither this nor --bits is given.")
 @click.option("-s", "s", type=click.IntRange(2, 16), default=4, show_default=True, help="PSF samples per pixel.")
 @click.option("-k", "k", type=click.IntRange(3, 101), default=17, show_default=True, help="PSF samples along a side.")
 @click.option("--plane", callback=plane_name, help="R, G1, G2, B or Y.  [default: G1 of a RAW file, Y of a grey image]")
@@ -70,6 +70,7 @@ def focus(
         raise click.UsageError(f"k must be odd; got {k}")
     from procedures.pattern_psf.estimate import PatternParameters
     from station.guide.focus.live import LiveFocus, PhotographSource
+    from station.procedure.base import chart_source
 
     ended = threading.Event()
     live = LiveFocus(chart_source(bits, seed).chart, PatternParameters(s, k, chosen=True), equal_steps)
@@ -77,7 +78,7 @@ def focus(
     seen = None
     with _frames(source, ended, folder, config, simulated_seed) as coming:
         for frame in coming:
-            seen = live.see(frame)
+            seen = live.measure(frame)
             click.echo(json.dumps(entry(seen)) if as_json else line(seen))
             if seen.number == frames:
                 break
@@ -115,10 +116,10 @@ def line(seen: FocusReading) -> str:
     """A photograph for people: its number, its sharpness with a bar, and what to do."""
     from station.common.sanitise import printable
 
-    found = seen.found.value
+    found = seen.sharpness.value
     name = printable(seen.frame.path.name)
     if found is None:
-        return f"{seen.number:3}  {name}: {seen.found.reason}; {seen.found.remedy}"
+        return f"{seen.number:3}  {name}: {seen.sharpness.reason}; {seen.sharpness.remedy}"
     one, (difference, error) = found.mtf50, found.astigmatism
     bar = "#" * round(BAR * one.value / max(score for score in seen.scores if score == score))
     return (
@@ -145,7 +146,7 @@ def summary(seen: FocusReading) -> str:
 
 def entry(seen: FocusReading) -> dict[str, Any]:
     """A photograph for programs."""
-    found, peak = seen.found.value, seen.peak
+    found, peak = seen.sharpness.value, seen.peak
     numbers = (
         {EDGE_MTF50: found.mtf50, "mtf50_rows": found.along_rows, "mtf50_columns": found.along_columns} if found else {}
     )
@@ -156,10 +157,10 @@ def entry(seen: FocusReading) -> dict[str, Any]:
     return {
         "number": seen.number,
         "path": str(seen.frame.path),
-        "verdict": str(seen.found.verdict),
-        "reason": seen.found.reason,
-        "remedy": seen.found.remedy,
-        **other_causes_entry(seen.found),
+        "verdict": str(seen.sharpness.verdict),
+        "reason": seen.sharpness.reason,
+        "remedy": seen.sharpness.remedy,
+        **other_causes_entry(seen.sharpness),
         **told,
         S_OVER_T: found.s_over_t if found else None,
         "best": seen.best,

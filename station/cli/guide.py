@@ -24,7 +24,7 @@ from station.results.comparison import Judged
 from station.results.terms import specification_verdict
 
 if TYPE_CHECKING:
-    from station.guide.workspace import Running
+    from station.guide.run import Run
 
 
 def run_plain(
@@ -52,7 +52,7 @@ def run_plain(
     raise click.exceptions.Exit(conduct(lab, operator, lambda: _begin(lab, plan or DEFAULT, operator)))
 
 
-def conduct(lab: StationLab, operator: Watched, begin: Callable[[], Running]) -> int:
+def conduct(lab: StationLab, operator: Watched, begin: Callable[[], Run]) -> int:
     """Begin a run and carry it out; signals and faults stop the bench. What the program is to return."""
     stop = StopBefore(lab, operator)
     try:
@@ -88,7 +88,7 @@ class StopBefore:
             raise Stopped
 
 
-def _begin(lab: StationLab, plan: str, operator: LineOperator) -> Running:
+def _begin(lab: StationLab, plan: str, operator: LineOperator) -> Run:
     """A new session, named after camera and lens. Raises Stopped."""
     check_plan(plan)
     camera, lens = (

@@ -15,7 +15,13 @@ NARROWEST, WIDEST = 40, 100
 
 @click.command("manual")
 @click.argument("topic", required=False)
-@click.option("--html", "folder", type=click.Path(path_type=Path), metavar="DIR", help="Write all pages for a browser.")
+@click.option(
+    "--html",
+    "folder",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write all pages for a browser, those with Python as notebooks too.",
+)
 @click.option(
     "--schemas", type=click.Path(path_type=Path), metavar="DIR", help="Write the JSON schemas of all records."
 )
@@ -70,13 +76,13 @@ def _numbers(context: click.Context) -> str:
     """All numbers, and the diagnostics behind verdicts."""
     from procedures.numbers import reference_text
     from procedures.pattern_psf.diagnostics import Diagnostics
-    from procedures.two_photo.diagnostics import Diagnostics as OfPair
-    from procedures.two_photo.likeness import Likeness, NearLook
+    from procedures.two_photo.diagnostics import PairDiagnostics
+    from procedures.two_photo.pair_consistency import NearSpectrum, PairConsistency
     from station.manual.field_reference import fields_text
 
-    tables = {"Diagnostics of the chart": Diagnostics, "Diagnostics of two photographs": OfPair}
+    tables = {"Diagnostics of the chart": Diagnostics, "Diagnostics of two photographs": PairDiagnostics}
     diagnostics = fields_text(
-        {**tables, "Likeness of two photographs": Likeness, "The near photograph by itself": NearLook}
+        {**tables, "Consistency of two photographs": PairConsistency, "Spectrum of the near photograph": NearSpectrum}
     )
     return f"{reference_text()}\n{diagnostics}"
 

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from station.cli.psf.planes import (
+from station.cli.psf.terms import (
     certificate_option,
-    finish,
+    jobs_option,
     overlay_option,
-    read_overlays,
-    tell_misses,
-    tell_result,
+    specification_option,
+    terms_of,
+    terms_options,
 )
-from station.cli.psf.terms import specification_option, terms_of, terms_options
+from station.cli.result_log import finish, log_result
 from station.cli.terminal.force import force_option, forced
 from station.cli.terminal.numbers import Number
 from station.cli.terminal.progress import progress
@@ -38,6 +38,8 @@ ARGUMENTS: dict[Inputs, tuple[str, int]] = {
     Inputs.PAIR: ("A B", 2),
     Inputs.PHOTOGRAPHS: ("PHOTO...", -1),
     Inputs.FOLDER: ("FOLDER", 1),
+    Inputs.SCENE: ("IMAGES...", -1),
+    Inputs.SERIES: ("FOLDER", 1),
     Inputs.SEVERAL: ("PHOTO...", -1),
     Inputs.RESULTS: ("FIRST SECOND", 2),
 }
@@ -62,15 +64,16 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
         chosen = {name: value for name, value in typed.items() if value is not None and value != ()}
         chosen |= {one.name: one.kind(chosen[one.name]) for one in settings if one.choices and one.name in chosen}
         paths = [photographs] if count == 1 else list(photographs)
-        _measure(procedure, paths, chosen, given)
+        run = _run_batch if procedure.inputs is Inputs.SERIES else _measure
+        run(procedure, paths, chosen, given)
 
     command: Any = click.pass_context(lambda context, **given: measure(**given))
     options = [
         click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
         *([click.option("--report/--no-report", default=procedure.usual_page, show_default=True,
                         help=f"Write {procedure.page_name} too, for people.")] if procedure.has_page else []),
-        certificate_option,
-        *([overlay_option] if procedure.has_mtf else []),
+        *([jobs_option] if procedure.inputs is Inputs.SERIES else [certificate_option]),
+        *([overlay_option] if procedure.has_mtf and procedure.inputs is not Inputs.SERIES else []),
         click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout too."),
         log_json_option,
     ]  # fmt: skip
@@ -83,13 +86,39 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
         "photographs", type=click.Path(path_type=Path), nargs=count, required=True,
         metavar=procedure.argument or metavar,
     )  # fmt: skip
-    return click.command(procedure.name, help=procedure.help)(argument(command))
+    return click.command(procedure.name, cls=ListCommand, help=procedure.help)(argument(command))
+
+
+class ListCommand(click.Command):
+    """A command whose options of several texts also accept them as `--shape FILE1 FILE2` before the next option."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Repeat the option before each further value, at most one for each photograph."""
+        lists = {
+            name
+            for one in self.params
+            if isinstance(one, click.Option) and one.multiple and one.type is click.STRING
+            for name in one.opts
+        }
+        most = max(2, next((n for n, arg in enumerate(args) if arg.startswith("-")), len(args)))
+        spelled: list[str] = []
+        count, option = 0, ""
+        for arg in args:
+            if arg.startswith("-"):
+                count, option = 0, arg if arg in lists else ""
+            elif option and count < most:
+                spelled += [option] if count else []
+                count += 1
+            spelled.append(arg)
+        return super().parse_args(ctx, spelled)
 
 
 def _option(one: SettingField) -> Any:
     """A setting as an option; if it is not given, the default of the model applies."""
     flags = [one.option, one.name]
     shown = f"{one.description}  [default: {one.default}]" if one.default not in (None, False, ()) else one.description
+    if one.kind is bool and one.default is None:
+        return click.option(f"{one.option}/--no-{one.option.removeprefix('--')}", one.name, default=None, help=shown)
     if one.kind is bool:
         return click.option(*flags, is_flag=True, default=None, help=one.description)
     return click.option(
@@ -136,6 +165,17 @@ def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str,
         raise click.exceptions.Exit(FAILED_ITEMS)
 
 
+def _run_batch(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]) -> None:
+    """Measure the photographs of a folder as a batch."""
+    from station.batch.procedure_file import BatchProcedure
+    from station.cli.batch import carry_out
+
+    terms, settings = terms_of(given), read_settings(procedure.Settings, chosen)
+    settings.check()
+    batch = BatchProcedure(procedure, settings, terms)
+    carry_out(batch, (*paths,), given["out"], jobs=given["jobs"], reports=given["report"], as_json=given["as_json"])
+
+
 def _results(
     procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]
 ) -> Iterator[tuple[Sequence[PlaneResult], str, bool]]:
@@ -144,10 +184,12 @@ def _results(
     from station.results.measurement import write_measurement
     from station.results.result_files import ResultFolder
 
-    out, terms, overlays = given["out"], terms_of(given), read_overlays(given.get("overlays", ()))
+    out, terms, overlays = given["out"], terms_of(given), given.get("overlays", ())
     settings = read_settings(procedure.Settings, chosen)
+    settings.check()
+    overlays = procedure.read_overlays(overlays, terms)
     if procedure.inputs is Inputs.PHOTOGRAPHS:
-        paths = [path for one in paths for path in (photographs(one) if one.is_dir() else [one])]
+        paths = [path for one in paths for path in ([one] if one.is_file() else photographs(one))]
     with progress(procedure.steps(paths)) as shown:
         results = procedure.measurements(paths, settings, terms, shown)
         for place in procedure.places(paths):
@@ -162,7 +204,7 @@ def _results(
                     _certify(folder, procedure, found)
                 text = write_measurement(folder, found)
             report(procedure, found, out / place / "result.json")
-            yield found.planes, text, bool(found.missed)
+            yield found.planes, text, bool(procedure.missed(found))
 
 
 def _certify(folder: Any, procedure: Procedure[Any], found: Measurement) -> None:
@@ -173,9 +215,10 @@ def _certify(folder: Any, procedure: Procedure[Any], found: Measurement) -> None
 
 def report(procedure: Procedure[Any], found: Measurement, written: Path) -> None:
     """Log unusable photographs, every plane with its numbers, and the files written."""
-    tell_misses(found.missed or ())
+    for miss in procedure.missed(found):
+        log("missed", str(miss), level="warning", remedy=miss.remedy)
     for one in found.planes:
-        tell_result(one)
+        log_result(one)
     for line in procedure.lines(found):
         log(procedure.name, line)
     log("written", f"wrote {written}", path=str(written))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from pathlib import Path
 
 LONGEST_STEM = 48
@@ -17,9 +18,12 @@ def encodable(text: str) -> str:
 
 
 def printable(text: object) -> str:
-    r"""One printable line: line ends and control characters become `\n`, `\x1b`."""
+    r"""One printable line: line ends and control characters become `\n`, `\x1b`; spaces of any width stay."""
     return "".join(
-        letter if letter.isprintable() else letter.encode("unicode_escape").decode() for letter in encodable(str(text))
+        letter
+        if letter.isprintable() or unicodedata.category(letter) == "Zs"
+        else letter.encode("unicode_escape").decode()
+        for letter in encodable(str(text))
     )
 
 

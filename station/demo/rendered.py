@@ -29,7 +29,7 @@ from station.common.versions import software
 from station.demo.render_films import passes, render_film
 from station.demo.rendered_depth import DepthPlan, RestoredDepth, depth_entry, depth_row, restored_depth
 from station.demo.rendered_depth import steps as depth_steps
-from station.drawing.linear_pictures import display_png
+from station.drawing.pictures import display_png
 from station.reports.ray_page import RenderRow, StripRow, ray_page
 from station.results.result_files import ResultFolder, write_record
 

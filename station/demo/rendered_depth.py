@@ -30,7 +30,7 @@ from simulators.rays.path_tracer import ThinLensCamera, blur_diameter_px, depth_
 from simulators.rays.ray_scenes import leaves_in_depth
 from station.common.progress import Progress, silent
 from station.demo.render_films import passes, render_film
-from station.drawing.linear_pictures import display_png
+from station.drawing.pictures import display_png
 from station.reports.ray_page import StripRow
 from station.results.result_files import ResultFolder, npy
 

@@ -1,1 +1,1 @@
-"""How things are drawn, for pages and for terminals: style, pictures, curves in characters. Knows no result folder."""
+"""Drawing for pages and terminals: style, pictures, curves in characters. Independent of result folders."""

@@ -1,4 +1,4 @@
-"""Numbers that are read from across a room, in letters of 3 x 5 points."""
+"""Numbers legible from a distance, in letters of 3 x 5 points."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ GLYPHS = {
 }  # fmt: skip
 ROWS = 5
 ACROSS = 2
-"""Characters to a point: they are about twice as high as wide."""
+"""Characters per point, which are about twice as high as wide."""
 
 
 def big_lines(text: str, width: int, height: int, ink: str) -> list[str]:
-    """The text in large letters drawn with `ink`, as large as `width` x `height` characters take; else as it is.
+    """The text in letters drawn with `ink`, as large as fits into `width` x `height` characters; else unchanged.
 
-    Raises KeyError for what is neither digit, point, sign, question mark nor space.
+    Raises KeyError for characters without a glyph.
     """
-    rows = [" ".join(GLYPHS[one].split()[row] for one in text) for row in range(ROWS)]
+    rows = [" ".join(GLYPHS[letter].split()[row] for letter in text) for row in range(ROWS)]
     points = len(rows[0])
     scale = min(width // (ACROSS * points), height // ROWS) if points else 0
     if scale < 1:
         return [text[:width]]
     wide = ACROSS * scale
-    drawn = ["".join((ink if point == "#" else " ") * wide for point in row).rstrip() for row in rows]
-    return [line for line in drawn for _ in range(scale)]
+    lines = ["".join((ink if point == "#" else " ") * wide for point in row).rstrip() for row in rows]
+    return [line for line in lines for _ in range(scale)]

@@ -1,6 +1,6 @@
-"""Every colour that is drawn or printed: in figures, on pages and certificates, in terminals.
+"""All colours of figures, pages, certificates and terminals.
 
-Figures have a softer ink than text, which is read at smaller sizes.
+The ink of figures is softer than that of text, which is smaller.
 """
 
 from __future__ import annotations
@@ -9,21 +9,21 @@ from __future__ import annotations
 
 INK, FAINT = "#2b3036", "#9aa3ad"
 MARK = "#ff8c1a"
-"""What was found in a picture."""
+"""Of detected features in a picture."""
 ALONG = {"horizontal": "#1f5fa8", "vertical": "#c4541a"}
 LIMIT_COLOUR = "#6b4c9a"
-"""The diffraction limit."""
+"""Of the diffraction limit."""
 PLANE_COLOURS = {"R": "#c0392b", "G1": "#1e8449", "G2": "#7dbb42", "B": "#2e6fbf", "Y": "#444444"}
 SERIES = (INK, *ALONG.values(), PLANE_COLOURS["G1"], "#8e44ad", "#b8860b")
-"""Curves of one frame, the first of which is drawn first."""
+"""Of the curves of one frame, in order."""
 
 # --- text --------------------------------------------------------------------------------------------------------
 
 TEXT, SOFT = "#1d2329", "#59636e"
 RULE, FAINT_RULE = "#dfe3e8", "#eef0f2"
-"""Of lines, and of those between the rows of a table."""
+"""Of rules, and of those between the rows of a table."""
 PAPER, GROUND = "#ffffff", "#f4f6f8"
-"""Of pages, and of what they lie on."""
+"""Of pages, and of their background."""
 LINK = ALONG["horizontal"]
 PASS, DOUBTFUL, REFUSED = "#1a7f4b", "#a86400", "#b3261e"
 VERDICT_COLOURS = {
@@ -31,11 +31,11 @@ VERDICT_COLOURS = {
     **dict.fromkeys(("doubtful", "undecided"), DOUBTFUL),
     **dict.fromkeys(("refused", "fail", "does not meet"), REFUSED),
 }
-"""Of both kinds of verdict."""
+"""Of the verdicts on measurements and specifications."""
 
 # --- terminals ---------------------------------------------------------------------------------------------------
 
 TERMINAL_COLOURS = {"pass": "green", "doubtful": "yellow", "left out": "yellow", "refused": "red", "fail": "red"}
-"""Names that every terminal gives a colour of its own."""
+"""Names of terminal colours by verdict."""
 MARK_TEXT, MARK_GROUND = "black", "yellow"
-"""A mark in a thumbnail, and what it stands on."""
+"""Of a mark in a thumbnail, and of its background."""

@@ -1,4 +1,4 @@
-"""A curve that explains a choice, as lines of a terminal: drawn, said, and as a table."""
+"""A curve that explains a choice, as lines of a terminal: plot, sentence and table."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from procedures.plan import Diagram
 from station.drawing.terminal_plots import TerminalCurve, TerminalFrame, plot
 
 Plotted = Callable[[int, int, bool], list[str]]
-"""Lines of so many characters, so many of them, in ASCII or not."""
+"""Lines for a width, a height, and whether in ASCII."""
 MARGIN = 0.2
-"""Above and below a curve, as a share of its height."""
+"""Above and below a curve, as a fraction of its height."""
 WIDTH, HEIGHT = 64, 11
-"""Of the drawing, in characters."""
+"""Of the plot, in characters."""
 
 
 def drawn(diagram: Diagram, width: int, height: int, ascii: bool) -> list[str]:
-    """The curve alone, from zero up."""
+    """The curve alone, from zero upwards."""
     x, y = np.array(diagram.x), np.array(diagram.y)
     frame = TerminalFrame((float(x[0]), float(x[-1])), (0.0, 1.05 * float(y.max())), diagram.label)
     return plot([TerminalCurve(x, y), TerminalCurve(x, y, letter="o", points=True)], frame, width, height, ascii=ascii)
 
 
 def trend(places: Sequence[float], scores: Sequence[float], label: str, best: float | None = None) -> Plotted:
-    """Scores so far over their places, each as a point, NaN left out; `best` as a dashed level."""
+    """Scores over their places, each as a point, without NaN; `best` as a dashed level."""
     order = np.argsort(np.array(places, dtype=float), kind="stable")
     x, y = np.array(places, dtype=float)[order], np.array(scores, dtype=float)[order]
     known = y[np.isfinite(y)]
@@ -41,12 +41,18 @@ def trend(places: Sequence[float], scores: Sequence[float], label: str, best: fl
 
 
 def diagram_lines(diagram: Diagram, *, ascii: bool) -> list[str]:
-    """All of it."""
-    said = textwrap.wrap(diagram.say, width=96)
-    return [*drawn(diagram, WIDTH, HEIGHT, ascii), "", *said, *([""] if diagram.rows else []), *_table(diagram.rows)]
+    """Plot, sentence and table."""
+    sentence = textwrap.wrap(diagram.say, width=96)
+    return [
+        *drawn(diagram, WIDTH, HEIGHT, ascii),
+        "",
+        *sentence,
+        *([""] if diagram.rows else []),
+        *_table(diagram.rows),
+    ]
 
 
 def _table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """The rows, columns as wide as their widest entry, set to the right."""
+    """The rows, right-aligned in columns."""
     widths = [max(len(entry) for entry in column) for column in zip(*rows, strict=True)]
     return ["  ".join(f"{entry:>{width}}" for entry, width in zip(row, widths, strict=True)) for row in rows]

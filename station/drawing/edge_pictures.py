@@ -1,4 +1,4 @@
-"""A picture of measured edges for people: where each lies, its spread function, its MTF with a 95 % band."""
+"""Picture of measured edges: position, edge spread function, MTF with a 95 % band."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from station.drawing.colours import FAINT, INK, MARK
 from station.drawing.style import CONFIDENT, STYLE, axes_grid
 
 SHOWN = 6
-"""Edges drawn; a result's record and table have all."""
+"""Edges drawn; record and table contain all."""
 ROW_IN = 2.9
-"""Height of a line, in inches."""
+"""Height of a row, in inches."""
 
 
 def edge_picture(plane: Plane, edges: Sequence[EdgeOutcome], unit: str = "cycles/pixel", factor: float = 1.0) -> bytes:
-    """A PNG with one line for each measured edge, the best first; `factor` is one cycle per pixel in the unit."""
+    """A PNG with a row for each measured edge, the best first; `factor` is one cycle per pixel in the unit."""
     shown = [(one.value, one.verdict) for one in edges if one.value is not None][:SHOWN]
     figure, axes = axes_grid(
         10, ROW_IN * len(shown), len(shown), 3, rim_in=(0.5, 0.15, 0.5, 0.3), wspace=0.22, hspace=0.8 / (ROW_IN - 0.8)

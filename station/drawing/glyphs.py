@@ -1,20 +1,17 @@
-"""Which characters a terminal can be trusted with, and how strings from outside are shown as what they are."""
+"""Characters for states and bars, by the capabilities of the terminal."""
 
 from __future__ import annotations
 
-import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 LIMITED_TERMINALS = ("dumb", "vt", "linux", "ansi", "xterm-mono")
-"""Beginnings of TERM whose fonts lack more than ASCII and a few lines."""
-HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
-"""Unicode categories that steer a terminal, turn writing round, or show nothing."""
+"""Beginnings of TERM with fonts that lack more than ASCII and a few lines."""
 
 
 @dataclass(frozen=True)
 class Glyphs:
-    """The marks of states and bars; each stands beside a word or a shape, so that colour is never needed."""
+    """Marks of states and bars; each accompanies a word or a shape, so that colour is never required."""
 
     ascii: bool
     done: str
@@ -27,7 +24,7 @@ class Glyphs:
     plus_minus: str
 
     def spelt(self, text: str) -> str:
-        """A number with its signs, in characters that the terminal has."""
+        """A number with its signs, in characters of the terminal."""
         return text.replace("±", self.plus_minus).replace("°", " deg") if self.ascii else text
 
 
@@ -40,12 +37,3 @@ def glyphs_for(environ: Mapping[str, str], encoding: str) -> Glyphs:
     limited = environ.get("TERM", "").startswith(LIMITED_TERMINALS)
     unicode = encoding.lower().replace("-", "").startswith("utf")
     return ASCII if "NO_COLOR" in environ or limited or not unicode else UNICODE
-
-
-def visible(text: str) -> str:
-    """The same text on one line, with every character that is not seen as itself written as its escape: \\x1b, \\n."""
-    return "".join(_escaped(c) if unicodedata.category(c) in HIDDEN else c for c in text)
-
-
-def _escaped(character: str) -> str:
-    return character.encode("unicode_escape").decode("ascii")

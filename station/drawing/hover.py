@@ -1,26 +1,27 @@
-"""What a page tells where the pointer rests on a figure: strips of an axes with words, which need no script.
+"""Text on hover for figures of a page: strips of an axes with titles, without scripts.
 
-`style.svg` turns each into an element with a title, which browsers show and those who hear a page are read.
+`style.svg` gives each strip a <title> element, which browsers show and screen readers read.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from html import unescape
 
 import numpy as np
 import numpy.typing as npt
 from markupsafe import escape
 from matplotlib.axes import Axes
 
-MOST = 40
-"""Strips of an axes: more are not told apart by a pointer."""
-MARK = "told-"
+MAX_STRIPS = 40
+"""Strips of an axes: a pointer does not resolve more."""
+MARK = "hover-"
 
 
-def tell_along(axes: Axes, x: npt.NDArray[np.float64], words: Sequence[str]) -> None:
-    """Have an axes tell words about places along x, each as far as half way to the next; at most `MOST` of them."""
-    chosen = np.unique(np.linspace(0, len(x) - 1, min(MOST, len(x))).round().astype(int))
+def title_along(axes: Axes, x: npt.NDArray[np.float64], words: Sequence[str]) -> None:
+    """Give an axes titles at places along x, each as far as halfway to the next; at most `MAX_STRIPS` of them."""
+    chosen = np.unique(np.linspace(0, len(x) - 1, min(MAX_STRIPS, len(x))).round().astype(int))
     middles = (x[chosen][1:] + x[chosen][:-1]) / 2
     ends = np.concatenate([[x[chosen[0]]], middles, [x[chosen[-1]]]])
     for number, at in enumerate(chosen):
@@ -28,16 +29,8 @@ def tell_along(axes: Axes, x: npt.NDArray[np.float64], words: Sequence[str]) -> 
         strip.set_gid(f"{MARK}{words[at]}")
 
 
-def with_titles(drawn: str) -> str:
-    """An SVG in which every strip has its words as its title."""
-    return re.sub(rf'<g id="{MARK}([^"]*)">', lambda found: _titled(found[1]), drawn)
-
-
-def _titled(words: str) -> str:
-    return f'<g class="told"><title>{escape(_unescaped(words))}</title>'
-
-
-def _unescaped(words: str) -> str:
-    for entity, letter in (("&quot;", '"'), ("&lt;", "<"), ("&gt;", ">"), ("&amp;", "&")):
-        words = words.replace(entity, letter)
-    return words
+def with_titles(svg: str) -> str:
+    """An SVG in which every strip has its text as <title>."""
+    return re.sub(
+        rf'<g id="{MARK}([^"]*)">', lambda m: f'<g class="hover"><title>{escape(unescape(m[1]))}</title>', svg
+    )

@@ -1,4 +1,4 @@
-"""PNGs with a palette: a picture in false colours has at most 256, and takes a third of the space."""
+"""PNGs with a palette: a picture in false colours has at most 256 and then takes a third of the space."""
 
 from __future__ import annotations
 

@@ -1,21 +1,19 @@
-"""Pictures for people: a PSF in false colours with its axes in pixels and its scale of values."""
+"""Levels of a PSF in false colours, with axes in pixels and a colour bar."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.psf import Psf
+from station.drawing.pictures import Levels, encoded, false_colours
 
-Picture = npt.NDArray[np.uint8]
-
-_SIDE = 480  # the PSF's square, in picture pixels; at least one for each sample
+_SIDE = 480  # side of the PSF in picture pixels; at least one per sample
 _LEFT, _TOP, _BOTTOM, _RIGHT = 64, 40, 56, 130
 _INK = (60, 60, 60)
 
 
 def psf_picture(psf: Psf, title: str) -> bytes:
-    """A PNG of the PSF: every sample a square, axes in pixels of the plane, colour bar from its least to its greatest.
+    """A PNG of the PSF: a square per sample, axes in pixels of the plane, colour bar from minimum to maximum.
 
     A cross marks the geometric centre.
     """
@@ -25,26 +23,17 @@ def psf_picture(psf: Psf, title: str) -> bytes:
     side = zoom * psf.k
     low, high = min(0.0, float(psf.h.min())), float(psf.h.max())
     scaled = np.clip((psf.h - low) / max(high - low, 1e-300) * 255, 0, 255).astype(np.uint8)
-    square = cv2.resize(_coloured(scaled), (side, side), interpolation=cv2.INTER_NEAREST)
+    square = cv2.resize(false_colours(scaled), (side, side), interpolation=cv2.INTER_NEAREST)
     picture = np.full((_TOP + side + _BOTTOM, _LEFT + side + _RIGHT, 3), 255, dtype=np.uint8)
     picture[_TOP : _TOP + side, _LEFT : _LEFT + side] = square
     _write(picture, title, (_LEFT, 26), 0.6)
     _draw_axes(picture, psf, zoom)
     _draw_bar(picture, side, low, high)
     cv2.drawMarker(picture, (_LEFT + side // 2, _TOP + side // 2), (255, 255, 255), cv2.MARKER_CROSS, 12, 1)
-    done, data = cv2.imencode(".png", picture)
-    if not done:
-        raise RuntimeError("OpenCV could not encode a PNG")
-    return data.tobytes()
+    return encoded(".png", picture)
 
 
-def _coloured(levels: Picture) -> Picture:
-    import cv2
-
-    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS), dtype=np.uint8)
-
-
-def _draw_axes(picture: Picture, psf: Psf, zoom: int) -> None:
+def _draw_axes(picture: Levels, psf: Psf, zoom: int) -> None:
     """Ticks at whole pixels along the bottom and the left."""
     import cv2
 
@@ -60,20 +49,20 @@ def _draw_axes(picture: Picture, psf: Psf, zoom: int) -> None:
     _write(picture, f"pixels of the plane; {psf.s} samples each", (_LEFT, _TOP + side + 44), 0.45)
 
 
-def _draw_bar(picture: Picture, side: int, low: float, high: float) -> None:
+def _draw_bar(picture: Levels, side: int, low: float, high: float) -> None:
     """The colour bar, its ends and its zero."""
     import cv2
 
     left = picture.shape[1] - _RIGHT + 20
     ramp = np.linspace(255, 0, side).astype(np.uint8)[:, None].repeat(16, axis=1)
-    picture[_TOP : _TOP + side, left : left + 16] = _coloured(ramp)
+    picture[_TOP : _TOP + side, left : left + 16] = false_colours(ramp)
     for value in (low, high) if low > -0.05 * high else (low, 0.0, high):
         at = _TOP + round((high - value) / max(high - low, 1e-300) * (side - 1))
         cv2.line(picture, (left + 16, at), (left + 20, at), _INK, 1)
         _write(picture, f"{value:.3g}", (left + 24, at + 5), 0.45)
 
 
-def _write(picture: Picture, text: str, at: tuple[int, int], size: float) -> None:
+def _write(picture: Levels, text: str, at: tuple[int, int], size: float) -> None:
     import cv2
 
     cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, _INK, 1, cv2.LINE_AA)

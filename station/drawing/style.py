@@ -1,6 +1,6 @@
-"""What all drawings share: style, axes with told rims, and SVG that stands inside a page.
+"""Common parts of figures: style, axes with fixed margins, and SVG for embedding in a page.
 
-The same numbers give the same bytes.
+The output is reproducible byte by byte.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from station.drawing.hover import with_titles
 from station.drawing.palette_png import smaller
 
 CONFIDENT = 1.96
-"""Standard uncertainties on either side that hold 95 %."""
+"""Standard uncertainties on either side of a 95 % interval."""
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 STYLE: dict[Any, Any] = {
     "font.size": 8.5,
@@ -44,14 +44,14 @@ STYLE: dict[Any, Any] = {
 
 
 def svg(figure: Figure, name: str, description: str) -> Markup:
-    """A figure as an SVG element as wide as its place, its parts named so that no other figure's are mistaken for them.
+    """A figure as an SVG element as wide as its container, with identifiers that are unique in the page.
 
     Parameters
     ----------
     name : str
         Unique in the page.
     description : str
-        What it shows, for those who do not see it.
+        Alternative text.
     """
     _write_powers_plainly(figure)
     text = io.StringIO()
@@ -72,10 +72,10 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
 
 
 class Powers(LogFormatter):
-    """Powers of ten in plain characters: as formulas, as matplotlib writes them, they take half of a figure's time."""
+    """Powers of ten in plain characters: as formulas, matplotlib's default, they take half the time of a figure."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
-        """The tick's label: 100, 2·10⁵, 10⁻³; none where the axis has enough of them."""
+        """The label of a tick: 100, 2·10⁵, 10⁻³; empty where the axis has enough of them."""
         digits, _, power = super().__call__(x, pos).replace("−", "-").partition("e")
         if not power:
             return digits
@@ -97,9 +97,9 @@ def _smaller(encoded: str) -> str:
 def axes_grid(
     width_in: float, height_in: float, rows: int = 1, columns: int = 1, *, rim_in: Sequence[float], **grid: Any
 ) -> tuple[Figure, Any]:
-    """A figure and its axes, with a rim (left, right, bottom, top) for labels.
+    """A figure and its axes, with a margin (left, right, bottom, top) for labels.
 
-    The rim is told because finding it out takes matplotlib as long as drawing.
+    The margin is explicit because its computation by matplotlib takes as long as drawing.
     """
     left, right, bottom, top = rim_in
     place = {"left": left / width_in, "right": 1 - right / width_in}
@@ -120,4 +120,4 @@ def colour_bar(figure: Figure, axes: Axes, image: Any, place: tuple[float, float
 
 def few_ticks(low: float, high: float) -> list[float]:
     """At most five round numbers between two, for the ticks of a bar; where there are none, the first of the two."""
-    return [float(one) for one in MaxNLocator(4).tick_values(low, high) if low <= one <= high] or [low]
+    return [float(tick) for tick in MaxNLocator(4).tick_values(low, high) if low <= tick <= high] or [low]

@@ -1,4 +1,4 @@
-"""Curves in characters: braille dots, or plain letters where a terminal has no more; bands as their two edges."""
+"""Curves in characters: braille dots, or ASCII letters on limited terminals; bands are drawn by their two edges."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ Array = npt.NDArray[np.float64]
 Cells = npt.NDArray[np.int64]
 
 GUTTER = 5
-"""Columns left of the curves, for the numbers of the vertical axis."""
+"""Columns to the left of the curves for the numbers of the vertical axis."""
 BRAILLE = 0x2800
 DOTS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
 """Bits of a braille character, [row][column]."""
 DASH = 4
 CUT = "..."
-"""Where a label has no room."""
+"""Marks a shortened label."""
 
 
 @dataclass(frozen=True, eq=False)
 class TerminalCurve:
     """y over x, both (n,), x rising; `band` is the half-width of its error band; NaN leaves a gap.
 
-    `letter` draws it where there are no dots; dashed curves are told apart from solid ones without colour.
+    `letter` draws it in ASCII; dashes distinguish curves without colour.
     """
 
     x: Array
@@ -39,7 +39,7 @@ class TerminalCurve:
 
 @dataclass(frozen=True)
 class TerminalFrame:
-    """The ranges shown, and the words below."""
+    """The ranges of both axes, and the label below."""
 
     x: tuple[float, float]
     y: tuple[float, float]
@@ -49,7 +49,7 @@ class TerminalFrame:
 def plot(
     curves: Sequence[TerminalCurve], frame: TerminalFrame, width: int, height: int, ascii: bool = False
 ) -> list[str]:
-    """`height` lines of at most `width` characters: the curves, the ends of both axes, the label, whole words of it."""
+    """`height` lines of at most `width` characters: curves, ends of both axes, and whole words of the label."""
     canvas = _Canvas(max(1, width - GUTTER), max(1, height - 1), 1 if ascii else 2, 1 if ascii else 4)
     for curve in curves:
         _draw(canvas, curve, frame)
@@ -64,7 +64,7 @@ def plot(
 
 
 class _Canvas:
-    """Cells of `across` x `down` dots, each with the letter of the curve that set it."""
+    """Cells of `across` x `down` dots, each with the letter of its curve."""
 
     def __init__(self, columns: int, rows: int, across: int, down: int) -> None:
         self.across, self.down = across, down
@@ -102,7 +102,7 @@ def _draw(canvas: _Canvas, curve: TerminalCurve, frame: TerminalFrame) -> None:
 
 
 def _trace(canvas: _Canvas, x: Array, y: Array, frame: TerminalFrame, *, letter: str, every: int) -> None:
-    """A line from column to column, filled where it is steep; `every` n columns, half are left out."""
+    """A line from column to column, filled where it is steep; half of every `every` columns are skipped."""
     first, last = _columns(canvas, np.array([x[0], x[-1]]), frame)
     columns = np.arange(max(first, 0), min(last, canvas.dots.shape[1] - 1) + 1)
     if not len(columns):
@@ -131,6 +131,6 @@ def _rows(canvas: _Canvas, y: Array, frame: TerminalFrame) -> Cells:
 
 
 def _placed(share: Array, n: int) -> Cells:
-    """Shares of an axis as dots; what lies beyond an end is one dot beyond it."""
+    """Fractions of an axis as dots; points beyond an end are one dot beyond it."""
     near = np.clip(share, -1.0, 2.0)
     return np.asarray(np.clip(np.rint(near * (n - 1)), -1, n), dtype=np.int64)

@@ -12,7 +12,6 @@ from drivers.interfaces import CameraSettings, Caveat, ExposedFile, Imu, ShakePa
 from procedures.plan import HAS_IMU, HAS_SHAKER, Fact, Shake
 
 if TYPE_CHECKING:
-    from station.bench.motions import Motions
     from station.bench.opening import Bench
     from station.bench.stopping import StopRequest
 
@@ -94,10 +93,17 @@ class Rig:
         """Names of the devices that move."""
         return tuple(name for name in self.names() if hasattr(self._device(name), "move_to"))
 
-    @property
-    def _motions(self) -> Motions:
+    def _home(self, name: str) -> None:
         assert self.bench is not None
-        return self.bench.motions
+        self.bench.motions.home(name, self._not_stopped)
+
+    def _move(self, name: str, stage: Any, places: Mapping[str, float]) -> None:
+        """Move a stage to those of the positions that are on its axes."""
+        assert self.bench is not None
+        targets = {axis: places[axis] for axis in stage.travel() if axis in places}
+        if targets:
+            self.bench.motions.move(name, targets)
+            self.places |= targets
 
     @property
     def imu(self) -> Imu | None:
@@ -150,7 +156,6 @@ class Rig:
         self.bench.identities[name] = self._device(name).connect()
 
     def _lost(self) -> list[str]:
-        """Stages with an unknown position."""
         return [name for name in self.movers() if not self._device(name).condition().usable]
 
     def exclude_lost(self) -> None:
@@ -175,15 +180,13 @@ class Rig:
             self.approve_homing(names)
         for name in names:
             with self._using(name) as stage:
-                self._motions.home(name, self._not_stopped)
-                places = {axis: self.places[axis] for axis in stage.travel() if axis in self.places}
-                if places:
-                    self._motions.move(name, places)
+                self._home(name)
+                self._move(name, stage, self.places)
 
-    def doubts(self) -> dict[str, Caveat]:
+    def caveats(self) -> dict[str, Caveat]:
         """Reasons to doubt the stages' reported positions, by device."""
-        doubts = {name: self._device(name).condition().caveat for name in self.movers()}
-        return {name: doubt for name, doubt in doubts.items() if doubt is not None}
+        caveats = {name: self._device(name).condition().caveat for name in self.movers()}
+        return {name: caveat for name, caveat in caveats.items() if caveat is not None}
 
     # --- moving
 
@@ -191,7 +194,7 @@ class Rig:
         """Home every stage. Raises DeviceError."""
         for name in self.movers():
             with self._using(name):
-                self._motions.home(name, self._not_stopped)
+                self._home(name)
         self.silent.clear()
         self.places = self.positions()
 
@@ -215,7 +218,7 @@ class Rig:
     def obstacle(self, places: Mapping[str, float]) -> str | None:
         """Why the bench cannot go there: "" without the axes, a sentence outside their travel; None where it can."""
         travels = self._travels()
-        if not places or not all(axis in travels for axis in places):
+        if not places or not places.keys() <= travels.keys():
             return ""
         for axis, place in places.items():
             travel = travels[axis][1]
@@ -247,10 +250,7 @@ class Rig:
         """Move to places; axes that the bench lacks are ignored. Raises DeviceError."""
         for name in self.movers():
             with self._using(name) as stage:
-                targets = {axis: places[axis] for axis in stage.travel() if axis in places}
-                if targets:
-                    self._motions.move(name, targets)
-                    self.places |= targets
+                self._move(name, stage, places)
 
     # --- light, laser, camera
 

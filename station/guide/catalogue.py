@@ -1,14 +1,15 @@
 """The guided procedures by name, with functions for their plans, results and files.
 
-Each function imports what it needs, so that the table itself is cheap.
+The functions are imported at their first call, so that the table itself is cheap.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from procedures.outcome import BadParameter
 from procedures.plan import Facts, Outcomes, Plan
@@ -16,7 +17,6 @@ from station.results.record_head import RecordHead
 
 if TYPE_CHECKING:
     from procedures.raw import RawFrame
-    from procedures.restoration.photograph_blur import Shape
     from station.results.plane_result import PlaneResult
     from station.results.result_files import ResultFolder
     from station.results.terms import Terms
@@ -56,179 +56,39 @@ class GuidedProcedure:
     write : callable
         Writes and publishes the files of a result, from its folder, results, photographs and the record's head; gives
         the record's text.
-    in_session : callable, optional
-        The plan of a session in a folder, for plans that read files stored in the session.
+    in_session : bool
+        Whether the plan requires the session's folder, since it reads files stored there.
     """
 
     title: str
-    plan: Callable[[], Plan]
+    plan: Callable[..., Plan]
     results: Results = _psf_results
     write: Write = _write_psf
-    in_session: Callable[[Path], Plan] | None = None
+    in_session: bool = False
 
 
-def _pattern() -> Plan:
-    from procedures.pattern_psf.plan import plan
-
-    return plan()
-
-
-def _two_photo() -> Plan:
-    from procedures.two_photo.plan import plan
-
-    return plan()
+def _imported(module: str, name: str) -> Callable[..., Any]:
+    """A function of a module that is imported at the first call."""
+    return lambda *given: getattr(import_module(module), name)(*given)
 
 
-def _field() -> Plan:
-    from station.guide.plans.field import plan
-
-    return plan()
-
-
-def _field_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
-    from station.guide.plans.field import results
-
-    return results(outcomes, terms, facts)
-
-
-def _write_field(
-    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
-) -> str:
-    from station.guide.plans.field import write
-
-    return write(folder, planes, head)
-
-
-def _restoration(folder: Path | None = None) -> Plan:
-    from procedures.restoration.plan import plan
-    from station.calibration.restoration.inputs import files_in, read_blur_shape, with_files
-    from station.sessions.given_files import is_given
-
-    def read_shape(name: str, plane: str | None, size: tuple[int, int] | None) -> Shape:
-        """Shape from a file stored in the session, or from one that the operator has just named."""
-        paths = (
-            folder / file if folder is not None and is_given(file) else Path(file).expanduser()
-            for file in files_in(name)
-        )
-        return read_blur_shape(with_files(name, [str(path) for path in paths]), plane, size)
-
-    return plan(read_shape)
-
-
-def _restoration_results(
-    frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts
-) -> list[PlaneResult]:
-    from station.results.plane_result import PlaneResult
-
-    return [PlaneResult.of_outcome(name, one, found=one.value) for name, one in outcomes.items()]
-
-
-def _write_restoration(
-    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
-) -> str:
-    from station.reports.restoration_files import write_plane
-
-    (picture,) = planes
-    return write_plane(folder, picture, frames, head)
-
-
-def _geometry() -> Plan:
-    from procedures.geometry.plan import plan
-
-    return plan()
-
-
-def _value_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
-    from station.results.plane_result import PlaneResult
-
-    return [
-        PlaneResult.of_outcome(name, one, found=one.value, numbers={} if one.value is None else one.value.numbers())
-        for name, one in outcomes.items()
-    ]
-
-
-def _write_geometry(
-    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
-) -> str:
-    from station.guide.plans.geometry import write
-
-    (plane,) = planes
-    return write(folder, plane, frames, head)
-
-
-def _sensor() -> Plan:
-    from station.guide.plans.sensor import plan
-
-    return plan()
-
-
-def _sensor_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
-    from station.guide.plans.sensor import results
-
-    return results(outcomes)
-
-
-def _write_sensor(
-    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
-) -> str:
-    from station.guide.plans.sensor import write
-
-    return write(folder, planes, head)
-
-
-def _camera() -> Plan:
-    from station.guide.plans.camera import plan
-
-    return plan()
-
-
-def _camera_results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
-    from station.guide.plans.camera import results
-
-    return results(outcomes, terms, facts)
-
-
-def _write_camera(
-    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
-) -> str:
-    from station.guide.plans.camera import write
-
-    return write(folder, planes, frames, head)
-
-
-def _tilt() -> Plan:
-    from station.guide.plans.tilt import plan
-
-    return plan()
-
-
-def _write_tilt(
-    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
-) -> str:
-    from station.guide.plans.tilt import write
-
-    return write(folder, planes, frames, head)
+def _guided(title: str, name: str, *, in_session: bool = False) -> GuidedProcedure:
+    """A procedure with `plan`, `results` and `write` in a module of station.guide.plans."""
+    plan, results, write = (_imported(f"station.guide.plans.{name}", one) for one in ("plan", "results", "write"))
+    return GuidedProcedure(title, plan, results, write, in_session)
 
 
 PLANS = {
-    "pattern": GuidedProcedure("the PSF from a printed noise chart", _pattern),
-    "two-photo": GuidedProcedure("the PSF from two photographs of a textured wall", _two_photo),
-    "field": GuidedProcedure("the PSF over the whole frame", _field, _field_results, _write_field),
-    "geometry": GuidedProcedure(
-        "intrinsics and distortion, from many chart poses", _geometry, _value_results, _write_geometry
+    "pattern": GuidedProcedure("the PSF from a printed noise chart", _imported("procedures.pattern_psf.plan", "plan")),
+    "two-photo": GuidedProcedure(
+        "the PSF from two photographs of a textured wall", _imported("procedures.two_photo.plan", "plan")
     ),
-    "camera": GuidedProcedure(
-        "the whole camera: PSF, geometry, vignetting, sensor", _camera, _camera_results, _write_camera
-    ),
-    "tilt": GuidedProcedure("the sensor's tilt, corrected by its screws", _tilt, _value_results, _write_tilt),
-    "sensor": GuidedProcedure("gain, noise and non-uniformity of a sensor", _sensor, _sensor_results, _write_sensor),
-    "restoration": GuidedProcedure(
-        "sharp image and depth map from blurred photographs",
-        _restoration,
-        _restoration_results,
-        _write_restoration,
-        _restoration,
-    ),
+    "field": _guided("the PSF over the whole frame", "field"),
+    "geometry": _guided("intrinsics and distortion, from many chart poses", "geometry"),
+    "camera": _guided("the whole camera: PSF, geometry, vignetting, sensor", "camera"),
+    "tilt": _guided("the sensor's tilt, corrected by its screws", "tilt"),
+    "sensor": _guided("gain, noise and non-uniformity of a sensor", "sensor"),
+    "restoration": _guided("sharp image and depth map from blurred photographs", "restoration", in_session=True),
 }
 DEFAULT = "pattern"
 
@@ -243,4 +103,4 @@ def entry_named(name: str) -> GuidedProcedure:
 def plan_named(name: str, folder: Path | None = None) -> Plan:
     """The plan by name, for the session in a folder if given. Raises BadParameter."""
     entry = entry_named(name)
-    return entry.plan() if folder is None or entry.in_session is None else entry.in_session(folder)
+    return entry.plan(folder) if entry.in_session else entry.plan()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from procedures.plan import Ask
-from station.bench.axis_text import label, position_text
+from station.bench.axis_text import label, moves_text, position_text
 from station.guide.active_devices import Rig
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.frontend import MOVE
@@ -33,7 +33,7 @@ class MoveApproval:
 
     def to_home(self, then: Mapping[str, float] | None = None) -> None:
         """Approve homing of every stage, then moves to these places. Raises Skipped, Stopped."""
-        back = f", then {self._moves_text(then, known=False)}" if then else ""
+        back = f", then {moves_text(then)}" if then else ""
         self._ask(f"{self._homing_text(self._rig.movers())}{back}.")
 
     def to_home_again(self, names: Sequence[str]) -> None:
@@ -44,14 +44,13 @@ class MoveApproval:
     def to_go(self, places: Mapping[str, float], *, again: bool = False) -> None:
         """Approve moves to places; `again` : more moves of this request follow. Raises Skipped, Stopped."""
         if self._rig.moves(places, LEAST_MOVE):
-            self._ask(f"Moving {self._moves_text(places)}.{f' {AGAIN}' if again else ''}")
+            self._ask(f"Moving {moves_text(places, self._rig.places)}.{f' {AGAIN}' if again else ''}")
 
     def to_scan(self, axis: str, places: Sequence[float]) -> None:
         """Approve a scan of one axis over these places, then to the best. Raises Skipped, Stopped."""
         low, high = position_text(axis, min(places)), position_text(axis, max(places))
-        self._ask(
-            f"Moving {self._moves_text({axis: places[0]})}, then to {len(places)} places between {low} and {high}."
-        )
+        first = moves_text({axis: places[0]}, self._rig.places)
+        self._ask(f"Moving {first}, then to {len(places)} places between {low} and {high}.")
 
     def _ask(self, words: str) -> None:
         if self._approved:
@@ -67,10 +66,3 @@ class MoveApproval:
             for axis, travel in travels.items()
         ]
         return f"Homing each axis to its switch: {', '.join(ends) or ', '.join(names)}"
-
-    def _moves_text(self, places: Mapping[str, float], *, known: bool = True) -> str:
-        here = self._rig.places if known else {}
-        begin = {axis: f" from {position_text(axis, here[axis]).partition(' ')[0]}" for axis in places if axis in here}
-        return ", ".join(
-            f"{label(axis)}{begin.get(axis, '')} to {position_text(axis, at)}" for axis, at in places.items()
-        )

@@ -66,9 +66,5 @@ def resolve(talk: Conversation, asks: Mapping[str, Ask], reason: str, keys: tupl
     if last:
         raise Stopped
     answer = talk.choose("contradiction", "What now?", (*((CORRECT, INSIST) if known else (GO_ON,)), STOP))
-    if answer == STOP:
-        raise Stopped
-    if answer == GO_ON:
-        return
     for key in known:
         talk.learn({INSISTED + key: True} if answer == INSIST else {key: talk.ask(asks[key]), INSISTED + key: False})

@@ -37,11 +37,11 @@ class Skipped(Exception):
 class Conversation:
     """Dialogue between a run and its operator; the session stores the answers."""
 
-    def __init__(self, operator: Operator, session: Session, hands: Hands | None) -> None:
-        self._operator = operator
-        self._session = session
-        self._hands = hands
-        self.kind: type[Any] | None = None
+    def __init__(
+        self, operator: Operator, session: Session, hands: Hands | None, kind: type[Any] | None = None
+    ) -> None:
+        self._operator, self._session, self._hands = operator, session, hands
+        self._kind = kind
         """Dataclass of the plan's facts, which declares what each is derived from."""
         self.stopping = threading.Event()
         self.emergency = threading.Event()
@@ -72,18 +72,16 @@ class Conversation:
         new = {name: value for name, value in facts.items() if self.facts.get(name) != value}
         if new:
             changed = [name for name in new if name in self.facts]
-            outdated = dropped(self.kind, changed, self.facts.keys()) - new.keys() if self.kind and changed else ()
+            outdated = dropped(self._kind, changed, self.facts.keys()) - new.keys() if self._kind and changed else ()
             if outdated:
                 self._session.forget(sorted(outdated))
             self._session.learn(new)
 
     def ask(self, ask: Ask) -> Fact:
         """A valid answer; the default is the known fact, else the proposed one. Raises Stopped."""
-        default = self.facts.get(ask.key)
-        if default is None and self._hands is not None:
-            default = self._hands.knows(ask.key)
-        if default is None:
-            default = ask.proposed(self.facts)
+        known = self._hands.knows(ask.key) if self._hands is not None else None
+        candidates = (self.facts.get(ask.key), known, ask.proposed(self.facts))
+        default = next((one for one in candidates if one is not None), None)
         asked = ask if default is None else replace(ask, default=default)
         for _ in range(MAX_INVALID_ANSWERS):
             answer = self._operator.answer(asked)
@@ -106,14 +104,14 @@ class Conversation:
             with_record,
         )
 
-        def kept(file: str) -> str:
+        def copied(file: str) -> str:
             if is_given(file):
                 return file
             files = with_record(Path(file).expanduser())
             return self.attempt(lambda: self._session.give(files))[0]
 
         copies = (
-            with_files(part, [kept(file) for file in files_in(part)]) if ask.names_file(part) else part
+            with_files(part, [copied(file) for file in files_in(part)]) if ask.names_file(part) else part
             for part in parts
         )
         return f"{FILE_SEPARATOR} ".join(copies)
@@ -127,17 +125,17 @@ class Conversation:
 
     def agreed(self, ask: Ask) -> Fact:
         """The answer; where it differs from the camera's metadata, the operator says which of the two is right."""
-        noted, answer = self.facts.get(ask.key), self.ask(ask)
-        if ask.key not in TYPED or not isinstance(noted, float | int) or not isinstance(answer, float | int):
+        recorded, answer = self.facts.get(ask.key), self.ask(ask)
+        if ask.key not in TYPED or not isinstance(recorded, float | int) or not isinstance(answer, float | int):
             return answer
         words, unit, near = TYPED[ask.key]
-        if abs(answer / noted - 1) <= near:
+        if abs(answer / recorded - 1) <= near:
             return answer
-        question = f"You entered {answer:g}{unit} for the {words}; {noted:g}{unit} was recorded before. Which is right?"
-        entered, before = f"{answer:g}{unit}", f"{noted:g}{unit}"
+        entered, before = f"{answer:g}{unit}", f"{recorded:g}{unit}"
+        question = f"You entered {entered} for the {words}; {before} was recorded before. Which is right?"
         insisted = self.choose(f"which_{ask.key}", question, (before, entered)) == entered
         self.learn({INSISTED + ask.key: insisted})
-        return answer if insisted else noted
+        return answer if insisted else recorded
 
     def learn_from_photograph(self, facts: Facts) -> None:
         """Store the facts read from a photograph, except those on which the operator insisted."""
@@ -161,8 +159,11 @@ class Conversation:
         self.learn({HAND + name: float(before[name]) + change for name, change in wanted.items()})
 
     def choose(self, key: str, question: str, choices: tuple[str, ...]) -> str:
-        """One of the choices; the first is the default."""
-        return str(self.ask(Ask(key, question, "choice", default=choices[0], choices=choices)))
+        """One of the choices; the first is the default. Raises Stopped on `STOP`."""
+        answer = str(self.ask(Ask(key, question, "choice", default=choices[0], choices=choices)))
+        if answer == STOP:
+            raise Stopped
+        return answer
 
     def take_up(self) -> None:
         """The operator model restores the room to the state in which an earlier run left it."""
@@ -206,8 +207,5 @@ class Conversation:
 
     def _report_problem(self, error: DeviceError | ProcedureError) -> None:
         self.notify(ProblemEvent(error.reason, error.remedy))
-        answer = self.choose("trouble", "What now?", (AGAIN, SKIP, STOP))
-        if answer == SKIP:
+        if self.choose("trouble", "What now?", (AGAIN, SKIP, STOP)) == SKIP:
             raise Skipped
-        if answer == STOP:
-            raise Stopped

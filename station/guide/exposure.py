@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
@@ -56,54 +58,54 @@ class PhotographRecorder:
         session: Session,
         talk: Conversation,
         clock: Clock,
-        patience: SettlingTimeouts | None = None,
+        timeouts: SettlingTimeouts | None = None,
     ) -> None:
-        self._rig = rig
-        self._camera = camera
-        self._session = session
-        self._talk = talk
-        self._clock = clock
-        self.settling = Settling(rig.imu, clock, patience)
+        self.rig, self.session, self.talk = rig, session, talk
+        self._camera, self._clock = camera, clock
+        self.settling = Settling(rig.imu, clock, timeouts)
 
     def take(self, purpose: str, step: str, *, moving: bool = False, shake: Shake | None = None) -> RecordedPhotograph:
         """One photograph: of a settled rig, or of a moving one with the IMU recorded, shaken or not.
 
         Raises Skipped, Stopped.
         """
-        vibration = None if moving else self._talk.attempt(self._settled, self._rig.recover)
-        shot = self._store(purpose, step, vibration, moving=moving, shake=shake)
-        frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
-        return RecordedPhotograph(shot, frame, {**self._talk.facts, **shot_facts(shot)})
+        vibration = None if moving else self.talk.attempt(self._settled, self.rig.recover)
+        return self.read(self._store(purpose, step, vibration, moving=moving, shake=shake))
+
+    def read(self, shot: SessionShot) -> RecordedPhotograph:
+        """A stored photograph. Raises Skipped, Stopped."""
+        frame = self.talk.attempt(lambda: read_frame(self.session.original(shot)))
+        return RecordedPhotograph(shot, frame, {**self.talk.facts, **shot_facts(shot)})
 
     def _settled(self) -> VibrationLevel | None:
         """Wait until the rig has settled; without the IMU if it fails."""
-        self._talk.doing("waiting until the rig is still")
+        self.talk.doing("waiting until the rig is still")
         try:
             return self.settling.wait()
         except (NotSettled, EmergencyStopped):
             raise
         except DeviceError as error:
             self.settling.imu = None
-            self._talk.notify(ProblemEvent(error.reason, f"continuing without the IMU; {error.remedy}"))
+            self.talk.notify(ProblemEvent(error.reason, f"continuing without the IMU; {error.remedy}"))
             return self.settling.wait()
 
     def _store(
         self, purpose: str, step: str, vibration: VibrationLevel | None, *, moving: bool, shake: Shake | None
     ) -> SessionShot:
         """Expose and store the file; on a full disk the file stays where the camera put it."""
-        number = self._talk.attempt(lambda: self._session.expect(step, purpose))
+        number = self.talk.attempt(lambda: self.session.expect(step, purpose))
         moment: dict[str, Any] = {}
 
         def expose() -> ExposedFile:
-            known = set(self._rig.silent)
-            snapshot = self._rig.snapshot()
-            for name in set(snapshot.silent) - known:
-                self._talk.notify(
+            reported = set(self.rig.silent)
+            snapshot = self.rig.snapshot()
+            for name in set(snapshot.silent) - reported:
+                self.talk.notify(
                     ProblemEvent(f"the {name} does not answer: {snapshot.silent[name]}", "check it; the run continues")
                 )
             moment.update(record(snapshot, vibration))
-            self._talk.doing("exposing")
-            self._rig.announce(number)
+            self.talk.doing("exposing")
+            self.rig.announce(number)
             if not moving:
                 return self._camera.expose()
             exposure, motion = self._expose_moving(shake)
@@ -111,16 +113,16 @@ class PhotographRecorder:
             return exposure
 
         try:
-            exposure = self._talk.attempt(expose, self._rig.recover)
+            exposure = self.talk.attempt(expose, self.rig.recover)
         except (Skipped, Stopped):
-            self._session.note("gave_up", step=step, purpose=purpose)
+            self.session.note("gave_up", step=step, purpose=purpose)
             raise
-        adopt = partial(self._session.adopt, exposure, step=step, purpose=purpose, snapshot=moment)
-        return self._talk.attempt(adopt, always=True)
+        adopt = partial(self.session.adopt, exposure, step=step, purpose=purpose, snapshot=moment)
+        return self.talk.attempt(adopt, always=True)
 
     def _expose_moving(self, shake: Shake | None) -> tuple[ExposedFile, dict[str, Any]]:
         """One photograph while the rig moves, and the record of the motion."""
-        path = None if shake is None else self._rig.start_shaking(shake)
+        path = None if shake is None else self.rig.start_shaking(shake)
         if path is None:
             exposure, block = self._expose_with_imu()
             return exposure, motion_record(exposure, block)
@@ -129,43 +131,41 @@ class PhotographRecorder:
             exposure, block = self._expose_with_imu()
             return exposure, {**motion_record(exposure, block), **self._path_record(path)}
         finally:
-            self._stop_shaking()
+            with self._after_exposure():
+                self.rig.stop_shaking()
+
+    @contextmanager
+    def _after_exposure(self, consequence: str = "") -> Iterator[None]:
+        """Report device errors: the photograph was taken and must be stored."""
+        try:
+            yield
+        except DeviceError as error:
+            self.talk.notify(ProblemEvent(error.reason, f"{consequence}{error.remedy}"))
 
     def _path_record(self, path: ShakePath) -> dict[str, Any]:
         """The path as stored in the session; empty if the shaker has stopped meanwhile."""
-        try:
-            return {"shake": {"began_s": self._rig.shaking_since_s(), **asdict(path)}}
-        except DeviceError as error:  # the photograph was taken and must be stored
-            self._talk.notify(ProblemEvent(error.reason, f"the motion is not known; {error.remedy}"))
-            return {}
-
-    def _stop_shaking(self) -> None:
-        """Stop the shaker; if that fails, the photograph is still stored."""
-        try:
-            self._rig.stop_shaking()
-        except DeviceError as error:
-            self._talk.notify(ProblemEvent(error.reason, error.remedy))
+        record = dict[str, Any]()
+        with self._after_exposure("the motion is not known; "):
+            record["shake"] = {"began_s": self.rig.shaking_since_s(), **asdict(path)}
+        return record
 
     def _expose_with_imu(self) -> tuple[ExposedFile, ImuBlock | None]:
         """One photograph and the IMU's samples; None where there is no IMU, or it fails."""
-        imu = self._rig.imu
+        imu = self.rig.imu
         try:
             if imu is not None:
                 imu.start(MOTION_HZ)
         except EmergencyStopped:
             raise
         except DeviceError as error:
-            self._talk.notify(ProblemEvent(error.reason, f"continuing without the IMU; {error.remedy}"))
+            self.talk.notify(ProblemEvent(error.reason, f"continuing without the IMU; {error.remedy}"))
             imu = None
         exposure = self._camera.expose()
-        if imu is None:
-            return exposure, None
-        try:
-            block = imu.read_block(0.0)
-            imu.stop()
-        except DeviceError as error:  # the photograph was taken and must be stored
-            self._talk.notify(ProblemEvent(error.reason, f"the motion is not known; {error.remedy}"))
-            return exposure, None
+        block = None
+        with self._after_exposure("the motion is not known; "):
+            if imu is not None:
+                block = imu.read_block(0.0)
+                imu.stop()
         return exposure, block
 
 
@@ -191,7 +191,7 @@ def record(snapshot: Snapshot, vibration: VibrationLevel | None) -> dict[str, An
     """The state at an exposure as stored in the session."""
     state = snapshot.record()
     if vibration is not None:
-        state |= {"acceleration_m_s2": vibration.acceleration_m_s2, "rotation_rad_s": vibration.rotation_rad_s}
+        state |= vibration._asdict()
     return state
 
 

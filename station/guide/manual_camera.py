@@ -8,11 +8,11 @@ from pathlib import Path
 
 from drivers.clock import Clock
 from drivers.errors import FrameMissing
-from drivers.frames import RAW_SUFFIXES, sha256_of
+from drivers.frames import sha256_of
 from drivers.interfaces import CameraSettings, ExposedFile
 from procedures.plan import Ask, Fact
+from station.calibration.folder_photographs import photographs_in
 
-SUFFIXES = RAW_SUFFIXES | {".tif", ".tiff", ".png", ".pgm"}
 FOLDER = Ask("frames_folder", "Folder in which your photographs arrive?", "text", default=".")
 
 
@@ -26,18 +26,9 @@ class HandCamera:
         self._arrive_in(FOLDER)
 
     def _arrive_in(self, ask: Ask) -> None:
-        """Ask for the folder; files that are in it already are ignored. Raises FrameMissing."""
+        """Ask for the folder; files that are in it already are ignored. Raises BadInput where it does not exist."""
         self.folder = Path(str(self._ask(ask))).expanduser()
-        self._known = self._look()
-
-    def _look(self) -> set[Path]:
-        if not self.folder.is_dir():
-            raise FrameMissing(f"there is no folder {self.folder}", "create it, or name another one")
-        return {
-            path
-            for path in self.folder.iterdir()
-            if path.suffix.lower() in SUFFIXES and not path.name.startswith((".", "~"))
-        }
+        self._known = photographs_in(self.folder)
 
     def _correct_folder(self) -> None:
         """No file came: ask for the folder again."""
@@ -47,12 +38,12 @@ class HandCamera:
             self._known = known  # a late file is the photograph
 
     def expose(self) -> ExposedFile:
-        """The photograph that the operator takes now. Raises FrameMissing."""
+        """The photograph that the operator takes now. Raises FrameMissing, BadInput."""
         if self._missed:
             self._correct_folder()
         requested_s = self._clock.now_s()
         self._ask(Ask("photographed", f"Take one photograph, and wait until its file is in {self.folder}."))
-        new = sorted(self._look() - self._known, key=lambda path: path.stat().st_mtime_ns)
+        new = sorted(photographs_in(self.folder) - self._known, key=lambda path: path.stat().st_mtime_ns)
         self._missed = not new
         if not new:
             raise FrameMissing(

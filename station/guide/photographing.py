@@ -8,16 +8,16 @@ from dataclasses import dataclass, field, replace
 from procedures.advice import time_words
 from procedures.outcome import Verdict
 from procedures.plan import Advice, Ask, Go, Known, Look, Outcomes, Scan, Shoot, Tour, TourStop
-from procedures.raw import RawFrame, read_frame
-from station.bench.axis_text import label, position_text
-from station.guide.active_devices import AT, Rig
+from procedures.raw import RawFrame
+from station.bench.axis_text import moves_text
+from station.guide.active_devices import AT
 from station.guide.consent import MoveApproval
 from station.guide.contradictions import LookProgress, resolve
-from station.guide.dialogue import AGAIN, STOP, Conversation, Skipped
-from station.guide.exposure import PhotographRecorder, RecordedPhotograph, shot_facts
-from station.guide.frontend import FrameEvent, ProgressEvent, ScanEvent, Stopped
+from station.guide.dialogue import AGAIN, STOP, Skipped
+from station.guide.exposure import PhotographRecorder, RecordedPhotograph
+from station.guide.frontend import FrameEvent, ProgressEvent, ScanEvent
 from station.sessions.compute_environment import same_bits
-from station.sessions.session import Session, SessionShot
+from station.sessions.session import SessionShot
 
 EXPOSURE = "exposure_ev"
 LOOK_AGAIN, GO_ON = "look again", "go on"
@@ -48,22 +48,11 @@ class PhotographRequests:
     """Carries out the requests of a plan that need photographs."""
 
     def __init__(
-        self,
-        rig: Rig,
-        recorder: PhotographRecorder,
-        session: Session,
-        talk: Conversation,
-        known: Known,
-        approval: MoveApproval,
+        self, recorder: PhotographRecorder, known: Known, approval: MoveApproval, asks: Mapping[str, Ask]
     ) -> None:
-        self._rig = rig
-        self._known = known
-        self._recorder = recorder
-        self._session = session
-        self._talk = talk
-        self._approval = approval
+        self._recorder, self._known, self._approval, self._asks = recorder, known, approval, asks
+        self._rig, self._session, self._talk = recorder.rig, recorder.session, recorder.talk
         self.step = ""
-        self.asks: Mapping[str, Ask] = {}
         self._progress = LookProgress()
 
     def moved(self) -> None:
@@ -78,10 +67,7 @@ class PhotographRequests:
         progress = LookProgress()
         while not any(self._look_once(look, progress) for _ in range(look.tries)):
             question = f"Still outside the tolerance after {look.tries} frames. Look again, or go on with it unchanged?"
-            answer = self._talk.choose("look", question, (LOOK_AGAIN, GO_ON, STOP))
-            if answer == STOP:
-                raise Stopped
-            if answer == GO_ON:
+            if self._talk.choose("look", question, (LOOK_AGAIN, GO_ON, STOP)) == GO_ON:
                 return
 
     def _look_once(self, look: Look, progress: LookProgress) -> bool:
@@ -94,7 +80,7 @@ class PhotographRequests:
         stalled = progress.stalled(advice)
         if advice.contradictory or stalled:
             keys = advice.contradictory or look.rests_on
-            resolve(self._talk, self.asks, stalled or advice.say, keys, last=bool(stalled) or progress.exhausted())
+            resolve(self._talk, self._asks, stalled or advice.say, keys, last=bool(stalled) or progress.exhausted())
         else:
             self._carry_out(action)
         return advice.good
@@ -116,8 +102,7 @@ class PhotographRequests:
         obstacle = self._rig.obstacle(target)
         if obstacle is not None:
             return AdviceAction(advice, obstacle=obstacle)
-        ends = ", ".join(f"{label(axis)} to {position_text(axis, place)}" for axis, place in target.items())
-        return AdviceAction(replace(advice, say=f"The bench corrects this: {ends}."), target=target)
+        return AdviceAction(replace(advice, say=f"The bench corrects this: {moves_text(target)}."), target=target)
 
     def _carry_out(self, action: AdviceAction) -> None:
         if action.exposure_s is not None:
@@ -137,8 +122,7 @@ class PhotographRequests:
         self._recorder.settling.moved()
 
     def _go_to(self, places: Mapping[str, float]) -> None:
-        ends = ", ".join(f"{label(axis)} to {position_text(axis, place)}" for axis, place in places.items())
-        self._talk.doing(f"moving {ends}: keep clear")
+        self._talk.doing(f"moving {moves_text(places)}: keep clear")
         self._talk.attempt(lambda: self._rig.go_to(places), self._rig.recover)
         self.moved()
 
@@ -147,9 +131,11 @@ class PhotographRequests:
     def scan(self, scan: Scan) -> None:
         """A trial frame at each position, then move to the best. Raises Skipped, Stopped."""
         places = [float(place) for place in scan.places(self._talk.facts)]
-        here, scores = self._here(scan.axis), []
-        if places and scan.axis in self._rig.axes():
-            self._approval.to_scan(scan.axis, places)
+        here, scores = 0.0, []  # an axis that is set by hand starts at 0
+        if scan.axis in self._rig.axes():
+            here = float(self._talk.facts.get(AT + scan.axis, 0.0))
+            if places:
+                self._approval.to_scan(scan.axis, places)
         for i, place in enumerate(places):
             self._set(scan, place, here)
             here = place
@@ -165,10 +151,6 @@ class PhotographRequests:
             self._talk.doing(advice.say, lasts=True)
             self._set(scan, here + advice.moves.get(scan.axis, 0.0), here)
 
-    def _here(self, axis: str) -> float:
-        """Position of the axis; 0 for one that is set by hand."""
-        return float(self._talk.facts.get(AT + axis, 0.0)) if axis in self._rig.axes() else 0.0
-
     def _set(self, scan: Scan, place: float, here: float) -> None:
         """Move the axis to a position, by the bench or by hand."""
         if scan.axis in self._rig.axes():
@@ -183,7 +165,7 @@ class PhotographRequests:
         results: list[Outcomes] = []
         self._progress = LookProgress()
         for shot in self._earlier(shoot.purpose):
-            self._judge(shoot, self._read_again(shot), results)
+            self._judge(shoot, self._recorder.read(shot), results)
         for _ in range(shoot.most):
             if results and self._enough(shoot, results):
                 return
@@ -198,16 +180,11 @@ class PhotographRequests:
         shots = self._session.state.shots
         return [s for s in shots if (s.step, s.purpose) == (self.step, purpose) and s.counts is not False]
 
-    def _read_again(self, shot: SessionShot) -> RecordedPhotograph:
-        """A photograph of an interrupted run."""
-        frame = self._talk.attempt(lambda: read_frame(self._session.original(shot)))
-        return RecordedPhotograph(shot, frame, {**self._talk.facts, **shot_facts(shot)})
-
     def _enough(self, shoot: Shoot, results: list[Outcomes]) -> bool:
         advice = shoot.enough(results, self._talk.facts)
         self._talk.learn_from_photograph(advice.facts)
         if advice.contradictory:
-            resolve(self._talk, self.asks, advice.say, advice.contradictory, last=self._progress.exhausted())
+            resolve(self._talk, self._asks, advice.say, advice.contradictory, last=self._progress.exhausted())
             return False
         self._talk.doing(advice.say, len(results), shoot.most, lasts=True)
         return advice.good
@@ -226,7 +203,7 @@ class PhotographRequests:
                 advice = Advice(False, f"{refused[0].reason}: {refused[0].remedy}")
         action = self._record(taken, advice)
         if advice.contradictory:
-            resolve(self._talk, self.asks, advice.say, advice.contradictory, last=self._progress.exhausted())
+            resolve(self._talk, self._asks, advice.say, advice.contradictory, last=self._progress.exhausted())
         else:
             self._carry_out(action)
 
@@ -257,12 +234,9 @@ class PhotographRequests:
         """Whether a shot of this place counts; one left unchecked by an interruption is checked now."""
         for shot in self._earlier(stop.name):
             if shot.counts is None:
-                taken = self._read_again(shot)
-                self._record(taken, self._checked(stop, taken))
+                taken = self._recorder.read(shot)
+                self._record(taken, self._talk.attempt(lambda t=taken: stop.check(t.frame, t.facts)))  # type: ignore[misc]
         return any(shot.counts for shot in self._earlier(stop.name))
-
-    def _checked(self, stop: TourStop, taken: RecordedPhotograph) -> Advice:
-        return self._talk.attempt(lambda: stop.check(taken.frame, taken.facts))
 
     def _visit(self, stop: TourStop, tries: int, go: Callable[[Go], None]) -> str:
         """Go there and try until a shot counts. Gives "", or why the place is skipped."""
@@ -271,7 +245,7 @@ class PhotographRequests:
             while True:
                 for _ in range(tries):
                     taken = self._recorder.take(stop.name, self.step)
-                    advice = self._checked(stop, taken)
+                    advice = self._talk.attempt(lambda t=taken: stop.check(t.frame, t.facts))  # type: ignore[misc]
                     action = self._record(taken, advice)
                     if advice.good:
                         return ""
@@ -285,7 +259,4 @@ class PhotographRequests:
     def _retry_place(self, stop: TourStop, tries: int) -> bool:
         """Ask the operator whether to retry a place where no shot counts. Raises Stopped."""
         question = f"{stop.name}: none of {tries} shots counts. Skip this place, or try again?"
-        answer = self._talk.choose("place", question, (SKIP_PLACE, AGAIN, STOP))
-        if answer == STOP:
-            raise Stopped
-        return answer == AGAIN
+        return self._talk.choose("place", question, (SKIP_PLACE, AGAIN, STOP)) == AGAIN

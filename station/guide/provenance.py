@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -44,14 +45,18 @@ class Provenance:
 
     value: float
     unit: str
-    told_by: str
-    held_against: str
+    source: str
+    evidence: str
+
+    def record(self) -> dict[str, Any]:
+        """Its entry in a record."""
+        return {"value": self.value, "unit": self.unit, "told_by": self.source, "held_against": self.evidence}
 
     def __str__(self) -> str:
         given = f"{self.value:g} {self.unit}".rstrip()
-        if self.told_by == CAMERA:
+        if self.source == CAMERA:
             return f"{given}, recorded by the camera"
-        return f"{given}, given by the operator; {self.held_against or 'not verified'}"
+        return f"{given}, given by the operator; {self.evidence or 'not verified'}"
 
 
 def provenance_of(plan: Plan, facts: Facts, frames: Sequence[RawFrame]) -> dict[str, Provenance]:

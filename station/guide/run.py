@@ -90,8 +90,7 @@ class Run:
         self._clock = bench.clock if bench else SystemClock()
         surroundings = bench.surroundings if bench else Surroundings()
         surroundings.stand_before(plan.subject)
-        self._talk = Conversation(operator, session, surroundings.hands)
-        self._talk.kind = plan.facts
+        self._talk = Conversation(operator, session, surroundings.hands, plan.facts)
         self._approval = MoveApproval(self._rig, self._talk)
         self._step = plan.steps[0]
         self._photographs: PhotographRequests | None = None
@@ -158,33 +157,29 @@ class Run:
             return drawn
         path = self._session.folder / PAGE
         self._talk.notify(ProgressEvent("writing the report"))
-        try:
+        with suppress(Refused, Skipped):  # the plan writes its own page, or was refused
             page = session_page(self._session.folder, self._result).encode()
             self._talk.attempt(lambda: write_whole(path, page), always=True)
             self._session.note(REPORTED, sha256=hashlib.sha256(page).hexdigest())
-        except (Refused, Skipped):  # the plan writes its own page, or was refused
-            return None
-        return path
+            return path
+        return None
 
     def _certificate(self) -> Path | None:
         """The certificate of a session with a specification; None where the plan has none."""
-        if not self._session.state.results:
-            return None
         from station.guide.session_report import certificate_files  # imported here: it draws, a slow import
         from station.reports.certificate import PAGE as CERTIFICATE
         from station.sessions.session_terms import terms_of_session
 
         folder = self._session.folder
-        if not terms_of_session(folder).specification.limits:
+        if not (self._session.state.results and terms_of_session(folder).specification.limits):
             return None
         if self._result is None and (folder / CERTIFICATE).is_file():  # from an earlier run, of the same result
             return folder / CERTIFICATE
-        try:
+        with suppress(Refused, Skipped):  # the result is not a PSF, or the disk is full
             for name, data in certificate_files(folder, self._result).items():
                 self._talk.attempt(lambda n=name, d=data: write_whole(folder / n, d), always=True)  # type: ignore[misc]
-        except (Refused, Skipped):  # the result is not a PSF, or the disk is full
-            return None
-        return folder / CERTIFICATE
+            return folder / CERTIFICATE
+        return None
 
     def _ended(self, ended: RunEnded) -> RunEnded:
         with suppress(ProcedureError):  # the run also ends on a full disk
@@ -213,9 +208,9 @@ class Run:
         if self._rig.bench is not None:
             identities = {name: asdict(identity) for name, identity in self._rig.bench.identities.items()}
             self._talk.attempt(lambda: self._session.note("devices", devices=identities))
-        for name, doubt in self._rig.doubts().items():
-            self._talk.notify(ProblemEvent(f"{name}: {doubt.reason}", doubt.remedy))
-            self._talk.attempt(lambda n=name, d=doubt: self._session.note("doubted", device=n, reason=d.reason))  # type: ignore[misc]
+        for name, caveat in self._rig.caveats().items():
+            self._talk.notify(ProblemEvent(f"{name}: {caveat.reason}", caveat.remedy))
+            self._talk.attempt(lambda n=name, c=caveat: self._session.note("doubted", device=n, reason=c.reason))  # type: ignore[misc]
         if resumed:
             self._restore()
 
@@ -239,17 +234,16 @@ class Run:
         """The first incomplete step; unwanted steps before the last completed one are skipped."""
         steps, done = self.plan.steps, self._session.state.done
         last = max((n for n, step in enumerate(steps) if step.name in done), default=-1)
-        waiting = (step for n, step in enumerate(steps) if step.name not in done and (n > last or self._wanted(step)))
-        return next(waiting, None)
+        left = (step for n, step in enumerate(steps) if step.name not in done and (n > last or self._applies(step)))
+        return next(left, None)
 
-    def _wanted(self, step: Step) -> bool:
-        """Whether the step applies."""
+    def _applies(self, step: Step) -> bool:
         return step.when(self._talk.facts)
 
     def _carry_out(self, step: Step) -> None:
         self._step = step
         self._session.begin_step(step.name)
-        wanted = self._wanted(step)
+        wanted = self._applies(step)
         if wanted:
             self._talk.notify(StepBegan(step))
         try:
@@ -284,14 +278,10 @@ class Run:
         facts = {**self._talk.facts, **self._rig.abilities()}
         if not ask.when(facts):
             return
-        if (given := ask.given(facts)) is not None:
-            if ask.kind != "confirm":
-                self._talk.learn({ask.key: given})
-            return
-        if ask.kind == "confirm":
-            self._talk.learn({ask.key: self._talk.confirmed(ask)})
-        else:
-            self._talk.learn({ask.key: self._talk.agreed(ask)})
+        if (given := ask.given(facts)) is None:
+            self._talk.learn({ask.key: self._talk.confirmed(ask) if ask.kind == "confirm" else self._talk.agreed(ask)})
+        elif ask.kind != "confirm":
+            self._talk.learn({ask.key: given})
 
     @_carry.register
     def _(self, give: Give) -> None:
@@ -312,7 +302,7 @@ class Run:
             self._approval.to_home()
             self._talk.doing("homing: keep clear of all moving parts")
             self._talk.attempt(self._rig.home, self._rig.recover)
-            self._moved()
+            self._photograph_requests().moved()
 
     @_carry.register
     def _(self, go: Go) -> None:
@@ -329,7 +319,7 @@ class Run:
             self._approval.to_go(places, again=again)
             self._talk.doing(say)
             self._talk.attempt(lambda: self._rig.go_to(places), self._rig.recover)
-            self._moved()
+            self._photograph_requests().moved()
         else:
             self._talk.by_hand(Advice(False, say, by_hand=go.by_hand(facts)), obstacle)
             self._approval.withdraw()
@@ -361,11 +351,7 @@ class Run:
 
     @_carry.register
     def _(self, tour: Tour) -> None:
-        self._photograph_requests().tour(tour, self._visit)
-
-    def _visit(self, go: Go) -> None:
-        """Go to one place of a tour; the first move is approved for all of them."""
-        self._go(go, again=True)
+        self._photograph_requests().tour(tour, lambda go: self._go(go, again=True))
 
     @_carry.register
     def _(self, estimate: Estimate) -> None:
@@ -399,11 +385,6 @@ class Run:
             if not self._rig.has_camera:
                 camera = self._talk.attempt(lambda: HandCamera(self._talk.ask_and_learn, self._clock))
             recorder = PhotographRecorder(self._rig, camera, self._session, self._talk, self._clock, self._timeouts)
-            rig, talk = self._rig, self._talk
-            self._photographs = PhotographRequests(rig, recorder, self._session, talk, self._known, self._approval)
-            self._photographs.asks = self.plan.asks()
+            self._photographs = PhotographRequests(recorder, self._known, self._approval, self.plan.asks())
         self._photographs.step = self._step.name
         return self._photographs
-
-    def _moved(self) -> None:
-        self._photograph_requests().moved()

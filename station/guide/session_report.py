@@ -31,8 +31,8 @@ REPORTED = "reported"
 UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_s": "s"}
 
 
-def session_page(folder: Path, found: SessionResult | None = None) -> str:
-    """The report of a session's last result as HTML; recomputed where neither `found` nor the page is available.
+def session_page(folder: Path, result: SessionResult | None = None) -> str:
+    """The report of a session's last result as HTML; recomputed where neither `result` nor the page is available.
 
     Raises
     ------
@@ -41,9 +41,7 @@ def session_page(folder: Path, found: SessionResult | None = None) -> str:
     Damaged
         If a photograph or the page has changed.
     """
-    record = read_session(folder)
-    if not record.state.results:
-        raise Refused(f"{folder.name} has no result yet", "continue it: station session resume")
+    record = _with_result(folder)
     verify(folder, record.state)
     last = record.state.results[-1]
     if PAGE in last.files:
@@ -51,7 +49,15 @@ def session_page(folder: Path, found: SessionResult | None = None) -> str:
         return (folder / last.folder / PAGE).read_text(encoding="utf-8")
     if (page := _kept_page(folder, record)) is not None:
         return page
-    return calibration_page(session_report(folder, found))
+    return calibration_page(session_report(folder, result))
+
+
+def _with_result(folder: Path) -> SessionRecord:
+    """The session's record. Raises Refused without a result."""
+    record = read_session(folder)
+    if not record.state.results:
+        raise Refused(f"{folder.name} has no result yet", "continue it: station session resume")
+    return record
 
 
 def overlaid_page(folder: Path, overlays: Sequence[Overlay]) -> str:
@@ -59,7 +65,7 @@ def overlaid_page(folder: Path, overlays: Sequence[Overlay]) -> str:
     return calibration_page(replace(session_report(folder), overlays=overlays))
 
 
-def session_report(folder: Path, found: SessionResult | None = None) -> Report:
+def session_report(folder: Path, result: SessionResult | None = None) -> Report:
     """Contents of the report of a session's last result, for plans without a page of their own.
 
     Raises
@@ -69,25 +75,24 @@ def session_report(folder: Path, found: SessionResult | None = None) -> Report:
     Damaged
         If a photograph has changed.
     """
-    record = read_session(folder)
-    if not record.state.results:
-        raise Refused(f"{folder.name} has no result yet", "continue it: station session resume")
-    if PAGE in record.state.results[-1].files and record.state.plan not in METHODS:
-        raise Refused(f"the procedure {record.state.plan} has no certificate", "see report.html in the result's folder")
-    if record.state.plan not in METHODS and record.state.results[-1].verdict == Verdict.REFUSED:
-        raise Refused(f"a refused result of {record.state.plan} has no page", "see the reason in result.json")
+    record = _with_result(folder)
+    plan, last = record.state.plan, record.state.results[-1]
+    if plan not in METHODS and PAGE in last.files:
+        raise Refused(f"the procedure {plan} has no certificate", "see report.html in the result's folder")
+    if plan not in METHODS and last.verdict == Verdict.REFUSED:
+        raise Refused(f"a refused result of {plan} has no page", "see the reason in result.json")
     verify(folder, record.state)
     drawn = max(i for i, line in enumerate(record.contents.lines) if line.event == "derived")
     state = replay(record.contents.lines[:drawn])
-    return _report(record, state, found or compute(folder, state, plan_named(state.plan, folder)))
+    return _report(record, state, result or compute(folder, state, plan_named(state.plan, folder)))
 
 
-def certificate_files(folder: Path, found: SessionResult | None = None) -> dict[str, bytes]:
+def certificate_files(folder: Path, result: SessionResult | None = None) -> dict[str, bytes]:
     """Certificate files of a session's last result by name: page and PDF. Raises as `session_report`."""
     from station.reports import certificate
     from station.reports.certificate_print import certificate_pdf
 
-    report = session_report(folder, found)
+    report = session_report(folder, result)
     page = certificate.certificate_page(report).encode()
     return {certificate.PAGE: page, certificate.PRINT: certificate_pdf(report)}
 
@@ -103,16 +108,16 @@ def _kept_page(folder: Path, record: SessionRecord) -> str | None:
     return text if same else None
 
 
-def _report(record: SessionRecord, state: SessionState, found: SessionResult) -> Report:
+def _report(record: SessionRecord, state: SessionState, result: SessionResult) -> Report:
     last = record.state.results[-1]
     return Report(
         subject=f"{printable(state.camera)}, {printable(state.lens)}",
         procedure=state.plan,
-        planes=[PlaneSheet(_of_frame(one), found.frames[0].planes[name]) for name, one in found.planes.items()],
-        shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in found.frames})),
+        planes=[PlaneSheet(_of_frame(one), result.frames[0].planes[name]) for name, one in result.planes.items()],
+        shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in result.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
-        conditions=[*_operator_inputs(state, found), *_conditions(state)],
-        devices=[ReportLine(name, words) for name, words in _devices(record)],
+        conditions=[*_operator_inputs(state, result), *_conditions(state)],
+        devices=list(_devices(record)),
         specification=terms_of_session(record.folder).specification,
         made=last.at[:16].replace("T", " ") + " UTC",
         software=last.about["machine"]["software"],
@@ -128,22 +133,22 @@ def _of_frame(one: PlaneResult) -> PlaneResult:
     return with_medians(one, one.found) if isinstance(one.found, FieldResult) else one
 
 
-def _shots(state: SessionState, noted: Mapping[str, Exposure]) -> Iterator[ReportShot]:
+def _shots(state: SessionState, exposures: Mapping[str, Exposure]) -> Iterator[ReportShot]:
     """The photographs of the result, then those that do not count, with the reason."""
     for shot in sorted(state.shots, key=lambda shot: not shot.counts):
-        exposure = noted.get(shot.sha256) if shot.counts else None
+        exposure = exposures.get(shot.sha256) if shot.counts else None
         words = exposure_words(exposure) if exposure else ""
         taken = printable(exposure.captured_at or "") if exposure else ""
         note = "" if shot.counts else printable(f"{shot.purpose}: does not count, {shot.reason or 'it was not judged'}")
         yield ReportShot(shot.path, shot.sha256, words, taken, note)
 
 
-def _operator_inputs(state: SessionState, found: SessionResult) -> Iterator[ReportLine]:
+def _operator_inputs(state: SessionState, result: SessionResult) -> Iterator[ReportLine]:
     """The numbers whose only source is the operator."""
     from station.guide.provenance import NAMES, provenance_of  # imported here: its dependencies are slow to import
 
-    for key, provenance in provenance_of(plan_named(state.plan), state.facts, found.frames).items():
-        if provenance.told_by == OPERATOR:
+    for key, provenance in provenance_of(plan_named(state.plan), state.facts, result.frames).items():
+        if provenance.source == OPERATOR:
             yield ReportLine(NAMES[key], str(provenance))
 
 
@@ -168,7 +173,7 @@ def _unit_of(name: str) -> tuple[str, str]:
     return name.replace("_", " "), ""
 
 
-def _devices(record: SessionRecord) -> Iterator[tuple[str, str]]:
+def _devices(record: SessionRecord) -> Iterator[ReportLine]:
     """The devices, as last recorded in the journal."""
     identities: Mapping[str, Any] = {}
     for line in record.contents.lines:
@@ -176,4 +181,4 @@ def _devices(record: SessionRecord) -> Iterator[tuple[str, str]]:
             identities = line.data["devices"]
     for name, one in identities.items():
         words = [str(one.get(key) or "") for key in ("model", "firmware", "serial", "address")]
-        yield printable(name), printable(", ".join(word for word in words if word))
+        yield ReportLine(printable(name), printable(", ".join(word for word in words if word)))

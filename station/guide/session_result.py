@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -38,10 +38,10 @@ class SessionResult:
     other_causes: tuple[Cause, ...] = ()
 
 
-Counted = Callable[[int, int], None]
+Progress = Callable[[int, int], None]
 
 
-def uncounted(done: int, total: int) -> None:
+def no_progress(done: int, total: int) -> None:
     """No-op progress callback."""
 
 
@@ -50,34 +50,29 @@ CACHE_BYTES = 500e6
 
 
 class Frames(Sequence[RawFrame]):
-    """Photographs read on access and cached in memory.
+    """Photographs of a session, read on access and cached in memory, with their IMU records and shaker paths.
 
-    Raises Damaged where the hash of a photograph differs from the recorded one.
+    `progress` is called with the number of each photograph that is accessed, and their total. Raises Damaged where the
+    hash of a photograph differs from the recorded one.
     """
 
-    def __init__(
-        self,
-        paths: Sequence[Path],
-        imu: Sequence[ImuRecord | None] = (),
-        hashes: Sequence[str] = (),
-        shaker_path: Sequence[ShakerPath | None] = (),
-    ) -> None:
-        self._paths, self._imu, self._hashes = paths, imu or (None,) * len(paths), hashes
-        self._shaker_path = shaker_path or (None,) * len(paths)
-        largest = max((path.stat().st_size for path in paths), default=1)
+    def __init__(self, folder: Path, shots: Sequence[SessionShot], progress: Progress = no_progress) -> None:
+        self._folder, self._shots, self._progress = folder, shots, progress
+        self._paths = [inside(folder, shot.path) for shot in shots]
+        largest = max((path.stat().st_size for path in self._paths), default=1)
         self._read = lru_cache(max(1, int(CACHE_BYTES / (4 * largest))))(read_frame)
 
     def __len__(self) -> int:
-        return len(self._paths)
+        return len(self._shots)
 
     def __getitem__(self, index: Any) -> Any:
         if isinstance(index, slice):
-            return Frames(self._paths[index], self._imu[index], self._hashes[index], self._shaker_path[index])
-        frame, imu = self._read(self._paths[index]), self._imu[index]
-        if self._hashes and frame.sha256 != self._hashes[index]:
+            return Frames(self._folder, self._shots[index])
+        shot, frame = self._shots[index], self._read(self._paths[index])
+        self._progress(index, len(self))
+        if frame.sha256 != shot.sha256:
             raise Damaged(f"{frame.path} has changed since it was taken", "restore it from a copy")
-        shaker_path = self._shaker_path[index]
-        return frame if imu is shaker_path is None else replace(frame, imu=imu, shaker_path=shaker_path)
+        return replace(frame, imu=imu_during(shot), shaker_path=shaker_path_during(shot))
 
 
 def imu_during(shot: SessionShot) -> ImuRecord | None:
@@ -110,23 +105,8 @@ def shaker_path_during(shot: SessionShot) -> ShakerPath | None:
     return ShakerPath(position_m, float(shake["interval_s"]), since_s)
 
 
-class ProgressFrames(Sequence[RawFrame]):
-    """Frames that report progress whenever an estimate accesses one of them."""
-
-    def __init__(self, frames: Sequence[RawFrame], progress: Counted) -> None:
-        self._frames, self._progress = frames, progress
-
-    def __len__(self) -> int:
-        return len(self._frames)
-
-    def __getitem__(self, index: Any) -> Any:
-        if isinstance(index, int) and 0 <= index < len(self):
-            self._progress(index, len(self))
-        return self._frames[index]
-
-
 def derive(
-    session: Session, plan: Plan, step: str, progress: Counted = uncounted, known: Known | None = None
+    session: Session, plan: Plan, step: str, progress: Progress = no_progress, known: Known | None = None
 ) -> tuple[Path, SessionResult]:
     """Compute, write and store the session's result; gives its folder, too. Raises ProcedureError.
 
@@ -146,7 +126,7 @@ def compute(
     state: SessionState,
     plan: Plan,
     into: Path | None = None,
-    progress: Counted = uncounted,
+    progress: Progress = no_progress,
     *,
     sealed: bool = True,
     known: Known | None = None,
@@ -162,19 +142,16 @@ def compute(
         If a photograph cannot be read, or the result cannot be written.
     """
     shots, entry = state.counting(), entry_named(plan.name)
-    paths, imu = [inside(folder, shot.path) for shot in shots], [imu_during(shot) for shot in shots]
-    shaker_path = [shaker_path_during(shot) for shot in shots]
-    frames = Frames(paths, imu, [shot.sha256 for shot in shots], shaker_path)
+    frames = Frames(folder, shots, progress)
     with same_bits():
-        outcomes = estimate_of(plan).estimate(
-            ProgressFrames(frames, progress), state.facts, {} if known is None else known
-        )
+        outcomes = estimate_of(plan).estimate(frames, state.facts, {} if known is None else known)
         terms = terms_of_session(folder)
         results = entry.results(frames, outcomes, terms, state.facts)
         if into is not None:
             with ResultFolder(into, sealed=sealed, force=True) as place:
                 entry.write(place, results, frames, _head(plan, state, frames, terms.specified(results)))
-    worst = verdict_of_planes(results)
+    no_shots: Outcome[Any] = Outcome(None, Verdict.REFUSED, "no shot counts", "take the shots again")
+    worst = worst_of({one.name: one for one in results}) if results else no_shots
     causes = worst.reason, worst.remedy, worst.other_causes
     return SessionResult(frames, {one.name: one for one in results}, worst.verdict, *causes)
 
@@ -186,27 +163,15 @@ def _head(
     from station.guide.provenance import provenance_of  # imported here: its dependencies are slow to import
 
     files = tuple(InputFile(shot.path, shot.sha256) for shot in state.counting())
-    provenance = {key: asdict(one) for key, one in provenance_of(plan, state.facts, frames).items()}
+    provenance = {key: one.record() for key, one in provenance_of(plan, state.facts, frames).items()}
     return RecordHead(
         plan.name, files, {**state.facts, **({"whose_word": provenance} if provenance else {})}, specification
     )
 
 
-def verdict_of_planes(planes: Sequence[PlaneResult]) -> Outcome[Any]:
-    """The worst verdict of the planes, with its causes."""
-    if not planes:
-        return Outcome(None, Verdict.REFUSED, "no shot counts", "take the shots again")
-    return worst_of({one.name: one for one in planes})
-
-
 def estimate_of(plan: Plan) -> Estimate:
     """The plan's estimate. Raises KeyError where it has none."""
-    for request in requests_of(plan):
+    for request in (request for step in plan.steps for request in step.requests):
         if isinstance(request, Estimate):
             return request
     raise KeyError(f"the plan {plan.name} estimates nothing")
-
-
-def requests_of(plan: Plan) -> Sequence[object]:
-    """All requests in order."""
-    return [request for step in plan.steps for request in step.requests]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -46,8 +47,7 @@ class SettlingTimeouts:
         return -math.log(self.quiet) / (2 * math.pi * self.damping * self.frequency_hz)
 
 
-@dataclass(frozen=True)
-class VibrationLevel:
+class VibrationLevel(NamedTuple):
     """Standard deviations of acceleration in m/s^2 and of rotation rate in rad/s."""
 
     acceleration_m_s2: float
@@ -57,19 +57,6 @@ class VibrationLevel:
     def of(cls, block: ImuBlock) -> VibrationLevel:
         """Vibration level of a block of samples."""
         return cls(_deviation(block.acceleration_m_s2), _deviation(block.rotation_rad_s))
-
-    def ratio_to(self, rest: VibrationLevel) -> float:
-        """Ratio to the level at rest; the larger of the two sensors' ratios."""
-        return max(
-            self.acceleration_m_s2 / max(rest.acceleration_m_s2, 1e-9),
-            self.rotation_rad_s / max(rest.rotation_rad_s, 1e-9),
-        )
-
-    def least(self, other: VibrationLevel) -> VibrationLevel:
-        """The lower of two levels, sensor by sensor."""
-        return VibrationLevel(
-            min(self.acceleration_m_s2, other.acceleration_m_s2), min(self.rotation_rad_s, other.rotation_rad_s)
-        )
 
 
 def _deviation(samples: Array) -> float:
@@ -96,8 +83,9 @@ class Settling:
 
     def wait(self) -> VibrationLevel | None:
         """Wait, and give the vibration level, None without an IMU. Raises NotSettled, DeviceError."""
-        if self.imu is None or self._rest is None:
-            self._decay()
+        left_s = self._moved_s + self._timeouts.decay_s - self._clock.now_s()
+        if (self.imu is None or self._rest is None) and left_s > 0:
+            self._clock.sleep(left_s)
         if self.imu is None:
             return None
         self.imu.start(self._timeouts.rate_hz)
@@ -106,18 +94,13 @@ class Settling:
         finally:
             self.imu.stop()
 
-    def _decay(self) -> None:
-        left_s = self._moved_s + self._timeouts.decay_s - self._clock.now_s()
-        if left_s > 0:
-            self._clock.sleep(left_s)
-
     def _until_settled(self, imu: Imu) -> VibrationLevel:
         timeouts = self._timeouts
         end_s = self._clock.now_s() + timeouts.longest_s
         while True:
             level = VibrationLevel.of(imu.read_block(timeouts.window_s))
-            self._rest = level if self._rest is None else self._rest.least(level)
-            ratio = level.ratio_to(self._rest)
+            self._rest = VibrationLevel(*map(min, level, self._rest or level))
+            ratio = max(now / max(rest, 1e-9) for now, rest in zip(level, self._rest, strict=True))
             if ratio <= timeouts.factor:
                 return level
             if self._clock.now_s() > end_s:

@@ -12,14 +12,14 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from procedures.outcome import BadParameter, ProcedureError
 from station.common.leftovers import temporary_folder
 
 if TYPE_CHECKING:
     from station.bench.opening import Bench, DeviceRow
-    from station.guide.frontend import Operator, RunEnded
+    from station.guide.frontend import Operator
     from station.guide.run import Run
     from station.sessions.session import Session
 
@@ -49,60 +49,12 @@ class OpenedBench:
     rows: Sequence[DeviceRow] = ()
 
 
-class Running(Protocol):
-    """Protocol of `station.guide.run.Run`."""
-
-    def go(self) -> RunEnded:
-        """Carry out the run; blocks."""
-        ...
-
-    def ask_to_stop(self) -> None:
-        """End after this exposure; from any thread."""
-        ...
-
-    def stop_now(self) -> None:
-        """Stop the bench, then end; from any thread."""
-        ...
-
-
-class Lab(Protocol):
-    """Bench and sessions. Methods that access the disk or devices block; `emergency_stop` does not."""
-
-    sessions: Path
-    names: tuple[str, str]
-    """Proposed camera and lens of a new session."""
-
-    def open(self) -> OpenedBench:
-        """The bench, with the devices that answer connected. Raises DeviceError."""
-        ...
-
-    def plans(self) -> Mapping[str, str]:
-        """The titles of the plans by name; the first is the default."""
-        ...
-
-    def kept(self) -> Sequence[SessionSummary]:
-        """The existing sessions, newest first."""
-        ...
-
-    def begin(self, plan: str, camera: str, lens: str, operator: Operator) -> Running:
-        """A run of a new session. Raises ProcedureError."""
-        ...
-
-    def resume(self, folder: Path, operator: Operator, *, back_to: str | None = None) -> Running:
-        """A run that resumes a session, from the step `back_to` or where it stopped. Raises ProcedureError."""
-        ...
-
-    def emergency_stop(self) -> None:
-        """Stop every device now."""
-        ...
-
-    def close(self) -> None:
-        """Release all resources."""
-        ...
-
-
 class StationLab:
-    """The lab of a station.toml, of the simulated bench, or of manual work alone."""
+    """Bench and sessions: of a station.toml, of the simulated bench, or of manual work alone.
+
+    Methods that access the disk or devices block; `emergency_stop` does not. `names` are the proposed camera and lens
+    of a new session.
+    """
 
     def __init__(
         self,
@@ -129,7 +81,7 @@ class StationLab:
         self._scratch = contextlib.ExitStack()
 
     def open(self) -> OpenedBench:
-        """The bench; opened by the first call, which others wait for."""
+        """The bench, with the devices that answer; opened by the first call. Raises DeviceError."""
         with self._opening:
             if self._opened is None:
                 self._bench = self._make_bench()
@@ -167,8 +119,8 @@ class StationLab:
         """The sessions whose journals can be read, newest first."""
         return kept_in(self.sessions)
 
-    def begin(self, plan: str, camera: str, lens: str, operator: Operator) -> Running:
-        """A run of a new session."""
+    def begin(self, plan: str, camera: str, lens: str, operator: Operator) -> Run:
+        """A run of a new session. Raises ProcedureError."""
         from drivers.clock import SystemClock
         from station.sessions.session import Session
 
@@ -184,8 +136,11 @@ class StationLab:
 
     def resume(
         self, folder: Path, operator: Operator, *, back_to: str | None = None, without: Collection[int] = ()
-    ) -> Running:
-        """A run that resumes a session on its bench; `without` discards shots whose photographs are lost."""
+    ) -> Run:
+        """A run that resumes a session, from the step `back_to` or where it stopped. Raises ProcedureError.
+
+        `without` discards shots whose photographs are lost.
+        """
         from drivers.clock import SystemClock
         from station.sessions.session import Session
 
@@ -237,7 +192,7 @@ class StationLab:
         unit = {} if self._unit is None else {UNIT: self._unit}
         return {**settings, **unit, **({} if self._specification is None else {KEY: frozen(self._specification)})}
 
-    def _run(self, session: Session, operator: Operator) -> Running:
+    def _run(self, session: Session, operator: Operator) -> Run:
         from station.guide.catalogue import plan_named
         from station.guide.run import Run
 
@@ -296,17 +251,13 @@ class StationLab:
 
 def kept_in(root: Path) -> Sequence[SessionSummary]:
     """The readable sessions of a folder, newest first."""
+    from station.sessions.reader import read_session
+
     sessions = []
     for folder in sorted(root.glob("*/")) if root.is_dir() else ():
         try:
-            sessions.append(_kept(folder))
+            one = read_session(folder).state
         except (ProcedureError, OSError):
             continue  # `station session list` reports the reason
+        sessions.append(SessionSummary(folder, one.plan, one.camera, one.lens, one.began, one.done, one.ended))
     return sorted(sessions, key=lambda one: one.began, reverse=True)
-
-
-def _kept(folder: Path) -> SessionSummary:
-    from station.sessions.reader import read_session
-
-    state = read_session(folder).state
-    return SessionSummary(folder, state.plan, state.camera, state.lens, state.began, state.done, state.ended)

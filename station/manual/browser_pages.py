@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from procedures.outcome import BadParameter
 from station.common.atomic_files import write_whole
+from station.manual.notebooks import notebook_of
 from station.manual.pages import PARTS, Page, index_text
 from station.reports.page import render
 
@@ -19,13 +20,19 @@ INDEX = "index"
 
 
 def write_manual(pages: Sequence[Page], folder: Path) -> Path:
-    """Write all pages and their index into a folder; returns the index. Raises BadParameter if it cannot be written."""
+    """Write all pages, those with Python as notebooks too, and their index into a folder; returns the index.
+
+    Raises BadParameter if it cannot be written.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadParameter(f"{folder} cannot be made: {error.strerror}", "name another folder with --html") from error
     for page in pages:
         write_whole(folder / f"{page.name}.html", _html(page, pages).encode())
+        notebook = notebook_of(page)
+        if notebook is not None:
+            write_whole(folder / f"{page.name}.ipynb", notebook.encode())
     index = folder / f"{INDEX}.html"
     write_whole(index, _html(Page("", INDEX, index_text(pages)), pages).encode())
     return index

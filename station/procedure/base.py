@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Protocol, TypeVar
 
-from procedures.outcome import BadParameter, Outcome, Quantity
+from procedures.outcome import BadParameter, Miss, Outcome, Quantity
 from procedures.pattern import DEFAULT_SEED
 from procedures.pattern_print.source import Source
 from procedures.raw import RawFrame, default_plane, read_frame
@@ -17,6 +18,7 @@ from station.calibration.folder_photographs import PHOTOGRAPHS
 from station.common.progress import Progress, silent
 from station.procedure.settings import Settings, named_files, setting, to_record
 from station.results.measurement import BY_PLANE, Measurement
+from station.results.overlay import read_overlay
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
@@ -36,6 +38,10 @@ class Inputs(StrEnum):
     """Any number of photographs; a folder or a session is replaced by its photographs."""
     FOLDER = "folder"
     """A folder with a manifest or a prescribed layout."""
+    SCENE = "scene"
+    """Two or more photographs of one scene; in a batch a pair, or a row of a table."""
+    SERIES = "series"
+    """A folder, each of whose photographs is measured; the command is a batch."""
     SEVERAL = "several"
     """One or several files, which the procedure groups itself; in a batch each is an item."""
     RESULTS = "results"
@@ -50,27 +56,28 @@ def upper_plane(name: str | None) -> str | None:
 class RawLayout(Settings, frozen=True, kw_only=True):
     """Settings of procedures that read photographs."""
 
-    raw: (
-        Annotated[
-            str,
-            setting(
-                "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
-                metavar="WxH,RGGB,u16le,BLACK,WHITE",
-            ),
-        ]
-        | None
-    ) = None
+    raw: Annotated[
+        str | None,
+        setting(
+            "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
+            metavar="WxH,RGGB,u16le,BLACK,WHITE",
+        ),
+    ] = None
 
     @property
     def layout(self) -> DumpLayout | None:
         """Layout of samples without a header. Raises BadParameter if the text is invalid."""
         return None if self.raw is None else DumpLayout.parse(self.raw)
 
+    def check(self) -> None:
+        """Raise BadParameter if the layout is invalid."""
+        _ = self.layout
+
 
 class Reading(RawLayout, frozen=True, kw_only=True):
     """Settings of procedures that measure planes of photographs."""
 
-    plane: Annotated[str, setting("R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")] | None = (
+    plane: Annotated[str | None, setting("R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")] = (
         None
     )
 
@@ -112,10 +119,24 @@ class ChartReading(Reading, frozen=True, kw_only=True):
         """The chart. Raises ProcedureError."""
         return chart_source(self.bits, self.seed)
 
+    def check(self) -> None:
+        """Raise ProcedureError if the layout is invalid, or the chart is unreadable."""
+        super().check()
+        _ = self.source
+
 
 def beside(path: Path, folder: Path) -> Path:
     """The path itself if it is absolute or exists, else below `folder`."""
     return path if path.is_absolute() or path.exists() else folder / path
+
+
+@dataclass(frozen=True)
+class BatchSummary:
+    """Files of a batch's folder by name, lines for the terminal, and warnings."""
+
+    files: Mapping[str, bytes]
+    lines: Sequence[str] = ()
+    warnings: Sequence[str] = ()
 
 
 S = TypeVar("S", bound=Settings)
@@ -160,6 +181,11 @@ class Procedure(ABC, Generic[S]):
         """Name of the schema of its record."""
         return f"station/{self.name}/1"
 
+    @property
+    def record_name(self) -> str:
+        """The procedure that its records name."""
+        return self.name
+
     def steps(self, paths: Sequence[Path]) -> int:
         """Number of progress steps of a measurement of these files."""
         return len(paths)
@@ -184,9 +210,21 @@ class Procedure(ABC, Generic[S]):
         """Files besides the inputs on which a measurement depends."""
         return [beside(one, paths[0].parent) for one in named_files(settings)]
 
+    def missed(self, found: Measurement) -> Sequence[Miss]:
+        """The unusable photographs."""
+        return found.missed or ()
+
+    def read_overlays(self, paths: Sequence[Path], terms: Terms) -> Sequence[Any]:
+        """Results whose MTF is drawn over this one's. Raises BadParameter."""
+        return [read_overlay(path) for path in paths]
+
     def lines(self, found: Measurement) -> list[str]:
         """Additional lines for the terminal, after those of the planes."""
         return []
+
+    def summary(self, rows: Sequence[Any]) -> BatchSummary | None:
+        """Summary of a batch's rows besides the usual one."""
+        return None
 
     def report(self, found: Measurement) -> Report:
         """Contents of the certificate of a measurement."""

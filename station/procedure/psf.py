@@ -6,8 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
+from procedures.pattern_print.source import Source
+from procedures.pattern_psf.estimate import PatternParameters
 from procedures.raw import RawFrame
-from station.procedure.base import Procedure
+from station.procedure.base import ChartBits, ChartSeed, Procedure, chart_source
 from station.procedure.optics import OpticsReading
 from station.procedure.settings import setting
 from station.results.measurement import Measurement
@@ -32,6 +34,24 @@ class PsfSettings(OpticsReading, frozen=True, kw_only=True):
     def sampling(self) -> dict[str, Any]:
         """Arguments s, k and solver of an estimate; None where chosen from the photograph."""
         return {"s": _number(self.s), "k": _number(self.k), "solver": self.solver}
+
+
+class ChartPsfSettings(PsfSettings, frozen=True, kw_only=True):
+    """The same for photographs of the noise chart."""
+
+    bits: ChartBits = None
+    seed: ChartSeed = None
+
+    @property
+    def source(self) -> Source:
+        """The chart. Raises ProcedureError."""
+        return chart_source(self.bits, self.seed)
+
+    def check(self) -> None:
+        """Raise ProcedureError if the sampling is impossible, or the chart is unreadable."""
+        super().check()
+        PatternParameters(**self.sampling())
+        _ = self.source
 
 
 def _number(value: int | str) -> int | None:
@@ -65,7 +85,7 @@ class PsfProcedure(Procedure[P]):
         pixels = settings.pixels(frames[0])
         planes = [terms.told(one, pixels[one.name]) for one in results]
         told = {**asked, **settings.given()}
-        head = RecordHead(self.name, files_read(frames), {**told, **terms.parameters()}, terms.specified(planes))
+        head = RecordHead(self.record_name, files_read(frames), {**told, **terms.parameters()}, terms.specified(planes))
         found = PsfPhotographs(tuple(frames), told)
         return replace(psf_measurement(planes, head), exposure=frames[0].exposure, terms=terms, found=found)
 

@@ -31,7 +31,7 @@ def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
         "required": ["schema", "procedure", "input", "parameters", procedure.results_key, "software"],
         "properties": {
             "schema": {"const": procedure.schema},
-            "procedure": {"const": procedure.name},
+            "procedure": {"const": procedure.record_name},
             "input": {"type": "array", "items": {"$ref": "#/$defs/input"}},
             "parameters": {"type": "object"},
             "settings": settings,

@@ -13,7 +13,7 @@ import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import msgspec
 
@@ -23,6 +23,20 @@ from station.common.sanitise import printable
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of all settings models."""
+
+    def check(self) -> None:
+        """Raise ProcedureError if values are inconsistent, or a file that they name is unreadable."""
+
+    def placed(self, folder: Path) -> Self:
+        """The settings with relative file names resolved against a folder, where such files exist."""
+
+        def in_folder(value: Any) -> Any:
+            if isinstance(value, tuple):
+                return tuple(map(in_folder, value))
+            return folder / value if isinstance(value, Path) and (folder / value).exists() else value
+
+        values = msgspec.structs.asdict(self)
+        return msgspec.structs.replace(self, **{name: in_folder(value) for name, value in values.items()})
 
 
 S = TypeVar("S", bound=Settings)
@@ -112,37 +126,52 @@ def _plain(hint: Any) -> tuple[type, tuple[str, ...], bool]:
     return hint, (), False
 
 
-def read_settings(model: type[S], given: Mapping[str, Any], where: str = "") -> S:
-    """Create a model from a TOML table or options. Raises BadParameter, which names the nearest valid key."""
+def read_settings(model: type[S], given: Mapping[str, Any], shown: Mapping[str, str] | None = None) -> S:
+    """Create a model from options or keys of a TOML file; one value is accepted for a list.
+
+    shown : names of keys in messages, where they differ
+
+    Raises
+    ------
+    BadParameter
+        If a key is not known (the nearest one is named), a value is not valid, or a required one is missing.
+    """
     known = {one.name: one for one in fields_of(model)}
     for key in given:
         if key not in known:
             near = difflib.get_close_matches(key, known, 1)
             remedy = f"write {near[0]}" if near else f"use one of {', '.join(known)}" if known else "leave it out"
-            raise BadParameter(f"{where}{printable(key)} is not known", remedy)
+            raise BadParameter(f"{printable(key)} is not known", remedy)
     try:
-        return msgspec.convert(dict(given), model, dec_hook=_path)
+        return msgspec.convert({key: _listed(known[key], one) for key, one in given.items()}, model, dec_hook=_path)
     except msgspec.ValidationError as error:
-        raise _explained(str(error), known, given, where) from error
+        raise _explained(str(error), known, given, shown or {}) from error
+
+
+def _listed(one: SettingField, value: Any) -> Any:
+    return [value] if one.several and not isinstance(value, list | tuple) else value
 
 
 def _path(kind: type, value: object) -> object:
-    if kind is Path and isinstance(value, str | Path):
+    if kind is Path and isinstance(value, str | Path) and "\0" not in str(value):
         return Path(value)
     raise TypeError(f"{value!r} is not {WORDS.get(kind, kind.__name__)}")
 
 
-def _explained(message: str, known: Mapping[str, SettingField], given: Mapping[str, Any], where: str) -> BadParameter:
+def _explained(
+    message: str, known: Mapping[str, SettingField], given: Mapping[str, Any], shown: Mapping[str, str]
+) -> BadParameter:
     """Error message: key, required value, given value."""
     found = re.search(r"at `\$\.(\w+)", message)
     if found is None:
         missing = re.search(r"missing required field `(\w+)`", message)
         if missing is None:
-            return BadParameter(f"{where or 'the settings'}: {message}", "correct the procedure file")
-        return BadParameter(f"{where}{missing[1]} is required", f"give it: {known[missing[1]].description}")
+            return BadParameter(f"the settings: {message}", "correct the procedure file")
+        name = shown.get(missing[1], missing[1])
+        return BadParameter(f"{name} is required", f"give it: {known[missing[1]].description}")
     one = known[found[1]]
     value = printable(given.get(one.name))
-    return BadParameter(f"{where}{one.name} must be {_required(one)}; it is {value!r}", "correct it")
+    return BadParameter(f"{shown.get(one.name, one.name)} must be {_required(one)}; it is {value!r}", "correct it")
 
 
 def _required(one: SettingField) -> str:
@@ -153,7 +182,8 @@ def _required(one: SettingField) -> str:
         f"{word} {bound:g}" for word, bound in (("at least", one.least), ("at most", one.most)) if bound is not None
     ]
     or_word = f'or "{one.word}"' if one.word else ""
-    return " ".join(["a list, each" if one.several else "", words, " and ".join(bounds), or_word]).strip()
+    parts = ("a list, each" if one.several else "", words, " and ".join(bounds), or_word)
+    return " ".join(part for part in parts if part)
 
 
 def named_files(settings: Settings) -> list[Path]:
@@ -161,18 +191,6 @@ def named_files(settings: Settings) -> list[Path]:
     values = msgspec.structs.asdict(settings).values()
     every = (one for value in values for one in (value if isinstance(value, tuple) else (value,)))
     return [one for one in every if isinstance(one, Path)]
-
-
-def placed(settings: S, folder: Path) -> S:
-    """Resolve relative file names against a folder, where such files exist."""
-
-    def in_folder(value: Any) -> Any:
-        if isinstance(value, tuple):
-            return tuple(map(in_folder, value))
-        return folder / value if isinstance(value, Path) and (folder / value).exists() else value
-
-    values = msgspec.structs.asdict(settings)
-    return msgspec.structs.replace(settings, **{name: in_folder(value) for name, value in values.items()})
 
 
 def to_record(settings: Settings) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from procedures.correction.estimate import Correction
 from procedures.raw import RawFrame
 from station.calibration.correction import Corrected, correction_numbers
 from station.common.versions import software
-from station.drawing.linear_pictures import display_png
+from station.drawing.pictures import display_png
 from station.reports import psf_figures
 from station.reports.page import exposure_words, render
 from station.results.record_head import RecordHead

@@ -90,11 +90,11 @@ def distortion_figure(found: Geometry, places: Array, moved: Array, name: str) -
 
 
 def misfit_figure(found: Geometry, name: str) -> Markup:
-    """The smooth field that the model leaves undrawn, inside what the charts covered."""
+    """Systematic residual of the model, within the covered part of the frame."""
     places = found.camera.frame_grid(*ARROWS)
     path = matplotlib.path.Path(found.region)
     places = places[path.contains_points(places)]
-    words = "smooth field that the camera model leaves undrawn"
+    words = "systematic residual of the camera model"
     return _arrows(found.camera, places, found.misfit.at(places), name, words, "pixel", ALONG["vertical"])
 
 

@@ -16,7 +16,7 @@ from procedures.quality import Diffraction, Quality, frequencies
 from procedures.transfer_function import Otf, mtf_map, phase_along
 from procedures.two_photo.diagnostics import CLEAR
 from station.drawing.colours import ALONG, FAINT, INK, LIMIT_COLOUR
-from station.drawing.hover import tell_along
+from station.drawing.hover import title_along
 from station.drawing.style import CONFIDENT, STYLE, axes_grid, colour_bar, svg
 
 Array = npt.NDArray[np.float64]
@@ -95,7 +95,7 @@ def mtf_figure(
     if limit is not None:
         draw_diffraction(places[0, 0], shown, limit.otf(f))
     draw_others(places[0, 0], others or {})
-    tell_along(places[0, 0], shown, list(_told_along(shown, curves, axis)))
+    title_along(places[0, 0], shown, list(_told_along(shown, curves, axis)))
     finish_mtf(places[0, 0], axis)
     _draw_undetermined(places[0, 0], shown, np.maximum(*(curve.uncertainty for curve in curves.values())))
     if truth is not None:

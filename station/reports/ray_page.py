@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from station.drawing import colours
-from station.drawing.linear_pictures import display_png
+from station.drawing.pictures import display_png
 
 Linear = npt.NDArray[np.floating]
 

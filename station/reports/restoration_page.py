@@ -15,7 +15,7 @@ from procedures.restoration.joint.result import Restoration, refocused
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.metres import Distances
 from station.common.versions import software
-from station.drawing.depth_pictures import encoded, levels, picture
+from station.drawing.pictures import encoded, levels, picture
 from station.reports import psf_figures
 from station.reports.page import render
 from station.results.record_head import RecordHead

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from procedures.psf import Psf
 from procedures.radial_profile import radial_profile
 from procedures.reading.exposure import Exposure
 from station.common.sanitise import cell
-from station.drawing.linear_pictures import described_tiff, float_tiff
+from station.drawing.pictures import described_tiff, float_tiff
 from station.results.fits import Cards, image_extension, primary_image
 
 Array = npt.NDArray[np.float64]
@@ -140,8 +140,13 @@ def profile_table(psf: Psf, pitch: int) -> bytes:
     columns |= {f"{name} [1/pixel^2]": column for name, column in density.items()}
     columns |= {"energy": found.energy, "energy_uncertainty": found.energy_uncertainty}
     columns |= {"inside_support": (found.radius <= found.support).astype(np.float64)}
-    rows = zip(*columns.values(), strict=True)
-    return csv_bytes([list(columns), *([f"{value:.9g}" for value in row] for row in rows)])
+    return csv_columns(columns, 9)
+
+
+def csv_columns(columns: Mapping[str, npt.ArrayLike], digits: int) -> bytes:
+    """Columns of numbers, each (n,), as CSV with their names as headings."""
+    rows = ([f"{value:.{digits}g}" for value in row] for row in zip(*map(np.asarray, columns.values()), strict=True))
+    return csv_bytes([list(columns), *rows])
 
 
 def csv_bytes(rows: Iterable[Sequence[object]]) -> bytes:

@@ -12,7 +12,6 @@ from procedures.reading.exposure import Exposure
 from station.common.versions import software
 from station.results.exports import numbers_table
 from station.results.limits import compare
-from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, plane_record, write_record
@@ -53,7 +52,7 @@ class Measurement:
     terms: Terms = USUAL
     found: Any = None
     results_key: str = BY_PLANE
-    overlays: Sequence[Overlay] = ()
+    overlays: Sequence[Any] = ()
 
     @property
     def refused(self) -> bool:

@@ -6,16 +6,19 @@ import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from procedures.outcome import BadParameter
 from procedures.plan import Fact
 from station.common.errors import ExplainedError
 from station.guide.frontend import ProblemEvent
-from station.guide.workspace import Running, StationLab
+from station.guide.workspace import StationLab
 from station.service.pictures import LatestPicture
 from station.service.remote_operator import RemoteOperator, RunStatus
 from station.service.tenancy import Tenancy
+
+if TYPE_CHECKING:
+    from station.guide.run import Run
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Runs:
     def __init__(self, lab: StationLab, tenancy: Tenancy, picture: LatestPicture) -> None:
         self._lab, self._tenancy, self._picture = lab, tenancy, picture
         self._operator: RemoteOperator | None = None
-        self._running: Running | None = None
+        self._running: Run | None = None
         self._thread: threading.Thread | None = None
         self._failed = ""
 
@@ -83,7 +86,7 @@ class Runs:
         self._thread = threading.Thread(target=self._go, args=(running,), name="run", daemon=True)
         self._thread.start()
 
-    def _go(self, running: Running) -> None:
+    def _go(self, running: Run) -> None:
         try:
             running.go()
         except Exception as error:  # any error is reported to the client as a sentence

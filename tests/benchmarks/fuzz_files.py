@@ -181,7 +181,7 @@ def _dump(path: Path) -> None:
 
 
 SENSOR = {
-    "schema": "station/sensor/1",
+    "procedure": "sensor",
     "iso": 100,
     "planes": {
         "G1": {

@@ -39,13 +39,13 @@ from simulated_views import (  # noqa: E402
     true_poses,
 )
 
-from procedures.geometry.adjustment import adjust  # noqa: E402
+from procedures.geometry.adjustment import AdjustmentProblem, adjust  # noqa: E402
 from procedures.geometry.cameras import MODELS  # noqa: E402
 from procedures.geometry.chart_bins.photographs import view_of  # noqa: E402
 from procedures.geometry.choice import choose_model, first_state, fit_model  # noqa: E402
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry  # noqa: E402
 from procedures.geometry.rig import estimate_rig, posed_charts  # noqa: E402
-from procedures.geometry.shape import own_errors, shape_model  # noqa: E402
+from procedures.geometry.shape import estimated_node_errors, shape_model  # noqa: E402
 from procedures.geometry.uncertainty import projection_uncertainty  # noqa: E402
 from procedures.geometry.views import Pose  # noqa: E402
 from procedures.pattern import Chart  # noqa: E402
@@ -82,7 +82,7 @@ def spline(draws: int) -> None:
     for model in MODELS:
         poor = calibrate_geometry(taken.views, WAVY.camera.size, GeometryParameters(CELL_MM, model=model), taken.nodes)
         told = poor.reason if poor.value is None else f"residual {poor.value.residual_scale:.1f} times the noise"
-        print(f"{model}: {poor.verdict}, {told}, {'' if 'too poor' in poor.reason else 'not '}told to be too poor")
+        print(f"{model}: {poor.verdict}, {told}, {'' if 'too simple' in poor.reason else 'not '}flagged as too simple")
     chosen, scale = found.value.camera.model, found.value.residual_scale
     print(f"chosen: {chosen}, {found.verdict}, residual {scale:.2f} times the noise", flush=True)
     _spread(draws, chosen, WAVY)
@@ -97,13 +97,12 @@ def _spread(draws: int, model: str, shoot: Shoot) -> None:
     errors, start = [], None
     for draw in range(draws):
         taken = take(shoot, np.random.default_rng(1000 + draw))
-        shape = shape_model(taken.nodes)
+        problem = AdjustmentProblem(taken.nodes, taken.views, shape_model(taken.nodes))
         if start is None:
-            first = first_state(taken.nodes, taken.views, truth.size, shape)
-            start = fit_model(model, first, taken.nodes, taken.views, shape).state
-        found = adjust(start, taken.nodes, taken.views, shape)
-        shape = replace(shape, node_mm=own_errors(found.state.errors_mm, found.errors_variance))
-        found = adjust(found.state, taken.nodes, taken.views, shape)
+            start = fit_model(model, first_state(problem, truth.size), problem).state
+        found = adjust(start, problem)
+        node_mm = estimated_node_errors(found.state.errors_mm, found.errors_variance)
+        found = adjust(found.state, replace(problem, shape=replace(problem.shape, node_mm=node_mm)))
         for d in DISTANCES:
             moved[d].append(fixed_to_charts(found.state.camera, found.state.poses, taken, truth, pixels, d))
             predicted[d].append(projection_uncertainty(found, pixels, d))
@@ -152,15 +151,15 @@ def rig(draws: int) -> None:
 
 
 def doubts(draws: int) -> None:
-    """How often a model that is too poor is doubted, and how often one that is right."""
+    """How often an inadequate model is flagged as doubtful, and how often an adequate one."""
     small = replace(SHOOT, every=2, count=10)
-    for words, shoot in (("too poor", small), ("right", replace(small, camera=PLAIN))):
+    for words, shoot in (("too simple", small), ("right", replace(small, camera=PLAIN))):
         alarms = refused = 0
         for draw in range(draws):
             taken = take(shoot, np.random.default_rng(5000 + draw))
             parameters = GeometryParameters(CELL_MM, model=POOR)
             found = calibrate_geometry(taken.views, shoot.camera.size, parameters, nodes=taken.nodes)
-            alarms += "too poor" in found.reason
+            alarms += "too simple" in found.reason
             refused += found.value is None
         print(f"{POOR} where it is {words}: doubted in {alarms} of {draws} draws, refused in {refused} "
               "(12 x 12 nodes, 10 views)", flush=True)  # fmt: skip
@@ -212,11 +211,11 @@ def speed(_: int) -> None:
     """Time of bundle adjustment of 30 views and of the whole, with its choice of the model."""
     shoot = replace(SHOOT, count=30)
     taken = take(shoot, np.random.default_rng(1))
-    shape, size = shape_model(taken.nodes), shoot.camera.size
+    problem, size = AdjustmentProblem(taken.nodes, taken.views, shape_model(taken.nodes)), shoot.camera.size
     print("30 views of 24 x 24 points")
-    start = timed("first state", lambda: first_state(taken.nodes, taken.views, size, shape))
-    timed("one model", lambda: fit_model(RICH, start, taken.nodes, taken.views, shape))
-    timed("choice of the model", lambda: choose_model(MODELS, start, taken.nodes, taken.views, shape))
+    start = timed("first state", lambda: first_state(problem, size))
+    timed("one model", lambda: fit_model(RICH, start, problem))
+    timed("choice of the model", lambda: choose_model(MODELS, start, problem))
     timed("everything", lambda: calibrate_geometry(taken.views, size, GeometryParameters(CELL_MM)))
 
 

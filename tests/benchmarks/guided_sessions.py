@@ -21,7 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from procedures import read_camera_numbers
+from procedures.whole_camera.camera_file import read_camera_numbers
 from simulators.bench.simulated_operator import F_NUMBERS
 from simulators.bench.view import bench_camera
 from simulators.camera.sensor import Sensor

@@ -34,7 +34,7 @@ from procedures.raw import Plane  # noqa: E402
 from procedures.slanted_edge.estimate import EdgeMtf, estimate_edge  # noqa: E402
 from procedures.slanted_edge.strip import Roi  # noqa: E402
 from procedures.two_photo.estimate import TwoPhotoPsf  # noqa: E402
-from procedures.two_photo.estimate import estimate_psf as by_wall  # noqa: E402
+from procedures.two_photo.estimate import estimate_psf_of_pair as by_wall  # noqa: E402
 from tests.procedures.pattern_psf import analytic_camera as of_chart  # noqa: E402
 from tests.procedures.slanted_edge import analytic as of_edge  # noqa: E402
 from tests.procedures.two_photo import endless as of_wall  # noqa: E402

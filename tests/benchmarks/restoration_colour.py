@@ -19,8 +19,9 @@ from restoration_scenes import picture
 from scipy.ndimage import gaussian_filter
 
 from procedures.raw import Plane
-from procedures.restoration.colour.estimate import Steps, in_colour, pair_at
+from procedures.restoration.colour.estimate import descended, in_colour, problem_of, unknowns_of
 from procedures.restoration.colour.mosaic import mosaics, spread
+from procedures.restoration.colour.picture import mixing
 from procedures.restoration.joint.estimate import restoration_of
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.blur_operator import Blur
@@ -76,7 +77,9 @@ def main(side: int = 176) -> None:
         known = mosaics(one.photographs, np.ones(2))
         samples = {n: plane.samples for n, plane in one.photographs[0].items()}
         first = spread(samples, ORIGINS) / known.gains[:, None, None]
-        at_truth, _, _ = pair_at(known, one.w, first, masks, one.sigma, Steps(joint=0))
+        term = problem_of(known, masks, np.float32)
+        u, _ = descended(term, unknowns_of(known, first, R, np.float32), one.w, one.sigma, joint=0)
+        at_truth = known.gains[:, None, None] * np.tensordot(np.linalg.inv(mixing()), u[:, R:-R, R:-R], axes=1)
         start = time.process_time()
         z = [np.stack([p.samples.astype(float) for p in planes.values()]) for planes in one.photographs]
         planes = restoration_of(z, of_planes)

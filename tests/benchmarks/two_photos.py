@@ -18,7 +18,7 @@ import numpy as np
 import scipy.optimize
 
 from procedures.raw import Plane, read_frame
-from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
+from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
 
 RUNS = 7
 PUBLISHED_S = 2.0
@@ -33,7 +33,7 @@ def planes(*names: str) -> list[Plane]:
 
 def found(pair: list[Plane], solver: str = "nnls") -> TwoPhotoPsf:
     """The answer, which must be there."""
-    outcome = estimate_psf(*pair, TwoPhotoParameters(s=3, k=13, solver=solver))
+    outcome = estimate_psf_of_pair(*pair, TwoPhotoParameters(s=3, k=13, solver=solver))
     if outcome.value is None:
         raise SystemExit(outcome.reason)
     return outcome.value

@@ -23,7 +23,7 @@ import numpy as np  # noqa: E402  (one thread must be asked for before numpy loa
 
 from procedures.outcome import Outcome, Verdict  # noqa: E402
 from procedures.raw import Plane, read_frame  # noqa: E402
-from procedures.two_photo.estimate import TwoPhotoPsf, estimate_psf  # noqa: E402
+from procedures.two_photo.estimate import TwoPhotoPsf, estimate_psf_of_pair  # noqa: E402
 from tests.procedures.two_photo.damage import damaged, names, relief  # noqa: E402
 from tests.procedures.two_photo.endless import CAMERAS, mtf50, mtf_nyquist, photographs  # noqa: E402
 from tests.procedures.two_photo.wall import Otf, Pair  # noqa: E402
@@ -36,7 +36,7 @@ FAR = 3.0
 
 def estimated(near: np.ndarray, far: np.ndarray) -> Outcome[TwoPhotoPsf]:
     """With default settings."""
-    return estimate_psf(*(Plane("Y", np.asarray(samples, np.float32), 1 / 65535) for samples in (near, far)))
+    return estimate_psf_of_pair(*(Plane("Y", np.asarray(samples, np.float32), 1 / 65535) for samples in (near, far)))
 
 
 def errors(found: TwoPhotoPsf, otf: Otf) -> dict[str, tuple[float, float]]:

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from procedures import estimate_psf, read_camera_numbers
+from procedures import estimate_psf
 from procedures.facts import facts_as
 from procedures.field import conclusion
 from procedures.field import estimate as field_estimate
@@ -25,6 +25,7 @@ from procedures.pattern_psf.facts import PatternFacts
 from procedures.plan import Advice, Shoot, Step
 from procedures.sensor.plan import enough as sensor_enough
 from procedures.sensor.plan import estimate_none
+from procedures.whole_camera.camera_file import read_camera_numbers
 from procedures.whole_camera.facts import WholeCameraFacts
 from procedures.whole_camera.plan import QUARTERS, plan
 from simulators.bench.bench import Setup, SimulatedBench

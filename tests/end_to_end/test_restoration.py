@@ -20,7 +20,7 @@ from station.guide.catalogue import plan_named
 from station.guide.frontend import Result
 from station.guide.run import Run
 from station.guide.scripted import ScriptedOperator
-from station.guide.session_result import Frames, imu_during
+from station.guide.session_result import Frames
 from station.sessions.session import Session
 
 pytestmark = pytest.mark.slow
@@ -40,8 +40,7 @@ def done(tmp_path_factory):
     ended = Run(plan, bench, session, operator).go()
     (result,) = (event for event in operator.heard if isinstance(event, Result))
     state = session.state
-    frames = [session.folder / shot.path for shot in state.counting()]
-    known = Frames(frames, [imu_during(shot) for shot in state.counting()])
+    known = Frames(session.folder, state.counting())
     straight = estimate(known, {**state.facts, "pixel_pitch_um": 0.0}, {})["picture"].value.sharp[0]
     session.close()
     bench.close()

@@ -14,15 +14,27 @@ import numpy as np
 
 from drivers.frame_files.dng import Shot, write_dng
 from procedures.field.field_file import write_field
+from procedures.geometry.estimate import GeometryParameters
 from procedures.outcome import Outcome, Verdict
 from procedures.pattern import Chart
+from procedures.tilt.estimate import Tilt
+from procedures.tilt.plane import fit_plane
+from procedures.tilt.screws import Screws, turns_for
 from simulators.bench.demonstration import EXPOSURE_S, ISO, Staging, stage
 from simulators.camera.sensor import Sensor
+from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude
+from station.calibration.geometry_files import geometry_measurement
+from station.calibration.tilt import tilt_measurement
+from station.procedure.builtin.geometry import PROCEDURE as GEOMETRY
+from station.reports.tilt_page import tilt_page
+from station.results.measurement import write_measurement
+from station.results.record_head import RecordHead, files_read
+from station.results.result_files import ResultFolder
 from tests.procedures.correction.small_lens import SmallLens
 from tests.procedures.correction.small_lens import grey as grey_photograph
 from tests.procedures.geometry.simulated_views import CELL_MM, Shoot, TrueCamera, take
 from tests.procedures.two_photo.wall import gaussian, photographs
-from tests.station.cli.test_rig import FIRST, seen_by_second
+from tests.station.cli.test_rig import FIRST, in_second
 from tests.station.cli.test_rig import write as write_geometry_record
 from tests.station.manual.conftest import defocused, edge_levels, render_samples, six_charts
 
@@ -78,32 +90,29 @@ def edge(folder: Path) -> Words:
     return "mtf", "edge", folder / "edge.png", "--report"
 
 
-def geometry(folder: Path) -> None:
-    """Six views of a known camera, their charts' points drawn by formulas."""
-    from procedures.geometry.estimate import GeometryParameters
-    from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude
-    from station.calibration.geometry_files import geometry_measurement
-    from station.procedure.builtin.geometry import PROCEDURE
-    from station.results.measurement import write_measurement
-    from station.results.record_head import RecordHead, files_read
-    from station.results.result_files import ResultFolder
-
+def geometry_shoot() -> GeometryPhotographs:
+    """Six views of a known camera, their charts' points drawn by formulas, and an unusable photograph."""
     truth = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
     taken = take(Shoot(truth, count=6, print_mm=0.02, bend_mm=0.2), np.random.default_rng(12))
     good = [ViewRecord(Path(f"{view.source}.dng"), "0" * 64, view, Verdict.PASS) for view in taken.views]
     bad = ViewRecord(Path("dark.dng"), "1" * 64, None, Verdict.REFUSED, "the photograph is too dark", "expose longer")
-    shoot = GeometryPhotographs("G1", truth.size, (*good, bad))
+    return GeometryPhotographs("G1", truth.size, (*good, bad))
+
+
+def geometry(folder: Path) -> None:
+    """Six views of a known camera."""
+    shoot = geometry_shoot()
     found = conclude([shoot], GeometryParameters(CELL_MM, model="OPENCV"))
     with ResultFolder(folder / OUT) as results:
         whole = geometry_measurement(found, RecordHead("geometry", files_read(shoot.records), {"width_mm": 300.0}))
-        results.write("report.html", PROCEDURE.page(whole))
+        results.write("report.html", GEOMETRY.page(whole))
         write_measurement(results, whole)
 
 
 def rig(folder: Path) -> Words:
     """Two cameras by their records of geometry."""
     first = write_geometry_record(folder / "left", FIRST)
-    return "rig", first, write_geometry_record(folder / "right", [seen_by_second(one) for one in FIRST])
+    return "rig", first, write_geometry_record(folder / "right", [in_second(one) for one in FIRST])
 
 
 def sensor(folder: Path) -> Words:
@@ -132,24 +141,18 @@ def sensor(folder: Path) -> Words:
     return "sensor", folder / "shoot", "--plane", "G1"
 
 
-def tilt(folder: Path) -> None:
+def known_tilt() -> Tilt:
     """A plane and a curvature of known numbers, and the screws that lay it level."""
-    from procedures.tilt.estimate import Tilt
-    from procedures.tilt.plane import fit_plane
-    from procedures.tilt.screws import Screws, turns_for
-    from station.calibration.tilt import tilt_measurement
-    from station.reports.tilt_page import tilt_page
-    from station.results.measurement import write_measurement
-    from station.results.record_head import RecordHead
-    from station.results.result_files import ResultFolder
-
     places = np.array([(x, y) for y in (-10.0, 0.0, 10.0) for x in (-15.0, 0.0, 15.0)])
     x, y = places.T
-    plane, screws = (
-        fit_plane(places, 2 + 1.5 * x - 0.5 * y + 0.02 * x**2, np.eye(9), (36.0, 24.0)),
-        Screws(first_deg=30.0),
-    )
-    found = Outcome(Tilt(plane, np.zeros(9), screws, turns_for(plane, screws, with_focus=True), True))
+    plane = fit_plane(places, 2 + 1.5 * x - 0.5 * y + 0.02 * x**2, np.eye(9), (36.0, 24.0))
+    screws = Screws(first_deg=30.0)
+    return Tilt(plane, np.zeros(9), screws, turns_for(plane, screws, with_focus=True), True)
+
+
+def tilt(folder: Path) -> None:
+    """The known tilt."""
+    found = Outcome(known_tilt())
     with ResultFolder(folder / OUT) as results:
         results.write("report.html", tilt_page("G1", 5, found).encode())
         write_measurement(results, tilt_measurement(RecordHead("tilt"), "G1", found))

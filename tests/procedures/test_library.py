@@ -1,18 +1,13 @@
-"""The library's door: every name is there, typed, and loaded only when it is used."""
+"""The public API: every name exists, is typed, is loaded on first use, and is used in an example of the manual."""
 
 from __future__ import annotations
 
 import ast
-import dataclasses
-import importlib
-import inspect
 import os
 import re
 import subprocess
 import sys
-import typing
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -54,59 +49,19 @@ def in_python(code: str, folder: Path, **environ: str) -> subprocess.CompletedPr
     )  # fmt: skip
 
 
-def test_types_and_program_agree_on_where_every_name_is():
-    # what a checker reads under TYPE_CHECKING, against what a running program gets
-    source = Path(procedures.__file__).read_text(encoding="utf-8")
-    block = next(node for node in ast.parse(source).body if isinstance(node, ast.If))
-    imported = {
-        (alias.asname or alias.name): getattr(importlib.import_module(node.module or ""), alias.name)
-        for node in block.body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-    }
-    assert sorted(imported) == sorted(procedures.__all__)
-    assert all(getattr(procedures, name) is value for name, value in imported.items())
-
-
-def ours_in(hint: object) -> Iterator[type]:
-    """The project's own classes that a type is made of."""
-    of = typing.get_origin(hint) or hint
-    if inspect.isclass(of) and of.__module__.startswith("procedures."):
-        yield of
-    for part in (*typing.get_args(hint), *(hint if isinstance(hint, list) else ())):
-        yield from ours_in(part)
-
-
-def given_by(function: object) -> set[type]:
-    """The classes of what a function answers."""
-    return set(ours_in(typing.get_type_hints(function)["return"]))
-
-
-def taken_by(one: object) -> set[type]:
-    """The classes of what calling a function takes, or making an instance of a class."""
-    target = one.__init__ if inspect.isclass(one) else one
-    hints = typing.get_type_hints(target) if inspect.isfunction(target) else {}
-    return {found for name, hint in hints.items() if name != "return" for found in ours_in(hint)}
-
-
-def test_what_a_function_takes_and_gives_is_in_the_library():
-    public = {name: getattr(procedures, name) for name in procedures.__all__}
-    functions = [one for one in public.values() if inspect.isfunction(one)]
-    given = set().union(*map(given_by, functions))
-    needed, more = set(), set().union(*map(taken_by, functions))
-    while more:  # settings of settings; what a function gives need not be made by hand
-        needed |= more
-        more = set().union(*(taken_by(one) for one in more - given if dataclasses.is_dataclass(one))) - needed
-    assert {"RestorationParameters", "SegmentSettings", "PathSettings"} <= {one.__name__ for one in needed}
-    assert sorted(one.__qualname__ for one in (needed | given) - set(public.values())) == []
+def test_stub_and_program_have_the_same_names():
+    stub = ast.parse(Path(procedures.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    (listed,) = (ast.literal_eval(node.value) for node in stub.body if isinstance(node, ast.Assign))
+    assert listed == sorted(listed) == procedures.__all__
+    assert all(getattr(procedures, name) is not None for name in listed)
 
 
 def test_unknown_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="has no attribute 'psf_of_everything'"):
+    with pytest.raises(AttributeError, match="attribute psf_of_everything"):
         procedures.psf_of_everything  # noqa: B018
 
 
-def test_the_door_loads_nothing_by_itself(tmp_path):
+def test_import_loads_nothing_by_itself(tmp_path):
     code = "import sys, procedures; print('numpy' in sys.modules, 'estimate_psf' in dir(procedures))"
     done = in_python(code, tmp_path, PYTHONPATH=str(ROOT))
     assert done.stdout.split() == ["False", "True"], done.stderr

@@ -47,7 +47,7 @@ def of_a_dim_tail(raw: bool) -> Iterable[Check]:
 
 
 def of_a_pair(raw: bool) -> Iterable[Check]:
-    return pair.checks_of(of_ones(of_pair.Diagnostics), Sampling(2, 11, "ls", ()), TRIED, 2, [], raw=raw)
+    return pair.checks_of(of_ones(of_pair.PairDiagnostics), Sampling(2, 11, "ls", ()), TRIED, 2, [], raw=raw)
 
 
 def of_an_edge(raw: bool) -> Iterable[Check]:

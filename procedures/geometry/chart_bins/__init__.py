@@ -1,1 +1,1 @@
-"""Where the cells of a chart are seen in a photograph, averaged over bins of the chart, with their covariance."""
+"""Positions of a chart's cells in a photograph, averaged over bins of the chart, with covariance."""

@@ -1,7 +1,6 @@
-"""The inner loops of a large chart's bins: each drawn as it should be seen, blurred, and held against the photograph.
+"""Inner loops for the bins of a large chart: each is rendered, blurred, and fitted to the photograph.
 
-What least squares of a bin needs is summed while it is drawn: pictures of it are never made whole but for the one that
-is blurred.
+The products for least squares are summed during rendering, so that the blurred picture is the only one in memory.
 """
 
 from __future__ import annotations
@@ -18,18 +17,18 @@ Array32 = npt.NDArray[np.float32]
 Indices = npt.NDArray[np.int64]
 
 COLUMNS = 5
-"""Of a bin's least squares: brightness, contrast, blur, and the shift along x and y."""
+"""Parameters of a bin's least squares: brightness, contrast, blur, and the shift along x and y."""
 MARGIN = 6
-"""Pixels drawn around a bin: what blurs into it."""
+"""Pixels rendered around a bin, from which the blur contributes."""
 
 
-class Look(NamedTuple):
-    """A photograph, the chart's cells, the map between them, and how a bin is drawn.
+class RenderModel(NamedTuple):
+    """A photograph, the chart's cells, the map between them, and the rendering of bins.
 
-    H (3, 3), centre (2,), radius and displacement (2, 9) are those of `numerics.warps.CubicWarp`, from the pixels of a
-    picture of means over `factor` x `factor` to cells; `origin` is where the chart begins, in cells before the noise's
-    corner. A bin reaches `half` cells to all sides; it is drawn at `n` places along every pixel, n odd, each the mean
-    over a square of `side` cells, not more than one, and blurred by the weights `blur`, an odd number.
+    H (3, 3), centre (2,), radius and displacement (2, 9) are those of `numerics.warps.CubicWarp`, from pixels of the
+    picture reduced by `factor` to cells; `origin` is the number of cells from the chart's edge to the noise's corner. A
+    bin extends `half` cells to all sides. It is rendered at an odd number `n` of places along every pixel, each of them
+    the mean over a square of `side` cells, at most one, and blurred by an odd number of weights `blur`.
     """
 
     samples: Array32
@@ -47,8 +46,8 @@ class Look(NamedTuple):
 
 
 @vectorised
-def chart_at(look: Look, x: float, y: float) -> float:
-    """The chart's mean over a square around a place in cells from the noise's corner: over one cell each way or two."""
+def chart_at(look: RenderModel, x: float, y: float) -> float:
+    """Mean of the chart over a square around a place in cells from the noise's corner; it covers one or two cells."""
     chart, half = look.chart, look.side / 2
     right = min(max(x + look.origin + half, 0.0), chart.shape[1] - 1.0)
     lower = min(max(y + look.origin + half, 0.0), chart.shape[0] - 1.0)
@@ -59,8 +58,8 @@ def chart_at(look: Look, x: float, y: float) -> float:
 
 
 @vectorised
-def cells_along(look: Look, first: float, y: float, step: float, cells: Array) -> None:
-    """The cells (2, count), x and y, seen at places `step` apart along a row of the photograph, from x = first on."""
+def cells_along(look: RenderModel, first: float, y: float, step: float, cells: Array) -> None:
+    """Cells (2, count), x and y, at places `step` apart along a row of the photograph, starting at x = first."""
     d, e, H, f, middle = look.displacement[0], look.displacement[1], look.H, look.factor, (look.factor - 1) / 2
     y = (y - middle) / f
     v = (y - look.centre[1]) / look.radius
@@ -78,42 +77,42 @@ def cells_along(look: Look, first: float, y: float, step: float, cells: Array) -
 
 
 @vectorised
-def own_pixels(look: Look, centre: Array, beside: Array, low: Indices, own: npt.NDArray[np.bool_]) -> Indices:
-    """Marks the pixels that are a bin's own; which places along the fine rows its derivatives need, first and last.
+def own_pixels(look: RenderModel, centre: Array, offset: Array, low: Indices, own: npt.NDArray[np.bool_]) -> Indices:
+    """Mark the pixels of a bin; gives the first and last place along each fine row required by its derivatives.
 
-    Rows of which none is needed have a first behind the last.
+    Rows without any have a first greater than the last.
     """
     rows, columns = own.shape
     n, middle = look.n, look.n // 2
-    asked = np.empty((rows * n, 2), np.int64)
-    asked[:, 0], asked[:, 1] = columns * n, -1
+    required = np.empty((rows * n, 2), np.int64)
+    required[:, 0], required[:, 1] = columns * n, -1
     cells = np.empty((2, columns))
     for r in range(rows):
         cells_along(look, float(low[0]), float(r + low[1]), 1.0, cells)
         for c in range(columns):
-            x, y = cells[0, c] - beside[0] - centre[0], cells[1, c] - beside[1] - centre[1]
+            x, y = cells[0, c] - offset[0] - centre[0], cells[1, c] - offset[1] - centre[1]
             own[r, c] = abs(x) < look.half and abs(y) < look.half
             if own[r, c]:
                 for i in range(max(r * n + middle - 2, 0), min(r * n + middle + 3, rows * n)):
-                    asked[i, 0] = min(asked[i, 0], max(c * n + middle - 2, 0))
-                    asked[i, 1] = max(asked[i, 1], min(c * n + middle + 2, columns * n - 1))
-    return asked
+                    required[i, 0] = min(required[i, 0], max(c * n + middle - 2, 0))
+                    required[i, 1] = max(required[i, 1], min(c * n + middle + 2, columns * n - 1))
+    return required
 
 
 @vectorised
-def spread(asked: Indices, reach: int) -> Indices:
-    """The places of rows that are asked for in any of the rows as far as `reach` away."""
-    found = asked.copy()
-    for i in range(len(asked)):
-        for k in range(max(i - reach, 0), min(i + reach + 1, len(asked))):
-            found[i, 0] = min(found[i, 0], asked[k, 0])
-            found[i, 1] = max(found[i, 1], asked[k, 1])
-    return found
+def spread(required: Indices, reach: int) -> Indices:
+    """Ranges of the rows, each extended to those of the rows within `reach`."""
+    extended = required.copy()
+    for i in range(len(required)):
+        for k in range(max(i - reach, 0), min(i + reach + 1, len(required))):
+            extended[i, 0] = min(extended[i, 0], required[k, 0])
+            extended[i, 1] = max(extended[i, 1], required[k, 1])
+    return extended
 
 
 @vectorised
-def drawn(look: Look, beside: Array, low: Indices, needed: Indices, columns: int) -> Array:
-    """The chart at the places of the fine rows that blurring the needed ones takes, elsewhere anything."""
+def rendered(look: RenderModel, offset: Array, low: Indices, needed: Indices, columns: int) -> Array:
+    """The chart at the places of the fine rows that the blur of the needed ones requires; undefined elsewhere."""
     n, reach = look.n, len(look.blur) // 2
     picture, cells = np.empty((len(needed), columns)), np.empty((2, columns))
     for r in range(len(needed)):
@@ -122,17 +121,17 @@ def drawn(look: Look, beside: Array, low: Indices, needed: Indices, columns: int
             along = cells[:, : last - first + 1]
             cells_along(look, (first - n // 2) / n + low[0], (r - n // 2) / n + low[1], 1 / n, along)
             for c in range(last - first + 1):
-                picture[r, first + c] = chart_at(look, along[0, c] - beside[0], along[1, c] - beside[1])
+                picture[r, first + c] = chart_at(look, along[0, c] - offset[0], along[1, c] - offset[1])
     return picture
 
 
 @vectorised
-def blurred(look: Look, picture: Array, needed: Indices, asked: Indices) -> Array:
-    """A picture blurred along both axes where it is asked for, mirrored at its rim; of rows first what is needed."""
+def blurred(look: RenderModel, picture: Array, needed: Indices, required: Indices) -> Array:
+    """A picture blurred along both axes where required, mirrored at its edges: along the needed rows, then columns."""
     rows, columns = picture.shape
     reach = len(look.blur) // 2
     line = np.empty(columns + 2 * reach)
-    across, found = np.zeros((rows, columns)), np.zeros((rows, columns))
+    across, blurred_both = np.zeros((rows, columns)), np.zeros((rows, columns))
     for i in range(rows):
         first, count = needed[i, 0], needed[i, 1] + 1 - needed[i, 0]
         for j in range(count + 2 * reach if count > 0 else 0):
@@ -145,45 +144,45 @@ def blurred(look: Look, picture: Array, needed: Indices, asked: Indices) -> Arra
             for j in range(len(total)):
                 total[j] += weight * line[j + t]
     for i in range(rows):
-        total = found[i, asked[i, 0] : asked[i, 1] + 1]
+        total = blurred_both[i, required[i, 0] : required[i, 1] + 1]
         for t in range(len(look.blur)):
             k = i + t - reach
             k = -k - 1 if k < 0 else 2 * rows - 1 - k if k >= rows else k
-            weight, source = look.blur[t], across[k, asked[i, 0] : asked[i, 1] + 1]
+            weight, source = look.blur[t], across[k, required[i, 0] : required[i, 1] + 1]
             for j in range(len(source)):
                 total[j] += weight * source[j]
-    return found
+    return blurred_both
 
 
 @vectorised
-def lay_bins(look: Look, centres: Array, points: Array, low: Indices, high: Indices, sums: Array) -> None:
-    """Least squares of bins whose centres lie at `points` of the photograph, as products of their columns.
+def fit_bins(look: RenderModel, centres: Array, points: Array, low: Indices, high: Indices, sums: Array) -> None:
+    """Products for the least squares of bins with their centres at `points` of the photograph.
 
-    The columns are 1, the drawn chart u, lap u, -u_x, -u_y, and last the samples: `sums` (bins, 6, 6) are of all pairs
-    over a bin's own pixels.
+    The columns are 1, the rendered chart u, lap u, -u_x, -u_y, and the samples; `sums` (bins, 6, 6) are those of all
+    pairs over the pixels of a bin.
 
     Parameters
     ----------
     centres, points : (bins, 2) float64
         In cells, and in pixels.
     low, high : (bins, 2) int64
-        First and last pixel (x, y) of what is drawn at most.
+        First and last pixel (x, y) to render at most.
     """
     at = np.empty((2, 1))
     for i in range(len(points)):
         cells_along(look, points[i, 0], points[i, 1], 1.0, at)
-        beside = at[:, 0] - centres[i]  # the map has the bin's centre a little beside the point
+        offset = at[:, 0] - centres[i]  # the map puts the bin's centre near the point
         columns, rows = high[i, 0] - low[i, 0] + 1, high[i, 1] - low[i, 1] + 1
         own = np.zeros((rows, columns), np.bool_)
-        asked = own_pixels(look, centres[i], beside, low[i], own)
-        needed = spread(asked, len(look.blur) // 2)
-        picture = drawn(look, beside, low[i], needed, columns * look.n)
-        add_products(look, blurred(look, picture, needed, asked), own, low[i], sums[i])
+        required = own_pixels(look, centres[i], offset, low[i], own)
+        needed = spread(required, len(look.blur) // 2)
+        picture = rendered(look, offset, low[i], needed, columns * look.n)
+        add_products(look, blurred(look, picture, needed, required), own, low[i], sums[i])
 
 
 @vectorised
-def add_products(look: Look, u: Array, own: npt.NDArray[np.bool_], low: Indices, sums: Array) -> None:
-    """The products of the columns of `lay_bins` over a bin's own pixels, from the chart drawn around it."""
+def add_products(look: RenderModel, u: Array, own: npt.NDArray[np.bool_], low: Indices, sums: Array) -> None:
+    """Products of the columns of `fit_bins` over the pixels of a bin, from the chart rendered around it."""
     n, count = look.n, 0
     rows = np.empty((COLUMNS + 1, own.size))
     for r in range(own.shape[0]):

@@ -1,12 +1,12 @@
-"""Charts larger than the PSF can be estimated from: measured small first, then bin by bin in all their pixels.
+"""Charts too large for an estimate of the PSF: measured in a reduced picture, then refined bin by bin in all pixels.
 
 A chart that fills a frame of many megapixels has cells of ten pixels and more. Averaged over squares of pixels it is
-small enough for the joint estimate of PSF and map, whose bins are then right to a tenth of a pixel. There each bin is
-drawn as it should be seen, blurred, and laid onto the photograph: least squares in brightness, contrast, blur and shift
+small enough for the joint estimate of PSF and map, which locates its bins to a tenth of a pixel. Then each bin is
+rendered, blurred, and fitted to the photograph: least squares in brightness, contrast, blur and shift
 
     y = a + b u + c lap u - b (d_x u_x + d_y u_y)
 
-gives the shift d that is left, with its covariance from what the bin's pixels keep of noise and of all else.
+gives the remaining shift d, with its covariance from the residuals of the bin's pixels.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.geometry.chart_bins.bin_kernels import COLUMNS, MARGIN, Look, lay_bins
+from procedures.geometry.chart_bins.bin_kernels import COLUMNS, MARGIN, RenderModel, fit_bins
 from procedures.outcome import Refused
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_psf.correspondences import BINS, Correspondences
@@ -29,59 +29,59 @@ Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 BLUR_PX = 0.8
-"""Standard deviation of the blur with which a bin is first drawn; the fit corrects it."""
-BLURS = 5
-"""Times that it is corrected: the way to a sharp picture's, or to a blurred one's, is longer than a linear fit sees."""
+"""Initial standard deviation of the blur; the fit corrects it."""
+BLUR_ITERATIONS = 5
+"""Corrections of the blur, which is nonlinear over the range from sharp to blurred pictures."""
 LEAST_BLUR_PX, MOST_BLUR_PX = 0.2, 4.0
 FINE, FEWEST_FINE = 6.0, 3
-"""Places along a cell at which a bin is drawn, about, and along a pixel at least: sharp pictures change within one."""
-LEAST_TOLD = 1e-12
-"""Determinant, for columns of norm 1, under which a bin's pixels tell nothing."""
-SWEEPS = 3
-STILL_PX = 0.005
-"""A bin whose last shift was smaller is left: each one leaves about a tenth of the last."""
+"""Places rendered along a cell, approximately, and along a pixel at least: sharp pictures vary within a pixel."""
+LEAST_DETERMINANT = 1e-12
+"""Determinant, for columns of norm 1, below which a bin is not determined."""
+MAX_ITERATIONS = 3
+TOLERANCE_PX = 0.005
+"""Shift at which a bin has converged: each iteration reduces it about tenfold."""
 LOST_PX = 2.0
-"""A bin that ends farther from where the small picture had it was drawn onto something else."""
-POOR = 5.0
-"""Uncertainty over the usual one from which a bin is left out: hidden, at the rim, in a reflection."""
-FEWEST = 100
-"""Bins under which too little of a chart is seen."""
+"""A bin displaced by more than this from its position in the reduced picture is a mismatch."""
+OUTLIER_RATIO = 5.0
+"""Uncertainty relative to the median at which a bin is excluded: hidden, at the edge, in a reflection."""
+FEWEST_BINS = 100
+"""Fewer bins show too little of a chart."""
 
 
 def reduced(samples: Array32, factor: int) -> Array32:
-    """Means over squares of `factor` x `factor` samples; what is left at the right and lower rim is dropped.
+    """Means over squares of `factor` x `factor` samples; incomplete squares are dropped.
 
-    Pixel i of it has its centre at factor i + (factor - 1) / 2.
+    Pixel i has its centre at factor i + (factor - 1) / 2.
     """
     rows, columns = (size // factor * factor for size in samples.shape)
     squares = samples[:rows, :columns].reshape(rows // factor, factor, columns // factor, factor)
     return np.asarray(squares.mean(axis=(1, 3), dtype=np.float32))
 
 
-def enlarged(seen: Correspondences, factor: int) -> Correspondences:
-    """The same points in the pixels that were averaged."""
-    return Correspondences(seen.index, factor * seen.points + (factor - 1) / 2, factor**2 * seen.covariance)
+def enlarged(bins: Correspondences, factor: int) -> Correspondences:
+    """The correspondences of a reduced picture in pixels of the original."""
+    return Correspondences(bins.index, factor * bins.points + (factor - 1) / 2, factor**2 * bins.covariance)
 
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """Bins as they are drawn, the map from the reduced picture's pixels to cells, and where the bins begin."""
+    """Rendering of the bins, the map from pixels of the reduced picture to cells, and initial positions."""
 
-    look: Look
+    look: RenderModel
     registration: Registration
     start: Correspondences
 
     def blurred(self, blur_px: float) -> _Scene:
-        """The same, drawn with a blur of that standard deviation."""
+        """The scene rendered with a blur of that standard deviation."""
         sigma = self.look.n * blur_px
         weights = cv2.getGaussianKernel(round(8 * sigma + 1) | 1, sigma, cv2.CV_64F).ravel()
         return replace(self, look=self.look._replace(blur=np.asarray(weights, dtype=np.float64)))
 
 
 def refine_bins(
-    samples: Array32, chart: Chart, registration: Registration, seen: Correspondences, factor: int
+    samples: Array32, chart: Chart, registration: Registration, bins: Correspondences, factor: int
 ) -> Correspondences:
-    """Where the bins are seen, from all pixels.
+    """Positions of the bins from all pixels.
 
     Parameters
     ----------
@@ -89,37 +89,37 @@ def refine_bins(
         The plane.
     chart : Chart
     registration : Registration
-        From the pixels of the plane reduced by `factor` to cells.
-    seen : Correspondences
+        From pixels of the plane reduced by `factor` to cells.
+    bins : Correspondences
         Of the reduced plane.
     factor : int
 
     Raises
     ------
     Refused
-        If hardly any bin is where the reduced plane shows it.
+        If hardly any bin is near its position in the reduced plane.
     """
-    start = enlarged(seen, factor)
+    start = enlarged(bins, factor)
     scene = _scene(samples, chart, registration, start, factor)
     points, covariance = _placed(scene.blurred(_usual_blur(scene)))
     spread = np.sqrt(np.einsum("naa->n", covariance))
-    found = np.isfinite(spread)
-    good = found & (spread < POOR * np.median(spread[found])) if found.any() else found
-    if good.sum() < FEWEST:
+    fitted = np.isfinite(spread)
+    good = fitted & (spread < OUTLIER_RATIO * np.median(spread[fitted])) if fitted.any() else fitted
+    if good.sum() < FEWEST_BINS:
         raise Refused(
-            f"of the chart's {BINS * BINS} parts {FEWEST} must be seen clearly; {int(good.sum())} are",
+            f"{FEWEST_BINS} of the {BINS * BINS} parts of the chart must be clearly visible; {int(good.sum())} are",
             "show the whole chart, sharp, evenly lit and free of reflections",
         )
     return Correspondences(start.index[good], points[good], covariance[good])
 
 
 def _scene(samples: Array32, chart: Chart, registration: Registration, start: Correspondences, factor: int) -> _Scene:
-    """The bins of a photograph, without their blur."""
+    """The bins of a photograph, without blur."""
     cells = np.asarray(whole_chart(chart), dtype=np.float64)
     per_pixel = float(np.sqrt(abs(np.linalg.det(registration.jacobian())))) / factor
     n = max(2 * ceil(FINE * per_pixel / 2) - 1, FEWEST_FINE)
     r, none = registration, np.zeros(0)
-    look = Look(
+    look = RenderModel(
         samples, cells, r.H, r.centre, float(r.radius), r.displacement, factor, float(BLOCK), CELLS / BINS / 2, n,
         per_pixel / n, none,
     )  # fmt: skip
@@ -127,10 +127,10 @@ def _scene(samples: Array32, chart: Chart, registration: Registration, start: Co
 
 
 def _usual_blur(scene: _Scene) -> float:
-    """The standard deviation, in pixels, that most of some bins ask for: what one drawing lacks the next one has."""
+    """Median standard deviation of the blur, in pixels, over a subset of the bins."""
     count, blur = len(scene.start.index), BLUR_PX
     some = np.arange(0, count, max(1, count // 24))
-    for _ in range(BLURS):
+    for _ in range(BLUR_ITERATIONS):
         fit = _fit(scene.blurred(blur), scene.start.points, some)
         square = blur**2 + (float(np.median(fit.widening[fit.good])) if fit.good.any() else 0.0)
         blur = float(np.clip(np.sqrt(max(square, 0.0)), LEAST_BLUR_PX, MOST_BLUR_PX))
@@ -138,24 +138,21 @@ def _usual_blur(scene: _Scene) -> float:
 
 
 def _placed(scene: _Scene) -> tuple[Array, Array]:
-    """Where the bins are seen (n, 2), and their covariances; infinite where one cannot be laid onto the photograph."""
+    """Positions of the bins (n, 2), and their covariances; infinite where a fit fails."""
     first = scene.start.points
     points, covariance, left = first.copy(), np.full((len(first), 2, 2), np.inf), np.arange(len(first))
-    for _ in range(SWEEPS):
+    for _ in range(MAX_ITERATIONS):
         fit = _fit(scene, points, left)
         moved = points[left] + fit.shift
         good = fit.good & (np.linalg.norm(moved - first[left], axis=1) <= LOST_PX)
         points[left[good]], covariance[left[good]], covariance[left[~good]] = moved[good], fit.covariance[good], np.inf
-        left = left[good & (np.abs(fit.shift).max(axis=1) >= STILL_PX)]
+        left = left[good & (np.abs(fit.shift).max(axis=1) >= TOLERANCE_PX)]
     return points, covariance
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Of m bins: the shifts (x, y) they are off by in pixels, with covariances, and what the blur's square lacks.
-
-    `good` are those that could be laid onto the photograph.
-    """
+    """Fits of m bins: shifts (x, y) in pixels with covariances, correction of the squared blur, and success."""
 
     shift: Array
     covariance: Array
@@ -164,38 +161,38 @@ class _Fit:
 
 
 def _fit(scene: _Scene, points: Array, chosen: npt.NDArray[np.int64]) -> _Fit:
-    """Some bins, drawn around `points` (of all, in pixels) of the photograph and laid onto it."""
+    """Fit the chosen bins at `points` (of all bins, in pixels) to the photograph."""
     look, centres, points = scene.look, scene.start.cells[chosen], points[chosen]
     low, high = _reach(scene, points)
     inside = ((low >= 0) & (high < np.array(look.samples.shape[::-1]))).all(axis=1)
     sums = np.zeros((len(chosen), COLUMNS + 1, COLUMNS + 1))
-    laid = sums[inside]
-    lay_bins(look, centres[inside], points[inside], low[inside], high[inside], laid)
-    sums[inside] = laid
+    fitted = sums[inside]
+    fit_bins(look, centres[inside], points[inside], low[inside], high[inside], fitted)
+    sums[inside] = fitted
     return _solved(sums)
 
 
 def _reach(scene: _Scene, points: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """First and last pixel (x, y) that is drawn of bins (m, 2) each."""
+    """First and last pixel (x, y) to render for bins at points (m, 2)."""
     half, middle = scene.look.half, (scene.look.factor - 1) / 2
-    beside = scene.registration.to_pattern((points - middle) / scene.look.factor)
-    corners = beside[:, None] + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    rims = scene.look.factor * scene.registration.to_sensor(corners.reshape(-1, 2)).reshape(-1, 4, 2) + middle
-    low, high = np.floor(rims.min(axis=1)) - MARGIN, np.ceil(rims.max(axis=1)) + MARGIN
+    cells = scene.registration.to_pattern((points - middle) / scene.look.factor)
+    corners = cells[:, None] + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    edges = scene.look.factor * scene.registration.to_sensor(corners.reshape(-1, 2)).reshape(-1, 4, 2) + middle
+    low, high = np.floor(edges.min(axis=1)) - MARGIN, np.ceil(edges.max(axis=1)) + MARGIN
     return low.astype(np.int64), high.astype(np.int64)
 
 
 def _solved(sums: Array) -> _Fit:
-    """Least squares from the products (m, 6, 6) of the bins' columns and samples."""
+    """Least squares from the products (m, 6, 6) of columns and samples."""
     AA, Av, vv, count = sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1], sums[:, 0, 0]
     norm = np.sqrt(np.einsum("naa->na", AA))
     norm[norm == 0] = 1.0
-    told = np.linalg.det(AA / norm[:, :, None] / norm[:, None]) > LEAST_TOLD
-    inverse = np.linalg.inv(np.where(told[:, None, None], AA, np.eye(COLUMNS)))
-    found = np.einsum("nab,nb->na", inverse, Av)
-    variance = (vv - np.einsum("na,na->n", found, Av)) / np.maximum(count - COLUMNS, 1)
-    contrast = found[:, 1]
-    good = told & (contrast > 0)
+    determined = np.linalg.det(AA / norm[:, :, None] / norm[:, None]) > LEAST_DETERMINANT
+    inverse = np.linalg.inv(np.where(determined[:, None, None], AA, np.eye(COLUMNS)))
+    solution = np.einsum("nab,nb->na", inverse, Av)
+    variance = (vv - np.einsum("na,na->n", solution, Av)) / np.maximum(count - COLUMNS, 1)
+    contrast = solution[:, 1]
+    good = determined & (contrast > 0)
     contrast = np.where(good, contrast, 1.0)
     covariance = inverse[:, 3:, 3:] * (variance / contrast**2)[:, None, None]
-    return _Fit(found[:, 3:] / contrast[:, None], covariance, 2 * found[:, 2] / contrast, good)
+    return _Fit(solution[:, 3:] / contrast[:, None], covariance, 2 * solution[:, 2] / contrast, good)

@@ -1,4 +1,4 @@
-"""From a plane of a photograph to a view: where the chart's bins are seen, in sensor pixels."""
+"""Views from planes of photographs: positions of the chart's bins, in sensor pixels."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import replace
 from math import ceil
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.geometry.chart_bins.large_chart import reduced, refine_bins
 from procedures.geometry.views import ChartView
@@ -16,86 +15,80 @@ from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_charts, one_chart
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.estimate import PatternParameters, estimate_psf, finest
-from procedures.raw import Plane
+from procedures.raw import Plane, PlaneLike, as_plane
 
-Array = npt.NDArray[np.float64]
-
-SAMPLES = 4
-"""Of the PSF per pixel at most: what the geometry is worth does not grow with more."""
-WIDE, AVERAGED = 280.0, 200.0
-"""Pixels of a plane: a chart wider than the first is averaged down to the second first. There the bins are found to a
-tenth of a pixel, from where all pixels tell their places; an estimate half as wide again takes twice as long."""
-REACH_PX = 4
+MAX_SAMPLES = 4
+"""Samples of the PSF per pixel: the geometry does not improve with more."""
+WIDE_PX, REDUCED_PX = 280.0, 200.0
+"""In pixels of a plane: a chart wider than the first is reduced to at most the second. There the bins are located to
+a tenth of a pixel and then refined in all pixels; an estimate at 1.5 times the width takes twice as long."""
+SUPPORT_PX = 4
 """Side of the PSF's support, in pixels."""
 
 
-def view_of(plane: Plane, chart: Chart, source: str, sighting: ChartSighting | None = None) -> Outcome[ChartView]:
-    """Where a photograph shows the chart, or the reason why it tells nothing.
+def view_of(plane: PlaneLike, chart: Chart, source: str, sighting: ChartSighting | None = None) -> Outcome[ChartView]:
+    """The view of the chart in a photograph, or the reason why it gives none.
 
     Parameters
     ----------
-    plane : Plane
-        Linear samples; the one chart may lie anywhere in it, 60 pixels wide or as large as the frame.
+    plane : Plane, or (rows, columns) array
+        Linear samples; the chart may lie anywhere in it, from 60 pixels wide to the size of the frame.
     chart : Chart
-        The cells that were printed.
+        The printed cells.
     source : str
-        What the view is called.
+        Name of the view.
     sighting : ChartSighting, optional
-        Where the chart is, as another plane of the photograph tells (`one_chart`, `ChartSighting.moved`); None: it is
-        found.
+        Position of the chart from another plane (`one_chart`, `ChartSighting.moved`); None: it is searched for.
 
     Raises
     ------
     Refused
         If there is no chart in it, or one that cannot be used.
     """
+    plane = as_plane(plane)
     sighting = sighting or one_chart(find_charts(plane.samples))
     width = float(sighting.widths().max())
-    factor = 1 if width <= WIDE else ceil(width / AVERAGED)
+    factor = 1 if width <= WIDE_PX else ceil(width / REDUCED_PX)
     small = plane if factor == 1 else replace(plane, samples=reduced(plane.samples, factor))
     sighting = sighting.reduced(factor)
     check_usable(sighting, small.samples.shape)
-    found = estimate_psf(small, chart, _parameters(sighting), sighting=sighting)
-    if found.value is None:
-        return found.of_value(None)
-    seen = found.value.correspondences
+    s = min(MAX_SAMPLES, finest(float(sighting.widths().mean()) / CELLS))
+    parameters = PatternParameters(s, SUPPORT_PX * s + 1, chosen=True)
+    psf = estimate_psf(small, chart, parameters, sighting=sighting)
+    if psf.value is None:
+        return psf.of_value(None)
+    bins = psf.value.correspondences
     if factor == 1:
-        return found.of_value(on_sensor(seen, plane, source))
-    seen = refine_bins(plane.samples, chart, found.value.registration, seen, factor)
-    return Outcome(on_sensor(seen, plane, source))  # what the small picture's PSF is doubted for is not the geometry's
+        return psf.of_value(on_sensor(bins, plane, source))
+    bins = refine_bins(plane.samples, chart, psf.value.registration, bins, factor)
+    return Outcome(on_sensor(bins, plane, source))  # doubts about the reduced PSF do not concern the geometry
 
 
 def views_of(planes: Mapping[str, Plane], chart: Chart, source: str) -> dict[str, Outcome[ChartView]]:
-    """Where the planes of one photograph show the chart, by their names; it is looked for in one of them, G1 if it can.
+    """The view of the chart in every plane of a photograph, by name; the chart is searched for in one plane, G1 if any.
 
-    A plane of which `view_of` tells nothing is refused, and does not keep the others.
+    A plane for which `view_of` fails is refused, the others are not affected.
     """
     guide = planes.get("G1", next(iter(planes.values())))
     try:
         sighting = one_chart(find_charts(guide.samples))
     except Refused as refusal:
         return dict.fromkeys(planes, _refused(refusal))
-    found = {}
+    views = {}
     for name, plane in planes.items():
         x, y = ((a - b) / plane.pitch for a, b in zip(guide.origin, plane.origin, strict=True))
         try:
-            found[name] = view_of(plane, chart, source, sighting.moved(x, y))
+            views[name] = view_of(plane, chart, source, sighting.moved(x, y))
         except Refused as refusal:
-            found[name] = _refused(refusal)
-    return found
+            views[name] = _refused(refusal)
+    return views
 
 
 def _refused(refusal: Refused) -> Outcome[ChartView]:
     return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
 
 
-def _parameters(sighting: ChartSighting) -> PatternParameters:
-    """How finely the PSF is sampled: as the cells allow, without looking for the best."""
-    s = min(SAMPLES, finest(float(sighting.widths().mean()) / CELLS))
-    return PatternParameters(s, REACH_PX * s + 1, chosen=True)
-
-
-def on_sensor(seen: Correspondences, plane: Plane, source: str) -> ChartView:
+def on_sensor(bins: Correspondences, plane: Plane, source: str) -> ChartView:
     """The view of a plane's correspondences, in sensor pixels."""
-    points = plane.pitch * seen.points + np.array(plane.origin, dtype=np.float64)
-    return ChartView(source, seen.index, points, plane.pitch**2 * seen.covariance)
+    points = plane.pitch * bins.points + np.array(plane.origin, dtype=np.float64)
+    return ChartView(source, bins.index, points, plane.pitch**2 * bins.covariance)

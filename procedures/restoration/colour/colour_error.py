@@ -20,23 +20,23 @@ START = 1.5
 """Radius of the initial blur of the picture before it is restored again, pixels."""
 
 
-def error_of(data: MosaicTerm, u: Array, w: Array, sigma: float, residual: float, rounds: int = 3) -> Array:
+def error_of(data: MosaicTerm, u: Array, w: Array, sigma: float, residual: float) -> Array:
     """An example of the error of u (3, H', W'), lightness and differences of colour, (3, H', W').
 
     w : (H', W'); sigma : noise from which the prior's strength derives; left : standard deviation of the residual.
     """
-    lost = u - _once_more(data, u, w, sigma, 0.0, rounds)
+    lost = u - _once_more(data, u, w, sigma, 0.0)
     scene = u + LOST * lost
-    return _once_more(data, scene, w, sigma, residual, rounds) - scene
+    return _once_more(data, scene, w, sigma, residual) - scene
 
 
-def _once_more(data: MosaicTerm, scene: Array, w: Array, sigma: float, noise: float, rounds: int) -> Array:
+def _once_more(data: MosaicTerm, scene: Array, w: Array, sigma: float, noise: float) -> Array:
     data.focus(w)
     samples = data.blur(scene)
     samples = samples + noise * np.random.default_rng(0).standard_normal(samples.shape).astype(samples.dtype)
     z = np.divide(samples, data.trust, out=np.zeros_like(samples), where=data.trust > 0)
     again = MosaicTerm(z, data.blurs, data.trust)
-    return alone(again, gaussian_filter(scene, (0, START, START)), w, sigma, rounds, 20)
+    return alone(again, gaussian_filter(scene, (0, START, START)), w, sigma, 3, 20)
 
 
 def spread_out(error: Array, window: int) -> Array:

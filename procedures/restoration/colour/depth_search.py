@@ -23,9 +23,7 @@ WINDOW = 31
 """Side of the windows in which w is changed as one, pixels of the sensor."""
 
 
-def searched(
-    data: MosaicTerm, u: Array, w: Array, sigma: float, rounds: int = 2, iterations: int = 20
-) -> tuple[Array, Array]:
+def searched(data: MosaicTerm, u: Array, w: Array, sigma: float) -> tuple[Array, Array]:
     """w (H, W) of the smallest residual of the mosaics, and the uncertainty of the first w.
 
     u : (3, H', W'), initial picture.
@@ -34,7 +32,7 @@ def searched(
     residuals = []
     for offset in OFFSETS:
         wide = np.clip(np.pad(w + offset * STEP, R, mode="edge"), 0, limit).astype(u.dtype)
-        picture = alone(data, u, wide, sigma, rounds, iterations)
+        picture = alone(data, u, wide, sigma, 2, 20)
         residuals.append(uniform_filter((data.residual(picture) ** 2).sum(axis=(0, 1)), WINDOW))
     move = STEP * gaussian_filter(OFFSETS[0] + _lowest(np.stack(residuals)), WINDOW / 3)
     better = np.clip(w + move - np.clip(move, -SURE, SURE), 0, limit)

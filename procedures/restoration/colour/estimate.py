@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,36 +15,27 @@ from procedures.restoration.colour.colour_error import error_of, spread_out
 from procedures.restoration.colour.depth_search import searched
 from procedures.restoration.colour.mosaic import Mosaics, depth_on_sensor, mosaics, spread
 from procedures.restoration.colour.picture import MosaicTerm, alone, mixing, with_depth
-from procedures.restoration.first_depth.segments import SegmentSettings
-from procedures.restoration.joint.occlusion import OcclusionSettings
+from procedures.restoration.first_depth.segments import JUMP_PX
+from procedures.restoration.joint.occlusion import PICTURE
 from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.blur_models import DepthUnit
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.masks.mask_fields import MaskField, Masks, one_grid
 
-
-@dataclass(frozen=True)
-class Steps:
-    """Numbers of joint steps and of steps of the picture alone, and their iterations."""
-
-    joint: int = 6
-    joint_iterations: int = 30
-    picture: int = 5
-    picture_iterations: int = 20
+JOINT, JOINT_ITERATIONS = 6, 30
+"""Joint steps of picture and depth, and their iterations."""
+PICTURE_STEPS, PICTURE_ITERATIONS = 5, 20
+"""Steps of the picture alone, and their iterations."""
 
 
 def in_colour(
     restoration: Restoration,
     photographs: Sequence[Mapping[str, Plane]],
     masks: Sequence[Masks],
-    steps: Steps | None = None,
 ) -> Restoration:
     """The restoration with its picture in colour (3, H, W) and its w (H, W) at every pixel of the sensor.
 
-    Parameters
-    ----------
-    found : restoration of the same photographs' planes, stacked in the order R, G1, G2, B.
-    photographs : the planes of each.
+    restoration : of the same photographs' planes, stacked in the order R, G1, G2, B; photographs : the planes of each;
     masks : of each photograph, as functions of w in pixels of the sensor.
 
     Raises
@@ -55,25 +46,25 @@ def in_colour(
     mosaic = mosaics(photographs, restoration.light)
     names = list(photographs[0])
     first = spread(dict(zip(names, restoration.sharp, strict=True)), mosaic.origins) / mosaic.gains[:, None, None]
-    w = depth_on_sensor(restoration.w, SegmentSettings.jump)
+    w = depth_on_sensor(restoration.w, JUMP_PX)
     sigma = restoration.diagnostics.noise
     term = problem_of(mosaic, shifted(masks, 2 * restoration.shifts), np.float32)
     u = unknowns_of(mosaic, first, term.R, np.float32)
-    chosen, off = steps or Steps(), np.zeros_like(w)
+    joint, off = JOINT, np.zeros_like(w)
     if restoration.w_std.any():
         w, off = searched(term, u, w, sigma)
     else:  # w of a flat scene is known
-        chosen = replace(chosen, joint=0)
-    u, w = descended(term, u, w, sigma, chosen)
+        joint = 0
+    u, w = descended(term, u, w, sigma, joint)
     error = _rgb(mosaic, error_of(term, u, _wide(w, term), sigma, _rms_residual(term, u)), term.R)
     moved, occlusion = _on_sensor(restoration.moved), _on_sensor(restoration.occlusion)
     sharp, std = _rgb(mosaic, u, term.R), spread_out(error, 2 * term.R + 1)
     whole, d = float(np.sqrt(np.mean(std**2))), restoration.diagnostics
-    std = std * np.where(occlusion, OcclusionSettings.picture, 1.0)
+    std = std * np.where(occlusion, PICTURE, 1.0)
     return replace(
         restoration, sharp=sharp, sharp_std=np.where(moved, np.maximum(std, sharp.std()), std), w=w,
-        w_std=np.hypot(_on_sensor(2 * restoration.w_std), off), residual=_residual(term, u), moved=moved,
-        occlusion=occlusion,
+        w_std=np.hypot(_on_sensor(2 * restoration.w_std), off), moved=moved, occlusion=occlusion,
+        residual=term.residual(u).sum(axis=1, keepdims=True),
         diagnostics=replace(d, picture_std=whole, gained=d.gained * d.picture_std / max(whole, 1e-9)),
         unit=DepthUnit(restoration.unit.name, restoration.unit.per_pixel / 2),
     )  # fmt: skip
@@ -81,19 +72,6 @@ def in_colour(
 
 def _on_sensor(plane: NDArray[Any]) -> NDArray[Any]:
     return np.repeat(np.repeat(plane, 2, axis=0), 2, axis=1)
-
-
-def pair_at(
-    mosaic: Mosaics, w: Array, first: Array, masks: Sequence[Masks], sigma: float, steps: Steps,
-    dtype: type[np.floating[Any]] = np.float32,
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Picture (3, H, W) in the photographs' units, depth (H, W) and residuals (P, 1, H, W), from a first pair.
-
-    first : (3, H, W) balanced; sigma : of the photographs' noise. Without joint steps w is unchanged.
-    """
-    term = problem_of(mosaic, masks, dtype)
-    u, w = descended(term, unknowns_of(mosaic, first, term.R, dtype), w, sigma, steps)
-    return _rgb(mosaic, u, term.R), w, _residual(term, u)
 
 
 def problem_of(mosaic: Mosaics, masks: Sequence[Masks], dtype: type[np.floating[Any]]) -> MosaicTerm:
@@ -108,12 +86,12 @@ def unknowns_of(mosaic: Mosaics, balanced: Array, R: int, dtype: type[np.floatin
     return np.asarray(np.tensordot(mixing().astype(dtype), wide, axes=1))
 
 
-def descended(term: MosaicTerm, u: Array, w: Array, sigma: float, steps: Steps) -> tuple[Array, Array]:
-    """Unknowns and depth (H, W) of minimal cost, from a starting pair."""
+def descended(term: MosaicTerm, u: Array, w: Array, sigma: float, joint: int = JOINT) -> tuple[Array, Array]:
+    """Unknowns and depth (H, W) of minimal cost, from a starting pair. joint : steps of both together."""
     wide = _wide(w, term).astype(u.dtype)
-    u = alone(term, u, wide, sigma, 2, steps.picture_iterations)
-    u, wide = with_depth(term, u, wide, sigma, steps.joint, steps.joint_iterations)
-    u = alone(term, u, wide, sigma, steps.picture, steps.picture_iterations)
+    u = alone(term, u, wide, sigma, 2, PICTURE_ITERATIONS)
+    u, wide = with_depth(term, u, wide, sigma, joint, JOINT_ITERATIONS)
+    u = alone(term, u, wide, sigma, PICTURE_STEPS, PICTURE_ITERATIONS)
     return u, wide[term.R : -term.R, term.R : -term.R]
 
 
@@ -124,11 +102,6 @@ def _wide(w: Array, term: MosaicTerm) -> Array:
 def _rgb(mosaic: Mosaics, u: Array, R: int) -> Array:
     picture = np.tensordot(np.linalg.inv(mixing().astype(u.dtype)), u[:, R:-R, R:-R], axes=1)
     return np.asarray((picture * mosaic.gains[:, None, None]).astype(u.dtype))
-
-
-def _residual(term: MosaicTerm, u: Array) -> Array:
-    """Residual (P, 1, H, W): each pixel has one sampled colour."""
-    return np.asarray(term.residual(u).sum(axis=1, keepdims=True))
 
 
 def _rms_residual(term: MosaicTerm, u: Array) -> float:

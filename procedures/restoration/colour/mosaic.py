@@ -47,10 +47,7 @@ def is_mosaic(planes: Collection[str]) -> bool:
 def mosaics(photographs: Sequence[Mapping[str, Plane]], light: Array) -> Mosaics:
     """The photographs' planes on one grid. light : (P,) of each relative to the first, which is corrected for.
 
-    Raises
-    ------
-    BadInput
-        If a photograph does not have the four planes of a mosaic, or another layout than the first.
+    Raises BadInput if a photograph does not have the four planes of a mosaic, or another layout than the first.
     """
     origins = {name: plane.origin for name, plane in photographs[0].items()}
     for planes in photographs:

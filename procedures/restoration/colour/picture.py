@@ -34,33 +34,18 @@ def mixing() -> Array:
 class MosaicTerm(DataTerm):
     """Mosaics with their blurs, over pictures (3, H', W') of lightness and differences of colour.
 
-    Parameters
-    ----------
-    z : (P, 3, H, W) balanced samples, red, green, blue
-    trust : (P, 3, H, W) weights; 0 where the colour was not sampled
+    z : (P, 3, H, W) balanced samples, red, green, blue; trust : (P, 3, H, W) weights, 0 where not sampled.
     """
 
     def __init__(self, z: Array, blurs: list[Blur | FieldBlur], trust: Array) -> None:
         super().__init__(z, blurs, trust)
         self._unmix = np.linalg.inv(mixing()).astype(z.dtype)
 
-    def _to_rgb(self, pictures: list[Array]) -> Array:
-        """Mosaics from photographs of lightness and differences."""
+    def _seen(self, pictures: list[Array]) -> Array:
         return self.trust * np.stack([np.tensordot(self._unmix, picture, axes=1) for picture in pictures])
 
-    def _back(self, e: Array) -> list[Array]:
+    def _unseen(self, e: Array) -> list[Array]:
         return [np.ascontiguousarray(np.tensordot(self._unmix.T, one, axes=1)) for one in self.trust * e]
-
-    def blur(self, u: Array) -> Array:
-        """Mosaics of u, weighted, (P, 3, H, W)."""
-        return self._to_rgb([blur.blur(u) for blur in self.blurs])
-
-    def blur_adjoint(self, e: Array) -> Array:
-        """The adjoint of `blur`."""
-        out = np.zeros((*e.shape[1:-2], *self.extended), e.dtype)
-        for blur, a in zip(self.blurs, self._back(e), strict=True):
-            blur.blur_adjoint(a, out)
-        return out
 
     def picture_curvature(self, w: Array) -> Array:
         """Diagonal of the Hessian over each of the three unknowns, (3, H', W').
@@ -70,21 +55,6 @@ class MosaicTerm(DataTerm):
         picture, _ = self.curvature(w)
         share = w.dtype.type(np.mean(self.trust**2))
         return np.asarray(share * np.sum(self._unmix**2, axis=0)[:, None, None] * picture)
-
-    def residual(self, u: Array) -> Array:
-        """Weighted mosaics minus their prediction."""
-        return self.trust * self.z - self.blur(u)
-
-    def change(self, u: Array, x: Array) -> Array:
-        """Derivative of the weighted mosaics along x = (du..., dw) stacked."""
-        return self._to_rgb([blur.change(u, x[:-1], x[-1]) for blur in self.blurs])
-
-    def change_adjoint(self, u: Array, e: Array) -> Array:
-        """The adjoint of `change`."""
-        out = np.zeros((len(u) + 1, *self.extended), u.dtype)
-        for blur, a in zip(self.blurs, self._back(e), strict=True):
-            blur.change_adjoint(u, a, (out[:-1], out[-1]))
-        return out
 
 
 def with_depth(data: MosaicTerm, u: Array, w: Array, sigma: float, rounds: int, iterations: int) -> tuple[Array, Array]:

@@ -11,9 +11,17 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
-from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.ndimage import convolve1d, distance_transform_edt, maximum_filter, median_filter, uniform_filter
+from scipy.fft import fftfreq, irfft2, next_fast_len, rfft2, rfftfreq
+from scipy.ndimage import (
+    convolve1d,
+    distance_transform_edt,
+    gaussian_filter,
+    maximum_filter,
+    median_filter,
+    uniform_filter,
+)
 
 from procedures.restoration.first_depth.semi_global_matching import semi_global
 from procedures.restoration.masks.array_loops import most_threads
@@ -21,6 +29,28 @@ from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.masks.mask_fields import Masks, over_frame
 
 F32 = NDArray[np.float32]
+
+SECOND_DIFFERENCE = (1.0, -2.0, 1.0)
+LEAST_W = 0.3
+"""Smallest w to try, pixels: below it depths are indistinguishable."""
+FLOOR = 1e-3
+"""Limits the amplification of frequencies that neither photograph passes."""
+DISTINCT = 3
+"""Levels from the least cost to the next minimum that counts for the confidence."""
+
+# Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
+WINDOW, WIDENED = 5, 0.25
+"""Side of the costs' mean, pixels, and fraction of the smaller reach by which it is widened for smaller masks."""
+CAP, FITS = 4.0, 3.0
+"""Cost at which a level is simply wrong, and cost up to which it explains the photographs."""
+SMALL, LARGE = 1.0, 24.0
+"""Penalties of a change by one level and by more."""
+LEVEL_PX, SMOOTHED_PX = 0.15, 7
+"""Step of the levels, and side of the final median, pixels."""
+OUTLYING = 0.5
+"""Per cent of the frame on each side that is excluded from the scene's range of depths."""
+LEAST_SIGMA = 1.4e-3
+"""Noise equivalent of the level differences of the matching's steps: below it the first costs carry no information."""
 
 
 @dataclass(frozen=True)
@@ -36,39 +66,16 @@ class DepthStart:
     trusted: NDArray[np.bool_]
 
 
-def polynomial_filters(N: int) -> tuple[Array, Array]:
-    """Least-squares cubic fit over 2N + 1 samples: its value (7.7) and second derivative (7.8) at the middle."""
-    n = np.arange(-N, N + 1, dtype=np.float64)
-    d = (2 * N - 1) * (2 * N + 1) * (2 * N + 3)
-    value = -3 * (5 * n**2 - (3 * N**2 + 3 * N - 1)) / d
-    second = 30 * (3 * n**2 - N * (N + 1)) / (N * (N + 1) * d)
-    return value, second
+def relative_blur(z1: Array, z2: Array, direction: str = "both") -> tuple[Array, Array]:
+    """Numerator and denominator of the relative blur: 2 (z2 - z1) and the curvature of the mean (7.1, 7.4).
 
-
-def relative_blur(z1: Array, z2: Array, N: int, direction: str = "both") -> tuple[Array, Array]:
-    """Difference of the masks' variances, pixels squared, and the curvature that divides it (7.1, 7.4).
+    Their ratio is the difference of the masks' variances, pixels squared, where the photographs are polynomials of
+    third order. Both have to pass through the same low-pass filter: apply it to z1 and z2.
 
     direction : "both" for masks symmetric about axes and diagonals, "x" or "y" for one-dimensional even masks.
     """
-    value, second = polynomial_filters(N)
-
-    def fit(z: Array, down: Array, across: Array) -> Array:
-        return np.asarray(convolve1d(convolve1d(z, down, axis=0), across, axis=1))
-
-    mean = (z1 + z2) / 2
-    curvature = np.zeros_like(mean)
-    if direction in ("both", "x"):
-        curvature = curvature + fit(mean, value, second)
-    if direction in ("both", "y"):
-        curvature = curvature + fit(mean, second, value)
-    return 2 * fit(z2 - z1, value, value), curvature
-
-
-def variance(stack: MaskStack, direction: str = "both") -> Array:
-    """Second moment of every mask of the stack, pixels squared, along x, y, or their mean."""
-    t = np.arange(-stack.R, stack.R + 1.0)
-    along_x, along_y = (stack.masks.sum(axis=axis) @ t**2 for axis in (1, 2))
-    return np.asarray({"x": along_x, "y": along_y, "both": (along_x + along_y) / 2}[direction])
+    mean, axes = (z1 + z2) / 2, {"both": (-2, -1), "x": (-1,), "y": (-2,)}[direction]
+    return 2 * (z2 - z1), sum((convolve1d(mean, SECOND_DIFFERENCE, axis) for axis in axes), np.zeros_like(mean))
 
 
 def algorithm_2(
@@ -76,37 +83,66 @@ def algorithm_2(
     stacks: Sequence[Masks],
     sigma: float,
     *,
-    N: int = 4,
-    window: int = 25,
+    low_pass: float = 2.0,
+    window: float = 9.0,
     median: int = 11,
     direction: str = "both",
 ) -> DepthStart:
-    """Depth from symmetric blur: relative variance by two polynomial fits, converted to w by the masks' moments.
+    """Depth from symmetric blur: relative blur of two photographs, converted to w by their masks (chapter 7).
 
-    z : (2, C, H, W); window : side over which numerator and curvature are combined by least squares. Where no masks
-    have the estimated difference, as at depth edges, w is taken from the nearest valid place.
+    Two differences from the published filters remove a bias of up to 0.9 pixel: one low-pass filter for numerator and
+    curvature in place of two polynomial fits, and a conversion by the masks' transfer functions in place of their
+    moments. Where no masks have the estimated blur, as at depth edges, w is taken from the nearest valid place.
+
+    Parameters
+    ----------
+    z : (2, C, H, W) photographs.
+    sigma : standard deviation of their noise.
+    low_pass : sigma of the common low-pass filter, pixels.
+    window : sigma of the window over which the ratio is a least-squares fit, pixels.
+    median : side of the final median filter, pixels.
+    direction : as for `relative_blur`.
     """
-    numerator = np.zeros(z.shape[2:])
-    power = np.zeros_like(numerator)
-    for c in range(z.shape[1]):
-        difference, curvature = relative_blur(z[0, c], z[1, c], N, direction)
-        numerator += uniform_filter(difference * curvature, window)
-        power += uniform_filter(curvature**2, window)
-    w = _width(numerator / np.maximum(power, 1e-20), stacks, direction)
-    w = _from_nearest(w, window // 3)
-    value, second = polynomial_filters(N)
-    noise = sigma**2 * 2 * np.sum(value**2) * np.sum(second**2)
-    confidence = power / (power + 10 * noise + 1e-20)
-    return DepthStart(np.asarray(median_filter(w, median)), confidence, np.zeros(w.shape, bool))
+    smooth = gaussian_filter(np.asarray(z[:2], dtype=np.float64), (0, 0, low_pass, low_pass))
+    numerator, curvature = relative_blur(smooth[0], smooth[1], direction)
+    product, power = (gaussian_filter(a.sum(axis=0), window) for a in (numerator * curvature, curvature**2))
+    impulse = gaussian_filter(np.pad(np.ones((1, 1)), round(5 * low_pass)), low_pass)
+    response = relative_blur(impulse, impulse, direction)[1]
+    noise = z.shape[1] * sigma**2 / 2 * float(np.sum(response**2))
+    w = _width(product / np.maximum(power - noise, noise + 1e-20), stacks, low_pass, direction)
+    w = _from_nearest(w, round(window / 2))
+    return DepthStart(
+        np.asarray(median_filter(w, median)), power / (power + 10 * noise + 1e-20), np.zeros(w.shape, bool)
+    )
 
 
 @over_frame
-def _width(difference: Array, stacks: Sequence[MaskStack], direction: str) -> Array:
-    """w at which two masks' variances have a given difference; NaN where none do."""
-    relation = np.maximum.accumulate(variance(stacks[1], direction) - variance(stacks[0], direction))
-    relation = relation + 1e-9 * np.arange(len(relation))
-    w = np.interp(difference, relation, np.arange(len(relation)) * stacks[0].step)
-    return np.asarray(np.where((difference > 0) & (difference <= relation[-1]), w, np.nan))
+def _width(ratio: Array, stacks: Sequence[MaskStack], low_pass: float, direction: str) -> Array:
+    """w at which two masks have a relative blur; NaN where none do."""
+    expected = _expected_ratio(stacks, low_pass, direction)
+    sign = np.sign(expected[-1])
+    # masks sampled at whole pixels change in steps with w; the blur of a scene does not
+    levels = np.linspace(0, 1, len(expected))
+    smooth = Polynomial.fit(levels, sign * expected, min(6, len(levels) - 1))(levels)
+    relation = np.maximum.accumulate(smooth) + 1e-9 * np.arange(len(levels))
+    w = np.interp(sign * ratio, relation, np.arange(len(relation)) * stacks[0].step)
+    return np.asarray(np.where((sign * ratio > 0) & (sign * ratio <= relation[-1]), w, np.nan))
+
+
+def _expected_ratio(stacks: Sequence[MaskStack], low_pass: float, direction: str) -> Array:
+    """Least-squares ratio of `relative_blur` at every level, for a scene with spectrum 1/f^2 as natural images have."""
+    shape = (next_fast_len(4 * (2 * stacks[0].R + 1), True),) * 2
+    wy, wx = 2 * np.pi * fftfreq(shape[0])[:, None], 2 * np.pi * rfftfreq(shape[1])[None, :]
+    f2 = wy**2 + wx**2
+    scene = np.exp(-f2 * low_pass**2) / np.maximum(f2, f2[0, 1])
+    scene[:, 1:-1] *= 2  # the half of the spectrum that rfft2 omits
+    bend = {"both": 2 * np.cos(wy) + 2 * np.cos(wx) - 4, "x": 2 * np.cos(wx) - 2, "y": 2 * np.cos(wy) - 2}[direction]
+    ratios = []
+    for n in range(len(stacks[0].masks)):
+        h1, h2 = (_spectra(s, n * s.step, shape) for s in stacks[:2])
+        curvature = bend * (h1 + h2) / 2
+        ratios.append(np.sum(scene * (2 * (h2 - h1) * curvature.conj()).real) / np.sum(scene * np.abs(curvature) ** 2))
+    return np.array(ratios)
 
 
 def _from_nearest(w: Array, clear: int) -> Array:
@@ -117,9 +153,9 @@ def _from_nearest(w: Array, clear: int) -> Array:
     return np.asarray(np.nan_to_num(w[tuple(nearest)]))
 
 
-def levels_of(stacks: Sequence[Masks], least: float, step: float = 0.15) -> Array:
+def levels_of(stacks: Sequence[Masks], step: float = LEVEL_PX) -> Array:
     """Values of w to try, pixels."""
-    return np.arange(least, min(s.max_w for s in stacks) - 0.05, step)
+    return np.arange(LEAST_W, min(s.max_w for s in stacks) - 0.05, step)
 
 
 def _spectra(stack: MaskStack, w: float, shape: tuple[int, int]) -> Array:
@@ -147,15 +183,13 @@ def cost_volume(
     *,
     whiten: bool = True,
     even: float = 0.0,
-    floor: float = 1e-3,
 ) -> F32:
     """Cost of each level at each pixel, (H, W, L), summed over pairs of photographs and channels.
 
     Whitened, each difference z1 * h2 - z2 * h1 is divided by the root of its noise's spectrum
     sigma1^2 |H2|^2 + sigma2^2 |H1|^2, so that its mean square at the true level is 1 for any masks; otherwise the
-    expected noise is subtracted as in (8.1). `floor` limits the amplification of frequencies that neither photograph
-    passes. `even` widens the window of smaller masks by this fraction of their smaller reach: at a depth edge they
-    would otherwise win because they do not reach it.
+    expected noise is subtracted as in (8.1). `even` widens the window of smaller masks by this fraction of their
+    smaller reach: at a depth edge they would otherwise win because they do not reach it.
     """
     H, W = z.shape[2:]
     windows = _windows(stacks, levels, window, even)
@@ -166,7 +200,7 @@ def cost_volume(
         masks = [_spectra(s, float(w), shape) for s in stacks]
         for a, b in combinations(range(len(z)), 2):
             passed = sigmas[a] ** 2 * np.abs(masks[b]) ** 2 + sigmas[b] ** 2 * np.abs(masks[a]) ** 2
-            noise = passed + (sigmas[a] ** 2 + sigmas[b] ** 2) / 2 * floor
+            noise = passed + (sigmas[a] ** 2 + sigmas[b] ** 2) / 2 * FLOOR
             scale = np.sqrt(noise) if whiten else 1.0
             d = irfft2((spectra[a] * masks[b] - spectra[b] * masks[a]) / scale, shape, workers=most_threads())
             d = d[:, margin : margin + H, margin : margin + W]
@@ -193,84 +227,51 @@ def least_level(cost: F32, levels: Array) -> Array:
     return np.asarray(levels[k[..., 0]] + shift * (levels[1] - levels[0]))
 
 
-def confidence_of(cost: F32, distance: int = 3) -> Array:
-    """1 - least cost / least cost at least `distance` levels away: near 0 where texture is insufficient."""
+def confidence_of(cost: F32) -> Array:
+    """1 - least cost / least cost at least `DISTINCT` levels away: near 0 where texture is insufficient."""
     confidence = np.empty(cost.shape[:2])
     levels = np.arange(cost.shape[2])
     for y, row in enumerate(cost):  # row by row: a second volume of a large photograph would not fit into memory
         best = row.argmin(axis=1)[:, None]
-        second = np.where(np.abs(levels - best) >= distance, row, np.inf).min(axis=1)
+        second = np.where(np.abs(levels - best) >= DISTINCT, row, np.inf).min(axis=1)
         confidence[y] = 1 - np.take_along_axis(row, best, axis=1)[:, 0] / np.maximum(second, 1e-20)
     return np.clip(confidence, 0, 1)
 
 
-def algorithm_3(
-    z: Array, stacks: Sequence[Masks], sigmas: Array, *, least: float = 0.3, window: int = 9, median: int = 13
-) -> DepthStart:
+def algorithm_3(z: Array, stacks: Sequence[Masks], sigmas: Array) -> DepthStart:
     """Depth from blur (8.1): minimal noise-compensated difference over the levels, then a median."""
-    levels = levels_of(stacks, least)
-    cost = cost_volume(z, stacks, sigmas, levels, window, whiten=False)
-    w = np.asarray(median_filter(levels[cost.argmin(axis=2)], median))
+    levels = levels_of(stacks)
+    cost = cost_volume(z, stacks, sigmas, levels, 9, whiten=False)
+    w = np.asarray(median_filter(levels[cost.argmin(axis=2)], 13))
     return DepthStart(w, confidence_of(cost), np.zeros(w.shape, bool))
 
 
-@dataclass(frozen=True)
-class MatchingSettings:
-    """Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
-
-    window : side of their mean, pixels; cap : cost at which a level is simply wrong; small, large : penalties of a
-    change by one level and by more; median : side of the final smoothing; step : of the levels, pixels; fits : cost up
-    to which a level explains the photographs; outlying : per cent of the frame on each side that is excluded from the
-    scene's range of depths; least_sigma : noise equivalent of the level differences of the matching's steps, below
-    which the first costs carry no further information.
-    """
-
-    window: int = 5
-    even: float = 0.25
-    cap: float = 4.0
-    small: float = 1.0
-    large: float = 24.0
-    median: int = 7
-    step: float = 0.15
-    fits: float = 3.0
-    outlying: float = 0.5
-    least_sigma: float = 1.4e-3
-
-
-def matched(
-    z: Array,
-    stacks: Sequence[Masks],
-    sigmas: Array,
-    *,
-    least: float = 0.3,
-    matching: MatchingSettings | None = None,
-) -> DepthStart:
+def matched(z: Array, stacks: Sequence[Masks], sigmas: Array) -> DepthStart:
     """The default initial depth: whitened Algorithm III, its labels matched over the whole frame.
 
     Near the frame's border the differences contain light from outside, so their weight is small.
     """
-    m = matching or MatchingSettings()
     # over the scene's range only: how a level's window and cost compare with others' depends on the largest
-    rough = _matched_at(z, stacks, sigmas, levels_of(stacks, least, 2 * m.step), m).w
-    levels = levels_of(stacks, least, m.step)
-    low, high = np.percentile(rough, (m.outlying, 100 - m.outlying))
-    levels = levels[(levels > low - 4 * m.step) & (levels < high + 4 * m.step)]
-    return _matched_at(z, stacks, sigmas, levels, m)
+    rough = _matched_at(z, stacks, sigmas, levels_of(stacks, 2 * LEVEL_PX)).w
+    levels = levels_of(stacks)
+    low, high = np.percentile(rough, (OUTLYING, 100 - OUTLYING))
+    levels = levels[(levels > low - 4 * LEVEL_PX) & (levels < high + 4 * LEVEL_PX)]
+    return _matched_at(z, stacks, sigmas, levels)
 
 
-def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array, m: MatchingSettings) -> DepthStart:
-    volume = cost_volume(z, stacks, sigmas, levels, m.window, even=m.even)
+def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array) -> DepthStart:
+    volume = cost_volume(z, stacks, sigmas, levels, WINDOW, even=WIDENED)
     volume /= z.shape[1] * len(z) * (len(z) - 1) // 2
     confidence = confidence_of(volume)
     # in place: cap (1 - exp(-cost / cap))
-    volume /= -m.cap
+    volume /= -CAP
     np.expm1(volume, out=volume)
-    volume *= -m.cap
+    volume *= -CAP
     volume *= (inside := _inside(z.shape[2:], stacks[0].R))[..., None]
-    w = np.asarray(median_filter(least_level(semi_global(volume, m.small, m.large), levels), m.median))
+    w = np.asarray(median_filter(least_level(semi_global(volume, SMALL, LARGE), levels), SMOOTHED_PX))
     nearest = np.clip(np.rint((w - levels[0]) / (levels[1] - levels[0])), 0, len(levels) - 1).astype(np.int64)
     cost = np.take_along_axis(volume, nearest[..., None], axis=2)[..., 0] / inside
-    return DepthStart(w, confidence, cost < m.cap * (1 - np.exp(-m.fits / m.cap)))
+    return DepthStart(w, confidence, cost < CAP * (1 - np.exp(-FITS / CAP)))
 
 
 def _inside(shape: tuple[int, ...], R: int) -> F32:

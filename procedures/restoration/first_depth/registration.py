@@ -20,44 +20,22 @@ from procedures.restoration.masks.blur_operator import Array, MaskStack
 from procedures.restoration.masks.checks import check_shift
 from procedures.restoration.masks.mask_fields import MaskField, Masks
 
-
-@dataclass(frozen=True)
-class RegistrationSettings:
-    """Parameters of the registration, and criteria of significance.
-
-    Attributes
-    ----------
-    level_step : float
-        Pixels of w between the depths at which a shift is estimated.
-    most_tiles : int
-        Maximum number of parts of the frame, those with most texture.
-    least_gain : float
-        Fraction of the residual that a significant shift must remove.
-    least_shift : float
-        Smallest significant shift in pixels; depth levels 0.3 pixels apart cause smaller ones where blurs are not
-        centred.
-    least_light, most_light, any_light : float
-        Difference of light above which it is corrected; up to which it is corrected in any case; and the largest factor
-        that is corrected where the photographs otherwise agree.
-    agree, bent : float
-        Residual over contrast, after a factor, up to which photographs agree; and that residual over the residual after
-        a curve, above which light is not proportional: 1.0 for linear photographs, 2.6 and more for a gamma of 1.1 and
-        for black levels that differ by 5 % of white.
-    light_levels, light_part : int
-        Number of depths at which light is compared, and side of the frame's central part used for it, pixels.
-    """
-
-    level_step: float = 0.3
-    most_tiles: int = 16
-    least_gain: float = 0.04
-    least_shift: float = 0.2
-    least_light: float = 0.01
-    most_light: float = 0.3
-    any_light: float = 4.0
-    agree: float = 0.3
-    bent: float = 2.0
-    light_levels: int = 9
-    light_part: int = 512
+LEVEL_PX = 0.3
+"""Step of w between the depths at which a shift is estimated, pixels."""
+MOST_TILES = 16
+"""Maximum number of parts of the frame, those with most texture."""
+LEAST_GAIN, LEAST_SHIFT_PX = 0.04, 0.2
+"""Fraction of the residual that a significant shift must remove, and its smallest length; depth levels 0.3 pixels apart
+cause smaller ones where blurs are not centred."""
+LEAST_LIGHT, MOST_LIGHT, ANY_LIGHT = 0.01, 0.3, 4.0
+"""Difference of light above which it is corrected; up to which it is corrected in any case; and the largest factor that
+is corrected where the photographs otherwise agree."""
+AGREE, BENT = 0.3, 2.0
+"""Residual over contrast, after a factor, up to which photographs agree; and that residual over the residual after a
+curve, above which light is not proportional: 1.0 for linear photographs, 2.6 and more for a gamma of 1.1 and for black
+levels that differ by 5 % of white."""
+LIGHT_LEVELS, LIGHT_PART_PX = 9, 512
+"""Number of depths at which light is compared, and side of the frame's central part used for it."""
 
 
 @dataclass(frozen=True)
@@ -68,27 +46,26 @@ class Displacement:
     y: float
     gain: float
 
-    def significant(self, s: RegistrationSettings | None = None) -> bool:
+    def significant(self) -> bool:
         """Whether the shift is significant."""
-        s = s or RegistrationSettings()
-        return self.gain > s.least_gain and bool(np.hypot(self.x, self.y) > s.least_shift)
+        return self.gain > LEAST_GAIN and bool(np.hypot(self.x, self.y) > LEAST_SHIFT_PX)
 
 
-def displacement(z: Array, stacks: Sequence[Masks], s: RegistrationSettings | None = None) -> Displacement:
+def displacement(z: Array, stacks: Sequence[Masks]) -> Displacement:
     """Shift of photograph z[1] relative to z[0] beyond the masks. z : (2, C, H, W)."""
-    return _common([cost for cost, _ in _costs(z, stacks, s or RegistrationSettings())])
+    return _common([cost for cost, _ in _costs(z, stacks)])
 
 
 Costs = list[tuple[Array, tuple[float, float]]]
 """Residuals of a part of the frame for every shift, and the position of its centre."""
 
 
-def _costs(z: Array, stacks: Sequence[Masks], s: RegistrationSettings) -> Costs:
+def _costs(z: Array, stacks: Sequence[Masks]) -> Costs:
     grey = z.mean(axis=1)
     # smooth structure determines no shift, and the tiles' windows would mistake its slope for one
-    tiles = _tiles(grey - gaussian_filter(grey, (0, stacks[0].R / 2, stacks[0].R / 2)), stacks[0].R, s.most_tiles)
+    tiles = _tiles(grey - gaussian_filter(grey, (0, stacks[0].R / 2, stacks[0].R / 2)), stacks[0].R)
     fields = [MaskField.of(one) for one in stacks]
-    return [(_tile_cost(tile, [one.near(*place) for one in fields], s), place) for tile, place in tiles]
+    return [(_tile_cost(tile, [one.near(*place) for one in fields]), place) for tile, place in tiles]
 
 
 def _common(costs: Sequence[Array]) -> Displacement:
@@ -102,7 +79,7 @@ def _common(costs: Sequence[Array]) -> Displacement:
     return Displacement(float(x), float(y), float(1 - least / max(cost[tuple(middle)], 1e-30)))
 
 
-def _tiles(grey: Array, R: int, most: int) -> list[tuple[Array, tuple[float, float]]]:
+def _tiles(grey: Array, R: int) -> list[tuple[Array, tuple[float, float]]]:
     """Windowed, half overlapping parts (2, n, n) of both photographs; if there are many, those with most texture.
 
     Each with the position of its centre, as fractions of the frame's height and width.
@@ -116,18 +93,18 @@ def _tiles(grey: Array, R: int, most: int) -> list[tuple[Array, tuple[float, flo
         for y in starts[0]
         for x in starts[1]
     ]
-    parts = sorted(parts, key=lambda part: -float(part[0].var()))[:most]
+    parts = sorted(parts, key=lambda part: -float(part[0].var()))[:MOST_TILES]
     window = np.outer(hann, hann)
     return [((part - part.mean(axis=(1, 2), keepdims=True)) * window, place) for part, place in parts]
 
 
-def _tile_cost(tile: Array, stacks: list[MaskStack], s: RegistrationSettings) -> Array:
+def _tile_cost(tile: Array, stacks: list[MaskStack]) -> Array:
     """Residual of the relation in a tile for every shift, at the best depth; shift 0 in the middle."""
     R = stacks[0].R
     size = next_fast_len(tile.shape[1] + 2 * R, True)
     one, two = rfft2(tile, (size, size))
     least: Array | None = None
-    for w in np.arange(s.level_step, min(one.max_w for one in stacks), s.level_step):
+    for w in np.arange(LEVEL_PX, min(one.max_w for one in stacks), LEVEL_PX):
         h1, h2 = (rfft2(one.at(float(w)), (size, size)) for one in stacks)
         a, b = one * h2, two * h1
         noise = np.abs(h1) ** 2 + np.abs(h2) ** 2 + 1e-3
@@ -169,49 +146,42 @@ class Registration:
     zooms: Array
 
 
-def register(
-    z: Array, trust: Array, stacks: Sequence[Masks], settings: RegistrationSettings | None = None
-) -> Registration:
+def register(z: Array, trust: Array, stacks: Sequence[Masks]) -> Registration:
     """Register photographs to the first, and correct rotation, zoom, shift and light.
 
     z : (P, C, H, W); trust : (P, 1, H, W).
 
-    Raises
-    ------
-    Refused
-        If a photograph is shifted by more than the masks can hold.
+    Raises Refused if a photograph is shifted by more than the masks can hold.
     """
-    s = settings or RegistrationSettings()
     z, trust = z.copy(), trust.copy()
     shifts, light = np.zeros((len(z), 2)), np.ones(len(z))
     turns, zooms = np.zeros(len(z)), np.ones(len(z))
     for n in range(1, len(z)):
         pair = [stacks[0], stacks[n]]
-        costs = _costs(z[[0, n]], pair, s)
+        costs = _costs(z[[0, n]], pair)
         rotation = _similarity(costs, z.shape[2:])
         if rotation.significant:
             z[n], trust[n] = rotate_back(z[n], trust[n], rotation)
             turns[n], zooms[n] = rotation.turn, rotation.zoom
-            costs = _costs(z[[0, n]], pair, s)
+            costs = _costs(z[[0, n]], pair)
         common = _common([cost for cost, _ in costs])
-        if common.significant(s):
+        if common.significant():
             check_shift(n + 1, common.x, common.y, pair[0].R)
             # the tiles showed different parts of the scene; the resulting error is estimated after the correction
-            rest = displacement(np.stack([z[0], shift_back(z[n], trust[n], common.x, common.y)[0]]), pair, s)
+            rest = displacement(np.stack([z[0], shift_back(z[n], trust[n], common.x, common.y)[0]]), pair)
             shifts[n] = common.x + rest.x, common.y + rest.y
             z[n], trust[n] = shift_back(z[n], trust[n], *shifts[n])
-        more = relative_light(z[[0, n]], pair, s, trust[[0, n]])
-        check_tone(n + 1, more, s)
-        if more.significant(s):
+        more = relative_light(z[[0, n]], pair, trust[[0, n]])
+        check_tone(n + 1, more)
+        if more.significant():
             light[n] = more.factor
             z[n] /= more.factor
     return Registration(z, trust, shifts, light, turns, zooms)
 
 
-def similarities(z: Array, stacks: Sequence[Masks], settings: RegistrationSettings | None = None) -> list[Similarity]:
+def similarities(z: Array, stacks: Sequence[Masks]) -> list[Similarity]:
     """Rotation and zoom of each of the photographs (P, C, H, W) after the first, relative to it."""
-    s = settings or RegistrationSettings()
-    return [_similarity(_costs(z[[0, n]], [stacks[0], stacks[n]], s), z.shape[2:]) for n in range(1, len(z))]
+    return [_similarity(_costs(z[[0, n]], [stacks[0], stacks[n]]), z.shape[2:]) for n in range(1, len(z))]
 
 
 def _similarity(costs: Costs, shape: tuple[int, ...]) -> Similarity:
@@ -224,14 +194,9 @@ def _similarity(costs: Costs, shape: tuple[int, ...]) -> Similarity:
 class Light:
     """Light of one photograph relative to another.
 
-    Attributes
-    ----------
-    factor : float
-    residual, residual_of_curve : float
-        Root mean square residual over contrast, after fitting a factor, and after fitting a parabola.
-    curvature, offset : float
-        Of the parabola: half the change of its slope over the levels relative to its mean; its value at zero relative
-        to the mean level.
+    residual, residual_of_curve : root mean square over contrast, after fitting a factor, and after fitting a parabola;
+    curvature, offset : of the parabola: half the change of its slope over the levels relative to its mean, and its
+    value at zero relative to the mean level.
     """
 
     factor: float
@@ -240,22 +205,19 @@ class Light:
     curvature: float
     offset: float
 
-    def significant(self, s: RegistrationSettings) -> bool:
+    def significant(self) -> bool:
         """Whether it is to be corrected."""
-        if abs(self.factor - 1) < s.most_light:
-            return abs(self.factor - 1) > s.least_light
-        return 1 / s.any_light < self.factor < s.any_light and self.residual < s.agree
+        if abs(self.factor - 1) < MOST_LIGHT:
+            return abs(self.factor - 1) > LEAST_LIGHT
+        return 1 / ANY_LIGHT < self.factor < ANY_LIGHT and self.residual < AGREE
 
 
-def check_tone(n: int, light: Light, s: RegistrationSettings) -> None:
+def check_tone(n: int, light: Light) -> None:
     """Refuse a photograph that is not linear relative to the first.
 
-    Raises
-    ------
-    Refused
-        If a curve explains much more than a factor.
+    Raises Refused if a curve explains much more than a factor.
     """
-    if light.residual_of_curve < s.agree and light.residual > s.bent * light.residual_of_curve:
+    if light.residual_of_curve < AGREE and light.residual > BENT * light.residual_of_curve:
         raise Refused(
             f"photograph {n} has another tone curve or black level than photograph 1: the curve between their levels "
             f"begins at {light.offset:+.0%} of the mean and bends by {light.curvature:+.0%}",
@@ -263,23 +225,21 @@ def check_tone(n: int, light: Light, s: RegistrationSettings) -> None:
         )
 
 
-def relative_light(
-    z: Array, stacks: Sequence[Masks], s: RegistrationSettings | None = None, trust: Array | None = None
-) -> Light:
+def relative_light(z: Array, stacks: Sequence[Masks], trust: Array | None = None) -> Light:
     """Light of photograph z[1] relative to z[0]: from z1 * h2 and z2 * h1 at the best depth.
 
     trust : (2, 1, H, W), 0 for samples to be excluded, as are all that their light reaches
     """
-    s, R = s or RegistrationSettings(), stacks[0].R
-    y, x = (slice(max(0, (size - s.light_part) // 2), None) for size in z.shape[2:])
-    one, two = z.mean(axis=1)[:, y, x][:, : s.light_part, : s.light_part]
+    R = stacks[0].R
+    y, x = (slice(max(0, (size - LIGHT_PART_PX) // 2), None) for size in z.shape[2:])
+    one, two = z.mean(axis=1)[:, y, x][:, :LIGHT_PART_PX, :LIGHT_PART_PX]
     valid = np.ones(one.shape, bool)
     if trust is not None:
-        valid = minimum_filter(trust.min(axis=(0, 1)), 2 * R + 1)[y, x][: s.light_part, : s.light_part] > 0
+        valid = minimum_filter(trust.min(axis=(0, 1)), 2 * R + 1)[y, x][:LIGHT_PART_PX, :LIGHT_PART_PX] > 0
     used = valid[R:-R, R:-R] if valid[R:-R, R:-R].sum() > 100 else np.s_[:]
     largest = min(stack.max_w for stack in stacks)
     tried = []
-    for w in np.linspace(largest / s.light_levels, largest, s.light_levels):
+    for w in np.linspace(largest / LIGHT_LEVELS, largest, LIGHT_LEVELS):
         h1, h2 = (stack.at(float(w)) for stack in stacks)
         a, b = (fftconvolve(*pair, mode="valid")[used].ravel() for pair in ((one, h2), (two, h1)))
         tried.append((_residual(a, b, 1), a, b))

@@ -24,47 +24,33 @@ Labels = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class SegmentSettings:
-    """Criteria for segments of a depth map, and for blemishes.
-
-    Attributes
-    ----------
-    jump : float
-        Change of w within two pixels, in pixels, that is taken as a depth edge: at 0.35 small edges smeared by matching
-        were missed.
-    clear : tuple of int
-        Distances from the nearest edge, pixels, at which connected parts are one: large ones first, so that a gap in an
-        edge does not join its two sides.
-    least_pixels : int
-        Smallest number of clear pixels of a segment.
-    blemish_pixels : int
-        A smaller part that differs from the surface around it is a blemish.
-    """
-
-    jump: float = 0.28
-    clear: tuple[int, ...] = (14, 9, 6, 4, 3)
-    least_pixels: int = 40
-    blemish_pixels: int = 400
+JUMP_PX = 0.28
+"""Change of w within two pixels that is taken as a depth edge: at 0.35 small edges smeared by matching were missed."""
+CLEAR_PX = (14, 9, 6, 4, 3)
+"""Distances from the nearest edge at which connected parts are one: large ones first, so that a gap in an edge does not
+join its two sides."""
+LEAST_PIXELS, BLEMISH_PIXELS = 40, 400
+"""Smallest number of clear pixels of a segment, and size below which a part that differs from the surface around it is
+a blemish."""
 
 
-def span(w: Array, size: int = 3) -> Array:
-    """Maximum minus minimum of w in every neighbourhood."""
-    return np.asarray(maximum_filter(w, size) - minimum_filter(w, size))
+def span(w: Array) -> Array:
+    """Maximum minus minimum of w in every neighbourhood of 3 x 3."""
+    return np.asarray(maximum_filter(w, 3) - minimum_filter(w, 3))
 
 
-def segments(w: Array, settings: SegmentSettings, doubt: int, known: Labels | None = None) -> Labels:
+def segments(w: Array, doubt: int, known: Labels | None = None, jump: float = JUMP_PX) -> Labels:
     """Segments 1, 2, ... of a depth map, (H, W): parts that differ by an edge where they meet.
 
     The map is cut at edges, at the borders of segments already `known`, and at necks between them; then parts with
     matching surfaces are merged again. doubt : pixels about a cut whose depth is ignored.
     """
-    steep, jump = span(w), settings.jump
+    steep = span(w)
     cuts = steep > jump
     if known is not None:
         cuts |= _borders(known)
         steep = np.where(_borders(known), np.maximum(steep, jump), steep)
-    markers = _markers(np.asarray(distance_transform_edt(~cuts)), settings)
+    markers = _markers(np.asarray(distance_transform_edt(~cuts)))
     if markers.max() == 0:
         return np.ones(w.shape, np.int32)
     height = (steep * (60000 / max(float(steep.max()), 1e-6))).astype(np.uint16)
@@ -74,14 +60,14 @@ def segments(w: Array, settings: SegmentSettings, doubt: int, known: Labels | No
     return _merged(w, labels[tuple(nearest)], jump / 2, doubt)
 
 
-def _markers(distance: Array, settings: SegmentSettings) -> Labels:
+def _markers(distance: Array) -> Labels:
     """Numbered cores of the parts: at every distance from the cuts, those that contain no core yet."""
     markers = np.zeros(distance.shape, np.int32)
-    for clear in settings.clear:
+    for clear in CLEAR_PX:
         parts, n = label(distance > clear)
         occupied = np.zeros(n + 1, bool)
         occupied[np.unique(parts[markers > 0])] = True
-        new = (np.bincount(parts.ravel(), minlength=n + 1) >= settings.least_pixels) & ~occupied
+        new = (np.bincount(parts.ravel(), minlength=n + 1) >= LEAST_PIXELS) & ~occupied
         new[0] = False
         number = np.where(new, np.cumsum(new) + markers.max(), 0).astype(np.int32)
         markers += number[parts]
@@ -134,14 +120,13 @@ def _halved(w: Array, known: Array, sigma: float, scarce: float) -> Array:
     return np.asarray(cv2.resize(small, w.shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=w.dtype)
 
 
-def remove_blemishes(w: Array, labels: Labels, doubt: int, settings: SegmentSettings) -> Array:
+def remove_blemishes(w: Array, labels: Labels, doubt: int) -> Array:
     """w without small parts that are bounded by edges and differ from the surface around them by more than an edge."""
-    jump = settings.jump
-    parts, n = label(span(w) <= jump)
-    small = np.bincount(parts.ravel(), minlength=n + 1) < settings.blemish_pixels
+    parts, n = label(span(w) <= JUMP_PX)
+    small = np.bincount(parts.ravel(), minlength=n + 1) < BLEMISH_PIXELS
     small[0] = True
     around = surfaces(w, np.where(small[parts], 0, labels), 3 * doubt, doubt)
-    wrong = small[parts] & around.near & (np.abs(w - around.other) > jump)
+    wrong = small[parts] & around.near & (np.abs(w - around.other) > JUMP_PX)
     return np.where(wrong, around.other, w).astype(w.dtype)
 
 

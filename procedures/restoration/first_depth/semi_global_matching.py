@@ -44,12 +44,12 @@ def _along(cost: NDArray[np.float32], total: NDArray[np.float32], dy: int, dx: i
 DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
 
 
-def semi_global(cost: NDArray[np.float32], small: float, large: float, directions: int = 8) -> NDArray[np.float32]:
+def semi_global(cost: NDArray[np.float32], small: float, large: float) -> NDArray[np.float32]:
     """Cost volume aggregated along straight paths, (H, W, L); its minimum is the matched label.
 
     cost : (H, W, L); small : penalty of a change by one label between neighbours; large : of any other change.
     """
     total = np.zeros_like(cost)
-    for dy, dx in DIRECTIONS[:directions]:
+    for dy, dx in DIRECTIONS:
         _along(cost, total, dy, dx, small, large)
     return total

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,14 @@ class DataTerm:
     def _weighted(self, e: Array) -> Array:
         return e if self._all_trusted else e * self.trust
 
+    def _seen(self, pictures: list[Array]) -> Array:
+        """Weighted samples (P, C, H, W) of blurred pictures, one for each photograph."""
+        return self._weighted(np.stack(pictures))
+
+    def _unseen(self, e: Array) -> Iterable[Array]:
+        """The adjoint of `_seen`."""
+        return self._weighted(e)
+
     def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
         """Set w as the depth for every photograph; if given, only `active` pixels send and receive."""
         for blur in self.blurs:
@@ -43,12 +51,12 @@ class DataTerm:
 
     def blur(self, u: Array) -> Array:
         """Photographs of u, weighted, (P, C, H, W)."""
-        return self._weighted(np.stack([blur.blur(u) for blur in self.blurs]))
+        return self._seen([blur.blur(u) for blur in self.blurs])
 
     def blur_adjoint(self, e: Array) -> Array:
         """Gradient over u of <e, weighted photographs of u>, (C, H + 2R, W + 2R)."""
         out = np.zeros((*e.shape[1:-2], *self.extended), e.dtype)
-        for blur, a in zip(self.blurs, self._weighted(e), strict=True):
+        for blur, a in zip(self.blurs, self._unseen(e), strict=True):
             blur.blur_adjoint(a, out)
         return out
 
@@ -64,12 +72,12 @@ class DataTerm:
 
     def change(self, u: Array, x: Array) -> Array:
         """Derivative of the weighted photographs along x = (du..., dw) stacked, (C + 1, H + 2R, W + 2R)."""
-        return self._weighted(np.stack([blur.change(u, x[:-1], x[-1]) for blur in self.blurs]))
+        return self._seen([blur.change(u, x[:-1], x[-1]) for blur in self.blurs])
 
     def change_adjoint(self, u: Array, e: Array) -> Array:
         """Adjoint of `change`, (C + 1, H + 2R, W + 2R)."""
         out = np.zeros((len(u) + 1, *self.extended), u.dtype)
-        for blur, a in zip(self.blurs, self._weighted(e), strict=True):
+        for blur, a in zip(self.blurs, self._unseen(e), strict=True):
             blur.change_adjoint(u, a, (out[:-1], out[-1]))
         return out
 

@@ -15,38 +15,31 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, maximum_filter, median_filter
 
-from procedures.restoration.first_depth.segments import Labels, Mask, surfaces
+from procedures.restoration.first_depth.segments import JUMP_PX, Labels, Mask, surfaces
 from procedures.restoration.joint.data_term import DataTerm, conjugate_gradients
 from procedures.restoration.joint.priors import diffuse
 from procedures.restoration.masks.blur_operator import Array
 
+PICTURE_CURVATURE, SHARE_CURVATURE = 0.3, 0.05
+"""Hessian of the data term per pixel, over the picture and over the share of a white picture, in the preconditioner:
+typical of pillboxes and paths of 3 to 11 pixels. They affect the speed of convergence only."""
+SHARE_WEIGHT = 1e-4
+"""Weight of the share's squared differences, photographs in [0, 1]: smooths it where there is no detail."""
+WORTH_CUTTING = 0.7
+"""Fraction of the frame up to which the part that a band reaches is solved separately."""
+LONGEST = 0.3
+"""Largest change of a share per round: the model is linear in it, but the picture is not known yet."""
+
 
 @dataclass(frozen=True)
-class EdgeSettings:
-    """Parameters of the estimation of the share.
+class Effort:
+    """Gauss-Newton rounds of the share's estimation, and conjugate gradients in each."""
 
-    Attributes
-    ----------
-    picture_curvature, share_curvature : float
-        Hessian of the data term per pixel, over the picture and over the share of a white picture, in the
-        preconditioner: typical of pillboxes and paths of 3 to 11 pixels. They affect the speed of convergence only.
-    share_weight : float
-        Weight of the share's squared differences, photographs in [0, 1]: smooths it where there is no detail.
-    worth_cutting : float
-        Fraction of the frame up to which the part that a band reaches is solved separately.
-    rounds, iterations : int
-        Gauss-Newton rounds, and conjugate gradients in each.
-    longest : float
-        Largest change of a share per round: the model is linear in it, but the picture is not known yet.
-    """
-
-    picture_curvature: float = 0.3
-    share_curvature: float = 0.05
-    share_weight: float = 1e-4
-    worth_cutting: float = 0.7
     rounds: int = 4
     iterations: int = 40
-    longest: float = 0.3
+
+
+FULL = Effort()
 
 
 @dataclass(frozen=True)
@@ -66,7 +59,7 @@ def layers_of(
     labels: Labels,
     reach: int,
     doubt: int,
-    jump: float,
+    jump: float = JUMP_PX,
     rank: int = 1,
     where: Mask | None = None,
     valid: Mask | None = None,
@@ -101,7 +94,7 @@ def _no_layers(w: Array, labels: Labels) -> Layers:
 
 
 def shared(
-    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, settings: EdgeSettings
+    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, effort: Effort
 ) -> tuple[Array, Array]:
     """Picture (C, H', W') and share (H', W') that fit the photographs best, by Gauss-Newton over both.
 
@@ -110,30 +103,28 @@ def shared(
     """
     band, b = layers.band.astype(u.dtype), layers.share.astype(u.dtype)
     around = surroundings(layers.band, high.R)
-    for _ in range(settings.rounds):
+    for _ in range(effort.rounds):
         e = _residual_of_layers(high, low, u, layers, b)
-        x = _share_step(high, low, (u, b, band, around.astype(u.dtype)), e, weight, settings)
-        b = np.where(layers.band, np.clip(b + np.clip(x[-1], -settings.longest, settings.longest), 0, 1), b).astype(
-            u.dtype
-        )
+        x = _share_step(high, low, (u, b, band, around.astype(u.dtype)), e, weight, effort)
+        b = np.where(layers.band, np.clip(b + np.clip(x[-1], -LONGEST, LONGEST), 0, 1), b).astype(u.dtype)
         u = u + x[:-1]
     return u, b
 
 
 def _shared_in_window(
-    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, settings: EdgeSettings
+    high: DataTerm, low: DataTerm, u: Array, layers: Layers, weight: float, effort: Effort
 ) -> tuple[Array, Array]:
     """`shared`, restricted to the part of the frame that the band's surroundings reach, where that is smaller."""
     shape = high.z.shape[2:]
     around = surroundings(layers.band, high.R)
     y, x = (_reached(np.any(around, axis=1 - n), high.R, shape[n]) for n in (0, 1))
-    if (y.stop - y.start) * (x.stop - x.start) > settings.worth_cutting * shape[0] * shape[1]:
-        return shared(high, low, u, layers, weight, settings)
+    if (y.stop - y.start) * (x.stop - x.start) > WORTH_CUTTING * shape[0] * shape[1]:
+        return shared(high, low, u, layers, weight, effort)
     at = (slice(y.start, y.stop + 2 * high.R), slice(x.start, x.stop + 2 * high.R))
     part = Layers(*(whole[at] for whole in vars(layers).values()))
     sharper, share = u.copy(), layers.share.astype(u.dtype)
     sharper[:, *at], share[at] = shared(
-        high.windowed(y, x), low.windowed(y, x), np.ascontiguousarray(u[:, *at]), part, weight, settings
+        high.windowed(y, x), low.windowed(y, x), np.ascontiguousarray(u[:, *at]), part, weight, effort
     )
     return sharper, share
 
@@ -168,14 +159,14 @@ def _share_step(
     at: tuple[Array, Array, Array, Array],
     e: Array,
     weight: float,
-    settings: EdgeSettings,
+    effort: Effort,
 ) -> Array:
     """Change of picture and share (C + 1, H', W') for the residuals e. at : u, share, band, surroundings."""
     u, b, band, around = at
 
     def add_smoothing(out: Array, v: Array, share: Array, sign: int) -> Array:
         out[:-1] += around * (u.dtype.type(sign * weight) * diffuse(v))
-        out[-1] += band * (u.dtype.type(sign * settings.share_weight) * diffuse(share))
+        out[-1] += band * (u.dtype.type(sign * SHARE_WEIGHT) * diffuse(share))
         return out
 
     def gradients(e: Array) -> Array:
@@ -196,9 +187,9 @@ def _share_step(
         e += low.blur(du - above)
         return add_smoothing(gradients(e), du, db, 1)
 
-    divide = np.full((len(u) + 1, *b.shape), settings.picture_curvature, u.dtype)
-    divide[-1] = settings.share_curvature * (u**2).sum(axis=0) + 4 * settings.share_weight
-    return conjugate_gradients(apply, add_smoothing(gradients(e), u, b, -1), settings.iterations, divide)
+    divide = np.full((len(u) + 1, *b.shape), PICTURE_CURVATURE, u.dtype)
+    divide[-1] = SHARE_CURVATURE * (u**2).sum(axis=0) + 4 * SHARE_WEIGHT
+    return conjugate_gradients(apply, add_smoothing(gradients(e), u, b, -1), effort.iterations, divide)
 
 
 def place_steps(
@@ -210,7 +201,7 @@ def place_steps(
     layers: Layers,
     weight: float,
     decided: float = 1.0,
-    settings: EdgeSettings | None = None,
+    effort: Effort = FULL,
 ) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments with the depth edges moved to their best positions.
 
@@ -218,7 +209,7 @@ def place_steps(
     """
     if not layers.band.any():
         return u, w, labels
-    sharper, b = _shared_in_window(high, low, u, layers, weight, settings or EdgeSettings())
+    sharper, b = _shared_in_window(high, low, u, layers, weight, effort)
     border = np.where(np.abs(b - 0.5) > decided, b, median_filter(b, 3)) > 0.5
     placed = np.where(layers.band, np.where(border, layers.high, layers.low), w).astype(w.dtype)
     relabelled = np.where(border, layers.high_label, layers.low_label)

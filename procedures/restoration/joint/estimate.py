@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, uniform_filter
 
 from procedures.outcome import SYMPTOM, BadParameter, Check, Outcome, Verdict, verdict_of
+from procedures.raw import PlaneLike
 from procedures.restoration.first_depth import initial_depth, registration
 from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import DataTerm
-from procedures.restoration.joint.moved_objects import Mask, MovedSettings, largest, moved_objects
+from procedures.restoration.joint.moved_objects import Mask, largest, moved_objects
 from procedures.restoration.joint.noise_and_contrast import depth_freedom, noise_gain
-from procedures.restoration.joint.occlusion import Occlusion, OcclusionSettings, occlusion_of
+from procedures.restoration.joint.occlusion import PICTURE, Occlusion, occlusion_of
 from procedures.restoration.joint.picture_error import error_map, noise_upper_bound, picture_error, residual_noise
 from procedures.restoration.joint.result import Restoration, RestorationDiagnostics
-from procedures.restoration.joint.schedule import Schedule, Scheme, WeightSettings
+from procedures.restoration.joint.schedule import Schedule, Scheme
 from procedures.restoration.masks import checks
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import MaskField, Masks, one_grid
@@ -28,39 +29,21 @@ STARTS = ("matched", "blur", "symmetric")
 AXES = ("both", "x", "y")
 
 
-@dataclass(frozen=True)
-class RestorationLimits:
-    """Limits above which a restoration is doubtful or refused.
-
-    Attributes
-    ----------
-    explained, most_residual : float
-        Residual over the photographs' noise: 0.1 to 1.1 with true masks and with kernels of real shake; 1.2 to 1.5 with
-        errors in all kernel samples, and with paths bent by a fifth; up to 2.6 with a wrong shape (a Gaussian for a
-        pillbox); 11 and more for photographs of different scenes, which are refused.
-    least_gained : float
-        Above the first limit, the error due to blur over the picture's expected error, which includes the residual: 3
-        to 11 with true masks, 1.4 and less with paths bent by a fifth and with wrong shapes.
-    least_noise : float
-        Residual of 8-bit quantisation, which is no disagreement, white = 1.
-    most_noise : float
-        Noise of the restored picture above which ringing hides its detail, white = 1.
-    most_at_limit, most_undetermined, most_saturated : float
-        Fractions of the frame with w at the end of its range, with w uncertain by more than half a pixel, saturated.
-    most_moved : float
-        Fraction of the frame with motion above which the photographs are refused.
-        Part of the frame in which something moved, beyond which the photographs do not belong together.
-    """
-
-    explained: float = 1.2
-    least_gained: float = 3.0
-    most_residual: float = 5.0
-    least_noise: float = 1.2e-3
-    most_noise: float = 0.06
-    most_at_limit: float = 0.05
-    most_undetermined: float = 0.5
-    most_saturated: float = 0.02
-    most_moved: float = 0.3
+EXPLAINED, MOST_RESIDUAL = 1.2, 5.0
+"""Residual over the photographs' noise above which a restoration is doubtful, and refused: 0.1 to 1.1 with true masks
+and with kernels of real shake; 1.2 to 1.5 with errors in all kernel samples, and with paths bent by a fifth; up to 2.6
+with a wrong shape (a Gaussian for a pillbox); 11 and more for photographs of different scenes."""
+LEAST_GAINED = 3.0
+"""Above the first limit, the error due to blur over the picture's expected error, which includes the residual: 3 to 11
+with true masks, 1.4 and less with paths bent by a fifth and with wrong shapes."""
+LEAST_NOISE = 1.2e-3
+"""Residual of 8-bit quantisation, which is no disagreement, white = 1."""
+MOST_NOISE = 0.06
+"""Noise of the restored picture above which ringing hides its detail, white = 1."""
+MOST_AT_LIMIT, MOST_UNDETERMINED, MOST_SATURATED = 0.05, 0.5, 0.02
+"""Fractions of the frame with w at the end of its range, with w uncertain by more than half a pixel, saturated."""
+MOST_MOVED = 0.3
+"""Fraction of the frame with motion above which the photographs are refused."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +56,7 @@ class RestorationParameters:
     masks symmetric about axes and diagonals (Proposition 2), "x" or "y" for even ones along one axis (Proposition 3).
     total_variation, depth_total_variation : priors of picture and w, instead of quadratic ones.
     flat_w : w of the whole frame if known; then only the picture is estimated.
-    registration, matching, weights, joint, moved, occlusion, limits : settings of each stage, documented there.
+    least_image_weight : smallest lambda_u that is derived from the noise.
     """
 
     scheme: Scheme = field(default_factory=Scheme)
@@ -85,13 +68,7 @@ class RestorationParameters:
     depth_total_variation: bool = False
     flat_w: float | None = None
     dtype: type[np.floating[Any]] = np.float32
-    registration: registration.RegistrationSettings = field(default_factory=registration.RegistrationSettings)
-    matching: initial_depth.MatchingSettings = field(default_factory=initial_depth.MatchingSettings)
-    weights: WeightSettings = field(default_factory=WeightSettings)
-    joint: joint_descent.JointSettings = field(default_factory=joint_descent.JointSettings)
-    moved: MovedSettings = field(default_factory=MovedSettings)
-    occlusion: OcclusionSettings = field(default_factory=OcclusionSettings)
-    limits: RestorationLimits = field(default_factory=RestorationLimits)
+    least_image_weight: float = 0.0
 
     def __post_init__(self) -> None:
         if self.depth_start not in STARTS:
@@ -109,7 +86,7 @@ def noise_of(z: Array, stacks: Sequence[Masks]) -> float:
     Whitened differences (8.1) of two photographs have unit variance at the true depth. The smallest windowed mean over
     the levels is taken, and its lower quartile over the frame, where blur is constant and levels fit.
     """
-    levels = initial_depth.levels_of(stacks, 0.3)
+    levels = initial_depth.levels_of(stacks)
     least = initial_depth.cost_volume(z[:2], stacks[:2], np.ones(2), levels, 5).min(axis=2) / z.shape[1]
     return max(1.3 * float(np.sqrt(np.percentile(least, 25))), 1e-5)
 
@@ -119,55 +96,53 @@ def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, p: RestorationP
     if p.flat_w is not None:
         flat = np.full(z.shape[2:], p.flat_w)
         return initial_depth.DepthStart(flat, np.ones(flat.shape), np.ones(flat.shape, bool))
-    sigmas = np.full(len(z), max(sigma, p.matching.least_sigma))
+    sigmas = np.full(len(z), max(sigma, initial_depth.LEAST_SIGMA))
     if p.depth_start == "symmetric":
         return initial_depth.algorithm_2(z, stacks, sigma, direction=p.symmetric_axis)
     if p.depth_start == "blur":
         return initial_depth.algorithm_3(z, stacks, sigmas)
-    return initial_depth.matched(z, stacks, sigmas, matching=p.matching)
+    return initial_depth.matched(z, stacks, sigmas)
 
 
 def restore(
-    photographs: list[Array],
+    photographs: Sequence[PlaneLike],
     stacks: Sequence[Masks],
     parameters: RestorationParameters | None = None,
     progress: Callable[[joint_descent.JointRound], None] | None = None,
 ) -> Outcome[Restoration]:
     """The sharp picture and the depth map, with a verdict and without value if refused. See `restoration_of`."""
-    p = parameters or RestorationParameters()
-    return judge(restoration_of(photographs, stacks, p, progress), p.limits)
+    return judge(restoration_of(photographs, stacks, parameters, progress))
 
 
 def restoration_of(
-    photographs: list[Array],
+    photographs: Sequence[PlaneLike],
     stacks: Sequence[Masks],
     parameters: RestorationParameters | None = None,
     progress: Callable[[joint_descent.JointRound], None] | None = None,
 ) -> Restoration:
     """The sharp picture and the depth map, without verdict.
 
-    photographs : P arrays (C, H, W), linear, white = 1; stacks : the masks of each as functions of one w, constant over
-    the frame or a field of them.
+    photographs : P arrays (H, W) or (C, H, W), linear, white = 1, or planes; stacks : the masks of each as functions of
+    one w, constant over the frame or a field of them.
 
-    Raises
-    ------
-    BadInput, BadParameter, Refused
-        If photographs, blurs or parameters cannot be restored (see `checks`).
+    Raises BadInput, BadParameter, Refused if photographs, blurs or parameters cannot be restored (see `checks`).
     """
     p = parameters or RestorationParameters()
-    z = checks.check_photographs([np.asarray(photo, dtype=np.float64) for photo in photographs])
+    z = checks.check_photographs(checks.as_channels(photographs))
     shape = (z.shape[2], z.shape[3])
     checks.check_blurs(stacks, shape)
     trust = checks.trust_of(z)
     saturated = float((trust == 0).mean())
     checks.check_texture(z, noise_upper_bound(z))
     checks.check_registered(z, stacks[0].R)
-    registered = registration.register(z, trust, stacks, p.registration)
+    registered = registration.register(z, trust, stacks)
     z, trust = registered.z, registered.trust
     sigma = noise_of(z, stacks)
     start = first_depth(z, stacks, sigma, p)
     fields = one_grid(stacks)
-    schedule = Schedule(p.scheme.rounds, p.image_weight, p.depth_weight, not p.depth_total_variation, p.weights)
+    schedule = Schedule(
+        p.scheme.rounds, p.image_weight, p.depth_weight, not p.depth_total_variation, p.least_image_weight
+    )
     data, other = joint_descent.problem_of(z, fields, trust, p.dtype, MaskField.blur)
     problem = joint_descent.Problem(
         data,
@@ -179,7 +154,6 @@ def restoration_of(
         p.total_variation,
         p.depth_total_variation,
         misfit_of(start.trusted, data.R),
-        p.joint,
     )
     descend = joint_descent.run if p.flat_w is None else joint_descent.picture_alone
     state = descend(problem, joint_descent.begin(problem, start.w), progress)
@@ -215,17 +189,17 @@ def _restoration(
     limit = min(b.stack.max_w for b in data.blurs)
     masks, last = [b.stack for b in data.blurs], state.history[-1].weights
     sharp = state.u[:, R:-R, R:-R]
-    finest = max(noise_upper_bound(data.z), p.limits.least_noise)
-    moved = moved_objects(residual, data.z, finest, p.moved)
+    finest = max(noise_upper_bound(data.z), LEAST_NOISE)
+    moved = moved_objects(residual, data.z, finest)
     noise = max(finest, residual_noise(data.z, residual * ~moved, sharp, R))
     rms = _rms(residual, data.trust)
     freedom = 0.0 if flat else depth_freedom(data, state.u, last)
     error = picture_error(masks, np.quantile(w, joint_descent.DECILES), last.picture, residual, sharp, freedom)
     # where something moved, neither w nor the picture is known
-    occlusion = Occlusion.nowhere(w.shape) if flat else occlusion_of(w, masks, p.occlusion)
+    occlusion = Occlusion.nowhere(w.shape) if flat else occlusion_of(w, masks)
     undetermined = float((np.where(moved, limit, spread) > 0.5).mean())
     spread = np.where(moved, np.maximum(spread, limit), occlusion.spread(spread))
-    uncertain = error_map(error.std, residual, 2 * R + 1) * np.where(occlusion.mask, p.occlusion.picture, 1.0)
+    uncertain = error_map(error.std, residual, 2 * R + 1) * np.where(occlusion.mask, PICTURE, 1.0)
     uncertain = np.where(moved, max(error.std, float(sharp.std())), uncertain)
     diagnostics = RestorationDiagnostics(
         noise=state.statistics.sigma,
@@ -251,12 +225,12 @@ def _rms(residual: Array, trust: Array) -> float:
     return float(np.sqrt(np.sum(residual.astype(np.float64) ** 2) / max(trusted, 1.0)))
 
 
-def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int = 7) -> Array:
+def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float) -> Array:
     """Lower bound of the standard deviation of w, pixels.
 
     Squared derivatives of the photographs with respect to w, summed over a window, against the noise (chapter 9).
     """
-    delta = 0.1
+    delta, window = 0.1, 7
     data.focus(w + delta)
     above = data.blur(u)
     data.focus(w - delta)
@@ -266,47 +240,47 @@ def w_uncertainty(data: DataTerm, u: Array, w: Array, sigma: float, window: int 
     return np.asarray(np.pad(sigma / np.sqrt(np.maximum(power, 1e-20)), data.R, mode="edge"))
 
 
-def judge(result: Restoration, limits: RestorationLimits | None = None) -> Outcome[Restoration]:
+def judge(result: Restoration) -> Outcome[Restoration]:
     """The restoration with its verdict, without value if refused."""
-    d, s = result.diagnostics, limits or RestorationLimits()
+    d = result.diagnostics
     doubtful, refused = Verdict.DOUBTFUL, Verdict.REFUSED
     noise = d.noise_gain * d.noise
-    order = _order(d, s)
+    order = _order(d)
     unexplained = 1.0 if order else SYMPTOM  # a wrong order alone causes a residual and an undetermined depth together
     return verdict_of([
-        Check("motion", d.moved, s.most_moved, refused,
-              f"something moved in {d.moved:.0%} of the frame between the photographs; at most {s.most_moved:.0%} is "
+        Check("motion", d.moved, MOST_MOVED, refused,
+              f"something moved in {d.moved:.0%} of the frame between the photographs; at most {MOST_MOVED:.0%} is "
               "allowed", "take them again while nothing moves"),
-        Check("residual", d.elsewhere_over_noise, s.most_residual, refused,
+        Check("residual", d.elsewhere_over_noise, MOST_RESIDUAL, refused,
               f"no picture explains the photographs: the residual is {d.elsewhere_over_noise:.1f} times their noise "
-              f"and {d.unexplained:.0%} of their contrast; at most {s.most_residual:.0f} times are allowed",
+              f"and {d.unexplained:.0%} of their contrast; at most {MOST_RESIDUAL:.0f} times are allowed",
               f"{order}check that the photographs show one scene without motion, and that each shape belongs to its "
               "photograph", prior=unexplained),
         Check("motion", d.moved, 0, doubtful,
               f"{_what_moved(result)}: {_where(result.moved)}; picture and depth are unreliable there",
               "take them again while nothing moves, or omit that part"),
-        Check("range", d.at_limit, s.most_at_limit, doubtful,
+        Check("range", d.at_limit, MOST_AT_LIMIT, doubtful,
               f"w reaches the end of its range in {d.at_limit:.0%} of the frame", "raise --max-w"),
-        Check("residual", d.residual_over_noise, s.explained, doubtful,
+        Check("residual", d.residual_over_noise, EXPLAINED, doubtful,
               f"the shapes are inaccurate: in excess of noise, {d.unexplained:.1%} of the photographs' contrast remain "
               f"unexplained ({d.residual_over_noise:.1f} times the noise in total); the picture is uncertain by "
               f"{d.picture_std:.1%} of white or more",
               f"{order}for finer detail measure the shapes again, or check that nothing moved between the "
-              "photographs", given=d.gained < s.least_gained, prior=unexplained),
-        Check("depth", d.undetermined, s.most_undetermined, doubtful,
+              "photographs", given=d.gained < LEAST_GAINED, prior=unexplained),
+        Check("depth", d.undetermined, MOST_UNDETERMINED, doubtful,
               f"depth is not determined in {d.undetermined:.0%} of the frame, where texture is weak",
               "put structure into the scene"),
-        Check("noise", noise, s.most_noise, doubtful,
+        Check("noise", noise, MOST_NOISE, doubtful,
               f"noise is amplified {d.noise_gain:.0f} times, to {noise:.0%} of white: ringing is likely",
               "raise --image-weight"),
-        Check("clipping", d.saturated, s.most_saturated, doubtful, f"{d.saturated:.0%} of the samples are saturated",
+        Check("clipping", d.saturated, MOST_SATURATED, doubtful, f"{d.saturated:.0%} of the samples are saturated",
               "expose less"),
     ], result)  # fmt: skip
 
 
-def _order(d: RestorationDiagnostics, limits: RestorationLimits) -> str:
+def _order(d: RestorationDiagnostics) -> str:
     """The first remedy where photographs disagree and depth is undetermined; empty otherwise."""
-    if d.undetermined <= limits.most_undetermined:
+    if d.undetermined <= MOST_UNDETERMINED:
         return ""
     return "check that photographs, ratios and f-numbers are in one order, as no depth explains them; "
 

@@ -15,6 +15,12 @@ from procedures.restoration.joint.priors import bending, roughness
 from procedures.restoration.masks.array_loops import add_bending, add_diffusion
 from procedures.restoration.masks.blur_operator import Array
 
+LONGEST = 0.3
+"""Largest change of w per step, pixels, for which the linearised masks are valid."""
+AGILITY = 0.25
+"""Factor of w's curvature in the preconditioner: with 0.15 to 0.4 the depth converges farther than with 1 to 2.5 (pairs
+without noise: 0.8 and 1.2 grey levels instead of 1.0 and 1.6)."""
+
 
 @dataclass(frozen=True)
 class PriorWeights:
@@ -44,15 +50,11 @@ def joint_step(
     iterations: int,
     diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
     edges: tuple[Array | float, Array | float] = (1.0, 1.0),
-    longest: float = 0.3,
-    agility: float = 0.25,
 ) -> tuple[Array, Array]:
     """Picture and depth after one Gauss-Newton step, solved by conjugate gradients.
 
     `diffusion` and `edges` are the priors' weights on differences of picture and depth.
-    u : (C, H + 2R, W + 2R); w : (H + 2R, W + 2R), pixels; longest : largest change of w per step, pixels, for which the
-    linearised masks are valid; agility : factor of w's curvature in the preconditioner: with 0.15 to 0.4 the depth
-    converges farther than with 1 to 2.5 (pairs without noise: 0.8 and 1.2 grey levels instead of 1.0 and 1.6).
+    u : (C, H + 2R, W + 2R); w : (H + 2R, W + 2R), pixels.
     """
     data.focus(w)
 
@@ -69,7 +71,7 @@ def joint_step(
     divide = np.empty_like(gradient)
     picture, depth = data.curvature(w)
     divide[:-1] = picture + 4 * weights.picture
-    divide[-1] = agility * depth * (u**2).sum(axis=0) + weights.depth * (4 * weights.tilt + 20 * weights.bend)
+    divide[-1] = AGILITY * depth * (u**2).sum(axis=0) + weights.depth * (4 * weights.tilt + 20 * weights.bend)
     x = conjugate_gradients(apply, gradient, iterations, divide)
     limit = min(blur.stack.max_w for blur in data.blurs)
-    return u + x[:-1], np.clip(w + np.clip(x[-1], -longest, longest), 0, limit)
+    return u + x[:-1], np.clip(w + np.clip(x[-1], -LONGEST, LONGEST), 0, limit)

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.restoration.first_depth.segments import Labels, SegmentSettings, joined, remove_blemishes, segments
+from procedures.restoration.first_depth.segments import Labels, joined, remove_blemishes, segments
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
-from procedures.restoration.joint.depth_edges import EdgeSettings, layers_of, place_steps
+from procedures.restoration.joint.depth_edges import FULL, Effort, layers_of, place_steps
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.noise_and_contrast import (
     band_powers,
@@ -26,8 +26,9 @@ from procedures.restoration.joint.noise_and_contrast import (
     moments,
 )
 from procedures.restoration.joint.priors import depth_variation, roughness, steps_allowed, total_variation
-from procedures.restoration.joint.restart_regions import RegionAttempt, RestartSettings, relative_residual, restart
+from procedures.restoration.joint.restart_regions import DOUBT, RegionAttempt, relative_residual, restart
 from procedures.restoration.joint.schedule import (
+    DEPTH_SLOPE,
     PlaceEdges,
     RestartRegions,
     Schedule,
@@ -43,31 +44,13 @@ DECILES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Quantiles at the centres of five equal parts of the distribution of w."""
 
 
-@dataclass(frozen=True)
-class JointSettings:
-    """Settings of the joint descent, in addition to scheme and weights.
-
-    Attributes
-    ----------
-    strong, yielding, most_left : float
-        Weight of the depth's prior above which it smooths over edges; it is then reduced by the power `yielding` of the
-        local residual relative to the frame's median, up to `most_left` of that.
-    least_gradient : float
-        Gradient below which total variation is taken as quadratic (6.10), white = 1: grain of fine texture.
-    contrast : float
-        Mean squared gradient of the scene, white = 1, until one is restored.
-    segments, edges, restart
-        Settings of segmentation, of edge localisation, and of restarted regions.
-    """
-
-    strong: float = 0.2
-    yielding: float = 5
-    most_left: float = 2.0
-    least_gradient: float = 0.005
-    contrast: float = CONTRAST
-    segments: SegmentSettings = field(default_factory=SegmentSettings)
-    edges: EdgeSettings = field(default_factory=EdgeSettings)
-    restart: RestartSettings = field(default_factory=RestartSettings)
+STRONG, YIELDING, MOST_LEFT = 0.2, 5.0, 2.0
+"""Weight of the depth's prior above which it smooths over edges; it is then reduced by the power `YIELDING` of the
+local residual relative to the frame's median, up to `MOST_LEFT` of that."""
+LEAST_GRADIENT = 0.005
+"""Gradient below which total variation is taken as quadratic (6.10), white = 1: grain of fine texture."""
+ON_TRIAL = 3
+"""Joint steps before a restarted region is compared with its previous state."""
 
 
 @dataclass(frozen=True)
@@ -97,10 +80,10 @@ class DescentState:
 
 @dataclass(frozen=True)
 class Problem:
-    """Photographs with their blurs, twice (two depths at once are needed at edges), and settings.
+    """Photographs with their blurs, twice (two depths at once are needed at edges), and parameters.
 
     reach : pixels about a depth edge within which the first depth is unreliable; misfit : (H', W'), where it did not
-    fit the photographs, if known.
+    fit the photographs, if known; edges : effort of their localisation; yielding : see `YIELDING`.
     """
 
     data: DataTerm
@@ -112,7 +95,8 @@ class Problem:
     total_variation: bool = False
     depth_variation: bool = False
     misfit: NDArray[np.bool_] | None = None
-    settings: JointSettings = field(default_factory=JointSettings)
+    edges: Effort = FULL
+    yielding: float = YIELDING
 
 
 def problem_of(
@@ -132,7 +116,7 @@ def begin(problem: Problem, w: Array) -> DescentState:
     mean = (data.z * data.trust).sum(axis=0) / np.maximum(data.trust.sum(axis=0), 1e-6)
     u = np.pad(mean, ((0, 0), (R, R), (R, R)), mode="edge").astype(dtype)
     data.focus(wide)
-    statistics = Statistics(problem.sigma, problem.sigma, problem.settings.contrast)
+    statistics = Statistics(problem.sigma, problem.sigma, CONTRAST)
     weight = max(1e-3, problem.schedule.final(statistics).picture)
     return DescentState(0, restore_picture(data, u, weight, 15), wide, statistics)
 
@@ -150,8 +134,8 @@ def _diffusion(problem: Problem, u: Array) -> tuple[Array | float, Array | float
     """Weights of the picture prior: 1 for Tikhonov, 1 / |grad u| scaled to the same mean for total variation."""
     if not problem.total_variation:
         return 1.0, 1.0
-    down, across = total_variation(u, problem.settings.least_gradient)
-    scale = np.sqrt(problem.settings.contrast) / 3
+    down, across = total_variation(u, LEAST_GRADIENT)
+    scale = np.sqrt(CONTRAST) / 3
     return down * u.dtype.type(scale), across * u.dtype.type(scale)
 
 
@@ -162,10 +146,9 @@ def _edges(
 
     A prior so strong that it smooths over edges is also reduced where the residual e, if given, is large.
     """
-    s, slope = problem.settings, problem.schedule.weights.slope
-    down, across = depth_variation(w, slope) if problem.depth_variation else steps_allowed(w, weights.step)
-    if e is not None and weights.depth > s.strong:
-        yielding = np.clip(relative_residual(e, s.restart.window), 1, s.most_left) ** -s.yielding
+    down, across = depth_variation(w, DEPTH_SLOPE) if problem.depth_variation else steps_allowed(w, weights.step)
+    if e is not None and weights.depth > STRONG:
+        yielding = np.clip(relative_residual(e), 1, MOST_LEFT) ** -problem.yielding
         wide = np.pad(yielding, problem.data.R, mode="edge").astype(w.dtype)
         down, across = down * np.minimum(wide[1:], wide[:-1]), across * np.minimum(wide[:, 1:], wide[:, :-1])
     if labels is None:
@@ -216,16 +199,16 @@ def _joint(
 
 def _restarted(problem: Problem, state: DescentState, weights: PriorWeights) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments after some joint steps, with unexplained regions restarted."""
-    s, jump = problem.settings, problem.settings.segments.jump
 
     def onward(pair: RegionAttempt) -> RegionAttempt:
-        for _ in range(s.restart.on_trial):
+        for _ in range(ON_TRIAL):
             u, w = _joint(problem, pair.u, pair.w, pair.labels, weights)
             pair = RegionAttempt(u, w, pair.labels)
         return pair
 
-    old = RegionAttempt(state.u, state.w, segments(state.w, s.segments, s.restart.doubt, state.labels))
-    pair = restart(problem.data, problem.other, old, problem.reach, jump, weights.picture, onward, s.restart, s.edges)
+    old = RegionAttempt(state.u, state.w, segments(state.w, DOUBT, state.labels))
+    iterations = problem.edges.iterations
+    pair = restart(problem.data, problem.other, old, problem.reach, weights.picture, onward, iterations)
     return pair.u, pair.w, pair.labels
 
 
@@ -234,14 +217,13 @@ def _edges_localised(
 ) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments with localised depth edges, over a wide or a narrow band."""
     reach, doubt = (step.reach, step.doubt) if step.reach is not None else (problem.reach, problem.reach - 1)
-    s = problem.settings
-    labels = segments(state.w, s.segments, doubt, state.labels)
-    w = remove_blemishes(state.w, labels, doubt, s.segments) if step.far else state.w
+    labels = segments(state.w, doubt, state.labels)
+    w = remove_blemishes(state.w, labels, doubt) if step.far else state.w
     # in a wide band only where the first depth did not fit
     where = problem.misfit if step.far else None
-    layers = layers_of(w, labels, reach, doubt, s.segments.jump, step.layers, where)
+    layers = layers_of(w, labels, reach, doubt, rank=step.layers, where=where)
     soft = max(weights.picture, step.softness)
-    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, step.decided, s.edges)
+    return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, step.decided, problem.edges)
 
 
 def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> Statistics:
@@ -261,10 +243,10 @@ def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> 
 
 
 def picture_alone(
-    problem: Problem, state: DescentState, progress: Callable[[JointRound], None] | None = None, rounds: int = 4
+    problem: Problem, state: DescentState, progress: Callable[[JointRound], None] | None = None
 ) -> DescentState:
     """The state of a scene of known w: alternating picture and statistics, then the final picture."""
-    for _ in range(rounds):
+    for _ in range(4):
         weights = problem.schedule.final(state.statistics)
         iterations = problem.scheme.picture + problem.scheme.depth
         u = restore_picture(problem.data, state.u, weights.picture, iterations, _diffusion(problem, state.u))

@@ -43,10 +43,7 @@ def stacks_of(
 
     ratios, offsets : half-width of each is ratio times w plus offset, pixels; offsets default to 0 (4.8, 4.14).
 
-    Raises
-    ------
-    BadParameter
-        If a ratio is not positive, or the masks are too large for the photographs.
+    Raises BadParameter if a ratio is not positive, or the masks are too large for the photographs.
     """
     for ratio in ratios:
         if not 0 < ratio < np.inf:

@@ -6,8 +6,6 @@ own contrast, in one place.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import find_objects, label, uniform_filter
@@ -17,47 +15,31 @@ from procedures.restoration.masks.blur_operator import Array
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class MovedSettings:
-    """Criteria for motion.
-
-    Attributes
-    ----------
-    window : int
-        Side of a place, pixels.
-    over_frame : float
-        Local residual over the frame's median, root mean square: up to 1.5 with true masks, 2 with a mask rotated by 20
-        degrees or the two masks exchanged, 4 for a disc of 33 pixels that moved by 3, 5 to 26 for discs that moved
-        farther.
-    over_noise, of_contrast : float
-        Local residual over the noise, and over the photographs' contrast: 0.25 to 0.5 with such masks, 0.33 to 2 for
-        the discs.
-    least_part : int
-        Smallest number of pixels.
-        Pixels of one that counts.
-    """
-
-    window: int = 15
-    over_frame: float = 3.5
-    over_noise: float = 2.5
-    of_contrast: float = 0.25
-    least_part: int = 60
+WINDOW = 15
+"""Side of a place, pixels."""
+OVER_FRAME = 3.5
+"""Local residual over the frame's median, root mean square, above which something moved: up to 1.5 with true masks, 2
+with a mask rotated by 20 degrees or the two masks exchanged, 4 for a disc of 33 pixels that moved by 3, 5 to 26 for
+discs that moved farther."""
+OVER_NOISE, OF_CONTRAST = 2.5, 0.25
+"""The same over the noise, and over the photographs' contrast: 0.25 to 0.5 with such masks, 0.33 to 2 for the discs."""
+LEAST_PART = 60
+"""Smallest number of pixels of a moved part."""
 
 
-def moved_objects(residual: Array, z: Array, noise: float, s: MovedSettings | None = None) -> Mask:
+def moved_objects(residual: Array, z: Array, noise: float) -> Mask:
     """Where something moved, (H, W).
 
     residual, z : (P, C, H, W) residuals of a restoration, and photographs; noise : standard deviation of these.
     """
-    s = s or MovedSettings()
-    local = np.sqrt(_mean((residual.astype(np.float64) ** 2).mean(axis=(0, 1)), s.window))
-    contrast = np.sqrt(np.mean([_variance(one, s.window) for photograph in z for one in photograph], axis=0))
-    moved = local > s.over_frame * np.median(local)
-    moved &= (local > s.over_noise * noise) & (local > s.of_contrast * np.maximum(contrast, noise))
+    local = np.sqrt(_mean((residual.astype(np.float64) ** 2).mean(axis=(0, 1)), WINDOW))
+    contrast = np.sqrt(np.mean([_variance(one, WINDOW) for photograph in z for one in photograph], axis=0))
+    moved = local > OVER_FRAME * np.median(local)
+    moved &= (local > OVER_NOISE * noise) & (local > OF_CONTRAST * np.maximum(contrast, noise))
     parts, _ = label(moved)
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
-    return np.asarray(sizes[parts] >= s.least_part)
+    return np.asarray(sizes[parts] >= LEAST_PART)
 
 
 def largest(moved: Mask) -> tuple[slice, slice]:

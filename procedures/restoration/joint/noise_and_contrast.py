@@ -18,6 +18,9 @@ from procedures.restoration.masks.blur_operator import Array, MaskStack
 
 SIZE = 64
 """Frequencies along each axis at which transfer functions are averaged; larger than the masks."""
+DETERMINED = 1 / 6
+"""Fraction of the curvature over w that counts, as the picture takes some and texture is sparse: with this value, the
+degrees of freedom agree with those of restored random photographs."""
 BANDS = 8
 """Rings of frequencies in which noise and contrast are separated: both may fall by a factor of a hundred over them."""
 
@@ -138,16 +141,14 @@ def rings_of(shape: tuple[int, int]) -> NDArray[np.intp]:
     return np.where(radius < 1.5 / min(*shape, SIZE), -1, rings)
 
 
-def depth_freedom(data: DataTerm, u: Array, weights: PriorWeights, determined: float = 1 / 6) -> float:
+def depth_freedom(data: DataTerm, u: Array, weights: PriorWeights) -> float:
     """Degrees of freedom that w takes from the photographs' noise, per pixel and channel.
 
-    data : focused on w; weights : of the priors; determined : fraction of the curvature over w that counts, as the
-    picture takes some and texture is sparse: with this value, the degrees of freedom agree with those of restored
-    random photographs. The curvature of the data term is estimated by a random change of w.
+    data : focused on w; weights : of the priors. The curvature of the data term is estimated by a random change of w.
     """
     probe = np.zeros((len(u) + 1, *data.extended), u.dtype)
     probe[-1] = np.random.default_rng(0).choice([-1.0, 1.0], data.extended)
-    curvature = determined * float((data.change(u, probe) ** 2).sum(axis=(0, 1)).mean())
+    curvature = DETERMINED * float((data.change(u, probe) ** 2).sum(axis=(0, 1)).mean())
     L = laplacian()
     prior = weights.depth * (weights.tilt * L + weights.bend * L**2)
     # where w is undetermined, as in a frame that is sharp all over, nothing is fitted

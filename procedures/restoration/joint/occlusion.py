@@ -19,28 +19,16 @@ from procedures.restoration.masks.mask_fields import Masks
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class OcclusionSettings:
-    """Criteria for proximity to a depth edge, and the uncertainty there, from ray-traced scenes of two planes.
-
-    Attributes
-    ----------
-    quantile, beyond : float
-        Quantile of w over the frame whose widest mask gives the reach of an edge, and an additional margin in pixels.
-    least_step : float
-        Change of w over that reach, pixels. With 0.3 and 0.5 pixels, 0.6 to 1.0 and 0.1 to 1.0 of the pixels that are
-        wrong by 0.3 pixels and three standard deviations are marked.
-    steep : float
-        That change relative to the one over twice the reach: a half for a slope, 1 for an edge.
-    picture : float
-        Factor of the picture's error there over the estimate from noise and residual: 1.1 to 2.4.
-    """
-
-    quantile: float = 0.95
-    beyond: int = 1
-    least_step: float = 0.3
-    steep: float = 0.55
-    picture: float = 1.7
+# Criteria for proximity to a depth edge, and the uncertainty there, from ray-traced scenes of two planes.
+QUANTILE, BEYOND = 0.95, 1
+"""Quantile of w over the frame whose widest mask gives the reach of an edge, and an additional margin in pixels."""
+LEAST_STEP = 0.3
+"""Change of w over that reach, pixels. With 0.3 and 0.5 pixels, 0.6 to 1.0 and 0.1 to 1.0 of the pixels that are wrong
+by 0.3 pixels and three standard deviations are marked."""
+STEEP = 0.55
+"""That change relative to the one over twice the reach: a half for a slope, 1 for an edge."""
+PICTURE = 1.7
+"""Factor of the picture's error there over the estimate from noise and residual: 1.1 to 2.4."""
 
 
 @dataclass(frozen=True)
@@ -60,14 +48,13 @@ class Occlusion:
         return np.where(self.mask, np.maximum(w_std, self.step / 2), w_std)
 
 
-def occlusion_of(w: Array, stacks: Sequence[Masks], s: OcclusionSettings | None = None) -> Occlusion:
+def occlusion_of(w: Array, stacks: Sequence[Masks]) -> Occlusion:
     """Regions of possible occlusion at the edges of a depth w (H, W), from the photographs' masks."""
-    s = s or OcclusionSettings()
-    widest = float(np.quantile(w, s.quantile))
+    widest = float(np.quantile(w, QUANTILE))
     supports = [(one.supports(), one.step) for one in stacks]
-    reach = max(int(wide[min(int(widest / step) + 1, len(wide) - 1)]) for wide, step in supports) + s.beyond
+    reach = max(int(wide[min(int(widest / step) + 1, len(wide) - 1)]) for wide, step in supports) + BEYOND
     step = _span(w, reach)
-    return Occlusion((step > s.least_step) & (step > s.steep * _span(w, 2 * reach)), step)
+    return Occlusion((step > LEAST_STEP) & (step > STEEP * _span(w, 2 * reach)), step)
 
 
 def _span(w: Array, reach: int) -> Array:

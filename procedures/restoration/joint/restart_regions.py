@@ -16,47 +16,25 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, label, unifor
 
 from procedures.restoration.first_depth.segments import Labels, Mask, surfaces
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
-from procedures.restoration.joint.depth_edges import EdgeSettings, layers_of, place_steps
+from procedures.restoration.joint.depth_edges import FULL, Effort, layers_of, place_steps
 from procedures.restoration.masks.blur_operator import Array
 
-
-@dataclass(frozen=True)
-class RestartSettings:
-    """Which regions are restarted, and how.
-
-    Attributes
-    ----------
-    window : int
-        Side of the window in which the residual is compared with the rest of the frame, pixels.
-    unexplained : float
-        Mean square residual, relative to the frame's median, above which a window is unexplained: noise alone varies by
-        0.15.
-    least_part : int
-        Smallest number of pixels of a region.
-    most : float
-        Largest fraction of the frame: without noise, errors of one region affect a wide surrounding.
-    least_segment, least_explained : int, float
-        Smallest number of pixels and fraction of a segment that must be explained; otherwise it is a blemish.
-    doubt : int
-        Pixels about a border whose depth is ignored.
-    soft : float
-        Smallest weight of the picture's prior at the start of a region.
-    rounds : int
-        Rounds of edge localisation, twice as many as elsewhere, as they start undecided.
-    on_trial : int
-        Joint steps before a restarted region is compared with its previous state.
-    """
-
-    window: int = 7
-    unexplained: float = 1.7
-    least_part: int = 30
-    most: float = 0.2
-    least_segment: int = 40
-    least_explained: float = 0.3
-    doubt: int = 2
-    soft: float = 1e-4
-    rounds: int = 8
-    on_trial: int = 3
+WINDOW = 7
+"""Side of the window in which the residual is compared with the rest of the frame, pixels."""
+UNEXPLAINED = 1.7
+"""Mean square residual, relative to the frame's median, above which a window is unexplained: noise alone varies by
+0.15."""
+LEAST_PART, MOST = 30, 0.2
+"""Smallest number of pixels of a region, and largest fraction of the frame: without noise, errors of one region affect
+a wide surrounding."""
+LEAST_SEGMENT, LEAST_EXPLAINED = 40, 0.3
+"""Smallest number of pixels and fraction of a segment that must be explained; otherwise it is a blemish."""
+DOUBT = 2
+"""Pixels about a border whose depth is ignored."""
+SOFT = 1e-4
+"""Smallest weight of the picture's prior at the start of a region."""
+ROUNDS = 8
+"""Rounds of edge localisation, twice as many as elsewhere, as they start undecided."""
 
 
 @dataclass(frozen=True)
@@ -68,30 +46,27 @@ class RegionAttempt:
     labels: Labels
 
 
-def relative_residual(e: Array, window: int = 7) -> Array:
-    """Local mean square of the residuals e (P, C, H, W), relative to the frame's median: (H, W).
-
-    window : its side, pixels.
-    """
-    power = uniform_filter((e**2).mean(axis=(0, 1)), window)
+def relative_residual(e: Array) -> Array:
+    """Local mean square of the residuals e (P, C, H, W), relative to the frame's median: (H, W)."""
+    power = uniform_filter((e**2).mean(axis=(0, 1)), WINDOW)
     return np.asarray(power / max(float(np.median(power)), 1e-20))
 
 
-def unexplained(data: DataTerm, u: Array, s: RestartSettings) -> Mask:
+def unexplained(data: DataTerm, u: Array) -> Mask:
     """Where the residual is larger than elsewhere, (H', W'); data : focused on the picture's depth."""
-    power = relative_residual(data.residual(u), s.window)
-    wrong = np.pad(power > max(s.unexplained, float(np.percentile(power, 100 * (1 - s.most)))), data.R, mode="edge")
+    power = relative_residual(data.residual(u))
+    wrong = np.pad(power > max(UNEXPLAINED, float(np.percentile(power, 100 * (1 - MOST)))), data.R, mode="edge")
     parts, n = label(wrong)
-    large = np.bincount(parts.ravel(), minlength=n + 1) >= s.least_part
+    large = np.bincount(parts.ravel(), minlength=n + 1) >= LEAST_PART
     large[0] = False
     return np.asarray(binary_dilation(large[parts], iterations=3))
 
 
-def reliable_segments(labels: Labels, wrong: Mask, s: RestartSettings) -> Labels:
+def reliable_segments(labels: Labels, wrong: Mask) -> Labels:
     """Labels without the segments that are nearly all wrong; their pixels join the nearest other segment."""
     count = np.bincount(labels.ravel())
     right = np.bincount(labels[~wrong], minlength=len(count))
-    lost = ((right < s.least_segment) | (right < s.least_explained * count))[labels]
+    lost = ((right < LEAST_SEGMENT) | (right < LEAST_EXPLAINED * count))[labels]
     if lost.all() or not lost.any():
         return labels
     nearest = distance_transform_edt(lost, return_distances=False, return_indices=True)
@@ -104,37 +79,33 @@ def restarted(
     old: RegionAttempt,
     wrong: Mask,
     reach: int,
-    jump: float,
     weight: float,
-    s: RestartSettings,
-    edges: EdgeSettings,
+    iterations: int = FULL.iterations,
 ) -> RegionAttempt:
     """The pair with its wrong regions restarted; leaves the terms focused elsewhere.
 
-    reach : pixels within which edges are localised; jump : change of w taken as an edge; weight : of the picture's
-    prior.
+    reach : pixels within which edges are localised; weight : of the picture's prior; iterations : of `Effort`.
     """
-    R, soft = data.R, max(weight, s.soft)
-    labels = reliable_segments(old.labels, wrong, s)
-    w = np.where(wrong, surfaces(old.w, labels, 0, s.doubt, valid=~wrong).surface, old.w).astype(old.w.dtype)
-    layers = layers_of(w, labels, reach, s.doubt, jump, where=wrong, valid=~wrong)
+    R, soft = data.R, max(weight, SOFT)
+    labels = reliable_segments(old.labels, wrong)
+    w = np.where(wrong, surfaces(old.w, labels, 0, DOUBT, valid=~wrong).surface, old.w).astype(old.w.dtype)
+    layers = layers_of(w, labels, reach, DOUBT, where=wrong, valid=~wrong)
     layers = replace(layers, share=np.where(layers.band, 0.5, layers.share))
     mean = (data.z * data.trust).sum(axis=0) / np.maximum(data.trust.sum(axis=0), 1e-6)
     blurred = np.pad(mean, ((0, 0), (R, R), (R, R)), mode="edge")
     data.focus(w)
     u = restore_picture(data, np.where(wrong, blurred, old.u).astype(old.u.dtype), soft, 15)
-    again = replace(edges, rounds=s.rounds)
-    return RegionAttempt(*place_steps(data, other, u, w, labels, layers, soft, settings=again))
+    return RegionAttempt(*place_steps(data, other, u, w, labels, layers, soft, effort=Effort(ROUNDS, iterations)))
 
 
-def better_of(data: DataTerm, old: RegionAttempt, new: RegionAttempt, wrong: Mask, doubt: int) -> RegionAttempt:
+def better_of(data: DataTerm, old: RegionAttempt, new: RegionAttempt, wrong: Mask) -> RegionAttempt:
     """At every place near the wrong regions the pair with the smaller residual within the masks' reach."""
     residuals = []
     for pair in (old, new):
         data.focus(pair.w)
         power = np.pad((data.residual(pair.u) ** 2).sum(axis=(0, 1)), data.R)
         residuals.append(uniform_filter(power, 2 * data.R + 1))
-    take = binary_dilation(wrong, iterations=doubt) & (residuals[1] < residuals[0])
+    take = binary_dilation(wrong, iterations=DOUBT) & (residuals[1] < residuals[0])
     return RegionAttempt(
         np.where(take, new.u, old.u), np.where(take, new.w, old.w), np.where(take, new.labels, old.labels)
     )
@@ -145,20 +116,17 @@ def restart(
     other: DataTerm,
     old: RegionAttempt,
     reach: int,
-    jump: float,
     weight: float,
     onward: Callable[[RegionAttempt], RegionAttempt],
-    settings: RestartSettings | None = None,
-    edges: EdgeSettings | None = None,
+    iterations: int = FULL.iterations,
 ) -> RegionAttempt:
     """The pair after some rounds, with regions restarted where that lowers the residual; onward : those rounds.
 
     See `restarted` for the other parameters.
     """
-    s = settings or RestartSettings()
     data.focus(old.w)
-    wrong = unexplained(data, old.u, s)
+    wrong = unexplained(data, old.u)
     if not wrong.any():
         return onward(old)
-    new = restarted(data, other, old, wrong, reach, jump, weight, s, edges or EdgeSettings())
-    return better_of(data, onward(old), onward(new), wrong, s.doubt)
+    new = restarted(data, other, old, wrong, reach, weight, iterations)
+    return better_of(data, onward(old), onward(new), wrong)

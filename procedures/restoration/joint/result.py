@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from procedures.display import summary
 from procedures.outcome import Outcome
 from procedures.restoration.first_depth import initial_depth
 from procedures.restoration.joint import joint_descent
@@ -48,30 +49,13 @@ class RestorationDiagnostics:
 class GroundTruth:
     """Comparison of a restoration with a ground truth; white = 1.
 
-    Attributes
-    ----------
-    psnr_db : float
-        PSNR of the restored picture, noise of the ground truth included.
-    before_db : tuple of float
-        PSNR of each photograph before restoration; NaN where it cannot be aligned.
-    error, stated_error : float
-        Root mean square difference without the ground truth's noise, and the restoration's estimate for the same
-        pixels.
-    softer_px : float
-        Standard deviation, pixels, of the Gaussian blur by which the ground truth is softer than the restored picture,
-        for instance from the diffraction of a small aperture.
-    error_as_soft : float
-        The error of the picture after this blur.
-    noise : float
-        Upper bound of the ground truth's noise.
-    compared : float
-        Fraction of the frame that was compared.
-    light : float
-        Brightness of the ground truth relative to the restored picture.
-    matrix : (2, 3) float64
-        Maps a pixel of the restored picture to the ground truth.
-    difference : (C, H, W) float32
-        The restored picture less the ground truth; NaN where they cannot be compared.
+    psnr_db : of the restored picture, noise of the ground truth included; before_db : of each photograph before
+    restoration, NaN where it cannot be aligned. error, stated_error : root mean square difference without the ground
+    truth's noise, and the restoration's estimate for the same pixels. softer_px : standard deviation of the Gaussian
+    blur by which the ground truth is softer, for instance from the diffraction of a small aperture; error_as_soft :
+    after this blur. noise : upper bound of the ground truth's; compared : fraction of the frame; light : of the ground
+    truth relative to the restored picture. matrix : (2, 3), maps a pixel of the restored picture to the ground truth;
+    difference : (C, H, W), the restored picture less the ground truth, NaN where they cannot be compared.
     """
 
     psnr_db: float
@@ -119,6 +103,8 @@ class Restoration:
     kernels: Array | None = None
     shapes: Array | None = None
     ground_truth: GroundTruth | None = None
+
+    __repr__ = summary
 
     def with_added_error(self, more: Array) -> Restoration:
         """With an additional error (H, W) of the picture, independent of that in the diagnostics."""

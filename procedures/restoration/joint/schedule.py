@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from procedures.outcome import BadParameter
 from procedures.restoration.joint.gauss_newton import PriorWeights
@@ -27,10 +27,7 @@ class Scheme:
     def parse(text: str) -> Scheme:
         """The scheme written as in the thesis: "20x(8+10)+5x20", "50x(8+10)+100".
 
-        Raises
-        ------
-        BadParameter
-            If it has another form.
+        Raises BadParameter if it has another form.
         """
         match = re.fullmatch(r"(\d+)x\((\d+)\+(\d+)\)(?:\+(?:(\d+)x)?(\d+))?", re.sub(r"\s|×", _plain, text))
         if not match:
@@ -94,43 +91,18 @@ def openings(rounds: int) -> tuple[Opening, ...]:
     return tuple(chosen.get(n) for n in range(rounds))
 
 
+# Weights of the priors from round to round; grey values in [0, 1], w in pixels. While w is wrong by a tenth of a pixel,
+# a weak prior lets the picture fit the error of depth: the first rounds use strong ones, which then fall geometrically.
+FIRST_PICTURE, FIRST_DEPTH = 3e-4, 0.03
+LAST_PICTURE, LAST_DEPTH = 1e-7, 1e-5
+"""Weights of the last round, unless noise and contrast require more."""
+CONSTANT = 0.25
+"""Fraction of the rounds with the first weights."""
+CAUTION = 1.5
+"""Factor of the picture's weight over sigma^2 / G: common errors of all masks leave no residual, and too small a weight
+harms w more than too large a one. 1 suits simulated noise of 20 dB, 2 real photographs."""
 DEPTH_SLOPE = 0.014
 """Typical change of w between neighbouring pixels away from depth edges, pixels."""
-
-
-@dataclass(frozen=True)
-class WeightSettings:
-    """Weights of the priors from round to round, and their final values.
-
-    While w is wrong by a tenth of a pixel, a weak prior lets the picture fit the depth's error: the first rounds use
-    strong priors, which then fall geometrically. Grey values in [0, 1], w in pixels.
-
-    Attributes
-    ----------
-    first_picture, first_depth : float
-        Weights of the first rounds.
-    last_picture, last_depth : float
-        Weights of the last round, unless noise and contrast require more.
-    constant : float
-        Fraction of the rounds with the first weights.
-    caution : float
-        Factor of the picture's weight over sigma^2 / G: common errors of all masks leave no residual, and too small a
-        weight harms w more than too large a one. 1 suits simulated noise of 20 dB, 2 real photographs.
-    slope : float
-        Typical slope of w, pixels per pixel.
-    least_picture : float
-        Smallest default weight of the picture: for kernels that share an error with the picture, which leaves no
-        residual.
-    """
-
-    first_picture: float = 3e-4
-    first_depth: float = 0.03
-    last_picture: float = 1e-7
-    last_depth: float = 1e-5
-    constant: float = 0.25
-    caution: float = 1.5
-    slope: float = DEPTH_SLOPE
-    least_picture: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -151,31 +123,31 @@ class Schedule:
     """Weights from round to round, never below those required by noise and contrast.
 
     picture, depth : final weights if given, else the ratio of noise and prior variance: sigma^2 / G times a caution,
-    and sigma^2 over the squared slope of w. bent : whether the prior is mainly on second differences of w.
+    and sigma^2 over the squared slope of w. bent : whether the prior is mainly on second differences of w;
+    least_picture : smallest default weight of the picture, for kernels that share an error with the picture, which
+    leaves no residual.
     """
 
     rounds: int
     picture: float | None = None
     depth: float | None = None
     bent: bool = True
-    weights: WeightSettings = field(default_factory=WeightSettings)
+    least_picture: float = 0.0
 
     def final(self, statistics: Statistics) -> PriorWeights:
         """Weights of the last rounds."""
-        weights = self.weights
-        least = max(weights.caution * statistics.deciding**2 / statistics.contrast, weights.least_picture)
+        least = max(CAUTION * statistics.deciding**2 / statistics.contrast, self.least_picture)
         picture = least if self.picture is None else self.picture
-        depth = self.depth if self.depth is not None else statistics.sigma**2 / self.weights.slope**2
+        depth = self.depth if self.depth is not None else statistics.sigma**2 / DEPTH_SLOPE**2
         return PriorWeights(picture, depth) if self.bent else PriorWeights(picture, depth, tilt=1, bend=0)
 
     def at(self, n: int, statistics: Statistics) -> PriorWeights:
         """Weights of round n = 0, 1, ..."""
-        s = self.weights
-        first = int(s.constant * self.rounds)
+        first = int(CONSTANT * self.rounds)
         t = max(0, n - first) / max(1, self.rounds - 1 - first)
         least = self.final(statistics)
         return replace(
             least,
-            picture=max(least.picture, s.first_picture * (s.last_picture / s.first_picture) ** t),
-            depth=max(least.depth, s.first_depth * (s.last_depth / s.first_depth) ** t),
+            picture=max(least.picture, FIRST_PICTURE * (LAST_PICTURE / FIRST_PICTURE) ** t),
+            depth=max(least.depth, FIRST_DEPTH * (LAST_DEPTH / FIRST_DEPTH) ** t),
         )

@@ -70,19 +70,19 @@ def polygon(blades: int, angle_rad: float = 0.0) -> Array:
     return np.asarray(sides.max(axis=-1) <= np.cos(np.pi / blades), dtype=np.float64)
 
 
-def path_shape(path: Array, thickness: float = LINE, extent: float | None = None) -> Array:
+def path_shape(path: Array, extent: float | None = None) -> Array:
     """Shape of a path of the rig in its plane, (n, 2) x, y at equal times, scaled to its own half-width (5.3).
 
-    The path's origin is the centre of the mask. `thickness` is the line's sigma relative to the half-width; `extent`,
-    in the path's unit, defines the half-width where several paths share one scale.
+    The path's origin is the centre of the mask; `extent`, in the path's unit, defines the half-width where several
+    paths share one scale.
     """
     extent = float(np.abs(path).max()) if extent is None else extent
     if extent == 0:
         raise BadInput("the motion path does not move", "record the rig while it vibrates, or use a defocus model")
-    places = (path / extent * (1 - 3 * thickness) + 1) / 2 * (SHAPE_SIZE - 1)
+    places = (path / extent * (1 - 3 * LINE) + 1) / 2 * (SHAPE_SIZE - 1)
     fine = _resample(places, 16 * SHAPE_SIZE)
     grid = np.arange(SHAPE_SIZE)
-    sigma = thickness / 2 * (SHAPE_SIZE - 1)
+    sigma = LINE / 2 * (SHAPE_SIZE - 1)
     columns = np.exp(-((grid[None, :] - fine[:, :1]) ** 2) / (2 * sigma**2))
     rows = np.exp(-((grid[None, :] - fine[:, 1:]) ** 2) / (2 * sigma**2))
     return np.asarray(rows.T @ columns, dtype=np.float64)
@@ -102,10 +102,7 @@ def uniform_motion(angle_rad: float = 0.0) -> Array:
 def named(name: str) -> Array | None:
     """The shape of an aperture that has a name: pillbox, gaussian, polygon:BLADES[:DEGREES]; None for other names.
 
-    Raises
-    ------
-    BadParameter
-        If a polygon has another form.
+    Raises BadParameter if a polygon has another form.
     """
     if name == "pillbox":
         return pillbox()
@@ -131,10 +128,7 @@ def _polygon(name: str) -> Array:
 def read_shape(path: Path) -> Array:
     """A shape from a text file of numbers, checked.
 
-    Raises
-    ------
-    BadInput
-        If it cannot be read, is not an odd square, or has negative or no content.
+    Raises BadInput if it cannot be read, is not an odd square, or has negative or no content.
     """
     return check_shape(read_numbers(path, "shape file"), f"the shape {path}")
 
@@ -147,10 +141,7 @@ def check_shape(shape: NDArray[np.floating[Any]], name: str = "the shape") -> Ar
 def odd_square(values: object, what: str, *, low: float = -LARGEST, remedy: str) -> Array:
     """Samples about a centre as float64.
 
-    Raises
-    ------
-    BadInput
-        If they are not an odd square of finite numbers with a positive sum.
+    Raises BadInput if they are not an odd square of finite numbers with a positive sum.
     """
     square: Array = checked_array(values, what, ("k", "k"), low=low, remedy=remedy)
     if len(square) < 3 or len(square) % 2 == 0:
@@ -242,12 +233,12 @@ class DepthUnit:
     per_pixel: float = 1.0
 
 
-def as_shape(mask: Array, half_width: float, size: int = 257) -> Array:
+def as_shape(mask: Array, half_width: float) -> Array:
     """The mask as a shape on [-1, 1], its half-width at 1: (5.3) stretches it to every other depth.
 
     Constant over every pixel, so that the mask is reproduced where the shape is stretched to it; interpolation would
     blur it by a pixel.
     """
     R = mask.shape[0] // 2
-    at = np.clip(np.floor(np.linspace(-1, 1, size) * half_width + R + 0.5), 0, 2 * R).astype(int)
+    at = np.clip(np.floor(np.linspace(-1, 1, SHAPE_SIZE) * half_width + R + 0.5), 0, 2 * R).astype(int)
     return np.asarray(np.clip(mask[np.ix_(at, at)], 0, None))

@@ -44,31 +44,17 @@ INSTANTS = 512
 """Poses per exposure: those of a path of 100 pixels are a fifth of a pixel apart."""
 
 
-@dataclass(frozen=True)
-class RigSettings:
-    """Resolution of the blur of a moving camera, and the smallest usable motion.
-
-    Attributes
-    ----------
-    level_px : float
-        Step of w between masks, which are interpolated.
-    node_px, even_px : float
-        Difference in pixels allowed between the paths of neighbouring nodes, whose masks are blended; and the
-        difference up to which they are constant over the frame.
-    most_nodes : int
-        Maximum along one axis: each has its own masks in memory.
-    least_w : float
-        Pixels that translations must reach at the smallest distance; below, depth is undetermined.
-    least_path_m : float
-        Smallest translation of the rig in metres: 0.02 pixels at one metre and a focal length of 1000 pixels.
-    """
-
-    level_px: float = 0.25
-    node_px: float = 0.5
-    even_px: float = 0.1
-    most_nodes: int = 12
-    least_w: float = 0.5
-    least_path_m: float = 2e-5
+LEVEL_PX = 0.25
+"""Step of w between masks, which are interpolated."""
+NODE_PX, EVEN_PX = 0.5, 0.1
+"""Difference allowed between the paths of neighbouring nodes, whose masks are blended, and the difference up to which
+they are constant over the frame, pixels."""
+MOST_NODES = 12
+"""Maximum along one axis: each has its own masks in memory."""
+LEAST_W = 0.5
+"""Pixels that translations must reach at the smallest distance; below, depth is undetermined."""
+LEAST_PATH_M = 2e-5
+"""Smallest translation of the rig: 0.02 pixels at one metre and a focal length of 1000 pixels."""
 
 
 @dataclass(frozen=True)
@@ -94,10 +80,8 @@ def poses_of(imu: ImuRecord, exposure_s: float) -> Poses:
     parabola in the positions, which are subtracted, as a vibrating rig has neither. The unit is assumed at the lens;
     one mounted elsewhere measures rotations as additional translations.
 
-    Raises
-    ------
-    BadInput
-        If the record is too short, unordered, does not cover the exposure, or rotates by more than a few degrees.
+    Raises BadInput if the record is too short, unordered, does not cover the exposure, or rotates by more than a few
+    degrees.
     """
     t = check_record(imu, exposure_s)
     turn = _without_drift(t, _integral(t, imu.rotation_rad_s * FLIPPED), 1)
@@ -119,10 +103,8 @@ def poses_at(time_s: Array, position_m: Array, turn_rad: Array) -> Poses:
     time_s : (n,); position_m, turn_rad : (n, 3), x right, y up, z back, relative to the rig at rest; rotations are
     rotation vectors. Interpolation is linear.
 
-    Raises
-    ------
-    BadInput
-        If there are fewer than two, times do not increase, a component jumps by half a turn, or numbers are too large.
+    Raises BadInput if there are fewer than two, times do not increase, a component jumps by half a turn, or numbers are
+    too large.
     """
     if len(time_s) < 2:
         raise BadInput(f"a motion needs poses at two times or more; got {len(time_s)}", "record the whole exposure")
@@ -138,10 +120,8 @@ def poses_at(time_s: Array, position_m: Array, turn_rad: Array) -> Poses:
 def poses_on(shaker_path: ShakerPath, exposure_s: float) -> Poses:
     """Poses during an exposure, from the path that was commanded, which is gone around as a periodic cubic spline.
 
-    Raises
-    ------
-    BadInput
-        If the start of the exposure on the path is not known, and the exposure is no whole number of rounds.
+    Raises BadInput if the start of the exposure on the path is not known, and the exposure is no whole number of
+    rounds.
     """
     points = _vectors(shaker_path.position_m, "a shaker's path", None)
     interval_s = checked_number(shaker_path.interval_s, "the interval of a shaker's path", LEAST_INTERVAL_S)
@@ -211,18 +191,17 @@ def image_curves(poses: Poses, x: float, y: float, inverse_m: Array) -> Array:
     return np.asarray(direction[..., :2] / direction[..., 2:] - (x, y))
 
 
-def planar_stacks(paths: Sequence[Array], max_w: float, settings: RigSettings | None = None) -> list[MaskStack]:
+def planar_stacks(paths: Sequence[Array], max_w: float) -> list[MaskStack]:
     """Masks of recorded paths (n, 2) relative to the rig at rest, with w the half-width in pixels. Raises Refused.
 
     Source: (5.2), (5.3): without rotation the path is the same at every depth, scaled by the inverse depth.
     """
-    s = settings or RigSettings()
     half = max(float(np.abs(path).max()) for path in paths)
-    if half < s.least_path_m:
+    if half < LEAST_PATH_M:
         raise Refused("the rig must move during the exposures; it was at rest", "set it in motion, then expose")
-    levels, R = int(np.ceil(max_w / s.level_px)) + 2, int(np.ceil(max_w)) + 3
-    scales = np.arange(levels) * s.level_px / half
-    return [MaskStack(np.stack([path_mask(path * one, R) for one in scales]), s.level_px) for path in paths]
+    levels, R = int(np.ceil(max_w / LEVEL_PX)) + 2, int(np.ceil(max_w)) + 3
+    scales = np.arange(levels) * LEVEL_PX / half
+    return [MaskStack(np.stack([path_mask(path * one, R) for one in scales]), LEVEL_PX) for path in paths]
 
 
 @dataclass(frozen=True)
@@ -243,29 +222,23 @@ def motion_blur(
     focal_px: float,
     shape: tuple[int, int],
     max_inverse_m: float,
-    settings: RigSettings | None = None,
 ) -> MotionBlur:
     """Masks over the frame for inverse depths up to `max_inverse_m` (5.2); the axis is at the frame's centre.
 
     w is the inverse depth in pixels: the largest excursion due to translation. All masks are relative to the rig at
     rest, so they contain the displacement between the photographs.
 
-    Raises
-    ------
-    BadParameter
-        If focal length or inverse depth are not positive, or the motion is too large for the photographs.
-    Refused
-        If the rig translated too little to determine depth.
+    Raises BadParameter if focal length or inverse depth are not positive, or the motion is too large for the
+    photographs; Refused if the rig translated too little to determine depth.
     """
     if not all(SMALLEST < one < LARGEST_READING for one in (focal_px, max_inverse_m)):
         raise BadParameter(
             f"focal length and greatest inverse depth must be positive, got {focal_px} pixels and {max_inverse_m} 1/m",
             "give the focal length in pixels, and 1 / the least distance in metres",
         )
-    s = settings or RigSettings()
-    per_inverse = px_per_inverse_m(exposures, focal_px, shape, s.least_path_m)
+    per_inverse = px_per_inverse_m(exposures, focal_px, shape)
     curves = _over_frame(exposures, focal_px, shape, np.array([0.0, max_inverse_m]))
-    if per_inverse * max_inverse_m < s.least_w:
+    if per_inverse * max_inverse_m < LEAST_W:
         raise Refused(
             f"the rig's translations reach {per_inverse * max_inverse_m:.2f} pixels at the smallest distance: "
             "too little to determine depth",
@@ -273,34 +246,32 @@ def motion_blur(
         )
     reach = float(np.abs(curves).max()) * 1.05 + 3
     check_extent(reach, shape)
-    R, grid, count = int(np.ceil(reach)), _grid(curves, s), np.ceil(per_inverse * max_inverse_m / s.level_px) + 2
+    R, grid, count = int(np.ceil(reach)), _grid(curves), np.ceil(per_inverse * max_inverse_m / LEVEL_PX) + 2
     samples = len(exposures) * grid[0] * grid[1] * count * (2 * R + 1) ** 2
     if samples > MOST_MASK_SAMPLES:
         raise BadParameter(
             f"the masks of a motion have up to {MOST_MASK_SAMPLES:g} samples, these would have {samples:.2g}",
             "lower the greatest inverse depth, or move the rig less",
         )
-    levels = np.arange(int(count)) * s.level_px
+    levels = np.arange(int(count)) * LEVEL_PX
     rows, columns = positions(grid, shape, R)
 
     def stack(poses: Poses, row: float, column: float) -> MaskStack:
         x, y = ((at - (size - 1) / 2) / focal_px for at, size in ((column, shape[1]), (row, shape[0])))
         paths = image_curves(poses, x, y, np.asarray(levels / per_inverse, np.float64)) * focal_px
-        return MaskStack(np.stack([path_mask(path, R) for path in paths]), s.level_px)
+        return MaskStack(np.stack([path_mask(path, R) for path in paths]), LEVEL_PX)
 
     return MotionBlur(
         tuple(MaskField(tuple(tuple(stack(p, y, x) for x in columns) for y in rows)) for p in exposures), per_inverse
     )
 
 
-def px_per_inverse_m(
-    exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int], least_path_m: float = RigSettings.least_path_m
-) -> float:
+def px_per_inverse_m(exposures: Sequence[Poses], focal_px: float, shape: tuple[int, int]) -> float:
     """Largest image shift by translations, in pixels per 1/m of inverse depth. Raises Refused if there is none."""
     curves = _over_frame(exposures, focal_px, shape, np.array([0.0, 1.0]))
     with np.errstate(invalid="ignore"):  # infinities are refused below
         reach = float(np.abs(curves[..., 1, :, :] - curves[..., 0, :, :]).max())
-    if not least_path_m * focal_px <= reach < np.inf:
+    if not LEAST_PATH_M * focal_px <= reach < np.inf:
         reason = "the rig must move parallel to the picture during the exposures, and not into the scene"
         raise Refused(reason, "set it in motion, then expose")
     return reach
@@ -313,11 +284,11 @@ def _over_frame(exposures: Sequence[Poses], focal_px: float, shape: tuple[int, i
     return np.array([[[image_curves(p, b, a, inverse_m) for b in x] for a in y] for p in exposures]) * focal_px
 
 
-def _grid(curves: Array, s: RigSettings) -> tuple[int, int]:
+def _grid(curves: Array) -> tuple[int, int]:
     """Numbers of nodes for which the curves change little from one to the next."""
 
     def nodes(along: Array) -> int:
         change = sum(float(np.hypot(*np.moveaxis(b - a, -1, 0)).max()) for a, b in pairwise(along))
-        return 1 if change < s.even_px else min(int(np.ceil(change / s.node_px)) + 1, s.most_nodes)
+        return 1 if change < EVEN_PX else min(int(np.ceil(change / NODE_PX)) + 1, MOST_NODES)
 
     return nodes(np.moveaxis(curves, 1, 0)), nodes(np.moveaxis(curves, 2, 0))

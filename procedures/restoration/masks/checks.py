@@ -9,24 +9,30 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from procedures.outcome import BadInput, BadParameter, Refused
+from procedures.outcome import BadInput, BadParameter, Refused, checked_type
+from procedures.raw import Plane
 from procedures.reading.arrays import checked_array
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import Masks, alike
 
 SATURATED = 0.99
 """Fraction of white above which a sample counts as saturated, noise included."""
+MOST_SATURATED = 0.2
 LARGEST_W = 40.0
 """Half-width in pixels; memory for masks grows as its third power."""
+
+
+def as_channels(photographs: Sequence[object]) -> list[Array]:
+    """Photographs as arrays (C, H, W); planes and arrays (H, W) have one channel. Raises TypeError for other types."""
+    remedy = "pass photographs (H, W) or (C, H, W), linear, white = 1, or planes, as read_frame(path).planes['G1']"
+    each = (one.samples if isinstance(one, Plane) else checked_type(one, np.ndarray, remedy) for one in photographs)
+    return [np.asarray(one[None] if one.ndim == 2 else one, dtype=np.float64) for one in each]
 
 
 def check_photographs(photographs: list[Array]) -> Array:
     """The photographs as one array (P, C, H, W).
 
-    Raises
-    ------
-    BadInput
-        If there are fewer than two, their sizes differ, two are identical, or they are not finite numbers.
+    Raises BadInput if there are fewer than two, their sizes differ, two are identical, or they are not finite numbers.
     """
     if len(photographs) < 2:
         raise BadInput(f"restoration needs two photographs or more, got {len(photographs)}", "take another photograph")
@@ -47,11 +53,8 @@ def check_photographs(photographs: list[Array]) -> Array:
 def check_blurs(stacks: Sequence[Masks], shape: tuple[int, int]) -> None:
     """Refuse blurs that do not determine depth, or masks that leave nothing of the photograph.
 
-    Raises
-    ------
-    BadParameter
-        If all photographs have the same masks, fields of them are on different grids, or they are too large for the
-        photographs.
+    Raises BadParameter if all photographs have the same masks, fields of them are on different grids, or they are too
+    large for the photographs.
     """
     if alike(stacks):
         raise BadParameter(
@@ -62,13 +65,7 @@ def check_blurs(stacks: Sequence[Masks], shape: tuple[int, int]) -> None:
 
 
 def check_extent(R: float, shape: tuple[int, int]) -> None:
-    """Refuse masks that are too large for the photographs, before they are computed.
-
-    Raises
-    ------
-    BadParameter
-        If masks of half-size R are wider than half of the photograph.
-    """
+    """Raise BadParameter, before they are computed, for masks of half-size R wider than half of the photograph."""
     if not min(shape) >= 4 * R + 1:  # nor where R is NaN
         raise BadParameter(
             f"masks of half-size {R:.6g} pixels are too large for photographs of {shape[1]} x {shape[0]}",
@@ -76,31 +73,22 @@ def check_extent(R: float, shape: tuple[int, int]) -> None:
         )
 
 
-def trust_of(z: Array, most: float = 0.2) -> Array:
+def trust_of(z: Array) -> Array:
     """Weights (P, 1, H, W) of the photographs' samples: 0 where any channel is saturated.
 
-    most : largest saturated fraction of a photograph.
-
-    Raises
-    ------
-    Refused
-        If a larger fraction is saturated.
+    Raises Refused if more than `MOST_SATURATED` of a photograph is saturated.
     """
     saturated = (z >= SATURATED).any(axis=1, keepdims=True)
     worst = float(saturated.mean(axis=(1, 2, 3)).max())
-    if worst > most:
-        raise Refused(f"{worst:.0%} of a photograph is saturated; at most {most:.0%} is allowed", "expose less")
+    if worst > MOST_SATURATED:
+        raise Refused(
+            f"{worst:.0%} of a photograph is saturated; at most {MOST_SATURATED:.0%} is allowed", "expose less"
+        )
     return np.asarray(~saturated, dtype=z.dtype)
 
 
 def check_texture(z: Array, sigma: float) -> None:
-    """Refuse photographs without texture, where blur has no effect.
-
-    Raises
-    ------
-    Refused
-        If the variation within a few pixels does not exceed the noise.
-    """
+    """Raise Refused for photographs whose variation within a few pixels does not exceed the noise."""
     smooth = gaussian_filter(z, (0, 0, 1, 1))
     texture = float((smooth - gaussian_filter(z, (0, 0, 5, 5))).std())
     # a Gaussian of sigma 1 leaves 0.28 of white noise
@@ -112,13 +100,7 @@ def check_texture(z: Array, sigma: float) -> None:
 
 
 def check_registered(z: Array, R: int) -> None:
-    """Refuse photographs shifted relative to each other by more than the size of the masks.
-
-    Raises
-    ------
-    Refused
-        If phase correlation finds a clear shift larger than the masks.
-    """
+    """Raise Refused where phase correlation finds a clear shift of photographs larger than the masks."""
     grey = z.mean(axis=1)
     soft = [np.ascontiguousarray(gaussian_filter(g, max(1.0, R / 3)), dtype=np.float64) for g in grey]
     window = cv2.createHanningWindow(soft[0].shape[::-1], cv2.CV_64F)
@@ -129,13 +111,7 @@ def check_registered(z: Array, R: int) -> None:
 
 
 def check_shift(n: int, dx: float, dy: float, R: int) -> None:
-    """Refuse a shift of photograph `n` that exceeds the masks' half-size R.
-
-    Raises
-    ------
-    Refused
-        If it does.
-    """
+    """Refuse a shift of photograph `n` that exceeds the masks' half-size R. Raises Refused if it does."""
     if max(abs(dx), abs(dy)) > R:
         raise Refused(
             f"photograph {n} is shifted by ({round(dx)}, {round(dy)}) pixels, more than the masks' {R}",
@@ -144,13 +120,7 @@ def check_shift(n: int, dx: float, dy: float, R: int) -> None:
 
 
 def check_max_w(max_w: float) -> None:
-    """Refuse ranges of w beyond any application.
-
-    Raises
-    ------
-    BadParameter
-        If not within (0.5, 40] pixels.
-    """
+    """Refuse ranges of w beyond any application. Raises BadParameter if not within (0.5, 40] pixels."""
     if not 0.5 < max_w <= LARGEST_W:
         raise BadParameter(
             f"max w must be between 0.5 and {LARGEST_W:g} pixels, got {max_w:g}", "give the blur's half-width"

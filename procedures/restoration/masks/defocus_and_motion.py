@@ -22,10 +22,7 @@ def with_defocus(
 ) -> list[MaskField]:
     """Masks of motion, convolved with defocus of half-width `ratios` w + `offsets` pixels in each photograph.
 
-    Raises
-    ------
-    BadParameter
-        If motion and shapes both vary over the frame, on different grids.
+    Raises BadParameter if motion and shapes both vary over the frame, on different grids.
     """
     R = max(reach(one.max_w, a, b) for one, a, b in zip(motion, ratios, offsets, strict=True))
     each = zip(motion, shapes, ratios, offsets, strict=True)

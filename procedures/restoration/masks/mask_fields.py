@@ -28,10 +28,7 @@ class MaskField:
     stacks : rows of columns of MaskStack, at equal distances over the frame extended by R, its corners included (see
     `positions`); masks are constant along an axis with one node.
 
-    Raises
-    ------
-    BadParameter
-        If there are none, rows differ in length, or stacks in half-size, step or number of levels.
+    Raises BadParameter if there are none, rows differ in length, or stacks in half-size, step or number of levels.
     """
 
     stacks: tuple[tuple[MaskStack, ...], ...]
@@ -93,10 +90,7 @@ class MaskField:
     def spread(self, grid: tuple[int, int]) -> MaskField:
         """The field on a larger grid, along axes where it is constant.
 
-        Raises
-        ------
-        BadParameter
-            If it varies over another grid.
+        Raises BadParameter if it varies over another grid.
         """
         if self.grid == grid:
             return self

@@ -16,10 +16,7 @@ def path_mask(path_px: Array, R: int, *, softness_px: float = 0.3) -> Array:
 
     Each instant is distributed linearly over four pixels, then blurred by the pixel's aperture `softness_px`.
 
-    Raises
-    ------
-    BadInput
-        If the curve leaves the mask.
+    Raises BadInput if the curve leaves the mask.
     """
     if not np.abs(path_px).max() <= R - 1:  # nor where it is NaN
         raise BadInput(

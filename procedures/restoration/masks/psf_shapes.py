@@ -56,10 +56,7 @@ def measured_field(field: PsfField, shape: tuple[int, int], grid: tuple[int, int
 
     Beyond the field's nodes the nearest position among them is used.
 
-    Raises
-    ------
-    BadInput
-        If the photograph is not of the size of the field's plane.
+    Raises BadInput if the photograph is not of the size of the field's plane.
     """
     if tuple(field.shape) != shape:
         raise BadInput(

@@ -41,10 +41,7 @@ def symmetric(radial: Sequence[Array], shape: tuple[int, int], grid: tuple[int, 
     radial : shapes of one size at equal heights from the centre of the frame to its corner, oriented as on its right,
     along +x; interpolated between heights.
 
-    Raises
-    ------
-    BadParameter
-        If there are fewer than two, or they differ in size.
+    Raises BadParameter if there are fewer than two, or they differ in size.
     """
     sizes = sorted({len(one) for one in radial})
     if len(radial) < 2 or len(sizes) > 1:

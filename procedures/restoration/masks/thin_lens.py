@@ -19,10 +19,7 @@ Array = NDArray[np.float64]
 class CameraSetting:
     """Focal length f, f-number, distance l_s of the plane of focus (may be infinite), pixel pitch.
 
-    Raises
-    ------
-    BadParameter
-        If a length is not positive, or the plane of focus lies within the focal length.
+    Raises BadParameter if a length is not positive, or the plane of focus lies within the focal length.
     """
 
     focal_length_mm: float
@@ -62,10 +59,6 @@ class CameraSetting:
         """Distance of a signed blur radius; infinite where no distance has so large a radius."""
         inverse = np.asarray(radius_px, float) / self.scale_px_mm + 1 / self.focus_mm
         return np.where(inverse > 0, 1 / np.where(inverse > 0, inverse, 1), np.inf)
-
-    def distance_uncertainty_mm(self, distance_mm: float | Array, radius_std_px: float | Array) -> Array:
-        """Standard uncertainty of the distance from that of the blur radius: grows with the distance's square."""
-        return np.asarray(np.asarray(distance_mm, float) ** 2 / self.scale_px_mm * np.asarray(radius_std_px, float))
 
 
 def relation(first: CameraSetting, second: CameraSetting) -> tuple[float, float]:

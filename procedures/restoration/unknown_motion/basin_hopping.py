@@ -7,7 +7,7 @@ Wales and Doye 1997). The photographs themselves are not used meanwhile.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,36 +15,24 @@ from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.unknown_motion.cross_relation import INSTANTS
 from procedures.restoration.unknown_motion.mask_evidence import MaskEvidence, fit_curves
 from procedures.restoration.unknown_motion.motion_splines import POINTS
-from procedures.restoration.unknown_motion.path_pairs import PairSettings, distinct, replaced
+from procedures.restoration.unknown_motion.path_pairs import distinct, replaced
 
-
-@dataclass(frozen=True)
-class BendSettings:
-    """Parameters of the random bends.
-
-    Attributes
-    ----------
-    number : int
-        Their number; each costs a descent.
-    moved : float
-        Standard deviation of the displacement, pixels: the difference of curves that draw the same mask.
-    wide : (float, float)
-        Smallest and largest width, as fractions of the exposure.
-    """
-
-    number: int = 40
-    moved: float = 0.5
-    wide: tuple[float, float] = (0.06, 0.25)
+BEND_PX = 0.5
+"""Standard deviation of a bend's displacement: the difference of curves that draw the same mask."""
+BEND_WIDTHS = (0.06, 0.25)
+"""Smallest and largest width of a bend, as fractions of the exposure."""
 
 
 @dataclass(frozen=True)
 class BasinHopping:
-    """Starts to try: pools of curves (POINTS, 2) for each photograph, none for recorded curves, and random bends."""
+    """Starts to try: pools of curves (POINTS, 2) for each photograph, none for recorded curves, and random bends.
+
+    bends : their number; each costs a descent.
+    """
 
     pools: Sequence[Sequence[Array]]
     rng: np.random.Generator
-    bends: BendSettings = field(default_factory=BendSettings)
-    pairs: PairSettings = field(default_factory=PairSettings)
+    bends: int = 40
 
     def about_origin(self, origin: Array) -> BasinHopping:
         """With the curves relative to another origin, pixels x, y."""
@@ -52,24 +40,24 @@ class BasinHopping:
 
     def fewer(self) -> BasinHopping:
         """For curves that were optimised already: those of the pools are worse, and fewer bends suffice."""
-        return replace(self, pools=[], bends=replace(self.bends, number=self.bends.number // 2))
+        return replace(self, pools=[], bends=self.bends // 2)
 
     def minimise(self, evidence: Sequence[MaskEvidence], points: Array, half: float) -> Array:
         """The best curves, (2, POINTS, 2), starting from `points` of half-width `half`."""
         best = _better((np.inf, points), evidence, points, half)
         flat = [one for one in evidence if one.w == half]
         for k, pool in enumerate(self.pools):
-            for one in distinct(flat, best[1], half, k, pool, self.pairs):
+            for one in distinct(flat, best[1], half, k, pool):
                 best = _better(best, evidence, replaced(best[1], k, one), half)
-        for _ in range(self.bends.number):
+        for _ in range(self.bends):
             k = int(self.rng.integers(2))
             best = _better(best, evidence, replaced(best[1], k, self._bent(best[1][k])), half)
         return best[1]
 
     def _bent(self, points: Array) -> Array:
-        at, width = self.rng.uniform(-0.1, 1.1), self.rng.uniform(*self.bends.wide)
+        at, width = self.rng.uniform(-0.1, 1.1), self.rng.uniform(*BEND_WIDTHS)
         bump = np.exp(-(((np.linspace(0, 1, POINTS) - at) / width) ** 2) / 2)
-        return np.asarray(points + bump[:, None] * self.rng.normal(0, self.bends.moved, 2))
+        return np.asarray(points + bump[:, None] * self.rng.normal(0, BEND_PX, 2))
 
 
 def _better(

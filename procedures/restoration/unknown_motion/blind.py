@@ -23,6 +23,14 @@ from procedures.restoration.joint.priors import diffuse, total_variation
 from procedures.restoration.masks.blur_models import as_shape
 from procedures.restoration.masks.blur_operator import Array
 
+CROSS = 100.0
+"""Weight of the cross relation relative to the fit to the picture, both in squared gradients."""
+MOST_RESIDUAL = 0.2
+"""Largest residual relative to the part's contrast."""
+GAIN = 1.12
+"""A larger support lowers the least eigenvalue by some per cent through its additional unknowns; a missing rim doubles
+it."""
+
 
 @dataclass(frozen=True)
 class Prototypes:
@@ -42,22 +50,13 @@ def prototype_shapes(
     largest: int,
     rounds: int = 24,
     first: Array | None = None,
-    *,
-    cross: float = 100.0,
-    most_residual: float = 0.2,
 ) -> Prototypes:
     """Masks of a flat part (2, H, W) of both photographs, with supports up to half-size `largest`.
 
     first : initial masks (2, K, K), as from `recorded_paths.recorded_masks`, whose support is kept.
-    cross : weight of the cross relation relative to the fit to the picture, both in squared gradients; most_residual :
-    largest residual relative to the part's contrast.
 
-    Raises
-    ------
-    BadInput
-        If there are not two parts, or they are smaller than eight masks.
-    Refused
-        If no masks explain the two parts: they are not of one depth, or the rig rotated.
+    Raises BadInput if there are not two parts, or they are smaller than eight masks; Refused if no masks explain the
+    two parts: they are not of one depth, or the rig rotated.
     """
     if len(parts) != 2:
         raise BadInput(f"unknown motion is estimated from two photographs, got {len(parts)}", "give the first two")
@@ -74,9 +73,9 @@ def prototype_shapes(
     for n in range(rounds):
         # strong edges only at first, so that the masks become sharp before the picture is detailed
         u = _picture(parts, masks, u, 1e-2 * 0.02 ** (n / rounds))
-        masks = _masks(parts, u, cross * relation, R)
+        masks = _masks(parts, u, CROSS * relation, R)
     residual = np.sqrt(np.mean([(fftconvolve(u, h, mode="valid") - z) ** 2 for h, z in zip(masks, parts, strict=True)]))
-    if residual > most_residual * parts.std():
+    if residual > MOST_RESIDUAL * parts.std():
         raise Refused("no pair of masks explains the marked part of both photographs", "mark a part of one distance")
     masks = centred(masks)
     half = reach(masks)
@@ -114,16 +113,12 @@ def _least_relation(parts: Array, R: int) -> float:
     return float(np.linalg.eigvalsh(relation.T @ relation / len(relation))[0])
 
 
-def support(parts: Array, largest: int, gain: float = 1.12) -> int:
-    """Half-size of masks beyond which the cross relation improves only by its additional unknowns.
-
-    gain : a larger support lowers the least eigenvalue by some per cent through its additional unknowns; a missing rim
-    doubles it.
-    """
+def support(parts: Array, largest: int) -> int:
+    """Half-size of masks beyond which the cross relation improves only by its additional unknowns."""
     residual = _least_relation(parts, 1)
     for R in range(1, largest):
         more = _least_relation(parts, R + 1)
-        if residual < gain * more:
+        if residual < GAIN * more:
             return R
         residual = more
     return largest

@@ -21,38 +21,20 @@ INSTANTS = 150
 """Instants of a curve when many are compared: a third of the final number, and a third of its time."""
 
 
-@dataclass(frozen=True)
-class PlaceSettings:
-    """Places and depths that are compared, and their weights.
-
-    Attributes
-    ----------
-    limits, step, beyond : (float, float), float, float
-        Smallest and largest depth relative to the flat part's, their step, and the margin beyond the depths of a rough
-        matching.
-    outlying : float
-        Per cent of the surroundings excluded from the limits of the rough depth.
-    window, cap : int, float
-        Side of the window for mean squared disagreement, pixels, and mean, for noise 1, at which a place is taken as a
-        depth edge.
-    number, side : int
-        Number of places, those with most contrast, and their side without periodic boundary, pixels.
-    slopes : float
-        Weight of the places' evidence of masks: changes of depth leave three times the noise even with true masks.
-    fewest : int
-        Smallest number of pixels of a depth that determine its masks.
-    """
-
-    limits: tuple[float, float] = (0.4, 2.0)
-    step: float = 0.05
-    beyond: float = 0.2
-    outlying: float = 2.0
-    window: int = 5
-    cap: float = 20.0
-    number: int = 12
-    side: int = 48
-    slopes: float = 0.3
-    fewest: int = 30
+SIZES, SIZE_STEP, BEYOND = (0.4, 2.0), 0.05, 0.2
+"""Smallest and largest depth tried relative to the flat part's, their step, and the margin beyond the depths of a rough
+matching."""
+OUTLYING = 2.0
+"""Per cent of the surroundings excluded from the limits of the rough depth."""
+WINDOW, CAP = 5, 20.0
+"""Side of the window for mean squared disagreement, pixels, and mean, for noise 1, at which a place is taken as a depth
+edge."""
+PLACES, SIDE = 12, 48
+"""Number of places that are compared, those with most contrast, and their side without periodic boundary, pixels."""
+SLOPES = 0.3
+"""Weight of the places' evidence of masks: changes of depth leave three times the noise even with true masks."""
+FEWEST = 30
+"""Smallest number of pixels of a depth that determine its masks."""
 
 
 @dataclass(frozen=True)
@@ -69,21 +51,19 @@ class Disagreement:
     w : rough depth (H, W), pixels, for the sizes tried.
     """
 
-    def __init__(
-        self, z: Array, flat: tuple[slice, slice], half: float, w: Array, settings: PlaceSettings | None = None
-    ) -> None:
-        self.half, self.settings = half, (s := settings or PlaceSettings())
-        self.sizes = _sizes(w, flat, half, s)
+    def __init__(self, z: Array, flat: tuple[slice, slice], half: float, w: Array) -> None:
+        self.half = half
+        self.sizes = _sizes(w, flat, half)
         self.R = int(np.ceil(self.sizes[-1] * half + 1))
-        self.n = next_fast_len(s.side + 4 * self.R, True)
+        self.n = next_fast_len(SIDE + 4 * self.R, True)
         # near the frame's border the photographs contain light from outside
         outside = np.pad(np.ones([n - 2 * self.R for n in z.shape[1:]], bool), self.R)
         outside[flat] = False
         margin = (2 * self.R, self.n - 2 * self.R)
         wide = np.pad(z, ((0, 0), margin, margin), mode="reflect").astype(np.float32)
         self.places = [
-            FrameCut(rfft2(wide[:, y : y + self.n, x : x + self.n]), outside[y : y + s.side, x : x + s.side])
-            for y, x in _detailed(z, outside, s)
+            FrameCut(rfft2(wide[:, y : y + self.n, x : x + self.n]), outside[y : y + SIDE, x : x + SIDE])
+            for y, x in _detailed(z, outside)
         ]
 
     def spectra(self, points: Array) -> Array:
@@ -95,9 +75,8 @@ class Disagreement:
 
     def of(self, first: Array, second: Array) -> float:
         """Mean over the places, from the `spectra` of both curves: 1 for constant depths and true curves."""
-        cap = self.settings.cap
         costs = [least[place.outside] for place, _, _, least in self._by_size(first, second)]
-        return float(np.mean(-cap * np.expm1(-np.concatenate(costs) / cap))) if costs else 0.0
+        return float(np.mean(-CAP * np.expm1(-np.concatenate(costs) / CAP))) if costs else 0.0
 
     def _by_size(self, first: Array, second: Array) -> Iterator[tuple[FrameCut, Array, Array, Array]]:
         """For every place: disagreement at every size, (sizes, h, w), size of least mean, and that mean."""
@@ -106,7 +85,7 @@ class Disagreement:
         for place in self.places:
             a, b = place.spectra
             d = self._cut(irfft2(a * second - b * first, (self.n, self.n)), place.outside.shape)
-            mean = uniform_filter(d**2, (0, self.settings.window, self.settings.window))
+            mean = uniform_filter(d**2, (0, WINDOW, WINDOW))
             yield place, d, mean.argmin(axis=0), mean.min(axis=0)
 
     def _cut(self, wide: Array, shape: tuple[int, ...], rim: int = 0) -> Array:
@@ -118,13 +97,13 @@ class Disagreement:
     def evidence(self, points: Array) -> list[MaskEvidence]:
         """Evidence of the places on the masks of every size, each pixel at its best size."""
         first, second = (self.spectra(curve) for curve in points)
-        noise, s = _noise(first, second), self.settings
+        noise = _noise(first, second)
         by_size: dict[int, MaskEvidence] = {}
         for place, d, best, least in self._by_size(first, second):
-            weight = s.slopes * np.exp(-least / s.cap)
+            weight = SLOPES * np.exp(-least / CAP)
             for size in np.unique(best[place.outside]):
                 at = (best == size) & place.outside
-                if at.sum() < s.fewest:
+                if at.sum() < FEWEST:
                     continue
                 evidence = by_size.get(size) or by_size.setdefault(
                     size, MaskEvidence.about(points, self.half, self.sizes[size] * self.half, self.R)
@@ -142,14 +121,14 @@ class Disagreement:
         return np.concatenate(rows)
 
 
-def _sizes(w: Array, flat: tuple[slice, slice], half: float, s: PlaceSettings) -> Array:
+def _sizes(w: Array, flat: tuple[slice, slice], half: float) -> Array:
     """Depths to try relative to the flat part's: those of a rough matching around it, with a margin."""
     outside = np.ones(w.shape, bool)
     outside[flat] = False
     if not outside.any():
         return np.ones(1)
-    low, high = np.clip(np.percentile(w[outside] / half, (s.outlying, 100 - s.outlying)), *s.limits)
-    return np.arange(low - s.beyond, high + s.beyond + s.step / 2, s.step)
+    low, high = np.clip(np.percentile(w[outside] / half, (OUTLYING, 100 - OUTLYING)), *SIZES)
+    return np.arange(low - BEYOND, high + BEYOND + SIZE_STEP / 2, SIZE_STEP)
 
 
 def _noise(first: Array, second: Array) -> Array:
@@ -157,12 +136,12 @@ def _noise(first: Array, second: Array) -> Array:
     return np.asarray(np.sqrt(np.abs(first) ** 2 + np.abs(second) ** 2 + np.float32(FLOOR)))
 
 
-def _detailed(z: Array, outside: NDArray[np.bool_], s: PlaceSettings) -> list[tuple[int, int]]:
+def _detailed(z: Array, outside: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Upper left corners of the places with most contrast outside the flat part."""
     detail = np.zeros(outside.shape)
     detail[1:, 1:] = sum(np.diff(a, axis=0)[:, 1:] ** 2 + np.diff(a, axis=1)[1:] ** 2 for a in z)
     detail *= outside
     H, W = outside.shape
-    corners = [(y, x) for y in range(0, H, s.side) for x in range(0, W, s.side)]
-    contrast = {(y, x): float(detail[y : y + s.side, x : x + s.side].sum()) for y, x in corners}
-    return [at for at in sorted(corners, key=lambda at: -contrast[at])[: s.number] if contrast[at] > 0]
+    corners = [(y, x) for y in range(0, H, SIDE) for x in range(0, W, SIDE)]
+    contrast = {(y, x): float(detail[y : y + SIDE, x : x + SIDE].sum()) for y, x in corners}
+    return [at for at in sorted(corners, key=lambda at: -contrast[at])[:PLACES] if contrast[at] > 0]

@@ -8,7 +8,7 @@ refines its kernels, which include the shifts between the photographs.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -44,12 +44,8 @@ no residual, and an oversharpened picture appears to have more contrast."""
 class KernelStart:
     """Parameters of one pass from coarse to fine.
 
-    Attributes
-    ----------
-    edges, last_edges : float
-        Initial weight of an edge between neighbours, which falls by a tenth each round, and its final value.
-    least : float
-        Fraction of a kernel's maximum below which values are set to zero.
+    edges, last_edges : initial weight of an edge between neighbours, which falls by a tenth each round, and its final
+    value; least : fraction of a kernel's maximum below which values are set to zero.
     """
 
     edges: float = 2e-2
@@ -61,52 +57,44 @@ class KernelStart:
         return replace(self, edges=times * self.edges, last_edges=times * self.last_edges)
 
 
-@dataclass(frozen=True)
-class FreeKernelSettings:
-    """Parameters of the search of kernels of any form.
+SHRINK, SMALLEST = 0.5**0.5, 1.5
+"""Factor between scales, and half-size of kernels at the coarsest, pixels."""
+RIDGE = 2.0
+"""Weight of the kernels' squares."""
+LEAST = 0.02
+"""Fraction of a kernel's maximum below which values are set to zero by the probability."""
+LARGEST = 16
+"""Default half-size of the kernels, pixels."""
+MOST_LEFT = 0.25
+"""Largest fraction of the variance of the photographs' differences that kernels may leave as a residual."""
+MIN_AGREEMENT = 0.7
+"""Correlation of the kernels of two starts above which each confirms the other."""
+COST_TOLERANCE = 0.03
+"""Excess of minus log probability per sample up to which another start may be equally right."""
+EDGE_FRACTION = 0.01
+"""Fraction of a kernel's light in its outermost pixels above which it may be truncated."""
 
-    Attributes
-    ----------
-    starts : tuple of KernelStart
-        Tried in turn; the most probable is refined.
-    shrink, smallest : float
-        Factor between scales, and half-size of kernels at the coarsest, pixels.
-    rounds, ridge, kernel_iterations : int, float, int
-        Rounds of picture and kernels at each scale, weight of the kernels' squares, and iterations for the kernels.
-    compared, settled, picture_iterations : int
-        Rounds of the probability before starts are compared, and after, and conjugate gradients in each.
-    least : float
-        Fraction of a kernel's maximum below which values are set to zero there.
-    largest : int
-        Default half-size of the kernels, pixels.
-    most_pixels : int
-        Maximum number of pixels used, from the middle of the photographs.
-    most_left : float
-        Largest fraction of the variance of the photographs' differences that kernels may leave as a residual.
-    min_agreement : float
-        Correlation of the kernels of two starts above which each confirms the other.
-    cost_tolerance : float
-        Excess of minus log probability per sample up to which another start may be equally right.
-    edge_fraction : float
-        Fraction of a kernel's light in its outermost pixels above which it may be truncated.
+
+STARTS = (KernelStart(), KernelStart(2e-2, 1e-4, 0.05))
+
+
+@dataclass(frozen=True)
+class KernelEffort:
+    """Effort of the search of kernels of any form.
+
+    starts : tried in turn; the most probable is refined. rounds, kernel_iterations : of picture and kernels at each
+    scale, and iterations for the kernels. compared, settled, picture_iterations : rounds of the probability before
+    starts are compared, and after, and conjugate gradients in each. most_pixels : maximum number of pixels used, from
+    the middle of the photographs.
     """
 
-    starts: tuple[KernelStart, ...] = field(default_factory=lambda: (KernelStart(), KernelStart(2e-2, 1e-4, 0.05)))
-    shrink: float = 0.5**0.5
-    smallest: float = 1.5
+    starts: tuple[KernelStart, ...] = STARTS
     rounds: int = 10
-    ridge: float = 2.0
     kernel_iterations: int = 100
     compared: int = 12
     settled: int = 24
     picture_iterations: int = 10
-    least: float = 0.02
-    largest: int = 16
     most_pixels: int = 120_000
-    most_left: float = 0.25
-    min_agreement: float = 0.7
-    cost_tolerance: float = 0.03
-    edge_fraction: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -136,74 +124,55 @@ class FreeKernels:
 
 
 def kernels_of_flat_scene(
-    photographs: Array, largest: int | None = None, settings: FreeKernelSettings | None = None
+    photographs: Array, largest: int | None = None, effort: KernelEffort | None = None
 ) -> FreeKernels:
     """The kernels of photographs (P, H, W), two or more of one flat scene.
 
     largest : half-size of the kernels, their relative shift included, pixels.
 
-    Raises
-    ------
-    BadInput
-        If there are fewer than two photographs, or they are smaller than four such kernels.
-    Refused
-        If no kernels explain the photographs.
+    Raises BadInput if there are fewer than two photographs, or they are smaller than four such kernels; Refused if no
+    kernels explain the photographs.
     """
-    s = settings or FreeKernelSettings()
+    s = effort or KernelEffort()
     if len(photographs) < 2:
         raise BadInput(f"unknown motion needs two photographs or more, got {len(photographs)}", "take another one")
-    R = largest or max(1, min(s.largest, (min(photographs.shape[1:]) - 1) // 4))
-    z = _central_part(photographs, R, s)
+    R = largest or max(1, min(LARGEST, (min(photographs.shape[1:]) - 1) // 4))
+    z = _central_part(photographs, R, s.most_pixels)
     sparse = SparseGradients(z, R)
-    searches: list[_Search] = []
+    searches: list[tuple[SparseFit, FreeKernels]] = []
     # many photographs outweigh the prior of few edges, which alone keeps a common blur out of their kernels: its weight
     # is scaled with their number, but not where that search ends in doubt
     for edges in dict.fromkeys((len(z) / 2, 1.0)):
         searches.append(_searched(sparse, z, edges, s))
-        if searches[-1].doubt is None:
+        if searches[-1][1].doubt is None:
             break
-    best = min(searches, key=lambda one: (one.doubt is not None, one.fit.cost))
-    share = best.fit.residual / float(np.mean(sparse.observed**2))
-    if share > s.most_left:
+    fit, best = min(searches, key=lambda one: (one[1].doubt is not None, one[0].cost))
+    share = fit.residual / float(np.mean(sparse.observed**2))
+    if share > MOST_LEFT:
         raise Refused(
             f"no kernels of up to {R} pixels each way explain the photographs: {share:.0%} of their differences remain",
             "raise --max-w if the motion was larger; the scene has to be flat, static, and not rotated in between",
         )
-    return best.result
+    return best
 
 
-@dataclass(frozen=True)
-class _Search:
-    """The most probable of several starts, refined; the next one, refined, where it may be right; and the doubt."""
-
-    fit: SparseFit
-    other: SparseFit | None
-    agreement: float
-    doubt: str | None
-
-    @property
-    def result(self) -> FreeKernels:
-        """The kernels, cropped."""
-        others = None if self.other is None else cropped(self.other.kernels)
-        residual = float(np.sqrt(self.fit.residual)) / CONTRAST
-        return FreeKernels(cropped(self.fit.kernels), residual, self.agreement, self.doubt, others)
-
-
-def _searched(sparse: SparseGradients, z: Pictures, edges: float, s: FreeKernelSettings) -> _Search:
-    """Kernels from all starts. edges : factor of the weight of an edge between neighbours."""
+def _searched(sparse: SparseGradients, z: Pictures, edges: float, s: KernelEffort) -> tuple[SparseFit, FreeKernels]:
+    """The most probable fit of several starts, refined, and its kernels; edges : factor of the weight of an edge."""
 
     def refined(kernels: Kernels) -> SparseFit:
-        return sparse.fit(about_middle(kernels), s.settled, s.picture_iterations, s.least)
+        return sparse.fit(about_middle(kernels), s.settled, s.picture_iterations, LEAST)
 
     starts = [_initial_kernels(z, sparse.R, start.with_edge_weight(edges), s) for start in s.starts]
     fits = sorted(
-        (sparse.fit(start, s.compared, s.picture_iterations, s.least) for start in starts), key=lambda fit: fit.cost
+        (sparse.fit(start, s.compared, s.picture_iterations, LEAST) for start in starts), key=lambda fit: fit.cost
     )
     fit = refined(fits[0].kernels)
     agreement = min([likeness(fit.kernels, one.kernels) for one in fits[1:]], default=1.0)
     # one with another result, or a worse fit, carries no information on the error of this one
-    rivals = [fit_ for fit_ in fits[1:] if fit_.cost < fits[0].cost + s.cost_tolerance and agreement >= s.min_agreement]
-    return _Search(fit, refined(rivals[0].kernels) if rivals else None, agreement, _doubt(fit, agreement, s))
+    rivals = [fit_ for fit_ in fits[1:] if fit_.cost < fits[0].cost + COST_TOLERANCE and agreement >= MIN_AGREEMENT]
+    others = cropped(refined(rivals[0].kernels).kernels) if rivals else None
+    residual = float(np.sqrt(fit.residual)) / CONTRAST
+    return fit, FreeKernels(cropped(fit.kernels), residual, agreement, _doubt(fit, agreement), others)
 
 
 def given_kernels(kernels: Sequence[Array], count: int, doubt: str | None = None) -> MotionShapes:
@@ -211,10 +180,7 @@ def given_kernels(kernels: Sequence[Array], count: int, doubt: str | None = None
 
     doubt : why they were unreliable
 
-    Raises
-    ------
-    BadParameter
-        If their number or sampling is wrong.
+    Raises BadParameter if their number or sampling is wrong.
     """
     sizes = [len(one) for one in kernels]
     if len(sizes) != count or max(sizes) >= MEASURED:
@@ -228,20 +194,20 @@ def given_kernels(kernels: Sequence[Array], count: int, doubt: str | None = None
     return MotionShapes(padded, (most - 1) / 2, None, doubt, REMEDY)
 
 
-def _doubt(fit: SparseFit, agreement: float, settings: FreeKernelSettings) -> str | None:
+def _doubt(fit: SparseFit, agreement: float) -> str | None:
     rim = np.ones(fit.kernels.shape[1:], bool)
     rim[1:-1, 1:-1] = False
-    if fit.kernels[:, rim].sum(axis=1).max() > settings.edge_fraction:
+    if fit.kernels[:, rim].sum(axis=1).max() > EDGE_FRACTION:
         R = fit.kernels.shape[1] // 2
         return f"the estimated motion reaches the end of the search range of {R} pixels each way"
-    if agreement < settings.min_agreement:
+    if agreement < MIN_AGREEMENT:
         return f"two searches of the motion end in kernels with a correlation of only {agreement:.2f}"
     return None
 
 
-def _initial_kernels(z: Pictures, R: int, start: KernelStart, s: FreeKernelSettings) -> Kernels:
+def _initial_kernels(z: Pictures, R: int, start: KernelStart, s: KernelEffort) -> Kernels:
     """Kernels by sharp edges, from the coarsest scale to the finest."""
-    scale, finest = _coarsest(R, s), R
+    scale, finest = _coarsest(R), R
     R = max(1, int(np.ceil(scale * finest)))
     kernels = np.zeros((len(z), 2 * R + 1, 2 * R + 1), np.float32)
     kernels[:, R - 1 : R + 2, R - 1 : R + 2] = 1 / 9
@@ -250,19 +216,19 @@ def _initial_kernels(z: Pictures, R: int, start: KernelStart, s: FreeKernelSetti
         edges = EdgePicture(_shrunk(z, scale), R)
         for _ in range(s.rounds):
             u = edges.picture(kernels, weight)
-            kernels = thin(edges.kernels(u, kernels, s.ridge, s.kernel_iterations), start.least)
+            kernels = thin(edges.kernels(u, kernels, RIDGE, s.kernel_iterations), start.least)
             weight = max(weight / 1.1, start.last_edges)
         kernels = recentred(kernels)
         if scale == 1:
             return kernels
-        finer = 1.0 if scale > s.shrink**1.5 else scale / s.shrink
+        finer = 1.0 if scale > SHRINK**1.5 else scale / SHRINK
         R = int(np.ceil(finer * finest))
         kernels, scale = scaled(kernels, finer / scale, R), finer
 
 
-def _coarsest(R: int, settings: FreeKernelSettings) -> float:
-    steps = max(0, int(np.floor(np.log(settings.smallest / R) / np.log(settings.shrink))))
-    return float(settings.shrink**steps)
+def _coarsest(R: int) -> float:
+    steps = max(0, int(np.floor(np.log(SMALLEST / R) / np.log(SHRINK))))
+    return float(SHRINK**steps)
 
 
 def _shrunk(z: Pictures, scale: float) -> Pictures:
@@ -273,15 +239,15 @@ def _shrunk(z: Pictures, scale: float) -> Pictures:
     return np.stack([cv2.resize(one, (columns, rows), interpolation=cv2.INTER_LINEAR) for one in soft])
 
 
-def _central_part(photographs: Array, R: int, settings: FreeKernelSettings) -> Pictures:
+def _central_part(photographs: Array, R: int, most_pixels: int) -> Pictures:
     """The middle of the photographs, with one mean and contrast, aligned where they are far apart."""
     _check_size(photographs, R)
     z = photographs * (photographs[0].mean() / photographs.mean(axis=(1, 2), keepdims=True))
     z = np.stack([one[part] for one, part in zip(z, _common_parts(z, R), strict=True)])
     _check_size(z, R)
     rows, columns = z.shape[1:]
-    height = min(rows, max(int(np.sqrt(settings.most_pixels)), settings.most_pixels // columns))
-    width = min(columns, settings.most_pixels // height)
+    height = min(rows, max(int(np.sqrt(most_pixels)), most_pixels // columns))
+    width = min(columns, most_pixels // height)
     top, left = (rows - height) // 2, (columns - width) // 2
     z = z[:, top : top + height, left : left + width]
     contrast = float(z[0].std())

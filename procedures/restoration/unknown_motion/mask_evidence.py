@@ -37,6 +37,8 @@ FARTHEST = 20.0
 PATIENCE = 4.0
 """A descent is abandoned if this many times its fall in two rounds does not suffice. Of 136 descents of two pairs of
 motions 13 reached below the least cost so far, none of which either rule abandons; they save 40 % of all rounds."""
+DOUBT = 10.0
+"""Mean squared error of a tile, relative to the noise, above which it probably has a depth edge or a wrong depth."""
 DEPTH_KNOWN = np.diag([1e-3, 10.0, 10.0])
 """Prior precision of a tile's depth, its slope and slope across the tile, 1 / pixel^2."""
 
@@ -85,7 +87,7 @@ def masks_at(points: Array, half: float, w: float, R: int, instants: int = 400) 
     return np.stack([spline_mask(curve * (w / half), R, LINE * w, instants) for curve in points])
 
 
-def filters(masks: Array, size: int, soft: float = 0.0) -> Array:
+def filters(masks: Array, size: int) -> Array:
     """Filters that remove from both errors of a tile the part explained by a common picture, (2, size, size // 2 + 1).
 
     (e1 * h2 - e2 * h1) over the root of its noise's spectrum: one half of white errors remains, white.
@@ -123,11 +125,10 @@ class Tile:
     flat: bool
 
 
-def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[Tile], doubt: float) -> list[float]:
+def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[Tile]) -> list[float]:
     """Add the evidence of tiles of one w; returns the mean squares of their unexplained errors.
 
     slope : derivative of both masks with respect to w, (2, K, K).
-    doubt : mean square of a tile's unexplained error above which it probably has a depth edge or a wrong depth.
     """
     filtering: Array | None = None
     residuals = []
@@ -144,7 +145,7 @@ def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[Tile], doubt: f
         if tile.flat:
             weight, V = 1.0, r[None][:0]
         else:
-            weight, V = 1 / (1 + residuals[-1] / doubt) ** 2, _depth_changes(patches, slope, filtering)
+            weight, V = 1 / (1 + residuals[-1] / DOUBT) ** 2, _depth_changes(patches, slope, filtering)
         AV, inner = A @ V.T, V @ V.T + DEPTH_KNOWN[: len(V), : len(V)]
         solution = np.linalg.solve(inner, np.concatenate([AV.T, (V @ r)[:, None]], axis=1))
         evidence.G += weight * (A @ A.T - AV @ solution[:, :-1])

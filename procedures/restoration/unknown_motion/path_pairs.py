@@ -11,28 +11,11 @@ from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.unknown_motion.cross_relation import INSTANTS, Disagreement
 from procedures.restoration.unknown_motion.mask_evidence import MaskEvidence, fit_curves, masks_at
 
-
-@dataclass(frozen=True)
-class PairSettings:
-    """Numbers of curves and pairs, and criteria of distinct curves.
-
-    Attributes
-    ----------
-    paired, descending : int
-        Curves of each pool that are paired, and pairs from which descents start, those contradicted least; each costs
-        time.
-    descents : int
-        Descents of a pair with renewed evidence, of which the best is used.
-    different, larger : float
-        Relative difference of the masks of distinct curves, at this size relative to the flat part's: other depths
-        separate them.
-    """
-
-    paired: int = 14
-    descending: int = 16
-    descents: int = 2
-    different: float = 0.1
-    larger: float = 1.3
+PAIRED = 14
+"""Curves of each pool that are paired."""
+DIFFERENT, LARGER = 0.1, 1.3
+"""Relative difference of the masks of distinct curves, at this size relative to the flat part's: other depths separate
+them."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +26,7 @@ class PathPair:
     disagreement: float
 
 
-def distinct(
-    flat: Sequence[MaskEvidence], points: Array, half: float, k: int, pool: Sequence[Array], s: PairSettings
-) -> list[Array]:
+def distinct(flat: Sequence[MaskEvidence], points: Array, half: float, k: int, pool: Sequence[Array]) -> list[Array]:
     """The distinct curves of a pool that best draw the flat part's masks as curve k, after descent.
 
     flat : evidence of the flat part; points : (2, POINTS, 2), of half-width `half`.
@@ -54,15 +35,15 @@ def distinct(
     for curve in pool:
         cost, pair = fit_curves(flat, replaced(points, k, curve), half, (k,), INSTANTS, 15, 1e-3)
         costs.append((cost, pair[k]))
-    R = int(np.ceil(s.larger * half + 1))
+    R = int(np.ceil(LARGER * half + 1))
     curves: list[Array] = []
     masks: list[Array] = []
     for _, curve in sorted(costs, key=lambda each: each[0]):
-        mask = masks_at(curve[None], half, s.larger * half, R)
-        if all(np.linalg.norm(mask - other) > s.different * np.linalg.norm(mask) for other in masks):
+        mask = masks_at(curve[None], half, LARGER * half, R)
+        if all(np.linalg.norm(mask - other) > DIFFERENT * np.linalg.norm(mask) for other in masks):
             curves.append(curve)
             masks.append(mask)
-    return curves[: s.paired]
+    return curves[:PAIRED]
 
 
 def replaced(points: Array, k: int, curve: Array) -> Array:
@@ -73,29 +54,29 @@ def replaced(points: Array, k: int, curve: Array) -> Array:
 
 
 class Search:
-    """Search of curves that the flat part allows and the frame contradicts least; flat : evidence of the flat part."""
+    """Search of curves that the flat part allows and the frame contradicts least.
 
-    def __init__(
-        self, around: Disagreement, flat: Sequence[MaskEvidence], settings: PairSettings | None = None
-    ) -> None:
-        self.around, self.flat, self.settings = around, flat, settings or PairSettings()
+    flat : evidence of the flat part; descents : of a pair with renewed evidence, of which the best is used.
+    """
+
+    def __init__(self, around: Disagreement, flat: Sequence[MaskEvidence], descents: int = 2) -> None:
+        self.around, self.flat, self.descents = around, flat, descents
 
     def starts(self, points: Array, pools: Sequence[Sequence[Array]]) -> list[PathPair]:
-        """Pairs of one curve of each pool that the frame contradicts least; `points` are the flat part's."""
-        s, half = self.settings, self.around.half
-        curves = [distinct(self.flat, points, half, k, pool, s) for k, pool in enumerate(pools)]
+        """Pairs of one curve of each pool, by the frame's contradiction; `points` are the flat part's."""
+        curves = [distinct(self.flat, points, self.around.half, k, pool) for k, pool in enumerate(pools)]
         spectra = [[self.around.spectra(curve) for curve in those] for those in curves]
         pairs = [
             PathPair(np.stack([curves[0][a], curves[1][b]]), self.around.of(first, second))
             for a, first in enumerate(spectra[0])
             for b, second in enumerate(spectra[1])
         ]
-        return sorted(pairs, key=lambda pair: pair.disagreement)[: s.descending]
+        return sorted(pairs, key=lambda pair: pair.disagreement)
 
     def descend(self, points: Array) -> PathPair:
         """The best pair of a descent from `points`."""
         met = []
-        for _ in range(self.settings.descents):
+        for _ in range(self.descents):
             evidence = [*self.flat, *self.around.evidence(points)]
             points = fit_curves(evidence, points, self.around.half, (0, 1), INSTANTS, 15, 1e-3)[1]
             met.append(PathPair(points, self.around.of(*(self.around.spectra(curve) for curve in points))))

@@ -15,20 +15,21 @@ from typing import Any
 import numpy as np
 
 from procedures.outcome import Outcome, with_doubt
-from procedures.restoration.first_depth.initial_depth import MatchingSettings, matched
+from procedures.restoration.first_depth.initial_depth import LEAST_SIGMA, matched
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
-from procedures.restoration.joint.depth_edges import EdgeSettings
+from procedures.restoration.joint.depth_edges import Effort
 from procedures.restoration.joint.estimate import reach_of
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
-from procedures.restoration.joint.joint_descent import JointSettings, Problem, begin, problem_of, run
+from procedures.restoration.joint.joint_descent import Problem, begin, problem_of, run
 from procedures.restoration.joint.priors import steps_allowed
-from procedures.restoration.joint.schedule import DEPTH_SLOPE, Schedule
+from procedures.restoration.joint.schedule import DEPTH_SLOPE, Schedule, Scheme
 from procedures.restoration.masks.blur_models import mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array, Blur, MaskStack
 from procedures.restoration.unknown_motion.basin_hopping import BasinHopping
 from procedures.restoration.unknown_motion.blind import Prototypes
 from procedures.restoration.unknown_motion.cross_relation import Disagreement
 from procedures.restoration.unknown_motion.mask_evidence import (
+    DOUBT,
     MaskEvidence,
     Tile,
     filters,
@@ -39,7 +40,6 @@ from procedures.restoration.unknown_motion.mask_evidence import (
 )
 from procedures.restoration.unknown_motion.motion_splines import basis, candidates, half_width, path_stack, shapes_of
 from procedures.restoration.unknown_motion.path_pairs import Search
-from procedures.restoration.unknown_motion.path_settings import PathSettings
 from procedures.restoration.unknown_motion.search_window import Window, search_window, within
 
 Box = tuple[int, int, int, int]
@@ -49,9 +49,47 @@ TILE = 24
 LEVEL = 0.05
 """Step of w between the levels of a tile's masks, pixels."""
 
-JOINT = JointSettings(edges=EdgeSettings(rounds=2, iterations=20))
-"""Settings of the intermediate restorations: each continues the last one, so that edges need not converge in each."""
+EDGES = Effort(rounds=2, iterations=20)
+"""Effort at edges in the intermediate restorations: each continues the last one, so that edges need not converge."""
+MOST_PIXELS, SEARCHED_PIXELS = 120_000, 60_000
+"""Pixels of the frame around the flat part whose depth is matched roughly, and of the window in which paths are
+searched for: time grows with it, and paths improve slightly."""
+CONTRAST = 6.3e-3
+"""Expected mean squared difference of neighbours of the picture during the search, white = 1."""
+JOINT_STEPS, JOINT_ITERATIONS, PICTURE_ITERATIONS = 8, 18, 20
+"""Joint steps of picture and depth after matching (fewer leave the depth less accurate than the curves), conjugate
+gradients of each, and of improving the picture alone."""
+MATCHED = 6
+"""Pairs of curves whose depth is matched."""
+DONE = 0.6
+"""Fraction of the scheme's rounds that is skipped for a depth that was matched, or restored with other curves."""
+LEAST_FALL = 0.003
+"""Fall of the residual energy, relative to the noise, below which the search ends."""
+ENOUGH = 0.8
+"""Residual energy, relative to the noise, below which no other pair is optimised."""
+SCHEME = Scheme(10, 20, 20, 2, 10)
+"""Scheme of the restorations meanwhile."""
+USUAL, MOST = 0.75, 0.87
+"""Typical residual energy, relative to the noise, with the true curves, and the value above which they are wrong."""
 REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
+
+
+@dataclass(frozen=True)
+class PathEffort:
+    """Effort of the search of motion paths.
+
+    beginnings : starts of each curve. descending, descents : pairs from which descents start, and descents of each with
+    renewed evidence. bends : of `BasinHopping`. restored, more : matched pairs with which the frame is restored, and
+    maximum number of restorations from the best, by scheme. Nearly all of the time is spent on these.
+    """
+
+    beginnings: int = 96
+    descending: int = 16
+    descents: int = 2
+    bends: int = 40
+    restored: int = 3
+    more: int = 12
+    scheme: Scheme = SCHEME
 
 
 @dataclass(frozen=True)
@@ -77,14 +115,14 @@ class MotionShapes:
 
 @dataclass(frozen=True)
 class _View:
-    """Data of the fit: photographs (2, 1, H, W), the flat part and its w, the noise, and settings."""
+    """Data of the fit: photographs (2, 1, H, W), the flat part and its w, the noise, and the effort."""
 
     z: Array
     flat: tuple[slice, slice]
     half: float
     max_w: float
-    settings: PathSettings
-    sigma: float = MatchingSettings.least_sigma
+    effort: PathEffort
+    sigma: float = LEAST_SIGMA
 
     @property
     def R(self) -> int:
@@ -93,12 +131,12 @@ class _View:
     @property
     def noisy(self) -> bool:
         """Whether the error of matched depths exceeds what the rest of a restoration's scheme corrects."""
-        return self.sigma > 2 * MatchingSettings.least_sigma
+        return self.sigma > 2 * LEAST_SIGMA
 
     @property
     def weights(self) -> PriorWeights:
         """Weights of the priors of picture and depth."""
-        return PriorWeights(self.sigma**2 / self.settings.contrast, self.sigma**2 / DEPTH_SLOPE**2)
+        return PriorWeights(self.sigma**2 / CONTRAST, self.sigma**2 / DEPTH_SLOPE**2)
 
     def pinned(self, w: Array) -> Array:
         """Depth (H, W) with that of the flat part fixed."""
@@ -120,7 +158,7 @@ class _View:
 
     def depth(self, stacks: list[MaskStack]) -> Array:
         """A first depth (H, W) for these masks."""
-        sigma = self.sigma if self.noisy else MatchingSettings.least_sigma
+        sigma = self.sigma if self.noisy else LEAST_SIGMA
         return self.pinned(matched(self.z, stacks, np.full(2, sigma)).w)
 
 
@@ -145,7 +183,7 @@ def motion_of_scene(
     max_w: float,
     rng: np.random.Generator,
     known: Array | None = None,
-    settings: PathSettings | None = None,
+    effort: PathEffort | None = None,
 ) -> MotionShapes:
     """Subpixel shapes for every depth, from those of a flat part, x, y, width, height, and the surrounding frame.
 
@@ -155,18 +193,17 @@ def motion_of_scene(
     """
     if min(region[2:]) < TILE:
         return MotionShapes(found.shapes, found.half_width, None, f"the flat part is narrower than {TILE} pixels")
-    s = settings or PathSettings()
-    view = _view(photographs, region, found.half_width - 0.4, max_w, s)
+    view = _view(photographs, region, found.half_width - 0.4, max_w, effort or PathEffort())
     view, coarse = _pixels(view, found)
     fit = _settled(view, found, known, rng)
     if fit.energy > coarse:
         return MotionShapes(found.shapes, found.half_width, None, "motion is known to whole pixels only: no path fits")
-    residual = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained; {s.usual_left} is typical"
-    doubt = residual if fit.energy > s.most_left else None
+    residual = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained; {USUAL} is typical"
+    doubt = residual if fit.energy > MOST else None
     return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points, doubt)
 
 
-def _view(photographs: list[Array], region: Box, half: float, max_w: float, settings: PathSettings) -> _View:
+def _view(photographs: list[Array], region: Box, half: float, max_w: float, effort: PathEffort) -> _View:
     x, y, width, height = region
     H, W = photographs[0].shape[1:]
     margin = max(H, W)
@@ -176,13 +213,13 @@ def _view(photographs: list[Array], region: Box, half: float, max_w: float, sett
         columns = min(W, x + width + margin) - max(0, x - margin)
         return int(rows * columns)
 
-    while pixels() > settings.most_pixels:
+    while pixels() > MOST_PIXELS:
         margin -= 8
     top, left = max(0, y - margin), max(0, x - margin)
     part = (slice(top, y + height + margin), slice(left, x + width + margin))
     z = np.stack([p.mean(axis=0)[part] for p in photographs])[:, None]
     flat = (slice(y - top, y - top + height), slice(x - left, x - left + width))
-    return _View(z, flat, half, max(max_w, 1.2 * half), settings)
+    return _View(z, flat, half, max(max_w, 1.2 * half), effort)
 
 
 def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
@@ -191,13 +228,13 @@ def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
     stacks = [mask_stack(s, widest, R=max(view.R + 1, reach(widest))) for s in found.shapes]
     coarse = replace(view, half=found.half_width, max_w=stacks[0].max_w - 2 * stacks[0].step)
     w = coarse.depth(stacks)
-    window = search_window(view.z, view.flat, coarse.half, w, view.settings.searched_pixels)
+    window = search_window(view.z, view.flat, coarse.half, w, SEARCHED_PIXELS)
     view, coarse, w = view.cut(window), coarse.cut(window), w[window]
     R = stacks[0].R
     e = _errors(coarse, stacks, w, np.pad(view.z.mean(axis=0), ((0, 0), (R, R), (R, R)), mode="edge"))[1]
     errors = [(flat, float(r @ r) / TILE**2) for flat, r in _unexplained(coarse, stacks, w, e)]
     sigma = float(np.sqrt(np.median([m for flat, m in errors if flat])))
-    return replace(view, sigma=sigma), _energy([m / sigma**2 for _, m in errors], view.settings.doubt)
+    return replace(view, sigma=sigma), _energy([m / sigma**2 for _, m in errors])
 
 
 def _origins(points: Array) -> list[Array]:
@@ -219,10 +256,10 @@ def _starts(view: _View, found: Prototypes, known: Array | None, pools: list[lis
         points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, found.masks, strict=True)])
     points, evidence = _of_flat_part(view, points)
     w = view.depth(view.stacks(points))
-    s = view.settings
-    search = Search(Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w, s.places), evidence, s.pairs)
-    starts = [pair.points for pair in search.starts(points, pools)] if pools else [points]
-    return [pair.points for pair in search.best(starts)[: s.matched]]
+    around = Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w)
+    search = Search(around, evidence, view.effort.descents)
+    starts = [pair.points for pair in search.starts(points, pools)[: view.effort.descending]] if pools else [points]
+    return [pair.points for pair in search.best(starts)[:MATCHED]]
 
 
 def _nearest(pool: list[Array], mask: Array) -> Array:
@@ -244,23 +281,23 @@ def _of_flat_part(view: _View, points: Array) -> tuple[Array, tuple[MaskEvidence
 
 
 def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random.Generator) -> _Fit:
-    s, pools = view.settings, []
+    s, pools = view.effort, []
     if known is None:
         pools = [candidates(mask, found.half_width - 0.5, rng, s.beginnings) for mask in found.masks]
-    hopping = BasinHopping(pools, rng, s.bends, s.pairs)
+    hopping = BasinHopping(pools, rng, s.bends)
     matched = [
         (_matched(view, points - by), hopping.about_origin(by))
         for points in _starts(view, found, known, pools)
         for by in _origins(points)
     ]
     tried = [
-        (_hop(view, _restored(view, fit.points, fit, 0 if view.noisy else s.settled), those), those)
+        (_hop(view, _restored(view, fit.points, fit, 0 if view.noisy else DONE), those), those)
         for fit, those in sorted(matched, key=lambda each: each[0].energy)[: s.restored]
     ]
     ends: list[_Fit] = []
     for fit, those in sorted(tried, key=lambda each: each[0].energy):
         ends.append(_hop_repeatedly(view, fit, those))
-        if view.noisy or ends[-1].energy < s.enough:  # with strong noise the best has a larger energy, too
+        if view.noisy or ends[-1].energy < ENOUGH:  # with strong noise the best has a larger energy, too
             break
     return min(ends, key=lambda fit: fit.energy)
 
@@ -269,9 +306,9 @@ def _hop_repeatedly(view: _View, fit: _Fit, hopping: BasinHopping) -> _Fit:
     """Basin hopping until there is no improvement: few starts while the energy falls, all before the end."""
     few = hopping.fewer()
     tried = few
-    for _ in range(view.settings.more):
+    for _ in range(view.effort.more):
         other = _hop(view, fit, tried)
-        falls = other.energy < fit.energy - view.settings.least_fall
+        falls = other.energy < fit.energy - LEAST_FALL
         fit = min(fit, other, key=lambda each: each.energy)
         if not falls and tried is hopping:
             break
@@ -294,9 +331,9 @@ def _matched(view: _View, points: Array) -> _Fit:
     inside = (slice(R, -R), slice(R, -R))
     data = view.data(stacks)
     u, wide = fit.u, np.pad(fit.w, R, mode="edge").astype(np.float32)
-    for _ in range(view.settings.joint):
+    for _ in range(JOINT_STEPS):
         edges = steps_allowed(wide, weights.step)
-        u, wide = joint_step(data, u, wide, weights, view.settings.joint_iterations, (1.0, 1.0), edges)
+        u, wide = joint_step(data, u, wide, weights, JOINT_ITERATIONS, (1.0, 1.0), edges)
         wide[inside] = view.pinned(wide[inside])
     return _judged(view, replace(fit, u=u, w=wide[inside].astype(np.float64)), stacks)
 
@@ -306,25 +343,25 @@ def _restored(view: _View, points: Array, start: _Fit, done: float) -> _Fit:
 
     start : provides the initial depth; done : the fraction of the scheme that is skipped.
     """
-    stacks, R, s = view.stacks(points), view.R, view.settings
+    stacks, R, scheme = view.stacks(points), view.R, view.effort.scheme
     data, other = problem_of(view.z, stacks, np.ones((2, 1, *view.z.shape[2:])), np.float32)
     w = view.pinned(start.w)
-    problem = Problem(data, other, s.scheme, Schedule(s.scheme.rounds), view.sigma, reach_of(w, stacks), settings=JOINT)
-    state = run(problem, replace(begin(problem, w), n=int(done * s.scheme.rounds)))
+    problem = Problem(data, other, scheme, Schedule(scheme.rounds), view.sigma, reach_of(w, stacks), edges=EDGES)
+    state = run(problem, replace(begin(problem, w), n=int(done * scheme.rounds)))
     w = view.pinned(state.w[R:-R, R:-R])
     return _evidence(view, _Fit(points, w, state.u), stacks)
 
 
 def _hop(view: _View, fit: _Fit, hopping: BasinHopping) -> _Fit:
     """The frame restored again with the best curves of basin hopping from those of a fit."""
-    return _restored(view, hopping.minimise(fit.evidence, fit.points, view.half), fit, view.settings.settled)
+    return _restored(view, hopping.minimise(fit.evidence, fit.points, view.half), fit, DONE)
 
 
 def _errors(view: _View, stacks: list[MaskStack], w: Array, u: Array) -> tuple[Array, Array]:
     """The picture improved for masks and depth, and the photographs' errors (2, H, W)."""
     data = view.data(stacks)
     data.focus(np.pad(w, data.R, mode="edge").astype(np.float32))
-    u = restore_picture(data, u.astype(np.float32), view.weights.picture, view.settings.picture_iterations)
+    u = restore_picture(data, u.astype(np.float32), view.weights.picture, PICTURE_ITERATIONS)
     return u, data.residual(u)[:, 0].astype(np.float64)
 
 
@@ -362,9 +399,9 @@ def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
     for w, those in sorted(tiles.items()):
         evidence = MaskEvidence.about(fit.points, view.half, w, view.R)
         above, below = (masks_at(fit.points, view.half, w + d, evidence.R) for d in (delta, -delta))
-        errors += gather(evidence, (above - below) / (2 * delta), those, view.settings.doubt)
+        errors += gather(evidence, (above - below) / (2 * delta), those)
         evidences.append(evidence)
-    return replace(fit, u=u, energy=_energy(errors, view.settings.doubt), evidence=tuple(evidences))
+    return replace(fit, u=u, energy=_energy(errors), evidence=tuple(evidences))
 
 
 def _unexplained(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> Iterator[tuple[bool, Array]]:
@@ -374,12 +411,12 @@ def _unexplained(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> It
         yield flat, unexplained(e[:, y, x], filters(masks, TILE))
 
 
-def _energy(errors: list[float], doubt: float) -> float:
+def _energy(errors: list[float]) -> float:
     """Mean of the tiles' mean squares, relative to the noise, with reduced weight of those with a depth edge."""
-    return float(np.mean(doubt * np.log1p(np.array(errors) / doubt)))
+    return float(np.mean(DOUBT * np.log1p(np.array(errors) / DOUBT)))
 
 
 def _judged(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
     u, e = _errors(view, stacks, fit.w, fit.u)
     errors = [float(r @ r) / (TILE * view.sigma) ** 2 for _, r in _unexplained(view, stacks, fit.w, e)]
-    return replace(fit, u=u, energy=_energy(errors, view.settings.doubt))
+    return replace(fit, u=u, energy=_energy(errors))

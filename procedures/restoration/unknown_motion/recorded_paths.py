@@ -18,24 +18,19 @@ from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.motion import path_mask
 from procedures.restoration.unknown_motion.blind import cross_relation
 
+SIZE_STEP_PX, MOST_SHIFT = 0.25, 3
+"""Step of the half-widths tried, and range of whole-pixel shifts tried each way, refined by quarters of a pixel."""
+
 
 def read_path(path: Path) -> Array:
     """A path from a text file: (n, 2), x and y at equal times. Raises BadInput."""
     return read_numbers(path, "path file", (None, 2))
 
 
-def recorded_masks(
-    parts: Array, paths: list[Array], largest: int, size_step: float = 0.25, most_shift: int = 3
-) -> Array:
+def recorded_masks(parts: Array, paths: list[Array], largest: int) -> Array:
     """Masks (2, K, K), K = 2 largest + 1, of a flat part (2, H, W) from the paths of the rig, (n, 2) in one unit.
 
-    size_step : between the half-widths tried, pixels; most_shift : range of whole-pixel shifts tried each way, refined
-    by quarters of a pixel.
-
-    Raises
-    ------
-    BadInput
-        If there are not two paths of two columns, or a path does not move.
+    Raises BadInput if there are not two paths of two columns, or a path does not move.
     """
     if len(paths) != 2 or any(p.ndim != 2 or p.shape[1] != 2 or len(p) < 2 for p in paths):
         raise BadInput("two recorded paths of x and y are needed", "give one text array of two columns per photograph")
@@ -44,8 +39,8 @@ def recorded_masks(
         raise BadInput("a recorded path does not move", "record the rig while it vibrates")
     relation = cross_relation(parts, largest)
     most = largest - 1.0
-    sizes = np.arange(1.0, most + size_step / 2, size_step) / max(extent)
-    whole = np.arange(-most_shift, most_shift + 1.0)
+    sizes = np.arange(1.0, most + SIZE_STEP_PX / 2, SIZE_STEP_PX) / max(extent)
+    whole = np.arange(-MOST_SHIFT, MOST_SHIFT + 1.0)
     best = min((_candidate(relation, paths, s, largest, whole) for s in sizes), key=lambda candidate: candidate[0])
     fine = np.arange(-0.75, 1.0, 0.25)
     return _candidate(relation, paths, best[2], largest, fine, best[3])[1]

@@ -14,7 +14,7 @@ from procedures.outcome import Refused
 from procedures.restoration.first_depth.registration import similarities
 from procedures.restoration.first_depth.similarity import rotate_back
 from procedures.restoration.masks.blur_operator import Array, MaskStack
-from procedures.restoration.unknown_motion.flat_scene import FreeKernels, FreeKernelSettings, kernels_of_flat_scene
+from procedures.restoration.unknown_motion.flat_scene import FreeKernels, KernelEffort, kernels_of_flat_scene
 from procedures.restoration.unknown_motion.outlier_frames import outlier_frames
 
 MIDDLE = 128
@@ -22,14 +22,11 @@ MIDDLE = 128
 
 
 def kernels_of_rotated_scene(
-    photographs: Array, largest: int | None = None, settings: FreeKernelSettings | None = None
+    photographs: Array, largest: int | None = None, effort: KernelEffort | None = None
 ) -> FreeKernels:
     """As `kernels_of_flat_scene`, for photographs (P, H, W) that may be rotated and zoomed relative to the first.
 
-    Raises
-    ------
-    BadInput, Refused
-        As there, and where some of three photographs or more show another scene.
+    Raises BadInput, Refused as there, and where some of three photographs or more show another scene.
     """
     if odd := outlier_frames(photographs):
         which, show = ("photograph", "shows") if len(odd) == 1 else ("photographs", "show")
@@ -37,7 +34,7 @@ def kernels_of_rotated_scene(
             f"{which} {', '.join(str(i + 1) for i in odd)} of {len(photographs)} {show} another scene than the others",
             "omit what does not belong to the scene",
         )
-    s, refusal = settings or FreeKernelSettings(), None
+    s, refusal = effort or KernelEffort(), None
     try:
         kernels = kernels_of_flat_scene(photographs, largest, s)
     except Refused as error:
@@ -52,7 +49,7 @@ def kernels_of_rotated_scene(
     return kernels
 
 
-def _of_middle(photographs: Array, largest: int | None, s: FreeKernelSettings, refusal: Refused) -> FreeKernels:
+def _of_middle(photographs: Array, largest: int | None, s: KernelEffort, refusal: Refused) -> FreeKernels:
     try:
         return kernels_of_flat_scene(photographs, largest, replace(s, most_pixels=MIDDLE**2))
     except Refused as error:

@@ -176,7 +176,7 @@ class FocusScreen(StationScreen):
         """Measure the photographs; in a thread."""
         live = LiveFocus(Chart.from_seed())
         for frame in frames:
-            reading = live.see(frame)
+            reading = live.measure(frame)
             with suppress(RuntimeError):  # the loop is closed
                 self.post_message(self.Measured(reading, _preview(reading)))
 
@@ -226,8 +226,8 @@ class FocusScreen(StationScreen):
         reading = message.reading
         self.query_one("#reading").display = self.query_one(CurveView).display = True
         self.query_one("#source", Part).update(literal(_took(reading)))
-        found = reading.found.value
-        why = f"This photograph cannot be measured: {reading.found.reason}. What to do: {reading.found.remedy}."
+        found = reading.sharpness.value
+        why = f"This photograph cannot be measured: {reading.sharpness.reason}. What to do: {reading.sharpness.remedy}."
         self.query_one(AnswerBox).show_sentence(reading.say if found is not None else why)
         self.query_one(BigText).show(f"{found.mtf50.value:.3f}{SIGNS[reading.way]}" if found is not None else "-.---?")
         glyphs = self.query_one(BigText).glyphs
@@ -247,7 +247,7 @@ WIDE = 110
 
 def _preview(reading: FocusReading) -> Thumbnail | None:
     """The photograph with the chart's marks."""
-    plane, sharpness = reading.frame.plane.value, reading.found.value
+    plane, sharpness = reading.frame.plane.value, reading.sharpness.value
     return None if plane is None else thumbnail(plane, () if sharpness is None else marks_of(sharpness.sighting))
 
 
@@ -257,7 +257,7 @@ def _took(reading: FocusReading) -> str:
 
 def numbers_of(reading: FocusReading) -> list[str]:
     """Numbers of one photograph, and the best so far."""
-    found, lines = reading.found.value, []
+    found, lines = reading.sharpness.value, []
     if found is not None:
         lines = [
             f"MTF50 {stated(found.mtf50.value, found.mtf50.uncertainty)}",

@@ -1,1 +1,1 @@
-"""Files that other programs take, made from results."""
+"""Files for other programs, from results."""

@@ -1,4 +1,4 @@
-"""A DNG's opcodes from a calibration: its distortion, lateral colour and vignetting undone by whoever develops it."""
+"""A DNG's opcodes from a calibration, by which RAW converters correct distortion and vignetting."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.geometry.radial import RadialCamera, as_radial
+from procedures.geometry.conversion import as_radial
 from procedures.outcome import BadParameter
 from procedures.reading.dng_opcodes import GainMap, Opcode, fix_vignette_radial, warp_rectilinear, with_opcodes
 from procedures.vignetting.formula import even_powers
@@ -23,7 +23,7 @@ VIGNETTE_TERMS = 5
 
 @dataclass(frozen=True)
 class DngExport:
-    """The file's content, and sentences on what its opcodes could not hold."""
+    """The file's content, and sentences on the errors of its opcodes."""
 
     data: bytes
     lost: tuple[str, ...]
@@ -40,93 +40,78 @@ def export_dng(
     size : (columns, rows)
         Of the photograph in the file.
     shading : mapping of plane to its vignetting and its first pixel (x, y), optional
-        In place of `vignetting`: a map of gains for each plane of the mosaic.
+        Instead of `vignetting`: a gain map for each plane of the mosaic.
 
     Raises
     ------
     BadParameter
-        If there is nothing to write, or the photograph is of another size than the camera.
+        If there is nothing to write, or the photograph differs in size from the camera.
     BadInput
         If the file is no DNG.
     """
-    opcodes: list[Opcode] = []
-    lost: list[str] = []
-    if vignetting is not None:
-        opcode, words = vignette_opcode(vignetting, *size)
-        opcodes.append(opcode)
-        lost.append(words)
-    if stored is not None:
-        opcode, words = warp_opcode(stored, size)
-        opcodes.append(opcode)
-        lost.append(words)
-    maps = []
-    for of, origin in (shading or {}).values():
-        gains, words = gain_map(of, origin, size)
-        maps.append(gains.opcode())
-        lost.append(words)
-    if not (opcodes or maps):
-        raise BadParameter(
-            "a DNG takes a geometry, a vignetting or both; there is neither", "name one of their results"
-        )
-    return DngExport(with_opcodes(data, opcodes, name, maps), tuple(lost))
+    corrections = [vignette_opcode(vignetting, *size)] if vignetting is not None else []
+    corrections += [warp_opcode(stored, size)] if stored is not None else []
+    maps = [gain_map(one, origin, size) for one, origin in (shading or {}).values()]
+    if not (corrections or maps):
+        raise BadParameter("a DNG requires a geometry, a vignetting or both; got neither", "name one of their results")
+    opcodes, gains = [one for one, _ in corrections], [one.opcode() for one, _ in maps]
+    lost = (*(words for _, words in corrections), *(words for _, words in maps))
+    return DngExport(with_opcodes(data, opcodes, name, gains), lost)
 
 
 def warp_opcode(stored: StoredCamera, size: tuple[int, int]) -> tuple[Opcode, str]:
-    """WarpRectilinear of a camera, the same for all planes, and what it loses."""
+    """WarpRectilinear of a camera, the same for all planes, and its error."""
     camera = stored.camera
     if (camera.columns, camera.rows) != size:
         raise BadParameter(
             f"the photograph has {size[0]} x {size[1]} pixels, the camera's frame {camera.columns} x {camera.rows}",
             "give a photograph of the calibrated camera, not cropped",
         )
-    found = as_radial(camera, stored.region, "even", min(size) / 2, decentring=True)
-    unit = farthest(found.centre, size)
-    k = found.coefficients * (unit / found.unit_px) ** (2 * np.arange(1, 4))
-    p1, p2 = found.tangential * unit / found.unit_px
-    opcode = warp_rectilinear([(1.0, *k, p1, p2)], over_frame(found.centre, size))
-    return opcode, _words(found)
+    radial = as_radial(camera, stored.region, "even", min(size) / 2, decentring=True)
+    unit = farthest(radial.centre, size)
+    k = radial.coefficients * (unit / radial.unit_px) ** (2 * np.arange(1, 4))
+    p1, p2 = radial.tangential * unit / radial.unit_px
+    opcode = warp_rectilinear([(1.0, *k, p1, p2)], over_frame(radial.centre, size))
+    lost = radial.difference
+    return opcode, f"WarpRectilinear: {lost.rms_px:.4f} pixel rms, {lost.max_px:.4f} at most, are lost"
 
 
-def _words(found: RadialCamera) -> str:
-    return f"WarpRectilinear: {found.difference.rms_px:.4f} pixel rms, {found.difference.max_px:.4f} at most, are lost"
-
-
-def vignette_opcode(found: StoredVignetting, columns: int, rows: int) -> tuple[Opcode, str]:
-    """FixVignetteRadial of the light of green, and what it loses."""
-    light, size = found.light, (columns, rows)
+def vignette_opcode(stored: StoredVignetting, columns: int, rows: int) -> tuple[Opcode, str]:
+    """FixVignetteRadial of the light of green, and its error."""
+    light, size = stored.light, (columns, rows)
     pitch = pitch_of(light.shape, columns, rows)
     x, y = np.meshgrid(np.linspace(0, light.shape[1] - 1, PLACES), np.linspace(0, light.shape[0] - 1, PLACES))
     places = np.column_stack([x.ravel(), y.ravel()])
-    centre = pitch * np.clip(found.centre, 0, [light.shape[1] - 1, light.shape[0] - 1])
+    centre = pitch * np.clip(stored.centre, 0, [light.shape[1] - 1, light.shape[0] - 1])
     r = np.linalg.norm(pitch * places - centre, axis=1) / farthest(centre, size)
     fit = even_powers(r, 1 / light.at(places), VIGNETTE_TERMS)
     words = f"FixVignetteRadial: {fit.lost:.2%} of the light rms, {fit.most:.2%} at most, are lost; no colour shading"
     return fix_vignette_radial(list(fit.terms), over_frame(centre, size)), words
 
 
-def gain_map(found: StoredVignetting, origin: tuple[int, int], size: tuple[int, int]) -> tuple[GainMap, str]:
-    """One over the light of a plane, 1 at the frame's centre, and what the straight lines between its points lose."""
-    pitch = pitch_of(found.light.shape, *size)
+def gain_map(stored: StoredVignetting, origin: tuple[int, int], size: tuple[int, int]) -> tuple[GainMap, str]:
+    """Reciprocal of the light of a plane, 1 at the frame's centre, and the error of interpolation."""
+    pitch = pitch_of(stored.light.shape, *size)
 
     def gain(columns: Array, rows: Array) -> Array:
         x, y = np.meshgrid(columns, rows)
         sensor = np.column_stack([x.ravel(), y.ravel()]) * size - 0.5
-        return np.asarray(1 / found.light.at((sensor - origin) / pitch)).reshape(x.shape)
+        return np.asarray(1 / stored.light.at((sensor - origin) / pitch)).reshape(x.shape)
 
     at = np.linspace(0, 1, PLACES)
     gains = gain(at, at)
     between = (at[1:] + at[:-1]) / 2
     straight = (gains[1:, 1:] + gains[1:, :-1] + gains[:-1, 1:] + gains[:-1, :-1]) / 4
     most = float(np.abs(straight / gain(between, between) - 1).max())
-    return GainMap(size, origin, pitch, gains.astype(np.float32)), f"GainMap of {found.plane}: {most:.3%} at most"
+    return GainMap(size, origin, pitch, gains.astype(np.float32)), f"GainMap of {stored.plane}: {most:.3%} at most"
 
 
 def farthest(centre: tuple[float, float] | Array, size: tuple[int, int]) -> float:
-    """Pixels from a place (x, y) to the farthest corner of the frame, between pixel centres."""
+    """Distance from a point (x, y) to the farthest corner of the frame, between pixel centres."""
     x, y = centre
     return float(np.hypot(max(x, size[0] - 1 - x), max(y, size[1] - 1 - y)))
 
 
 def over_frame(centre: tuple[float, float] | Array, size: tuple[int, int]) -> tuple[float, float]:
-    """A place (x, y) over the frame, 0 to 1."""
+    """A point (x, y) in fractions of the frame."""
     return float(centre[0] / (size[0] - 1)), float(centre[1] / (size[1] - 1))

@@ -2,34 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, Camera, split_model
-from procedures.geometry.conversion import Difference, OpenCvCamera, as_model, as_opencv
+from procedures.geometry.conversion import Difference, OpenCvCamera, RadialCamera, as_model, as_opencv
 from procedures.geometry.spline_camera import SplineCamera
 from procedures.outcome import BadInput, BadParameter
 from procedures.reading.arrays import LONGEST, SMALLEST, checked_array
 from procedures.reading.guard import decoding
-from procedures.reading.text import read_json
+from station.calibration.stored_results import stored_record
 from station.results.geometry_planes import plane_entry
-from station.results.result_files import RECORD
 
 Array = npt.NDArray[np.float64]
+Fit = TypeVar("Fit", OpenCvCamera, RadialCamera)
 
 _GIVE = "name the folder that `station geometry` wrote"
 EXACT = 1e-6
-"""Pixels under which a conversion loses nothing."""
+"""Error in pixels below which a conversion is exact."""
 
 
 @dataclass(frozen=True, eq=False)
 class StoredCamera:
-    """The camera of a result: what its record tells."""
+    """The camera of a result."""
 
     camera: Camera
     region: Array
@@ -37,77 +37,68 @@ class StoredCamera:
 
 
 @dataclass(frozen=True)
-class Export:
-    """A file's text, and what it could not hold; None where it holds all."""
+class CameraExport:
+    """A file's text, and the error of its conversion; None for an exact one."""
 
     text: str
     difference: Difference | None
 
 
 def read_camera(result: Path, plane: str | None = None) -> StoredCamera:
-    """The camera of a geometry's result, a folder or its record.
-
-    Parameters
-    ----------
-    plane : str or None
-        None for green, or the first there is.
+    """The camera of a result of station geometry, a folder or its record; of green, or the first plane, by default.
 
     Raises
     ------
     BadInput
         If there is no such result, or it has no camera.
     BadParameter
-        If it does not tell of the plane.
+        If it does not have the plane.
     """
-    record = result / RECORD if result.is_dir() else result
-    told: dict[str, Any] = read_json(record, _GIVE)
-    with decoding(str(record), "a geometry's result", _GIVE):
-        if told.get("procedure") != "geometry":
-            kind = told.get("procedure", "nothing known")
-            raise BadInput(f"a camera's file comes from a geometry; {record} is of {kind}", _GIVE)
-        name, entry = plane_entry(told["planes"], plane, record)
+    with stored_record(result, "geometry", _GIVE) as stored:
+        name, entry = plane_entry(stored.data["planes"], plane, stored.path)
         if "camera" not in entry:
-            raise BadInput(f"{record} holds no camera: {entry['reason']}", entry["remedy"])
+            raise BadInput(f"{stored.path} has no camera: {entry['reason']}", entry["remedy"])
         region = checked_array(entry["region"], f"the region of plane {name}", (None, 2), remedy=_GIVE)
         return StoredCamera(_camera(**entry["camera"]), region, f"station geometry, plane {name}")
 
 
 def _camera(model: str, params: list[float], columns: int, rows: int, **_: object) -> Camera:
-    """Raises ValueError where it is none."""
+    """Raises ValueError where it is invalid."""
     try:
         kind = SplineCamera if any(split_model(model)[1]) else Camera
     except BadParameter as error:
-        raise ValueError(f"{model!r} is no camera") from error
+        raise ValueError(f"there is no camera model {model!r}") from error
     what = f"the parameters of a camera {model}"
     camera = kind(model, checked_array(params, what, (None,), remedy=_GIVE), columns, rows)
     checked_array(camera.params, what, (len(camera.names),), remedy=_GIVE)
     checked_array(camera.focal_px, "the focal length of a camera", (2,), low=SMALLEST, remedy=_GIVE)
     if not all(type(side) is int and 0 < side <= LONGEST for side in (columns, rows)):
-        raise ValueError(f"a frame has 1 to {LONGEST} pixels each way")
+        raise ValueError(f"a frame must have 1 to {LONGEST} pixels each way")
     return camera
 
 
-def export_camera(stored: StoredCamera, form: str) -> Export:
-    """The camera in a format; raises BadParameter where it is not known, BadInput where it is no camera's."""
+def export_camera(stored: StoredCamera, form: str) -> CameraExport:
+    """The camera in a format. Raises BadParameter for an unknown format, BadInput for an invalid camera."""
     if form not in FORMATS:
         raise BadParameter(f"a camera is written as {', '.join(FORMATS)}, not {form!r}", "name one of these")
-    with decoding(stored.source, "a camera that can be written", _GIVE):  # numbers of any size come from the record
+    with decoding(stored.source, "a camera that can be written", _GIVE):  # the record may contain numbers of any size
         return FORMATS[form](stored)
 
 
-def _opencv(stored: StoredCamera) -> Export:
-    """OpenCV's FileStorage, YAML; the matrix and coefficients as `calibrateCamera` gives them."""
-    found = _by_opencv(stored, (4, 5, 8, 12))
-    K = np.array([[found.focal_px[0], 0, found.centre[0]], [0, found.focal_px[1], found.centre[1]], [0, 0, 1]])
+def _opencv(stored: StoredCamera) -> CameraExport:
+    """OpenCV's FileStorage, YAML, with matrix and coefficients as from `calibrateCamera`."""
+    camera = _by_opencv(stored, (4, 5, 8, 12))
+    (fx, fy), (cx, cy) = camera.focal_px, camera.centre
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     lines = [
         "%YAML:1.0",
         "---",
         f"image_width: {stored.camera.columns}",
         f"image_height: {stored.camera.rows}",
         *_matrix("camera_matrix", K),
-        *_matrix("distortion_coefficients", found.distortion[None]),
+        *_matrix("distortion_coefficients", camera.distortion[None]),
     ]
-    return Export("\n".join(lines) + "\n", _lost(found.difference))
+    return CameraExport("\n".join(lines) + "\n", _lost(camera.difference))
 
 
 def _matrix(name: str, values: Array) -> list[str]:
@@ -116,30 +107,30 @@ def _matrix(name: str, values: Array) -> list[str]:
             f"   data: {_list(values.ravel())}"]  # fmt: skip
 
 
-def _ros(stored: StoredCamera) -> Export:
+def _ros(stored: StoredCamera) -> CameraExport:
     """ROS camera_info, as camera_calibration_parsers read it."""
-    found = _by_opencv(stored, (5, 8))
-    (fx, fy), (cx, cy) = found.focal_px, found.centre
-    model = "plumb_bob" if len(found.distortion) == 5 else "rational_polynomial"
+    camera = _by_opencv(stored, (5, 8))
+    (fx, fy), (cx, cy) = camera.focal_px, camera.centre
+    model = "plumb_bob" if len(camera.distortion) == 5 else "rational_polynomial"
     lines = [
         f"image_width: {stored.camera.columns}",
         f"image_height: {stored.camera.rows}",
         "camera_name: camera",
         *_ros_matrix("camera_matrix", 3, 3, [fx, 0, cx, 0, fy, cy, 0, 0, 1]),
         f"distortion_model: {model}",
-        *_ros_matrix("distortion_coefficients", 1, len(found.distortion), found.distortion.tolist()),
+        *_ros_matrix("distortion_coefficients", 1, len(camera.distortion), camera.distortion.tolist()),
         *_ros_matrix("rectification_matrix", 3, 3, [1, 0, 0, 0, 1, 0, 0, 0, 1]),
         *_ros_matrix("projection_matrix", 3, 4, [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0]),
     ]
-    return Export("\n".join(lines) + "\n", _lost(found.difference))
+    return CameraExport("\n".join(lines) + "\n", _lost(camera.difference))
 
 
 def _ros_matrix(name: str, rows: int, columns: int, data: Sequence[float]) -> list[str]:
     return [f"{name}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: {_list(data)}"]
 
 
-def _kalibr(stored: StoredCamera) -> Export:
-    """Kalibr's camera chain: pinhole with the distortion, of its two, that loses less."""
+def _kalibr(stored: StoredCamera) -> CameraExport:
+    """Kalibr's camera chain: pinhole with the more accurate of its two distortion models."""
     plain = as_opencv(stored.camera, stored.region, 4)
     fisheye, lost = as_model(stored.camera, stored.region, "OPENCV_FISHEYE")
     if lost.rms_px < plain.difference.rms_px:
@@ -156,11 +147,11 @@ def _kalibr(stored: StoredCamera) -> Export:
         f"  resolution: [{stored.camera.columns}, {stored.camera.rows}]",
         "  rostopic: /cam0/image_raw",
     ]
-    return Export("\n".join(lines) + "\n", _lost(lost))
+    return CameraExport("\n".join(lines) + "\n", _lost(lost))
 
 
-def _colmap(stored: StoredCamera) -> Export:
-    """COLMAP's cameras.txt, its pixel centres at 0.5; a spline is put into that of COLMAP's models that loses least."""
+def _colmap(stored: StoredCamera) -> CameraExport:
+    """COLMAP's cameras.txt, with pixel centres at 0.5; a spline is converted to COLMAP's most accurate model."""
     camera, lost = stored.camera, None
     if any(split_model(camera.model)[1]):
         fits = [as_model(camera, stored.region, model) for model in MODELS]
@@ -173,36 +164,40 @@ def _colmap(stored: StoredCamera) -> Export:
         "# Number of cameras: 1",
         f"1 {camera.model} {camera.columns} {camera.rows} {numbers}",
     ]
-    return Export("\n".join(lines) + "\n", lost)
+    return CameraExport("\n".join(lines) + "\n", lost)
 
 
-def _mrcal(stored: StoredCamera) -> Export:
-    """mrcal's .cameramodel, with the outline of what the charts covered as its valid region."""
-    found = _by_opencv(stored, (4, 5, 8, 12))
-    intrinsics = [*found.focal_px, *found.centre, *found.distortion]
+def _mrcal(stored: StoredCamera) -> CameraExport:
+    """mrcal's .cameramodel, with the part of the frame covered by charts as its valid region."""
+    camera = _by_opencv(stored, (4, 5, 8, 12))
+    intrinsics = [*camera.focal_px, *camera.centre, *camera.distortion]
     outline = [*stored.region.tolist(), stored.region[0].tolist()]
     lines = [
         f"# {stored.source}",
         "{",
-        f"    'lensmodel':  'LENSMODEL_OPENCV{len(found.distortion)}',",
+        f"    'lensmodel':  'LENSMODEL_OPENCV{len(camera.distortion)}',",
         f"    'intrinsics': {_list(intrinsics)},",
         f"    'valid_intrinsics_region': [{', '.join(_list(point) for point in outline)}],",
         "    'extrinsics': [0, 0, 0, 0, 0, 0],",
         f"    'imagersize': [{stored.camera.columns}, {stored.camera.rows}],",
         "}",
     ]
-    return Export("\n".join(lines) + "\n", _lost(found.difference))
+    return CameraExport("\n".join(lines) + "\n", _lost(camera.difference))
 
 
 def _by_opencv(stored: StoredCamera, counts: Sequence[int]) -> OpenCvCamera:
-    """The camera by OpenCV's formula: the fewest coefficients that lose nothing, else those that lose least."""
-    found = []
-    for count in counts:
-        one = as_opencv(stored.camera, stored.region, count)
-        if one.difference.max_px < EXACT:
-            return one
-        found.append(one)
-    return min(found, key=lambda one: one.difference.rms_px)
+    """The camera by OpenCV's formula: the fewest coefficients that are exact, else the most accurate ones."""
+    return best_fit(as_opencv(stored.camera, stored.region, count) for count in counts)
+
+
+def best_fit(fits: Iterable[Fit]) -> Fit:
+    """The first exact conversion, else the most accurate one."""
+    tried = []
+    for fit in fits:
+        if fit.difference.max_px < EXACT:
+            return fit
+        tried.append(fit)
+    return min(tried, key=lambda fit: fit.difference.rms_px)
 
 
 def _lost(difference: Difference) -> Difference | None:
@@ -213,7 +208,7 @@ def _list(values: Sequence[float] | Array) -> str:
     return "[" + ", ".join(repr(float(value)) for value in values) + "]"
 
 
-FORMATS: dict[str, Callable[[StoredCamera], Export]] = {
+FORMATS: dict[str, Callable[[StoredCamera], CameraExport]] = {
     "opencv": _opencv,
     "ros": _ros,
     "kalibr": _kalibr,

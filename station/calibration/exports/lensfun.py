@@ -1,8 +1,8 @@
-"""lensfun's database entry of a lens: distortion, lateral colour, vignetting, each with what it cannot hold.
+"""lensfun's database entry of a lens: distortion, lateral colour, vignetting, each with its error.
 
-lensfun has its coordinates about the middle of the frame, 1 being half of the shorter side for distortion and lateral
-colour, half of the diagonal for vignetting; all pixel centres count, from 0 to n - 1. The middle may be moved
-(`center`), for all three together. There is no decentring distortion, and no shading by colour.
+lensfun's coordinates are relative to the middle of the frame, in units of half the shorter side for distortion and
+lateral colour, of half the diagonal for vignetting, between pixel centres 0 and n - 1. The middle may be displaced
+(`center`), for all three together. There is no decentring distortion, and no colour shading.
 Source: lensfun's documentation, "Lens calibration"; checked against its library.
 """
 
@@ -16,29 +16,29 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.field.chromatic import LateralColour
-from procedures.geometry.radial import RadialCamera, as_radial
+from procedures.geometry.conversion import RadialCamera, as_radial
 from procedures.outcome import BadParameter
 from procedures.reading.exposure import Exposure
 from procedures.vignetting.formula import LightSurface, even_powers
-from station.calibration.exports.geometry import EXACT, StoredCamera
+from station.calibration.exports.geometry import EXACT, StoredCamera, best_fit
 
 Array = npt.NDArray[np.float64]
 
 MODELS = ("poly3", "poly5", "ptlens")
-"""Of distortion, the one with the fewest coefficients first."""
+"""Distortion models, by number of coefficients."""
 FULL_FRAME_MM = float(np.hypot(36, 24))
 DISTANCES_M = (0.25, 1000.0)
-"""lensfun interpolates over the distance of focus: the same at both ends holds for all."""
+"""lensfun interpolates over the focus distance: equal values at both ends apply to all distances."""
 COLOURS = {"R": "r", "B": "b"}
-ROUND = 9
-"""Digits of a number."""
+DIGITS = 9
+"""Significant digits of a number."""
 PLACES = 41
-"""Along each side, at which the light is held against its formula."""
+"""Points along each side at which the light is compared with its formula."""
 
 
 @dataclass(frozen=True)
 class LensNames:
-    """What the entry is called, and for which photographs it is.
+    """Names of the entry, and the photographs to which it applies.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class LensNames:
 
 @dataclass(frozen=True)
 class GivenNames:
-    """What was typed of them; None where it was not."""
+    """The given names; None where an option was omitted."""
 
     maker: str
     camera: str | None
@@ -67,36 +67,36 @@ class GivenNames:
     f_number: float | None
     pitch_um: float | None
 
-    def completed(self, noted: Exposure | None, focal_px: float, *, with_light: bool) -> LensNames:
-        """With what the field's photographs note; focal length and pitch follow from each other by the geometry.
+    def completed(self, exposure: Exposure | None, focal_px: float, *, with_light: bool) -> LensNames:
+        """Completed by the exposure of the field's photographs; focal length and pitch follow from each other.
 
         Raises
         ------
         BadParameter
             If neither of these two is known, or vignetting has no f-number.
         """
-        told = noted or Exposure()
-        focal = self.focal_mm or told.focal_length_mm
+        known = exposure or Exposure()
+        focal = self.focal_mm or known.focal_length_mm
         pitch = self.pitch_um
         if focal is None and pitch is not None:
             focal = focal_px * pitch / 1000
         if focal is None:
             raise BadParameter(
-                "lensfun keeps a lens by its focal length in mm, which neither was given nor stands in a field",
+                "lensfun requires the focal length in mm, which was neither given nor is in a field",
                 "give --focal-length-mm or --pixel-pitch-um",
             )
-        f_number = self.f_number or told.f_number
+        f_number = self.f_number or known.f_number
         if f_number is None and with_light:
-            raise BadParameter("lensfun keeps vignetting by its f-number; none was given", "give --f-number")
+            raise BadParameter("lensfun requires the f-number of the vignetting; none was given", "give --f-number")
         return LensNames(
-            self.maker, self.lens or told.lens or "lens", self.camera or told.camera or "camera", focal,
+            self.maker, self.lens or known.lens or "lens", self.camera or known.camera or "camera", focal,
             f_number or 0.0, pitch or 1000 * focal / focal_px,
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class LensfunExport:
-    """The database's text, and sentences on what it could not hold."""
+    """The database's text, and sentences on its errors."""
 
     text: str
     lost: tuple[str, ...]
@@ -123,7 +123,7 @@ def export_lensfun(
         If a field or vignetting is of another frame.
     """
     camera = stored.camera
-    found = best_radial(stored)
+    radial = best_radial(stored)
     top = ElementTree.Element("lensdatabase", version="1")
     mount = f"{names.camera} mount"
     ElementTree.SubElement(ElementTree.SubElement(top, "mount"), "name").text = mount
@@ -133,21 +133,22 @@ def export_lensfun(
     lens = _entry(top, "lens", names.maker, names.lens, mount, crop)
     ElementTree.SubElement(lens, "aspect-ratio").text = f"{aspect:.9f}"
     middle = np.array([camera.columns - 1, camera.rows - 1]) / 2
-    offset = (np.array(found.centre) - middle) / unit_px(camera.columns, camera.rows)
+    offset = (np.array(radial.centre) - middle) / unit_px(camera.columns, camera.rows)
     ElementTree.SubElement(lens, "center", x=_text(offset[0]), y=_text(offset[1]))
     calibration = ElementTree.SubElement(lens, "calibration")
     focal = _text(names.focal_mm)
-    terms = ("a", "b", "c") if found.formula == "ptlens" else ("k1", "k2")
-    numbers = {name: _text(k) for name, k in zip(terms, found.coefficients, strict=False)}
-    ElementTree.SubElement(calibration, "distortion", {"model": found.formula, "focal": focal, **numbers})
-    lost = [f"distortion as {found.formula}: {found.difference.rms_px:.4f} pixel rms, {found.difference.max_px:.4f} at "
-            "most, are lost"] if found.difference.max_px >= EXACT else []  # fmt: skip
+    terms = ("a", "b", "c") if radial.formula == "ptlens" else ("k1", "k2")
+    numbers = {name: _text(k) for name, k in zip(terms, radial.coefficients, strict=False)}
+    ElementTree.SubElement(calibration, "distortion", {"model": radial.formula, "focal": focal, **numbers})
+    rms_px, max_px = radial.difference.rms_px, radial.difference.max_px
+    words = f"distortion as {radial.formula}: {rms_px:.4f} pixel rms, {max_px:.4f} at most, are lost"
+    lost = [words] if max_px >= EXACT else []
     if colours:
-        told, words = lateral_terms(colours, np.array(found.centre), camera.columns, camera.rows)
-        ElementTree.SubElement(calibration, "tca", {"model": "poly3", "focal": focal, **told})
-        lost += words
+        terms_tca, lines = lateral_terms(colours, np.array(radial.centre), camera.columns, camera.rows)
+        ElementTree.SubElement(calibration, "tca", {"model": "poly3", "focal": focal, **terms_tca})
+        lost += lines
     if vignetting is not None:
-        lost += _add_vignetting(calibration, vignetting, np.array(found.centre), camera.columns, camera.rows, names)
+        lost += _add_vignetting(calibration, vignetting, np.array(radial.centre), camera.columns, camera.rows, names)
     ElementTree.indent(top, "    ")
     return LensfunExport(ElementTree.tostring(top, encoding="unicode") + "\n", tuple(lost))
 
@@ -158,34 +159,28 @@ def unit_px(columns: int, rows: int) -> float:
 
 
 def best_radial(stored: StoredCamera) -> RadialCamera:
-    """lensfun's model that loses least, the simplest of those that lose nothing."""
+    """lensfun's most accurate model, the simplest of exact ones."""
     unit = unit_px(stored.camera.columns, stored.camera.rows)
-    found = []
-    for model in MODELS:
-        one = as_radial(stored.camera, stored.region, model, unit)
-        if one.difference.max_px < EXACT:
-            return one
-        found.append(one)
-    return min(found, key=lambda one: one.difference.rms_px)
+    return best_fit(as_radial(stored.camera, stored.region, model, unit) for model in MODELS)
 
 
 def lateral_terms(
     colours: Mapping[str, LateralColour], centre: Array, columns: int, rows: int
 ) -> tuple[dict[str, str], list[str]]:
-    """tca's poly3 of red and blue: r (v + c r + b r^2), and what it leaves in pixels of the sensor.
+    """tca's poly3 of red and blue: r (v + c r + b r^2), and its residual in sensor pixels.
 
     Raises
     ------
     BadParameter
         If the field is of another frame.
     """
-    told: dict[str, str] = {}
+    terms: dict[str, str] = {}
     lost, unit = [], unit_px(columns, rows)
     for plane, letter in COLOURS.items():
         colour = colours.get(plane)
         if colour is None:
             raise BadParameter(
-                f"lensfun's lateral colour is of red and blue; the field has none of {plane}",
+                f"lensfun requires lateral colour of red and blue; the field has none of {plane}",
                 "make the field of all planes, or leave --field out",
             )
         pitch = pitch_of(colour.shape, columns, rows)
@@ -198,35 +193,35 @@ def lateral_terms(
         weight = np.repeat(1 / np.sqrt(np.maximum(np.trace(covariance, axis1=1, axis2=2), 1e-12)), 2)
         values = (shift / unit).ravel()
         v, c, b = np.linalg.lstsq(design * weight[:, None], values * weight, rcond=None)[0]
-        told |= {f"v{letter}": _text(1 + v), f"c{letter}": _text(c), f"b{letter}": _text(b)}
-        left = (values - design @ [v, c, b]).reshape(-1, 2) * unit
-        rms, most = float(np.sqrt(np.mean(np.sum(left**2, axis=1)))), float(np.linalg.norm(left, axis=1).max())
+        terms |= {f"v{letter}": _text(1 + v), f"c{letter}": _text(c), f"b{letter}": _text(b)}
+        residual = (values - design @ [v, c, b]).reshape(-1, 2) * unit
+        rms, most = float(np.sqrt(np.mean(np.sum(residual**2, axis=1)))), float(np.linalg.norm(residual, axis=1).max())
         lost.append(f"lateral colour of {plane}: {rms:.4f} pixel rms, {most:.4f} at most, are lost")
-    return told, lost
+    return terms, lost
 
 
 def pitch_of(shape: tuple[int, int], columns: int, rows: int) -> int:
-    """Sensor pixels per pixel of a plane of that shape; raises BadParameter where it is of another frame.
+    """Sensor pixels per pixel of a plane of that shape. Raises BadParameter for another frame.
 
-    A plane's own origin, a pixel at the most, is of no account for what varies over the whole frame.
+    The origin of the plane, at most a pixel, is negligible for variations over the whole frame.
     """
     pitch = max(round(columns / shape[1]), 1)
     if (shape[0] * pitch, shape[1] * pitch) != (rows, columns):
         raise BadParameter(
-            f"planes of {shape[1]} x {shape[0]} are not of the camera's frame, {columns} x {rows}",
+            f"planes must fit the camera's frame, {columns} x {rows}; got {shape[1]} x {shape[0]}",
             "give results of one camera",
         )
     return pitch
 
 
 def _add_vignetting(
-    calibration: ElementTree.Element, found: LightSurface, centre: Array, columns: int, rows: int, names: LensNames
+    calibration: ElementTree.Element, light: LightSurface, centre: Array, columns: int, rows: int, names: LensNames
 ) -> list[str]:
-    pitch = pitch_of(found.shape, columns, rows)
-    x, y = np.meshgrid(np.linspace(0, found.shape[1] - 1, PLACES), np.linspace(0, found.shape[0] - 1, PLACES))
+    pitch = pitch_of(light.shape, columns, rows)
+    x, y = np.meshgrid(np.linspace(0, light.shape[1] - 1, PLACES), np.linspace(0, light.shape[0] - 1, PLACES))
     places = np.column_stack([x.ravel(), y.ravel()])
     r = np.linalg.norm(pitch * places - centre, axis=1) / (np.hypot(columns - 1, rows - 1) / 2)
-    fit = even_powers(r, found.at(places), 3)
+    fit = even_powers(r, light.at(places), 3)
     terms = {f"k{i}": _text(one) for i, one in enumerate(fit.terms, 1)}
     for distance in DISTANCES_M:
         about = {"focal": _text(names.focal_mm), "aperture": _text(names.f_number), "distance": _text(distance)}
@@ -242,4 +237,4 @@ def _entry(top: ElementTree.Element, kind: str, maker: str, model: str, mount: s
 
 
 def _text(value: float) -> str:
-    return f"{value:.{ROUND}g}"
+    return f"{value:.{DIGITS}g}"

@@ -1,4 +1,4 @@
-"""A PSF field as files that other programs read: photutils' STDPSF, PSFEx, deepinv."""
+"""A PSF field as files for other programs: photutils' STDPSF, PSFEx, deepinv."""
 
 from __future__ import annotations
 
@@ -17,37 +17,32 @@ from procedures.space_variant import SpaceVariantBlur
 from station.results.fits import Cards, primary_image, table_of_one_cube
 
 STDPSF_SAMPLES = 4
-"""Per pixel: readers of STDPSF know no other number, the file does not tell it."""
+"""Samples per pixel: readers of STDPSF assume this number, which is not in the file."""
 STDPSF_COLUMNS = 7
-"""Places of the grid along the frame's longer side; readers take some other numbers of PSFs for known instruments'."""
+"""Points of the grid along the longer side of the frame."""
 INSTRUMENTS = (36, 56, 90, 200)
-"""Numbers of PSFs that readers take for those of several detectors."""
+"""Numbers of PSFs that readers attribute to instruments with several detectors."""
 ALLOWED = 0.002
-"""Of a PSF's norm that a polynomial may lose: some tenths of what noise leaves uncertain of a field."""
+"""Largest error of a polynomial relative to the norm of a PSF: several tenths of the uncertainty of a field."""
 FIRST = 1
-"""FITS and PSFEx count the first pixel as 1."""
+"""Number of the first pixel in FITS and PSFEx."""
 
 
 @dataclass(frozen=True)
 class PsfExport:
-    """A file's content, and in words what it could not hold; "" where it holds all."""
+    """A file's content, and a sentence on its error; "" for an exact one."""
 
     data: bytes
     lost: str
 
 
 def field_path(result: Path) -> Path:
-    """The field's file of a result, its folder or the file itself."""
+    """The field's file of a result, given by its folder or the file."""
     return result / "field.h5" if result.is_dir() else result
 
 
 def read_plane(result: Path, plane: str | None) -> PsfField:
-    """The field of one plane of a result: its folder, or its field.h5.
-
-    Parameters
-    ----------
-    plane : str or None
-        None for green, or the first there is.
+    """The field of one plane of a result, by its folder or field.h5; of green, or the first plane, by default.
 
     Raises
     ------
@@ -59,7 +54,7 @@ def read_plane(result: Path, plane: str | None) -> PsfField:
     path = field_path(result)
     fields = read_field(path)
     if not fields:
-        raise BadInput(f"{path} holds no field of any plane", "give the result of `station psf field` that has one")
+        raise BadInput(f"{path} contains no field", "give the result of `station psf field` with one")
     name = plane or ("G1" if "G1" in fields else next(iter(fields)))
     if name not in fields:
         raise BadParameter(f"{path} has the planes {', '.join(fields)}, not {name!r}", "name one of these")
@@ -67,14 +62,14 @@ def read_plane(result: Path, plane: str | None) -> PsfField:
 
 
 def export_field(field: PsfField, form: str) -> PsfExport:
-    """The field in a format; raises BadParameter where it is not known or cannot hold the sampling."""
+    """The field in a format. Raises BadParameter for an unknown format, or one that does not support the sampling."""
     if form not in FORMATS:
         raise BadParameter(f"a PSF field is written as {', '.join(FORMATS)}, not {form!r}", "name one of these")
     return FORMATS[form](field)
 
 
 def _stdpsf(field: PsfField) -> PsfExport:
-    """Effective PSFs (pixel included) on a grid of whole pixels, a sample being what a pixel there would see of a star.
+    """Effective PSFs (with pixel response) on a grid of whole pixels.
 
     Source: `photutils.psf.stdpsf_reader`; Anderson & King 2000, PASP 112, 1360.
     """
@@ -103,7 +98,7 @@ def _count(field: PsfField, columns: int) -> int:
 
 
 def _grid_loss(field: PsfField, x: np.ndarray, y: np.ndarray) -> str:
-    """How far interpolation between the grid's places errs at the cells' centres, where the field is known."""
+    """Error of interpolation between the points of the grid at the centres of cells, where the field is known."""
     middle = np.stack(np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2), axis=-1).reshape(-1, 2)
     i, j = np.meshgrid(np.arange(len(x) - 1), np.arange(len(y) - 1))
     corners = [np.column_stack([x[i + a].ravel(), y[j + b].ravel()]) for a in (0, 1) for b in (0, 1)]
@@ -113,28 +108,28 @@ def _grid_loss(field: PsfField, x: np.ndarray, y: np.ndarray) -> str:
     between = np.mean([whole_psfs(field, one[known]) for one in corners], axis=0)
     true = whole_psfs(field, middle[known])
     lost = np.linalg.norm(between - true, axis=(1, 2)) / np.linalg.norm(true, axis=(1, 2))
-    return f"between the grid's places linear interpolation errs by {lost.max():.2%} of the PSF's norm at most"
+    return f"between the points of the grid linear interpolation errs by {lost.max():.2%} of the PSF's norm at most"
 
 
 def _psfex(field: PsfField) -> PsfExport:
-    """PSFEx's model: a polynomial over the field in every sample, the pixel included.
+    """PSFEx's model: a polynomial over the field for every sample, with pixel response.
 
-    Source: PSFEx manual, "The PSF model file"; as `galsim.des.DES_PSFEx` reads it.
+    Source: PSFEx manual, "The PSF model file"; as read by `galsim.des.DES_PSFEx`.
     """
-    found = as_polynomial(field, allowed=ALLOWED)
-    c, rows, columns = found.images.shape
+    model = as_polynomial(field, allowed=ALLOWED)
+    c, rows, columns = model.images.shape
     cards: Cards = [
         ("EXTNAME", "PSF_DATA"), ("LOADED", len(field.nodes)), ("ACCEPTED", len(field.nodes)), ("CHI2", 1.0),
-        ("POLNAXIS", 2), ("POLGRP1", 1), ("POLNAME1", "X_IMAGE"), ("POLZERO1", found.centre[0] + FIRST),
-        ("POLSCAL1", found.scale), ("POLGRP2", 1), ("POLNAME2", "Y_IMAGE"), ("POLZERO2", found.centre[1] + FIRST),
-        ("POLSCAL2", found.scale), ("POLNGRP", 1), ("POLDEG1", found.degree), ("PSF_FWHM", _fwhm(field)),
+        ("POLNAXIS", 2), ("POLGRP1", 1), ("POLNAME1", "X_IMAGE"), ("POLZERO1", model.centre[0] + FIRST),
+        ("POLSCAL1", model.scale), ("POLGRP2", 1), ("POLNAME2", "Y_IMAGE"), ("POLZERO2", model.centre[1] + FIRST),
+        ("POLSCAL2", model.scale), ("POLNGRP", 1), ("POLDEG1", model.degree), ("PSF_FWHM", _fwhm(field)),
         ("PSF_SAMP", 1 / field.s), ("PSFNAXIS", 3), ("PSFAXIS1", columns), ("PSFAXIS2", rows), ("PSFAXIS3", c),
         ("PLANE", field.plane),
     ]  # fmt: skip
-    data = table_of_one_cube("PSF_MASK", found.images.astype(np.float32), cards)
+    data = table_of_one_cube("PSF_MASK", model.images.astype(np.float32), cards)
     return PsfExport(
-        data, f"a polynomial of degree {found.degree} errs by {found.lost:.2%} of the PSF's norm at most; "
-        "beyond the charts it goes on as a polynomial does"
+        data, f"a polynomial of degree {model.degree} errs by {model.lost:.2%} of the PSF's norm at most; "
+        "beyond the charts the polynomial is extrapolated"
     )  # fmt: skip
 
 
@@ -156,7 +151,7 @@ def _deepinv(field: PsfField) -> PsfExport:
     np.savez_compressed(
         file, filters=filters[None, None].astype(np.float32), multipliers=multipliers[None, None].astype(np.float32)
     )
-    return PsfExport(file.getvalue(), "on the plane's own pixels, what its samples cannot show is filtered out")
+    return PsfExport(file.getvalue(), "on the plane's pixels, frequencies beyond their sampling are filtered out")
 
 
 FORMATS: dict[str, Callable[[PsfField], PsfExport]] = {"stdpsf": _stdpsf, "psfex": _psfex, "deepinv": _deepinv}

@@ -10,8 +10,8 @@ from station.cli.terminal.lazy import LazyGroup
 PSF_COMMANDS = {
     "pattern": ("procedure_command", "pattern", "From one photograph of the noise chart."),
     "two-photo": ("procedure_command", "two-photo", "From two photographs of a wall at different distances."),
-    "series": ("psf.series", "psf_series", "Over aperture, focus and ISO, from one mounting."),
-    "field": ("psf.field", "psf_field", "Over the whole frame, from charts at many places."),
+    "series": ("procedure_command", "series", "Over aperture, focus and ISO, from one mounting."),
+    "field": ("procedure_command", "field", "Over the whole frame, from charts at many places."),
 }
 
 

@@ -1,8 +1,8 @@
-"""The options of every command that tells an MTF: its unit, frequencies and specification; and the plane's name."""
+"""Options of commands with results: unit, frequencies and specification, overlays, certificate, processes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,32 +12,32 @@ from station.cli.terminal.bench_options import existing_file
 from station.cli.terminal.force import force_option
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import UNITS
-from station.common.log import log
-from station.common.sanitise import printable
 
 if TYPE_CHECKING:
-    from station.results.plane_result import PlaneResult
     from station.results.terms import Terms
     from station.results.units import Unit
 
 Command = Callable[..., Any]
 
-LEVELS = {"meets": "info", "undecided": "warning", "does not meet": "error"}
-"""Of a log line, by the specification's verdict."""
-
-
-def plane_name(context: click.Context, option: click.Parameter, name: str | None) -> str | None:
-    """R for r, all for ALL."""
-    return name if name is None else "all" if name.lower() == "all" else name.upper()
-
-
-plane_option = click.option(
-    "--plane", callback=plane_name, help="R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]"
+certificate_option = click.option(
+    "--certificate", is_flag=True, help="Write certificate.html and certificate.pdf too: one printed page."
+)
+overlay_option = click.option(
+    "--overlay", "overlays", multiple=True, type=click.Path(path_type=Path), metavar="RESULT",
+    help="Draw the MTF of this result or session over the page's too; as often as wanted.",
+)  # fmt: skip
+jobs_option = click.option(
+    "--jobs", type=click.IntRange(1, 1024), help="Processes at a time.  [default: as many as cores]"
 )
 
 
+def plane_name(context: click.Context, option: click.Parameter, name: str | None) -> str | None:
+    """Normalise the name of a plane: R for r, all for ALL."""
+    return name if name is None else "all" if name.lower() == "all" else name.upper()
+
+
 def _frequencies(context: click.Context, option: click.Parameter, words: str | None) -> tuple[float, ...]:
-    """The numbers of 0.1,0.25."""
+    """Parse frequencies such as 0.1,0.25."""
     try:
         found = tuple(float(word) for word in (words or "").split(",") if word.strip())
     except ValueError:
@@ -59,7 +59,7 @@ config_option = inherited(
 
 
 def chosen_unit(name: str | None, config: Path | None) -> Unit:
-    """The unit that was asked for, else that of `config` or station.toml. Raises BadParameter where it names none."""
+    """The requested unit, else that of `config` or station.toml. Raises BadParameter for an unknown one."""
     from station.results.preferred_unit import preferred_unit
     from station.results.units import Unit
 
@@ -72,13 +72,13 @@ specification_option = inherited(
 
 
 def terms_options(command: Command) -> Command:
-    """Give a command --unit, --config, --at, --specification and --force."""
+    """Add --unit, --config, --at, --specification and --force to a command."""
     at = click.option("--at", callback=_frequencies, metavar="F,F...", help="Report the MTF at these frequencies too.")
     return unit_option(config_option(at(specification_option(force_option(command)))))
 
 
 def terms_of(options: dict[str, Any]) -> Terms:
-    """What the options tell, taken out of them. Raises BadParameter where the specification cannot be meant."""
+    """The terms of the options, which are removed from them. Raises BadParameter for an invalid specification."""
     from station.results.limits import Specification
     from station.results.specification_file import read_specification
     from station.results.terms import Terms
@@ -87,18 +87,3 @@ def terms_of(options: dict[str, Any]) -> Terms:
     unit, file = chosen_unit(options.pop("unit", None), options.pop("config", None)), options.pop("specification")
     at = tuple(Frequency(value, unit) for value in options.pop("at", ()))
     return Terms(unit, at, read_specification(file) if file else Specification())
-
-
-def tell_specification(records: Sequence[PlaneResult]) -> None:
-    """A line on stderr for every plane that was held to limits, with what it does not meet."""
-    from station.results.verdict_words import specification_words
-
-    for one in records:
-        found = one.specification
-        if found is None or found.judged is None:
-            continue
-        words = f"{one.name}: {specification_words(found.judged)}"
-        against = "; ".join(printable(line) for line in found.against)
-        verdict = str(found.judged)
-        sentence = f"{words}; {against}" if against else words
-        log("specification", sentence, level=LEVELS[verdict], plane=one.name, specification=verdict)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from station.cli.psf.planes import overlay_option, read_overlays
+from station.cli.psf.terms import overlay_option
 from station.cli.session.group import find_session, session_argument
 from station.common.log import log, log_json_option
 
@@ -22,8 +22,9 @@ def session_report(name: str, root: Path, out: Path | None, certificate: bool, o
     from station.common.atomic_files import write_whole
     from station.guide.session_report import overlaid_page, session_page
     from station.reports.pattern_report import PAGE
+    from station.results.overlay import read_overlay
 
-    folder, others = find_session(name, root), read_overlays(overlays)
+    folder, others = find_session(name, root), [read_overlay(path) for path in overlays]
     path = out or folder / PAGE
     page = overlaid_page(folder, others) if others else session_page(folder)
     write_whole(path, page.encode())

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from procedures.outcome import Refused
 from procedures.pattern import Chart
 from procedures.raw import Plane, read_frame
-from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
+from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.optics import GaussianBlur, Optics
 from simulators.camera.truth import true_psf
@@ -34,7 +34,7 @@ CYCLES = "cycles per pixel"
 
 def estimated(pair: tuple[Plane, Plane], s: int) -> TwoPhotoPsf:
     """The PSF of a pair. Raises Refused where there is none."""
-    outcome = estimate_psf(*pair, TwoPhotoParameters(s=s, k=SUPPORT[s]))
+    outcome = estimate_psf_of_pair(*pair, TwoPhotoParameters(s=s, k=SUPPORT[s]))
     if outcome.value is None:
         raise Refused(f"the pair was refused at s = {s}: {outcome.reason}", outcome.remedy)
     return outcome.value

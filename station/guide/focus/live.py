@@ -9,19 +9,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.frames import RAW_SUFFIXES
 from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.focus.sharpness import QUICK, Sharpness, measure_sharpness
 from procedures.pattern_psf.focus.sweep import Peak, TurnDirection, advise_turn, best_focus
 from procedures.raw import Plane, default_plane, read_planes
+from station.calibration.folder_photographs import photographs_in
 
 if TYPE_CHECKING:
     from procedures.plan import Fact
     from station.bench.opening import Bench
 
-SUFFIXES = RAW_SUFFIXES | {".tif", ".tiff", ".png", ".pgm"}
 POLL_S, SETTLE_S = 0.05, 0.02
 """Polling interval of a folder, and the shorter one after a new file, which is read once it stops growing."""
 UNREADABLE_AFTER_S = 3.0
@@ -42,7 +41,7 @@ LEFT_BY_EYE: Mapping[str, Fact] = {
 class LiveFrame:
     """A new photograph: its plane, or why it cannot be read, and the focus setting where it is known.
 
-    `arrived_s` is the time at which its file was seen, by the source's clock.
+    `arrived_s` is the time at which its file was detected, by the source's clock.
     """
 
     path: Path
@@ -58,7 +57,7 @@ class FocusReading:
     Attributes
     ----------
     frame : LiveFrame
-    found : Outcome[Sharpness]
+    sharpness : Outcome[Sharpness]
     took_s : from the file's arrival to its sharpness
     scores, uncertainties : MTF50 of all photographs so far, NaN where there is none
     peak : maximum of the sweep, where the settings are known
@@ -68,7 +67,7 @@ class FocusReading:
     """
 
     frame: LiveFrame
-    found: Outcome[Sharpness]
+    sharpness: Outcome[Sharpness]
     took_s: float
     scores: tuple[float, ...]
     uncertainties: tuple[float, ...]
@@ -105,15 +104,19 @@ class LiveFocus:
     _scores: list[float] = field(default_factory=list)
     _uncertainties: list[float] = field(default_factory=list)
 
-    def see(self, frame: LiveFrame) -> FocusReading:
+    def measure(self, frame: LiveFrame) -> FocusReading:
         """Measure a photograph, or give the reason why it cannot be measured."""
-        found = self._measure(frame.plane)
-        self._last = found.value or self._last
-        self._note(frame, found)
+        sharpness = self._measure(frame.plane)
+        self._last = sharpness.value or self._last
+        number = float(len(self._scores) + 1) if self.equal_steps else math.nan
+        mtf50 = None if sharpness.value is None else sharpness.value.mtf50
+        self._scores.append(math.nan if mtf50 is None else mtf50.value)
+        self._uncertainties.append(math.nan if mtf50 is None else mtf50.uncertainty)
+        self._places.append(number if frame.place is None else frame.place)
         turn = advise_turn(self._scores, self._uncertainties, self._places)
         return FocusReading(
             frame,
-            found,
+            sharpness,
             self.clock() - frame.arrived_s,
             tuple(self._scores),
             tuple(self._uncertainties),
@@ -129,15 +132,8 @@ class LiveFocus:
         near = None if self._last is None else self._last.sighting
         return measure_sharpness(plane.value, self.chart, self.parameters, near)
 
-    def _note(self, frame: LiveFrame, found: Outcome[Sharpness]) -> None:
-        number = float(len(self._scores) + 1) if self.equal_steps else math.nan
-        mtf50 = None if found.value is None else found.value.mtf50
-        self._scores.append(math.nan if mtf50 is None else mtf50.value)
-        self._uncertainties.append(math.nan if mtf50 is None else mtf50.uncertainty)
-        self._places.append(number if frame.place is None else frame.place)
 
-
-# --- where photographs come from ---------------------------------------------------------------------------------
+# --- sources of photographs ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -162,10 +158,10 @@ class PhotographSource:
 
     def watched(self, folder: Path, pause: Callable[[float], object]) -> Iterator[LiveFrame]:
         """The photographs that arrive in a folder from now on, each once it can be read. Raises BadInput."""
-        known, arrived = _photographs(folder), dict[Path, tuple[int, float]]()
+        known, arrived = photographs_in(folder), dict[Path, tuple[int, float]]()
         while not self.ended():
             pause_s = POLL_S
-            for path in sorted(_photographs(folder) - known, key=lambda one: one.stat().st_mtime_ns):
+            for path in sorted(photographs_in(folder) - known, key=lambda one: one.stat().st_mtime_ns):
                 size, now_s = path.stat().st_size, self.clock()
                 if arrived.get(path, (-1, 0.0))[0] != size:
                     arrived[path], pause_s = (size, now_s), SETTLE_S
@@ -208,10 +204,3 @@ class PhotographSource:
         """An exposure, unless the bench was stopped. Raises DeviceError."""
         bench.check_stops(stops)
         return self.read(bench.camera.expose().path, self.clock(), place)
-
-
-def _photographs(folder: Path) -> set[Path]:
-    """The photographs in a folder. Raises BadInput where it does not exist."""
-    if not folder.is_dir():
-        raise BadInput(f"there is no folder {folder}", "create it, or name another one")
-    return {p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith((".", "~"))}

@@ -12,11 +12,11 @@ from procedures.field.conclusion import FieldResult
 from procedures.field.estimate import NO_SENSORS
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.facts import VIEW
-from procedures.geometry.plan import seen_views
+from procedures.geometry.plan import chart_views
 from procedures.outcome import BadInput, Outcome, Refused, Verdict, with_doubt, worst_of
 from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.raw import RawFrame
-from procedures.sensor.estimate import SensorResult, sensor_model
+from procedures.sensor.estimate import sensor_model
 from procedures.sensor.facts import LIT, mark_of
 from procedures.sensor.photon_transfer import gain_and_noise
 from procedures.sensor_model import SensorModel
@@ -88,17 +88,16 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
         by_plane = sensor.estimate(sensor_frames, facts, {})
         parts[SENSOR], models, used[SENSOR] = sensor_used(by_plane, places[0].exposure.iso)
     try:
-        found = field.field_of(places, known_facts, models)
+        whole = field.field_of(places, known_facts, models)
     except Refused as refusal:
         return field.refused(frames, refusal)
     if flat_frames:
-        parts[VIGNETTING] = vignetting_of(flat_frames, found)
-    views, reasons = seen_views(turned, known_facts)
-    camera = whole_camera(found, known_facts.cell_mm, joint_parts(parts), views)
+        parts[VIGNETTING] = vignetting_of(flat_frames, whole)
+    views, reasons = chart_views(turned, known_facts)
+    camera = whole_camera(whole, known_facts.cell_mm, joint_parts(parts), views)
     if turned:
-        lost = "; ".join(reasons)
-        parts[GEOMETRY] = replace(camera.geometry, reason="; ".join(filter(None, (camera.geometry.reason, lost))))
-    return field.by_plane(field.session_field(found, camera, parts, used))
+        parts[GEOMETRY] = replace(camera.geometry, reason="; ".join(filter(None, (camera.geometry.reason, *reasons))))
+    return field.by_plane(field.session_field(whole, camera, parts, used))
 
 
 SensorUsed = tuple[Outcome[SensorFiles], Mapping[str, SensorModel], str]
@@ -119,16 +118,14 @@ def sensor_used(outcomes: Mapping[str, Outcome[SensorFiles]], iso: float | None)
     if whole is None:
         return answer, NO_SENSORS, f"{NOT_USED}: it was refused"
     planes = {one.name: one for one in whole.planes}
-    reasons = {name: doubt for name, one in planes.items() if (doubt := _reason_unused(one.outcome))}
+    reasons = {
+        name: doubt for name, one in planes.items()
+        if (doubt := one.outcome.reason if one.outcome.value is None else one.outcome.value.doubt)
+    }  # fmt: skip
     models = {name: sensor_model(one.outcome.result(), one.step) for name, one in planes.items() if name not in reasons}
     uses = [f"{', '.join(models)}: {USED}"] if models else []
     uses += [f"{name}: {NOT_USED}: {reason}" for name, reason in reasons.items()]
     return answer, models, "; ".join(uses)
-
-
-def _reason_unused(outcome: Outcome[SensorResult]) -> str:
-    """Why the PSFs of a plane do not use its sensor model; "" where they do."""
-    return outcome.reason if outcome.value is None else outcome.value.doubt
 
 
 def upright_or_turned(known_facts: WholeCameraFacts, facts: Facts) -> set[str]:
@@ -140,14 +137,14 @@ def upright_or_turned(known_facts: WholeCameraFacts, facts: Facts) -> set[str]:
     }
 
 
-def vignetting_of(frames: Sequence[RawFrame], found: FieldResult) -> Outcome[Flats]:
+def vignetting_of(frames: Sequence[RawFrame], whole: FieldResult) -> Outcome[Flats]:
     """The vignetting with the worst of its planes' verdicts; doubtful where the aperture differs from the charts'."""
     try:
         flats = flats_of(frames)
     except BadInput as error:
         return Outcome(None, Verdict.REFUSED, error.reason, error.remedy)
     answer = worst_of(flats.planes).of_value(flats)
-    f_number, charts = frames[0].exposure.f_number, found.measured.exposures[0].exposure.f_number
+    f_number, charts = frames[0].exposure.f_number, whole.measured.exposures[0].exposure.f_number
     if None in (f_number, charts) or f_number == charts:
         return answer
     return with_doubt(answer, f"the flats were taken at f/{f_number:g}, the charts at f/{charts:g}",
@@ -172,37 +169,32 @@ def _values(outcomes: Mapping[str, Outcome[Any]]) -> dict[str, Any]:
 # --- results and files -------------------------------------------------------------------------------------------
 
 
-def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: Facts) -> list[PlaneResult]:
+def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     """Every plane's PSF at the frame's centre, and the verdict on each other part; a refused part is doubtful."""
-    planes = field.results(outcomes, terms, facts)
-    return [*planes, *(_part_result(name, one) for name, one in parts_of(planes).items())]
+    planes = field.results(frames, outcomes, terms, facts)
+    whole = _whole(planes)
+    for name, one in whole.parts.items() if whole else ():
+        verdict = Verdict.DOUBTFUL if one.verdict is Verdict.REFUSED else one.verdict
+        planes.append(replace(PlaneResult.of_outcome(name, one), verdict=verdict))
+    return planes
 
 
-def parts_of(planes: Sequence[PlaneResult]) -> Mapping[str, Outcome[Any]]:
-    """The other parts of the session's result."""
-    found = next((one.found for one in planes if one.found is not None), None)
-    return {} if found is None else found.parts
-
-
-def _part_result(name: str, one: Outcome[Any]) -> PlaneResult:
-    verdict = Verdict.DOUBTFUL if one.verdict is Verdict.REFUSED else one.verdict
-    return replace(PlaneResult.of_outcome(name, one), verdict=verdict)
+def _whole(planes: Sequence[PlaneResult]) -> field.SessionField | None:
+    return next((one.found for one in planes if one.found is not None), None)
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
     """The files of a field, with camera and page; the result of each other part is in a folder of its own."""
-    from station.reports.field.field_files import write_planes  # it draws, a slow import
-
-    parts = parts_of(planes)
-    found = next((one.found for one in planes if one.found is not None), None)
+    whole = _whole(planes)
+    parts = whole.parts if whole else {}
     head = replace(
         head, parameters={key: value for key, value in head.parameters.items() if not key.startswith(SHOT_FACTS)}
     )
-    beside = dict(_written(folder, found, frames, head)) if found is not None else {}
+    beside = dict(_written(folder, whole, frames, head)) if whole else {}
     flats: Flats | None = parts[VIGNETTING].value if VIGNETTING in parts else None
     lights = {} if flats is None else {name: one.surface.light for name, one in _values(flats.planes).items()}
     psfs = [one for one in planes if one.name not in parts]
-    return write_planes(folder, psfs, head, found and found.camera, lights=lights, beside=beside)
+    return field.write(folder, psfs, frames, head, lights, beside)
 
 
 SHOT_FACTS = (LIT, FLAT, TURNED, VIEW)
@@ -210,16 +202,16 @@ SHOT_FACTS = (LIT, FLAT, TURNED, VIEW)
 
 
 def _written(
-    folder: ResultFolder, found: field.SessionField, frames: Sequence[RawFrame], head: RecordHead
+    folder: ResultFolder, whole: field.SessionField, frames: Sequence[RawFrame], head: RecordHead
 ) -> Iterator[tuple[str, PartBeside]]:
     """Write each part's result into its folder, and give its entry of the page."""
     writers = {SENSOR: _write_sensor, VIGNETTING: _write_vignetting, GEOMETRY: _write_geometry}
-    for name, one in found.parts.items():
+    for name, one in whole.parts.items():
         page = ""
         if one.value is not None:
             with ResultFolder(folder.staging / name, sealed=folder.sealed) as inside:
-                page = f"{name}/{writers[name](inside, one, found.reference, frames, replace(head, procedure=name))}"
-        yield name, PartBeside(one.verdict, one.reason, one.remedy, page, found.used.get(name, ""))
+                page = f"{name}/{writers[name](inside, one, whole.reference, frames, replace(head, procedure=name))}"
+        yield name, PartBeside(one.verdict, one.reason, one.remedy, page, whole.used.get(name, ""))
 
 
 def _write_sensor(
@@ -250,7 +242,7 @@ def _write_geometry(
     sources = {view.view.source for view in camera.views}
     views = FrameSubset(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
     result = PlaneResult.of_outcome(plane, one, found=camera, numbers=camera.numbers())
-    geometry.write(folder, result, views, _of_inputs(head, {frame.sha256 for frame in views}))
+    geometry.write(folder, [result], views, _of_inputs(head, {frame.sha256 for frame in views}))
     return "report.html"
 
 

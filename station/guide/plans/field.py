@@ -9,18 +9,21 @@ from typing import Any
 
 from procedures.facts import facts_as
 from procedures.field import plan as guide
-from procedures.field.conclusion import FieldResult, PlaneField, conclude
+from procedures.field.conclusion import FieldResult, conclude
 from procedures.field.estimate import NO_SENSORS, Sensors
 from procedures.field.facts import FieldFacts
 from procedures.field.measuring import measure_frames
 from procedures.outcome import BadParameter, Outcome, Refused, Verdict
 from procedures.plan import Facts, Known, Outcomes, Plan
 from procedures.raw import RawFrame
+from procedures.vignetting.formula import LightSurface
 from procedures.whole_camera.from_field import WholeCamera, whole_camera
 from station.calibration.field import centre_result, field_pixels, field_results
 from station.calibration.planes import diffraction_limit
+from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead
+from station.results.psf_files import write_psf_result
+from station.results.record_head import PartBeside, RecordHead
 from station.results.result_files import ResultFolder
 from station.results.terms import Terms
 
@@ -47,10 +50,10 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
     """The whole field for every plane, with the plane's verdict; a refusal where the photographs give none."""
     known_facts = facts_as(FieldFacts, facts)
     try:
-        found = field_of(frames, known_facts)
+        whole = field_of(frames, known_facts)
     except Refused as refusal:
         return refused(frames, refusal)
-    return by_plane(session_field(found, whole_camera(found, known_facts.cell_mm)))
+    return by_plane(session_field(whole, whole_camera(whole, known_facts.cell_mm)))
 
 
 def field_of(frames: Sequence[RawFrame], facts: FieldFacts, sensors: Sensors = NO_SENSORS) -> FieldResult:
@@ -72,26 +75,22 @@ def refused(frames: Sequence[RawFrame], refusal: Refused) -> Outcomes:
 
 
 def session_field(
-    found: FieldResult,
+    whole: FieldResult,
     camera: WholeCamera,
     parts: Mapping[str, Outcome[Any]] | None = None,
     used: Mapping[str, str] | None = None,
 ) -> SessionField:
     """The field with the other results of its session."""
-    kept = {one.name: getattr(found, one.name) for one in fields(FieldResult)}
-    return SessionField(**kept, camera=camera, parts=parts or {}, used=used or {})
+    values = {one.name: getattr(whole, one.name) for one in fields(FieldResult)}
+    return SessionField(**values, camera=camera, parts=parts or {}, used=used or {})
 
 
-def by_plane(found: SessionField) -> Outcomes:
+def by_plane(whole: SessionField) -> Outcomes:
     """The whole field for every plane, with the plane's verdict."""
-    return {name: _of_whole(found, one) for name, one in found.planes.items()}
+    return {name: one.of_value(None if one.value is None else whole) for name, one in whole.planes.items()}
 
 
-def _of_whole(found: FieldResult, one: Outcome[PlaneField]) -> Outcome[FieldResult]:
-    return one.of_value(None if one.value is None else found)
-
-
-def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: Facts) -> list[PlaneResult]:
+def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     """Every plane's result at the frame's centre, compared with the specification at every place that it names.
 
     `found` of each is the whole field.
@@ -109,9 +108,24 @@ def results(outcomes: Mapping[str, Outcome[FieldResult]], terms: Terms, facts: F
     return [one if one.found is None else replace(one, found=whole) for one in planes]
 
 
-def write(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
-    """Write the files of `station psf field` for a session."""
-    from station.reports.field.field_files import write_planes  # it draws, a slow import
+def write(
+    folder: ResultFolder,
+    planes: Sequence[PlaneResult],
+    frames: Sequence[RawFrame],
+    head: RecordHead,
+    lights: Mapping[str, LightSurface] | None = None,
+    beside: Mapping[str, PartBeside] | None = None,
+) -> str:
+    """Write the files of `station psf field` for a session, or the record of a refusal.
 
-    found = next((one.found for one in planes if one.found is not None), None)
-    return write_planes(folder, planes, head, None if found is None else found.camera)
+    lights : vignetting by plane; beside : results of other parts of the session
+    """
+    # imported here: it draws, a slow import
+    from station.reports.field.field_files import FieldParts, field_measurement, page_of_field
+
+    whole: SessionField | None = next((one.found for one in planes if one.found is not None), None)
+    if whole is None:
+        return write_psf_result(folder, planes, head)
+    found = field_measurement(FieldParts(whole, whole.camera, lights or {}, beside or {}), planes, head)
+    folder.write("report.html", page_of_field(found))
+    return write_measurement(folder, found)

@@ -1,22 +1,34 @@
-"""The files of `station geometry`, of a guided session's one plane."""
+"""The guided plan of a camera's geometry, with its files."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from procedures.geometry.plan import plan as plan
+from procedures.plan import Facts, Outcomes
 from procedures.raw import RawFrame
 from station.calibration.geometry_files import geometry_measurement, session_plane
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder
+from station.results.terms import Terms
 
 
-def write(folder: ResultFolder, plane: PlaneResult, frames: Sequence[RawFrame], head: RecordHead) -> str:
-    """Tables, page and record; of what was refused the record alone."""
-    found = geometry_measurement([session_plane(plane, frames)], head)
-    if not found.refused:
-        from station.reports.geometry_page import geometry_page  # here: it draws, which is slow to load
+def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
+    """The estimate's numbers."""
+    return [
+        PlaneResult.of_outcome(name, one, found=one.value, numbers={} if one.value is None else one.value.numbers())
+        for name, one in outcomes.items()
+    ]
 
-        folder.write("report.html", geometry_page(found.found, head).encode())
-    return write_measurement(folder, found)
+
+def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
+    """Write the files of `station geometry` for a session; the record alone for a refused result."""
+    (plane,) = planes
+    measurement = geometry_measurement([session_plane(plane, frames)], head)
+    if not measurement.refused:
+        from station.reports.geometry_page import geometry_page  # it draws, a slow import
+
+        folder.write("report.html", geometry_page(measurement.found, head).encode())
+    return write_measurement(folder, measurement)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from procedures.facts import facts_as
 from procedures.outcome import BadInput, Outcome, Verdict
@@ -17,6 +17,7 @@ from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder
+from station.results.terms import Terms
 
 
 def plan() -> Plan:
@@ -42,18 +43,14 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
         for light, taken in sorted(groups.items())
     ]  # fmt: skip
     try:
-        found = measure_sensor(shots, None, read=lambda path: frames[names[path]])
+        whole = measure_sensor(shots, None, read=lambda path: frames[names[path]])
     except BadInput as refusal:
         planes = frames[0].planes if frames else ()
         return {name: Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy) for name in planes}
-    return {one.name: _of_whole(found, one) for one in found.planes}
+    return {one.name: one.outcome.of_value(whole) for one in whole.planes}
 
 
-def _of_whole(found: SensorFiles, one: SensorPlane) -> Outcome[SensorFiles]:
-    return one.outcome.of_value(found)
-
-
-def results(outcomes: Mapping[str, Outcome[SensorFiles]]) -> list[PlaneResult]:
+def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     """Every plane's numbers; `found` of each is the whole sensor."""
     return [_result(name, one) for name, one in outcomes.items()]
 
@@ -65,7 +62,7 @@ def _result(name: str, one: Outcome[SensorFiles]) -> PlaneResult:
     return PlaneResult.of_outcome(name, one, found=whole, numbers=numbers)
 
 
-def write(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
+def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
     """Write the files of `station sensor` for a session."""
     whole = next((one.found for one in planes if one.found is not None), None)
     if whole is None:

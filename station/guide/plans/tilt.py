@@ -17,6 +17,7 @@ from procedures.tilt.facts import DEPTH, TiltFacts
 from procedures.tilt.plan import MARK
 from procedures.tilt.positions import Positions
 from station.calibration.tilt import measure_tilt, tilt_measurement
+from station.guide.plans.geometry import results as results
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead

@@ -42,7 +42,7 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
         setting("Pixels of the picture per pixel of the sensor, along each side: more than 1 needs several "
                 "photographs.", least=1, most=4),
     ] = 1  # fmt: skip
-    tile_px: Annotated[Literal[128, 192, 256, 384, 512], setting("[default: as the field varies]")] | None = None
+    tile_px: Annotated[Literal[128, 192, 256, 384, 512] | None, setting("[default: as the field varies]")] = None
     insist: Annotated[bool, setting("Take a field whatever camera, lens, aperture and focus it is of.")] = False
 
     @property
@@ -95,7 +95,7 @@ class Correct(Procedure[CorrectSettings]):
         )
         return Measurement(
             self.schema, head, (plane,), entries=correction_entries(found), results_key=self.results_key,
-            files={} if value is None else correction_files(value, found.notes), exposure=found.frame.exposure,
+            files={} if value is None else correction_files(value, found.metadata), exposure=found.frame.exposure,
             found=found,
         ).compared(terms)  # fmt: skip
 

@@ -29,12 +29,9 @@ if TYPE_CHECKING:
 class EdgeSettings(OpticsReading, frozen=True, kw_only=True):
     """Where the edge is, and the optics."""
 
-    roi: (
-        Annotated[
-            str, setting("Where the edge is, in pixels of the plane.  [default: all edges]", metavar="X,Y,W,H")
-        ]
-        | None
-    ) = None  # fmt: skip
+    roi: Annotated[
+        str | None, setting("Where the edge is, in pixels of the plane.  [default: all edges]", metavar="X,Y,W,H")
+    ] = None
 
     @property
     def region(self) -> tuple[int, int, int, int] | None:
@@ -50,6 +47,11 @@ class EdgeSettings(OpticsReading, frozen=True, kw_only=True):
                 f"roi must be X,Y,W,H: first pixel, width, height; it is {self.roi!r}", "for example 5,5,50,70"
             )
         return x, y, width, height
+
+    def check(self) -> None:
+        """Raise BadParameter if layout or region are invalid."""
+        super().check()
+        _ = self.region
 
 
 class SlantedEdge(Procedure[EdgeSettings]):

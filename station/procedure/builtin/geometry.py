@@ -29,13 +29,10 @@ class GeometrySettings(ChartReading, frozen=True, kw_only=True):
         ]
         | None
     ) = None  # fmt: skip
-    model: (
-        Annotated[
-            str,
-            setting("One of COLMAP's camera models, or OPENCV+SPLINE_12X9.  [default: chosen by views left out]"),
-        ]
-        | None
-    ) = None  # fmt: skip
+    model: Annotated[
+        str | None,
+        setting("One of COLMAP's camera models, or OPENCV+SPLINE_12X9.  [default: chosen by views left out]"),
+    ] = None
     at_mm: tuple[Annotated[float, setting("Report the uncertainty at this distance too.", least=1)], ...] = ()
 
     @property
@@ -47,6 +44,11 @@ class GeometrySettings(ChartReading, frozen=True, kw_only=True):
         share = {} if known is None else {"scale_uncertainty": known / self.width_mm}
         cell_mm = self.width_mm / (BLOCK * BLOCKS)
         return GeometryParameters(cell_mm, model=self.model, distances_mm=self.at_mm, **share)
+
+    def check(self) -> None:
+        """Raise ProcedureError if the chart is unreadable, or there is no such model."""
+        super().check()
+        _ = self.parameters
 
 
 class CameraGeometry(Procedure[GeometrySettings]):

@@ -34,7 +34,7 @@ from procedures.ray_histogram.sequence import filter_sequence
 from procedures.ray_histogram.uncertainty import coverage
 from procedures.reading.arrays import checked_array, read_npz
 from station.common.progress import Progress, silent
-from station.drawing.linear_pictures import described_tiff, display_png, float_tiff
+from station.drawing.pictures import described_tiff, display_png, float_tiff
 from station.procedure.base import Inputs, Procedure
 from station.procedure.settings import Settings, setting
 from station.results.measurement import Measurement
@@ -54,7 +54,7 @@ FEW_SIMILAR = 4.0
 class RaysSettings(Settings, frozen=True, kw_only=True):
     """The filter, the films beside each film, and what is reported besides."""
 
-    picture: Annotated[Path, setting("The picture's own file, where FILM is an OpenEXR of histograms only.")] | None = (
+    picture: Annotated[Path | None, setting("The picture's own file, where FILM is an OpenEXR of histograms only.")] = (
         None
     )
     kappa: Annotated[float, setting("Chi-square per bin that is half similar.")] = 1.0
@@ -64,9 +64,9 @@ class RaysSettings(Settings, frozen=True, kw_only=True):
     reach: Annotated[int, setting("Frames of a sequence before and after.", least=0, most=64)] = 1
     neighbour: Annotated[tuple[Path, ...], setting("A frame beside the only FILM; may be repeated.")] = ()
     add: Annotated[tuple[Path, ...], setting("A film of more samples of the only FILM; may be repeated.")] = ()
-    reference: (
-        Annotated[Path, setting("A converged render (npz with `reference` or `image`) to compare with.")] | None
-    ) = None
+    reference: Annotated[
+        Path | None, setting("A converged render (npz with `reference` or `image`) to compare with.")
+    ] = None
     published: Annotated[bool, setting("Filter as Algorithms 1 and 2 state it, without what was added since.")] = False
     uncertainty: Annotated[bool, setting("Report the standard uncertainty of each pixel too.")] = False
     budget: (
@@ -85,7 +85,7 @@ class RaysSettings(Settings, frozen=True, kw_only=True):
             kappa=self.kappa, scales=self.scales, search=self.search, patch=self.patch,
         )  # fmt: skip
 
-    def check(self, films: int) -> None:
+    def check_for(self, films: int) -> None:
         """Raises BadParameter where settings do not go together."""
         alone = {"--picture": self.picture, "--neighbour": self.neighbour, "--add": self.add}
         for option, given in {**alone, "--reference": self.reference}.items():
@@ -245,7 +245,7 @@ class Rays(Procedure[RaysSettings]):
         self, paths: Sequence[Path], settings: RaysSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Iterator[Measurement]:
         """The picture of every film; films are read as they are needed."""
-        settings.check(len(paths))
+        settings.check_for(len(paths))
         for i, (film, filtered) in enumerate(_filtered(paths, settings, progress)):
             truth = None if settings.reference is None else _reference(settings.reference, film.mean.shape)
             found = FilteredRender(film, filtered, truth)

@@ -21,7 +21,7 @@ from station.results.terms import USUAL, Terms
 class RigSettings(Settings, frozen=True, kw_only=True):
     """Which plane."""
 
-    plane: Annotated[str, setting("Of both.  [default: G1, or the first there is]")] | None = None
+    plane: Annotated[str | None, setting("Of both.  [default: G1, or the first there is]")] = None
 
 
 class Rig(Procedure[RigSettings]):

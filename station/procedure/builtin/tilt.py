@@ -13,7 +13,7 @@ from procedures.tilt.estimate import TiltParameters
 from procedures.tilt.positions import Positions
 from procedures.tilt.screws import Screws
 from station.calibration.field_photographs import focus_positions, photographs
-from station.calibration.tilt import check_known, measure_tilt, noted_optics, tilt_measurement
+from station.calibration.tilt import check_known, known_optics, measure_tilt, tilt_measurement
 from station.common.progress import Progress, silent
 from station.procedure.base import ChartReading, Inputs, Procedure, beside
 from station.procedure.settings import setting, to_record
@@ -54,7 +54,7 @@ class TiltSettings(ChartReading, frozen=True, kw_only=True):
 
     def parameters(self, first: Path) -> TiltParameters:
         """What was set, and what the first photograph notes where it was not. Raises BadParameter."""
-        pitch_um, focal_length_mm = noted_optics(first, self.pixel_pitch_um, self.focal_length_mm)
+        pitch_um, focal_length_mm = known_optics(first, self.pixel_pitch_um, self.focal_length_mm)
         return TiltParameters(
             pitch_um,
             Positions(self.positions),

@@ -14,20 +14,29 @@ from station.results.measurement import Measurement
 from station.results.terms import USUAL, Terms
 
 
-class TwoPhoto(PsfProcedure[PsfSettings]):
+class TwoPhotoSettings(PsfSettings, frozen=True, kw_only=True):
+    """Sampling, solver and optics."""
+
+    def check(self) -> None:
+        """Raise BadParameter if the sampling is impossible."""
+        super().check()
+        TwoPhotoParameters(**self.sampling())
+
+
+class TwoPhoto(PsfProcedure[TwoPhotoSettings]):
     """Two photographs of one textured wall."""
 
     name = "two-photo"
     title = "PSF from two photographs of a wall"
     help = "Estimate the PSF from A and B, photographs of one textured wall at distances more than s times apart."
     inputs = Inputs.PAIR
+    Settings = TwoPhotoSettings
     endings = {"near": "_near", "far": "_far"}  # noqa: RUF012  (a constant of the class)
 
     def measure(
-        self, paths: Sequence[Path], settings: PsfSettings, terms: Terms = USUAL, progress: Progress = silent
+        self, paths: Sequence[Path], settings: TwoPhotoSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """The PSF of every plane."""
-        TwoPhotoParameters(**settings.sampling())  # what cannot be meant is refused before a photograph is read
         frames = []
         for path in paths:
             frames.append(settings.read(path))

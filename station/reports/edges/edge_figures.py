@@ -13,7 +13,7 @@ from procedures.quality import Diffraction
 from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, EdgeOutcome
 from station.drawing.colours import MARK
-from station.drawing.hover import tell_along
+from station.drawing.hover import title_along
 from station.drawing.style import CONFIDENT, axes_grid, svg
 from station.reports.otf_figures import FrequencyAxis, draw_diffraction, draw_others, finish_mtf
 
@@ -68,7 +68,7 @@ def edges_mtf_figure(
     if limit is not None:
         draw_diffraction(axes, f, limit.otf(first.frequencies))
     draw_others(axes, others or {})
-    tell_along(axes, f, [_told(edges, i, at, axis.unit) for i, at in enumerate(f)])
+    title_along(axes, f, [_told(edges, i, at, axis.unit) for i, at in enumerate(f)])
     finish_mtf(axes, axis)
     axes.set(xlim=(0, float(f[-1])), xlabel=axis.unit)
     return svg(figure, name, "MTF across the edges with its 95 % bands")

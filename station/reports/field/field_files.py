@@ -1,10 +1,11 @@
-"""The files of a field's result: the record, the PSF at the frame's centre, `field.h5` and the page."""
+"""Measurement of a field: the PSF at the frame's centre, `field.h5`, `camera.h5`, tables, the page."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,63 +17,120 @@ from procedures.field.image_height import HeightCurve, over_height
 from procedures.field.maps import FieldMap
 from procedures.field.photosite import Photosite, WithoutPhotosite
 from procedures.numbers import CORNER_LIGHT, DARKEST_CORNER, ERROR_INTERPOLATION, ERROR_NOISE
+from procedures.reading.exposure import Exposure
 from procedures.vignetting.formula import LightSurface
 from procedures.whole_camera.camera_file import write_camera_numbers
 from procedures.whole_camera.from_field import WholeCamera
-from station.calibration.camera_notes import exposure_of
+from station.calibration.camera_metadata import exposure_of
 from station.common.versions import software
-from station.reports.certificate_print import write_certificate
 from station.reports.field.field_page import field_page, mm_per_pixel
 from station.reports.field.height_curves import FREQUENCIES, HEIGHTS, WITHOUT_PHOTOSITE, heights_table
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.pattern_report import Report, report_of_files
-from station.results.overlay import HeightOverlay
+from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
-from station.results.psf_files import write_psf_result
-from station.results.record_head import InputFile, PartBeside, RecordHead, verdict_entry
-from station.results.result_files import ResultFolder, json_text
-from station.results.terms import Terms
+from station.results.psf_files import psf_measurement
+from station.results.record_head import PartBeside, RecordHead, verdict_entry
+from station.results.result_files import json_text
 from station.results.units import told_quantity
 
-FILE, CAMERA, PAGE = "field.h5", "camera.h5", "report.html"
-CANDIDATES_TOLD = 8
+FILE, CAMERA = "field.h5", "camera.h5"
+MAX_CANDIDATES = 8
 
 
-def write_field_result(
-    folder: ResultFolder,
-    found: FieldResult,
-    planes: Sequence[PlaneResult],
-    terms: Terms,
-    *,
-    parameters: Mapping[str, Any],
-    start: float,
-    report: bool = True,
-    certificate: bool = False,
-    lights: Mapping[str, LightSurface] | None = None,
-    overlays: Sequence[HeightOverlay] = (),
-    camera: WholeCamera | None = None,
-) -> str:
-    """Write all files, page and certificate where they are wanted; returns the record's text.
+@dataclass(frozen=True, eq=False)
+class FieldParts:
+    """A field, and what else is known of the camera.
 
-    `planes` are the answers at the frame's centre, in the terms that were asked for; `lights` is the lens's vignetting,
-    where it was measured; `overlays` are other fields, drawn over the page's curves; `camera` is all that the
-    photographs tell beside the PSF.
+    Attributes
+    ----------
+    camera : all numbers of the charts with one covariance
+    lights : vignetting by plane, where it was measured
+    beside : results of the other procedures of the same session
     """
-    files = tuple(InputFile(str(path), sha256) for path, sha256 in found.measured.frames)
-    head = RecordHead("field", files, {**parameters, **terms.parameters()}, terms.specified(planes))
-    if certificate:
-        write_certificate(folder, field_report(found, planes, head.parameters, terms))
-    return write_field(
-        folder, found, planes, head, start, report=report, lights=lights, overlays=overlays, camera=camera
-    )
+
+    result: FieldResult
+    camera: WholeCamera | None = None
+    lights: Mapping[str, LightSurface] = field(default_factory=dict)
+    beside: Mapping[str, PartBeside] = field(default_factory=dict)
+
+    @cached_property
+    def fitted(self) -> dict[str, PlaneField]:
+        """The planes with a field."""
+        return {name: one.value for name, one in self.result.planes.items() if one.value is not None}
+
+    @cached_property
+    def heights(self) -> dict[str, dict[str, list[HeightCurve]]]:
+        """The MTF over image height by the stem of its table and by plane."""
+        photosite = self.result.photosite
+        tables = {HEIGHTS: None} | ({WITHOUT_PHOTOSITE: photosite} if photosite else {})
+        return {stem: _heights(self.fitted, without) for stem, without in tables.items()}
+
+    def entry(self) -> dict[str, Any]:
+        """Contents of `field` in the record."""
+        found = self.result
+        measured = found.measured
+        entry = {
+            "file": FILE,
+            "frames": len(measured.frames),
+            "failed": measured.failed,
+            "misses": [asdict(miss) for miss in measured.misses],
+            "doubtful_nodes": sum(bool(node.doubt) for nodes in measured.nodes.values() for node in nodes),
+            "planes": {name: _plane_entry(one) for name, one in self.fitted.items()},
+            "lateral_colour": {colour.plane: _colour_entry(colour) for colour in found.colours},
+            **_focus_entry(found),
+        }
+        if self.fitted and self.lights:
+            entry["vignetting"] = {name: _light_entry(one) for name, one in self.lights.items()}
+        if self.fitted and self.camera is not None:
+            entry["camera"] = _camera_entry(self.camera)
+        if self.beside:
+            entry["parts"] = {name: asdict(one) for name, one in self.beside.items()}
+        return entry
+
+    def write(self, path: Path, provenance: Mapping[str, str]) -> None:
+        """Write `field.h5`."""
+        fields = {name: one.interpolation for name, one in self.fitted.items()}
+        maps = {name: _maps(self.result, name, one) for name, one in self.fitted.items()}
+        exposure = exposure_of(self.result.measured.exposures)
+        field_file.write_field(path, fields, maps, self.result.colours, provenance, exposure)
+        if self.lights:
+            field_file.add_lights(path, self.lights)
 
 
-def field_report(
-    found: FieldResult, planes: Sequence[PlaneResult], parameters: Mapping[str, object], terms: Terms
-) -> Report:
-    """What a field's certificate tells: the frame's centre, and the medians over the frame."""
-    told = [with_medians(one, found) for one in planes]
-    return report_of_files("field", found.measured.exposures, told, parameters, terms.specification)
+def field_measurement(whole: FieldParts, planes: Sequence[PlaneResult], head: RecordHead) -> Measurement:
+    """The measurement of a field; `planes` are the results at the frame's centre, in the requested terms."""
+    measured = whole.result.measured
+    files: dict[str, Any] = {}
+    if whole.fitted:
+        files[FILE] = partial(whole.write, provenance=_provenance(head))
+        if (camera := whole.camera) is not None:
+            files[CAMERA] = partial(write_camera_numbers, camera=camera, provenance=_provenance(head))
+    for one in planes:
+        axis, mm = FrequencyAxis(str(one.unit), one.factor), mm_per_pixel(whole.result, one.name, head.parameters)
+        for stem, curves in whole.heights.items():
+            if one.name in curves:
+                files[f"{stem}_{one.name}.csv"] = heights_table(curves[one.name], axis, mm)
+    psf = psf_measurement(planes, replace(head, field=whole.entry()))
+    exposure = measured.exposures[0].exposure if measured.exposures else Exposure()
+    return replace(psf, files={**files, **psf.files}, exposure=exposure, found=whole)
+
+
+def page_of_field(found: Measurement) -> bytes:
+    """The page of a field's measurement."""
+    whole: FieldParts = found.found
+    return field_page(
+        whole.result, found.planes, found.head, software(), whole.heights, found.overlays, whole.lights,
+        whole.camera if whole.fitted else None, whole.beside,
+    ).encode()  # fmt: skip
+
+
+def field_report(found: Measurement) -> Report:
+    """Contents of a field's certificate: the frame's centre, and the medians over the frame."""
+    result: FieldResult = found.found.result
+    planes = [with_medians(one, result) for one in found.planes]
+    exposures = result.measured.exposures
+    return report_of_files("field", exposures, planes, found.head.parameters, found.terms.specification)
 
 
 def with_medians(one: PlaneResult, found: FieldResult) -> PlaneResult:
@@ -84,111 +142,28 @@ def with_medians(one: PlaneResult, found: FieldResult) -> PlaneResult:
     return replace(one, numbers={**one.numbers, **medians})
 
 
-def write_planes(
-    folder: ResultFolder,
-    planes: Sequence[PlaneResult],
-    head: RecordHead,
-    camera: WholeCamera | None = None,
-    *,
-    lights: Mapping[str, LightSurface] | None = None,
-    beside: Mapping[str, PartBeside] | None = None,
-) -> str:
-    """The same files of planes that have found a field, all the same one; the record of its refusal where none has.
-
-    `beside` are the results of other parts of the same session, which record and page tell of.
-    """
-    found = next((one.found for one in planes if one.found is not None), None)
-    if found is None:
-        return write_psf_result(folder, planes, head)
-    return write_field(folder, found, planes, head, camera=camera, lights=lights, beside=beside)
-
-
-def write_field(
-    folder: ResultFolder,
-    found: FieldResult,
-    planes: Sequence[PlaneResult],
-    head: RecordHead,
-    start: float | None = None,
-    *,
-    report: bool = True,
-    lights: Mapping[str, LightSurface] | None = None,
-    overlays: Sequence[HeightOverlay] = (),
-    camera: WholeCamera | None = None,
-    beside: Mapping[str, PartBeside] | None = None,
-) -> str:
-    """All files; `start` tells when it began, where that is to be told; `overlays` are drawn over the page's curves."""
-    measured = found.measured
-    fitted = {name: one.value for name, one in found.planes.items() if one.value is not None}
-    entry = {
-        "file": FILE,
-        "frames": len(measured.frames),
-        "failed": measured.failed,
-        "misses": [asdict(miss) for miss in measured.misses],
-        "doubtful_nodes": sum(bool(node.doubt) for nodes in measured.nodes.values() for node in nodes),
-        "planes": {name: _told(one) for name, one in fitted.items()},
-        "lateral_colour": {colour.plane: _colour_told(colour) for colour in found.colours},
-        **_focus_told(found),
-    }
-    if fitted and lights:
-        entry["vignetting"] = {name: _light_told(one) for name, one in lights.items()}
-    if fitted and camera is not None:
-        entry["camera"] = _camera_told(camera)
-    if beside:
-        entry["parts"] = {name: asdict(one) for name, one in beside.items()}
-    head = replace(head, field=entry)
-    if fitted:
-        fields = {name: one.interpolation for name, one in fitted.items()}
-        maps = {name: _maps(found, name, one) for name, one in fitted.items()}
-        noted = exposure_of(measured.exposures)
-        field_file.write_field(folder.staging / FILE, fields, maps, found.colours, _provenance(head), noted)
-        if lights:
-            field_file.add_lights(folder.staging / FILE, lights)
-        if camera is not None:
-            write_camera_numbers(folder.staging / CAMERA, camera, _provenance(head))
-    if start is not None:
-        head = replace(head, duration_s=round(time.perf_counter() - start, 3))
-    heights = {stem: _heights(found, without) for stem, without in tables_of(found.photosite).items()}
-    for one in planes:
-        axis, mm = FrequencyAxis(str(one.unit), one.factor), mm_per_pixel(found, one.name, head.parameters)
-        for stem, curves in heights.items():
-            if one.name in curves:
-                folder.write(f"{stem}_{one.name}.csv", heights_table(curves[one.name], axis, mm))
-    if report:
-        page = field_page(
-            found, planes, head, software(), heights, overlays, lights, camera if fitted else None, beside
-        )
-        folder.write(PAGE, page.encode())
-    return write_psf_result(folder, planes, head)
-
-
-def tables_of(photosite: Photosite | None) -> dict[str, Photosite | None]:
-    """The tables of the MTF over image height by the stems of their names, and what each is told without."""
-    return {HEIGHTS: None} | ({WITHOUT_PHOTOSITE: photosite} if photosite else {})
-
-
-def _heights(found: FieldResult, photosite: Photosite | None) -> dict[str, list[HeightCurve]]:
-    """Every plane's MTF over image height, of those that have a field around the frame's centre."""
+def _heights(fitted: Mapping[str, PlaneField], photosite: Photosite | None) -> dict[str, list[HeightCurve]]:
+    """The MTF over image height of the planes with a field around the frame's centre."""
     curves = {}
-    for name, one in found.planes.items():
-        if one.value is not None:
-            without = WithoutPhotosite(photosite, one.value.pitch) if photosite else None
-            curves[name] = over_height(one.value.interpolation.field, FREQUENCIES, without)
+    for name, one in fitted.items():
+        without = WithoutPhotosite(photosite, one.pitch) if photosite else None
+        curves[name] = over_height(one.interpolation.field, FREQUENCIES, without)
     return {name: one for name, one in curves.items() if one}
 
 
-def _camera_told(camera: WholeCamera) -> dict[str, Any]:
-    """What the record says of all that the charts tell: the file, and the geometry in figures."""
+def _camera_entry(camera: WholeCamera) -> dict[str, Any]:
+    """Record entry of the camera's numbers: the file, and the geometry."""
     geometry, numbers = camera.geometry, camera.numbers
-    told = verdict_entry(geometry)
+    entry = verdict_entry(geometry)
     if geometry.value is not None:
         found = {name: asdict(number) for name, number in geometry.value.numbers().items()}
-        told = {**told, "model": geometry.value.camera.model, **found}
+        entry = {**entry, "model": geometry.value.camera.model, **found}
     return {"file": CAMERA, "numbers": len(numbers.values), "parts": [part.name for part in numbers.parts],
-            "geometry": told}  # fmt: skip
+            "geometry": entry}  # fmt: skip
 
 
-def _light_told(light: LightSurface) -> dict[str, Any]:
-    """What the record says of a plane's vignetting."""
+def _light_entry(light: LightSurface) -> dict[str, Any]:
+    """Record entry of a plane's vignetting."""
     rows, columns = light.shape
     corners = np.array([(x, y) for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
     return {CORNER_LIGHT: float(light.at(corners).mean()), DARKEST_CORNER: float(light.at(corners).min())}
@@ -203,13 +178,13 @@ def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...
 
 def _provenance(head: RecordHead) -> dict[str, str]:
     """Texts for the file's attributes."""
-    told = head.told()
-    kept = {name: told[name] for name in ("procedure", "input", "parameters")}
+    entries = head.told()
+    kept = {name: entries[name] for name in ("procedure", "input", "parameters")}
     return {**{name: json_text({name: value}) for name, value in kept.items()}, "software": json_text(software())}
 
 
-def _told(one: PlaneField) -> dict[str, Any]:
-    """What the record says about a plane's field."""
+def _plane_entry(one: PlaneField) -> dict[str, Any]:
+    """Record entry of a plane's field."""
     found = one.interpolation
     by_name = {name.name: name for name in one.maps}
     errors: dict[str, float] = {
@@ -221,13 +196,13 @@ def _told(one: PlaneField) -> dict[str, Any]:
         "enclosed_share": by_name[ERROR_NOISE].share,
         **errors,
         "budgets": {name: dict(terms) for name, terms in one.budgets.items()},
-        "candidates": [asdict(candidate) for candidate in found.candidates[:CANDIDATES_TOLD]],
+        "candidates": [asdict(candidate) for candidate in found.candidates[:MAX_CANDIDATES]],
         **{name: asdict(quantity) for name, quantity in one.numbers.items()},
     }
 
 
-def _colour_told(colour: LateralColour) -> dict[str, Any]:
-    """Lateral colour in figures: how far apart the planes are where it is most."""
+def _colour_entry(colour: LateralColour) -> dict[str, Any]:
+    """Record entry of lateral colour: the largest radial shift between the planes."""
     radial, _ = colour.maps()
     if radial.uncertainty is None or not np.isfinite(radial.value).any():
         return {"reference": colour.reference}
@@ -242,7 +217,7 @@ def _colour_told(colour: LateralColour) -> dict[str, Any]:
     return {"reference": colour.reference, "degree": colour.surface.degree, "largest_radial": largest}
 
 
-def _focus_told(found: FieldResult) -> dict[str, Any]:
+def _focus_entry(found: FieldResult) -> dict[str, Any]:
     if found.focus is not None:
         return {"focus": {name: asdict(quantity) for name, quantity in found.focus.numbers().items()}}
     return {"focus_refused": found.focus_refusal} if found.focus_refusal else {}

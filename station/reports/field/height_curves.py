@@ -12,7 +12,7 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from procedures.field.image_height import HeightCurve
-from station.drawing.hover import tell_along
+from station.drawing.hover import title_along
 from station.drawing.style import CONFIDENT, STYLE, axes_grid, svg
 from station.reports.otf_figures import LONGEST_NAME, FrequencyAxis
 from station.results.exports import csv_bytes
@@ -55,7 +55,7 @@ def heights_figure(
                 words_at.append(f"{kind} at {at} {value[i]:.3f} ± {spread[i] / CONFIDENT:.3f}")
     heights = curves[0].heights * scale
     if len(heights) > 1:
-        tell_along(axes, heights, [f"{h:.3g}: {'; '.join(one)}" for h, one in zip(heights, told, strict=True)])
+        title_along(axes, heights, [f"{h:.3g}: {'; '.join(one)}" for h, one in zip(heights, told, strict=True)])
     own = [curve.frequency * axis.factor for curve in curves]
     for (other, columns), marker in zip((others or {}).items(), itertools.cycle(MARKERS), strict=False):
         _draw_other(axes, other, columns, marker, own, str(axis.unit))

@@ -18,8 +18,7 @@ SEED = 20260314
 
 @pytest.fixture(scope="session")
 def covariance() -> np.ndarray:
-    """Of support and tail that one photograph of a chart 100 pixels wide gives, noise 0.5 % of white: nuisances
-    included."""
+    """Covariance of support and tail from one photograph of a chart 100 pixels wide, noise 0.5 % of white."""
     white_e = 5e4
     sensor = Sensor(170, 170, None, bits=16, full_well_e=1.3 * white_e, gain_e_per_dn=1.3 * white_e / 65000)
     optics = Optics.typical(f_number=2.8, pitch_um=11.88, fill=0.5, gaussian_px=0.2)
@@ -27,9 +26,7 @@ def covariance() -> np.ndarray:
     chart = Chart.from_seed()
     scene = Scene((camera.place(chart, pixels=102.4, roll_deg=3.0),))
     samples = camera.photograph(scene, np.random.default_rng(1)).plane("Y").astype(np.float32)
-    found = estimate_psf(Plane("Y", samples, 1 / 65535), chart).value
-    assert found is not None
-    return found.psf.parameter_covariance
+    return estimate_psf(Plane("Y", samples, 1 / 65535), chart).result().psf.parameter_covariance
 
 
 @pytest.fixture(scope="session")

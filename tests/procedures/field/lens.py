@@ -27,11 +27,11 @@ LENS = Lens(
     lateral_colour=0.006,
 )
 PERIOD = 72
-"""Pixels of the plane after which the whole PSF repeats: what lies beyond weighs a thousandth."""
+"""Period of the whole PSF in pixels of the plane: the energy beyond is a thousandth."""
 NEAR = 36
-"""The same where the far tail is of no account, as for where marks are seen: a fifth of the work."""
+"""A shorter period where the far tail is negligible, as for the position of marks: a fifth of the work."""
 LAGS = 12
-"""Points along the pupil's plane to one of the period: its widest diameter and the highest frequency, side by side."""
+"""Points of the pupil's plane per pixel of the period: its widest diameter plus the highest frequency."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class FieldCamera:
     period_px: int = PERIOD
 
     def psf(self, x: float, y: float, plane: str = "G1", defocus_um: float = 0.0) -> np.ndarray:
-        """The PSF's support (K, K) of sum 1 at a place of the plane, its centre where the marks are seen."""
+        """The PSF's support (K, K) of sum 1 at a place of the plane, centred on the marks."""
         return _support(self.whole(x, y, plane, defocus_um))
 
     def whole(self, x: float, y: float, plane: str = "G1", defocus_um: float = 0.0) -> np.ndarray:
@@ -51,7 +51,7 @@ class FieldCamera:
         return _centred(self.lens, self.field(x, y), WAVELENGTHS_UM[plane], self.pitch_um, defocus_um, self.period_px)
 
     def parameters(self, x: float, y: float, plane: str = "G1", defocus_um: float = 0.0) -> np.ndarray:
-        """Support and amplitudes of the tail's shapes, (p,): as near to the whole PSF as these can come."""
+        """Support and amplitudes of the tail's shapes, (p,), fitted to the whole PSF."""
         whole = self.whole(x, y, plane, defocus_um)
         support = _crop(whole, K)
         outside, to_tail = _tail_fit()
@@ -82,7 +82,7 @@ class FieldCamera:
 
     @lru_cache(maxsize=500)  # noqa: B019  # a few cameras, for every map of theirs
     def numbers(self, x: float, y: float, radius: float) -> np.ndarray:
-        """What `field.maps.numbers_of` finds, of the whole PSF; `radius` is the direction from the frame's centre."""
+        """True `field.maps.numbers_of`; `radius` is the direction from the frame's centre."""
         mtf50 = []
         for angle in (radius + np.pi / 2, radius):
             coarse = np.linspace(0, S / 2, 41)
@@ -104,7 +104,7 @@ class FieldCamera:
         return float((x - (columns - 1) / 2) / half), float((y - (rows - 1) / 2) / half)
 
     def position(self, x: float, y: float, plane: str) -> np.ndarray:
-        """Where a chart that green shows at (x, y) is seen in another plane: lateral colour, and the PSF's shape."""
+        """Position in another plane of a chart at (x, y) in green: lateral colour, and the PSF's shape."""
         q = self.field(x, y)
         half = np.hypot(*SHAPE) / 2
         chief = self.lens.lateral_colour * (WAVELENGTHS_UM[plane] - 0.53) * half * (np.array(q) - self.lens.axis)
@@ -114,15 +114,15 @@ class FieldCamera:
 
 @lru_cache
 def _tail_fit() -> tuple[np.ndarray, np.ndarray]:
-    """What lies outside the support, and what gives the tail's amplitudes from it, by least squares."""
+    """Mask of the samples outside the support, and the least-squares matrix to the tail's amplitudes."""
     kernels = tail_kernels(K)
     outside = kernels[0] > 0
-    weight = kernels[0][outside] ** -0.5  # what a chart shows is light on areas, near and far alike
+    weight = kernels[0][outside] ** -0.5  # a chart integrates over areas, near and far alike
     return outside, np.linalg.pinv((kernels[:, outside] * weight).T) * weight
 
 
 def _half(f: np.ndarray, mtf: np.ndarray) -> float:
-    """Where a curve first falls below one half."""
+    """First crossing of one half."""
     i = int(np.flatnonzero(mtf < 0.5)[0])
     return float(np.interp(0.5, mtf[[i, i - 1]], f[[i, i - 1]]))
 
@@ -151,8 +151,8 @@ def _autocorrelation(pupil, most):
 def _uncentred(lens, q, wavelength_um, pitch_um, defocus_um, period):
     n = period * S
     cutoff = pitch_um / (wavelength_um * lens.f_number)  # cycles per pixel, = pupil diameter
-    # pupil plane sampled at the frequencies of a period: its points as they are, off the centre, give
-    # the overlap of round pupils to 4e-5; a rim that is averaged would count too little where a pupil meets itself
+    # pupil plane sampled at the frequencies of a period: unweighted points, off the centre, give the overlap of round
+    # pupils to 4e-5; an averaged rim would count too little where a pupil overlaps itself
     reach = int(period * cutoff / 2) + 1
     u = (np.arange(-reach, reach + 1) + 0.31) / period / (cutoff / 2)
     x, y = np.meshgrid(u, u)
@@ -173,7 +173,7 @@ def _uncentred(lens, q, wavelength_um, pitch_um, defocus_um, period):
 
 @lru_cache(maxsize=2000)
 def _centred(lens, q, wavelength_um, pitch_um, defocus_um, period):
-    """Shifted, as an estimate is, until the marks are at the centre."""
+    """Shifted, like an estimate, until the marks are at the centre."""
     otf, mark = _uncentred(lens, q, wavelength_um, pitch_um, defocus_um, period)
     f = np.fft.fftfreq(len(otf)) * S
     shift = mark
@@ -195,13 +195,13 @@ def grid(columns: int = 5, rows: int = 5, margin: float = 0.12) -> np.ndarray:
 
 
 def nodes(camera: FieldCamera, places, covariance, rng, plane="G1", defocus_um=0.0, centre_px=0.003) -> list[Node]:
-    """What would be measured: the true PSFs with noise of that covariance (p, p), at places known to `centre_px`."""
+    """Simulated measurements: true PSFs with noise of that covariance (p, p), at places known to `centre_px`."""
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
-    found = []
+    measured = []
     for number, (x, y) in enumerate(places):
         p = camera.parameters(x, y, plane, defocus_um) + root @ rng.standard_normal(len(root))
         at = camera.position(x, y, plane) + centre_px * rng.standard_normal(2)
         psf = Psf.of(p, covariance, K, S)
-        found.append(Node(at, centre_px**2 * np.eye(2), 2 * at, psf, "simulated", number))
-    return found
+        measured.append(Node(at, centre_px**2 * np.eye(2), 2 * at, psf, "simulated", number))
+    return measured

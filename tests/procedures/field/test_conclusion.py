@@ -1,4 +1,4 @@
-"""Nodes put together: bracket, planes, verdicts; and the page of all that."""
+"""Results of many nodes: bracket, planes, verdicts, and their page."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ def gaussian(sigma: float) -> np.ndarray:
 
 
 def measured(rng, sources=POSITIONS_MM, places=5, planes=("R", "G1")) -> MeasuredFrames:
-    """A blur that is least where the tilted plane of best focus meets the position: sigma^2 = 0.5^2 + 0.3 z^2."""
-    found = MeasuredFrames()
+    """Blur through a tilted plane of best focus: sigma^2 = 0.5^2 + 0.3 z^2, z the defocus."""
+    result = MeasuredFrames()
     for name in planes:
-        found.planes[name] = Plane(name, np.broadcast_to(np.float32(0), SHAPE), 1 / 16383, 2)
-        found.nodes[name] = []
+        result.planes[name] = Plane(name, np.broadcast_to(np.float32(0), SHAPE), 1 / 16383, 2)
+        result.nodes[name] = []
     grid = [(x, y) for y in np.linspace(40, 260, places) for x in np.linspace(50, 400, places)]
     for source, z in sources.items():
-        found.frames.append((Path(source), "0" * 64))
+        result.frames.append((Path(source), "0" * 64))
         for number, (x, y) in enumerate(grid, 1):
             half = np.hypot(*SHAPE) / 2
             best = TILT_MM[0] * (x - 224.5) / half + TILT_MM[1] * (y - 149.5) / half
@@ -51,8 +51,8 @@ def measured(rng, sources=POSITIONS_MM, places=5, planes=("R", "G1")) -> Measure
                 noisy = h + 3e-4 * rng.standard_normal((K, K))
                 at = np.array([x, y]) + 0.002 * rng.standard_normal(2)
                 psf = Psf(noisy / noisy.sum(), S, COVARIANCE)
-                found.nodes[name].append(Node(at, 4e-6 * np.eye(2), 2 * at, psf, source, number))
-    return found
+                result.nodes[name].append(Node(at, 4e-6 * np.eye(2), 2 * at, psf, source, number))
+    return result
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def bracket():
 
 
 @pytest.mark.slow
-def test_a_bracket_tells_the_tilt_and_the_field_is_that_of_the_sharpest_position(bracket):
+def test_a_bracket_gives_the_tilt_and_the_field_of_the_sharpest_position(bracket):
     numbers = bracket.focus.numbers()
     for name, expected in zip(("focus_tilt_x", "focus_tilt_y"), TILT_MM, strict=True):
         assert numbers[name].value == pytest.approx(expected, abs=4 * numbers[name].uncertainty + 0.004)
@@ -79,33 +79,33 @@ def test_the_page_shows_the_best_focus_and_lateral_colour(bracket):
 
 
 @pytest.mark.slow
-def test_a_bracket_too_short_says_so_and_the_field_is_told_all_the_same():
+def test_a_short_bracket_gives_the_field_without_the_focus():
     two = {name: POSITIONS_MM[name] for name in ("near.dng", "middle.dng")}
-    found = conclude(measured(np.random.default_rng(1), two), two)
-    assert found.focus is None
-    assert "3 focus positions or more" in found.focus_refusal
-    assert found.planes["R"].value is not None
+    result = conclude(measured(np.random.default_rng(1), two), two)
+    assert result.focus is None
+    assert "3 focus positions or more" in result.focus_refusal
+    assert result.planes["R"].value is not None
 
 
 def test_planes_with_too_few_nodes_are_refused_by_name():
-    found = conclude(measured(np.random.default_rng(1), {"one.dng": 0.0}, places=2))
-    assert [str(one.verdict) for one in found.planes.values()] == ["refused", "refused"]
-    assert "plane R has 4" in found.planes["R"].reason
-    assert found.colours == ()
+    result = conclude(measured(np.random.default_rng(1), {"one.dng": 0.0}, places=2))
+    assert [str(one.verdict) for one in result.planes.values()] == ["refused", "refused"]
+    assert "plane R has 4" in result.planes["R"].reason
+    assert result.colours == ()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("doubted", "counts"), [(1, False), (2, True)])
-def test_a_field_is_as_doubtful_as_many_of_its_charts(doubted, counts):
-    found = measured(np.random.default_rng(1), {"one.dng": 0.0}, places=3, planes=("Y",))
-    nodes = found.nodes["Y"]
-    nodes[:doubted] = [replace(node, doubt="its light flickers", remedy="light it evenly") for node in nodes[:doubted]]
-    outcome = conclude(found).planes["Y"]
-    assert ("2 of the 9 charts are doubtful, for example: its light flickers" in outcome.reason) == counts
-    assert ("light it evenly" in outcome.remedy) == counts
+@pytest.mark.parametrize(("count", "fails"), [(1, False), (2, True)])
+def test_a_field_with_many_doubtful_charts_is_doubtful(count, fails):
+    result = measured(np.random.default_rng(1), {"one.dng": 0.0}, places=3, planes=("Y",))
+    nodes = result.nodes["Y"]
+    nodes[:count] = [replace(node, doubt="its light flickers", remedy="light it evenly") for node in nodes[:count]]
+    outcome = conclude(result).planes["Y"]
+    assert ("2 of the 9 charts are doubtful, for example: its light flickers" in outcome.reason) == fails
+    assert ("light it evenly" in outcome.remedy) == fails
 
 
-def test_nothing_at_all_is_refused_with_the_first_reason():
+def test_no_nodes_are_refused_with_the_first_reason():
     empty = MeasuredFrames(misses=[Miss("a.dng", "a.dng is empty", "copy it again")], failed=["a.dng"])
     with pytest.raises(Refused, match="none of 1 photographs gives a PSF"):
         conclude(empty)
@@ -125,11 +125,11 @@ def test_a_photograph_of_another_size_is_named(monkeypatch, tmp_path):
 
     monkeypatch.setattr(measuring, "read_frame", read)
     monkeypatch.setattr(measuring, "measure_frame", nodes)
-    told = []
-    found = measuring.measure(
-        [tmp_path / name for name in sizes], None, None, None, told.append, content=lambda path: b""
+    finished = []
+    result = measuring.measure(
+        [tmp_path / name for name in sizes], None, None, None, finished.append, content=lambda path: b""
     )
-    assert found.failed == ["b.dng"]
-    assert "has not the planes and sizes of a.dng" in found.misses[0].reason
-    assert told == list(sizes)
-    assert [node.source for node in found.nodes["Y"]] == ["a.dng", "c.dng"]
+    assert result.failed == ["b.dng"]
+    assert "has not the planes and sizes of a.dng" in result.misses[0].reason
+    assert finished == list(sizes)
+    assert [node.source for node in result.nodes["Y"]] == ["a.dng", "c.dng"]

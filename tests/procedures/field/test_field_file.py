@@ -12,54 +12,55 @@ from procedures.field import field_file
 from procedures.field.chromatic import lateral_colour
 from procedures.field.interpolate import interpolate
 from procedures.field.maps import derive
-from procedures.outcome import BadInput
+from procedures.outcome import BadInput, Outcome
 
+from ..correction.small_lens import SmallLens
 from .lens import NEAR, SHAPE, FieldCamera, grid, nodes
 
 DOCUMENT = Path(field_file.__file__).parent / "decisions" / "0001-hdf5.md"
 
 
 @pytest.fixture(scope="module")
-def found(measured):
+def interpolated(measured):
     return interpolate("G1", SHAPE, measured)
 
 
 @pytest.fixture(scope="module")
-def written(covariance, measured, found, tmp_path_factory):
+def written(covariance, measured, interpolated, tmp_path_factory):
     path = tmp_path_factory.mktemp("field") / "field.h5"
     red = nodes(FieldCamera(period_px=NEAR), grid(), covariance, np.random.default_rng(2), "R")
     colour = lateral_colour("R", red, "G1", measured, SHAPE, 2)
-    maps = derive(found.field, 5)
-    field_file.write_field(path, {"G1": found}, {"G1": maps}, [colour], {"input": "[]", "software": "1"})
+    maps = derive(interpolated.field, 5)
+    field_file.write_field(path, {"G1": interpolated}, {"G1": maps}, [colour], {"input": "[]", "software": "1"})
     return path
 
 
 @pytest.mark.slow
-def test_a_field_that_was_read_is_the_one_that_was_written(written, found):
+def test_a_field_survives_writing_and_reading(written, interpolated):
     field = field_file.read_field(written)["G1"]
     for x, y in ((120.0, 400.0), (374.5, 249.5)):
-        np.testing.assert_allclose(field.at(x, y).parameters, found.field.at(x, y).parameters, atol=1e-6)
-        expected = found.field.at(x, y).parameter_covariance
-        # covariances are kept in seven digits
+        np.testing.assert_allclose(field.at(x, y).parameters, interpolated.field.at(x, y).parameters, atol=1e-6)
+        expected = interpolated.field.at(x, y).parameter_covariance
+        # covariances are stored in seven digits
         scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
         np.testing.assert_allclose(field.at(x, y).parameter_covariance / scale, expected / scale, atol=1e-3)
-    assert field.nodes[3].number == found.field.nodes[3].number
+    assert field.nodes[3].number == interpolated.field.nodes[3].number
 
 
 @pytest.mark.slow
-def test_the_five_lines_of_the_document_read_the_psf(written, camera, found, monkeypatch):
+def test_the_five_lines_of_the_document_read_the_psf(written, camera, interpolated, monkeypatch):
     code = re.search(r"```python\n(.*?)```", DOCUMENT.read_text(), re.S)[1]
     assert len([line for line in code.splitlines() if line]) == 5
     monkeypatch.chdir(written.parent)
     names: dict = {}
     exec(code, names)
     # the nearest place of the grid, half a step of 12 pixels away at most
-    near = found.field.samples(np.array([[names["x"], names["y"]]]))[0]
+    near = interpolated.field.samples(np.array([[names["x"], names["y"]]]))[0]
     assert np.linalg.norm(names["psf"] - near) < 0.02 * np.linalg.norm(near)
 
 
 @pytest.mark.slow
-def test_the_file_tells_the_tail_at_every_place_without_the_program(written, found):
+def test_the_file_alone_gives_the_tail_at_every_place(written, interpolated):
     with h5py.File(written) as file:
         anywhere = file["G1/anywhere"]
         i, j = len(anywhere["y"]) // 2, len(anywhere["x"]) // 3
@@ -68,7 +69,7 @@ def test_the_file_tells_the_tail_at_every_place_without_the_program(written, fou
         share = anywhere["energy_outside_support"][i, j]
         place = anywhere["x"][j], anywhere["y"][i]
         names = list(file["G1"].attrs["tail_shape_names"])
-    psf = found.field.at(*place)
+    psf = interpolated.field.at(*place)
     expected = psf.extended()
     side, rim = len(expected), (len(expected) - psf.k) // 2
     expected[rim : side - rim, rim : side - rim] = 0
@@ -79,7 +80,7 @@ def test_the_file_tells_the_tail_at_every_place_without_the_program(written, fou
 
 
 @pytest.mark.slow
-def test_a_file_of_an_older_version_is_read_and_has_no_tail(written, found, tmp_path):
+def test_a_file_of_an_older_version_has_no_tail(written, interpolated, tmp_path):
     old = tmp_path / "field.h5"
     shutil.copy(written, old)
     with h5py.File(old, "r+") as file:
@@ -87,10 +88,10 @@ def test_a_file_of_an_older_version_is_read_and_has_no_tail(written, found, tmp_
         for name in ("tail", "tail_covariance", "tail_cross"):
             del file["G1/nodes"][name]
     field = field_file.read_field(old)["G1"]
-    assert (field.q, found.field.q) == (0, 6)
+    assert (field.q, interpolated.field.q) == (0, 6)
     assert field.at(300.0, 200.0).energy_outside[0] == pytest.approx(0, abs=1e-12)
     # the support alone is interpolated: by other components, within the noise
-    expected = found.field.at(300.0, 200.0).h
+    expected = interpolated.field.at(300.0, 200.0).h
     assert np.linalg.norm(field.at(300.0, 200.0).h - expected) < 0.02 * np.linalg.norm(expected)
 
 
@@ -109,7 +110,7 @@ def test_every_array_has_its_unit_and_the_file_its_conventions(written):
 
 
 @pytest.mark.slow
-def test_other_files_are_named(tmp_path):
+def test_other_files_are_refused(tmp_path):
     (tmp_path / "a.h5").write_bytes(b"no HDF5")
     with pytest.raises(BadInput, match="cannot be read as HDF5"):
         field_file.read_field(tmp_path / "a.h5")
@@ -134,7 +135,7 @@ def replaced(name, array):
     return spoil
 
 
-def told(name, value):
+def attribute(name, value):
     return lambda plane: plane.attrs.__setitem__(name, value)
 
 
@@ -146,9 +147,9 @@ def told(name, value):
         (replaced("nodes/position", np.zeros((4, 3))), r"`position` .* must be an array \(any, 2\)"),
         (replaced("nodes/psf", np.ones((4, 9))), r"`psf` .* must be an array \(any, k, k\)"),
         (replaced("nodes/covariance", np.ones((4, 4))), r"`covariance` .* must be an array"),
-        (told("rows", -3), "`rows` of /G1 in .* must be finite, from 1"),
-        (told("columns", "many"), "`columns` of /G1 in .* must be real numbers"),
-        (told("samples_per_pixel", 0), "`samples_per_pixel` of /G1 in .* must be finite, from 1"),
+        (attribute("rows", -3), "`rows` of /G1 in .* must be finite, from 1"),
+        (attribute("columns", "many"), "`columns` of /G1 in .* must be real numbers"),
+        (attribute("samples_per_pixel", 0), "`samples_per_pixel` of /G1 in .* must be finite, from 1"),
     ],
 )
 def test_a_field_of_other_arrays_is_refused(written, tmp_path, monkeypatch, spoil, words):
@@ -158,3 +159,18 @@ def test_a_field_of_other_arrays_is_refused(written, tmp_path, monkeypatch, spoi
         spoil(file["G1"])
     with pytest.raises(BadInput, match=words):
         field_file.read_field(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("lens", [SmallLens((60, 80)), SmallLens((60, 80), growth=0.0, coma=0.0)])
+def test_what_was_read_is_written_again_the_same(lens, tmp_path):
+    field_file.write_field(tmp_path / "a.h5", {"Y": lens.field("Y").field})
+    again = field_file.read_field(tmp_path / "a.h5")
+    field_file.write_field(tmp_path / "b.h5", again)
+    twice = field_file.read_field(tmp_path / "b.h5")["Y"]
+    np.testing.assert_array_equal(twice.at(10.0, 12.0).parameters, again["Y"].at(10.0, 12.0).parameters)
+    assert twice.model.name == again["Y"].model.name
+
+
+def test_an_outcome_is_no_field(tmp_path):
+    with pytest.raises(TypeError, match=r"outcome.result\(\)"):
+        field_file.write_field(tmp_path / "a.h5", {"Y": Outcome(SmallLens((60, 80)).field("Y").field)})

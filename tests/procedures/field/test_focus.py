@@ -33,7 +33,7 @@ def surface(bracket):
 
 @lru_cache
 def true_focus(x, y, angle):
-    """Where the MTF really is greatest; what the photosites take of it is the same at every focus."""
+    """True focus of the greatest MTF; the photosites' factor is the same at every focus."""
     z = np.linspace(-0.27, 0.27, 13)
     mtf = TILTED.lens_mtf(x, y, FREQUENCY, angle, z)
     i = int(np.argmax(mtf))
@@ -43,7 +43,7 @@ def true_focus(x, y, angle):
 
 @pytest.mark.slow
 def test_best_focus_is_within_its_band_over_the_field(covariance):
-    # a quadratic surface has six numbers, so that a map is off as a whole: three draws
+    # a quadratic surface has six parameters, so the errors of a map are correlated: three draws
     inside = []
     for seed in range(3):
         maps = {one.name: one for one in focus_surface(drawn_bracket(covariance, seed), SHAPE).maps(5)}
@@ -58,8 +58,8 @@ def test_best_focus_is_within_its_band_over_the_field(covariance):
 
 @pytest.mark.slow
 def test_tilt_and_curvature_are_those_of_the_lens(surface):
-    # W = tilt . q + curvature |q - a|^2: focus is where the added defocus takes that away; 4 sigma, and 3 % because
-    # coma and the two astigmatic halves bend the quadratic a little
+    # W = tilt . q + curvature |q - a|^2, compensated by the added defocus; 4 sigma, and 3 % because coma and
+    # astigmatism perturb the quadratic
     numbers = surface.numbers()
     lens = TILTED.lens
     for i, name in enumerate(("focus_tilt_x", "focus_tilt_y")):
@@ -76,7 +76,7 @@ def test_the_sharpest_position_of_a_bracket_is_the_middle_one(bracket):
 
 
 @pytest.mark.slow
-def test_two_positions_tell_no_focus(bracket):
+def test_two_positions_are_refused(bracket):
     two = {z: bracket[z] for z in list(bracket)[:2]}
     with pytest.raises(Refused, match="3 focus positions or more; there are 2"):
         focus_surface(two, SHAPE)

@@ -1,4 +1,4 @@
-"""Sagittal and meridional MTF over image height, against the simulated lens's own."""
+"""Sagittal and meridional MTF over image height, compared with the simulated lens."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ F = 0.2
 
 @pytest.fixture(scope="module")
 def curve(measured):
-    (found,) = over_height(interpolate("G1", SHAPE, measured).field, (F,))
-    return found
+    (values,) = over_height(interpolate("G1", SHAPE, measured).field, (F,))
+    return values
 
 
 def true_mtf(camera, height, directions):
     """Sagittal and meridional MTF (n, 2) at places that far from the frame's centre, along directions."""
-    found = []
+    values = []
     for angle in directions:
         x, y = (SHAPE[1] - 1) / 2 + height * np.cos(angle), (SHAPE[0] - 1) / 2 + height * np.sin(angle)
-        found.append([camera.mtf(x, y, np.array([F]), one)[0] for one in (angle + np.pi / 2, angle)])
-    return np.array(found)
+        values.append([camera.mtf(x, y, np.array([F]), one)[0] for one in (angle + np.pi / 2, angle)])
+    return np.array(values)
 
 
 @pytest.mark.slow
@@ -37,7 +37,7 @@ def test_the_lens_is_in_the_95_percent_band_at_every_height(camera, curve):
         for kind, truth in zip(("sagittal", "meridional"), true.T, strict=True):
             value, spread = getattr(curve, kind)[i], getattr(curve, f"{kind}_uncertainty")[i]
             off.append((value - truth.mean()) / spread)
-            # directions differ by the lens's decentring, and by the errors that they have not in common
+            # directions differ by the lens's decentring, and by their independent errors
             assert getattr(curve, f"{kind}_spread")[i] == pytest.approx(truth.std(), abs=2 * spread)
     assert len(off) >= 4
     assert np.abs(off).max() < 1.96
@@ -53,7 +53,7 @@ def test_heights_end_where_the_nodes_end(curve):
 
 
 @pytest.mark.slow
-def test_nodes_beside_the_centre_tell_no_heights_there(measured):
+def test_nodes_on_one_side_give_no_heights_at_the_centre(measured):
     beside = [node for node in measured if node.position[0] > SHAPE[1] / 2 + 10]
     curves = over_height(interpolate("G1", SHAPE, beside).field, (F,))
     assert not curves or curves[0].heights[0] > 0

@@ -23,7 +23,7 @@ def maps(measured):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(MAPS)))
-def test_the_whole_truth_is_in_the_95_percent_band_over_the_field(camera, maps, number):
+def test_the_truth_is_in_the_95_percent_band_over_the_field(camera, maps, number):
     one = maps[number]
     off = []
     for j, k in np.argwhere(np.isfinite(one.value)):
@@ -32,12 +32,12 @@ def test_the_whole_truth_is_in_the_95_percent_band_over_the_field(camera, maps, 
         off.append((one.value[j, k] - true) / one.uncertainty[j, k])
     assert len(off) > 40
     assert np.mean(np.abs(off) < 1.96) >= 0.9
-    # nor is the band so wide that it says nothing; what the tail does to a map it does to all places alike
+    # nor is the band too wide; the tail's error is common to all places of a map
     assert np.sqrt(np.mean(np.square(off))) > 0.4
 
 
 @pytest.mark.slow
-def test_maps_reach_the_frames_corners_and_tell_less_there(camera, maps):
+def test_maps_reach_the_frames_corners_with_larger_uncertainty(camera, maps):
     off = []
     for one, number in zip(maps, range(len(MAPS)), strict=False):
         assert one.share < 0.8
@@ -48,12 +48,12 @@ def test_maps_reach_the_frames_corners_and_tell_less_there(camera, maps):
             assert one.uncertainty[j, k] > middle
             true = camera.numbers(x, y, radius_direction(SHAPE, x, y))[number]
             off.append((one.value[j, k] - true) / one.uncertainty[j, k])
-    # of numbers that are one PSF's: at most one place of four may stray in all of them together
+    # the numbers of one PSF are correlated: one place of four may be off in all of them
     assert np.mean(np.abs(off) < 1.96) >= 0.75
 
 
 def test_directions_are_meridional_along_the_radius_and_sagittal_across(covariance):
-    # wide along x: to the right of the centre detail along the radius is lost, below it detail across the radius
+    # wide along x: meridional detail is lost to the right of the centre, sagittal detail below it
     x = (np.arange(K) - K // 2) / S
     h = np.exp(-((x / 0.9) ** 2) - (x[:, None] / 0.5) ** 2)
     psf = Psf(h / h.sum(), S, covariance[: K * K, : K * K])
@@ -73,14 +73,14 @@ def test_places_of_a_map_are_centred_on_the_frame():
 
 
 @pytest.mark.slow
-def test_lateral_colour_holds_the_truth(camera, covariance):
-    # the surface has few degrees of freedom, so that a whole map is off together: five draws, 95 % +- 5 %
+def test_lateral_colour_is_within_its_band(camera, covariance):
+    # the surface has few degrees of freedom, so the errors of a map are correlated: five draws, 95 % +- 5 %
     near, inside = FieldCamera(period_px=NEAR), []
     for seed in range(5):
         rng = np.random.default_rng(SEED + seed)
         green, red = (nodes(near, node_grid(), covariance, rng, plane) for plane in ("G1", "R"))
-        found = lateral_colour("R", red, "G1", green, SHAPE, 2)
-        radial, tangential = found.maps(7)
+        colour = lateral_colour("R", red, "G1", green, SHAPE, 2)
+        radial, tangential = colour.maps(7)
         for j, k in np.argwhere(np.isfinite(radial.value)):
             x, y = float(radial.x[k]), float(radial.y[j])
             shift = 2 * (camera.position(x, y, "R") - camera.position(x, y, "G1"))

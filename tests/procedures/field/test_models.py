@@ -10,7 +10,7 @@ K = 9
 
 @pytest.fixture
 def optic():
-    # every sample its own component: nothing is left out
+    # every sample its own component
     return Optic(np.eye(K * K), np.eye(K * K), np.eye(K * K), K)
 
 
@@ -34,7 +34,7 @@ def test_psfs_are_symmetric_about_the_line_to_the_axis(optic, rng):
     np.testing.assert_allclose(h, h[::-1], atol=1e-12)
 
 
-def test_what_the_model_can_say_is_reproduced(optic, rng):
+def test_values_of_the_model_are_reproduced(optic, rng):
     places = rng.uniform(-1, 1, (60, 2))
     model = AxialSymmetry(places, rng.uniform(0.5, 2, 60), optic, 2, (0.0, 0.1))
     unknowns = rng.standard_normal(model.design(places[:1]).shape[2])
@@ -46,7 +46,7 @@ def test_what_the_model_can_say_is_reproduced(optic, rng):
     np.testing.assert_allclose(np.einsum("narb,rb->na", weights, values), expected, atol=1e-4)
 
 
-def test_the_symmetric_lens_is_believed_as_far_from_its_axis_as_four_nodes_lie(optic):
+def test_the_symmetric_lens_is_extrapolated_to_the_radius_of_its_fourth_node(optic):
     axis, circle = (0.1, 0.0), np.linspace(0, 2 * np.pi, 5)[:-1]
     ring = np.array(axis) + 0.6 * np.column_stack([np.cos(circle), np.sin(circle)])
     model = AxialSymmetry(np.vstack([ring, [[0.1, 0.0]]]), np.ones(5), optic, 2, axis)

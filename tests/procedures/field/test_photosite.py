@@ -1,4 +1,4 @@
-"""A lens that is alike in all directions, over square photosites: what is not round in the camera's maps is theirs."""
+"""An isotropic lens over square photosites: the anisotropy of the camera's maps is theirs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from procedures.field.image_height import over_height
-from procedures.field.maps import BEFORE_PHOTOSITES, FieldMap, derive, mtf50_about
+from procedures.field.maps import FieldMap, derive, mtf50_about
 from procedures.field.photosite import ASSUMED, Photosite, WithoutPhotosite
 from procedures.outcome import BadParameter
 from procedures.psf import Psf
@@ -17,7 +17,7 @@ from procedures.psf_field import PsfField
 S, K = 4, 25
 SHAPE = (40, 60)
 SIGMA = 0.25
-"""Of the lens's Gaussian, in pixels of the plane: its light lies within the support, and its MTF within the band."""
+"""Standard deviation of the lens's Gaussian in pixels: it fits the support, and its MTF the band."""
 LENS_MTF50 = float(np.sqrt(np.log(2) / 2) / np.pi / SIGMA)
 FILL = 0.9025
 F = np.array([0.1, 0.3, 0.5, 0.7])
@@ -27,7 +27,7 @@ def lens_mtf(f: np.ndarray, sigma: float = SIGMA) -> np.ndarray:
     return np.exp(-2 * (np.pi * sigma * f) ** 2)
 
 
-def seen(fill: float = FILL, pitch: int = 1, noise: float = 0.0, sigma: float = SIGMA) -> Psf:
+def camera_psf(fill: float = FILL, pitch: int = 1, noise: float = 0.0, sigma: float = SIGMA) -> Psf:
     """The PSF of lens and photosite: the Fourier integral of both transfer functions over the band."""
     f = (np.arange(256) + 0.5) / 256 * S - S / 2
     along = lens_mtf(f, sigma) * np.sinc(np.sqrt(fill) * f / pitch)
@@ -38,7 +38,7 @@ def seen(fill: float = FILL, pitch: int = 1, noise: float = 0.0, sigma: float = 
 
 @dataclass
 class Everywhere:
-    """One PSF over the whole frame; all that a map asks of a field."""
+    """One PSF over the whole frame, with the part of a field's API that maps use."""
 
     psf: Psf
     shape = SHAPE
@@ -66,7 +66,7 @@ def everywhere(psf: Psf) -> PsfField:
 
 @pytest.fixture(scope="module")
 def maps() -> dict[str, FieldMap]:
-    field = everywhere(seen(noise=2e-5))
+    field = everywhere(camera_psf(noise=2e-5))
     return {one.name: one for one in derive(field, 7, WithoutPhotosite(Photosite(FILL)))}
 
 
@@ -79,21 +79,21 @@ def test_a_map_without_the_photosite_has_no_cross(maps):
 
 
 @pytest.mark.parametrize("name", ["mtf50_sagittal_without_photosite", "mtf50_meridional_without_photosite"])
-def test_it_is_that_of_the_lens(maps, name):
+def test_mtf50_without_the_photosite_is_that_of_the_lens(maps, name):
     assert np.all(np.abs(maps[name].value - LENS_MTF50) < 2 * maps[name].uncertainty)
 
 
 @pytest.mark.parametrize("pitch", [1, 2])
 @pytest.mark.parametrize("angle", [0.0, 0.3, np.pi / 4])
-def test_the_camera_over_the_photosite_is_the_lens(angle, pitch):
-    # what lies beyond band and support is 1e-4 of the light
-    found, _ = WithoutPhotosite(Photosite(FILL), pitch).curve(seen(FILL, pitch), F, angle)
-    np.testing.assert_allclose(found, lens_mtf(F), atol=1e-3)
+def test_the_quotient_is_the_mtf_of_the_lens(angle, pitch):
+    # 1e-4 of the energy lies beyond band and support
+    quotient, _ = WithoutPhotosite(Photosite(FILL), pitch).curve(camera_psf(FILL, pitch), F, angle)
+    np.testing.assert_allclose(quotient, lens_mtf(F), atol=1e-3)
 
 
-def test_the_fill_factors_error_is_in_the_bar():
-    # by the change itself: the fill factor off by its uncertainty, everything else as it was
-    psf = seen()
+def test_the_uncertainty_includes_that_of_the_fill_factor():
+    # compared with the change when the fill factor is off by its uncertainty
+    psf = camera_psf()
     sure, unsure, other = (
         mtf50_about(psf, 0.3, WithoutPhotosite(one))
         for one in (Photosite(FILL), Photosite(FILL, 0.01), Photosite(FILL + 0.01))
@@ -102,27 +102,23 @@ def test_the_fill_factors_error_is_in_the_bar():
     np.testing.assert_allclose(added, np.abs(other[0] - sure[0])[:2], rtol=0.05)
 
 
-def test_where_hardly_anything_passes_there_is_no_number():
+def test_no_number_near_the_zero_of_the_photosite():
     # the lens's MTF50, at 1.9 cycles per pixel, lies beyond the photosite's first zero
-    values, uncertainties = mtf50_about(seen(1.0, sigma=0.1), 0.0, WithoutPhotosite(Photosite(1.0)))
+    values, uncertainties = mtf50_about(camera_psf(1.0, sigma=0.1), 0.0, WithoutPhotosite(Photosite(1.0)))
     assert np.isnan(values).all()
     assert np.isnan(uncertainties).all()
 
 
-def test_over_image_height_it_is_divided_by_the_same():
-    field, frequency = everywhere(seen()), 0.25
+def test_curves_over_image_height_are_divided_too():
+    field, frequency = everywhere(camera_psf()), 0.25
     (camera,), (lens,) = over_height(field, (frequency,)), over_height(field, (frequency,), WithoutPhotosite(ASSUMED))
-    # all eight directions from the centre are as far from rows, columns and diagonals
+    # all eight directions have the same angle to rows, columns and diagonals
     (own,), _ = ASSUMED.mtf(np.array([frequency]), np.pi / 8, 1)
     np.testing.assert_allclose(lens.sagittal[1:], camera.sagittal[1:] / own, rtol=1e-12)
     assert np.all(lens.sagittal_uncertainty[1:] > camera.sagittal_uncertainty[1:] / own)
 
 
 @pytest.mark.parametrize(("fill", "uncertainty"), [(0.0, 0.0), (1.2, 0.0), (0.5, 0.5), (float("nan"), 0.0)])
-def test_a_fill_factor_is_a_part(fill, uncertainty):
-    with pytest.raises(BadParameter, match="fills a part of its pixel"):
+def test_impossible_fill_factors_are_refused(fill, uncertainty):
+    with pytest.raises(BadParameter, match="a fill factor must be greater than 0"):
         Photosite(fill, uncertainty)
-
-
-def test_names_say_that_they_are_not_the_cameras():
-    assert all(one.endswith("_without_photosite") and "without" in one.label for one in BEFORE_PHOTOSITES)

@@ -1,4 +1,4 @@
-"""Where the tour of a field brings the chart: projected by the bench's geometry, written independently of the plan."""
+"""Moves of a field's tour, compared with an independent projection by the bench's geometry."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from procedures.facts import facts_as
 from procedures.field.facts import BASE, FieldFacts
-from procedures.field.locations import Location, pan_tilt_deg
-from procedures.field.plan import NEAR, bring, check_places, locations, plan, say_place, stops, to_place
+from procedures.field.locations import Location
+from procedures.field.plan import NEAR, bring, check_places, locations, say_place, to_place
 from procedures.geometry.plan import check_start
 from procedures.pattern import Chart
 from procedures.raw import read_frame
@@ -37,8 +37,8 @@ parts = st.floats(0.1, 0.9)
 angles = st.floats(-15.0, 15.0)
 
 
-def seen(chart_mm, pan_deg=0.0, tilt_deg=0.0, x_mm=0.0, y_mm=0.0, z_mm=0.0):
-    """Where the camera sees a point: stages move it right, up and back, the head turns it."""
+def projected(chart_mm, pan_deg=0.0, tilt_deg=0.0, x_mm=0.0, y_mm=0.0, z_mm=0.0):
+    """Projection of a point: stages move the camera right, up and back, the head turns it."""
     offset = np.asarray(chart_mm) + np.array([-x_mm, y_mm, z_mm])
     ray = Rotation.from_euler("YX", [pan_deg, tilt_deg], degrees=True).inv().apply(offset)
     x, y = F_PX * ray[:2] / ray[2]
@@ -46,7 +46,7 @@ def seen(chart_mm, pan_deg=0.0, tilt_deg=0.0, x_mm=0.0, y_mm=0.0, z_mm=0.0):
 
 
 def from_base(chart_mm, base):
-    at, _ = seen(chart_mm, **base)
+    at, _ = projected(chart_mm, **base)
     return {**FACTS, "tour_x": at.x, "tour_y": at.y, **{BASE + name: place for name, place in base.items()}}
 
 
@@ -56,7 +56,7 @@ def test_head_brings_the_chart_to_its_place_from_wherever_it_looks(x, y, pan, ti
     chart = Rotation.from_euler("YX", [pan, tilt], degrees=True).apply([15.0, -20.0, AWAY_MM])
     base = {"pan_deg": pan, "tilt_deg": tilt}
     facts = from_base(chart, base)
-    there, _ = seen(chart, **to_place(Location(x, y), facts))
+    there, _ = projected(chart, **to_place(Location(x, y), facts))
     assert (there.x, there.y) == pytest.approx((x, y), abs=1e-9)
 
 
@@ -66,7 +66,7 @@ def test_rail_behind_the_head_keeps_the_distance_along_the_axis(x, y):
     base = {"pan_deg": 0.0, "tilt_deg": 0.0, "z_mm": 700.0}
     chart = np.array([0.0, 0.0, AWAY_MM - 700.0])
     places = to_place(Location(x, y), from_base(chart, base))
-    there, depth_mm = seen(chart, **places)
+    there, depth_mm = projected(chart, **places)
     assert (there.x, there.y) == pytest.approx((x, y), abs=1e-9)
     assert depth_mm == pytest.approx(AWAY_MM, rel=1e-9)
 
@@ -79,14 +79,14 @@ def test_the_rail_does_not_go_beyond_its_travel():
 
 @settings(max_examples=50, deadline=None)
 @given(parts, parts)
-def test_cross_slides_do_where_there_is_no_head(x, y):
+def test_cross_slides_replace_a_head(x, y):
     chart, base = np.array([42.0, 3.0, AWAY_MM]), {"x_mm": 30.0, "y_mm": -10.0}
     places = to_place(Location(x, y), from_base(chart, base))
-    there, _ = seen(chart, **places)
+    there, _ = projected(chart, **places)
     assert (there.x, there.y) == pytest.approx((x, y), abs=1e-9)
 
 
-def test_without_any_axes_the_operator_is_told_where_the_chart_shall_be():
+def test_without_axes_the_operator_gets_the_position_of_the_chart():
     assert to_place(Location(0.2, 0.7), FACTS) == {}
     assert bring(Location(0.5, 0.5), Location(0.2, 0.7), {"z_mm": 3.0}, facts_as(FieldFacts, FACTS).begun()) == {}
     assert say_place(Location(0.2, 0.7), FACTS) == (
@@ -112,33 +112,14 @@ def test_the_tour_brings_the_sheet_to_the_frame_s_corners(count):
     assert {(x, y) for x in (0.05, 0.95) for y in (0.06, 0.94)} <= points
 
 
-def test_the_same_facts_give_the_same_tour():
-    first, second = (stops({**FACTS, "places": 9.0}) for _ in range(2))
-    assert [stop.name for stop in first] == [stop.name for stop in second]
-    assert [stop.go.to(FACTS | {BASE + "x_mm": 0.0, BASE + "y_mm": 0.0}) for stop in first] == [
-        stop.go.to(FACTS | {BASE + "x_mm": 0.0, BASE + "y_mm": 0.0}) for stop in second
-    ]
-
-
-def test_the_plan_begins_as_the_pattern_s_and_retakes_the_tour():
-    steps = plan(lambda frames, facts: {}).steps
-    assert [step.name for step in steps][-4:] == ["places", "tour", "estimate", "verdict"]
-    assert steps[-1].requests[0].retake == "tour"
-
-
-def test_the_head_at_rest_is_the_special_case():
-    location, shape = Location(0.2, 0.7), (ROWS, COLUMNS)
-    assert pan_tilt_deg(location, shape, F_PX) == pan_tilt_deg(location, shape, F_PX, np.array([0.0, 0.0, 2.0]))
-
-
-# --- what the tour will cover is checked before its first photograph ------------------------------------------------
+# --- checks before the first photograph ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     ("check", "side", "good"),
     [(check_places, 320, True), (check_places, 160, False), (check_start, 420, True), (check_start, 240, False)],
 )
-def test_a_frame_too_small_for_the_chart_is_told_before_the_tour(check, side, good, rng, tmp_path):
+def test_a_frame_too_small_for_the_chart_is_refused_before_the_tour(check, side, good, rng, tmp_path):
     camera = replace(frame_camera(), sensor=Sensor(rows=side, columns=side, cfa=None), oversampling=5)
     placed = camera.place(Chart.from_seed(), pixels=pixels_at(1.3), cell_mm=0.3)
     camera.photograph(Scene((placed,)), rng, tmp_path / "frame.dng", exposure_s=0.02)

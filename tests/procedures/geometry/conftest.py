@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from procedures.geometry.adjustment import AdjustmentProblem
 from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate_geometry
+from procedures.geometry.shape import shape_model
 
 from .simulated_views import CELL_MM, Shoot, Taken, TrueCamera, take
 
@@ -20,8 +22,14 @@ def taken() -> Taken:
 
 
 @pytest.fixture(scope="session")
+def problem(taken: Taken) -> AdjustmentProblem:
+    return AdjustmentProblem(taken.nodes, taken.views, shape_model(taken.nodes))
+
+
+@pytest.fixture(scope="session")
 def geometry(taken: Taken) -> Geometry:
-    found = calibrate_geometry(taken.views, PLAIN.size, GeometryParameters(CELL_MM, model="OPENCV"), nodes=taken.nodes)
-    assert found.value is not None
-    assert found.reason == ""
-    return found.value
+    outcome = calibrate_geometry(
+        taken.views, PLAIN.size, GeometryParameters(CELL_MM, model="OPENCV"), nodes=taken.nodes
+    )
+    assert outcome.reason == ""
+    return outcome.result()

@@ -1,4 +1,4 @@
-"""Views of a chart through a known lens, fast: points projected by OpenCV's formulas, moved by noise of known size."""
+"""Simulated views of a chart through a known lens: points projected by OpenCV's formulas, with known noise."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WAVES = 1.5
 class TrueCamera:
     """A lens with radial, tangential and thin-prism distortion, as OpenCV defines them, pixel centres at integers.
 
-    `wave_px` is the height of waves over the frame that no such formula draws, WAVES of them along either side.
+    `wave_px` is the amplitude of waves over the frame that no formula describes, WAVES of them along either side.
     """
 
     focal_px: tuple[float, float] = (5200.0, 5204.0)
@@ -53,13 +53,13 @@ class TrueCamera:
 
 @dataclass(frozen=True)
 class Shoot:
-    """How a chart is photographed.
+    """Conditions of the photographs.
 
     Attributes
     ----------
     noise_px : of every point; print_mm : of every node, in the plane
-    bend_mm : the sheet's middle lies so far behind its rim
-    every : of the nodes along a side, one in so many is used
+    bend_mm : depth of the sheet's middle behind its edge
+    every : step between the used nodes along a side
     """
 
     camera: TrueCamera = field(default_factory=TrueCamera)
@@ -74,7 +74,7 @@ class Shoot:
 
 @dataclass(frozen=True)
 class Taken:
-    """The views, and what is true of them."""
+    """The views, and the truth."""
 
     views: list[ChartView]
     poses: list[Pose]
@@ -110,7 +110,7 @@ def take(shoot: Shoot, rng: np.random.Generator, true_nodes: np.ndarray | None =
 
 
 def seen(shoot: Shoot, poses: list[Pose], true_nodes: np.ndarray, rng: np.random.Generator) -> list[ChartView]:
-    """The views of charts that stand so, with noise."""
+    """The views of charts in these poses, with noise."""
     views = []
     for i, pose in enumerate(poses):
         places = shoot.camera.project(pose.apply(true_nodes))
@@ -123,13 +123,13 @@ def seen(shoot: Shoot, poses: list[Pose], true_nodes: np.ndarray, rng: np.random
 
 
 def plan(shoot: Shoot) -> np.ndarray:
-    """The chart's nodes as they should be, (N, 3)."""
+    """The planned nodes of the chart, (N, 3)."""
     side = int(len(chart_nodes(CELL_MM)) ** 0.5)
     return chart_nodes(CELL_MM).reshape(side, side, 3)[:: shoot.every, :: shoot.every].reshape(-1, 3)
 
 
 def printed(shoot: Shoot, rng: np.random.Generator) -> np.ndarray:
-    """The nodes as a printer draws them and as the sheet hangs."""
+    """The actual nodes of a printed, bent sheet."""
     nodes = plan(shoot)
     r2 = np.sum((nodes / nodes.max()) ** 2, axis=1)
     nodes[:, :2] += shoot.print_mm * rng.standard_normal((len(nodes), 2))
@@ -138,9 +138,9 @@ def printed(shoot: Shoot, rng: np.random.Generator) -> np.ndarray:
 
 
 def apart(camera, truth: TrueCamera, margin: float = 0.0125) -> np.ndarray:
-    """How far a camera puts the same directions from where the true one does, the best turn between them allowed for.
+    """Error (n, 2) of a camera's projection, in pixels, up to the best rotation.
 
-    On a grid over the frame without `margin` of its sides: 95 % of its area, for 1.25 %; (n, 2) in pixels.
+    On a grid over the frame without `margin` of its sides: 95 % of its area, for 1.25 %.
     """
     w, h = truth.size
     x, y = np.meshgrid(np.linspace(margin, 1 - margin, 40) * (w - 1), np.linspace(margin, 1 - margin, 27) * (h - 1))
@@ -157,9 +157,9 @@ def apart(camera, truth: TrueCamera, margin: float = 0.0125) -> np.ndarray:
 
 
 def fixed_to_charts(camera, poses, taken: Taken, truth: TrueCamera, pixels: np.ndarray, distance_mm: float):
-    """Where a camera sees what the true one sees at pixels (n, 2), if that stays fixed to the charts, (n, 2).
+    """Projection (n, 2) by a camera of objects at pixels (n, 2) of the true one that are fixed to the charts.
 
-    The charts' frame is that of the nodes as they lie: the similarity that lays the plan best onto them.
+    The charts' frame is that of the actual nodes: the best similarity of the plan.
     """
     R, t, s = similarity(taken.nodes, taken.true_nodes)
     rays = truth.rays(pixels)
@@ -175,7 +175,7 @@ def fixed_to_charts(camera, poses, taken: Taken, truth: TrueCamera, pixels: np.n
 
 
 def similarity(plan: np.ndarray, real: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """R, t, s that bring s R plan + t nearest to the real nodes (Umeyama 1991)."""
+    """R, t, s with s R plan + t nearest to the real nodes (Umeyama 1991)."""
     a, b = plan - plan.mean(axis=0), real - real.mean(axis=0)
     U, D, Vt = np.linalg.svd(b.T @ a)
     sign = np.array([1, 1, np.linalg.det(U @ Vt)])

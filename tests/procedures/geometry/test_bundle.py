@@ -1,4 +1,4 @@
-"""A first guess of camera and poses, held against views whose truth is known."""
+"""Initial estimate of camera and poses, compared with the truth of simulated views."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ LONG = TrueCamera((2450.0, 2450.0), (159.5, 119.5), (320, 240), (-3.0, 0.0, 0.0)
 """A frame of seven degrees."""
 TILTS = ((-11.2, -6.2), (-35.0, 6.7), (33.2, -6.7), (8.8, 35.8), (-10.4, -34.3), (-10.4, -34.3))
 PLACES = ((-64.4, 35.9), (0.0, -35.4), (0.0, 35.9), (63.7, 0.0), (-64.4, 0.0), (-64.4, 0.0))
-"""Yaw and pitch in degrees; where the chart's centre is, right and down in mm, 2070 mm away. The first looks much the
-same tilted the other way."""
+"""Yaw and pitch in degrees; the chart's centre, right and down in mm, 2070 mm away. The first pose and that of
+the opposite tilt are nearly indistinguishable."""
 CELL_MM = 0.3
 NOISE_PX = 0.0075
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_chart_that_is_tilted_a_little_before_a_long_lens_is_not_left_tilted_the_other_way(way, rng):
+def test_a_small_tilt_before_a_long_lens_is_not_taken_for_the_opposite_one(way, rng):
     nodes = chart_nodes(CELL_MM)[::16]
     turns = [Rotation.from_euler("YX", way * np.array(tilt), degrees=True) for tilt in TILTS]
     poses = [
@@ -37,5 +37,5 @@ def test_a_chart_that_is_tilted_a_little_before_a_long_lens_is_not_left_tilted_t
     found = first_bundle(nodes, views, LONG.size)
     for pose, turn in zip(found.poses, turns, strict=True):
         assert np.degrees((Rotation.from_matrix(pose.R) * turn.inv()).magnitude()) < 5.0
-    # two coordinates a point; the fit takes a little of the noise away
+    # two coordinates a point; the fit absorbs a little of the noise
     assert found.cost_px < 1.1 * np.sqrt(2) * NOISE_PX

@@ -21,7 +21,7 @@ def test_pixels_are_those_of_opencv_whose_centres_lie_at_integers_too():
     np.testing.assert_allclose(FULL.project(POINTS), seen, atol=1e-9)
 
 
-def test_colmap_sees_the_axis_half_a_pixel_further():
+def test_colmap_has_the_axis_half_a_pixel_further():
     axis = np.array([[0.0, 0.0, 1.0]])
     np.testing.assert_allclose(FULL.project(axis), [[320.25, 239.5]], atol=1e-12)
     np.testing.assert_allclose(FULL.colmap().img_from_cam(axis), [[320.75, 240.0]], atol=1e-12)
@@ -49,7 +49,7 @@ def test_pinhole_derivatives_are_the_formulas():
     np.testing.assert_allclose(camera.by_points(POINTS), by_points, atol=1e-6)
 
 
-def test_derivative_by_pose_is_what_a_small_change_does():
+def test_the_derivative_by_pose_predicts_a_small_change():
     pose, change = Pose(np.eye(3), np.array([0.01, -0.02, 0.1])), 1e-5 * np.array([1, -2, 3, 4, 5, -6.0])
     points = pose.apply(POINTS)
     moved = FULL.project(moved_pose(pose, change).apply(POINTS)) - FULL.project(points)
@@ -57,6 +57,6 @@ def test_derivative_by_pose_is_what_a_small_change_does():
     np.testing.assert_allclose(by_pose(FULL.by_points(points), points) @ change, moved, atol=5e-6)
 
 
-def test_unknown_models_are_told_with_the_known_ones():
+def test_unknown_models_are_refused_with_a_list_of_the_known_ones():
     with pytest.raises(BadParameter, match="no camera model 'BROWN'; name one of SIMPLE_RADIAL"):
         parameter_names("BROWN")

@@ -1,4 +1,4 @@
-"""A camera that cannot see a chart where it stands is no reason to fail: it leaves infinitely much of that view."""
+"""A chart outside the field of view gives an infinite residual, not an error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""mrcal's published solution of a Nikon D750: 186 views of a board of 10 x 10 corners, found again from nothing."""
+"""mrcal's published solution of a Nikon D750: 186 views of a board of 10 x 10 corners, recovered from the corners."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from procedures.geometry.adjustment import AdjustmentState, residual
+from procedures.geometry.adjustment import AdjustmentProblem, AdjustmentState
 from procedures.geometry.bundle import first_bundle
 from procedures.geometry.cameras import Camera
 from procedures.geometry.choice import fit_model
-from procedures.geometry.shape import shape_of_terms
+from procedures.geometry.shape import rigid_shape, shape_of_terms
 from procedures.geometry.views import ChartView, Pose
 
 SIDE, SIZE, SIGMA_PX = 10, (6016, 4016), 2.0
@@ -32,7 +32,7 @@ def published(shared_data):
 
 @pytest.fixture(scope="module")
 def views(published):
-    """Corners that they did not take for outliers, each weighing as in their solution."""
+    """Corners that they did not classify as outliers, weighted as in their solution."""
     found = []
     for number, board in enumerate(published["observations_board"].reshape(-1, SIDE * SIDE, 3)):
         index = np.flatnonzero(board[:, 2] > 0)
@@ -52,20 +52,18 @@ def warped_board(published):
 
 
 @pytest.mark.slow
-def test_mrcals_optimum_is_found_again_from_nothing(published, views):
+def test_mrcals_optimum_is_recovered(published, views):
     nodes, terms = warped_board(published)
     shape = shape_of_terms(nodes, terms, np.full(2, 20.0), 0.0)
     bundle = first_bundle(nodes, views, SIZE)
-    start = AdjustmentState(bundle.camera, bundle.poses, np.zeros(2), np.zeros_like(nodes))
-    found = fit_model("FULL_OPENCV", start, nodes, views, shape)
-    # what they leave over, by their camera, poses and warp: the poses are of the board's corner there
+    problem = AdjustmentProblem(nodes, views, shape)
+    found = fit_model("FULL_OPENCV", problem.flat_state(bundle.camera, bundle.poses), problem)
+    # the residual of their camera, poses and warp: the poses are of the board's corner there
     corner, theirs = nodes[0], 1000 * published["calobject_warp"]
     camera = Camera("FULL_OPENCV", published["intrinsics"][0], *SIZE)
     poses = tuple(_about_centre(rt, corner) for rt in published["frames_rt_toref"])
-    optimum = AdjustmentState(camera, poses, np.zeros(0), np.zeros_like(nodes))
-    flat = shape_of_terms(nodes, np.zeros((len(nodes), 3, 0)), np.zeros(0), 0.0)
-    ours = _rms(found.state, nodes, views, shape)
-    assert ours == pytest.approx(_rms(optimum, nodes + terms @ theirs, views, flat), rel=1e-4)
+    flat = AdjustmentProblem(nodes + terms @ theirs, views, rigid_shape(nodes))
+    assert _rms(problem, found.state) == pytest.approx(_rms(flat, flat.flat_state(camera, poses)), rel=1e-4)
     # their regularisation of the distortion, and ours, pull by hundredths of the uncertainty that 2 pixels make
     sigma = np.sqrt(np.diag(found.covariance))
     assert np.abs((found.state.camera.params - camera.params) / sigma[:12]).max() < 0.1
@@ -77,6 +75,5 @@ def _about_centre(rt: np.ndarray, corner: np.ndarray) -> Pose:
     return Pose(R, 1000 * rt[3:] - R @ corner)
 
 
-def _rms(state: AdjustmentState, nodes, views, shape) -> float:
-    left = np.concatenate([residual(state, nodes, view, shape, i) for i, view in enumerate(views)])
-    return float(np.sqrt(np.mean(left**2)))
+def _rms(problem: AdjustmentProblem, state: AdjustmentState) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(problem.view_residuals(state)) ** 2)))

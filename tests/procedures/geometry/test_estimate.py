@@ -9,7 +9,6 @@ from procedures.geometry import choice, estimate
 from procedures.geometry.adjustment import NotConverged
 from procedures.geometry.choice import choose_model, first_state
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
-from procedures.geometry.shape import shape_model
 from procedures.geometry.views import ChartView, chart_nodes, greatest_tilt
 from procedures.outcome import Verdict
 
@@ -38,7 +37,7 @@ def test_the_frame_is_projected_as_well_as_stated(geometry, taken):
     assert np.sqrt(np.mean(np.sum(apart(geometry.camera, PLAIN) ** 2, axis=1))) < 0.02
 
 
-def test_the_sheet_is_found_bent_as_it_is(geometry, taken):
+def test_the_bend_of_the_sheet_is_recovered(geometry, taken):
     R, t, s = similarity(taken.nodes, taken.true_nodes)
     true = ((taken.true_nodes - t) @ R) / s - taken.nodes
     error = geometry.shape.deviations_mm - true
@@ -53,23 +52,23 @@ def test_distances_are_right_to_the_scale_of_the_print(geometry, taken):
     for one, pose in zip(geometry.views, taken.poses, strict=True):
         true = np.linalg.norm(pose.t)
         assert abs(one.distance.value - true) < 3 * one.distance.uncertainty
-        # without the scale nobody can know they agree a hundred times better; the bent sheet's middle is not its plan's
+        # without the unknown scale they agree a hundred times better; the middle of the bent sheet is off its plan
         assert one.distance.value * s == pytest.approx(true, rel=1e-3)
 
 
-def test_a_model_too_poor_is_doubted_by_name():
+def test_a_model_that_is_too_simple_is_named_as_doubtful():
     taken = take(SMALL, np.random.default_rng(3))
     parameters = GeometryParameters(CELL_MM, model="OPENCV")
     found = calibrate_geometry(taken.views, SMALL.camera.size, parameters, nodes=taken.nodes)
     assert found.verdict is Verdict.DOUBTFUL
-    assert "OPENCV is too poor a model for this lens" in found.reason
+    assert "OPENCV is too simple for this lens" in found.reason
     assert found.value is not None
     assert found.value.misfit.rms_px > 0.02  # thin prism of 6e-4 r^2: a tenth of a pixel and more at the rim
 
 
 @pytest.mark.delicate
 @pytest.mark.slow
-def test_the_model_that_foretells_the_other_views_is_chosen(taken):
+def test_the_model_that_predicts_the_other_views_is_chosen(taken):
     parameters = GeometryParameters(CELL_MM)
     found = calibrate_geometry(taken.views, PLAIN.size, parameters, nodes=taken.nodes)
     assert found.value is not None
@@ -79,28 +78,27 @@ def test_the_model_that_foretells_the_other_views_is_chosen(taken):
 
 
 def failing_halves(monkeypatch, taken, *, unless):
-    """The adjustment of FULL_OPENCV to half of the views fails, unless it begins with such a camera as is said."""
+    """Make the adjustment of FULL_OPENCV to half of the views fail unless the initial camera passes a test."""
     adjust = choice.adjust
 
-    def failing(start, nodes, views, shape):
+    def failing(start, problem):
         rich = start.camera.model == "FULL_OPENCV"
-        if rich and len(views) < len(taken.views) and not unless(start.camera):
+        if rich and len(problem.views) < len(taken.views) and not unless(start.camera):
             raise NotConverged("did not converge", "add views")
-        return adjust(start, nodes, views, shape)
+        return adjust(start, problem)
 
     monkeypatch.setattr(choice, "adjust", failing)
 
 
-def test_a_half_that_does_not_converge_is_begun_again_from_the_whole_fit(taken, monkeypatch):
-    shape = shape_model(taken.nodes)
-    start = first_state(taken.nodes, taken.views, PLAIN.size, shape)
+def test_a_half_that_does_not_converge_restarts_from_the_fit_to_all_views(taken, problem, monkeypatch):
+    start = first_state(problem, PLAIN.size)
     models = ("OPENCV", "FULL_OPENCV")
-    expected = {one.model: one for one in choose_model(models, start, taken.nodes, taken.views, shape)}
-    # what is handed on from OPENCV has no denominator; the fit to all views has one
+    expected = {one.model: one for one in choose_model(models, start, problem)}
+    # the start from OPENCV has no denominator; the fit to all views has one
     failing_halves(monkeypatch, taken, unless=lambda camera: camera.params[-1] != 0)
-    found = {one.model: one for one in choose_model(models, start, taken.nodes, taken.views, shape)}
+    found = {one.model: one for one in choose_model(models, start, problem)}
     assert found["FULL_OPENCV"].converged
-    # both converge to a thirtieth of an uncertainty, of which the views that are foretold have a few
+    # both converge to a thirtieth of an uncertainty; the predicted views depend on a few of them
     assert found["FULL_OPENCV"].left_over == pytest.approx(expected["FULL_OPENCV"].left_over, rel=0.05)
 
 

@@ -1,4 +1,4 @@
-"""A formula and a spline over it, against differences, polynomials and a lens with waves."""
+"""Spline cameras: derivatives, polynomials, and a lens with waves."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from procedures.geometry.adjustment import AdjustmentProblem
 from procedures.geometry.cameras import Camera, parameter_names
 from procedures.geometry.choice import choose_model, first_state
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
@@ -37,7 +38,7 @@ def test_without_control_points_it_is_its_formula(points):
     assert (PLAIN.names[8], PLAIN.names[-1], len(PLAIN.names)) == ("spline_x_0_0", "spline_y_6_4", 78)
 
 
-def test_control_points_on_a_plane_draw_a_plane():
+def test_control_points_on_a_plane_give_a_plane():
     # a cubic B-spline keeps polynomials of the first degree: its control points lie a piece apart, from -1
     i, j = np.meshgrid(np.arange(7) - 1, np.arange(5) - 1)
     field = np.stack([1 + 2 * i - j, 0.5 * i + 3 * j], axis=-1)
@@ -59,13 +60,13 @@ def test_derivatives_are_those_of_differences(bent, points):
         np.testing.assert_allclose(bent.by_points(points)[..., i], change / 2e-6, rtol=1e-5, atol=1e-3)
 
 
-def test_rays_are_seen_where_they_come_from(bent):
+def test_rays_project_to_their_pixels(bent):
     pixels = BASE.frame_grid(8, 6)
     np.testing.assert_allclose(bent.project(bent.rays(pixels)), pixels, atol=1e-6)
     assert np.isnan(bent.project(np.array([[0.1, 0.1, -1.0]]))).all()
 
 
-def test_control_points_are_as_far_apart_along_both_sides():
+def test_the_spacing_of_control_points_is_the_same_along_both_sides():
     assert spline_models("OPENCV", 6000, 4000) == ("OPENCV+SPLINE_8X7", "OPENCV+SPLINE_12X9", "OPENCV+SPLINE_18X13")
     assert spline_models("OPENCV", 400, 4000)[0] == "OPENCV+SPLINE_4X8"
 
@@ -73,13 +74,13 @@ def test_control_points_are_as_far_apart_along_both_sides():
 @pytest.mark.parametrize(
     "model", ["OPENCV+SPLINE_3X9", "BROWN+SPLINE_8X8", "OPENCV+SPLINE_8", "OPENCV+SPLINE_", "OPENCV+"]
 )
-def test_a_grid_that_is_none_is_refused(model):
+def test_an_invalid_grid_is_refused(model):
     with pytest.raises(BadParameter, match="no camera model"):
         parameter_names(model)
 
 
 @pytest.mark.slow
-def test_waves_that_no_formula_draws_are_drawn_by_a_spline():
+def test_a_spline_describes_waves_that_no_formula_does():
     shoot = Shoot(camera=WAVY, every=3, print_mm=0.03, bend_mm=0.3)
     taken = take(shoot, np.random.default_rng(5))
     found = {
@@ -87,7 +88,7 @@ def test_waves_that_no_formula_draws_are_drawn_by_a_spline():
         for model in ("OPENCV", "OPENCV+SPLINE_8X7")
     }
     poor, spline = found["OPENCV"], found["OPENCV+SPLINE_8X7"].value
-    assert "too poor" in poor.reason
+    assert "too simple" in poor.reason
     assert poor.value.residual_scale > 5
     # waves of 4000 pixels' length and pieces of 1200: a cubic errs by some thousandths of the waves' 0.3 pixel
     assert spline.residual_scale < 1.5
@@ -97,10 +98,9 @@ def test_waves_that_no_formula_draws_are_drawn_by_a_spline():
 
 
 @pytest.mark.slow
-def test_views_left_out_tell_a_spline_from_a_formula():
+def test_cross_validation_separates_a_spline_from_a_formula():
     for camera, best in ((WAVY, "OPENCV+SPLINE_8X7"), (replace(WAVY, wave_px=0.0, thin_prism=(0.0,) * 4), "OPENCV")):
         taken = take(Shoot(camera=camera, every=4, count=10), np.random.default_rng(6))
-        shape = shape_model(taken.nodes)
-        start = first_state(taken.nodes, taken.views, camera.size, shape)
-        trials = choose_model(("OPENCV", "OPENCV+SPLINE_8X7"), start, taken.nodes, taken.views, shape)
+        problem = AdjustmentProblem(taken.nodes, taken.views, shape_model(taken.nodes))
+        trials = choose_model(("OPENCV", "OPENCV+SPLINE_8X7"), first_state(problem, camera.size), problem)
         assert trials[0].model == best

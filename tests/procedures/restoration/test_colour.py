@@ -12,7 +12,7 @@ from procedures.outcome import BadInput
 from procedures.raw import Plane
 from procedures.restoration.colour.colour_error import error_of, spread_out
 from procedures.restoration.colour.depth_search import searched
-from procedures.restoration.colour.estimate import Steps, descended, pair_at, problem_of, shifted, unknowns_of
+from procedures.restoration.colour.estimate import descended, problem_of, shifted, unknowns_of
 from procedures.restoration.colour.mosaic import depth_on_sensor, mosaics, spread
 from procedures.restoration.colour.picture import mixing
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
@@ -65,8 +65,10 @@ def restored(u, w, stacks, origins):
     planes = photographed(u, w, stacks, origins)
     mosaic = mosaics(planes, np.ones(2))
     first = spread({n: one.samples for n, one in planes[0].items()}, origins) / mosaic.gains[:, None, None]
-    picture, _, residual = pair_at(mosaic, w[R:-R, R:-R], first, stacks, SIGMA, Steps(joint=0))
-    return picture, residual, first * mosaic.gains[:, None, None]
+    term = problem_of(mosaic, stacks, np.float32)
+    u, _ = descended(term, unknowns_of(mosaic, first, R, np.float32), w[R:-R, R:-R], SIGMA, joint=0)
+    gains, picture = mosaic.gains[:, None, None], np.tensordot(np.linalg.inv(mixing()), u[:, R:-R, R:-R], axes=1)
+    return gains * picture, term.residual(u).sum(axis=1, keepdims=True), first * gains
 
 
 @pytest.mark.slow
@@ -109,7 +111,7 @@ def test_estimated_error_of_a_colour_picture_is_its_error(scene, stacks):
     first = spread({n: one.samples for n, one in planes[0].items()}, PHASES["RGGB"]) / mosaic.gains[:, None, None]
     term = problem_of(mosaic, stacks, np.float32)
     inside = w[R:-R, R:-R]
-    unknowns, _ = descended(term, unknowns_of(mosaic, first, R, np.float32), inside, SIGMA, Steps(joint=0))
+    unknowns, _ = descended(term, unknowns_of(mosaic, first, R, np.float32), inside, SIGMA, joint=0)
     error = np.abs(unknowns - np.tensordot(mixing(), u / mosaic.gains[:, None, None], axes=1))[:, R:-R, R:-R]
     std = spread_out(error_of(term, unknowns, w, SIGMA, SIGMA)[:, R:-R, R:-R], 2 * R + 1)
     assert 0.88 < np.mean(error < 2 * std) < 0.995

@@ -44,7 +44,7 @@ def test_the_chart_s_distance_follows_from_rail_and_head():
 
 def facts_of(start: TourStart) -> dict:
     told = {"rows": 480.0, "columns": 640.0, "principal_px": PRINCIPAL_PX, "distance_mm": start.distance_mm,
-            "x": start.seen_at.x, "y": start.seen_at.y, "half_x": 0.1, "half_y": 0.13}  # fmt: skip
+            "x": start.chart_at.x, "y": start.chart_at.y, "half_x": 0.1, "half_y": 0.13}  # fmt: skip
     lens = {"focal_length_mm": 24.0, "pixel_pitch_um": 11.88, "f_number": 2.8, "chart_width_mm": 48.0}
     at = {f"at_{name}": place for name, place in BASE.items()}
     begun = {f"tour_from_{name}": place for name, place in BASE.items()}

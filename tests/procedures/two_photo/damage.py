@@ -1,4 +1,4 @@
-"""What goes wrong between two photographs, and inside a camera: damaged copies of a good pair, and turned light."""
+"""Damaged copies of a good pair, as by changes between two photographs or inside a camera, and rotated light."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def half_softened(sigma_px: float) -> Change:
 
 
 def sharpened(amount: float) -> Change:
-    """By an unsharp mask one pixel wide."""
+    """Unsharp mask, one pixel wide."""
     return lambda x: x + np.float32(amount) * (x - cv2.GaussianBlur(x, (0, 0), 1.0))
 
 
 def with_gradient(share: float) -> Change:
-    """The picture's gradient along x added, so much of its contrast, as light from the side adds it on relief."""
+    """Add the picture's gradient along x, relative to its contrast, like light from the side on relief."""
 
     def change(x: Array) -> Array:
         gradient = np.gradient(cv2.GaussianBlur(x, (0, 0), 0.5), axis=1)
@@ -44,7 +44,7 @@ def with_gradient(share: float) -> Change:
 
 
 def compressed(quality: int, gamma: float = 2.2) -> Change:
-    """JPEG of eight bits, through a tone curve and back."""
+    """JPEG of eight bits, with a tone curve."""
 
     def change(x: Array) -> Array:
         white = 1.02 * float(x.max())
@@ -56,7 +56,7 @@ def compressed(quality: int, gamma: float = 2.2) -> Change:
 
 
 def moved(length_px: float) -> Change:
-    """Along x, evenly during the exposure."""
+    """Uniform motion along x during the exposure."""
 
     def change(x: Array) -> Array:
         kernel = np.zeros((1, 7), np.float32)
@@ -129,11 +129,11 @@ CHANGES: dict[str, tuple[Change, tuple[tuple[bool, bool], ...]]] = {
     "shaded": (shaded, (NEAR, FAR)),
     "six bits": (six_bits, (NEAR, FAR, BOTH)),
 }
-"""What is done, and to which of (near, far)."""
+"""The change, and the photographs (near, far) it is applied to."""
 
 
 def names() -> list[str]:
-    """Of all damaged pairs."""
+    """Names of all damaged pairs."""
     where = {NEAR: "near", FAR: "far", BOTH: "both"}
     return [f"{where[which]} {name}" for name, (_, places) in CHANGES.items() for which in places]
 
@@ -150,7 +150,7 @@ def damaged(pair: Pair, name: str) -> tuple[Array, Array]:
 
 
 def relief(otf: Otf, turned_deg: float, *, zoom: float = 4.3, size: int = 150, seed: int = 1) -> Pair:
-    """A rough wall of little colour under light 40 degrees above it, turned about the wall's normal for the far one."""
+    """A rough wall with little paint, light 40 degrees above it, rotated about its normal for the far photograph."""
     whole = scipy.fft.next_fast_len((int(size * zoom) + 2 * RIM_PX) * TEXELS, real=True)
     rng = np.random.default_rng(seed)
     slopes = np.gradient(pink(whole, rng, power=1.7))

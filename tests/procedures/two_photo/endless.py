@@ -1,7 +1,7 @@
-"""Two photographs of a wall through optics whose PSF has no end: the scene's spectrum times the analytic OTF.
+"""Two photographs of a wall through optics with an infinite PSF: the scene's spectrum times the analytic OTF.
 
-The wall goes on periodically and has detail up to two cycles per near pixel: what the pixels alias is in both
-photographs. Nothing is cropped, so that the numbers of the analytic OTF are the truth of every number reported.
+The wall is periodic and has detail up to two cycles per near pixel, so that both photographs are aliased. Nothing is
+truncated: the numbers of the analytic OTF are the ground truth.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ CAMERAS = {"f/2.8": camera(3.25), "f/5.6": camera(1.62, fill=0.9), "f/8": camera
 
 
 def mtf50(otf: Otf) -> float:
-    """Where |OTF| falls to one half along x."""
+    """Frequency at which |OTF| is one half along x."""
     return float(brentq(lambda f: otf(np.float64(f), np.float64(0)) - 0.5, 0.01, 0.99))
 
 
@@ -64,8 +64,8 @@ def _spectrum(wall: str, size: int, seed: int) -> Array:
     return scipy.fft.rfft2(WALLS[wall](size, np.random.default_rng(seed)))
 
 
-def _seen(spectrum: Array, otf: Otf, per_texel: float) -> Array:
-    """The wall through optics, `per_texel` pixels a texel."""
+def _imaged(spectrum: Array, otf: Otf, per_texel: float) -> Array:
+    """The wall through optics, `per_texel` pixels per texel."""
     size = len(spectrum)
     fx, fy = scipy.fft.rfftfreq(size) / per_texel, scipy.fft.fftfreq(size)[:, None] / per_texel
     H = otf(fx, fy)
@@ -73,8 +73,7 @@ def _seen(spectrum: Array, otf: Otf, per_texel: float) -> Array:
 
 
 def _splines(size: int) -> Array:
-    """What quintic splines with these coefficients, (size, size // 2 + 1), make of each frequency; source: their values
-    1, 26, 66, 26 and 1 over 120 at the knots."""
+    """Transfer function of quintic splines, (size, size // 2 + 1), with knot values 1, 26, 66, 26, 1 over 120."""
     along, down = (2 * np.pi * f for f in (scipy.fft.rfftfreq(size), scipy.fft.fftfreq(size)))
     across, upright = ((66 + 52 * np.cos(w) + 2 * np.cos(2 * w)) / 120 for w in (along, down))
     return np.asarray(across * upright[:, None], np.float32)
@@ -93,13 +92,13 @@ def photographs(
     near_otf: Otf | None = None,
     far_wall: Array | None = None,
 ) -> Pair:
-    """The pair: a far photograph of `size` pixels, a near one that shows as much of the wall, noise in both."""
+    """A far photograph of `size` pixels and a near one of the same part of the wall, noise in both."""
     near_size = int(size * zoom)
     whole = scipy.fft.next_fast_len((near_size + 2 * RIM_PX) * TEXELS, real=True)
     spectrum = _spectrum(wall, whole, seed) if isinstance(wall, str) else scipy.fft.rfft2(wall)
-    near = _seen(spectrum, near_otf or otf, 1 / TEXELS)
+    near = _imaged(spectrum, near_otf or otf, 1 / TEXELS)
     of_far = spectrum if far_wall is None else scipy.fft.rfft2(far_wall)
-    far = _seen(of_far / _splines(whole), otf, 1 / (TEXELS * zoom))  # the coefficients of its splines
+    far = _imaged(of_far / _splines(whole), otf, 1 / (TEXELS * zoom))  # the coefficients of its splines
     first = (whole - TEXELS * near_size) // 2
     near = near[first : first + TEXELS * near_size : TEXELS, first : first + TEXELS * near_size : TEXELS]
     c, s = np.cos(roll), np.sin(roll)

@@ -1,4 +1,4 @@
-"""Two ways to one PSF: the noise chart and a wall, seen by the same simulated optics."""
+"""The PSF from the noise chart and from a wall, through the same simulated optics."""
 
 from __future__ import annotations
 
@@ -7,12 +7,10 @@ import pytest
 
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.estimate import estimate_psf as from_chart
-from procedures.raw import Plane
-from procedures.two_photo.estimate import estimate_psf as from_wall
 from simulators.camera.optics import Optics
 
 from ..pattern_psf.conftest import CHART, PITCH_UM, photograph
-from .wall import photographs
+from .wall import estimate, photographs
 
 OPTICS = Optics.typical(f_number=5.6, pitch_um=PITCH_UM, gaussian_px=0.3)
 NOISE = 0.004
@@ -26,12 +24,10 @@ def otf(fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_chart_and_wall_agree_within_their_errors(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    chart = from_chart(photograph(gaussian_px=0.3).plane(NOISE, rng), CHART, PatternParameters(3, 13)).value
+    chart = from_chart(photograph(gaussian_px=0.3).plane(NOISE, rng), CHART, PatternParameters(3, 13)).result()
     pair = photographs(otf, noise=NOISE, seed=seed, size=150)
-    wall = from_wall(*(Plane("Y", samples, 1 / 65535) for samples in (pair.near, pair.far))).value
-    assert chart is not None
-    assert wall is not None
+    wall = estimate(pair.near, pair.far).result()
     for axis in ("horizontal", "vertical"):
-        one, other = (found.quality.numbers[f"mtf50_{axis}"] for found in (chart, wall))
+        one, other = (result.quality.numbers[f"mtf50_{axis}"] for result in (chart, wall))
         assert abs(one.value - other.value) < 2.5 * np.hypot(one.uncertainty, other.uncertainty)
         assert other.value == pytest.approx(one.value, rel=0.01)

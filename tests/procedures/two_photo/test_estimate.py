@@ -1,4 +1,4 @@
-"""The whole chain against walls with known optics, published photographs, and everything that must be refused."""
+"""The complete estimate of walls with known optics and of published photographs, and its refusals."""
 
 from __future__ import annotations
 
@@ -9,38 +9,31 @@ import numpy as np
 import pytest
 
 from procedures.outcome import BadParameter, Outcome, Refused, Verdict, causes_of
-from procedures.raw import Plane, read_frame
+from procedures.raw import read_frame
 from procedures.reading.exposure import Exposure
-from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf
+from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
 from procedures.two_photo.trust import check_settings
 
 from ..pattern_psf.alignment import aligned_error
 from .conftest import OTF
 from .wall import Otf, Pair, airy_pixel, gaussian, photographs, samples_of
+from .wall import estimate as by_wall
 
 pytestmark = pytest.mark.delicate
 
 
-def estimate(near: np.ndarray, far: np.ndarray, **parameters: object) -> Outcome[TwoPhotoPsf]:
-    planes = [Plane("Y", np.asarray(samples, np.float32), 1 / 65535) for samples in (near, far)]
-    return estimate_psf(*planes, TwoPhotoParameters(**{"s": 3, "k": 13, "solver": "nnls", **parameters}))  # type: ignore[arg-type]
-
-
-def found_in(outcome: Outcome[TwoPhotoPsf]) -> TwoPhotoPsf:
-    assert outcome.value is not None, outcome.reason
-    return outcome.value
+def estimate(near: np.ndarray, far: np.ndarray, solver: str = "nnls") -> Outcome[TwoPhotoPsf]:
+    return by_wall(near, far, TwoPhotoParameters(3, 13, solver))
 
 
 @pytest.fixture(scope="module")
 def positive(pair: Pair) -> TwoPhotoPsf:
-    """What a good pair gives."""
-    return found_in(estimate(pair.near, pair.far))
+    return estimate(pair.near, pair.far).result()
 
 
 @pytest.fixture(scope="module")
 def free(pair: Pair) -> TwoPhotoPsf:
-    """The same, free to be negative."""
-    return found_in(estimate(pair.near, pair.far, solver="ls"))
+    return estimate(pair.near, pair.far, "ls").result()
 
 
 WALLS = {
@@ -56,9 +49,9 @@ def test_known_walls_give_their_psf(wall: str) -> None:
     otf, tilt, noise, limit = WALLS[wall]
     pair = photographs(otf, tilt=tilt, noise=noise, size=150)
     outcome = estimate(pair.near, pair.far)
-    # k is given: where the wall tells more than such a support holds, that is doubted
-    assert outcome.verdict is Verdict.PASS or outcome.reason.startswith("k = 13 may leave out"), outcome.reason
-    assert aligned_error(found_in(outcome).psf.h, samples_of(otf, 3, 13))[0] < limit
+    # the given k may be smaller than the wall determines
+    assert outcome.verdict is Verdict.PASS or outcome.reason.startswith("k = 13 may truncate"), outcome.reason
+    assert aligned_error(outcome.result().psf.h, samples_of(otf, 3, 13))[0] < limit
 
 
 @pytest.mark.slow
@@ -66,38 +59,38 @@ def test_known_walls_give_their_psf(wall: str) -> None:
 def test_walls_kept_beside_the_project_give_their_psf(shared_data: Path, wall: str, limit: float) -> None:
     folder = shared_data / "synthetic" / "two_photo"
     near, far = (read_frame(folder / f"wall_{wall}_{which}.pgm").planes["Y"] for which in ("near", "far"))
-    found = found_in(estimate_psf(far, near, TwoPhotoParameters(3, 13, "nnls")))
+    psf = estimate_psf_of_pair(far, near, TwoPhotoParameters(3, 13, "nnls")).result().psf
     truth = np.loadtxt(folder / f"wall_{wall}_truth_s3_k13.txt")
-    assert aligned_error(found.psf.h, truth)[0] < limit
+    assert aligned_error(psf.h, truth)[0] < limit
 
 
 @pytest.mark.slow
 def test_published_photographs_give_the_published_psf(shared_data: Path) -> None:
     folder = shared_data / "two_photos"
     near, far = (read_frame(folder / name).planes["Y"] for name in ("IMG_0608_v1.pgm", "IMG_0602_v1_CUT.pgm"))
-    outcome = estimate_psf(near, far, TwoPhotoParameters(3, 13, "nnls"))
-    found = found_in(outcome)
+    outcome = estimate_psf_of_pair(near, far, TwoPhotoParameters(3, 13, "nnls"))
+    result = outcome.result()
     published = np.loadtxt(shared_data / "reference" / "real_two_psf_s3_k13.txt")
     assert outcome.verdict is not Verdict.REFUSED
-    assert np.corrcoef(found.psf.h.ravel(), published.ravel())[0, 1] > 0.97
-    # the homography of the matches alone, at the photographs' corner, says 5.16 and 5.15
-    assert found.scale == pytest.approx((5.16, 5.15), rel=0.005)
+    assert np.corrcoef(result.psf.h.ravel(), published.ravel())[0, 1] > 0.97
+    # the homography of the matches alone, at the photographs' corner, gives 5.16 and 5.15
+    assert result.scale == pytest.approx((5.16, 5.15), rel=0.005)
 
 
 @pytest.mark.slow
-def test_errors_are_those_the_covariance_tells(free: TwoPhotoPsf) -> None:
+def test_errors_are_consistent_with_the_covariance(free: TwoPhotoPsf) -> None:
     truth = samples_of(OTF, 3, 13)
     z = (free.psf.h - truth).ravel() / np.sqrt(np.diag(free.psf.covariance))
-    # 169 correlated samples, and what the kernel's support cuts off
+    # 169 correlated samples, and the truncation of the kernel
     assert 0.7 < np.sqrt(np.mean(z**2)) < 1.4
 
 
 @pytest.mark.slow
-def test_mtf50_lies_inside_its_error_bar() -> None:
+def test_mtf50_is_within_its_uncertainty() -> None:
     z = []
     for seed in range(4):
         pair = photographs(OTF, noise=0.01, seed=seed, size=80)
-        numbers = found_in(estimate(pair.near, pair.far, solver="ls")).quality.numbers
+        numbers = estimate(pair.near, pair.far, "ls").result().quality.numbers
         for axis, sigma in (("horizontal", 0.42), ("vertical", 0.37)):
             truth = np.sqrt(np.log(2) / 2) / (np.pi * sigma)
             z.append((numbers[f"mtf50_{axis}"].value - truth) / numbers[f"mtf50_{axis}"].uncertainty)
@@ -106,29 +99,29 @@ def test_mtf50_lies_inside_its_error_bar() -> None:
 
 @pytest.mark.slow
 def test_order_does_not_matter(pair: Pair, positive: TwoPhotoPsf) -> None:
-    other = found_in(estimate(pair.far, pair.near))
+    other = estimate(pair.far, pair.near).result()
     assert (positive.swapped, other.swapped) == (False, True)
-    # other matches, hence another first map, a hundredth of a pixel from rest
+    # other matches, hence another initial map, converge within a hundredth of a pixel
     np.testing.assert_allclose(positive.psf.h, other.psf.h, atol=2e-4)
 
 
 @pytest.mark.slow
-def test_a_rolled_camera_is_no_obstacle() -> None:
+def test_a_rolled_camera_gives_the_same_psf() -> None:
     otf = gaussian(0.5, 0.33)
     pair = photographs(otf, roll=0.3, size=130)
-    found = found_in(estimate(pair.near, pair.far))
-    assert aligned_error(found.psf.h, samples_of(otf, 3, 13))[0] < 0.025
-    assert found.scale == pytest.approx((4.6, 4.6), rel=1e-3)
+    result = estimate(pair.near, pair.far).result()
+    assert aligned_error(result.psf.h, samples_of(otf, 3, 13))[0] < 0.025
+    assert result.scale == pytest.approx((4.6, 4.6), rel=1e-3)
 
 
 @pytest.mark.slow
-def test_solvers_keep_their_promises(pair: Pair, free: TwoPhotoPsf, positive: TwoPhotoPsf) -> None:
-    clipped = found_in(estimate(pair.near, pair.far, solver="clip"))
+def test_solvers_satisfy_their_constraints(pair: Pair, free: TwoPhotoPsf, positive: TwoPhotoPsf) -> None:
+    clipped = estimate(pair.near, pair.far, "clip").result()
     truth = samples_of(OTF, 3, 13)
     assert free.psf.h.min() < 0
     assert min(clipped.psf.h.min(), positive.psf.h.min()) >= 0
     assert all(one.psf.h.sum() == pytest.approx(1) for one in (free, clipped, positive))
-    # the constraint is true, and taken in the metric of the errors
+    # the constraint holds for the truth, and is applied in the metric of the errors
     assert np.linalg.norm(positive.psf.h - truth) < np.linalg.norm(free.psf.h - truth)
 
 
@@ -141,12 +134,12 @@ def test_recursion_and_equation_agree(positive: TwoPhotoPsf) -> None:
     ("parameters", "match"),
     [({"s": 1}, "s must be 2 or more"), ({"k": 12}, "k must be odd"), ({"solver": "svd"}, "ls, clip, nnls")],
 )
-def test_parameters_that_cannot_be_meant(parameters: dict[str, object], match: str) -> None:
+def test_impossible_parameters_are_refused(parameters: dict[str, object], match: str) -> None:
     with pytest.raises(BadParameter, match=match):
         TwoPhotoParameters(**parameters)  # type: ignore[arg-type]
 
 
-# --- what must be refused or doubted ---------------------------------------------------------------------------
+# --- refusals and doubtful verdicts -----------------------------------------------------------------------------
 
 
 def answers(outcome: Outcome[TwoPhotoPsf], verdict: Verdict, reason: str, remedy: str) -> None:
@@ -156,7 +149,7 @@ def answers(outcome: Outcome[TwoPhotoPsf], verdict: Verdict, reason: str, remedy
     assert (outcome.value is None) is (verdict is Verdict.REFUSED)
 
 
-def test_too_small_a_distance_is_refused_with_the_way_to_go() -> None:
+def test_too_small_a_distance_is_refused_with_the_required_one() -> None:
     pair = photographs(OTF, zoom=2.5, size=100)
     outcome = estimate(pair.near, pair.far)
     answers(
@@ -176,9 +169,9 @@ def test_two_depths_are_refused() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("shift", "verdict", "reason"),
-    [(0.1, Verdict.DOUBTFUL, "parts of the wall lie 0.0"), (0.35, Verdict.REFUSED, "wall must be")],
+    [(0.1, Verdict.DOUBTFUL, "parts of the wall deviate by 0.0"), (0.35, Verdict.REFUSED, "wall must be")],
 )
-def test_relief_is_seen(pair: Pair, rng: np.random.Generator, shift: float, verdict: Verdict, reason: str) -> None:
+def test_relief_is_detected(pair: Pair, rng: np.random.Generator, shift: float, verdict: Verdict, reason: str) -> None:
     moves = cv2.GaussianBlur(rng.standard_normal((*pair.far.shape, 2)).astype(np.float32), (0, 0), 2)
     y, x = np.indices(pair.far.shape, dtype=np.float32)
     dx, dy = np.moveaxis(shift * moves / moves.std(), -1, 0)
@@ -197,29 +190,29 @@ def test_relief_is_seen(pair: Pair, rng: np.random.Generator, shift: float, verd
         (gaussian(0.95, 0.95), OTF, Verdict.DOUBTFUL, "far photograph is less sharp"),
     ],
 )
-def test_another_focus_is_seen(otf: Otf, near_otf: Otf, verdict: Verdict, reason: str) -> None:
+def test_another_focus_is_detected(otf: Otf, near_otf: Otf, verdict: Verdict, reason: str) -> None:
     pair = photographs(otf, near_otf=near_otf)
     answers(estimate(pair.near, pair.far), verdict, reason, "focus again")
 
 
 @pytest.mark.slow
-def test_a_wire_before_the_wall_is_left_out(pair: Pair) -> None:
+def test_a_wire_before_the_wall_is_excluded(pair: Pair) -> None:
     far = pair.far.copy()
     far[:, 60:62] = 0.05
-    found = found_in(estimate(pair.near, far))
-    assert 0.01 < found.diagnostics["outliers"] < 0.03  # two columns of some 112, but for its own dark places
-    assert aligned_error(found.psf.h, samples_of(OTF, 3, 13))[0] < 0.025
+    result = estimate(pair.near, far).result()
+    assert 0.01 < result.diagnostics["outliers"] < 0.03  # two of 112 columns, without dark parts of the wall
+    assert aligned_error(result.psf.h, samples_of(OTF, 3, 13))[0] < 0.025
 
 
 @pytest.mark.slow
-def test_another_exposure_is_seen(pair: Pair) -> None:
+def test_another_exposure_is_detected(pair: Pair) -> None:
     outcome = estimate(pair.near, 0.7 * pair.far)
     answers(outcome, Verdict.DOUBTFUL, "has 0.70 times the near one's contrast", "same exposure")
-    assert found_in(outcome).gain == pytest.approx(0.7, rel=0.01)
+    assert outcome.result().gain == pytest.approx(0.7, rel=0.01)
 
 
 @pytest.mark.slow
-def test_a_shadow_is_seen(pair: Pair) -> None:
+def test_a_shadow_is_detected(pair: Pair) -> None:
     shade = 1 - 0.4 * np.linspace(0, 1, pair.far.shape[1])
     answers(
         estimate(pair.near, 1.2 * pair.far * shade), Verdict.DOUBTFUL, "the light on the wall changed", "same steady"
@@ -246,7 +239,7 @@ def test_clipped_and_dark_photographs_are_refused(pair: Pair) -> None:
     answers(
         estimate(np.minimum(2 * pair.near, 1), pair.far), Verdict.REFUSED, "must not be clipped", "expose both less"
     )
-    answers(estimate(pair.near, 0.005 * pair.far), Verdict.REFUSED, "all but dark", "expose both longer")
+    answers(estimate(pair.near, 0.005 * pair.far), Verdict.REFUSED, "almost dark", "expose both longer")
 
 
 @pytest.mark.parametrize(
@@ -257,10 +250,10 @@ def test_clipped_and_dark_photographs_are_refused(pair: Pair) -> None:
         (Exposure(camera="One"), Exposure(camera="Two"), "same camera"),
     ],
 )
-def test_other_optics_are_refused_where_the_camera_noted_them(first: Exposure, second: Exposure, match: str) -> None:
+def test_other_optics_in_the_metadata_are_refused(first: Exposure, second: Exposure, match: str) -> None:
     with pytest.raises(Refused, match=match):
         check_settings(first, second)
 
 
-def test_what_the_camera_did_not_note_is_no_reason() -> None:
+def test_missing_metadata_is_accepted() -> None:
     check_settings(Exposure(f_number=5.6, exposure_s=0.1), Exposure(exposure_s=0.05))

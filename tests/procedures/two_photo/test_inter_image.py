@@ -14,7 +14,7 @@ from .wall import Pair, gaussian, photographs
 
 S, K = 3, 13
 OFF = np.array([[1, 0, 0.8], [0, 1, -0.7], [0, 0, 1.0]])
-"""A first map that is wrong by 0.2 far pixels."""
+"""An initial map in error by 0.2 far pixels."""
 DIRECTIONS = ((1, 0), (0, 1), (0.5**0.5, 0.5**0.5), (0.5**0.5, -(0.5**0.5)))
 
 
@@ -24,18 +24,18 @@ def test_map_is_refined_to_a_hundredth_of_a_pixel(pair: Pair) -> None:
     fit = fit_kernel(pair.near, pair.far, OFF @ pair.H_near_far @ stretched, S, K)
     points = fit.samples.points
     off = (fit.warp.forward(points) - apply_homography(pair.H_near_far, points)) / 4.6
-    # its translation is the kernel's shift; the rest is to be right
+    # without the translation, which is the kernel's shift
     assert np.abs(off - off.mean(axis=0)).max() < 0.01
 
 
 @pytest.mark.slow
 def test_residual_is_the_noise(pair: Pair) -> None:
     fit = fit_kernel(pair.near, pair.far, pair.H_near_far, S, K)
-    # 0.002 in both photographs; the near one's adds c |k|^2, some hundredths; 1e4 samples give 1 %
+    # 0.002 in both photographs; the near one adds c |k|^2, a few hundredths; 1e4 samples give 1 %
     assert np.sqrt(fit.variance) == pytest.approx(0.002, rel=0.06)
 
 
-def test_light_that_changed_is_eliminated(pair: Pair) -> None:
+def test_a_change_of_light_is_eliminated(pair: Pair) -> None:
     x = np.linspace(-1, 1, pair.far.shape[1], dtype=np.float32)
     changed = pair.far * (1 + 0.1 * x + 0.05 * x[:, None] ** 2) + 0.02 * x[:, None]
     kernels = [fit_kernel(pair.near, far, pair.H_near_far, S, K).kernel for far in (pair.far, changed)]
@@ -46,7 +46,7 @@ def test_light_that_changed_is_eliminated(pair: Pair) -> None:
 def test_centre_follows_a_shift() -> None:
     x = np.arange(K) - K // 2
     kernel = np.exp(-((x - 0.7) ** 2 + (x[:, None] + 1.2) ** 2) / (2 * 1.3**2))
-    np.testing.assert_allclose(centre_of(kernel), [0.7, -1.2], atol=1e-3)  # the support cuts a tail of 1e-4
+    np.testing.assert_allclose(centre_of(kernel), [0.7, -1.2], atol=1e-3)  # the support truncates 1e-4
 
 
 def test_small_common_region_is_refused(pair: Pair) -> None:
@@ -55,8 +55,8 @@ def test_small_common_region_is_refused(pair: Pair) -> None:
 
 
 @pytest.mark.slow
-def test_near_noise_shrinks_least_squares_and_the_correction_undoes_it() -> None:
-    sharp, noise, f = gaussian(0.3, 0.3), 0.03, 0.9  # high frequencies suffer first: the wall has little of them
+def test_the_correction_removes_the_bias_by_near_noise() -> None:
+    sharp, noise, f = gaussian(0.3, 0.3), 0.03, 0.9  # the wall has little power at high frequencies
     clean = photographs(sharp, noise=0.0, size=90)
     n = (np.arange(K) - K // 2) / S
     waves = np.array([np.cos(2 * np.pi * f * (c * n + s * n[:, None])).ravel() for c, s in DIRECTIONS])
@@ -89,5 +89,5 @@ def test_noise_of_a_bare_wall_is_measured(sigma: float, rng: np.random.Generator
     assert noise_at_most(bare) == pytest.approx(sigma, rel=0.03)  # the median of 22 000 differences
 
 
-def test_texture_only_raises_the_limit() -> None:
+def test_texture_increases_the_limit() -> None:
     assert noise_at_most(photographs(OTF, noise=0.002, size=60).near) > 0.002

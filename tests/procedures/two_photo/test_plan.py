@@ -1,4 +1,4 @@
-"""The plan of the two photographs: what its checks say of walls and light, and its way to the PSF."""
+"""Plan of the two photographs: checks of wall and light, and the resulting PSF."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from procedures.two_photo.distances import times_as_far
 from procedures.two_photo.plan import (
-    asked_for,
     check_far,
     check_near,
     enough,
@@ -43,7 +42,7 @@ def frame(samples, **exposure):
 
 @pytest.fixture(scope="module")
 def wall():
-    """Near and far photographs, two of each, of a wall of which the near ones show the middle."""
+    """Near and far photographs, two of each; the near ones show the middle of the wall."""
     rng = np.random.default_rng(4)
     texels = leaves(int(FAR_PX * RATIO * TEXELS * 1.05), rng)
 
@@ -75,14 +74,14 @@ def test_a_smooth_wall_is_not_good(wall):
     assert "rougher wall" in advice.say
 
 
-def test_light_that_went_away_between_the_photographs_is_told(wall):
+def test_a_decrease_of_light_is_reported(wall):
     near = check_near(frame(wall[0][0]), FACTS)
     advice = check_far(frame(0.6 * wall[1][0]), {**FACTS, **near.facts})
     assert not advice.good
     assert "darker than from nearby" in advice.say
 
 
-def test_another_aperture_from_afar_is_told(wall):
+def test_another_aperture_is_reported(wall):
     near = check_near(frame(wall[0][0], f_number=8.0, exposure_s=0.02), FACTS)
     advice = check_far(frame(wall[1][0], f_number=4.0, exposure_s=0.02), {**FACTS, **near.facts})
     assert "aperture f/ is 4 instead of 8" in advice.say
@@ -95,7 +94,7 @@ def test_a_near_distance_that_the_laser_contradicts_is_named(wall, share):
     assert check_near(frame(wall[0][0]), {**FACTS, "distance_mm": 1120.0}).good
 
 
-def test_a_way_to_the_far_place_that_the_laser_contradicts_is_told(wall):
+def test_a_way_that_the_laser_contradicts_is_reported(wall):
     near = check_near(frame(wall[0][0]), {**FACTS, "distance_mm": 1120.0})
     facts = {**FACTS, **near.facts}
     assert check_far(frame(wall[1][0]), {**facts, "distance_mm": 120.0 + RATIO * 1000.0}).good
@@ -108,46 +107,44 @@ GONE = {"far_way_mm": (RATIO - 1) * 1000.0}
 
 
 @pytest.mark.parametrize(
-    ("given", "doubted"),
+    ("given", "contradictory"),
     [
         (GONE, ()),
         ({**GONE, "near_mm": 800.0}, ("near_mm",)),
         ({**GONE, "near_mm": 1200.0}, ("near_mm",)),
         ({**GONE, "near_mm": 1200.0, "insisted_near_mm": True}, ()),
-        # by hand, where the way is not known: the ratio alone tells
+        # by hand, where the way is not known: by the ratio alone
         ({}, ()),
         ({"ratio": RATIO / 1.2}, ("near_mm", "ratio")),
         ({"ratio": RATIO / 0.8}, ("near_mm", "ratio")),
     ],
 )
-def test_a_near_distance_that_both_photographs_contradict_is_named(wall, times, given, doubted):
+def test_a_near_distance_that_both_photographs_contradict_is_named(wall, times, given, contradictory):
     one = {"Y": Outcome(times)}
-    assert enough("far", [one, one], {**FACTS, **given}).contradictory == doubted
+    assert enough("far", [one, one], {**FACTS, **given}).contradictory == contradictory
 
 
 @pytest.fixture(scope="module")
 def times(wall):
-    """How many times as far the second photograph shows the wall."""
     known: dict[Hashable, Outcome[Any]] = {}
     near, far = (request for step in plan().steps for request in step.requests if isinstance(request, Shoot))
     near.estimate(frame(wall[0][0]), FACTS, [], known)
     return far.estimate(frame(wall[1][0]), FACTS, [], known)["Y"].value
 
 
-def test_the_photographs_tell_how_many_times_as_far_the_second_is(wall, times):
+def test_the_photographs_give_the_ratio_of_distances(wall, times):
     assert times == pytest.approx(RATIO, rel=5e-3)  # a tenth of a pixel over the far one's 160
     there, back = (Plane("Y", wall[i][0].astype(np.float32), 1 / 16383) for i in (1, 0))
     assert times_as_far(there, back) == pytest.approx(1 / RATIO, rel=5e-3)
 
 
-def test_a_far_place_beyond_the_rail_is_named_before_anything_is_taken_there(wall):
-    rail = {"at_z_mm": 0.0, "low_z_mm": 0.0, "high_z_mm": 1500.0}
-    advice = check_near(frame(wall[0][0]), {**FACTS, **rail})
+def test_a_far_place_beyond_the_rail_is_named_at_the_near_one(wall):
+    advice = check_near(frame(wall[0][0]), {**FACTS, **RAIL})
     assert advice.contradictory == ("near_mm", "ratio")
     assert "is 3.40 m farther back, and the rail goes 1.50 m" in advice.say
-    near = check_near(frame(wall[0][0]), {**FACTS, **rail, "ratio": 2.4})
+    near = check_near(frame(wall[0][0]), {**FACTS, **RAIL, "ratio": 2.4})
     assert near.good
-    back = {**FACTS, **near.facts, **rail, "at_z_mm": 1400.0}
+    back = {**FACTS, **near.facts, **RAIL, "at_z_mm": 1400.0}
     assert check_far(frame(wall[1][0]), back).facts["far_way_mm"] == 1400.0
 
 
@@ -165,7 +162,7 @@ def test_a_rail_too_short_for_a_sharp_lens_is_named_before_the_first_photograph(
     ASKS["near_mm"].check(near_mm, {})  # on a tripod
 
 
-def test_the_ratio_proposed_is_one_that_the_rail_reaches():
+def test_the_proposed_ratio_is_within_the_rail():
     for near_mm, proposed in ((360.0, 4.0), (600.0, 3.5)):
         facts = {**RAIL, "near_mm": near_mm}
         assert ASKS["ratio"].proposed(facts) == pytest.approx(proposed)
@@ -185,14 +182,9 @@ def test_the_sharper_wall_has_the_higher_score(wall):
     assert sharpness(frame(wall[0][0]), FACTS) > 1.5 * sharpness(frame(soft + rng.normal(0, 0.003, soft.shape)), FACTS)
 
 
-def test_the_far_place_is_so_many_times_as_far():
+def test_the_far_place_is_at_the_ratio():
     assert to_far({**FACTS, "at_z_mm": 200.0}) == {"z_mm": pytest.approx(200.0 + (RATIO - 1) * 1000.0)}
     assert to_far(FACTS) == {}
-
-
-@pytest.mark.parametrize(("facts", "s"), [({}, None), ({"s": 2.0}, 2)])
-def test_the_photographs_tell_how_finely_to_sample_unless_it_is_given(facts, s):
-    assert asked_for(facts).s == s
 
 
 def test_the_mean_of_frames_has_less_noise(wall):
@@ -208,7 +200,7 @@ def test_near_and_far_photographs_become_the_psf(wall):
     assert outcome.verdict is not Verdict.REFUSED, outcome.reason
     assert outcome.value.scale == pytest.approx((RATIO, RATIO), rel=2e-3)
     truth = samples_of(OTF, 3, 13)
-    # the published walls leave 2 to 8 per cent; this one is small
+    # the published walls have errors of 2 to 8 per cent; this one is small
     assert np.linalg.norm(outcome.value.psf.h - truth) < 0.1 * np.linalg.norm(truth)
 
 
@@ -232,8 +224,8 @@ def test_the_rail_shows_distances_and_light(wall):
     near = check_near(frame(wall[0][0]), FACTS)
     facts = {**FACTS, **near.facts}
     facts.update(check_far(frame(1.1 * wall[1][0]), facts).facts)
-    told = [plan().step(name).gave(facts) for name in ("wall", "near", "far")]
-    assert told[:2] == ["1.00 m x 4.4", f"mean {100 * facts['near_level']:.0f} %"]
-    # the frame's middle is what was seen from nearby, but for its rim
-    assert told[2] in {f"light +{percent} %" for percent in range(7, 14)}
-    assert max(map(len, told)) <= 12
+    summaries = [plan().step(name).gave(facts) for name in ("wall", "near", "far")]
+    assert summaries[:2] == ["1.00 m x 4.4", f"mean {100 * facts['near_level']:.0f} %"]
+    # the frame's middle corresponds to the near photograph without its rim
+    assert summaries[2] in {f"light +{percent} %" for percent in range(7, 14)}
+    assert max(map(len, summaries)) <= 12

@@ -1,4 +1,4 @@
-"""The recursion against OTFs for which the kernel is known in closed form, ends and all."""
+"""The recursion for OTFs with a kernel in closed form."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ def gaussian(variance: np.ndarray) -> np.ndarray:
 
 
 def between(variance: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """The inter-image kernel of a Gaussian PSF: a Gaussian whose variance lacks what the near photograph has."""
+    """Inter-image kernel of a Gaussian PSF: a Gaussian of the difference of both variances."""
     inverse = np.linalg.inv(J)
     return without_tail(gaussian(variance - inverse @ variance @ inverse.T))
 
 
 def without_tail(kernel: np.ndarray) -> np.ndarray:
-    """The samples and, last, no tail."""
+    """The samples, and no tail."""
     return np.append(kernel.ravel(), np.zeros(TAIL))
 
 
 @BOTH
 @pytest.mark.parametrize("J", [ROLLED, ZOOMED], ids=["rolled", "anisotropic"])
-def test_gaussians_come_back(recover: Recover, J: np.ndarray) -> None:
+def test_gaussians_are_recovered(recover: Recover, J: np.ndarray) -> None:
     h = recover(between(VARIANCE, J), S, J).h
-    # samples at 3 per pixel and a support of 4.3 pixels leave 1e-3 of these Gaussians outside
+    # 1e-3 of these Gaussians lies outside band and support
     assert np.linalg.norm(h - gaussian(VARIANCE)) < 3e-3 * np.linalg.norm(h)
 
 
@@ -59,12 +59,12 @@ def test_derivative_is_that_of_the_result(recover: Recover, rng: np.random.Gener
     step = 1e-6 * rng.standard_normal(K * K + TAIL)
     change = (recover(kernel + step, S, ZOOMED).parameters - recover(kernel - step, S, ZOOMED).parameters) / 2
     predicted = recover(kernel, S, ZOOMED).derivative @ step
-    # the equation's derivative leaves out the change of its own small residual
+    # the equation's derivative neglects the change of its small residual
     assert np.linalg.norm(change - predicted) < 5e-3 * np.linalg.norm(change)
 
 
 @BOTH
-def test_light_is_the_gain(recover: Recover) -> None:
+def test_the_sum_is_the_gain(recover: Recover) -> None:
     kernel = between(VARIANCE, ZOOMED)
     assert gain_of(recover(1.2 * kernel, S, ZOOMED).parameters) == pytest.approx(1.2, abs=1e-6)
     np.testing.assert_allclose(
@@ -88,39 +88,39 @@ def test_the_psf_has_the_recursion_s_own_otf(J: np.ndarray) -> None:
     f = np.linspace(0.01, 0.6, 25)
     for x, y in ((1, 0), (0, 1), (0.7, 0.7), (0.8, -0.6)):
         truth, _ = otf_by_recursion(total, S, J, x * f, y * f)
-        # a sum of shapes seen at several scales is no such sum any more, by less than a thousandth
+        # a product of scaled shapes differs from a sum of shapes by less than a thousandth
         np.testing.assert_allclose(psf.spectra(x * f, y * f) @ psf.parameters / psf.light, truth, rtol=0, atol=1e-3)
 
 
-def test_a_mean_tail_grows_by_what_the_near_photograph_hides() -> None:
-    # h = k * (k seen lambda times as small) * ...: the far tails add, a (1 + 1/lambda + 1/lambda^2 ...)
+def test_a_mean_tail_includes_that_of_the_near_photograph() -> None:
+    # h = k * (k scaled by 1 / lambda) * ...: the far tails add, a (1 + 1/lambda + 1/lambda^2 ...)
     kernel = np.append(gaussian(VARIANCE).ravel(), [0.04, *np.zeros(TAIL - 1)])
     kernel /= gain_of(kernel)
-    found = psf_by_recursion(kernel, S, 4.0 * np.eye(2)).parameters
-    assert found[K * K] / kernel[K * K] == pytest.approx(1 / (1 - 1 / 4), rel=0.02)
+    p = psf_by_recursion(kernel, S, 4.0 * np.eye(2)).parameters
+    assert p[K * K] / kernel[K * K] == pytest.approx(1 / (1 - 1 / 4), rel=0.02)
 
 
 @pytest.mark.slow
-def test_a_tail_that_goes_on_comes_back() -> None:
+def test_an_infinite_tail_is_recovered() -> None:
     # (1 + (r/a)^2)^(-3/2) has the OTF exp(-2 pi a f) and the tail 1/r^3; the kernel is the same with 3/4 of a
     a, zoom = 0.15, 4.0
     f = (np.arange(-64, 64) + 0.5) / 128 * S
     fx, fy = (axis.ravel() for axis in np.meshgrid(f, f))
     waves = spectra(fx, fy)
-    # the cut at the band's edge rings outside the support: what counts is that low frequencies are right
+    # truncation at the band's edge rings outside the support; low frequencies matter
     weight = 1 / np.hypot(fx, fy)
     waves_w, light = waves * weight[:, None], np.concatenate([np.ones(K * K), tail_sums(K)])
     kernel_otf = np.exp(-2 * np.pi * 0.75 * a * np.hypot(fx, fy))
     system = np.vstack([waves_w.real, 1e4 * light])
     kernel = np.linalg.lstsq(system, np.append(weight * kernel_otf, 1e4), rcond=None)[0]
-    found = psf_by_recursion(kernel, S, zoom * np.eye(2)).parameters
+    p = psf_by_recursion(kernel, S, zoom * np.eye(2)).parameters
     at = np.array([0.05, 0.1, 0.2, 0.4])
-    value = spectra(at, 0 * at) @ found / gain_of(found)
+    value = spectra(at, 0 * at) @ p / gain_of(p)
     np.testing.assert_allclose(value, np.exp(-2 * np.pi * a * at), rtol=0, atol=4e-3)
 
 
 def spectra(fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
-    """Of unit samples and amplitudes."""
+    """Spectra of unit samples and amplitudes."""
     empty = PsfTail(np.zeros(TAIL), np.zeros((TAIL, TAIL)), np.zeros((K * K, TAIL)))
     return Psf(np.eye(K), S, np.eye(K * K), empty).spectra(fx, fy)
 
@@ -137,6 +137,6 @@ def test_covariance_is_that_of_many_draws(rng: np.random.Generator) -> None:
 
 
 @BOTH
-def test_a_map_that_does_not_enlarge_is_no_pair(recover: Recover) -> None:
+def test_a_map_that_does_not_enlarge_is_refused(recover: Recover) -> None:
     with pytest.raises(ValueError, match="near photograph must be larger"):
         recover(without_tail(gaussian(VARIANCE)), S, np.diag([4.0, 0.9]))

@@ -20,7 +20,7 @@ def far_error(H: np.ndarray, pair: Pair) -> float:
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_order_and_map_are_found(pair: Pair, swapped: bool) -> None:
+def test_order_and_map_are_recovered(pair: Pair, swapped: bool) -> None:
     a, b = (pair.far, pair.near) if swapped else (pair.near, pair.far)
     sighting = register(a, b)
     assert sighting.swapped is swapped
@@ -51,6 +51,6 @@ def test_bare_wall_is_refused_by_its_features() -> None:
         register(bare, bare[:80, :80])
 
 
-def test_mirrored_photograph_is_no_view_of_the_wall(pair: Pair) -> None:
+def test_a_mirrored_photograph_is_refused(pair: Pair) -> None:
     with pytest.raises(Refused, match="must agree"):
         register(pair.near, np.ascontiguousarray(pair.far[:, ::-1]))

@@ -1,4 +1,4 @@
-"""A textured wall photographed from two distances through known optics: the truth the estimates are held against."""
+"""A textured wall photographed from two distances through known optics, the ground truth of the estimates."""
 
 from __future__ import annotations
 
@@ -7,6 +7,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+
+from procedures.outcome import Outcome
+from procedures.raw import Plane
+from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
 
 Array = np.ndarray
 Otf = Callable[[Array, Array], Array]
@@ -38,6 +42,12 @@ def samples_of(otf: Otf, s: int, k: int) -> Array:
     return cut / cut.sum()
 
 
+def estimate(near: Array, far: Array, parameters: TwoPhotoParameters | None = None) -> Outcome[TwoPhotoPsf]:
+    """Estimate from samples of both photographs."""
+    a, b = (Plane("Y", np.asarray(samples, np.float32), 1 / 65535) for samples in (near, far))
+    return estimate_psf_of_pair(a, b, parameters)
+
+
 @dataclass(frozen=True)
 class Pair:
     """Two photographs, and the true map between them."""
@@ -61,7 +71,7 @@ def leaves(size: int, rng: np.random.Generator) -> Array:
 def photograph(wall: Array, H: Array, size: int, otf: Otf, texels_per_px: float) -> Array:
     """The wall through H (pixels -> texels) and the optics, (size, size), without noise.
 
-    It is read finer than the pixels, after a small known blur that the optics' OTF is divided by.
+    It is sampled finer than the pixels, after a small known blur by which the optics' OTF is divided.
     """
     fine, rim = max(3, round(1.5 * texels_per_px / TEXELS)), 10
     blur = 0.25 if texels_per_px <= TEXELS else 0.14
@@ -69,11 +79,11 @@ def photograph(wall: Array, H: Array, size: int, otf: Otf, texels_per_px: float)
     n = (size + 2 * rim) * fine
     to_px = np.array([[1 / fine, 0, -rim], [0, 1 / fine, -rim], [0, 0, 1]])
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-    seen = cv2.warpPerspective(smooth, H @ to_px, (n, n), flags=flags, borderMode=cv2.BORDER_REFLECT)
+    warped = cv2.warpPerspective(smooth, H @ to_px, (n, n), flags=flags, borderMode=cv2.BORDER_REFLECT)
     fx, fy = np.fft.rfftfreq(n) * fine, np.fft.fftfreq(n)[:, None] * fine
     r2 = fx**2 + fy**2
     transfer = np.where(r2 < (fine / 2) ** 2, otf(fx, fy) * np.exp(2 * np.pi**2 * blur**2 * r2), 0).astype(np.float32)
-    whole = np.fft.irfft2(np.fft.rfft2(seen) * transfer, (n, n))
+    whole = np.fft.irfft2(np.fft.rfft2(warped) * transfer, (n, n))
     return whole[rim * fine : (rim + size) * fine : fine, rim * fine : (rim + size) * fine : fine]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from procedures.field.chromatic import lateral_colour
-from procedures.field.seen_charts import SeenChart
+from procedures.field.estimate import MeasuredChart
 from procedures.outcome import Outcome, Quantity, Verdict
 from procedures.pattern_psf.correspondences import Correspondences
 from procedures.pattern_psf.registration import Registration
@@ -30,7 +30,7 @@ PLAIN = Registration(np.eye(3), np.zeros(2), 1.0, np.zeros((2, 9)))
 class Charts:
     """The charts of three planes, and one covariance (27, 27) of PSF and centre that all of them have."""
 
-    planes: dict[str, list[SeenChart]]
+    planes: dict[str, list[MeasuredChart]]
     covariance: np.ndarray
 
     def drawn(self, rng: np.random.Generator) -> dict[str, np.ndarray]:
@@ -65,7 +65,7 @@ def charts() -> Charts:
                 name: Quantity(0.5, "pixel", spreads[name] * (1.5 if name[0] == "f" else 1.0), "", 1)
                 for name in gradients
             }
-            planes[plane].append(SeenChart(node, numbers, gradients, PLAIN, NOTHING, shared))
+            planes[plane].append(MeasuredChart(node, numbers, gradients, PLAIN, NOTHING, shared))
     return Charts(planes, covariance)
 
 

@@ -21,8 +21,8 @@ from station.app.screens.result_view import mtf_plot, plane_in_words, specified
 from station.app.screens.results import read_all
 from station.app.screens.start import USUAL_PLAN
 from station.app.terminal_images import psf_thumbnail
-from station.drawing.depth_pictures import encoded
 from station.drawing.glyphs import ASCII
+from station.drawing.pictures import encoded
 from station.guide.catalogue import DEFAULT, PLANS
 from station.guide.frontend import Result, RunEnded
 from station.results.comparison import Comparison, Judged, Judgement

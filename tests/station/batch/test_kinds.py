@@ -12,12 +12,12 @@ from scipy.special import ndtr
 
 from procedures.outcome import BadParameter, Refused
 from procedures.raw import read_frame
-from station.batch import estimates
 from station.batch import run as batch_run
-from station.batch.item import ItemRow, Job, finished, work
-from station.batch.procedure_file import FIELD, read_procedure
+from station.batch.item import Job, finished, work
+from station.batch.procedure_file import read_procedure
 from station.batch.run import run_batch
 from station.calibration.folder_photographs import by_folder, find_frames, singly
+from station.procedure.builtin import field
 from station.procedure.registry import procedure_named
 from station.procedure.schema import schema_of
 
@@ -74,7 +74,7 @@ def test_keys_of_an_edge_may_stand_beside_its_settings(tmp_path):
         ("planes = ['G']", "planes has .G.; use one of R, G1"),
         ("raw = '8x6,RGGB'", "five parts"),
         ("trust_typed = 1", "trust_typed must be true or false"),
-        ("optics = { f_number = 0 }", r"optics\.f_number must be more than 0"),
+        ("optics = { f_number = 0 }", r"optics\.f_number must be a number at least 0\.1"),
         ("settings = { roi = 3 }", r"settings\.roi must be text"),
     ],
 )
@@ -90,12 +90,12 @@ def test_photographs_of_each_folder_are_one_field(tmp_path, monkeypatch):
         (tmp_path / "in" / f"{name}.png").write_bytes(name.encode())
     seen = []
 
-    def field(procedure, paths, hashes):
+    def measure(paths, *given, **more):
         seen.append([path.name for path in paths])
         raise Refused("too few charts", "photograph more")
 
-    monkeypatch.setattr(estimates, "_field", field)
-    rows = rows_of(tmp_path, f'procedure = "{FIELD}"\n', by_folder)
+    monkeypatch.setattr(field, "measure", measure)
+    rows = rows_of(tmp_path, 'procedure = "field"\n', by_folder)
     assert seen == [["a.png", "b.png"], ["c.png"]]
     assert [(one.verdict, one.reason, len(one.sha256)) for one in rows] == [
         ("refused", "too few charts", 2),
@@ -108,19 +108,19 @@ def test_a_field_whose_photograph_is_replaced_while_it_is_read_is_not_kept(tmp_p
     """The row's hash is of the bytes that were decoded, or there is no row of a measurement."""
     for name in "ab":
         edge_picture(tmp_path / "in" / f"{name}.png", 0.25)
-    replaced, whole = tmp_path / "in" / "b.png", estimates.estimate
+    replaced, whole = tmp_path / "in" / "b.png", field.measure
 
-    def estimate(*args):
+    def measure(*args, **more):
         edge_picture(replaced, 0.2)
-        return whole(*args)
+        return whole(*args, **more)
 
-    monkeypatch.setattr("station.batch.item.estimate", estimate)
-    (row,) = rows_of(tmp_path, f'procedure = "{FIELD}"\n', by_folder)
+    monkeypatch.setattr(field, "measure", measure)
+    (row,) = rows_of(tmp_path, 'procedure = "field"\n', by_folder)
     assert (row.verdict, row.folder) == ("unreadable", "")
     assert row.reason == f"{replaced} was changed while the batch read it"
     assert not finished(tmp_path / "out")
     monkeypatch.undo()
-    (row,) = rows_of(tmp_path, f'procedure = "{FIELD}"\n', by_folder)
+    (row,) = rows_of(tmp_path, 'procedure = "field"\n', by_folder)
     assert (row.verdict, len(finished(tmp_path / "out"))) == ("refused", 1)  # there is no chart in it
     decoded = [read_frame(path).sha256 for path in sorted(replaced.parent.iterdir())]
     assert row.sha256 == decoded
@@ -130,7 +130,7 @@ def test_a_field_whose_photograph_is_replaced_while_it_is_read_is_not_kept(tmp_p
 def test_a_field_names_the_photograph_that_cannot_be_read(tmp_path):
     edge_picture(tmp_path / "in" / "a.png", 0.25)
     (tmp_path / "in" / "b.png").symlink_to("nowhere")
-    (row,) = rows_of(tmp_path, f'procedure = "{FIELD}"\n', by_folder)
+    (row,) = rows_of(tmp_path, 'procedure = "field"\n', by_folder)
     assert row.verdict == "refused"
     assert row.sha256[1] == ""
 
@@ -140,7 +140,7 @@ def test_what_the_camera_noted_stands_in_the_row(tmp_path, chart_photograph, mon
     path = chart_photograph(tmp_path / "in" / "a.dng")
     exposure = read_frame(path).exposure
     monkeypatch.setattr("station.procedure.builtin.pattern.calibrate", lambda *args, **more: iter(()))
-    monkeypatch.setattr("station.batch.item._row_of", lambda item, *rest: ItemRow(item.files, "pass"))
+    monkeypatch.setattr("station.batch.item._judged", lambda row, planes: row)
     (row,) = rows_of(tmp_path, 'procedure = "series"\n')
     assert row.noted["f_number"] == exposure.f_number
     assert (row.noted["exposure_s"], row.noted["iso"]) == (exposure.exposure_s, exposure.iso)
@@ -151,7 +151,7 @@ def test_a_series_says_which_of_the_optics_is_missing(tmp_path):
     edge_picture(tmp_path / "in" / "a.png", 0.25)  # no camera noted its f-number
     (row,) = rows_of(tmp_path, 'procedure = "series"\nphysics = true\noptics = { pixel_pitch_um = 4 }\n')
     assert row.verdict == "refused"
-    assert row.reason == "the physics of a PSF needs the f-number, which the camera did not note"
+    assert row.reason == "the physics of a PSF needs the f-number, which the camera did not record"
     assert row.remedy.startswith("give --f-number (")
     (row,) = rows_of(tmp_path, 'procedure = "series"\nphysics = true\n')
     assert row.remedy.startswith("give --pixel-pitch-um and --f-number (")

@@ -29,7 +29,7 @@ def test_file_is_read_as_it_is_written(procedure_file):
     assert (found.name, found.settings.plane) == ("pattern", "G1,B")
     assert (found.settings.s, found.settings.k, found.settings.solver) == (3, 13, "nnls")
     assert (found.settings.pixel_pitch_um, found.settings.f_number) == (3.76, 8.0)
-    np.testing.assert_array_equal(found.settings.check().chart.cells, Chart.from_seed(5).cells)
+    np.testing.assert_array_equal(found.settings.source.chart.cells, Chart.from_seed(5).cells)
     assert found.terms.specification.limits == (
         Limit("mtf50_horizontal", 0.25, math.inf, 3.0),
         Limit("energy_above_nyquist", -math.inf, 0.1, 3.0, ("G1",)),
@@ -41,7 +41,7 @@ def test_what_is_left_out_is_as_in_the_command(procedure_file, text):
     found = read_procedure(procedure_file(text))
     settings = found.settings
     assert (settings.s, settings.k, settings.plane, found.terms) == ("auto", "auto", None, USUAL)
-    assert found.told()["s"] == "auto"
+    assert found.parameters()["s"] == "auto"
 
 
 def test_auto_and_numbers_are_what_s_and_k_can_be(procedure_file):
@@ -59,7 +59,7 @@ def test_auto_and_numbers_are_what_s_and_k_can_be(procedure_file):
         ("limits = { gamma = { min = 2, max = 1 } }", "limits.gamma.min and max must leave a range", "min below max"),
         ("limits = { gamma = {} }", "must leave a range", "give min"),
         ("limits = { gamma = { min = nan } }", "limits.gamma.min must be a number", "correct"),
-        ("procedure = 'patern'", "procedure is 'patern'", "field, series, restore, correct, edge, geometry, pattern"),
+        ("procedure = 'patern'", "procedure is 'patern'", "correct, edge, field, geometry, pattern, rays, restore"),
         ("procedure = 'edge'\nparameters = { s = 4 }", "parameters.s is not known", ""),
         ("procedure = 'edge'\nphysics = true", "physics is not known", "write optics"),
         ("specification = 'x.toml'\nlimits = { gamma = { min = 1 } }", "are both given", "one of them"),
@@ -70,11 +70,11 @@ def test_auto_and_numbers_are_what_s_and_k_can_be(procedure_file):
         ("parameters = { k = 16 }", "k must be odd", "k = 17"),
         ("parameters = { s = 2.5 }", "parameters.s must be a whole number or \"auto\"; it is '2.5'", "correct"),
         ("parameters = { s = true }", "parameters.s must be a whole number", "correct"),
-        ("chart = { seed = 1, bits = 'x.pgm' }", "are both given", "one of them"),
+        ("chart = { seed = 1, bits = 'x.pgm' }", "from its cells or from its seed", "one of them"),
         ("chart = { bits = 'a\\u0000b' }", "chart.bits", "correct"),
         ("trust_typed = 1", "trust_typed must be true or false; it is '1'", "correct"),
         ('raw = "8x6,RGGB"', "the layout of a sensor dump must have five parts", "for example 1920x1080"),
-        ("optics = { f_number = 0 }", "optics.f_number must be more than 0", "correct"),
+        ("optics = { f_number = 0 }", "optics.f_number must be a number at least 0.1", "correct"),
         ("coverage = -1", "coverage must not be negative", "2"),
         ("pairs = { near = '_a' }", "pairs is not known", "parameters"),
         ("procedure = 'two-photo'\npairs = { near = '_a', far = '_a' }", "two different endings", "_near"),

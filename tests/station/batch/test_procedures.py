@@ -111,7 +111,7 @@ def test_tilt_of_each_bracket(tmp_path, monkeypatch):
     )
     monkeypatch.setattr(tilt_module, "measure_tilt", lambda *given: Outcome(known))
     monkeypatch.setattr(tilt_module, "check_known", lambda *given: None)
-    monkeypatch.setattr(tilt_module, "noted_optics", lambda *given: (4.0, 50.0))
+    monkeypatch.setattr(tilt_module, "known_optics", lambda *given: (4.0, 50.0))
     for name in ("good", "no_table"):
         (tmp_path / name).mkdir()
         for at in range(3):

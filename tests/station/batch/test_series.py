@@ -12,9 +12,9 @@ from click.testing import CliRunner
 
 from station.__main__ import main
 from station.batch.item import ItemRow, PlaneRow
-from station.batch.procedure_file import SERIES, read_procedure
-from station.batch.series import points_of, several, write_series
-from station.calibration.series import Point, SeriesSetting, best_apertures, series_table
+from station.batch.procedure_file import read_procedure
+from station.calibration.series import Point, SeriesSetting, best_apertures, points_of, series_table, several
+from station.procedure.builtin.series import PROCEDURE
 from station.reports.batches.series_page import series_page
 
 
@@ -81,25 +81,26 @@ def test_photographs_of_another_lens_or_camera_are_named():
     assert several(rows) == ["the photographs are of several lenses: 35 mm, 50 mm"]
 
 
-def test_a_series_writes_its_table_and_page(tmp_path):
+def test_the_summary_of_a_series_is_its_table_and_page_and_the_best_aperture():
     rows = [row(4.0, 0.31), row(5.6, 0.33)]
-    assert [path.name for path in write_series(tmp_path, rows)] == ["series.csv", "series.html"]
-    assert (tmp_path / "series.csv").read_bytes() == series_table(points_of(rows))
+    found = PROCEDURE.summary(rows)
+    assert list(found.files) == ["series.csv", "series.html"]
+    assert found.files["series.csv"] == series_table(points_of(rows))
+    assert found.lines[0].startswith("G1: best at f/5.6")
+    assert "--pixel-pitch-um" in found.lines[1]
 
 
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--pixel-pitch-um", "4"], "physics = true\noptics = { pixel_pitch_um = 4 }"),
-        (["--plane", "b", "--unit", "lw/ph", "-k", "13"], 'planes = ["B"]\nunit = "lw/ph"\nparameters = { k = 13 }'),
+        (["--pixel-pitch-um", "4"], "optics = { pixel_pitch_um = 4 }"),
+        (["--plane", "B", "--unit", "lw/ph", "-k", "13"], 'planes = ["B"]\nunit = "lw/ph"\nparameters = { k = 13 }'),
     ],
 )
 def test_the_command_is_a_batch_of_that_procedure(tmp_path, monkeypatch, words, text):
     told = []
-    monkeypatch.setattr(
-        "station.cli.psf.series.carry_out", lambda procedure, folders, out, **more: told.append(procedure)
-    )
+    monkeypatch.setattr("station.cli.batch.carry_out", lambda procedure, folders, out, **more: told.append(procedure))
     result = CliRunner().invoke(main, ["psf", "series", str(tmp_path), *words, "--out", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
-    (tmp_path / "p.toml").write_text(f'procedure = "{SERIES}"\n{text}\n')
+    (tmp_path / "p.toml").write_text(f'procedure = "series"\n{text}\n')
     assert told[0].fingerprint() == read_procedure(tmp_path / "p.toml").fingerprint()

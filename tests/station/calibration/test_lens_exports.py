@@ -16,7 +16,7 @@ from drivers.frame_files.dng import Shot, write_dng
 from procedures.field.chromatic import LateralColour
 from procedures.field.surfaces import fit_surface
 from procedures.geometry.cameras import Camera
-from procedures.geometry.radial import as_radial
+from procedures.geometry.conversion import as_radial
 from procedures.outcome import BadInput, BadParameter
 from procedures.psf_field import in_half_diagonals
 from procedures.raw import read_frame

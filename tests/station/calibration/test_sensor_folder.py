@@ -1,4 +1,4 @@
-"""What a folder's manifest tells, in each of its forms, and what it cannot mean."""
+"""The manifest of a sensor's pictures in its formats, and invalid ones."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ DESCRIPTOR = "v 4.0\nn 12 8 8\nb 10000000 1500,0\ni a1.png\ni a2.png\nd 10000000
 
 
 @pytest.mark.parametrize(("name", "text"), [("sensor.csv", CSV), ("sensor.toml", TOML), ("set.txt", DESCRIPTOR)])
-def test_every_form_tells_the_same(folder, name, text):
+def test_every_format_gives_the_same(folder, name, text):
     (folder / name).write_text(text)
     dark, light = find_shots(folder)
     assert (dark.kind, dark.level, [p.name for p in dark.paths]) == ("dark", 0.0, ["d1.png", "d2.png"])
@@ -50,7 +50,7 @@ def test_every_form_tells_the_same(folder, name, text):
     assert (dark.exposure_s, light.exposure_s) == pytest.approx((0.01, 0.01))
 
 
-def test_light_is_the_exposure_where_nothing_else_is_told(folder):
+def test_the_exposure_is_the_light_by_default(folder):
     (folder / "sensor.csv").write_text("file,kind,exposure_s\na1.png,light,0.5\n")
     assert find_shots(folder)[0].level == 0.5
 
@@ -58,27 +58,27 @@ def test_light_is_the_exposure_where_nothing_else_is_told(folder):
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("sensor.csv", CSV.replace("dark", "grey"), "kind is"),
-        ("sensor.csv", CSV.replace("0.01", "soon"), "exposure_s is a number"),
+        ("sensor.csv", CSV.replace("dark", "grey"), "kind must be"),
+        ("sensor.csv", CSV.replace("0.01", "soon"), "exposure_s must be a number"),
         ("sensor.csv", CSV.replace(",0.01,\n", ",,\n"), "exposure_s is missing"),
-        ("sensor.csv", CSV.replace("d1.png", "x1.png"), "not there, first"),
-        ("sensor.csv", CSV.replace(",1500\na2", ",\na2"), "in another way"),
-        ("sensor.csv", "name,kind\n", "needs the columns"),
-        ("sensor.toml", "level = 3", "holds"),
+        ("sensor.csv", CSV.replace("d1.png", "x1.png"), "do not exist, first"),
+        ("sensor.csv", CSV.replace(",1500\na2", ",\na2"), "the same measure of light"),
+        ("sensor.csv", "name,kind\n", "must have the columns"),
+        ("sensor.toml", "level = 3", "must contain"),
         ("sensor.toml", "level =", "is not valid TOML"),
         ("sensor.toml", TOML.replace('["d1.png", "d2.png"]', "[]"), "needs its files"),
         ("sensor.toml", TOML.replace('["d1.png", "d2.png"]', "5"), "needs its files"),
         ("sensor.toml", "x = " + "[" * 100_000, "RecursionError"),
-        ("sensor.csv", CSV.replace("d1.png", "9" * 5000), "not there, first"),
-        ("sensor.csv", CSV.replace("d1.png", "a\0b"), "not there, first"),
-        ("sensor.csv", CSV.replace("0.01", "nan"), "exposure_s is a number"),
+        ("sensor.csv", CSV.replace("d1.png", "9" * 5000), "do not exist, first"),
+        ("sensor.csv", CSV.replace("d1.png", "a\0b"), "do not exist, first"),
+        ("sensor.csv", CSV.replace("0.01", "nan"), "exposure_s must be a number"),
         ("sensor.csv", '"' + "a" * 200_000, "field larger than"),
-        ("set.txt", "v 4.0\nq 1\ni a1.png", "no line of an EMVA 1288 descriptor"),
-        ("set.txt", "v 4.0\nb nan 1500\n", "no line of an EMVA 1288 descriptor"),
-        ("set.txt", "v 4.0\nd -3\n", "no line of an EMVA 1288 descriptor"),
+        ("set.txt", "v 4.0\nq 1\ni a1.png", "must be a line of an EMVA 1288 descriptor"),
+        ("set.txt", "v 4.0\nb nan 1500\n", "must be a line of an EMVA 1288 descriptor"),
+        ("set.txt", "v 4.0\nd -3\n", "must be a line of an EMVA 1288 descriptor"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(folder, name, text, words):
+def test_an_invalid_manifest_is_refused(folder, name, text, words):
     (folder / name).write_text(text)
     with pytest.raises(BadInput, match=words):
         find_shots(folder)
@@ -89,7 +89,7 @@ def test_folder_without_manifest_is_refused(folder):
         find_shots(folder)
 
 
-def test_what_no_exposure_can_be_read_from_is_named_and_left_out(tmp_path):
+def test_a_picture_without_exposure_time_is_named_and_excluded(tmp_path):
     for kind in ("dark", "light"):
         (tmp_path / kind).mkdir()
         for name in ("a.dng", "b.dng"):
@@ -108,7 +108,7 @@ def test_file_is_no_folder(folder):
         find_shots(folder / "a1.png")
 
 
-def test_pipe_beside_the_pictures_is_not_waited_for(folder):
+def test_a_pipe_among_the_pictures_is_not_waited_for(folder):
     os.mkfifo(folder / "a.txt")
     (folder / "set.txt").write_text(DESCRIPTOR)
     assert [one.kind for one in find_shots(folder)] == ["dark", "light"]

@@ -1,4 +1,4 @@
-"""A sensor's record and noise spectrum are what a sensor can be, or are refused by name."""
+"""Validation of a sensor's record and noise spectrum."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PHOTOGRAPH = SimpleNamespace(exposure=SimpleNamespace(iso=100.0), planes={"G1": 
 MODEL = {"gain": 0.1, "gain_uncertainty": 1e-3, "dark_level": 64.0, "dark_variance": 9.0, "saturation": 4000.0,
          "signal_at_saturation": 4100.0, "bend": [-0.02, 0.001]}  # fmt: skip
 RECORD = {
-    "schema": "station/sensor/1",
+    "procedure": "sensor",
     "iso": 100,
     "planes": {"G1": {"model": MODEL, "noise_power": {"file": "nps.npy", "signal": 2000.0, "blocks": 60}}},
 }
@@ -25,7 +25,7 @@ RECORD = {
 
 @pytest.fixture
 def written(tmp_path):
-    """written(change): the path of a record after `change` was called with what it tells of the plane."""
+    """written(change): the path of a record after `change` was called with its entry of the plane."""
 
     def write(change=lambda plane: None):
         record = copy.deepcopy(RECORD)
@@ -62,7 +62,7 @@ def test_record_and_spectrum_are_read_as_written(written):
         (lambda plane: plane["model"].update(saturation=0), "`saturation` of the sensor must be finite, from 1e-30"),
         (lambda plane: plane["model"].update(dark_variance=-1), "`dark_variance` of the sensor must be finite, from 0"),
         (lambda plane: plane["model"].pop("gain"), "incomplete"),
-        (lambda plane: plane.update(model=[1, 2]), "cannot be read as a sensor's record"),
+        (lambda plane: plane.update(model=[1, 2]), "cannot be read as a result of station sensor"),
         (lambda plane: plane.update(noise_power={"file": "nps.npy"}), "incomplete"),
         (lambda plane: plane["noise_power"].update(signal=1e400), "is not a finite number"),
         (
@@ -72,7 +72,7 @@ def test_record_and_spectrum_are_read_as_written(written):
         (lambda plane: plane["noise_power"].update(blocks=10**400), "integers must have at most 64 bits"),
     ],
 )
-def test_record_that_no_sensor_has_is_refused(written, change, words):
+def test_an_invalid_record_is_refused(written, change, words):
     with pytest.raises(BadInput, match=words):
         read_sensor(written(change), PHOTOGRAPH)
 
@@ -82,13 +82,13 @@ def test_record_that_no_sensor_has_is_refused(written, change, words):
     [np.zeros((8, 8)), np.ones((8, 7)), np.full((8, 8), np.nan), np.array([["a"]]), np.ones((0, 0)), np.ones((1, 1))],
     ids=str,
 )
-def test_spectrum_that_is_none_is_refused(written, tmp_path, power):
+def test_an_invalid_spectrum_is_refused(written, tmp_path, power):
     np.save(tmp_path / "nps.npy", power)
     with pytest.raises(BadInput, match=r"the noise spectrum .* must"):
         read_sensor(written(), PHOTOGRAPH)
 
 
-@pytest.mark.parametrize("text", ["[" * 100_000, "\xff", "3", '{"schema": "x"}', '{"a": NaN}'])
+@pytest.mark.parametrize("text", ["[" * 100_000, "\xff", "3", '{"procedure": "x"}', '{"a": NaN}'])
 def test_text_that_is_no_record_is_refused(tmp_path, text):
     (tmp_path / "r.json").write_bytes(text.encode("latin-1"))
     with pytest.raises(BadInput):

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.errors import BadConfiguration
 from procedures.outcome import BadParameter
-from station.batch.procedure_file import PATTERN, read_procedure
+from station.batch.procedure_file import USUAL_PROCEDURE, read_procedure
 from station.bench.opening import make_bench, read_config
 from station.procedure.builtin.pattern import PatternSettings
 from station.results.specification_file import read_specification
@@ -64,7 +64,7 @@ def test_every_device_of_the_example_can_be_made(written):
 
 def test_procedure_asks_for_an_estimate_and_nothing_else(written):
     procedure = read_procedure(written / "procedure.toml")
-    assert procedure.name == PATTERN
+    assert procedure.name == USUAL_PROCEDURE
     assert procedure.terms == USUAL
     assert procedure.settings == PatternSettings(seed=1)
 

@@ -26,7 +26,7 @@ def station(*words):
     [
         (("--help",), ()),
         (("psf", "--help"), ()),
-        (("psf", "field", "--help"), ()),
+        (("session", "--help"), ()),
         (("psf", "pattern", "--help"), ("numpy", "cv2", "procedures.raw")),  # its options are those of its settings
     ],
 )

@@ -98,7 +98,9 @@ def test_what_is_told_without_the_photosite_is_no_number_of_the_camera(done):
     assert "of fill factor 0.9 ± 0.02 (as given)" in (done[1] / "report.html").read_text()
 
 
-@pytest.mark.parametrize(("words", "said"), [("frames", "is no fill factor"), ("1.2", "fills a part of its pixel")])
+@pytest.mark.parametrize(
+    ("words", "said"), [("frames", "is no fill factor"), ("1.2", "a fill factor must be greater than 0")]
+)
 def test_a_fill_factor_that_cannot_be_meant_is_named(tmp_path, run, words, said):
     result = run("psf", "field", tmp_path, "--out", tmp_path / "out", "--without-photosite", words)
     assert result.exit_code == 2

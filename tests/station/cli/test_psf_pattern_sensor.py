@@ -24,13 +24,13 @@ def photograph(tmp_path):
 
 @pytest.fixture
 def sensor(tmp_path):
-    """A result as `station sensor` leaves it: white noise of 6000 electrons, at 0.3 DN each."""
+    """A result of `station sensor`: white noise of 6000 electrons, at 0.3 DN each."""
     folder = tmp_path / "sensor"
     folder.mkdir()
     np.save(folder / "nps_Y.npy", np.full((32, 32), 0.3**2 * 6000))
     plane = {"verdict": "pass", "model": asdict(MODEL)}
     plane["noise_power"] = {"file": "nps_Y.npy", "signal": SIGNAL, "blocks": BLOCKS}
-    record = {"schema": "station/sensor/1", "iso": None, "planes": {"Y": plane, "G1": {"verdict": "refused"}}}
+    record = {"procedure": "sensor", "iso": None, "planes": {"Y": plane, "G1": {"verdict": "refused"}}}
     (folder / "result.json").write_text(json.dumps(record))
     return folder / "result.json"
 
@@ -71,7 +71,7 @@ def test_nothing_is_known_without_it(run, estimator, photograph, tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda record: record.update(schema="station/psf/1"), "no result of station sensor"),
+        (lambda record: record.update(procedure="pattern"), "a result of station sensor is required"),
         (lambda record: record["planes"].pop("Y"), "contains no plane"),
         (lambda record: record["planes"]["Y"]["model"].pop("gain"), "incomplete"),
     ],

@@ -11,9 +11,6 @@ from click.testing import CliRunner
 
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.unknown_motion import path_refinement
-from procedures.restoration.unknown_motion.basin_hopping import BendSettings
-from procedures.restoration.unknown_motion.path_pairs import PairSettings
-from procedures.restoration.unknown_motion.path_settings import PathSettings
 from station.__main__ import main
 
 SLOW_FIXTURES = {"photographs"}
@@ -143,11 +140,8 @@ def test_an_invalid_region_is_a_usage_error(photographs, tmp_path):
 @pytest.mark.slow
 def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatch):
     # the accuracy of the paths is tested with the procedure
-    few = PathSettings(
-        beginnings=3, restored=1, more=0, scheme=Scheme(1, 2, 2, 1, 2), pairs=PairSettings(descending=1),
-        bends=BendSettings(number=0),
-    )  # fmt: skip
-    monkeypatch.setattr(path_refinement, "PathSettings", lambda: few)
+    few = path_refinement.PathEffort(3, descending=1, bends=0, restored=1, more=0, scheme=Scheme(1, 2, 2, 1, 2))
+    monkeypatch.setattr(path_refinement, "PathEffort", lambda: few)
     # the upper left corner of this crop is at one depth to half a pixel
     arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--scheme", "1x(2+2)", "--max-w", "3"]
     result = run(*photographs[0], *arguments, "--depth-total-variation", "--out", tmp_path / "o")

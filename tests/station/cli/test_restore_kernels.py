@@ -103,5 +103,5 @@ def test_kernels_larger_than_the_range_are_doubtful_with_a_remedy(shaken, tmp_pa
     ]
     result = CliRunner().invoke(main, ["restore", *files[:2], *options, "--out", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
-    assert "warning: doubtful: " in result.stderr
+    assert "warning: Y: doubtful; " in result.stderr
     assert "what to do: " in result.stderr

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from procedures.geometry.views import Pose
-from tests.procedures.geometry.test_rig import FIRST, NAMES, TRUE, seen_by_second
+from tests.procedures.geometry.test_rig import FIRST, NAMES, TRUE, in_second
 
 OTHERS = 40
 """Numbers of camera and chart before the poses' in a joint covariance."""
@@ -31,7 +31,7 @@ def write(folder, poses, procedure="geometry"):
 
 @pytest.fixture
 def results(tmp_path):
-    return write(tmp_path / "left", FIRST), write(tmp_path / "right", [seen_by_second(one) for one in FIRST])
+    return write(tmp_path / "left", FIRST), write(tmp_path / "right", [in_second(one) for one in FIRST])
 
 
 def test_the_second_camera_stands_where_it_does(run, results, tmp_path):

@@ -188,12 +188,12 @@ def test_a_picture_that_cannot_be_read_costs_its_level(run, grey, tmp_path):
     done = run("sensor", grey.folder, "--out", tmp_path / "out")
     assert done.exit_code == 1, done.output
     assert f"warning: {lost} " in done.stderr
-    assert f"{alone} is the only picture left" in done.stderr
+    assert f"{alone} is the only readable picture" in done.stderr
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert [one["source"] for one in record["left_out"]] == [str(lost), str(alone)]
     gain = record["planes"]["Y"]["inverse_gain"]
     assert abs(gain["value"] - 9.0) < 3 * gain["uncertainty"]
-    assert "p008.png is the only picture left" in (tmp_path / "out" / "report.html").read_text()
+    assert "p008.png is the only readable picture" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_what_is_left_of_a_ladder_must_suffice(run, grey, tmp_path):

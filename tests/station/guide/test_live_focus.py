@@ -56,8 +56,8 @@ def test_an_incomplete_file_is_reported_with_its_reason(tmp_path):
         source_of(int(20 * UNREADABLE_AFTER_S)).watched(tmp_path, lambda s: half.write_bytes(whole[: len(whole) // 2]))
     )
     assert [frame.path for frame in frames] == [half]
-    reading = LiveFocus(Chart.from_seed()).see(frames[0])
-    assert reading.found.reason
+    reading = LiveFocus(Chart.from_seed()).measure(frames[0])
+    assert reading.sharpness.reason
     assert reading.best is None
     assert reading.say == "Focus by eye first."
 

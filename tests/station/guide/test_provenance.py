@@ -40,7 +40,7 @@ def test_the_source_is_the_camera_where_its_metadata_agree_else_the_operator():
 def test_a_confirmed_or_unverified_number_is_marked():
     facts = {"focal_length_mm": 30.0, INSISTED + "focal_length_mm": True, "typed_f_number": 8.0}
     provenance = provenance_of(plan_named("field"), facts, [noted(focal_length_mm=24.0)])
-    assert provenance["focal_length_mm"].held_against == "confirmed by the operator despite a contradiction"
+    assert provenance["focal_length_mm"].evidence == "confirmed by the operator despite a contradiction"
     assert str(provenance["typed_f_number"]) == "8, given by the operator; not verified"
 
 
@@ -48,10 +48,10 @@ def test_each_of_three_f_numbers_is_compared_with_its_own_photograph():
     facts = {"first_f_number": 8.0, "second_f_number": 4.0, "third_f_number": 2.8}
     frames = [noted(f_number=8.0), noted(f_number=5.6), noted(f_number=2.8)]
     provenance = provenance_of(plan_named("restoration"), facts, frames)
-    assert [one.told_by for one in provenance.values()] == ["camera", "operator", "camera"]
+    assert [one.source for one in provenance.values()] == ["camera", "operator", "camera"]
     # a missing photograph verifies nothing
     two = provenance_of(plan_named("restoration"), facts, frames[:2])
-    assert [one.told_by for one in two.values()] == ["camera", "operator", "operator"]
+    assert [one.source for one in two.values()] == ["camera", "operator", "operator"]
 
 
 @pytest.mark.parametrize("plan", PLANS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -11,12 +12,13 @@ from click.testing import CliRunner
 from threadpoolctl import threadpool_limits
 
 from procedures.outcome import BadParameter
+from procedures.raw import read_frame
 from station.__main__ import main
-from station.common.durable_files import sha256_of
-from station.guide import catalogue
+from station.guide import catalogue, session_result
 from station.guide.recompute import kernels_of, recompute
 from station.guide.session_result import Frames, compute, derive
 from station.sessions.journal import Damaged
+from station.sessions.reader import read_session
 from station.sessions.session import Session
 
 from ..sessions.short_plan import ENTRY, SHOTS, photographs, plan
@@ -92,27 +94,24 @@ def test_family_of_processors_is_known_where_all_libraries_agree(blas, family):
     assert kernels_of({"blas": blas}) == family
 
 
-def test_photographs_are_read_on_access_and_cached_within_the_limit(folder, monkeypatch):
-    paths, read = sorted((folder / "originals").iterdir()), []
-    monkeypatch.setattr("station.guide.session_result.read_frame", lambda path: read.append(path) or path)
-    assert list(Frames(paths)) == list(Frames(paths)[:1]) + list(Frames(paths)[1:])
-    roomy = Frames(paths)
-    read.clear()
-    assert list(roomy) + list(roomy) == paths * 2
-    assert read == paths
-    monkeypatch.setattr("station.guide.session_result.CACHE_BYTES", 0)
-    cramped = Frames(paths)
-    read.clear()
-    assert list(cramped) + list(cramped) == paths * 2
-    assert read == paths * 2
+@pytest.mark.parametrize(("room", "times"), [(500e6, 1), (0, 2)])
+def test_photographs_are_read_on_access_and_cached_within_the_limit(folder, monkeypatch, room, times):
+    shots, read, accessed = read_session(folder).state.shots, [], []
+    monkeypatch.setattr(session_result, "read_frame", lambda path: read.append(path) or read_frame(path))
+    monkeypatch.setattr(session_result, "CACHE_BYTES", room)
+    frames = Frames(folder, shots, lambda done, total: accessed.append((done, total)))
+    assert [one.sha256 for one in (*frames, *frames[1:], frames[0])] == [
+        one.sha256 for one in (*shots, *shots[1:], shots[0])
+    ]
+    assert len(read) == times * len(shots)
+    assert accessed == 2 * [(i, len(shots)) for i in range(len(shots))]
+    assert [one.sha256 for one in frames[1:]] == [one.sha256 for one in shots[1:]]
 
 
 def test_photograph_replaced_after_its_check_is_refused(folder):
-    paths = sorted((folder / "originals").iterdir())
-    hashes = [sha256_of(path) for path in paths]
-    assert [frame.sha256 for frame in Frames(paths, hashes=hashes)] == hashes
+    first, second, *_ = read_session(folder).state.shots
     with pytest.raises(Damaged, match="has changed since it was taken"):
-        list(Frames(paths, hashes=hashes[::-1]))
+        list(Frames(folder, [replace(first, sha256=second.sha256)]))
 
 
 def test_missing_result_is_named(folder):

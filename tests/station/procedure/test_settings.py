@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import pytest
 
 from procedures.outcome import BadParameter
-from station.procedure.settings import Settings, fields_of, named_files, placed, read_settings, setting, to_record
+from station.procedure.settings import Settings, fields_of, named_files, read_settings, setting, to_record
 
 
 class Model(Settings, frozen=True, kw_only=True):
@@ -35,8 +35,8 @@ def test_a_table_becomes_the_model():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"widht_mm": 3}, r"settings\.widht_mm is not known; write width_mm"),
-        ({"nothing": 3}, r"settings\.nothing is not known; use one of width_mm, count"),
+        ({"widht_mm": 3}, r"widht_mm is not known; write width_mm"),
+        ({"nothing": 3}, r"nothing is not known; use one of width_mm, count"),
         ({"width_mm": "wide"}, r"settings\.width_mm must be a number at least 1; it is 'wide'"),
         ({"width_mm": 0.5}, r"width_mm must be a number at least 1; it is '0\.5'"),
         ({"count": 10}, r"count must be a whole number at least 1 and at most 9; it is '10'"),
@@ -54,7 +54,7 @@ def test_a_table_becomes_the_model():
 )
 def test_what_cannot_be_is_named_with_the_key_and_what_it_must_be(given, words):
     with pytest.raises(BadParameter, match=words):
-        read_settings(Model, given, "settings.")
+        read_settings(Model, given, {name: f"settings.{name}" for name in given})
 
 
 def test_what_is_required_is_asked_for_with_its_description():
@@ -83,6 +83,6 @@ def test_a_record_holds_what_was_set():
 
 def test_files_lie_beside_the_procedure_where_they_are_there(tmp_path):
     (tmp_path / "a.csv").touch()
-    assert placed(Model(table=Path("a.csv")), tmp_path).table == tmp_path / "a.csv"
-    assert placed(Model(table=Path("b.csv")), tmp_path).table == Path("b.csv")
+    assert Model(table=Path("a.csv")).placed(tmp_path).table == tmp_path / "a.csv"
+    assert Model(table=Path("b.csv")).placed(tmp_path).table == Path("b.csv")
     assert named_files(Model(table=Path("b.csv"))) == [Path("b.csv")]

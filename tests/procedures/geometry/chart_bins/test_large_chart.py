@@ -16,19 +16,19 @@ from simulators.world.scene import Scene
 CHART, WHITE_E, PITCH_UM = Chart.from_seed(), 1e4, 7.52
 
 
-def test_means_have_their_centres_where_enlarging_puts_them():
+def test_reduced_pixels_have_the_centres_that_enlarging_assumes():
     y, x = np.mgrid[:11, :14].astype(np.float32)
     small = reduced(3 * x + 5 * y, 3)
     assert small.shape == (3, 4)
-    seen = Correspondences(np.array([0]), np.array([[2.0, 1.0]]), np.eye(2)[None])
-    (px, py), covariance = enlarged(seen, 3).points[0], enlarged(seen, 3).covariance[0]
-    assert small[1, 2] == pytest.approx(3 * px + 5 * py)  # a plane's mean is its value in the middle
+    bins = Correspondences(np.array([0]), np.array([[2.0, 1.0]]), np.eye(2)[None])
+    (px, py), covariance = enlarged(bins, 3).points[0], enlarged(bins, 3).covariance[0]
+    assert small[1, 2] == pytest.approx(3 * px + 5 * py)  # the mean of a plane is its central value
     np.testing.assert_array_equal(covariance, 9 * np.eye(2))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("gaussian_px", "most_px"), [(0.3, 0.02), (2.0, 0.1)])
-def test_a_chart_too_large_for_its_psf_is_measured_in_all_its_pixels(gaussian_px, most_px):
+def test_a_chart_too_large_for_its_psf_is_measured_in_all_pixels(gaussian_px, most_px):
     sensor = Sensor(560, 560, None, bits=16, full_well_e=1.3 * WHITE_E, gain_e_per_dn=1.3 * WHITE_E / 65000)
     optics = Optics.typical(f_number=5.6, pitch_um=PITCH_UM, gaussian_px=gaussian_px)
     lens = Lens(k1=-0.04, k2=0.01, focal_length_mm=12.0)
@@ -39,8 +39,8 @@ def test_a_chart_too_large_for_its_psf_is_measured_in_all_its_pixels(gaussian_px
     assert view is not None
     assert len(view) > 560
     error = view.points - shot.true_points("Y", bin_centres()[view.index])
-    error = error - error.mean(axis=0)  # the blur's centre, which a pose takes
+    error = error - error.mean(axis=0)  # the centre of the blur, absorbed by the pose
     sigma = np.sqrt(np.einsum("naa->na", view.covariance))
     assert sigma.max() < most_px
-    # 576 bins: 3 %; what the plain blur draws wrongly is in the residual that the covariance comes from
+    # 576 bins: 3 %; errors of the Gaussian blur are in the residual from which the covariance derives
     np.testing.assert_allclose((error / sigma).std(axis=0), 1, atol=0.15)

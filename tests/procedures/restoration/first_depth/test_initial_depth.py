@@ -2,34 +2,75 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq
 from scipy.ndimage import gaussian_filter
 from scipy.signal import fftconvolve
+from scipy.special import j1
 
 from procedures.raw import read_frame
 from procedures.restoration.first_depth import initial_depth
 from procedures.restoration.first_depth.semi_global_matching import semi_global
-from procedures.restoration.masks.blur_models import mask_stack, read_shape
+from procedures.restoration.masks.blur_models import mask_stack, pillbox, read_shape
+
+SIZE, FINE = 200, 4  # photographs, and samples of the scene per pixel
 
 
-@pytest.mark.parametrize("N", [3, 6])
-def test_polynomial_filters_are_exact_on_cubics(N):
-    value, second = initial_depth.polynomial_filters(N)
-    n = np.arange(-N, N + 1.0)
-    cubic = 2 + 0.5 * n - 0.3 * n**2 + 0.1 * n**3
-    assert value @ cubic == pytest.approx(2)
-    assert second @ cubic == pytest.approx(-0.6)
+def photographs(w, axis=None, ratio=1.25, exponent=1.0):
+    """A scene of amplitude 1/f^exponent through exact pillboxes, or motions along an axis, integrated over pixels."""
+    f = 2 * np.pi * FINE * fftfreq(SIZE * FINE)
+    fy, fx = f[:, None], 2 * np.pi * FINE * rfftfreq(SIZE * FINE)[None, :]
+    radius = np.maximum(np.hypot(fy, fx), f[1])
+    scene = rfft2(np.random.default_rng(3).standard_normal((SIZE * FINE,) * 2)) / radius**exponent
+    scene[0, 0] = 0
+    z = []
+    for r in (w, w * ratio):
+        transfer = 2 * j1(r * radius) / (r * radius) if axis is None else np.sinc(r * (fx, fy)[axis] / np.pi)
+        z.append(irfft2(scene * transfer).reshape(SIZE, FINE, SIZE, FINE).mean(axis=(1, 3)))
+    return np.stack(z)[:, None] * 0.12 / np.std(z)
+
+
+def motion(axis):
+    """Uniform motion whose half-width is that of the line itself."""
+    shape = np.zeros((257, 257))
+    shape[128] = 1
+    return shape if axis == 0 else shape.T
+
+
+BLURS = {"both": (pillbox(), None), "x": (motion(0), 0), "y": (motion(1), 1)}
+
+
+@pytest.mark.parametrize("direction", BLURS)
+@pytest.mark.parametrize("w", [1.5, 3.0, 4.5])
+@pytest.mark.parametrize("noise_db", [None, 40])
+def test_the_symmetric_start_is_unbiased(w, direction, noise_db, rng):
+    # the bound is the requirement; the published filters gave 2.2, 3.8 and 5.4 for pillboxes of 1.5, 3.0 and 4.5
+    shape, axis = BLURS[direction]
+    stacks = [mask_stack(shape, 5.6, ratio=ratio, R=8) for ratio in (1.0, 1.25)]
+    z = photographs(w, axis)
+    sigma = 0.0 if noise_db is None else z.std() * 10 ** (-noise_db / 20)
+    z = z + sigma * rng.standard_normal(z.shape)
+    for order in (slice(None), slice(None, None, -1)):  # the sharper photograph may come second
+        estimate = initial_depth.algorithm_2(z[order], stacks[order], sigma, direction=direction).w[16:-16, 16:-16]
+        assert estimate.mean() == pytest.approx(w, abs=0.1)
+        assert np.sqrt(np.mean((estimate - w) ** 2)) < 0.5
+
+
+@pytest.mark.parametrize(("noise", "sigma", "bar"), [("clean", 0.0, 0.20), ("40dB", 1.4e-3, 0.5)])
+def test_the_symmetric_start_on_the_shared_pair(noise, sigma, bar, shared_data):
+    # 0.25 pixel in the thesis, on its own scene; 0.18 measured
+    folder = shared_data / "synthetic" / "restoration"
+    z = np.stack([[read_frame(folder / f"defocus_{noise}_{n}.pgm").planes["Y"].samples] for n in (1, 2)])
+    stacks = [mask_stack(pillbox(), 5.6, ratio=ratio, R=8) for ratio in (1.0, 1.25)]
+    error = (initial_depth.algorithm_2(z, stacks, sigma).w - np.load(folder / "w.npy"))[16:-16, 16:-16]
+    assert np.sqrt(np.mean(error**2)) < bar
+    assert abs(error.mean()) < 0.1
 
 
 def test_relative_blur_of_a_cubic_is_the_difference_of_variances():
     # Proposition 2 on u = x^2: blurring by a symmetric mask of variance s adds s
     x = np.arange(60.0)[None, :] * np.ones((60, 1))
-    numerator, curvature = initial_depth.relative_blur(x**2 + 1.5, x**2 + 4.0, 5, "x")
+    numerator, curvature = initial_depth.relative_blur(x**2 + 1.5, x**2 + 4.0, "x")
     np.testing.assert_allclose((numerator / curvature)[10:-10, 10:-10], 2.5, rtol=1e-6)
-
-
-def test_variances_of_masks(defocus_stacks):
-    k = round(4.0 / defocus_stacks[0].step)
-    assert initial_depth.variance(defocus_stacks[0])[k] == pytest.approx(4.0**2 / 4 + 1 / 12, rel=0.02)
 
 
 def test_a_blur_that_no_masks_have_is_no_depth(defocus_stacks, rng):
@@ -38,7 +79,7 @@ def test_a_blur_that_no_masks_have_is_no_depth(defocus_stacks, rng):
     z = np.stack([[fftconvolve(u, s.at(3.0), mode="valid")] for s in defocus_stacks])
     patch = np.s_[:, :, 30:44, 40:60]
     z[patch] = z[::-1][patch]
-    w = initial_depth.algorithm_2(z, defocus_stacks, 0.0, window=9).w
+    w = initial_depth.algorithm_2(z, defocus_stacks, 0.0, window=3.0).w
     assert w[20:54, 30:70].min() > 1.5
 
 

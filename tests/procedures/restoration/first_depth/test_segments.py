@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 
 from procedures.restoration.first_depth.segments import (
-    SegmentSettings,
     extrapolate,
     joined,
     remove_blemishes,
     segments,
     surfaces,
 )
-
-STEPS = SegmentSettings(jump=0.35)
 
 
 @pytest.fixture
@@ -27,7 +24,7 @@ def square():
 
 def test_each_side_of_a_step_is_a_segment(square):
     w, inside = square
-    labels = segments(w, STEPS, 4)
+    labels = segments(w, 4, jump=0.35)
     assert labels.max() == 2
     assert len(np.unique(labels[inside])) == len(np.unique(labels[~inside])) == 1
 
@@ -38,24 +35,24 @@ def test_a_gap_in_the_step_joins_nothing(square):
     # ten pixels of the border are a ramp without an edge
     ramp = (np.abs(y - 60) < 5) & (np.abs(x - 45) < 6)
     w = np.where(ramp, 3.0 - 0.01 * x + 0.9 * np.clip((x - 39) / 12, 0, 1), w)
-    labels = segments(w, STEPS, 6)
+    labels = segments(w, 6, jump=0.35)
     assert labels.max() == 2
     assert labels[75, 95] != labels[5, 5]
 
 
 def test_a_slope_is_cut_nowhere():
     y, x = np.mgrid[0:80, 0:100]
-    assert segments(1.0 + 0.02 * x + 0.02 * y, STEPS, 4).max() == 1
+    assert segments(1.0 + 0.02 * x + 0.02 * y, 4, jump=0.35).max() == 1
 
 
 def test_known_borders_are_kept_where_surfaces_differ(square):
     w, inside = square
     blurred = np.where(np.abs(np.mgrid[0:80, 0:100][1] - 45) < 3, 3.2, w)  # a slightly smoothed edge
     known = inside.astype(np.int32) + 1
-    labels = segments(blurred, SegmentSettings(jump=2.0), 5, known)
+    labels = segments(blurred, 5, known, jump=2.0)
     # an edge of 2 would not be detected, and surfaces half that apart would be merged
     assert labels.max() == 1
-    assert segments(blurred, SegmentSettings(jump=1.0), 5, known).max() == 2
+    assert segments(blurred, 5, known, jump=1.0).max() == 2
 
 
 def test_depths_are_extrapolated_as_planes():
@@ -89,8 +86,8 @@ def test_blemishes_are_removed_and_edges_are_not(square):
     spoilt = w.copy()
     spoilt[10:18, 70:80] = 1.0
     labels = inside.astype(np.int32) + 1
-    np.testing.assert_allclose(remove_blemishes(spoilt, labels, 4, STEPS), w, atol=0.1)
-    np.testing.assert_array_equal(remove_blemishes(w, labels, 4, STEPS), w)
+    np.testing.assert_allclose(remove_blemishes(spoilt, labels, 4), w, atol=0.1)
+    np.testing.assert_array_equal(remove_blemishes(w, labels, 4), w)
 
 
 def test_only_neighbours_of_one_segment_are_joined():

@@ -16,8 +16,6 @@ from procedures.restoration.joint.schedule import NEAR, Schedule, Scheme
 
 from ..conftest import scene
 
-STIFF = joint_descent.JointSettings(yielding=0)
-
 
 @pytest.fixture(scope="module")
 def problem(vibrating):
@@ -96,7 +94,7 @@ def test_edges_move_to_their_true_positions(vibrating, problem):
     displaced[:, 4:] = vibrating.w[:, :-4]  # the vertical edge four pixels to the right
     w = displaced.astype(np.float32)
     state = joint_descent.begin(problem, w[R:-R, R:-R])
-    labels = segments.segments(state.w, segments.SegmentSettings(jump=0.35), 9)
+    labels = segments.segments(state.w, 9, jump=0.35)
     layers = depth_edges.layers_of(state.w, labels, 10, 9, 0.35)
     _, placed, relabelled = depth_edges.place_steps(problem.data, problem.other, state.u, state.w, labels, layers, 1e-3)
 
@@ -114,7 +112,7 @@ def test_a_border_keeps_its_corner_where_the_share_is_decided(vibrating, problem
     w = vibrating.w.astype(np.float32)
     problem.data.focus(w)
     u = restore_picture(problem.data, joint_descent.begin(problem, first_truth(vibrating)).u, 1e-4, 60)
-    labels = segments.segments(w, segments.SegmentSettings(jump=0.35), 3)
+    labels = segments.segments(w, 3, jump=0.35)
     layers = depth_edges.layers_of(w, labels, 3, 1, 0.35)
     placed = depth_edges.place_steps(problem.data, problem.other, u, w, labels, layers, 1e-4, decided=decided)[1]
     assert vibrating.w[y, x] - vibrating.w[y - 1, x - 1] > 0.8
@@ -131,7 +129,7 @@ def test_the_depth_prior_yields_to_a_smeared_step_under_strong_noise(vibration_s
     # after the last localisation only descent changes the depth
     state = replace(joint_descent.begin(problem, gaussian_filter(noisy.w, 5)[6:-6, 6:-6]), n=14)
     yielding = joint_descent.run(problem, state)
-    stiff = joint_descent.run(replace(problem, settings=STIFF), state)
+    stiff = joint_descent.run(replace(problem, yielding=0), state)
     inside = np.s_[..., 6:-6, 6:-6]
     assert noisy.depth_error(yielding.w[inside]) < 0.97 * noisy.depth_error(stiff.w[inside])
     assert noisy.picture_error(yielding.u[inside]) < 0.97 * noisy.picture_error(stiff.u[inside])
@@ -140,11 +138,11 @@ def test_the_depth_prior_yields_to_a_smeared_step_under_strong_noise(vibration_s
 def test_a_weak_depth_prior_does_not_yield(problem, first):
     state, weights = joint_descent.begin(problem, first), PriorWeights(1e-3, 0.05)
     before = joint_descent.cost(problem, state.u, state.w, weights)
-    assert joint_descent.cost(replace(problem, settings=STIFF), state.u, state.w, weights) == before
+    assert joint_descent.cost(replace(problem, yielding=0), state.u, state.w, weights) == before
 
 
 def test_without_edges_there_are_no_layers():
     w = np.full((40, 40), 2.0)
-    labels = segments.segments(w, segments.SegmentSettings(jump=0.35), 3)
+    labels = segments.segments(w, 3, jump=0.35)
     assert labels.max() == 1
     assert not depth_edges.layers_of(w, labels, 5, 3, 0.35).band.any()

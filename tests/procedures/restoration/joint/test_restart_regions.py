@@ -11,7 +11,6 @@ from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.priors import steps_allowed
 from procedures.restoration.joint.restart_regions import (
     RegionAttempt,
-    RestartSettings,
     better_of,
     relative_residual,
     reliable_segments,
@@ -63,7 +62,7 @@ def test_residuals_are_relative_to_the_median(rng):
 def test_the_unexplained_region_is_the_wrong_one(terms, notched):
     pair, notch = notched
     terms[0].focus(pair.w)
-    wrong = unexplained(terms[0], pair.u, RestartSettings())
+    wrong = unexplained(terms[0], pair.u)
     assert wrong[notch].mean() > 0.9
     assert wrong.mean() < 0.35
 
@@ -76,7 +75,7 @@ def test_a_region_of_the_wrong_surface_is_corrected(vibrating, terms, notched):
         return np.sqrt(np.mean((w - vibrating.w)[notch] ** 2))
 
     descended = onward(terms[0], pair)
-    restarted_pair = restart(*terms, pair, 12, 0.28, WEIGHTS.picture, lambda p: onward(terms[0], p))
+    restarted_pair = restart(*terms, pair, 12, WEIGHTS.picture, lambda p: onward(terms[0], p))
     # descent alone corrects little of the pixel by which the depth is wrong
     assert error(descended.w) > 0.6
     assert error(restarted_pair.w) < 0.35
@@ -88,15 +87,15 @@ def test_entirely_wrong_segments_join_their_neighbours():
     labels[:, 20:] = 2
     labels[5:15, 2:12] = 3
     wrong = labels == 3
-    reliable = reliable_segments(labels, wrong, RestartSettings())
+    reliable = reliable_segments(labels, wrong)
     assert set(np.unique(reliable)) == {1, 2}
     assert (reliable[wrong] == 1).all()
-    assert (reliable_segments(labels, np.ones((40, 40), bool), RestartSettings()) == labels).all()
+    assert (reliable_segments(labels, np.ones((40, 40), bool)) == labels).all()
 
 
 def test_the_smaller_residual_is_kept_locally(vibrating, terms, notched):
     pair, notch = notched
     truth = RegionAttempt(vibrating.sharp.astype(np.float32), vibrating.w.astype(np.float32), pair.labels)
-    best = better_of(terms[0], pair, truth, notch, 2)
+    best = better_of(terms[0], pair, truth, notch)
     assert np.abs(best.w - truth.w)[notch].max() < 1e-6
-    assert better_of(terms[0], truth, pair, notch, 2).w == pytest.approx(truth.w)
+    assert better_of(terms[0], truth, pair, notch).w == pytest.approx(truth.w)

@@ -48,14 +48,6 @@ def test_only_the_aperture_changed_leaves_the_ratio_of_f_numbers():
     assert relation(FIRST, CameraSetting(50.0, 5.6, 1500.0, 6.0)) == pytest.approx((0.5, 0.0))
 
 
-def test_uncertainty_of_distance_grows_with_its_square():
-    near, far = FIRST.distance_uncertainty_mm(np.array([1000.0, 2000.0]), 0.1)
-    assert far / near == pytest.approx(4)
-    # and is the derivative of the distance
-    shift = FIRST.distance_mm(FIRST.blur_radius_px(1000.0) - 1e-4) - 1000.0
-    assert near == pytest.approx(float(shift) * 0.1 / 1e-4, rel=1e-3)
-
-
 @pytest.mark.parametrize("wrong", [(0, 2.8, 1500, 6), (50, 2.8, 40, 6)])
 def test_impossible_settings_are_refused(wrong):
     with pytest.raises(BadParameter):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.restoration.unknown_motion.basin_hopping import BasinHopping, BendSettings
+from procedures.restoration.unknown_motion.basin_hopping import BasinHopping
 from procedures.restoration.unknown_motion.mask_evidence import MaskEvidence, cost, fit_curves, masks_at
 from procedures.restoration.unknown_motion.motion_splines import POINTS
 
@@ -14,7 +14,7 @@ from ..motions import FLAT_W, curves
 # lines about as wide as the spacing of samples
 HALF = 2 * FLAT_W
 TRUE = 2 * curves()
-NO_BENDS = BendSettings(number=0)
+NO_BENDS = 0
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +63,6 @@ def test_a_pool_is_moved_to_another_origin(evidence, wrong):
 def test_bends_end_no_worse_than_descent(evidence):
     bend = np.exp(-(((np.arange(POINTS) - 8) / 2.0) ** 2))[:, None]
     start = TRUE + bend * np.array([[[1.6, -1.2]], [[-1.2, 1.6]]])
-    best = BasinHopping([], np.random.default_rng(1), BendSettings(number=4)).minimise(evidence, start, HALF)
+    best = BasinHopping([], np.random.default_rng(1), 4).minimise(evidence, start, HALF)
     alone = fit_curves(evidence, start, HALF, (0, 1), 150, 15, 1e-3)[1]
     assert cost(evidence, best, HALF) < 1.01 * cost(evidence, alone, HALF)

@@ -13,7 +13,7 @@ from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur
 from procedures.restoration.unknown_motion import free_kernels
 from procedures.restoration.unknown_motion.flat_scene import (
     FreeKernels,
-    FreeKernelSettings,
+    KernelEffort,
     KernelStart,
     kernels_of_flat_scene,
 )
@@ -22,7 +22,7 @@ from procedures.restoration.unknown_motion.sharp_edges import EdgePicture, perio
 from procedures.restoration.unknown_motion.sparse_gradients import SparseGradients
 
 R = 7
-QUICK = FreeKernelSettings(
+QUICK = KernelEffort(
     starts=(KernelStart(last_edges=2e-3),), rounds=5, kernel_iterations=40,
     compared=5, settled=3, picture_iterations=6,
 )  # fmt: skip
@@ -67,7 +67,7 @@ def findings():
 
 @pytest.fixture(scope="module")
 def blur(shaken, findings):
-    source = UnknownMotion("whole", settings=QUICK)
+    source = UnknownMotion("whole", effort=QUICK)
     return blur_of(BlurSpec(source, R), [one[None] for one in shaken[0]], findings.append)
 
 

@@ -9,10 +9,7 @@ from procedures.outcome import Outcome, Verdict
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import LINE, as_shape, mask
 from procedures.restoration.unknown_motion import motion_splines, path_refinement
-from procedures.restoration.unknown_motion.basin_hopping import BendSettings
 from procedures.restoration.unknown_motion.blind import Prototypes
-from procedures.restoration.unknown_motion.path_pairs import PairSettings
-from procedures.restoration.unknown_motion.path_settings import PathSettings
 
 from .. import motions
 from ..motions import BOX, FLAT_W
@@ -39,9 +36,7 @@ def prototypes(curves):
 def test_other_depths_correct_the_curves(photographs, prototypes, curves):
     # a tenth of a pixel off in the flat part, the typical difference of curves that draw one mask
     start = curves + np.random.default_rng(1).normal(0, 0.1, curves.shape)
-    few = PathSettings(
-        more=0, scheme=Scheme(4, 6, 6, 1, 6), pairs=PairSettings(descents=1), bends=BendSettings(number=0)
-    )
+    few = path_refinement.PathEffort(more=0, scheme=Scheme(4, 6, 6, 1, 6), descents=1, bends=0)
     motion = path_refinement.motion_of_scene(photographs, BOX, prototypes, 3.5, np.random.default_rng(0), start, few)
     assert motion.path is not None
 

@@ -1,7 +1,7 @@
-"""What a camera noted in a photograph's file, taken over into a file that is made of it.
+"""Metadata of a photograph, copied into files that derive from it.
 
-The first image directory and its EXIF directory as they are, whatever the byte order; of files that are no TIFF (CR3,
-RAF) what LibRaw and EXIF readers tell of them. Makers' notes stay behind: they point into their own file.
+Entries of the first image directory and of EXIF are copied in either byte order; for files other than TIFF (CR3, RAF),
+the exposure read by LibRaw or EXIF readers. Makers' notes are not copied: they contain offsets into their own file.
 Source: TIFF 6.0, section 2; EXIF 2.32, section 4.6.
 """
 
@@ -13,6 +13,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 
+import numpy as np
+
 from procedures.raw import Exposure, RawFrame
 
 Entry = tuple[int, int, bytes]
@@ -23,49 +25,51 @@ SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 1, 7: 1, 8: 2, 9: 4, 10: 4, 11: 4, 12:
 """Bytes of a number of each type; types 5 and 10 are two."""
 PAIRS = (5, 10)
 PICTURE = (271, 272, 274, 282, 283, 296, 306, 315, 33432)
-"""Of the first directory: maker, model, orientation, resolution, date, artist, copyright."""
+"""Tags of the first directory: maker, model, orientation, resolution, date, artist, copyright."""
 COLOUR = (50708, 50721, 50722, 50727, 50728, 50730, 50735, 50778, 50779, 50931, 50932, 50936, 50964, 50965)
-"""Of a DNG: camera's name, colour matrices, balance, exposure, serial number, illuminants, profile."""
-NOT_TAKEN = (37500, 40965)
-"""Of EXIF: makers' notes and the interoperability directory."""
+"""Tags of a DNG: camera name, colour matrices, balance, exposure, serial number, illuminants, profile."""
+EXCLUDED = (37500, 40965)
+"""Tags of EXIF: makers' notes and the interoperability directory."""
 EXIF = 34665
-MOST_BYTES = 1 << 16
+MAX_BYTES = 1 << 16
 
 
 @dataclass(frozen=True)
-class CameraNotes:
-    """Entries by tag: of the picture, of its colours as a DNG tells them, and of EXIF."""
+class CameraMetadata:
+    """Entries by tag: of the picture, of its colours in a DNG, and of EXIF."""
 
     picture: Mapping[int, Entry] = field(default_factory=dict)
     colour: Mapping[int, Entry] = field(default_factory=dict)
     exif: Mapping[int, Entry] = field(default_factory=dict)
 
 
-def read_notes(data: bytes, exposure: Exposure) -> CameraNotes:
-    """The notes in a file's content; where it has no directories, what is known of the exposure."""
+def read_metadata(data: bytes, exposure: Exposure) -> CameraMetadata:
+    """The metadata in a file's content; without directories, those of the exposure."""
     try:
         first, order = _first_directory(_tiff_part(data))
-        exif = dict(_entries(_tiff_part(data), order, _number(first[EXIF]))) if EXIF in first else {}
+        at = int.from_bytes(first[EXIF][2][:4], "little") if EXIF in first else 0
+        exif = dict(_entries(_tiff_part(data), order, at)) if at else {}
     except (struct.error, KeyError, IndexError):
         first, exif = {}, {}
+    camera = {} if exposure.camera is None else {272: text(exposure.camera)}
     picture = {tag: first[tag] for tag in PICTURE if tag in first}
     colour = {tag: first[tag] for tag in COLOUR if tag in first}
-    exif = {tag: entry for tag, entry in exif.items() if tag not in NOT_TAKEN}
-    return CameraNotes({**_of_camera(exposure), **picture}, colour, {**_of_exposure(exposure), **exif})
+    exif = {tag: entry for tag, entry in exif.items() if tag not in EXCLUDED}
+    return CameraMetadata({**camera, **picture}, colour, {**_of_exposure(exposure), **exif})
 
 
 def exposure_of(frames: Sequence[RawFrame]) -> Exposure | None:
-    """What all photographs were taken with; None where there are none, a part of it empty where they differ."""
+    """The common exposure of photographs, with fields None where they differ; None without photographs."""
     if not frames:
         return None
     names = ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
-    noted = [asdict(frame.exposure) for frame in frames]
-    same = {name: {one[name] for one in noted} for name in names}
+    exposures = [asdict(frame.exposure) for frame in frames]
+    same = {name: {one[name] for one in exposures} for name in names}
     return Exposure(**{name: next(iter(values)) for name, values in same.items() if len(values) == 1})
 
 
 def _tiff_part(data: bytes) -> bytes:
-    """The part of a file that is laid out as a TIFF: all of it, or a PNG's eXIf chunk."""
+    """The part of a file in TIFF layout: all of it, or a PNG's eXIf chunk."""
     at = data.find(b"eXIf") if data[:4] == b"\x89PNG" else -1
     return data[at + 4 :] if at >= 0 else data
 
@@ -76,34 +80,20 @@ def _first_directory(data: bytes) -> tuple[dict[int, Entry], str]:
 
 
 def _entries(data: bytes, order: str, at: int) -> Iterator[tuple[int, Entry]]:
-    """The entries of the directory at an offset, their numbers turned to little-endian."""
+    """The entries of the directory at an offset, with little-endian numbers."""
     (count,) = struct.unpack_from(order + "H", data, at)
     for i in range(count):
         tag, kind, n = struct.unpack_from(order + "HHI", data, at + 2 + 12 * i)
         size = SIZES.get(kind, 0) * n * (2 if kind in PAIRS else 1)
-        if not 0 < size <= MOST_BYTES:
+        if not 0 < size <= MAX_BYTES:
             continue
         place = at + 10 + 12 * i
         if size > 4:
             (place,) = struct.unpack_from(order + "I", data, place)
         raw = data[place : place + size]
         if len(raw) == size:
-            yield tag, (kind, n, _turned(raw, SIZES[kind], order))
-
-
-def _turned(raw: bytes, size: int, order: str) -> bytes:
-    """Numbers of that size in little-endian order."""
-    if order == "<" or size == 1:
-        return raw
-    return b"".join(raw[i : i + size][::-1] for i in range(0, len(raw), size))
-
-
-def _number(entry: Entry) -> int:
-    return int.from_bytes(entry[2][:4], "little")
-
-
-def _of_camera(exposure: Exposure) -> dict[int, Entry]:
-    return {} if exposure.camera is None else {272: text(exposure.camera)}
+            little = raw if order == "<" else np.frombuffer(raw, np.uint8).reshape(-1, SIZES[kind])[:, ::-1].tobytes()
+            yield tag, (kind, n, little)
 
 
 def _of_exposure(exposure: Exposure) -> dict[int, Entry]:
@@ -113,34 +103,34 @@ def _of_exposure(exposure: Exposure) -> dict[int, Entry]:
         37386: exposure.focal_length_mm,
         37382: exposure.subject_distance_mm and exposure.subject_distance_mm / 1000,
     }
-    found = {tag: rational(value) for tag, value in numbers.items() if value}
+    entries = {tag: rational(value) for tag, value in numbers.items() if value}
     if exposure.iso:
-        found[34855] = short(min(round(exposure.iso), 65535))
+        entries[34855] = short(min(round(exposure.iso), 65535))
     if exposure.lens:
-        found[42036] = text(exposure.lens)
+        entries[42036] = text(exposure.lens)
     if exposure.captured_at:
-        found[36867] = text(exposure.captured_at.replace("-", ":").replace("T", " "))
-    return found
+        entries[36867] = text(exposure.captured_at.replace("-", ":").replace("T", " "))
+    return entries
 
 
 def text(value: str) -> Entry:
-    """An entry of letters."""
+    """An entry of text."""
     raw = value.encode("ascii", "replace") + b"\0"
     return ASCII, len(raw), raw
 
 
 def short(*values: int) -> Entry:
-    """An entry of numbers of 16 bits."""
+    """An entry of 16-bit numbers."""
     return SHORT, len(values), struct.pack(f"<{len(values)}H", *values)
 
 
 def long(*values: int) -> Entry:
-    """An entry of numbers of 32 bits."""
+    """An entry of 32-bit numbers."""
     return LONG, len(values), struct.pack(f"<{len(values)}I", *values)
 
 
 def rational(*values: float, signed: bool = False) -> Entry:
-    """An entry of fractions, their denominators up to a million."""
+    """An entry of fractions with denominators up to a million."""
     parts = [Fraction(value).limit_denominator(1_000_000) for value in values]
     code = "<2i" if signed else "<2I"
     most = sys.maxsize if signed else 2**32 - 1

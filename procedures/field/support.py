@@ -1,4 +1,4 @@
-"""Nodes sampled alike: supports of different widths are widened to the widest, by what their tails say lies there."""
+"""Nodes of one sampling: narrower supports are extended to the widest one by their tails."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from procedures.psf_field import Node
 Array = npt.NDArray[np.float64]
 
 
-def alike(nodes: Sequence[Node]) -> tuple[Node, ...]:
-    """The nodes with PSFs of one size, the widest support's.
+def with_common_support(nodes: Sequence[Node]) -> tuple[Node, ...]:
+    """The nodes with PSFs of one size, that of the widest support.
 
     Raises
     ------
     Refused
-        If they have different numbers of samples per pixel, or shapes of the tail, or different supports without one.
+        If their samples per pixel or their tails' shapes differ, or their supports differ and they have no tail.
     """
     first = nodes[0]
     for node in nodes[1:]:
@@ -34,53 +34,48 @@ def alike(nodes: Sequence[Node]) -> tuple[Node, ...]:
             )
         if len(node.psf.tail.amplitudes) != len(first.psf.tail.amplitudes):
             raise Refused(
-                f"the PSFs of a field must all say what lies outside their supports, or none; {_name(first)} has "
-                f"{_shapes(first)} and {_name(node)} has {_shapes(node)}",
+                f"the PSFs of a field must all have the same tail, or none; {_name(first)} has {_shapes(first)} and "
+                f"{_name(node)} has {_shapes(node)}",
                 "measure all photographs with this version",
             )
     k = max(node.psf.k for node in nodes)
-    return tuple(node if node.psf.k == k else replace(node, psf=_widened_node(node, k)) for node in nodes)
+    narrow = next((node for node in nodes if node.psf.k < k and not len(node.psf.tail.amplitudes)), None)
+    if narrow is not None:
+        raise Refused(
+            f"the PSFs of a field must have supports of one size where they have no tail; {_name(narrow)} has k = "
+            f"{narrow.psf.k}, another k = {k}",
+            "measure all photographs with one k: give it with -k",
+        )
+    return tuple(node if node.psf.k == k else replace(node, psf=widened(node.psf, k)) for node in nodes)
 
 
 def widened(psf: Psf, k: int) -> Psf:
-    """A PSF with a tail on a wider support of k x k samples: those outside its own are the tail's, of no own error.
+    """A PSF with a tail on a wider support of k x k samples: the added samples are those of the tail, without error of
+    their own.
 
-    What it says of the light stays the same, but for the turning shapes beyond their reach, which hardly differs.
+    The PSF is unchanged, except for a small difference of the azimuthal shapes beyond their reach.
     """
     n, q = psf.k**2, len(psf.tail.amplitudes)
     if k < psf.k or k % 2 == 0 or not q:
-        raise ValueError(f"a support of {psf.k} samples with a tail can be widened; asked for {k}, {q} shapes")
+        raise ValueError(
+            f"the new support must be odd and at least {psf.k}, and the PSF have a tail; got {k}, {q} shapes"
+        )
     narrow, wide = tail_kernels(psf.k)[:q], tail_kernels(k)[:q]
     M = np.zeros((k * k + q, n + q))
     inner = np.pad(np.arange(n).reshape(psf.k, psf.k) + 1, (k - psf.k) // 2).ravel()
     M[np.flatnonzero(inner), inner[inner > 0] - 1] = 1
     low = tail_border(psf.k) - k // 2
     M[: k * k, n:] = narrow[:, low : low + k, low : low + k].reshape(q, -1).T
-    M[k * k :, n:] = np.diag(_rescale(narrow, wide, k))
-    p = M @ psf.parameters
-    total = p[: k * k].sum()
-    inside = np.concatenate([np.ones(k * k), np.zeros(q)])
-    J = (M - np.outer(p / total, inside @ M)) / total
-    return Psf.of(p / total, J @ psf.parameter_covariance @ J.T, k, psf.s)
+    M[k * k :, n:] = np.diag(_rescaling(narrow, wide, k))
+    return Psf.of_unit_sum(M @ psf.parameters, M @ psf.parameter_covariance @ M.T, k, psf.s)
 
 
-def _rescale(narrow: Array, wide: Array, k: int) -> Array:
-    """Amplitudes (q,) of the wide support's shapes that are one of the narrow one's: the shapes turning with the
-    direction go with the mean."""
+def _rescaling(narrow: Array, wide: Array, k: int) -> Array:
+    """Amplitudes (q,) of the wide support's shapes equal to those of the narrow one; azimuthal shapes as the mean."""
     beyond = k // 2 + 1
     ratio = np.array([a[len(a) // 2, len(a) // 2 + beyond] / b[len(b) // 2, len(b) // 2 + beyond]
                       for a, b in zip(narrow[:2], wide[:2], strict=True)])  # fmt: skip
     return np.array([ratio[j] if SHAPES[j].startswith("1/") else ratio[0] for j in range(len(narrow))])
-
-
-def _widened_node(node: Node, k: int) -> Psf:
-    if not len(node.psf.tail.amplitudes):
-        raise Refused(
-            f"the PSFs of a field must have supports of one size where they have no tail; {_name(node)} has k = "
-            f"{node.psf.k}, another k = {k}",
-            "measure all photographs with one k: give it with -k",
-        )
-    return widened(node.psf, k)
 
 
 def _name(node: Node) -> str:
@@ -89,4 +84,4 @@ def _name(node: Node) -> str:
 
 def _shapes(node: Node) -> str:
     count = len(node.psf.tail.amplitudes)
-    return f"{count} shapes of a tail" if count else "no tail"
+    return f"{count} tail shapes" if count else "no tail"

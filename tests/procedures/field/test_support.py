@@ -1,13 +1,11 @@
-"""Nodes of different supports are widened to one, and the light they tell of stays where it is."""
+"""Nodes of different supports are widened to one without changing their PSFs."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from procedures.field.alike import alike, widened
+from procedures.field.support import widened, with_common_support
 from procedures.outcome import Refused
 from procedures.psf import Psf, PsfTail
 from procedures.psf_field import Node
@@ -24,11 +22,11 @@ def psf(k: int = 9, s: int = S, with_tail: bool = True) -> Psf:
     return Psf(h / h.sum(), s, 1e-8 * np.eye(n), tail if with_tail else PsfTail.none(n))
 
 
-def node(one: Psf, number: int = 1) -> Node:
-    return Node(np.zeros(2), np.eye(2), np.zeros(2), one, "a.dng", number)
+def nodes(*psfs: Psf) -> list[Node]:
+    return [Node(np.zeros(2), np.eye(2), np.zeros(2), one, "a.dng", number) for number, one in enumerate(psfs, 1)]
 
 
-def test_a_widened_psf_says_the_same_of_the_light():
+def test_widening_keeps_the_transfer_function():
     narrow = psf()
     wide = widened(narrow, 17)
     assert wide.h.sum() == pytest.approx(1)
@@ -52,29 +50,18 @@ def test_its_covariance_is_that_of_repeated_widening(rng):
     np.testing.assert_allclose(np.var(drawn, axis=0), expected, rtol=0.3)
 
 
-def test_nodes_of_different_supports_are_put_together():
-    found = alike([node(psf(9)), node(psf(13), 2)])
-    assert [one.psf.k for one in found] == [13, 13]
-    assert found[1].psf.h is not None
-    assert found[0].number == 1
+def test_nodes_of_different_supports_get_the_widest():
+    assert [node.psf.k for node in with_common_support(nodes(psf(9), psf(13)))] == [13, 13]
 
 
 @pytest.mark.parametrize(
-    ("other", "words"),
+    ("psfs", "words"),
     [
-        (
-            psf(s=3),
-            "a field must have the same samples per pixel; chart 1 of a.dng has s = 4, chart 2 of a.dng has s = 3",
-        ),
-        (psf(with_tail=False), "chart 1 of a.dng has 6 shapes of a tail and chart 2 of a.dng has no tail"),
+        ((psf(), psf(s=3)), "the same samples per pixel; chart 1 of a.dng has s = 4, chart 2 of a.dng has s = 3"),
+        ((psf(), psf(with_tail=False)), "chart 1 of a.dng has 6 tail shapes and chart 2 of a.dng has no tail"),
+        ((psf(9, with_tail=False), psf(13, with_tail=False)), "chart 1 of a.dng has k = 9, another k = 13"),
     ],
 )
-def test_nodes_that_cannot_be_put_together_are_named(other, words):
+def test_nodes_of_different_samplings_are_refused(psfs, words):
     with pytest.raises(Refused, match=words):
-        alike([node(psf()), node(other, 2)])
-
-
-def test_different_supports_without_tails_are_refused():
-    bare = [replace(node(psf(k, with_tail=False)), number=k) for k in (9, 13)]
-    with pytest.raises(Refused, match=r"chart 9 of a\.dng has k = 9, another k = 13"):
-        alike(bare)
+        with_common_support(nodes(*psfs))

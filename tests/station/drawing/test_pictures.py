@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from station.drawing.linear_pictures import display_png, float_tiff
+from station.drawing.pictures import display_png, float_tiff
 
 
 def decoded(data):

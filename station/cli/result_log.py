@@ -1,0 +1,77 @@
+"""Log lines about the results of a command, and its exit code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from station.common.errors import REFUSED
+from station.common.log import log
+from station.common.sanitise import printable
+
+if TYPE_CHECKING:
+    from station.results.plane_result import PlaneResult
+
+LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
+"""Level of a log line by verdict."""
+SPECIFICATION_LEVELS = {"meets": "info", "undecided": "warning", "does not meet": "error"}
+"""Level of a log line by the verdict against the specification."""
+FAILED = 1
+"""Exit code of results that miss their specification."""
+
+
+def log_result(record: PlaneResult) -> None:
+    """Log a plane with its verdict and numbers, and the requested frequencies without an MTF."""
+    took = {"dur_ms": round(1000 * record.duration_s)} if record.duration_s else {}
+    log(
+        "plane", _sentence(record), level=LEVELS[str(record.verdict)], remedy=record.remedy,
+        other_causes=record.other_causes, verdict=str(record.verdict), plane=record.name, **took,
+    )  # fmt: skip
+    for sentence in record.untold:
+        log("untold", f"{record.name}: {sentence}", level="warning", plane=record.name)
+
+
+def _sentence(record: PlaneResult) -> str:
+    """Verdict, cause, and the numbers of the group LINE."""
+    from procedures.numbers import RADIAL, Group, frequency_of, in_group, label
+    from station.common.uncertainty_text import stated
+    from station.results.verdict_words import measurement_words
+
+    parts = [f"{record.name}: {measurement_words(record.verdict)}"]
+    parts += [record.reason] if record.reason else []
+    requested = [name for name in record.numbers if (at := frequency_of(name)) and at[1] != RADIAL]
+    for name in (*in_group(Group.LINE, {**record.numbers, **record.values}), *requested):
+        if (number := record.quantity(name)) is None:
+            continue
+        words = f"{label(name, record.unit)} {stated(number.value, number.uncertainty)}"
+        parts.append(f"{words} {number.unit}" if number.unit != "1" else words)
+    if record.unit == "cycles/pixel" and record.pitch > 1 and any("pixel" in part for part in parts):
+        parts.append(f"pixels of the plane, each {record.pitch} of the sensor")
+    return "; ".join(parts)
+
+
+def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool) -> None:
+    """Log the verdicts against the specification, write the record to stdout if requested, and exit.
+
+    The exit code is that of a refusal if a plane was refused, else 1 if one misses its specification.
+    """
+    from station.results.verdict_words import specification_words
+
+    for one in records:
+        found = one.specification
+        if found is None or found.judged is None:
+            continue
+        words = [f"{one.name}: {specification_words(found.judged)}", *map(printable, found.against)]
+        verdict = str(found.judged)
+        log(
+            "specification", "; ".join(words), level=SPECIFICATION_LEVELS[verdict], plane=one.name,
+            specification=verdict,
+        )  # fmt: skip
+    if as_json:
+        click.echo(text, nl=False)
+    if any(record.verdict == "refused" for record in records):
+        raise click.exceptions.Exit(REFUSED)
+    if any(record.specification and record.specification.judged == "does not meet" for record in records):
+        raise click.exceptions.Exit(FAILED)

@@ -1,0 +1,170 @@
+"""The PSF of each plane over the whole frame, from photographs of charts at many places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from procedures.field.conclusion import conclude
+from procedures.field.measuring import measure
+from procedures.field.photosite import ASSUMED, Photosite
+from procedures.outcome import BadParameter, Miss
+from procedures.pattern import BLOCK, BLOCKS
+from procedures.pattern_psf.estimate import PatternParameters
+from procedures.reading.exposure import Exposure
+from procedures.whole_camera.from_field import whole_camera
+from station.calibration.field import field_pixels, field_results
+from station.calibration.field_photographs import check_noted, focus_positions
+from station.calibration.sensor_models import read_models
+from station.calibration.vignetting import read_vignetting
+from station.calibration.whole_camera import other_parts
+from station.common.progress import Progress, silent
+from station.procedure.base import Inputs, beside
+from station.procedure.optics import INSIST
+from station.procedure.psf import ChartPsfSettings, PsfProcedure
+from station.procedure.settings import setting
+from station.results.measurement import Measurement
+from station.results.overlay import HeightOverlay, read_height_overlays
+from station.results.record_head import InputFile, RecordHead
+from station.results.terms import USUAL, Terms
+from station.results.units import Pixels
+
+if TYPE_CHECKING:
+    from station.reports.pattern_report import Report
+
+ASSUMED_WORD = "assumed"
+"""Word for a fill factor that was not measured."""
+
+
+class FieldSettings(ChartPsfSettings, frozen=True, kw_only=True):
+    """The chart, the sampling, and other results on the same camera."""
+
+    plane: Annotated[str, setting("R, G1, G2, B, Y or all.")] = "all"
+    s: Annotated[int, setting("PSF samples per pixel of the plane.")] | Literal["auto"] = 4
+    focus: Annotated[Path | None, setting("A CSV table: photograph's name, focus position in mm (a bracket).")] = None
+    vignetting: Annotated[
+        Path | None, setting("A result of station vignetting, to be kept with the field.", metavar="RESULT")
+    ] = None
+    without_photosite: Annotated[
+        str | None,
+        setting(
+            "Report sagittal and meridional MTF also divided by that of square photosites of this fill factor.",
+            metavar="FILL[,ERROR]|assumed",
+        ),
+    ] = None
+    sensor: Annotated[
+        Path | None,
+        setting(
+            "Of station sensor: its response is undone, its noise weighs the samples; gain and noise are reported "
+            "with the camera.",
+            metavar="RESULT.json",
+        ),
+    ] = None
+    width_mm: Annotated[
+        float, setting("Width of the printed chart's ten blocks: the scale of the geometry's distances.", least=1)
+    ] = 300.0
+
+    @property
+    def photosite(self) -> Photosite | None:
+        """The photosite to divide by. Raises BadParameter."""
+        if self.without_photosite is None:
+            return None
+        if self.without_photosite == ASSUMED_WORD:
+            return ASSUMED
+        try:
+            fill, *rest = (float(word) for word in self.without_photosite.split(","))
+            (uncertainty,) = rest or (0.0,)
+        except ValueError:
+            remedy = f"give {ASSUMED_WORD}, a fill factor as 0.9, or one with its standard uncertainty as 0.9,0.02"
+            raise BadParameter(f"{self.without_photosite!r} is no fill factor", remedy) from None
+        return Photosite(fill, uncertainty)
+
+    def check(self) -> None:
+        """Raise ProcedureError as its base does, or if the fill factor is invalid."""
+        super().check()
+        _ = self.photosite
+
+    def given(self) -> dict[str, Any]:
+        """Entries of the record's parameters."""
+        files = {name: str(path) for name in ("vignetting", "sensor") if (path := getattr(self, name)) is not None}
+        photosite = self.photosite
+        if photosite is None:
+            return super().given() | files
+        return super().given() | files | {
+            "photosite_fill": photosite.fill,
+            "photosite_fill_uncertainty": photosite.uncertainty,
+            "photosite_fill_origin": ASSUMED_WORD if photosite.assumed else "given",
+        }  # fmt: skip
+
+
+class Field(PsfProcedure[FieldSettings]):
+    """Photographs of charts at many places of the frame."""
+
+    name = "field"
+    title = "PSF over the frame"
+    help = """Estimate the PSF over the frame from FOLDER: photographs of one or several charts each, or a session.
+
+    All planes are estimated unless --plane names one. What else the charts yield (geometry, lateral colour) is written
+    with the PSF's numbers, and with those of --vignetting and --sensor, as one file with one covariance, camera.h5."""
+    inputs = Inputs.PHOTOGRAPHS
+    argument = "FOLDER..."
+    Settings = FieldSettings
+    usual_page = True
+
+    def measure(
+        self, paths: Sequence[Path], settings: FieldSettings, terms: Terms = USUAL, progress: Progress = silent
+    ) -> Measurement:
+        """The field of every plane."""
+        from station.reports.field.field_files import FieldParts, field_measurement  # here: it draws, slow to load
+
+        parameters, source, photosite = PatternParameters(**settings.sampling()), settings.source, settings.photosite
+        if not settings.trust_typed:
+            check_noted(paths, settings.optics, INSIST)
+        positions = focus_positions(beside(settings.focus, paths[0].parent), paths) if settings.focus else None
+        vignetting, sensor = settings.vignetting, settings.sensor
+        lights = {name: one.light for name, one in read_vignetting(vignetting).items()} if vignetting else {}
+        others, sensors = other_parts(vignetting, sensor), read_models(sensor, paths) if sensor else {}
+        names = None if settings.plane_name == "all" else str(settings.plane_name).split(",")
+        measured = measure(paths, names, source.chart, parameters, progress, settings.layout, sensors=sensors)
+        limit = settings.limit(measured.exposures[0].exposure if measured.exposures else Exposure())
+        pixels = field_pixels(measured, settings.pixel_pitch_um)
+        at = terms.frequencies(next(iter(pixels.values()), Pixels()))
+        found = conclude(measured, positions, limit, at=at, photosite=photosite)
+        planes = field_results(found, terms, pixels, limit)
+        camera = whole_camera(found, settings.width_mm / (BLOCK * BLOCKS), others)
+        given = {**parameters.to_record(), "chart": source.origin, **settings.given(), **terms.parameters()}
+        inputs = tuple(InputFile(str(path), sha256) for path, sha256 in measured.frames)
+        head = RecordHead(self.name, inputs, given, terms.specified(planes))
+        whole = field_measurement(FieldParts(found, camera, lights), planes, head)
+        return replace(whole, terms=terms)
+
+    def missed(self, found: Measurement) -> list[Miss]:
+        """The photographs without any PSF."""
+        measured = found.found.result.measured
+        return [one for one in measured.misses if one.source in measured.failed]
+
+    def lines(self, found: Measurement) -> list[str]:
+        """The charts without a PSF in photographs with others."""
+        measured = found.found.result.measured
+        return [str(one) for one in measured.misses if one.source not in measured.failed]
+
+    def read_overlays(self, paths: Sequence[Path], terms: Terms) -> Sequence[HeightOverlay]:
+        """Fields whose MTF over image height is drawn over this one's. Raises BadParameter."""
+        return read_height_overlays(paths, terms.unit)
+
+    def report(self, found: Measurement) -> Report:
+        """Contents of the certificate: the frame's centre, and the medians over the frame."""
+        from station.reports.field.field_files import field_report  # here: it draws, which is slow to load
+
+        return field_report(found)
+
+    def page(self, found: Measurement) -> bytes:
+        """Maps, PSFs and curves over the frame."""
+        from station.reports.field.field_files import page_of_field  # here: it draws, which is slow to load
+
+        return page_of_field(found)
+
+
+PROCEDURE = Field()

@@ -1,0 +1,132 @@
+"""A batch of every procedure of the registry: limits, record and schema, page, certificate, and no work done twice."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import jsonschema
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from procedures.outcome import Outcome
+from station.__main__ import main
+from station.procedure.builtin import geometry as geometry_module
+from station.procedure.builtin import tilt as tilt_module
+from station.procedure.registry import BUILTIN, procedure_named
+from station.procedure.schema import schema_of
+from station.procedure.settings import Settings
+from tests.golden import cases
+
+pytestmark = pytest.mark.slow
+PLANE = 'planes = ["G1"]\n'
+
+
+def made(case: Callable[[Path], object], text: str) -> Callable[[Path, pytest.MonkeyPatch], str]:
+    """The inputs of a golden case, and the text of a procedure file."""
+
+    def make(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+        case(folder)
+        return text
+
+    return make
+
+
+def correct(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    cases.correct(folder)
+    shutil.move(folder / "grey.h5", folder.parent / "grey.h5")
+    return '[settings]\nfield = "grey.h5"\niterations = 2\n'
+
+
+def photographs(folder: Path) -> None:
+    for at in range(3):
+        cases.save(folder / f"{at}.png", np.full((8, 8), 0.5))
+
+
+def geometry(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The views are those of the golden record: charts would take minutes to render."""
+    photographs(folder)
+    monkeypatch.setattr(geometry_module, "measure_views", lambda *given: [cases.geometry_shoot()])
+    return '[settings]\nmodel = "OPENCV"\n'
+
+
+def tilt(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    photographs(folder)
+    (folder / "focus.csv").write_text("0.png,0\n1.png,0.1\n2.png,0.2\n")
+    monkeypatch.setattr(tilt_module, "measure", lambda *given: SimpleNamespace(frames=[], misses=[]))
+    monkeypatch.setattr(tilt_module, "measure_tilt", lambda *given: Outcome(cases.known_tilt()))
+    monkeypatch.setattr(tilt_module, "noted_optics", lambda *given: (4.0, 50.0))
+    monkeypatch.setattr(tilt_module, "check_known", lambda *given: None)
+    return '[settings]\nfocus = "focus.csv"\nscrew_radius_mm = 30\nscrew_pitch_mm = 0.5\n'
+
+
+def rig(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    cases.rig(folder)
+    (folder.parent / "rigs.csv").write_text("left/result.json,right/result.json\n")
+    return 'pairs = { table = "rigs.csv" }\n'
+
+
+def pattern(folder: Path) -> None:
+    cases.chart_photograph(folder / "photo.dng", 1)
+
+
+RESTORE = '[settings]\nblur = "defocus"\nshape = "gaussian"\nratio = 1.5\nmax_w = 6\nscheme = "1x(2+2)+1x2"\n'
+BATCHES: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], str], str]] = {
+    "correct": (correct, "noise_gain"),
+    "edge": (made(cases.edge, ""), "mtf50"),
+    "field": (made(cases.field, ""), "mtf50_horizontal"),
+    "geometry": (geometry, "fx"),
+    "pattern": (made(pattern, PLANE), "mtf50_horizontal"),
+    "rays": (made(cases.rays, "[settings]\nscales = 1\nthreads = 1\n"), "similar_patches"),
+    "restore": (made(cases.restoration, RESTORE), "w_median"),
+    "rig": (rig, "baseline"),
+    "sensor": (made(cases.sensor, '[settings]\nplane = "G1"\n'), "system_gain"),
+    "series": (made(pattern, PLANE), "mtf50_horizontal"),
+    "tilt": (tilt, "tilt_horizontal"),
+    "two-photo": (made(cases.two_photo, 'pairs = { near = "near", far = "far" }\n'), "mtf50_horizontal"),
+    "vignetting": (made(cases.vignetting, ""), "corner_light"),
+}
+"""Inputs and procedure file, and a number that has a limit."""
+
+
+def test_every_procedure_is_here():
+    assert BATCHES.keys() == BUILTIN.keys()
+
+
+@pytest.mark.parametrize("name", BUILTIN)
+def test_a_batch_measures_compares_records_draws_and_certifies(name, tmp_path, monkeypatch):
+    procedure, (make, number), photographs = procedure_named(name), BATCHES[name], tmp_path / "in"
+    photographs.mkdir()
+    text = make(photographs, monkeypatch)
+    where = ', place = "centre"' if name == "field" else ""  # its charts do not enclose the corners
+    limits = f"[limits]\n{number} = {{ min = 0.001{where} }}\n"
+    (tmp_path / "p.toml").write_text(f'procedure = "{name}"\n{text}{limits}')
+    assert issubclass(procedure.Settings, Settings)
+    measured = []
+    measure = type(procedure).measure
+    monkeypatch.setattr(type(procedure), "measure", lambda *given: measured.append(measure(*given)) or measured[-1])
+    monkeypatch.setattr("station.batch.run._answers", here)
+    words = ("batch", photographs, "--procedure", tmp_path / "p.toml", "--out", tmp_path / "out", "--reports", "--json")
+    done = CliRunner().invoke(main, [str(word) for word in words], prog_name="station")
+    assert done.exit_code == 0, done.output
+    batch = json.loads(done.stdout)
+    assert (batch["procedure"], batch["photographs"], batch["specification_verdicts"]) == (name, 1, {"meets": 1})
+    (folder,) = (tmp_path / "out" / "results").iterdir()
+    record = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    jsonschema.validate(record, schema_of(procedure), jsonschema.Draft202012Validator)
+    assert record["specification"]["verdict"] == "meets"
+    assert (folder / procedure.page_name).is_file() == procedure.has_page
+    assert procedure.report(measured[0]).procedure
+    done = CliRunner().invoke(main, [str(word) for word in words], prog_name="station")
+    assert json.loads(done.stdout)["reused"] == 1
+
+
+def here(items, job, *given):
+    """The answers of this process."""
+    from station.batch.item import work
+
+    return ((number, work(item, job)) for number, item in enumerate(items))
