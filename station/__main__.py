@@ -37,6 +37,7 @@ COMMANDS = {
     "batch": ("batch", "batch", "Measure folders of photographs by any procedure."),
     "session": ("session.group", "session", "List, resume, recompute and compare sessions."),
     "devices": ("bench.devices", "devices", "Show the configured devices and their answers."),
+    "conform": ("bench.conform", "conform", "Test the driver of a stage: promises, stops, faults, a soak."),
     "serve": ("bench.serve", "serve", "Serve the bench to other programs: HTTP and JSON, Alpaca, a page for a phone."),
     "simulate": ("bench.simulate", "simulate", "Open the simulated bench for other programs."),
     "demo": ("demo", "demo", "Calibrate a simulated camera, start to end."),
@@ -65,7 +66,7 @@ LARGE_HEAP = 50_000
 @click.option(
     "--config", type=click.Path(path_type=Path), callback=existing_file,
     help="The bench's devices, and the unit of frequencies.  [default: station.toml where there is one]"
-    "  [also for: psf, focus, mtf, session resume, devices, serve]",
+    "  [also for: psf, focus, mtf, session resume, devices, conform, serve]",
 )  # fmt: skip
 @click.option(
     "--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True,
@@ -73,7 +74,7 @@ LARGE_HEAP = 50_000
 )  # fmt: skip
 @click.option(
     "--seed", type=SEED, default=0,
-    help="Of the simulated bench.  [also for: focus, devices, serve, simulate, demo]",
+    help="Of the simulated bench.  [also for: focus, devices, conform, serve, simulate, demo]",
 )  # fmt: skip
 @quiet_option
 @click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")

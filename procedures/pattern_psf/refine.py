@@ -29,8 +29,9 @@ from procedures.numerics.kernel_tail import (
     tail_density,
     tail_sums,
 )
+from procedures.numerics.loops import convolve_at, sums_of_groups
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products, products_within
-from procedures.numerics.sampled_convolution import convolve_at, sample_convolution, sums_of_groups
+from procedures.numerics.sampled_convolution import sample_convolution
 from procedures.numerics.warps import displacement_columns
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset

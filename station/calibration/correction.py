@@ -155,7 +155,7 @@ def _photographs(corrected: Corrected, value: Correction) -> dict[str, Any]:
         return {}
     return {
         "scale": value.scale,
-        "detail_told": value.told,
+        "detail_told": value.resolved,
         "further_photographs": [
             {
                 "path": str(frame.path),

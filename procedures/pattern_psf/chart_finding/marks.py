@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.loops import best_of_tiles, non_maximum_suppression, ring_purity, saddle_points
 from procedures.numerics.ordered import quantile
-from procedures.pattern_psf.chart_finding.saddle_kernels import best_of_tiles, ring_purity, saddles
-from procedures.pattern_psf.chart_finding.spatial_bins import field_of, non_maximum_suppression
+from procedures.numerics.spatial_bins import field_of
 
 SCALE = 1.25
 """Standard deviation of the Gaussian whose second derivatives are taken, in pixels of the level."""
@@ -122,7 +122,7 @@ def find_saddles(image: Picture) -> Saddles:
     """
     most = int(min(MAX_SADDLES, np.sqrt(MAX_SQUARE_PER_PIXEL * image.size)))
     weakest = ABOVE_NOISE * _noise_gain() * _noise(image)
-    index, half, xy = saddles(image, _kernels(), ISOTROPY, weakest)
+    index, half, xy = saddle_points(image, _kernels(), ISOTROPY, weakest)
     z = np.asarray(-half - 1j * xy, dtype=np.complex128)
     kept = best_of_tiles(index, image.shape, np.abs(z), TILE, PRESELECTION_FACTOR * most)
     index, z = index[kept], z[kept]

@@ -80,7 +80,7 @@ def _clear(row: Picture) -> None:
 
 
 @compiled
-def saddles(image: Picture, kernels: Picture, flatter: float, weakest: float) -> tuple[Indices, Picture, Picture]:
+def saddle_points(image: Picture, kernels: Picture, flatter: float, weakest: float) -> tuple[Indices, Picture, Picture]:
     """Local extrema of saddle strength, row by row: flat indices, (Lxx - Lyy) / 2 and Lxy there.
 
     Parameters
