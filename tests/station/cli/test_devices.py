@@ -49,7 +49,9 @@ def test_without_configuration_the_remedy_names_it(tmp_path, monkeypatch):
 
 def test_commissioning_asks_first_and_writes_the_tables(tmp_path):
     output = tmp_path / "stages.toml"
-    commissioned = CliRunner().invoke(main, ["devices", "--simulate", "--commission", "--output", str(output)], input="n\n\n")
+    commissioned = CliRunner().invoke(
+        main, ["devices", "--simulate", "--commission", "--output", str(output)], input="n\n\n"
+    )
     assert commissioned.exit_code == 0, commissioned.output
     assert commissioned.stderr.count("Is the way free and the emergency stop at hand? [y/N]") == 2
     tables = tomllib.loads(output.read_text())["devices"]
