@@ -23,6 +23,7 @@ from procedures.numbers import (
     SYSTEM_GAIN,
     TEMPORAL_DARK_NOISE,
 )
+from procedures.reading.exposure import Exposure
 from procedures.sensor.estimate import Pattern, SensorResult, sensor_model
 from procedures.sensor.general import input_snr
 from procedures.sensor.measured import IntervalNumber
@@ -60,7 +61,8 @@ def sensor_measurement(found: SensorFiles, head: RecordHead) -> Measurement:
                 files[f"nps_{plane.name}.npy"] = npy(plane.noise.power)
     return Measurement(
         SCHEMA, head, tuple(map(_plane, found.planes)), {"camera": found.camera, "iso": found.iso},
-        {**files, "emva1288.xml": summary_xml(found)}, tuple(found.missed), found=found,
+        {**files, "emva1288.xml": summary_xml(found)}, tuple(found.missed),
+        Exposure(camera=found.camera, iso=found.iso), found=found,
     )  # fmt: skip
 
 
