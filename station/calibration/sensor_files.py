@@ -23,6 +23,7 @@ from procedures.numbers import (
     SYSTEM_GAIN,
     TEMPORAL_DARK_NOISE,
 )
+from procedures.reading.exposure import Exposure
 from procedures.sensor.estimate import FixedPattern, SensorResult, sensor_model
 from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.photon_transfer import gain_and_noise
@@ -59,7 +60,8 @@ def sensor_measurement(found: SensorFiles, head: RecordHead) -> Measurement:
                 files[f"nps_{plane.name}.npy"] = npy(plane.noise.power)
     return Measurement(
         SCHEMA, head, tuple(map(_plane, found.planes)), {"camera": found.camera, "iso": found.iso},
-        {**files, "emva1288.xml": summary_xml(found)}, tuple(found.missed), found=found,
+        {**files, "emva1288.xml": summary_xml(found)}, tuple(found.missed),
+        Exposure(camera=found.camera, iso=found.iso), found=found,
     )  # fmt: skip
 
 

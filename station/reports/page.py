@@ -18,7 +18,7 @@ from station.drawing import colours
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure
 from station.results.record_head import PartBeside
-from station.results.verdict_words import measurement_words, specification_words
+from station.results.verdict_words import measurement_words
 
 Text = str
 """Text of a page, as a block a paragraph. It is escaped unless it is Markup; between backticks it is set as code."""
@@ -134,7 +134,6 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     environment.filters.update(stated=stated, percent=percent, signed=signed, sentence=sentence, text=marked)
-    environment.filters.update(measurement=measurement_words, specified=specification_words)
     environment.globals.update(palette=colours, plane_name=plane_name, tag=tag, causes=causes)
     return environment
 

@@ -13,12 +13,10 @@ from station.common.sanitise import printable
 from station.common.versions import software
 from station.reports.page import exposure_words
 from station.results.comparison import Comparison, Judged
-from station.results.limits import Specification
 from station.results.measurement import NUMBERS as NUMBERS_FILE
 from station.results.measurement import Measurement
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead
 from station.results.result_files import RECORD
 from station.results.terms import specification_verdict
 from station.results.verdict_words import MEASUREMENT, SPECIFICATION
@@ -147,7 +145,7 @@ def numbers_of_page(plane: PlaneResult) -> list[tuple[str, Any]]:
     return [*((label(name, plane.unit), plane.numbers[name]) for name in names), *plain]
 
 
-# --- from measurements and files ---------------------------------------------------------------------------------
+# --- from measurements -------------------------------------------------------------------------------------------
 
 
 def measurement_report(
@@ -156,7 +154,7 @@ def measurement_report(
     """The report of a measurement."""
     numbers = [NUMBERS_FILE] if any(one.numbers for one in found.planes) else []
     return Report(
-        subject=_subject(found.exposure, found.head, title),
+        subject=_subject(found, title),
         procedure=procedure,
         planes=found.planes,
         shots=[shot_of(one) for one in frames] or [ReportShot(one.path, one.sha256) for one in found.head.input],
@@ -173,34 +171,11 @@ def measurement_report(
     )
 
 
-def report_of_files(
-    procedure: str,
-    frames: Sequence[RawFrame],
-    results: Sequence[PlaneResult],
-    parameters: Mapping[str, object],
-    specification: Specification | None = None,
-    overlays: Sequence[Overlay] = (),
-) -> Report:
-    """The report of planes of photographs, without the files of a measurement."""
-    exposure = frames[0].exposure
-    return Report(
-        subject=_subject(exposure, RecordHead(procedure), printable(frames[0].path.name)),
-        procedure=procedure,
-        planes=results,
-        shots=[shot_of(frame) for frame in frames],
-        parameters=parameters,
-        conditions=exposure_lines(exposure),
-        specification=specification.title if specification else "",
-        overlays=overlays,
-        frames=frames,
-        method=METHODS.get(procedure, ""),
-    )
-
-
-def _subject(exposure: Exposure, head: RecordHead, title: str) -> str:
-    """Camera and lens, else the name of the first photograph, else the title."""
-    camera = ", ".join(printable(one) for one in (exposure.camera, exposure.lens) if one)
-    first = head.input[0].path.rpartition("/")[2] if head.input else RECORD
+def _subject(found: Measurement, title: str) -> str:
+    """Camera and lens, else the name of the first input, else the title."""
+    camera = ", ".join(printable(one) for one in (found.exposure.camera, found.exposure.lens) if one)
+    inputs = found.head.input
+    first = inputs[0].path.rpartition("/")[2] if inputs else RECORD
     return camera or (title if first == RECORD else printable(first))
 
 

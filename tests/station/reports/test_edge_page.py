@@ -14,11 +14,12 @@ from procedures.raw import Exposure, Plane, RawFrame
 from station.calibration.edges import PhotographEdges, measure_edges
 from station.reports.certificate import certificate_page, number_table
 from station.reports.edges.edge_page import edge_page
-from station.reports.report import report_of_files
 from station.results.limits import Limit, Specification
 from station.results.overlay import Overlay
 from station.results.terms import Terms
 from station.results.units import Unit
+
+from .measured import report_of
 
 TRUE = 0.25
 
@@ -41,8 +42,7 @@ def told(frame):
     records = list(measure_edges(frame, None, lambda plane: Diffraction(5.6, 4.0, 550), terms))
     curves = {"frequency": np.array([0.0, 0.5]), "mtf": np.array([1.0, 0.1])}
     overlay = Overlay("before", Unit.CYCLES, {"Y": curves})
-    results = [one.result for one in records]
-    report = report_of_files("edge", [frame], results, {"roi": None}, terms.specification, [overlay])
+    report = report_of("edge", frame, [one.result for one in records], {"roi": None}, terms, [overlay])
     return report, PhotographEdges(frame, tuple(records))
 
 

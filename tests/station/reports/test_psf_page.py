@@ -23,13 +23,15 @@ from procedures.reading.exposure import Exposure
 from station.calibration.planes import calibrate
 from station.reports.otf_figures import mtf_figure
 from station.reports.psf_page import budget_terms, psf_page
-from station.reports.report import Report, ReportLine, ReportShot, numbers_of_page, report_of_files
+from station.reports.report import Report, ReportLine, ReportShot, numbers_of_page
 from station.reports.report_page import curves_over
 from station.results.limits import Limit, Specification
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.terms import Terms
 from station.results.units import Frequency, Pixels, Unit
+
+from .measured import report_of
 
 SLOW_FIXTURES = {"report"}
 SVG = "{http://www.w3.org/2000/svg}svg"
@@ -43,8 +45,8 @@ def report(chart_photograph, tmp_path_factory):
     limits = (Limit("mtf50_horizontal", least=0.4), Limit("mtf50_vertical", least=0.9, planes=("G2",)))
     terms = Terms(specification=Specification(limits, "a sharp lens"))
     calibrated = calibrate(frame, Chart.from_seed(), PatternParameters(at=(0.25,)))
-    told = [terms.apply(one, Pixels(2)) for one in calibrated]
-    return report_of_files("pattern", [frame], told, {"s": 4, "k": 17}, terms.specification)
+    planes = [terms.apply(one, Pixels(2)) for one in calibrated]
+    return report_of("pattern", frame, planes, {}, terms)
 
 
 @pytest.fixture(scope="module")
@@ -67,13 +69,6 @@ def test_both_verdicts_come_first_and_are_not_mixed(page, report):
     assert "Does not meet the specification." in told
     assert "The limit MTF50 along columns ≥ 0.9 cycles/pixel is missed" in told
     assert "Frequencies in cycles/pixel of the colour plane, whose pixel is 2 of the sensor" in told
-
-
-@pytest.mark.slow
-def test_page_without_a_specification_says_so(report):
-    planes = [replace(one, specification=None) for one in report.planes]
-    page = psf_page(replace(report, planes=planes))
-    assert "None was given: what the lens should be is not judged." in page
 
 
 @pytest.mark.slow
@@ -119,14 +114,6 @@ def test_uncertainties_are_taken_apart_number_by_number(page, report):
     assert page.count("made of the columns of the budget: noise of the samples") == 1
 
 
-def test_tries_of_s_and_k_and_the_halves_of_the_chart_are_told(page, report):
-    text = " ".join("".join(strictly(page).itertext()).split())
-    for trial in report.planes[0].choice:
-        assert trial.reason[1:] in text
-    assert text.count("Choice of s and k") == len(report.planes)
-    assert "left half, right half of the chart" in text
-
-
 @pytest.mark.slow
 def test_transfer_function_is_drawn_with_phase_in_two_dimensions_and_with_its_limit(page, chart_photograph, tmp_path):
     labels = [svg.get("aria-label") for svg in strictly(page).iter(SVG)]
@@ -136,7 +123,7 @@ def test_transfer_function_is_drawn_with_phase_in_two_dimensions_and_with_its_li
     frame = read_frame(chart_photograph(tmp_path / "a.dng"), ["G1"])
     limit = Diffraction(8.0, 8.0, 530.0)
     calibrated = list(calibrate(frame, Chart.from_seed(), PatternParameters(4, 17, chosen=True), lambda plane: limit))
-    known = psf_page(report_of_files("pattern", [frame], calibrated, {}))
+    known = psf_page(report_of("pattern", frame, calibrated, {}))
     assert "diffraction limit at f/8" in known
     assert "up to 1.89 cycles/pixel" in known
 
@@ -145,7 +132,6 @@ def test_photographs_versions_parameters_and_citation_are_told(page, report):
     assert report.shots[0].sha256 in page
     assert "Simulated 50 mm" in page
     assert f"numpy {report.software['packages']['numpy']}" in page
-    assert "s = 4, k = 17" in page
     assert "doi:10.5201/ipol.2012.admm-nppsf" in page
 
 
@@ -183,7 +169,7 @@ def test_whatever_is_told_cannot_break_the_page(report):
 def test_what_exif_says_cannot_break_the_page(report, chart_photograph, tmp_path):
     frame = read_frame(chart_photograph(tmp_path / "a.dng"), ["G1"])
     frame = replace(frame, exposure=Exposure(camera=HOSTILE, lens=HOSTILE, captured_at=HOSTILE))
-    told = report_of_files("pattern", [frame], [], {})
+    told = report_of("pattern", frame, [], {})
     tree = strictly(psf_page(told))
     assert not list(tree.iter("script"))
     assert "\x1b" not in "".join(tree.itertext())
