@@ -48,13 +48,13 @@ def _support(f_number: float) -> int:
 def _at_aperture(f_number: float, seed: int = 1) -> tuple[PatternPsf, float]:
     """The estimated PSF at an aperture, and its relative error after the best subpixel shift."""
     shot = cameras.photograph_chart(cameras.green_camera(f_number), _chart(), seed, roll_deg=1.5)
-    found = cameras.estimated(cameras.plane_of(shot), _chart(), k=_support(f_number))
-    return found, _error(found, shot.true_psf("Y", cameras.S, _support(f_number)).h)
+    estimate = cameras.estimated(cameras.plane_of(shot), _chart(), k=_support(f_number))
+    return estimate, _error(estimate, shot.true_psf("Y", cameras.S, _support(f_number)).h)
 
 
-def _error(found: PatternPsf, truth: Array) -> float:
-    aligned, _ = align(truth, found.psf.h)
-    return float(np.linalg.norm(found.psf.h - aligned) / np.linalg.norm(truth))
+def _error(estimate: PatternPsf, truth: Array) -> float:
+    aligned, _ = align(truth, estimate.psf.h)
+    return float(np.linalg.norm(estimate.psf.h - aligned) / np.linalg.norm(truth))
 
 
 @row(
@@ -72,13 +72,13 @@ def _error(found: PatternPsf, truth: Array) -> float:
 )
 def apertures(setting: Setting) -> RowValues:
     """The PSF at five apertures: f/16 and f/32 cut high frequencies, the camera aliases at all but f/32."""
-    found = {N: _at_aperture(N)[0] for N in APERTURES}
-    mtf = {N: cameras.mtf_down(one.psf.h) for N, one in found.items()}
+    estimates = {N: _at_aperture(N)[0] for N in APERTURES}
+    mtf = {N: cameras.mtf_down(one.psf.h) for N, one in estimates.items()}
     at_nyquist = {N: float(one[NYQUIST]) for N, one in mtf.items()}
     sharp = min(at_nyquist[N] for N in APERTURES[:3])
     figures = (
-        pictures("apertures-psf", [(f"f/{N:g}", one.psf.h) for N, one in found.items()], columns=5, cmap="viridis"),
-        curves("apertures-mtf", [Curve(f"f/{N:g}", F, one) for N, one in mtf.items()], x=CYCLES, y="MTF, vertical"),
+        pictures("apertures-psf", [(f"f/{N:g}", one.psf.h) for N, one in estimates.items()], columns=5, cmap="viridis"),
+        cameras.mtf_curves("apertures-mtf", "vertical", {f"f/{N:g}": one for N, one in mtf.items()}),
     )
     others = [at_nyquist[N] for N in APERTURES[:4]]
     return RowValues(
@@ -96,17 +96,17 @@ def apertures(setting: Setting) -> RowValues:
 )
 def diffraction(setting: Setting) -> RowValues:
     """At f/5.6 the MTF is below that of diffraction alone, because of photosites and low-pass filter."""
-    found, _ = _at_aperture(5.6)
+    estimate, _ = _at_aperture(5.6)
     limit = Diffraction(5.6, 2 * cameras.PITCH_UM, 1000 * WAVELENGTHS_UM["Y"])
-    quality = found.quality
+    quality = estimate.quality
     ideal = limit.otf(quality.frequencies)
     excess = np.maximum(quality.mtf_horizontal, quality.mtf_vertical) - ideal
     figure = curves(
         "diffraction",
         [
             Curve("diffraction, f/5.6", quality.frequencies, ideal, "--"),
-            Curve("found, along rows", quality.frequencies, quality.mtf_horizontal),
-            Curve("found, along columns", quality.frequencies, quality.mtf_vertical),
+            Curve("estimate, along rows", quality.frequencies, quality.mtf_horizontal),
+            Curve("estimate, along columns", quality.frequencies, quality.mtf_vertical),
         ],
         x=CYCLES,
         y="MTF",
@@ -128,8 +128,8 @@ def diffraction(setting: Setting) -> RowValues:
 )
 def phase(setting: Setting) -> RowValues:
     """At f/5.6 in the middle of the frame the OTF is real: modulus and real part coincide, the phase is 0 or π."""
-    found, _ = _at_aperture(5.6)
-    otf = cameras.spectrum(found.psf.h, cameras.S, F, np.zeros_like(F))
+    estimate, _ = _at_aperture(5.6)
+    otf = cameras.spectrum(estimate.psf.h, cameras.S, F, np.zeros_like(F))
     figure = curves(
         "phase",
         [Curve("modulus", F, np.abs(otf)), Curve("real part", F, otf.real, "--"), Curve("imaginary part", F, otf.imag)],
@@ -181,16 +181,13 @@ DIAGONAL_AT = np.linspace(0.6, 1.2, 13)
 def planes(setting: Setting) -> RowValues:
     """PSFs of the four Bayer planes: red is larger, the MTFs of red and blue are rotated from green's."""
     shot = cameras.photograph_chart(cameras.mosaic_camera(), _chart(), 3, roll_deg=1.0)
-    found = {name: cameras.estimated(cameras.plane_of(shot, name), _chart()) for name in ("R", "G1", "G2", "B")}
-    radius = {name: one.quality.numbers[ENCIRCLED_ENERGY_80].value for name, one in found.items()}
-    lean = {name: _lean(one.psf.h) for name, one in found.items()}
+    estimates = {name: cameras.estimated(cameras.plane_of(shot, name), _chart()) for name in ("R", "G1", "G2", "B")}
+    radius = {name: one.quality.numbers[ENCIRCLED_ENERGY_80].value for name, one in estimates.items()}
+    lean = {name: _lean(one.psf.h) for name, one in estimates.items()}
     figures = (
-        pictures("planes-psf", [(name, one.psf.h) for name, one in found.items()], cmap="viridis"),
-        curves(
-            "planes-mtf",
-            [Curve(name, F, cameras.mtf_across(one.psf.h)) for name, one in found.items()],
-            x=CYCLES,
-            y="MTF, horizontal",
+        pictures("planes-psf", [(name, one.psf.h) for name, one in estimates.items()], cmap="viridis"),
+        cameras.mtf_curves(
+            "planes-mtf", "horizontal", {name: cameras.mtf_across(one.psf.h) for name, one in estimates.items()}
         ),
     )
     green = lean["G1"] + lean["G2"]
@@ -259,17 +256,22 @@ def _asymmetry(h: Array) -> float:
 def stability(setting: Setting) -> RowValues:
     """Thirteen photographs from similar viewpoints: mean of the MTF's standard deviation over mean of the MTF."""
     rng = np.random.default_rng(13)
-    camera, curves_found = cameras.green_camera(5.6), []
+    camera, mtfs = cameras.green_camera(5.6), []
     for seed in range(13):
         placed = {"pixels": rng.uniform(96, 104), "roll_deg": rng.uniform(-2, 2), "yaw_deg": rng.uniform(-2, 2)}
         shot = cameras.photograph_chart(camera, _chart(), seed, **placed)
-        curves_found.append(cameras.mtf_down(cameras.estimated(cameras.plane_of(shot), _chart()).psf.h))
-    mean, spread = np.mean(curves_found, axis=0), np.std(curves_found, axis=0, ddof=1)
+        mtfs.append(cameras.mtf_down(cameras.estimated(cameras.plane_of(shot), _chart()).psf.h))
+    mean, spread = np.mean(mtfs, axis=0), np.std(mtfs, axis=0, ddof=1)
     thresholds = np.linspace(0, 0.5, 26)
     sensitivity = [float(spread[mean >= t].mean() / mean[mean >= t].mean()) for t in thresholds]
     figures = (
         curves("stability-mtf", [Curve("mean of 13", F, mean, band=spread)], x=CYCLES, y="MTF, vertical"),
-        curves("stability", [Curve("found", thresholds, sensitivity)], x="least MTF of the region", y="sensitivity"),
+        curves(
+            "stability",
+            [Curve("13 photographs", thresholds, sensitivity)],
+            x="least MTF of the region",
+            y="sensitivity",
+        ),
     )
     at_5_percent = float(np.interp(0.05, thresholds, sensitivity))
     return RowValues((max(sensitivity), at_5_percent), figures)

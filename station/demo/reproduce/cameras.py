@@ -7,11 +7,12 @@ are half as wide in pixels of that plane.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from markupsafe import Markup
 
 from procedures.outcome import Refused
 from procedures.pattern import Chart
@@ -23,6 +24,7 @@ from simulators.camera.sensor import Sensor
 from simulators.camera.sheets import PlacedSheet, Sheet, draw, leaves
 from simulators.world.projection import Pose
 from simulators.world.scene import Scene
+from station.demo.reproduce.figures import Curve, curves
 
 Array = npt.NDArray[np.float64]
 
@@ -146,3 +148,10 @@ def mtf_down_uncertainty(h: Array, covariance: Array, s: int = S, f: Array = FRE
     mtf = np.abs(of_h)
     slopes = ((waves * (of_h.conj() / mtf)[:, None]).real - mtf[:, None] / h.sum()) / h.sum()
     return np.asarray(np.sqrt(np.einsum("fi,ij,fj->f", slopes, covariance, slopes, optimize=True)))
+
+
+def mtf_curves(name: str, direction: str, mtfs: Mapping[str, Array], true: Array | None = None) -> Markup:
+    """MTFs over `FREQUENCIES` in one plot."""
+    drawn = [Curve(label, FREQUENCIES, mtf) for label, mtf in mtfs.items()]
+    published = None if true is None else Curve("true", FREQUENCIES, true)
+    return curves(name, drawn, x="cycles per pixel of the plane", y=f"MTF, {direction}", published=published)

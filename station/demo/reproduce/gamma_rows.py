@@ -283,13 +283,13 @@ def gamma_zoom(setting: Setting) -> RowValues:
 def _whole_chart(r: int) -> tuple[Array, Array]:
     """s/t, and gamma of the pixels that receive light from the noise region only."""
     ratios = np.array([0.7, 0.85, 1.0, 1.15, 1.3, 1.4, 1.5, 1.6, 1.75])
-    found = []
+    gammas = []
     for ratio in ratios:
         side = int((256 * ratio - r) / S)
         samples = patterns.side((side, side), S, r)
         view = patterns.bernoulli(samples, float(ratio), np.random.default_rng(0), cells=256)
-        found.append(patterns.gamma_of(view, S, r, (side, side)))
-    return ratios, np.array(found)
+        gammas.append(patterns.gamma_of(view, S, r, (side, side)))
+    return ratios, np.array(gammas)
 
 
 @row(

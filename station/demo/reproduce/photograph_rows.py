@@ -9,7 +9,7 @@ from procedures.pattern_print.source import Source
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.raw import read_frame
 from station.demo.reproduce import cameras
-from station.demo.reproduce.figures import Curve, curves, pictures
+from station.demo.reproduce.figures import pictures
 from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, register
 
 Array = npt.NDArray[np.float64]
@@ -19,7 +19,6 @@ row = register(ROWS, "camera")
 F = cameras.FREQUENCIES
 PHOTOGRAPH = ("pattern_photo/img_example.pgm", "pattern_photo/pattern_noise.pgm")
 REFERENCES = ("reference/real_pattern_ls_s4_k17.txt", "reference/real_pattern_nnls_s4_k17.txt")
-CYCLES = "cycles per pixel"
 
 
 def published(setting: Setting, *, k: int = 17, solver: str = "ls") -> PatternPsf:
@@ -43,7 +42,8 @@ def nonnegative(setting: Setting) -> RowValues:
     free, constrained = (published(setting, solver=solver).psf.h for solver in ("ls", "nnls"))
     difference = free - constrained
     ratio = float(np.sum(difference**2) / np.sum(constrained**2))
-    apart = np.abs(cameras.mtf_across(free) - cameras.mtf_across(constrained))
+    mtf = {"least squares": cameras.mtf_across(free), "non-negative": cameras.mtf_across(constrained)}
+    apart = np.abs(mtf["least squares"] - mtf["non-negative"])
     figures = (
         pictures(
             "nonnegative-psf",
@@ -51,15 +51,7 @@ def nonnegative(setting: Setting) -> RowValues:
             columns=3,
             cmap="viridis",
         ),
-        curves(
-            "nonnegative-mtf",
-            [
-                Curve("least squares", F, cameras.mtf_across(free)),
-                Curve("non-negative", F, cameras.mtf_across(constrained), "--"),
-            ],
-            x=CYCLES,
-            y="MTF, horizontal",
-        ),
+        cameras.mtf_curves("nonnegative-mtf", "horizontal", mtf),
     )
     return RowValues((ratio, float(apart.max())), figures)
 
@@ -79,11 +71,11 @@ def nonnegative(setting: Setting) -> RowValues:
 )
 def supports(setting: Setting) -> RowValues:
     """The PSF for supports of 9, 17, 25 and 33 samples: the last three similar, the first hardly sufficient."""
-    found = {k: published(setting, k=k).psf.h for k in (9, 17, 25, 33)}
-    mtf = {k: cameras.mtf_down(h) for k, h in found.items()}
+    estimates = {k: published(setting, k=k).psf.h for k in (9, 17, 25, 33)}
+    mtf = {k: cameras.mtf_down(h) for k, h in estimates.items()}
     figures = (
-        pictures("supports-psf", [(f"{k} × {k}", _middle(h)) for k, h in found.items()], cmap="viridis"),
-        curves("supports-mtf", [Curve(f"{k} × {k}", F, one) for k, one in mtf.items()], x=CYCLES, y="MTF, vertical"),
+        pictures("supports-psf", [(f"{k} × {k}", _middle(h)) for k, h in estimates.items()], cmap="viridis"),
+        cameras.mtf_curves("supports-mtf", "vertical", {f"{k} × {k}": one for k, one in mtf.items()}),
     )
     apart = max(float(np.abs(mtf[k] - mtf[17]).max()) for k in (25, 33))
     return RowValues((apart, float(np.abs(mtf[9] - mtf[17]).max()) / apart), figures)
@@ -111,6 +103,7 @@ def published_photograph(setting: Setting) -> RowValues:
     results = [np.loadtxt(setting.path(name)) for name in REFERENCES]
     ours = [published(setting, solver=solver).psf.h for solver in ("ls", "nnls")]
     correlations = [float(np.corrcoef(a.ravel(), b.ravel())[0, 1]) for a, b in zip(results, ours, strict=True)]
+    mtf = {"published program": cameras.mtf_across(results[0]), "ours": cameras.mtf_across(ours[0])}
     figures = (
         pictures(
             "program-psf",
@@ -118,11 +111,6 @@ def published_photograph(setting: Setting) -> RowValues:
              ("published, n.n.", results[1]), ("ours, n.n.", ours[1])],
             cmap="viridis",
         ),
-        curves(
-            "program-mtf",
-            [Curve(name, F, cameras.mtf_across(h[0])) for name, h in (("published program", results), ("ours", ours))],
-            x=CYCLES,
-            y="MTF, horizontal",
-        ),
+        cameras.mtf_curves("program-mtf", "horizontal", mtf),
     )  # fmt: skip
     return RowValues(tuple(correlations), figures)

@@ -131,14 +131,14 @@ KAPPAS = (0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0)
 def rays_kappa(setting: Setting) -> RowValues:
     """A small threshold κ leaves noise, a large one blurs; the error is least at 0.7 to 1.0 (256 samples)."""
     _, truth = _of(setting, 256)
-    found = [np.clip(_filtered(setting, 256, kappa, 3), 0, 1) for kappa in KAPPAS]
-    error = np.array([np.mean((one - np.clip(truth, 0, 1)) ** 2) for one in found])
+    estimates = [np.clip(_filtered(setting, 256, kappa, 3), 0, 1) for kappa in KAPPAS]
+    error = np.array([np.mean((one - np.clip(truth, 0, 1)) ** 2) for one in estimates])
     best = int(np.argmin(error))
     figures = (
         curves("kappa", [Curve("3 scales, 256 samples", KAPPAS, error, "o-")], x="κ", y="MSE", log="y"),
         pictures(
             "kappa-details",
-            [(f"κ = {KAPPAS[i]:g}", _shown(found[i])[120:190, 30:100]) for i in (0, best, len(KAPPAS) - 1)],
+            [(f"κ = {KAPPAS[i]:g}", _shown(estimates[i])[120:190, 30:100]) for i in (0, best, len(KAPPAS) - 1)],
             columns=3,
         ),
     )
@@ -165,12 +165,12 @@ def rays_kappa(setting: Setting) -> RowValues:
 def rays_scales(setting: Setting) -> RowValues:
     """Filtering at one scale leaves noise of low frequency that three scales remove (256 samples)."""
     _, truth = _of(setting, 256)
-    found = {scales: _filtered(setting, 256, 1.0, scales) for scales in (1, 3)}
-    wide = {scales: _wide_noise(one, truth) for scales, one in found.items()}
-    line = {f"scales: {scales}": one[125].mean(axis=-1) for scales, one in found.items()}
+    estimates = {scales: _filtered(setting, 256, 1.0, scales) for scales in (1, 3)}
+    wide = {scales: _wide_noise(one, truth) for scales, one in estimates.items()}
+    line = {f"scales: {scales}": one[125].mean(axis=-1) for scales, one in estimates.items()}
     across = np.arange(truth.shape[1])
     figures = (
-        pictures("scales", [(f"scales: {n}", _shown(one)) for n, one in found.items()], columns=2),
+        pictures("scales", [(f"scales: {n}", _shown(one)) for n, one in estimates.items()], columns=2),
         curves(
             "scales-line",
             [Curve(name, across, one) for name, one in line.items()],
@@ -179,7 +179,7 @@ def rays_scales(setting: Setting) -> RowValues:
             published=Curve("converged", across, truth[125].mean(axis=-1)),
         ),
     )
-    gain = psnr_db(found[3], truth)[0] - psnr_db(found[1], truth)[0]
+    gain = psnr_db(estimates[3], truth)[0] - psnr_db(estimates[1], truth)[0]
     return RowValues((wide[3] / wide[1], gain), figures)
 
 

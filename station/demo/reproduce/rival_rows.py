@@ -159,8 +159,8 @@ def _edge(truth: Array, rng: np.random.Generator) -> EdgeMtf:
 
 
 def _compared(truth: Array, kernels: dict[str, list[Array]], best: float, edge: EdgeMtf) -> RowValues:
-    psnr = {name: float(np.mean([psnr_db(h, truth) for h in found])) for name, found in kernels.items()}
-    mtf = {name: np.array([cameras.mtf_across(h) for h in found]) for name, found in kernels.items()}
+    psnr = {name: float(np.mean([psnr_db(h, truth) for h in estimates])) for name, estimates in kernels.items()}
+    mtf = {name: np.array([cameras.mtf_across(h) for h in estimates]) for name, estimates in kernels.items()}
     true = cameras.mtf_across(truth)
     high, middle = true < 0.1, (true > 0.2) & (F < 0.7)
     noisy = {name: float(one[:, high].std(axis=0).mean()) for name, one in mtf.items()}
@@ -185,9 +185,11 @@ def _compared(truth: Array, kernels: dict[str, list[Array]], best: float, edge: 
 
 
 def _figures(truth: Array, kernels: dict[str, list[Array]], mtf: dict[str, Array], edge: EdgeMtf) -> tuple[Markup, ...]:
-    differences = [(name, found[0] - truth) for name, found in kernels.items()]
+    differences = [(name, estimate[0] - truth) for name, estimate in kernels.items()]
     return (
-        pictures("rivals-psf", [("true", truth), *((name, found[0]) for name, found in kernels.items())], columns=5),
+        pictures(
+            "rivals-psf", [("true", truth), *((name, estimate[0]) for name, estimate in kernels.items())], columns=5
+        ),
         pictures("rivals-errors", differences, columns=4, cmap="RdBu_r"),
         curves(
             "rivals-mtf",

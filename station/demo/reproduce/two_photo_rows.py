@@ -86,22 +86,17 @@ def _gaussian_camera(side: int) -> SimulatedCamera:
 def two_photo_simulated(setting: Setting) -> RowValues:
     """A known Gaussian PSF from a simulated pair at a ratio of about 4, s = 4, registered automatically."""
     pair = cameras.wall_pair(_gaussian_camera, RATIO)
-    found = estimated(pair, 4)
+    estimate = estimated(pair, 4)
     truth = true_psf(_gaussian_camera(64).sharp_optics(), 4, SUPPORT[4]).h
-    h, k = found.psf.h, found.inter_image
+    h, k = estimate.psf.h, estimate.inter_image
     near_truth, _ = align(truth, h)
     error = float(np.linalg.norm(h - near_truth) / np.linalg.norm(truth))
-    apart = float(np.abs(cameras.mtf_down(h) - cameras.mtf_down(k))[F <= 1].max())
+    mtf = {"estimated PSF": cameras.mtf_down(h), "inter-image kernel": cameras.mtf_down(k)}
+    apart = float(np.abs(mtf["estimated PSF"] - mtf["inter-image kernel"])[F <= 1].max())
     figures = (
         pictures("two-photo-pair", [("near", pair[0].samples), ("far", pair[1].samples)], columns=2),
-        pictures("two-photo-psf", [("true", truth), ("PSF found", h), ("inter-image kernel", k)], cmap="viridis"),
-        curves(
-            "two-photo-mtf",
-            [Curve("PSF found", F, cameras.mtf_down(h)), Curve("inter-image kernel", F, cameras.mtf_down(k), "--")],
-            x=CYCLES,
-            y="MTF, vertical",
-            published=Curve("true", F, cameras.mtf_down(truth)),
-        ),
+        pictures("two-photo-psf", [("true", truth), ("estimated PSF", h), ("inter-image kernel", k)], cmap="viridis"),
+        cameras.mtf_curves("two-photo-mtf", "vertical", mtf, cameras.mtf_down(truth)),
     )
     return RowValues((error, apart), figures)
 
@@ -115,12 +110,12 @@ def _up_to_band(s: int, mtf: Array) -> Curve:
 
 
 def _zoom_of(pair: tuple[Plane, Plane], name: str) -> RowValues:
-    found = {s: estimated(pair, s) for s in SUPPORT}
-    mtf = {s: cameras.mtf_down(one.psf.h, s) for s, one in found.items()}
+    estimates = {s: estimated(pair, s) for s in SUPPORT}
+    mtf = {s: cameras.mtf_down(one.psf.h, s) for s, one in estimates.items()}
     common = F <= 0.9
     apart = [float(np.abs(mtf[a] - mtf[b])[common].max()) for a, b in ((2, 4), (3, 4))]
     figures = (
-        pictures(f"{name}-psf", [(f"{s}×", one.psf.h) for s, one in found.items()], columns=3, cmap="viridis"),
+        pictures(f"{name}-psf", [(f"{s}×", one.psf.h) for s, one in estimates.items()], columns=3, cmap="viridis"),
         curves(
             f"{name}-mtf",
             [_up_to_band(s, one) for s, one in mtf.items()],
@@ -192,20 +187,15 @@ def _by_chart() -> Array:
 )
 def wall_chart(setting: Setting) -> RowValues:
     """The PSF of one simulated camera from two photographs of a wall and from the noise chart, s = 4."""
-    by_chart, found = _by_chart(), estimated(wall_pair(), 4).psf
-    by_wall = found.h
+    by_chart, estimate = _by_chart(), estimated(wall_pair(), 4).psf
+    by_wall = estimate.h
     chart, wall = (cameras.mtf_down(h) for h in (by_chart, by_wall))
     figures = (
         pictures("wall-psf", [("two photographs", by_wall), ("noise chart", by_chart)], columns=2, cmap="viridis"),
-        curves(
-            "wall-mtf",
-            [Curve("two photographs", F, wall), Curve("noise chart", F, chart, "--")],
-            x=CYCLES,
-            y="MTF, vertical",
-        ),
+        cameras.mtf_curves("wall-mtf", "vertical", {"two photographs": wall, "noise chart": chart}),
     )
     apart = np.abs(chart - wall)
-    noise = cameras.mtf_down_uncertainty(found.h, found.covariance)
+    noise = cameras.mtf_down_uncertainty(estimate.h, estimate.covariance)
     width = [float(np.interp(0.5, one[::-1][-60:], F[::-1][-60:])) for one in (wall, chart)]
     lobe = (F > 1) & (F < 1.6)
     zero = [float(F[lobe][one[lobe].argmin()]) for one in (wall, chart)]
@@ -258,14 +248,7 @@ def comparison(setting: Setting) -> RowValues:
     common = across.frequencies.max() >= F
     rms = {name: float(np.sqrt(np.nanmean((one - chart)[common] ** 2))) for name, one in mtf.items()}
     others = min(value for name, value in rms.items() if name not in ("noise chart", "two photographs"))
-    figure = curves(
-        "comparison",
-        [Curve(name, F, one) for name, one in mtf.items()],
-        x=CYCLES,
-        y="MTF, horizontal",
-        published=Curve("true", F, cameras.mtf_across(truth)),
-        ylim=(-0.02, 1.05),
-    )
+    figure = cameras.mtf_curves("comparison", "horizontal", mtf, cameras.mtf_across(truth))
     return RowValues((max(apart.values()), spread, rms["two photographs"] / others), (figure,))
 
 
@@ -286,17 +269,23 @@ def comparison(setting: Setting) -> RowValues:
 )
 def published_pair(setting: Setting) -> RowValues:
     """PSF and inter-image kernel of the published pair, s = 3, compared with the published program's."""
-    found = estimated(_published(setting), 3)
+    estimate = estimated(_published(setting), 3)
     psf, inter = (np.loadtxt(setting.path(name)) for name in REFERENCES)
     inter = inter / inter.sum()
     correlations = [
-        float(np.corrcoef(a.ravel(), b.ravel())[0, 1]) for a, b in ((found.psf.h, psf), (found.inter_image, inter))
+        float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
+        for a, b in ((estimate.psf.h, psf), (estimate.inter_image, inter))
     ]
     figures = (
         pictures(
             "pair-psf",
-            [("published PSF", psf), ("ours", found.psf.h), ("published kernel", inter), ("ours", found.inter_image)],
+            [
+                ("published PSF", psf),
+                ("ours", estimate.psf.h),
+                ("published kernel", inter),
+                ("ours", estimate.inter_image),
+            ],
             cmap="viridis",
         ),
     )
-    return RowValues(tuple(correlations), figures, f"λ = {found.scale[0]:.3f}, {found.scale[1]:.3f}.")
+    return RowValues(tuple(correlations), figures, f"λ = {estimate.scale[0]:.3f}, {estimate.scale[1]:.3f}.")
