@@ -74,7 +74,7 @@ def _summary(corrected: Corrected, value: Correction) -> list[Block]:
     if value.scale > 1:
         words = "its detail, determined by the photographs’ places"
         facts.append(
-            (percent(value.told), f"{value.scale} pixels of the picture per pixel of the sensor: share of {words}")
+            (percent(value.resolved), f"{value.scale} pixels of the picture per pixel of the sensor: share of {words}")
         )
     lines = [f"Lateral colour corrected: {', '.join(corrected.undone) or 'none, the field has none'}."]
     for frame, place in zip(corrected.others, value.places, strict=True):
