@@ -2,8 +2,8 @@
 
 For any aberrations the mean far tail falls as 1/r^3 and carries some per cent of the energy beyond any support. If it
 is omitted, the outer samples of the support absorb it, as it is a wide blur of the scene and not noise. The first shape
-is that tail. The others model deviations from it: an excess close to the support (defocus, rings of a small aperture), and
-variation with direction (spikes of a polygonal iris, astigmatism).
+is that tail. The others model deviations from it: an excess close to the support (defocus, rings of a small aperture),
+and variation with direction (spikes of a polygonal iris, astigmatism).
 """
 
 from __future__ import annotations
