@@ -1,4 +1,4 @@
-// NumPy arrays as the kernels take them: contiguous, of one type, written to only where the caller's own is.
+// NumPy arrays as arguments of the loops: contiguous and of one type.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -17,7 +17,7 @@ using Array = py::array_t<T, py::array::c_style>;
 using Complex = std::complex<double>;
 using Complex64 = std::complex<float>;
 
-// Loops under VECTORS are compiled for AVX2 too, and the loader chooses; elsewhere the compiler's default serves.
+// Loops under VECTORS are compiled for AVX2 too, and the loader of the system chooses.
 #if defined(__x86_64__) && defined(__GNUC__) && defined(__GLIBC__)
 #define VECTORS __attribute__((target_clones("arch=x86-64-v3", "default")))
 #else

@@ -1,11 +1,11 @@
-// How samples change with the lines of edges between the chart's cells: a few lines of each direction per sample.
+// The loops of edges.py in C++; they are documented there.
 #pragma once
 
 #include "arrays.h"
 
 namespace {
 
-struct Columns {  // of one direction: values (m, width), the first line of each sample, the lines in all
+struct Columns {  // one direction: values (m, width), first line of each sample, number of lines
     const float* values;
     const int32_t* first;
     py::ssize_t width, lines;
@@ -81,7 +81,6 @@ Array<float> edge_gram(const Array<float>& vertical, const Array<int32_t>& first
     return out;
 }
 
-// `steps` (n + 1, n) is the step of the chart over each line, cell by cell, `scale` takes cells to samples of `fine`.
 std::pair<Array<float>, Array<int32_t>> edge_lines(const Array<double>& cells, const Array<float>& steps,
                                               const Array<float>& fine, const Array<double>& scale,
                                               const Array<double>& reach, int pieces, const Array<float>& weight) {
@@ -102,7 +101,6 @@ std::pair<Array<float>, Array<int32_t>> edge_lines(const Array<double>& cells, c
         const auto i1 = std::min(static_cast<py::ssize_t>(v + y_reach) + 1, n);
         begin[p] = static_cast<int32_t>(j0);
         for (py::ssize_t j = j0; j < std::min(j0 + width, n + 1); j++) {
-            // the line's points in samples of `fine`, rounded by the half that is added
             double x = scales[0] * (u - j) + scales[1] * (v - i0 - 0.5 / pieces) + middle + 0.5;
             double y = scales[2] * (u - j) + scales[3] * (v - i0 - 0.5 / pieces) + middle + 0.5;
             float total = 0;

@@ -1,13 +1,13 @@
-// Saddles sorted into square bins: those near a place, and triples and sides that lie like the chart's x-corners.
+// The loops of layouts.py in C++; they are documented there.
 #pragma once
 
 #include "arrays.h"
 
 namespace {
 
-constexpr double FAR = 1e9;  // places farther off than this are none: homographies put points anywhere
+constexpr double FAR = 1e9;
 
-struct Rules {  // see spatial_bins.LayoutRules, whose fields these are, in order
+struct Rules {  // the fields of spatial_bins.LayoutRules, in order
     double min_step, max_step, along_axis, same_axis, same_merit, collinear, middle_radius, square, level_slope;
     int min_near, min_near_crowded;
 
@@ -20,7 +20,7 @@ struct Rules {  // see spatial_bins.LayoutRules, whose fields these are, in orde
 
 INLINE double product(Complex a, Complex b) { return a.real() * b.real() + a.imag() * b.imag(); }
 
-struct Field {  // see spatial_bins.Field, whose fields are these, in order
+struct Field {  // the fields of spatial_bins.Field, in order
     Array<Complex> points_, axes_;
     Array<double> merits_;
     Array<int64_t> starts_;
@@ -55,7 +55,6 @@ struct Field {  // see spatial_bins.Field, whose fields are these, in order
                merits[j] < rules.same_merit * merits[i];
     }
 
-    // The nearest saddle within reach of a place that is alike a given one; -1 for none.
     int64_t nearest(Complex place, double reach, int64_t like, const Rules& rules) const {
         double best = reach * reach;
         int64_t found = -1;
@@ -70,7 +69,6 @@ struct Field {  // see spatial_bins.Field, whose fields are these, in order
         return found;
     }
 
-    // Whether two like saddles lie one lattice step apart, along their axis or across it.
     bool is_step(int64_t i, int64_t j, const Rules& rules) const {
         const Complex d = points[j] - points[i];
         const double square = std::norm(d);
@@ -81,7 +79,6 @@ struct Field {  // see spatial_bins.Field, whose fields are these, in order
         return std::abs(product(squared, axis)) > rules.along_axis * square * std::sqrt(std::norm(axis));
     }
 
-    // Whether no like saddle lies in the middle of two.
     bool is_free(int64_t i, int64_t j, const Rules& rules) const {
         const double length = std::sqrt(std::norm(points[i] - points[j]));
         return nearest((points[i] + points[j]) / 2.0, rules.middle_radius * length, i, rules) < 0;
@@ -101,7 +98,6 @@ Array<int64_t> all_nearest(const py::tuple& saddles, const Array<Complex>& place
     return out;
 }
 
-// Which saddles have none of more merit and like axis within a radius; of equal ones the last.
 Array<bool> non_maximum_suppression(const py::tuple& saddles, double radius, double same_axis) {
     const Field field(saddles);
     Array<bool> out(field.count);
@@ -123,10 +119,6 @@ Array<bool> non_maximum_suppression(const py::tuple& saddles, double radius, dou
     return out;
 }
 
-// Which of the saddles from the first to before the last are alike one, a lattice step away and not backwards.
-//
-// All of `is_step` but the direction, for many at a time; and of a line's two directions one, or both where it is nearly
-// level: the second step may turn a little.
 VECTORS void may_be_steps(const Field& field, int64_t i, int64_t first, int64_t last, const Rules& rules, uint8_t* fit) {
     const double x = field.points[i].real(), y = field.points[i].imag(), merit = field.merits[i];
     const double u = field.axes[i].real(), v = field.axes[i].imag();
@@ -142,7 +134,6 @@ VECTORS void may_be_steps(const Field& field, int64_t i, int64_t first, int64_t 
     }
 }
 
-// Triples (n, 3) of like saddles, equally spaced on a line, a line once or in both directions.
 Array<int64_t> collinear_triples(const py::tuple& saddles, const py::tuple& limits) {
     const Field field(saddles);
     const Rules rules(limits);
@@ -173,12 +164,8 @@ Array<int64_t> collinear_triples(const py::tuple& saddles, const py::tuple& limi
     return array_of(out).reshape({-1, 3});
 }
 
-constexpr int RIM = 12;  // x-corners, in the order of corner_layouts.RIM
+constexpr int RIM = 12;  // number of x-corners, in the order of corner_layouts.RIM
 
-// Hypotheses that triples start at s = 0 or 1 of the side t = 0, the chart lying to one side of it or the other.
-//
-// Gives the hits (n, 12) in the order of RIM, -1 where none, for those that find enough of the five nearest others, one of
-// them off the side, and not both of the inner neighbours, which only a lattice of saddles has.
 Array<int64_t> square_sides(const py::tuple& saddles, const Array<int64_t>& proposed, const py::tuple& limits) {
     const Field field(saddles);
     const Rules rules(limits);
@@ -200,7 +187,7 @@ Array<int64_t> square_sides(const py::tuple& saddles, const Array<int64_t>& prop
                 int64_t hits[RIM];
                 std::fill_n(hits, RIM, -1);
                 int found = 0;
-                for (int place = 4; place < 8; place++) {  // of (s, t) in RIM: both ends of t = 1, then of t = 2
+                for (int place = 4; place < 8; place++) {  // indices in RIM: both ends of t = 1, then of t = 2
                     const double s = place % 2 * 3, t = place / 2 - 1;
                     hits[place] = field.nearest(origin + s * u + t * v, near, j, rules);
                     found += hits[place] >= 0;

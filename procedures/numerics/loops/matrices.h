@@ -1,4 +1,4 @@
-// Matrices of convolutions that are sampled at pixels, and triangular systems.
+// The loops of matrices.py in C++; they are documented there.
 #pragma once
 
 #include "arrays.h"

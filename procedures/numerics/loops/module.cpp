@@ -1,4 +1,4 @@
-// The loops of the PSF of a chart, compiled ahead of time: its command starts without a compiler.
+// The loops of the estimation of a PSF from a chart; see __init__.py.
 #include "edges.h"
 #include "layouts.h"
 #include "matrices.h"

@@ -1,4 +1,4 @@
-// Saddle points of a picture's Gaussian scale space, and how much like an x-corner they are.
+// The loops of saddles.py in C++; they are documented there.
 #pragma once
 
 #include "arrays.h"
@@ -8,13 +8,12 @@
 
 namespace {
 
-constexpr int REACH = 4;  // of the filters, to either side
+constexpr int REACH = 4;  // radius of the filters
 
-struct Filters {  // a Gaussian and its first two derivatives, from the middle on
+struct Filters {  // a Gaussian and its first two derivatives, right halves
     float g[REACH + 1], d[REACH + 1], dd[REACH + 1];
 };
 
-// Rows filtered along their columns by the three kernels; above[t] and below[t] lie t rows from the middle one.
 VECTORS void filter_rows(const float* const* above, const float* const* below, py::ssize_t n, const Filters& filters,
                          float* __restrict vg, float* __restrict vd, float* __restrict vdd) {
     const float *g = filters.g, *d = filters.d, *dd = filters.dd;
@@ -28,7 +27,6 @@ VECTORS void filter_rows(const float* const* above, const float* const* below, p
     }
 }
 
-// Row y filtered along its columns into v (3, REACH + columns + REACH), mirrored at the rim.
 void down(const float* image, py::ssize_t rows, py::ssize_t n, py::ssize_t y, const Filters& filters, float* v) {
     const float *above[REACH + 1], *below[REACH + 1];
     for (py::ssize_t t = 0; t <= REACH; t++) {
@@ -41,7 +39,6 @@ void down(const float* image, py::ssize_t rows, py::ssize_t n, py::ssize_t y, co
         for (int t = 1; t <= REACH; t++) row[REACH - t] = row[REACH + t], row[n + 3 + t] = row[n + 3 - t];
 }
 
-// From `down`: the squared strength less the squared mean curvature, (Lxx - Lyy) / 2, Lxy, and where both suit.
 VECTORS void across(const float* v, py::ssize_t n, const Filters& filters, float flat, float least,
                     float* __restrict determinant, float* __restrict half, float* __restrict xy,
                     uint8_t* __restrict fit) {
@@ -61,7 +58,6 @@ VECTORS void across(const float* v, py::ssize_t n, const Filters& filters, float
     }
 }
 
-// Keep what fits and is no less than its eight neighbours; rows (1 + columns + 1).
 VECTORS void peaks(const float* above, const float* here, const float* below, uint8_t* __restrict fit,
                    py::ssize_t n) {
     for (py::ssize_t j = 0; j < n; j++) {
@@ -132,7 +128,6 @@ Array<float> ring_purity(const Array<float>& image, const Array<int64_t>& index,
         }
         for (const float one : v) mean += one / 8;
         for (const float one : v) square += (one - mean) * (one - mean);
-        // the harmonics of eight samples by their symmetries
         const float p = v[0] - v[4], q = v[1] - v[5], u = v[2] - v[6], w = v[3] - v[7];
         const float cosine = p + r * (q - w), sine = u + r * (q + w);
         const float even = v[0] + v[4] - v[2] - v[6], odd = v[1] + v[5] - v[3] - v[7];
@@ -142,7 +137,6 @@ Array<float> ring_purity(const Array<float>& image, const Array<int64_t>& index,
     return out;
 }
 
-// Which pixels (n,), flattened, have the most merit, as many from every tile as make `most` in all or just more.
 Array<int64_t> best_of_tiles(const Array<int64_t>& index, std::pair<int64_t, int64_t> shape,
                              const Array<double>& merits, int64_t side, int64_t most) {
     const int64_t across = (shape.second - 1) / side + 1, tiles = ((shape.first - 1) / side + 1) * across;
@@ -159,11 +153,10 @@ Array<int64_t> best_of_tiles(const Array<int64_t>& index, std::pair<int64_t, int
         for (int64_t tile = 0; tile < tiles; tile++) crowds[starts[tile + 1]]++;
         int64_t each = 0, more = tiles;
         for (int64_t kept = 0; kept < std::min(most, count); each++) {
-            more -= crowds[each];  // tiles that have another
+            more -= crowds[each];  // number of tiles with another pixel
             kept += more;
         }
         for (int64_t tile = 0; tile < tiles; tile++) starts[tile + 1] = starts[tile] + std::min(starts[tile + 1], each);
-        // a tile's best so far, the least of them first
         best.resize(starts[tiles]);
         const double* merit = merits.data();
         for (int64_t n = 0; n < count; n++) {

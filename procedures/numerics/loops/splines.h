@@ -1,4 +1,4 @@
-// Cubic B-splines of band-limited images: their spectra, and their values through a smooth map.
+// The loops of splines.py in C++; they are documented there.
 #pragma once
 
 #include "arrays.h"
@@ -6,7 +6,6 @@
 namespace {
 
 INLINE void cubic_weights(float t, float* __restrict w, py::ssize_t stride) {
-    // the four values of the cubic B-spline at -1 - t, -t, 1 - t, 2 - t
     const float a = 1.0f - t;
     const float w0 = a * a * a * (1.0f / 6), w3 = t * t * t * (1.0f / 6);
     const float w1 = 2.0f / 3 - t * t * (1.0f - 0.5f * t);
@@ -17,7 +16,6 @@ struct Map {
     double H[9], centre[2], radius, displacement[18], start[2], step;
 };
 
-// Several short loops, as the processor does several of their steps at a time.
 VECTORS void read_rows(const float* flat, py::ssize_t n_y, py::ssize_t n_x, const Map& map, float* out, py::ssize_t rows,
                        py::ssize_t columns) {
     std::vector<float> weights(8 * columns), sums(4 * columns), places(2 * columns);
@@ -28,7 +26,6 @@ VECTORS void read_rows(const float* flat, py::ssize_t n_y, py::ssize_t n_x, cons
     const double *H = map.H, *c = map.displacement, *d = c + 9, radius = map.radius;
     for (py::ssize_t i = 0; i < rows; i++) {
         const double py = map.start[1] + i * map.step, y = (py - map.centre[1]) / radius;
-        // the two cubics of x along this row, by their coefficients
         const double u0 = y * (c[1] + y * (c[4] + y * c[8])), v0 = y * (d[1] + y * (d[4] + y * d[8]));
         const double u1 = c[0] + y * (c[3] + y * c[7]), v1 = d[0] + y * (d[3] + y * d[7]);
         const double u2 = c[2] + y * c[6], v2 = d[2] + y * d[6], u3 = c[5], v3 = d[5];
@@ -78,7 +75,7 @@ Array<float> read_spline(const Array<float>& coefficients, const Array<double>& 
     return out;
 }
 
-INLINE Complex64 times(Complex64 a, Complex64 b) {  // neither is infinite
+INLINE Complex64 times(Complex64 a, Complex64 b) {  // of finite numbers
     return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
 }
 
