@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics import transforms
+from procedures.numerics import loops, transforms
 from procedures.numerics.bessel import integral_of_j0, j0, j1
-from procedures.numerics.loops import folded_product
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -84,7 +83,7 @@ def tail_columns(
     spectrum_u = transforms.rfft2(u, shape) * _shift(k, shape[0])
     samples, index = np.empty((len(rows), shapes)), rows * shape[1] + tail_border(k) + s * columns
     for j, spectrum in enumerate(_spectra(k, *shape)[:shapes]):
-        folded = folded_product(spectrum_u, spectrum, s)
+        folded = loops.folded_product(spectrum_u, spectrum, s)
         samples[:, j] = transforms.irfft2(folded, (shape[0] // s, shape[1])).ravel()[index]
     return samples / s
 

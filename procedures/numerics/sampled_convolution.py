@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.loops import fill_convolution
+from procedures.numerics import loops
 
 Array32 = npt.NDArray[np.float32]
 
@@ -45,5 +45,5 @@ def sample_convolution(
     Delbracio, Muse, Almansa, IPOL 2012, section 4.7.
     """
     A = np.empty((len(rows), k * k + more), np.float32)  # NumPy allocates large pages
-    fill_convolution(A, raster, rows, columns, weight, s, k)
+    loops.fill_convolution(A, raster, rows, columns, weight, s, k)
     return A

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.loops import inverted, substituted
+from procedures.numerics import loops
 
 Matrix = npt.NDArray[np.floating[Any]]
 
@@ -20,7 +20,7 @@ LEAF = 80
 def solve_factored(L: Matrix, b: Matrix) -> Matrix:
     """Solution x of L L' x = b for lower triangular L (n, n) and b (n,) or (n, p)."""
     if b.ndim == 1:
-        return substituted(np.ascontiguousarray(L), b.astype(L.dtype))
+        return loops.substituted(np.ascontiguousarray(L), b.astype(L.dtype))
     return _solve_upper(L.T, solve_lower(L, b))
 
 
@@ -45,7 +45,7 @@ def inverse_lower(L: Matrix) -> Matrix:
     """Inverse of a lower triangular matrix, by recursion on its halves."""
     n = len(L)
     if n <= LEAF:
-        return inverted(np.ascontiguousarray(L))
+        return loops.inverted(np.ascontiguousarray(L))
     half = n // 2
     inverse = np.zeros_like(L)
     inverse[:half, :half], inverse[half:, half:] = inverse_lower(L[:half, :half]), inverse_lower(L[half:, half:])

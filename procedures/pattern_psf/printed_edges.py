@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.loops import apply_edges, apply_edges_transposed, edge_gram, edge_lines
+from procedures.numerics import loops
 from procedures.numerics.triangular import solve_factored
 from procedures.numerics.warps import inverse
 from procedures.pattern import BLOCK, CELLS
@@ -54,16 +54,16 @@ class EdgeColumns:
     def apply(self, offsets: Array) -> Array:
         """C offsets, (m,)."""
         parts = (self.vertical, self.first_vertical, self.horizontal, self.first_horizontal)
-        return np.asarray(apply_edges(*parts, offsets.astype(np.float32)), dtype=np.float64)
+        return np.asarray(loops.apply_edges(*parts, offsets.astype(np.float32)), dtype=np.float64)
 
     def apply_transposed(self, samples: Array) -> Array:
         """C' samples, (514,)."""
         parts = (self.vertical, self.first_vertical, self.horizontal, self.first_horizontal)
-        return np.asarray(apply_edges_transposed(*parts, samples.astype(np.float32), LINES), dtype=np.float64)
+        return np.asarray(loops.apply_edges_transposed(*parts, samples.astype(np.float32), LINES), dtype=np.float64)
 
     def gram(self) -> Array:
         """C'C, (514, 514)."""
-        half = edge_gram(self.vertical, self.first_vertical, self.horizontal, self.first_horizontal, LINES)
+        half = loops.edge_gram(self.vertical, self.first_vertical, self.horizontal, self.first_horizontal, LINES)
         return np.asarray(half + np.tril(half, -1).T, dtype=np.float64)
 
 
@@ -143,8 +143,8 @@ def edge_columns(
     scale = pixels * (s * OVERSAMPLING)
     # a horizontal line is a vertical one of the transposed chart
     return EdgeColumns(
-        *edge_lines(cells, right, fine, scale, reach, pieces, row_weight),
-        *edge_lines(*_transposed(cells, lower, fine, scale, reach), pieces, row_weight),
+        *loops.edge_lines(cells, right, fine, scale, reach, pieces, row_weight),
+        *loops.edge_lines(*_transposed(cells, lower, fine, scale, reach), pieces, row_weight),
     )
 
 

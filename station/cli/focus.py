@@ -147,8 +147,13 @@ def summary(reading: FocusReading) -> str:
 def entry(reading: FocusReading) -> dict[str, Any]:
     """A photograph as JSON."""
     sharpness, peak = reading.sharpness.value, reading.peak
-    names = {EDGE_MTF50: "mtf50", "mtf50_rows": "along_rows", "mtf50_columns": "along_columns"}
-    numbers = {name: asdict(getattr(sharpness, field)) for name, field in names.items()} if sharpness else {}
+    numbers = {}
+    if sharpness is not None:
+        numbers = {
+            EDGE_MTF50: asdict(sharpness.mtf50),
+            "mtf50_rows": asdict(sharpness.along_rows),
+            "mtf50_columns": asdict(sharpness.along_columns),
+        }
     return {
         "number": reading.number,
         "path": str(reading.frame.path),

@@ -22,11 +22,20 @@ try:
 except ImportError:
     _native = None
 
-if TYPE_CHECKING or _native is None:
+if TYPE_CHECKING:
     from procedures.numerics.loops.edges import apply_edges, apply_edges_transposed, edge_gram, edge_lines
     from procedures.numerics.loops.layouts import all_nearest, collinear_triples, non_maximum_suppression, square_sides
     from procedures.numerics.loops.matrices import convolve_at, fill_convolution, inverted, substituted, sums_of_groups
     from procedures.numerics.loops.saddles import best_of_tiles, ring_purity, saddle_points
     from procedures.numerics.loops.splines import add_band, folded_product, read_spline
-else:
-    globals().update({name: getattr(_native, name) for name in __all__})
+
+_MODULES = ("edges", "layouts", "matrices", "saddles", "splines")
+
+
+def __getattr__(name: str) -> object:
+    """Load a loop on first use: without the extension that imports Numba, which takes half a second."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    modules = [_native] if _native is not None else [import_module(f"{__name__}.{one}") for one in _MODULES]
+    globals()[name] = value = next(getattr(one, name) for one in modules if hasattr(one, name))
+    return value

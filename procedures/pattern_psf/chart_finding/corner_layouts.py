@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.loops import all_nearest, collinear_triples, square_sides
+from procedures.numerics import loops
 from procedures.numerics.spatial_bins import Field, LayoutRules, field_of
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.chart_finding.marks import SAME_AXIS, Saddles
@@ -144,9 +144,9 @@ def _gather(field: Field, hits: Indices, maps: Array, reach: float) -> Indices:
         & np.isfinite(inner).all(axis=1)
     )
     predicted, inner, step, like = predicted[good], inner[good], step[good], like[good]
-    lattice = (all_nearest(field, inner, PROJECTIVE * step, like, RULES) >= 0).sum(axis=1) >= MOST_INSIDE
+    lattice = (loops.all_nearest(field, inner, PROJECTIVE * step, like, RULES) >= 0).sum(axis=1) >= MOST_INSIDE
     predicted, step, like = predicted[~lattice], step[~lattice], like[~lattice]
-    found = all_nearest(field, predicted, reach * step, like, RULES)
+    found = loops.all_nearest(field, predicted, reach * step, like, RULES)
     enough: Indices = found[(found >= 0).sum(axis=1) >= MIN_HITS]
     return enough
 
@@ -172,7 +172,7 @@ def find_layouts(saddles: Saddles) -> Layouts:
     if len(saddles.points) < MIN_HITS:
         return none
     field, _ = field_of(saddles.points, saddles.axes, saddles.strengths, BIN_SIDE)
-    hits = square_sides(field, _strongest(field, collinear_triples(field, RULES)), RULES)
+    hits = loops.square_sides(field, _strongest(field, loops.collinear_triples(field, RULES)), RULES)
     if not len(hits):
         return none
     hits = _distinct(field, _gather(field, hits, _affine(field, hits), AFFINE))
