@@ -24,12 +24,12 @@ from procedures.slanted_edge.transfer import FREQUENCIES, STEP, mtf_of
 
 Array = npt.NDArray[np.float64]
 
-MASK_PRIOR, HALO_PRIOR = 0.06, 0.05
+MASK_PRIOR, HALO_PRIOR = 0.08, 0.05
 """Prior amounts of unsharp masks of 1 and of 3 pixels in a picture that is no RAW file."""
 HALO_MODEL = 0.02
 """Standard uncertainty of the amount beside the edge by the lens's own spread function, of the lenses of
 tests/benchmarks/adversarial.py."""
-TONE_PRIOR = 0.25
+TONE_PRIOR = 0.3
 """Prior of the logarithm of a tone curve's exponent in a picture that is no RAW file."""
 TONE_MODEL = 0.3
 """Standard uncertainty of that logarithm by the growth of the noise: read noise and the pixels' unlike gain."""
