@@ -179,6 +179,8 @@ def _first_order(radius_px: float) -> Array:
 
 def texture_correlation(frequencies: Array, mtf: Array) -> Array:
     """Correlations (l,) of fine texture that a lens images: of the spectrum MTF^2, alike in all directions."""
+    from scipy.special import j0  # a slow import
+
     power = frequencies * mtf**2
     lags = np.hypot(LAG_X, LAG_Y)
     return np.asarray(j0(2 * np.pi * lags[:, None] * frequencies) @ power / power.sum())
