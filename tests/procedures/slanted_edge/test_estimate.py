@@ -43,8 +43,8 @@ LENSES = {
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("columns", [30, 60])
 def test_mtf50_of_known_optics_without_noise(lens: str, columns: int) -> None:
-    # errors: the tail's shape beyond the window and, for sharp optics, the aliases of four bins; the wide margin keeps the
-    # wrap-around of the simulator's Fourier transform out of the tail
+    # errors: the tail's shape beyond the window and, for sharp optics, the aliases of four bins; the wide margin keeps
+    # the wrap-around of the simulator's Fourier transform out of the tail
     optics, margin = LENSES[lens]
     found = value(whole(edge_light(optics, columns=columns, margin_px=margin)))
     assert found.numbers["mtf50"].value == pytest.approx(true_mtf50(optics, 5.5), rel=0.002)
