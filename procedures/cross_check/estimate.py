@@ -137,11 +137,11 @@ def _strip(plane: Plane, psf_estimate: PatternPsf, i: int) -> tuple[Strip, EdgeL
         return None
     # imported late, as most charts have no edges
     from procedures.slanted_edge.find import strip_along
-    from procedures.slanted_edge.strip import LEAST_SIDE
+    from procedures.slanted_edge.strip import MIN_SIDE
 
     reach = WIDEST_BLOCKS * BLOCK * cell_px
     strip, line = strip_along(plane.samples, ends[0], ends[1], reach)
-    if min(strip.samples.shape) < LEAST_SIDE:
+    if min(strip.samples.shape) < MIN_SIDE:
         return None
     roi = strip.roi
     x, y = np.meshgrid(roi.x + np.arange(roi.width), roi.y + np.arange(roi.height))
@@ -158,11 +158,11 @@ def _strip(plane: Plane, psf_estimate: PatternPsf, i: int) -> tuple[Strip, EdgeL
 
 def _shows_edge(strip: Strip, line: EdgeLine, psf_estimate: PatternPsf) -> bool:
     """Whether there is a step with the contrast of the chart's black and white."""
-    from procedures.slanted_edge.strip import LEAST_SIDE
+    from procedures.slanted_edge.strip import MIN_SIDE
 
     d = np.arange(strip.samples.shape[1]) - line.middle - line.slope * strip.along[:, None]
     sides = [strip.samples[strip.usable & (d * sign > MARGIN_PX)] for sign in (-1, 1)]
-    if min(map(len, sides)) < LEAST_SIDE**2 / 2:
+    if min(map(len, sides)) < MIN_SIDE**2 / 2:
         return False
     contrast = abs(quantile(sides[0], 0.5) - quantile(sides[1], 0.5))
     return contrast > MIN_CONTRAST * psf_estimate.diagnostics["contrast"]

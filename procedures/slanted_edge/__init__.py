@@ -1,5 +1,6 @@
-"""The slanted edge: MTF across straight edges between two plain areas, the cross-check that everyone knows.
+"""MTF across slanted edges between two uniform areas (ISO 12233:2023, e-SFR).
 
-`estimate` is the verb: `find` looks for edges, `course` says where one runs, `profile` and `transfer` give its spread
-function and MTF, `resampling` the uncertainty, `trust` the verdict. ISO 12233:2023, e-SFR.
+`find` detects edges, `edge_line` and `refinement` estimate their course, `profile` and `transfer` edge spread function
+and MTF, `resampling` the uncertainty by noise, `evidence` and `corruptions` what processing, print and motion add,
+`trust` the verdict; `estimate` combines them.
 """

@@ -1,4 +1,4 @@
-"""Where an edge runs: rows' centroids of the derivative, a polynomial through them; `refinement` brings it to rest."""
+"""Course of an edge: a polynomial through the centroids of each row's derivative, the start of `refinement`."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from procedures.slanted_edge.strip import EdgeLine, Strip
 Array = npt.NDArray[np.float64]
 
 CENTROID_ORDER = 2
-"""Of the polynomial through the centroids. They err with the edge's phase on the pixels, by some hundredths of a pixel
-where the picture is sharp; over a short drift a higher order would follow that wave."""
+"""Degree of the polynomial. Centroids depend on the edge's phase on the pixels, by hundredths of a pixel in a sharp
+picture; over a short drift a higher degree would follow that wave."""
 SMOOTHING_PX = 1.5
-"""Standard deviation of the derivative that sees the edge first."""
+"""Standard deviation of the derivative filter that detects the edge."""
 ROUNDS = 4
 NO_EDGE = "give a region with one straight edge between two plain areas that crosses it from side to side"
 
 
 @dataclass(frozen=True)
 class Course:
-    """An edge's course: x = polynomial of the place along it.
+    """An edge's course: x as a polynomial of the position along it.
 
     Attributes
     ----------
     coefficients : (order + 1,) float64
-        Of t = place / half, highest power first, in pixels.
+        Coefficients for t = position / half, highest power first, in pixels.
     half : float
-        Half the strip's length, in pixels.
+        Half length of the strip, in pixels.
     rising : bool
-        Whether it is brighter at larger x.
+        Whether larger x is brighter.
     slope_uncertainty : float
-        Of the chord's slope.
+        Standard uncertainty of the chord's slope.
     """
 
     coefficients: Array
@@ -45,15 +45,15 @@ class Course:
 
     @property
     def order(self) -> int:
-        """Of the polynomial."""
+        """Degree of the polynomial."""
         return len(self.coefficients) - 1
 
     def at(self, along: Array) -> Array:
-        """x of the edge at places along it."""
+        """x of the edge at positions along it."""
         return np.asarray(np.polyval(self.coefficients, along / self.half))
 
     def slope(self, along: Array) -> Array:
-        """dx / d(along), at places along it."""
+        """dx / d(along) at positions along it."""
         return np.asarray(np.polyval(np.polyder(self.coefficients), along / self.half) / self.half)
 
     @property
@@ -71,7 +71,7 @@ class Course:
 
 
 def find_course(strip: Strip, start: EdgeLine | None = None) -> Course:
-    """The edge's course in a strip, near a line where one is known.
+    """Estimate the course of the edge in a strip, near a line where one is given.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def find_course(strip: Strip, start: EdgeLine | None = None) -> Course:
 
 
 def _first_line(strip: Strip, start: EdgeLine | None) -> tuple[EdgeLine, bool, float]:
-    """A line along the strongest smoothed derivative, its sign, and the reach that its width asks for."""
+    """Line along the strongest smoothed derivative, its sign, and the distance within which centroids are computed."""
     smooth = gaussian_filter1d(uniform_filter1d(strip.samples, 5, axis=0), SMOOTHING_PX, axis=1, order=1)
     x, along = np.arange(smooth.shape[1]), strip.along[:, None]
     rim = int(2 * SMOOTHING_PX)
@@ -105,20 +105,20 @@ def _first_line(strip: Strip, start: EdgeLine | None) -> tuple[EdgeLine, bool, f
     strength = np.where(near, signed, 0)
     top = float(np.quantile(strength.max(axis=1), 0.5))
     if top <= 0:
-        raise Refused("there is no edge in the region: it is of one brightness", NO_EDGE)
+        raise Refused("there is no edge in the region: it has one brightness", NO_EDGE)
     weight = np.maximum(strength - 0.3 * top, 0) ** 2
     line = start or _weighted_line(weight, x, along)
     reach = start.near_px if start else max(4.0, 0.15 * x.size)
     for _ in range(6):
         band = np.abs(x - line.middle - line.slope * along) < reach
         if not (weight * band).any():
-            raise Refused("there is no edge in the region: no line can be laid through its gradients", NO_EDGE)
+            raise Refused("there is no edge in the region: no line fits its gradients", NO_EDGE)
         line = _weighted_line(weight * band, x, along)
     return line, bool(total > 0), _reach(strip, line)
 
 
 def _weighted_line(weight: Array, x: Array, along: Array) -> EdgeLine:
-    """x = middle + slope along, by weighted least squares."""
+    """Weighted least-squares line x = middle + slope along."""
     total = weight.sum()
     mean_x, mean_t = float((weight * x).sum() / total), float((weight * along).sum() / total)
     spread = float((weight * (along - mean_t) ** 2).sum())
@@ -127,7 +127,7 @@ def _weighted_line(weight: Array, x: Array, along: Array) -> EdgeLine:
 
 
 def _reach(strip: Strip, line: EdgeLine) -> float:
-    """How far from the edge the rows' derivative is looked at: twice its full width at half maximum, at least 4."""
+    """Half width of the centroids' window: twice the derivative's full width at half maximum, at least 4 pixels."""
     x = np.arange(strip.samples.shape[1]) - line.middle - line.slope * strip.along[:, None]
     inside = strip.usable & (np.abs(x) < strip.reach_px)
     bins = np.floor(2 * x[inside]).astype(int)
@@ -140,29 +140,29 @@ def _reach(strip: Strip, line: EdgeLine) -> float:
 
 
 def _centroids(strip: Strip, course: Course, reach: float) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Of each row the centroid of its derivative under a Tukey window about the course, and whether it has one."""
+    """Centroid of each row's derivative under a Tukey window about the course, and whether the row has one."""
     expected = course.at(strip.along)[:, None]
     steps = np.diff(strip.samples, axis=1) * (1 if course.rising else -1)
     x = np.arange(steps.shape[1]) + 0.5
     weight = tukey(x - expected, reach / 2, reach) * steps
     total = weight.sum(axis=1)
-    seen = (expected[:, 0] > 0) & (expected[:, 0] < strip.samples.shape[1] - 1) & (total > 0)
-    typical = np.median(total[seen]) if seen.any() else 0.0
-    seen &= total > 0.3 * typical
-    return (weight * x).sum(axis=1) / np.where(seen, total, 1), seen
+    valid = (expected[:, 0] > 0) & (expected[:, 0] < strip.samples.shape[1] - 1) & (total > 0)
+    typical = np.median(total[valid]) if valid.any() else 0.0
+    valid &= total > 0.3 * typical
+    return (weight * x).sum(axis=1) / np.where(valid, total, 1), valid
 
 
 def tukey(x: Array, flat: float, end: float) -> Array:
-    """Tapered cosine window: 1 up to |x| = flat, 0 from |x| = end on."""
+    """Tapered cosine window: 1 up to |x| = flat, 0 from |x| = end."""
     share = np.clip((np.abs(x) - flat) / (end - flat), 0, 1)
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * share))
 
 
-def _polynomial(along: Array, centroid: Array, seen: npt.NDArray[np.bool_], course: Course) -> Course:
-    """The polynomial through the rows' centroids whose order Schwarz's criterion prefers, outliers left out."""
-    if np.count_nonzero(seen) < CENTROID_ORDER + 3:
-        raise Refused("there is no edge in the region: too few of its rows show one", NO_EDGE)
-    t, x = along[seen] / course.half, centroid[seen]
+def _polynomial(along: Array, centroid: Array, valid: npt.NDArray[np.bool_], course: Course) -> Course:
+    """Polynomial through the centroids without outliers, its degree by the Bayesian information criterion."""
+    if np.count_nonzero(valid) < CENTROID_ORDER + 3:
+        raise Refused("there is no edge in the region: too few rows show one", NO_EDGE)
+    t, x = along[valid] / course.half, centroid[valid]
     first = x - np.polyval(np.polyfit(t, x, CENTROID_ORDER), t)
     kept = np.abs(first) < 4 * 1.4826 * np.median(np.abs(first)) + 1e-3
     t, x = t[kept], x[kept]

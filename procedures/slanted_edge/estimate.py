@@ -1,10 +1,8 @@
-"""The MTF across slanted edges, start to end: a curve with its error bars, or a refusal.
+"""Estimate of the MTF across slanted edges, with uncertainties and a verdict.
 
-References
-----------
-ISO 12233:2023, annex D (e-SFR): edge of polynomial course, Tukey window, four bins to a pixel. Beyond it: values are
-moved to their bins' centres, light and tail are fitted, the window is as wide as the noise allows, and rows are drawn
-anew for the uncertainty.
+References ---------- ISO 12233:2023, annex D (e-SFR): edge of polynomial course, Tukey window, four bins per pixel. In
+addition, values are moved to the centres of their bins, illumination and far tail are fitted, the window is as wide as
+the noise allows, rows are resampled for the uncertainty, and corruptions of the photograph are tested.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ from procedures.slanted_edge.resampling import expected_noise, resampled_mtf
 from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
 from procedures.slanted_edge.tail import Tail
 from procedures.slanted_edge.transfer import FREQUENCIES, frequency_at, mtf_of
-from procedures.slanted_edge.trust import MOST_OVERSHOOT, check_clipping, check_course, check_samples, checks_of
+from procedures.slanted_edge.trust import MAX_OVERSHOOT, check_clipping, check_course, check_samples, checks_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,17 +38,17 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 WIDENINGS = (3.2, 1.8, 1.0)
-"""Windows tried, the widest first."""
-SURE = 0.008
-"""Relative uncertainty of MTF50 up to which a wide window is worth its noise."""
-MOST_FALL = 0.9
-"""Share of the drawn curves that must fall to a level for its frequency to be told."""
+"""Widths of the windows tried, relative to the narrowest."""
+WIDE_UNCERTAINTY = 0.008
+"""Relative uncertainty of MTF50 up to which a wide window is used."""
+MIN_FALLEN = 0.9
+"""Least share of the resampled curves that must fall to a level for its frequency to be reported."""
 NYQUIST = int(np.searchsorted(FREQUENCIES, 0.5))
-METHOD = "ISO 12233:2023 e-SFR, four bins to a pixel; uncertainty by drawing rows anew"
+METHOD = "ISO 12233:2023 e-SFR, four bins per pixel; uncertainty by resampling rows"
 
 
 def orientation(turned: bool) -> str:
-    """Of an edge, in words; turned ones are nearer to horizontal."""
+    """Orientation of an edge in words; a turned edge is nearer to horizontal."""
     return "near-horizontal" if turned else "near-vertical"
 
 
@@ -61,23 +59,23 @@ class EdgeMtf:
     Attributes
     ----------
     roi : Roi
-        Where it was measured.
+        Measured region.
     turned : bool
         Whether the edge is nearer to horizontal.
     frequencies, mtf, uncertainty : (n,) float64
-        Cycles per pixel of the plane along the edge's normal, moduli, their standard uncertainties.
+        Cycles per pixel of the plane along the edge's normal, MTF, standard uncertainties.
     numbers : mapping of str to Quantity
-        mtf50, mtf30, mtf20, mtf10, mtf_nyquist, angle (from the nearest axis).
+        mtf50, mtf30, mtf20, mtf10, mtf_nyquist, and the angle from the nearest axis.
     budgets : mapping of str to Budget
         Terms of each number's uncertainty: the noise, the bins, and each corruption that could not be excluded.
     normal_deg : float
-        Direction of the normal, from x towards y, -90 to 90.
+        Direction of the normal from x towards y, -90 to 90.
     order : int
-        Of the polynomial along the edge.
+        Degree of the polynomial course.
     course : (n, 2) float64
         Points (x, y) of the plane along the edge.
     distances, esf : (m,) float64
-        Edge spread function by distance in pixels, 0 dark and 1 bright.
+        Edge spread function over the distance in pixels, 0 dark and 1 bright.
     diagnostics : mapping of str to float
     """
 
@@ -110,7 +108,7 @@ class EdgeMtf:
 
     @property
     def orientation(self) -> str:
-        """The edge's own: near-horizontal or near-vertical."""
+        """near-horizontal or near-vertical."""
         return orientation(self.turned)
 
     def at(self, frequency: float) -> Quantity | None:
@@ -123,30 +121,30 @@ class EdgeMtf:
 
 @dataclass(frozen=True, repr=False)
 class EdgeOutcome(Outcome[EdgeMtf]):
-    """One edge's MTF with its own verdict, and where it lies; no place where nothing was found."""
+    """One edge's MTF with its verdict and region; no region where there is no edge."""
 
     roi: Roi | None = None
     turned: bool = False
 
 
 def estimate_edges(plane: PlaneLike, diffraction: Diffraction | None = None) -> list[EdgeOutcome]:
-    """Every slanted edge that a plane shows: those that pass, the doubtful, the refused, the best of each first.
+    """Measure all slanted edges of a plane: passed, doubtful, refused, the best of each first.
 
-    One refusal without a place where there is no edge. Diffraction, where it is known, says what is known of the tail.
+    A plane without an edge gives one refusal without a region. Diffraction, where known, predicts the far tail.
     """
     plane = as_plane(plane)
     try:
         sightings = find_edges(plane.samples)
     except Refused as refusal:
         return [EdgeOutcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)]
-    outcomes = [_of_sighting(one, plane, diffraction) for one in sightings]
+    outcomes = [_measure_sighting(one, plane, diffraction) for one in sightings]
     return sorted(outcomes, key=lambda one: list(Verdict).index(one.verdict))
 
 
 def estimate_edge(plane: PlaneLike, roi: Roi, diffraction: Diffraction | None = None) -> EdgeOutcome:
-    """The MTF across the one edge of a region, or the reason why it has none.
+    """Measure the MTF across the edge of a region.
 
-    A region that an edge has in `estimate_edges` means that edge, with as much of its plains as is plain.
+    The region of an edge of `estimate_edges` gives the same result as there.
 
     Raises
     ------
@@ -157,27 +155,27 @@ def estimate_edge(plane: PlaneLike, roi: Roi, diffraction: Diffraction | None = 
     strip = strip_of(plane.samples, checked_type(roi, Roi, "pass Roi(x, y, width, height) in pixels of the plane"))
     listed = edge_listed(plane.samples, roi)
     if listed is not None:
-        return _of_sighting(listed, plane, diffraction)
-    return _placed(measure(_informed(strip, plane, diffraction)), strip)
+        return _measure_sighting(listed, plane, diffraction)
+    return _with_region(measure(_with_plane(strip, plane, diffraction)), strip)
 
 
-def _of_sighting(sighting: EdgeSighting, plane: Plane, diffraction: Diffraction | None) -> EdgeOutcome:
-    return _placed(measure(_informed(sighting.strip, plane, diffraction), sighting.line), sighting.strip)
+def _measure_sighting(sighting: EdgeSighting, plane: Plane, diffraction: Diffraction | None) -> EdgeOutcome:
+    return _with_region(measure(_with_plane(sighting.strip, plane, diffraction), sighting.line), sighting.strip)
 
 
-def _informed(strip: Strip, plane: Plane, diffraction: Diffraction | None) -> Strip:
-    """The strip with what is known of the camera."""
+def _with_plane(strip: Strip, plane: Plane, diffraction: Diffraction | None) -> Strip:
+    """The strip with quantisation, tail and provenance of its plane."""
     tail = None if diffraction is None else Tail.of_pupil(diffraction)
     return replace(strip, quantisation=plane.quantisation, tail=tail, raw=plane.raw)
 
 
-def _placed(outcome: Outcome[EdgeMtf], strip: Strip) -> EdgeOutcome:
+def _with_region(outcome: Outcome[EdgeMtf], strip: Strip) -> EdgeOutcome:
     causes = outcome.reason, outcome.remedy, outcome.other_causes
     return EdgeOutcome(outcome.value, outcome.verdict, *causes, strip.roi, strip.turned)
 
 
 def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
-    """The MTF across the edge of a strip, near a line where one is known; refused outcomes have no value."""
+    """Measure the MTF across the edge of a strip, near a line where one is given; a refused outcome has no value."""
     try:
         check_samples(strip)
         course = find_course(strip, line)
@@ -202,9 +200,9 @@ def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
 def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
     """Profile and MTF through the widest window that the noise allows.
 
-    A wide window holds most of what a lens throws far, a narrow one lets least noise through. Which it is depends on
-    the noise alone, not on the answer: a choice by the answers made the error 1.4 times as large. The halo that
-    sharpening leaves is no tail of a lens's form: it has to lie in the window.
+    A wide window contains most of the far light, a narrow one passes less noise. The choice depends on the noise alone,
+    since a choice by the results made the error 1.4 times as large; the halo of sharpening has no tail of a lens's form
+    and must lie in the window.
     """
     end = np.inf
     for widening in WIDENINGS:
@@ -213,7 +211,10 @@ def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
             continue
         end = profile.end_px
         mtf = mtf_of(profile.esf, np.asarray(profile.tail), profile.flat_px, profile.end_px)
-        if expected_noise(profile, float(frequency_at(mtf, 0.5))) < SURE or profile.overshoot > MOST_OVERSHOOT:
+        if (
+            expected_noise(profile, float(frequency_at(mtf, 0.5))) < WIDE_UNCERTAINTY
+            or profile.overshoot > MAX_OVERSHOOT
+        ):
             break
     return profile, mtf
 
@@ -264,7 +265,7 @@ def _by_modes(number: Quantity, mtf: Array, modes: Mapping[str, Array]) -> dict[
 
 
 def _points(strip: Strip, course: Course) -> Array:
-    """The edge's course in the plane, (n, 2)."""
+    """Course of the edge in the plane, (n, 2)."""
     across, along = course.at(strip.along), np.arange(len(strip.samples))
     x, y = (along, across) if strip.turned else (across, along)
     return np.column_stack([x + strip.roi.x, y + strip.roi.y])
@@ -275,7 +276,7 @@ def _numbers(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: 
     numbers: dict[str, Quantity] = {}
     for level in LEVELS:
         value, drawn_at = float(frequency_at(mtf, level / 100)), frequency_at(draws, level / 100)
-        if np.isfinite(value) and np.isfinite(drawn_at).mean() > MOST_FALL:
+        if np.isfinite(value) and np.isfinite(drawn_at).mean() > MIN_FALLEN:
             drawn = float(np.nanstd(drawn_at))
             numbers[EDGE_CROSSINGS[level]] = Quantity(value, CYCLES, drawn, METHOD, n)
     numbers[EDGE_MTF_NYQUIST] = Quantity(float(mtf[NYQUIST]), "1", float(np.std(draws[:, NYQUIST])), METHOD, n)

@@ -18,7 +18,7 @@ from procedures.corruption.noise import MaskScore, Variogram, mask_scores, textu
 from procedures.slanted_edge.edge_line import Course
 from procedures.slanted_edge.profile import BINS, LIGHT_UNITS, Profile, filled, rebinned, steepness, values_of
 from procedures.slanted_edge.strip import Strip
-from procedures.slanted_edge.tail import MOST_TAIL
+from procedures.slanted_edge.tail import MAX_TAIL
 from procedures.slanted_edge.transfer import FREQUENCIES
 
 Array = npt.NDArray[np.float64]
@@ -114,7 +114,7 @@ def examine(strip: Strip, course: Course, profile: Profile, mtf: Array) -> Evide
     averaged = replace(samples, variances=(variances[0] * inflation[0], variances[1] * inflation[1]))
     scatter, scatter_px, scattered = _scatter(samples, profile)
     fall, windows = _fall(averaged)
-    seen = profile.tail_seen
+    tail = profile.tail_estimate
     return Evidence(
         masks=mask_scores(fields, MASK_RADII),
         textured=mask_scores(fields, MASK_RADII, [texture_correlation(FREQUENCIES, mtf)]),
@@ -126,7 +126,7 @@ def examine(strip: Strip, course: Course, profile: Profile, mtf: Array) -> Evide
         scatter_px=scatter_px,
         fall=fall,
         windows=windows,
-        tail=(seen.px - MOST_TAIL) / max(seen.uncertainty_px, 1e-12),
+        tail=(tail.px - MAX_TAIL) / max(tail.uncertainty_px, 1e-12),
     )
 
 
@@ -194,8 +194,8 @@ def _fall(samples: _Samples) -> tuple[float, int]:
         first, second = first[:, known], second[:, known]
         variance = first[2] / first[0] ** 2 + second[2] / second[0] ** 2
         scores.append((first[1] / first[0] - second[1] / second[0]) / np.sqrt(np.maximum(variance, 1e-24)))
-    found = np.concatenate(scores)
-    return float(np.max(found, initial=0.0)), max(len(found), 1)
+    falls = np.concatenate(scores)
+    return float(np.max(falls, initial=0.0)), max(len(falls), 1)
 
 
 def _halo(samples: _Samples, profile: Profile) -> MaskScore:

@@ -1,4 +1,4 @@
-"""Edges found in a plane: straight segments, long enough, with plain areas on both sides."""
+"""Detection of edges in a plane: straight segments with uniform areas on both sides."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ import numpy as np
 from procedures.outcome import Refused
 from procedures.slanted_edge.strip import Array, Array32, EdgeLine, Roi, Strip, strip_of
 
-LEAST_LENGTH_PX = 24.0
-LEAST_ANGLE_DEG, MOST_ANGLE_DEG = 2.0, 43.0
-"""From the nearest axis: outside of them no edge runs through all phases of the pixels, at these lengths."""
-LEAST_REACH_PX, MOST_REACH_PX = 6.0, 40.0
-"""Of the plain areas on either side."""
+MIN_LENGTH_PX = 24.0
+MIN_ANGLE_DEG, MAX_ANGLE_DEG = 2.0, 43.0
+"""Angles from the nearest axis beyond which an edge of this length does not cross all phases of the pixels."""
+MIN_REACH_PX, MAX_REACH_PX = 6.0, 40.0
+"""Width of the plain areas on either side."""
 CORE_PX = 5.0
-"""Around the edge, where nothing is plain."""
+"""Distance from the edge at which plains begin."""
 UNEVEN = 0.08
-"""Change of a plain area, in units of the edge's contrast, that ends it."""
+"""Change, relative to the edge's contrast, at which a plain area ends."""
 END_PX = 3.0
-"""What is left out at an edge's ends, beside what its slant asks for."""
-LEAST_CONTRAST = 0.02
-"""Of the plane's scale."""
-MOST_SEGMENTS = 600
-"""The longest that are looked at: textures have any number."""
+"""Length excluded at an edge's ends, in addition to that due to its slant."""
+MIN_CONTRAST = 0.02
+"""Least contrast, relative to white."""
+MAX_SEGMENTS = 600
+"""Number of segments examined, the longest first; textures have any number."""
 NOISE_LEVELS = 1.5
-"""Noise, in 256ths, to which the picture is smoothed before segments are looked for."""
+"""Noise, in 256ths, to which the picture is smoothed before segments are detected."""
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeSighting:
-    """An edge that was found: its strip, and the line along it."""
+    """A detected edge: its strip, and the line along it."""
 
     strip: Strip
     line: EdgeLine
@@ -40,7 +40,7 @@ class EdgeSighting:
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
-    """A straight segment: its ends (x, y)."""
+    """A straight segment between two points (x, y)."""
 
     start: Array
     end: Array
@@ -55,29 +55,29 @@ class _Segment:
 
     @property
     def angle_deg(self) -> float:
-        """From the nearest axis, 0 to 45."""
+        """Angle from the nearest axis, 0 to 45."""
         x, y = np.abs(self.direction)
         return float(np.degrees(np.arctan2(min(x, y), max(x, y))))
 
 
 def find_edges(samples: Array32) -> list[EdgeSighting]:
-    """The slanted edges of a plane, the best first.
+    """Detect the slanted edges of a plane, the best first.
 
     Raises
     ------
     Refused
-        If there is none, with what is nearest to one.
+        If there is none, with the reason.
     """
     segments = _merged(_segments(samples))
-    slanted = [one for one in segments if LEAST_ANGLE_DEG <= one.angle_deg <= MOST_ANGLE_DEG]
-    found = [sighting for one in slanted if (sighting := _sighting(samples, one)) is not None]
-    if not found:
+    slanted = [one for one in segments if MIN_ANGLE_DEG <= one.angle_deg <= MAX_ANGLE_DEG]
+    detected = [sighting for one in slanted if (sighting := _sighting(samples, one)) is not None]
+    if not detected:
         raise Refused(*_why_none(segments, slanted))
-    return _apart(sorted(found, key=lambda one: -one.score))
+    return _apart(sorted(detected, key=lambda one: -one.score))
 
 
 def edge_listed(samples: Array32, roi: Roi) -> EdgeSighting | None:
-    """The edge that `find_edges` gives this very region; None where it gives it to none."""
+    """The edge that `find_edges` gives this region, or None."""
     try:
         return next((one for one in find_edges(samples) if one.strip.roi == roi), None)
     except Refused:
@@ -85,7 +85,7 @@ def edge_listed(samples: Array32, roi: Roi) -> EdgeSighting | None:
 
 
 def _why_none(segments: list[_Segment], slanted: list[_Segment]) -> tuple[str, str]:
-    """What is missing, and what helps."""
+    """Reason and remedy where no edge was detected."""
     if slanted:
         return (
             "no edge has plain areas on both sides, 6 pixels wide and 16 long or more",
@@ -93,7 +93,7 @@ def _why_none(segments: list[_Segment], slanted: list[_Segment]) -> tuple[str, s
         )
     if segments:
         angle = max(segments, key=lambda one: one.length).angle_deg
-        kind = "the axes of the pixels" if angle < LEAST_ANGLE_DEG else "the diagonal"
+        kind = "the axes of the pixels" if angle < MIN_ANGLE_DEG else "the diagonal"
         return (
             f"an edge must run through all phases of the pixels; the longest lies at {angle:.1f} degrees, too near "
             f"{kind}",
@@ -103,8 +103,8 @@ def _why_none(segments: list[_Segment], slanted: list[_Segment]) -> tuple[str, s
 
 
 def _segments(samples: Array32) -> list[_Segment]:
-    """Segments of strong gradients, with the brighter side on their right."""
-    if min(samples.shape) < 2:  # it has no gradients
+    """Segments of strong gradients, their brighter side on the right, the longest first."""
+    if min(samples.shape) < 2:
         return []
     top = float(np.quantile(samples, 0.999))
     picture = np.clip(samples * (255 / max(top, 1e-6)), 0, 255).astype(np.float32)
@@ -115,25 +115,25 @@ def _segments(samples: Array32) -> list[_Segment]:
     if lines is None:
         return []
     ends = np.asarray(lines, dtype=np.float64).reshape(-1, 2, 2)
-    segments = [_Segment(a, b) for a, b in ends if np.hypot(*(b - a)) > LEAST_LENGTH_PX / 3]
+    segments = [_Segment(a, b) for a, b in ends if np.hypot(*(b - a)) > MIN_LENGTH_PX / 3]
     return sorted(segments, key=lambda one: -one.length)
 
 
 def _merged(segments: list[_Segment]) -> list[_Segment]:
-    """Segments that continue each other joined, the short ones left out."""
+    """Segments joined where they continue each other, without the short ones."""
     joined: list[_Segment] = []
-    left = segments[:MOST_SEGMENTS]
-    while left:
-        whole = left.pop(0)
-        while (i := _continuation(whole, left)) is not None:
-            whole = _joined(whole, left.pop(i))
-        if whole.length >= LEAST_LENGTH_PX:
+    remaining = segments[:MAX_SEGMENTS]
+    while remaining:
+        whole = remaining.pop(0)
+        while (i := _continuation(whole, remaining)) is not None:
+            whole = _joined(whole, remaining.pop(i))
+        if whole.length >= MIN_LENGTH_PX:
             joined.append(whole)
     return joined
 
 
 def _continuation(a: _Segment, others: list[_Segment]) -> int | None:
-    """Which of others lies on the line of a, in its direction, and all but touches it; None if none does."""
+    """Index of a segment on the line of a, in its direction, next to it; None if there is none."""
     if not others:
         return None
     starts, ends = np.array([b.start for b in others]) - a.start, np.array([b.end for b in others]) - a.start
@@ -143,30 +143,30 @@ def _continuation(a: _Segment, others: list[_Segment]) -> int | None:
     parallel = (ends - starts) @ along > np.cos(np.radians(2)) * length
     gap = np.maximum(starts @ along - a.length, -(ends @ along))
     aside = np.maximum(np.abs(starts @ normal), np.abs(ends @ normal))
-    found = np.flatnonzero(parallel & (gap < 10) & (aside < 2))
-    return int(found[0]) if len(found) else None
+    detected = np.flatnonzero(parallel & (gap < 10) & (aside < 2))
+    return int(detected[0]) if len(detected) else None
 
 
 def _joined(a: _Segment, b: _Segment) -> _Segment:
-    """From the first end of both to the last, along a."""
+    """Segment from the first end of both to the last, along a."""
     points = np.array([a.start, a.end, b.start, b.end])
     places = (points - a.start) @ a.direction
     return _Segment(points[np.argmin(places)], points[np.argmax(places)])
 
 
 def _sighting(samples: Array32, segment: _Segment) -> EdgeSighting | None:
-    """The edge of a segment with its plain areas, None where they are too small."""
+    """The edge of a segment with its plain areas; None where they are too small."""
     band = _band(samples, segment)
-    beside = [band[int(MOST_REACH_PX + d)] for d in (CORE_PX, -CORE_PX)]
+    beside = [band[int(MAX_REACH_PX + d)] for d in (CORE_PX, -CORE_PX)]
     bright, dark = (float(np.median(line[np.isfinite(line)])) if np.isfinite(line).any() else np.nan for line in beside)
     contrast = abs(bright - dark)
-    if not contrast >= LEAST_CONTRAST:
+    if not contrast >= MIN_CONTRAST:
         return None
-    sides = [_plain_px(band[int(MOST_REACH_PX) :: step], contrast) for step in (1, -1)]
+    sides = [_plain_px(band[int(MAX_REACH_PX) :: step], contrast) for step in (1, -1)]
     reach = min(sides)
     inset = END_PX + reach * np.sin(np.radians(segment.angle_deg))
     length = segment.length - 2 * inset
-    if reach < LEAST_REACH_PX or length < 16:
+    if reach < MIN_REACH_PX or length < 16:
         return None
     start, end = segment.start + inset * segment.direction, segment.end - inset * segment.direction
     strip, line = strip_along(samples, start, end, reach)
@@ -174,31 +174,33 @@ def _sighting(samples: Array32, segment: _Segment) -> EdgeSighting | None:
 
 
 def _band(samples: Array32, segment: _Segment) -> Array:
-    """The plane read along lines beside the segment, (2 reach + 1, length): row `reach` is the segment itself."""
-    from scipy.ndimage import map_coordinates  # who knows where the edge is needs none of it
+    """The plane along lines parallel to the segment, (2 reach + 1, length); row `reach` is the segment itself."""
+    from scipy.ndimage import map_coordinates  # here: a known edge needs none of it
 
     along = segment.direction
     normal = np.array([-along[1], along[0]])
     t = np.arange(END_PX, max(segment.length - END_PX, END_PX + 1))
-    d = np.arange(-MOST_REACH_PX, MOST_REACH_PX + 1)
+    d = np.arange(-MAX_REACH_PX, MAX_REACH_PX + 1)
     points = segment.start + t[None, :, None] * along + d[:, None, None] * normal
     return np.asarray(map_coordinates(samples, [points[..., 1], points[..., 0]], order=1, cval=np.nan), np.float64)
 
 
 def _plain_px(side: Array, contrast: float) -> float:
-    """How far from the edge a side stays plain: the lines' means change slowly, and so do parts of each."""
+    """Distance from the edge at which a side ceases to be plain: where the mean of a quarter of a line changes fast."""
     pieces = np.stack([_mean_inside(piece) for piece in np.array_split(side, 4, axis=1)], axis=1)
     core = int(CORE_PX)
     typical = np.median(pieces[core : core + 4], axis=0)
     off = np.max(np.abs(pieces - typical), axis=1)
-    slow = UNEVEN * contrast * (1 + np.arange(len(side)) / MOST_REACH_PX)
+    slow = UNEVEN * contrast * (1 + np.arange(len(side)) / MAX_REACH_PX)
     wrong = np.flatnonzero(~(off[core:] < slow[core:]))
     return float(core + wrong[0] - 1) if len(wrong) else float(len(side) - 1)
 
 
 def _mean_inside(lines: Array) -> Array:
-    """Means (n,) of lines (n, m) over what of them is inside the picture, NaN where that is less than a quarter: beside
-    an edge that leaves the picture aslant they are cut on one side, and rows or columns across it are whole."""
+    """Means (n,) of lines (n, m) over the samples inside the picture, NaN for less than a quarter of them.
+
+    An edge that leaves the picture at an angle cuts the lines on one side.
+    """
     inside = np.isfinite(lines)
     count = np.count_nonzero(inside, axis=1)
     total = np.sum(np.where(inside, lines, 0.0), axis=1)
@@ -206,7 +208,7 @@ def _mean_inside(lines: Array) -> Array:
 
 
 def strip_along(samples: Array32, start: Array, end: Array, reach: float) -> tuple[Strip, EdgeLine]:
-    """The strip from one point of an edge to another, and the line between them in it."""
+    """The strip between two points of an edge, and the line between them in it."""
     turned = bool(abs(end - start)[0] > abs(end - start)[1])
     # u runs along the edge, v across it
     u, v = (0, 1) if turned else (1, 0)
@@ -225,7 +227,7 @@ def strip_along(samples: Array32, start: Array, end: Array, reach: float) -> tup
 
 
 def _apart(sightings: list[EdgeSighting]) -> list[EdgeSighting]:
-    """Without those that lie on a better one's line."""
+    """The edges without those on the line of a better one."""
     kept: list[EdgeSighting] = []
     for one in sightings:
         if not any(_same(one, other) for other in kept):
@@ -234,7 +236,7 @@ def _apart(sightings: list[EdgeSighting]) -> list[EdgeSighting]:
 
 
 def _same(a: EdgeSighting, b: EdgeSighting) -> bool:
-    """Whether a's middle lies on b."""
+    """Whether the middle of a lies on b."""
     (x, y), (x0, y0) = _centre(a), _centre(b)
     if a.strip.turned != b.strip.turned:
         return False
@@ -243,6 +245,6 @@ def _same(a: EdgeSighting, b: EdgeSighting) -> bool:
 
 
 def _centre(one: EdgeSighting) -> tuple[float, float]:
-    """(x, y) of the line's middle in the plane."""
+    """Middle (x, y) of the line in the plane."""
     roi, half = one.strip.roi, (len(one.strip.samples) - 1) / 2
     return (roi.x + half, roi.y + one.line.middle) if one.strip.turned else (roi.x + one.line.middle, roi.y + half)

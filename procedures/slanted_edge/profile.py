@@ -1,8 +1,9 @@
-"""The edge spread function: samples by their distance from the edge, light and tail fitted, four bins to a pixel.
+"""Edge spread function: samples binned by their distance from the edge, four bins per pixel, with light and tail
+fitted.
 
-A lens's spread function falls as 1/r^3, so its line spread function as 1/d^2 and the edge's approach to its plains as
-1/d. That, and the light's slope, is fitted beyond the core: no window can hold the tail, and cut off it would raise
-the whole MTF.
+A PSF falls as 1/r^3, hence its line spread function as 1/d^2, and an edge approaches its plains as 1/d. This tail and
+the slope of the light are fitted beyond the core, since no window contains the tail, and without it the MTF is too
+high.
 """
 
 from __future__ import annotations
@@ -20,45 +21,45 @@ from procedures.slanted_edge.tail import COLUMN, Lean, Tail, with_tail
 Array = npt.NDArray[np.float64]
 
 BINS = 4
-"""Bins to a pixel: ISO 12233:2023."""
+"""Bins per pixel, as in ISO 12233:2023."""
 FLAT_WIDTHS, END_WIDTHS = 1.2, 2.6
-"""Where the window begins to fall, and where it ends, in full widths at half maximum of the line spread function."""
+"""Start and end of the window's taper, in full widths at half maximum of the line spread function."""
 ROUNDS = 4
-"""In which values are moved to their bins' centres and averaged again."""
-LEAST_FLAT_PX = 2.0
-LEAST_FAR_PX = 3.0
-"""Of the plains there is at least so much to fit them by."""
+"""Iterations in which values are moved to the centres of their bins."""
+MIN_FLAT_PX = 2.0
+MIN_FAR_PX = 3.0
+"""Least width of the plains that they are fitted in."""
 LIGHT_UNITS: Array = np.array([1, 1, 1, 1 / 20, 1 / 20, 1])
-"""Of the plains' numbers: dark level, bright level, tail, relative slopes of the light across and along, per 20 pixels
-so that all are of one size; the tail's lean."""
+"""Units of the plains' parameters: dark level, bright level, tail, relative slopes of the light across and along, per
+20 pixels so that all have one magnitude, and the tail's asymmetry."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """The samples of an edge by bins, kept apart by row so that rows can be drawn anew.
+    """The samples of an edge by bin and row, so that rows can be resampled.
 
     Attributes
     ----------
     sums, counts : (n, 2 K) float64
-        Of each row the sum of its values in every bin, 0 dark and 1 bright, and their number. The bins' centres are
-        at `centres`, and every value has been moved there along the spread function's own slope.
+        Sum and number of each row's values in every bin, 0 dark and 1 bright, moved to the bins' `centres` along the
+        spread function.
     light_normal : (n, 6, 6) float64, light_right : (n, 6) float64
-        Each row's part of the normal equations of the plains.
+        Contribution of each row to the normal equations of the plains.
     flat_px, end_px : float
-        The window's.
+        Start and end of the window's taper.
     width_px : float
-        Full width at half maximum of the line spread function, roughly.
+        Approximate full width at half maximum of the line spread function.
     light : (6,) float64
-        Dark and bright level, in samples of the plane; of the approach a/d to them, a times their difference; relative
-        slopes per pixel, across and along the edge, taken out of the values; a g of the approach a/(d - g).
+        Dark and bright level, in samples of the plane; a of the approach a/d times their difference; relative slopes
+        per pixel across and along the edge, removed from the values; a g of the approach a/(d - g).
     noise : float
         Standard deviation of the samples about the profile, in samples of the plane.
     unevenness : float
-        Of the plains beyond the window, without what differs between neighbours, in samples of the plane.
-    tail_known : Tail or None
-        What was known of a before, and `tail_weight`: of a row that says so in the plains' normal equations.
+        Standard deviation of the plains beyond the window without that of white noise, in samples of the plane.
+    tail_prior : Tail or None
+        Prior of a; `tail_weight` is its weight in the normal equations of the plains.
     lean : Lean
-        What was known of a g before.
+        Prior of a g.
     samples : int
         Samples under the window.
     """
@@ -73,7 +74,7 @@ class Profile:
     light: Array
     noise: float
     unevenness: float
-    tail_known: Tail | None
+    tail_prior: Tail | None
     tail_weight: float
     lean: Lean
     samples: int
@@ -89,8 +90,8 @@ class Profile:
         return float(self.light[2]) / self.contrast
 
     @property
-    def tail_seen(self) -> Tail:
-        """What the plains show of the tail by themselves, whatever is known."""
+    def tail_estimate(self) -> Tail:
+        """Tail estimated from the plains alone, without its prior."""
         normal, right = self.lean.added(self.light_normal.sum(axis=0), self.light_right.sum(axis=0))
         alone = solve_light(normal, right)
         spread = self.noise * float(np.sqrt(np.linalg.pinv(normal)[COLUMN, COLUMN]))
@@ -98,7 +99,7 @@ class Profile:
 
     @property
     def centres(self) -> Array:
-        """The bins', in pixels from the edge, (2 K,)."""
+        """Centres of the bins, in pixels from the edge, (2 K,)."""
         K = self.sums.shape[1] // 2
         return (np.arange(-K, K) + 0.5) / BINS
 
@@ -109,25 +110,25 @@ class Profile:
 
     @property
     def overshoot(self) -> float:
-        """By how much the edge goes beyond its plains for sure, over the contrast: no lens makes it, sharpening does.
+        """Significant excess of the edge over its plains, relative to the contrast: a halo of sharpening.
 
-        Of the mean of as many bins as a pixel has, less four standard deviations of its noise.
+        Of means over a pixel, less four of their standard deviations.
         """
         counts = self.counts.sum(axis=0)
         inside = np.abs(self.centres) < self.end_px
         mean = uniform_filter1d(self.esf, BINS)[inside]
-        doubt = 4 * self.noise / abs(self.contrast) / np.sqrt(np.maximum(uniform_filter1d(counts, BINS) * BINS, 1))
-        return float(max(np.max(np.maximum(mean - 1, -mean) - doubt[inside]), 0.0))
+        margin = 4 * self.noise / abs(self.contrast) / np.sqrt(np.maximum(uniform_filter1d(counts, BINS) * BINS, 1))
+        return float(max(np.max(np.maximum(mean - 1, -mean) - margin[inside]), 0.0))
 
     @property
     def empty(self) -> float:
-        """Share of the window's bins that no sample fell into."""
+        """Share of the window's bins without a sample."""
         inside = np.abs(self.centres) < self.end_px
         return float(np.mean(self.counts.sum(axis=0)[inside] == 0))
 
 
 def filled(sums: Array, counts: Array) -> Array:
-    """Means of bins (..., b), interpolated where there is nothing in them."""
+    """Means of bins (..., b), interpolated where they are empty."""
     means = np.asarray(sums / np.where(counts > 0, counts, 1))
     known = np.reshape(counts > 0, (-1, counts.shape[-1])).all(axis=0)
     if known.all() or not known.any():
@@ -140,14 +141,14 @@ def filled(sums: Array, counts: Array) -> Array:
 
 
 def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> Profile:
-    """The spread function of an edge whose course is known, through a window so many times wider than usual."""
+    """Spread function of an edge of known course, in a window widened by a factor."""
     d = course.distances(strip)
     inside = (np.abs(d) < strip.reach_px) & strip.usable
     reach = float(min(np.max(d[inside]), -np.min(d[inside])))
     width = _width(strip.samples[inside], d[inside], reach)
-    flat = min(widening * max(FLAT_WIDTHS * width, LEAST_FLAT_PX), 0.5 * reach)
-    end = min(widening * max(END_WIDTHS * width, 2 * LEAST_FLAT_PX), reach - 1)
-    far = inside & (np.abs(d) > min((flat + end) / 2, reach - LEAST_FAR_PX))
+    flat = min(widening * max(FLAT_WIDTHS * width, MIN_FLAT_PX), 0.5 * reach)
+    end = min(widening * max(END_WIDTHS * width, 2 * MIN_FLAT_PX), reach - 1)
+    far = inside & (np.abs(d) > min((flat + end) / 2, reach - MIN_FAR_PX))
     light, normal, right, weight, lean = _plains(strip, d, far, width)
     value = values_of(light, strip, d)
     used = inside & (np.abs(d) < end + 1)
@@ -155,17 +156,17 @@ def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> Profile
     profile = Profile(
         *(empty, empty, normal, right, flat, end, width, light, 0.0, 0.0), strip.tail, weight, lean, int(used.sum())
     )
-    profile, left = rebinned(profile, value, d, used)
+    profile, residual = rebinned(profile, value, d, used)
     plain = value - (d > 0) + profile.tail / np.where(far, d, 1.0)
     return replace(
         profile,
-        noise=float(np.std(left[used & (np.abs(d) < end)])) * abs(profile.contrast),
+        noise=float(np.std(residual[used & (np.abs(d) < end)])) * abs(profile.contrast),
         unevenness=_unevenness(plain, far) * abs(profile.contrast),
     )
 
 
 def values_of(light: Array, strip: Strip, d: Array) -> Array:
-    """The samples without the light's slopes, 0 dark and 1 bright, (n, m)."""
+    """Samples without the slopes of the light, 0 dark and 1 bright, (n, m)."""
     slope = 1 + light[3] * d + light[4] * strip.along[:, None]
     return np.asarray((strip.samples / slope - light[0]) / (light[1] - light[0]))
 
@@ -173,7 +174,7 @@ def values_of(light: Array, strip: Strip, d: Array) -> Array:
 def rebinned(
     profile: Profile, value: Array, d: Array, used: npt.NDArray[np.bool_], rounds: int = ROUNDS
 ) -> tuple[Profile, Array]:
-    """The profile of values at distances, and what is left of each value (n, m), which has no mean in any bin."""
+    """Profile of values at distances, and the residual of each value (n, m), whose mean in every bin is 0."""
     K = profile.sums.shape[1] // 2
     sums, counts = _binned(value, d, used, K)
     profile = replace(profile, sums=sums, counts=counts)
@@ -186,20 +187,20 @@ def rebinned(
 
 
 def steepness(profile: Profile, d: Array) -> Array:
-    """Slope of the edge spread function at distances, per pixel, of d's shape."""
+    """Slope of the edge spread function at distances d, per pixel."""
     x = profile.centres
     return np.asarray(np.interp(d, (x[1:] + x[:-1]) / 2, np.diff(profile.esf) * BINS))
 
 
-def _unevenness(left: Array, far: npt.NDArray[np.bool_]) -> float:
-    """Standard deviation of what neighbours along the edge share: noise, which they do not, adds nothing."""
+def _unevenness(residual: Array, far: npt.NDArray[np.bool_]) -> float:
+    """Root of the covariance of neighbours along the edge, to which white noise contributes nothing."""
     both = far[1:] & far[:-1]
-    shared = float(np.mean(left[1:][both] * left[:-1][both])) if both.any() else 0.0
+    shared = float(np.mean(residual[1:][both] * residual[:-1][both])) if both.any() else 0.0
     return float(np.sqrt(max(shared, 0.0)))
 
 
 def _width(samples: Array, d: Array, reach: float) -> float:
-    """Full width at half maximum of the line spread function, as a Gaussian's whose quarters lie as far apart."""
+    """Full width at half maximum of the Gaussian with the line spread function's quartiles."""
     K = int(reach * BINS)
     bins = np.floor(d * BINS).astype(int) + K
     inside = (bins >= 0) & (bins < 2 * K)
@@ -210,12 +211,12 @@ def _width(samples: Array, d: Array, reach: float) -> float:
     smooth = np.convolve(np.pad(esf, 2, mode="edge"), np.ones(5) / 5, mode="valid")
     level = (smooth - dark) / (bright - dark) if bright != dark else np.zeros_like(smooth)
     low, high = _last_below(x, level, 0.25), -_last_below(-x[::-1], 1 - level[::-1], 0.25)
-    # the quartiles of a Gaussian lie 1.349 standard deviations apart; the smoothing's 1.25 pixels add a little
+    # the quartiles of a Gaussian are 1.349 standard deviations apart; the smoothing over 1.25 pixels adds 0.13
     return 2.355 * float(np.sqrt(max((max(high - low, 0.0) / 1.349) ** 2 - 0.13, 0.02)))
 
 
 def _last_below(x: Array, level: Array, share: float) -> float:
-    """Where a rising curve is under a share for the last time before it stays above, in its inner half."""
+    """Where a rising curve last crosses a level in its inner half."""
     below = np.flatnonzero((level < share) & (np.abs(x) < 0.5 * x[-1]))
     if not len(below):
         return float(-0.5 * x[-1])
@@ -226,9 +227,9 @@ def _last_below(x: Array, level: Array, share: float) -> float:
 def _plains(
     strip: Strip, d: Array, far: npt.NDArray[np.bool_], width_px: float
 ) -> tuple[Array, Array, Array, float, Lean]:
-    """Levels, tail, light's slopes and the tail's lean (6,) by least squares over the samples beyond the core.
+    """Parameters (6,) of the plains by least squares over the samples beyond the core.
 
-    With each row's part of the normal equations, and what is known of the tail: its weight in them, its lean.
+    Also the contribution of each row to the normal equations, and the priors of the tail: its weight, its asymmetry.
     """
     bright = d > 0
     light = np.array([strip.samples[far & ~bright].mean(), strip.samples[far & bright].mean(), 0, 0, 0, 0.0])
@@ -251,7 +252,7 @@ def _plains(
 
 
 def solve_light(normal: Array, right: Array) -> Array:
-    """The plains' numbers (..., 6) of normal equations, held by a little where a narrow strip leaves them open."""
+    """Parameters (..., 6) of the plains, slightly regularised as a narrow strip may not determine them."""
     weight = np.einsum("...ii->...", normal[..., :2, :2])[..., None, None]
     held = normal + 1e-9 * weight * np.eye(len(LIGHT_UNITS))
     return np.asarray(np.linalg.solve(held, right[..., None])[..., 0] * LIGHT_UNITS)
@@ -271,9 +272,9 @@ def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], K: int) -> tupl
 
 
 def _moved(value: Array, d: Array, used: npt.NDArray[np.bool_], profile: Profile) -> Array:
-    """Values moved along the spread function to their bins' centres: so that a bin's mean is a value, no average.
+    """Values moved along the spread function to the centres of their bins, so that a mean is a value at the centre.
 
-    Between the centres it is a cubic spline; what is not used is moved by nothing.
+    The spread function is a cubic spline between the centres.
     """
     esf = profile.esf
     K = len(esf) // 2

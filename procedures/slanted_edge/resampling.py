@@ -1,7 +1,7 @@
-"""How sure an MTF is: the same from rows drawn anew.
+"""Uncertainty of an MTF by the Bayesian bootstrap over rows.
 
-Every row along the edge is one draw of all that varies: noise, the edge's raggedness, blur that changes along it. Rows
-are drawn with random weights (the Bayesian bootstrap), not zero or more times: no bin then loses all its samples.
+The rows along the edge are samples of all that varies: noise, roughness, blur that changes along the edge. Random
+weights instead of repetitions leave no bin empty.
 """
 
 from __future__ import annotations
@@ -21,13 +21,11 @@ SEED = 12233
 
 
 def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
-    """MTFs of rows drawn anew, (draws, f), spread about the profile's own as it is about the truth.
+    """MTFs of resampled rows, (draws, f), which scatter about the profile's MTF as that does about the truth.
 
-    References
-    ----------
-    Rubin, The Bayesian bootstrap, Annals of Statistics 9, 1981. A mean of m rows with weights of unit exponentials
-    varies by (m - 1) / (m + 1) of what it should: the spread is enlarged by that. The values are not moved to their
-    bins' centres anew with every draw, where noise moves them too: by `noise_gain`.
+    References ---------- Rubin, The Bayesian bootstrap, Annals of Statistics 9, 1981. The variance of a mean of m rows
+    with exponential weights is (m - 1) / (m + 1) of the true one; the spread is enlarged accordingly, and by
+    `noise_gain`, as the values are not moved to the centres of their bins in each draw.
     """
     n = len(profile.sums)
     rng = np.random.default_rng(SEED)
@@ -36,9 +34,9 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
     normal, right = (np.tensordot(weight, part, axes=1) for part in (profile.light_normal, profile.light_right))
     sureness = profile.tail_weight, profile.contrast
     normal, right = profile.lean.added(normal, right, rng.standard_normal(draws))
-    light = solve_light(*with_tail(normal, right, profile.tail_known, *sureness, rng.standard_normal(draws)))
+    light = solve_light(*with_tail(normal, right, profile.tail_prior, *sureness, rng.standard_normal(draws)))
     tail = light[:, 2] / (light[:, 1] - light[:, 0])
-    # the values were divided by the light that all rows gave: what theirs differs by changes them with the distance
+    # the values were divided by the slope of the light of all rows: that of the draw differs
     level = profile.esf + profile.light[0] / profile.contrast
     esf = esf - (light[:, 3:4] - profile.light[3]) * profile.centres * level
     drawn = mtf_of(esf, tail, profile.flat_px, profile.end_px)
@@ -48,10 +46,10 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
 
 
 def expected_noise(profile: Profile, mtf50: float) -> float:
-    """Relative uncertainty of MTF50 to expect of this noise through this window, before rows are drawn; NaN stays.
+    """Relative uncertainty of MTF50 expected of this noise and window; NaN where MTF50 is.
 
-    Differences of bins of noise s have the spectrum 2 pi f s / BINS times the window's norm; half of its power is
-    along the transfer function, which falls by some 0.65 for a relative step of frequency where it is one half.
+    Differences of bins of noise s have the spectrum 2 pi f s / BINS times the window's norm. Half of its power is in
+    phase with the transfer function, whose derivative by the logarithm of the frequency is about -0.65 at one half.
     """
     counts = profile.counts.sum(axis=0)
     bin_noise = profile.noise / abs(profile.contrast) / np.sqrt(max(float(counts[counts > 0].mean()), 1.0))

@@ -1,4 +1,4 @@
-"""Where an edge is looked at: a rectangle of a plane, turned so that the edge runs along its rows."""
+"""Region of an edge: a rectangle of a plane, transposed so that the edge runs along its rows."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from procedures.slanted_edge.tail import Tail
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-LEAST_SIDE = 8
-"""Pixels along a side below which a rectangle holds no edge and its two plains."""
+MIN_SIDE = 8
+"""Least side of a rectangle, in pixels."""
 
 
 @dataclass(frozen=True)
 class Roi:
-    """A rectangle of a plane: its first pixel (x, y), its size, in pixels of the plane."""
+    """A rectangle of a plane: first pixel (x, y) and size, in pixels of the plane."""
 
     x: int
     y: int
@@ -33,7 +33,7 @@ class Roi:
         return cls(0, 0, columns, rows)
 
     def cut(self, samples: Array32) -> Array:
-        """Its samples, (height, width).
+        """Samples of the rectangle, (height, width).
 
         Raises
         ------
@@ -47,9 +47,9 @@ class Roi:
                 f"the region must lie in the plane of {columns} x {rows} pixels; got {self}",
                 "give --roi X,Y,W,H in pixels of the plane: a Bayer plane has half the sensor's columns and rows",
             )
-        if min(self.width, self.height) < LEAST_SIDE:
+        if min(self.width, self.height) < MIN_SIDE:
             raise BadParameter(
-                f"the region must have {LEAST_SIDE} x {LEAST_SIDE} pixels or more; got {self}", "give a larger --roi"
+                f"the region must have {MIN_SIDE} x {MIN_SIDE} pixels or more; got {self}", "give a larger --roi"
             )
         part = samples[self.y : self.y + self.height, self.x : self.x + self.width]
         return np.asarray(part, dtype=np.float64)
@@ -60,7 +60,7 @@ class Roi:
 
 @dataclass(frozen=True)
 class EdgeLine:
-    """Where an edge is expected: within `near_px` of x = middle + slope t, t along it from the strip's centre."""
+    """Expected edge: within `near_px` of x = middle + slope t, t along the edge from the strip's centre."""
 
     middle: float
     slope: float
@@ -74,21 +74,21 @@ class Strip:
     Attributes
     ----------
     samples : (n, m) float64
-        n pixels along the edge, m across it.
+        n pixels along the edge, m across.
     roi : Roi
-        Where they lie in the plane.
+        Their rectangle in the plane.
     turned : bool
-        Whether rows and columns were exchanged: the edge is nearer to horizontal.
+        Whether they are transposed: the edge is nearer to horizontal.
     reach_px : float
-        Distance from the edge up to which samples belong to its two plains.
+        Distance from the edge at which its plains end.
     valid : (n, m) bool or None
-        Which samples show nothing else; None: all of them.
+        Samples of the edge and its plains; None for all.
     tail : Tail or None
-        What is known of the approach to the plains before it is seen; None: nothing.
+        Prior of the approach to the plains, where there is one.
     quantisation : float
         One digital number, in units of the samples.
     raw : bool
-        Whether they come from a RAW file.
+        Whether they come from a RAW file or a dump: no program has processed them.
     """
 
     samples: Array
@@ -102,18 +102,18 @@ class Strip:
 
     @property
     def usable(self) -> npt.NDArray[np.bool_]:
-        """Which samples show the edge or its plains, the reach apart, (n, m)."""
+        """Samples of the edge and its plains, whatever their distance, (n, m)."""
         return np.ones(self.samples.shape, dtype=np.bool_) if self.valid is None else self.valid
 
     @property
     def along(self) -> Array:
-        """Place along the edge of each row, (n,), 0 in the middle."""
+        """Position of each row along the edge, (n,), 0 in the middle."""
         n = len(self.samples)
         return np.arange(n, dtype=np.float64) - (n - 1) / 2
 
 
 def strip_of(samples: Array32, roi: Roi, *, turned: bool | None = None, reach_px: float = np.inf) -> Strip:
-    """The strip of a rectangle; which way its edge runs is seen from the gradients where `turned` is not given."""
+    """The strip of a rectangle; its gradients show the direction of the edge where `turned` is not given."""
     part = roi.cut(samples)
     if turned is None:
         down, across = (_structure(np.diff(part, axis=axis)) for axis in (0, 1))
@@ -122,5 +122,5 @@ def strip_of(samples: Array32, roi: Roi, *, turned: bool | None = None, reach_px
 
 
 def _structure(steps: Array) -> float:
-    """How strong steps are that neighbours share: noise, which they do not, adds nothing on average."""
+    """Mean product of neighbouring steps: white noise contributes nothing on average."""
     return float(np.mean(steps[1:] * steps[:-1]) + np.mean(steps[:, 1:] * steps[:, :-1]))

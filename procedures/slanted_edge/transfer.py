@@ -1,4 +1,4 @@
-"""From the edge spread function to the MTF: differences, a window, the tail beyond it, the Fourier transform."""
+"""MTF of an edge spread function: differences, window, tail beyond the window, Fourier transform."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
 STEP = 0.005
-"""Cycles per pixel between the frequencies at which the MTF is computed."""
+"""Spacing of the frequencies, in cycles per pixel."""
 HIGHEST = 1.0
 FREQUENCIES: Array = np.arange(0, HIGHEST + STEP / 2, STEP)
 TAIL_END_PX = 400.0
 
 
 def mtf_of(esf: Array, tail: Array, flat_px: float, end_px: float) -> Array:
-    """Moduli (..., f) at `FREQUENCIES` of edge spread functions (..., b), their tails' a (...) beyond the window.
+    """MTF (..., f) at `FREQUENCIES` of edge spread functions (..., b) with tails a (...) beyond the window.
 
-    The difference of neighbouring bins is the line spread function seen through a box of their distance: sinc takes
-    it away again. ISO 12233:2023, annex D, has the same correction for its derivative, and none for the bins' width,
-    which here the spline between them leaves hardly anything of.
+    The difference of neighbouring bins is the line spread function convolved with a box, whose sinc is divided out, as
+    in ISO 12233:2023, annex D; the gain of the spline through the bins is divided out, too.
     """
     K = esf.shape[-1] // 2
     x = (np.arange(-K + 1, K)) / BINS
@@ -39,10 +38,10 @@ def mtf_of(esf: Array, tail: Array, flat_px: float, end_px: float) -> Array:
 
 @lru_cache(maxsize=1)
 def _spline_gain() -> Array:
-    """By how much the bins' values of a wave are too large, at `FREQUENCIES`.
+    """Gain of the values of a wave at the bins' centres, at `FREQUENCIES`.
 
-    In every bin the mean of a cubic spline is that of the samples: of a wave the spline's own spectrum, and its
-    repetitions, are seen through the bins' width, where the wave itself is seen through it alone.
+    The mean of the cubic spline over each bin equals that of the samples: the wave is averaged over the bin, and so are
+    the spline's spectrum and its aliases.
     """
     u = FREQUENCIES[:, None] / BINS + np.arange(-8, 9)
     spline = np.sinc(u) ** 4
@@ -51,13 +50,13 @@ def _spline_gain() -> Array:
 
 
 def noise_gain() -> Array:
-    """By how much the spline through the bins' values has more of a noise than the bins' means, at `FREQUENCIES`."""
+    """Noise of the spline through the bins over that of the bins' means, at `FREQUENCIES`."""
     return np.asarray(_spline_gain() / np.sinc(FREQUENCIES / BINS))
 
 
 @lru_cache(maxsize=8)
 def _tail_spectrum(flat_px: float, end_px: float) -> Array:
-    """Spectrum of 1/d^2 less what the window keeps of it, on both sides, at `FREQUENCIES`."""
+    """Spectrum of the part of 1/d^2 outside the window, on both sides, at `FREQUENCIES`."""
     step = 0.05
     d = np.arange(flat_px + step / 2, TAIL_END_PX, step)
     beyond = (1 - tukey(d, flat_px, end_px)) / d**2 * step
@@ -68,7 +67,7 @@ def _tail_spectrum(flat_px: float, end_px: float) -> Array:
 
 
 def frequency_at(mtf: Array, level: float) -> Array:
-    """Where moduli (..., f) first fall under a level, in cycles per pixel; NaN where they stay above."""
+    """Frequency at which MTFs (..., f) first fall below a level, in cycles per pixel; NaN where they do not."""
     below = mtf < level
     i = np.argmax(below, axis=-1)
     high = np.take_along_axis(mtf, np.maximum(i - 1, 0)[..., None], -1)[..., 0]

@@ -1,8 +1,8 @@
-"""Edges rendered from transfer functions that have no end: no PSF is cut to a box, no Fourier transform wraps around.
+"""Edges rendered from analytic OTFs, without a finite PSF and without a periodic Fourier transform.
 
 The edge spread function of an OTF H along the edge's normal is 1/2 + the integral of the imaginary part of
-H(f) exp(2 pi i f d) / (pi f) over all f > 0; pixels take it where they lie. Shares nothing with the estimator, nor with
-the simulated camera.
+H(f) exp(2 pi i f d) / (pi f) over f > 0, evaluated at the pixels' centres. Shares no code with the estimator and the
+simulated camera.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ Array = npt.NDArray[np.float64]
 BLACK, WHITE = 0.08, 0.8
 APART_PX = 0.02
 HIGHEST = 12.0
-"""Cycles per pixel up to which an OTF that never ends (a pixel alone) is added up."""
+"""Cycles per pixel up to which an OTF without a cutoff is integrated."""
 
 
 @dataclass(frozen=True)
 class Camera:
     """A clear circular pupil, square pixels of a fill factor, and a Gaussian blur, in pixels and cycles per pixel.
 
-    `cutoff` is infinite without diffraction. `sharpening` is the strength of an unsharp mask of radius `halo_px`
-    (standard deviation), taken on the light: 0 is none.
+    `cutoff` is infinite without diffraction. `sharpening` is the amount of an unsharp mask of radius `halo_px`
+    (standard deviation), applied to the light.
     """
 
     cutoff: float = np.inf
@@ -39,7 +39,7 @@ class Camera:
     halo_px: float = 1.0
 
     def otf(self, f: Array, angle_deg: float) -> Array:
-        """Along the normal of an edge that leans so far from the columns."""
+        """OTF along the normal of an edge at an angle from the columns."""
         v = np.clip(np.abs(f) / self.cutoff, 0, 1)
         lens = 2 / np.pi * (np.arccos(v) - v * np.sqrt(1 - v * v))
         x, y = f * np.cos(np.radians(angle_deg)), f * np.sin(np.radians(angle_deg))
@@ -49,7 +49,7 @@ class Camera:
         return np.asarray(lens * pixel * blur * mask)
 
     def mtf50(self, angle_deg: float) -> float:
-        """Where |OTF| first falls to one half."""
+        """Frequency at which |OTF| first falls to one half."""
         f = np.linspace(0, 2, 20001)
         mtf = np.abs(self.otf(f, angle_deg))
         i = int(np.flatnonzero(mtf < 0.5)[0])
@@ -57,7 +57,7 @@ class Camera:
 
     @classmethod
     def of_mtf50(cls, mtf50: float, **others: float) -> Camera:
-        """One whose Gaussian blur gives an MTF50 at 5 degrees, whatever the rest."""
+        """Camera whose Gaussian blur gives this MTF50 at 5 degrees, with any other parameters."""
         low, high = 0.0, 3.0
         for _ in range(50):
             middle = (low + high) / 2
@@ -68,7 +68,7 @@ class Camera:
 def spread(otf: Callable[[Array], Array], reach_px: float) -> tuple[Array, Array]:
     """Distances and the edge spread function there, 0 dark and 1 bright.
 
-    Midpoints of steps so small that the sum repeats itself only at thirty-two times the reach.
+    The period of the sum is thirty-two times the reach.
     """
     count = 2 ** int(np.ceil(np.log2(32 * reach_px / APART_PX)))
     step = 1 / (count * APART_PX)

@@ -1,4 +1,4 @@
-"""Simulated edges: a bright half plane before a dark one, through known optics, on a known sensor."""
+"""Simulated edges: a bright half plane on a dark ground, through known optics, on a known sensor."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ RECIPE = Sensor(
     64, 64, None, bits=12, black=(0, 0, 0, 0), full_well_e=FULL_WELL_E, gain_e_per_dn=0.641, read_noise_e=2.5,
     prnu=0.0085,
 )  # fmt: skip
-"""The public recipe: 12 bit, 0.641 electrons a step, 2.5 electrons of read noise, PRNU of 0.85 %."""
+"""12 bit, 0.641 electrons per step, 2.5 electrons of read noise, PRNU of 0.85 %."""
 
 
 def gaussian(mtf50: float) -> Optics:
@@ -39,9 +39,9 @@ def edge_light(
     bend: float = 0.0,
     margin_px: int | None = None,
 ) -> np.ndarray:
-    """Light on the pixels around an edge that leans from the vertical, bright on its right, (rows, columns).
+    """Light on the pixels around an edge at an angle from the vertical, bright on its right, (rows, columns).
 
-    `bend` moves the edge by so many pixels times the squared place along it, in half lengths.
+    `bend` displaces the edge by so many pixels times the squared position along it, in half lengths.
     """
     x, y = (columns - 1) / 2 + shift[0], (rows - 1) / 2 + shift[1]
     t = np.linspace(-8 if bend else -FAR, 8 if bend else FAR, 400 if bend else 2)
@@ -63,13 +63,13 @@ def plane(samples: np.ndarray) -> Plane:
 
 
 def exposed(light: np.ndarray, serial: int, rng: np.random.Generator) -> Plane:
-    """The recipe's camera, one of many of its kind, with white at 85 % of the full well."""
+    """Photograph by one of many such cameras, with white at 85 % of the full well."""
     camera = replace(RECIPE, serial=serial)
     return replace(plane(camera.linear(camera.expose(light, 0.95 * FULL_WELL_E, rng))), raw=True)
 
 
 def true_mtf50(optics: Optics, angle_deg: float) -> float:
-    """Of the optics along the normal of an edge at an angle."""
+    """MTF50 of the optics along the normal of an edge at an angle."""
     f = np.arange(0.0, 1.0, 0.001)
     mtf = true_mtf(optics, f, -angle_deg)
     i = int(np.flatnonzero(mtf < 0.5)[0])

@@ -1,4 +1,4 @@
-"""MTFs across simulated edges against the optics that drew them, error bars against draws, and refusals by name."""
+"""MTF across simulated edges against the true optics, uncertainties against the scatter of errors, and refusals."""
 
 from __future__ import annotations
 
@@ -42,30 +42,30 @@ LENSES = {
 
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("columns", [30, 60])
-def test_mtf50_of_known_optics_is_found_without_noise(lens: str, columns: int) -> None:
-    # what is left is the tail's shape beyond the window and, for sharp optics, four bins' aliasing; the wide margin
-    # keeps what the simulator's Fourier transform wraps around out of the tail
+def test_mtf50_of_known_optics_without_noise(lens: str, columns: int) -> None:
+    # errors: the tail's shape beyond the window and, for sharp optics, the aliases of four bins; the wide margin keeps
+    # the wrap-around of the simulator's Fourier transform out of the tail
     optics, margin = LENSES[lens]
     found = value(whole(edge_light(optics, columns=columns, margin_px=margin)))
     assert found.numbers["mtf50"].value == pytest.approx(true_mtf50(optics, 5.5), rel=0.002)
     assert found.numbers["angle"].value == pytest.approx(5.5, abs=0.01)
 
 
-def test_the_light_s_slope_is_no_blur() -> None:
+def test_slope_of_the_light_does_not_blur() -> None:
     light = Light(1.0, (0.1, 0.05), centre_px=(30.0, 50.0), radius_px=50.0)
     found = value(whole(edge_light(gaussian(0.25), light=light)))
     assert found.numbers["mtf50"].value == pytest.approx(0.25, rel=0.002)
 
 
 def test_a_bent_edge_is_followed() -> None:
-    # three pixels of arrow: a straight line through it would see it blurred by one pixel
+    # a sagitta of three pixels: with a straight line, a blur of one pixel
     found = value(whole(edge_light(gaussian(0.25), bend=3.0)))
     assert found.order >= 2
     assert found.numbers["mtf50"].value == pytest.approx(0.25, rel=0.003)
 
 
 @pytest.mark.parametrize("turns", [0, 1, 2, 3])
-def test_edges_of_every_direction_and_polarity_are_one(turns: int) -> None:
+def test_direction_and_polarity_do_not_matter(turns: int) -> None:
     samples = edge_light(gaussian(0.2))
     assert value(whole(np.rot90(samples, turns))).numbers["mtf50"].value == pytest.approx(
         value(whole(samples)).numbers["mtf50"].value, rel=1e-3
@@ -82,14 +82,14 @@ def test_the_normal_points_across_the_edge() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("draws", [10, pytest.param(24, marks=pytest.mark.nightly)])
-def test_error_bars_are_as_large_as_errors(rng: np.random.Generator, draws: int) -> None:
+def test_uncertainties_are_as_large_as_errors(rng: np.random.Generator, draws: int) -> None:
     light = edge_light(gaussian(0.25))
     numbers = []
     for serial in range(draws):
         made = exposed(light, serial, rng)
         numbers.append(value(estimate_edge(made, Roi.whole(made.samples))).numbers["mtf50"])
     z = np.array([(n.value - 0.25) / n.uncertainty for n in numbers])
-    # three times what the mean of so many draws and their standard deviation scatter by
+    # three standard deviations of the mean and of the standard deviation of so many draws
     assert abs(z.mean()) < 3 / draws**0.5
     assert abs(z.std() - 1) < 3 / (2 * draws - 2) ** 0.5
     errors = np.abs(np.array([n.value for n in numbers]) / 0.25 - 1)
@@ -108,10 +108,10 @@ def test_the_standard_s_sample_edge(shared_data: Path) -> None:
         assert found.orientation == "near-horizontal"
 
 
-def test_all_edges_of_a_frame_are_found(rng: np.random.Generator) -> None:
+def test_all_edges_of_a_frame_are_detected(rng: np.random.Generator) -> None:
     frame = np.full((260, 300), 0.1)
     frame[20:120, 30:90] = edge_light(gaussian(0.25))
-    # each on a dark ground of its own: what borders it is axis-parallel
+    # each on its own dark ground, whose borders are parallel to the axes
     frame[150:210, 120:220] = edge_light(gaussian(0.15)).T
     noisy = frame + 0.005 * rng.standard_normal(frame.shape)
     found = [value(one) for one in estimate_edges(plane(noisy))]
@@ -153,7 +153,7 @@ def test_a_clipped_edge_is_refused() -> None:
     refusal(np.minimum(edge_light(gaussian(0.25)) * 1.2, 1.0), "saturated")
 
 
-def test_an_edge_sharper_than_an_mtf_that_ends_at_one_cycle_is_not_called_noisy() -> None:
+def test_an_edge_too_sharp_is_not_called_noisy() -> None:
     refusal(edge_light(gaussian(1.25)), "stays above 1/2")
 
 
@@ -163,19 +163,19 @@ def test_a_noisy_edge_is_refused(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("roi", [Roi(-1, 0, 20, 20), Roi(50, 0, 20, 20), Roi(0, 0, 4, 50)])
-def test_a_region_outside_the_plane_is_no_region(roi: Roi) -> None:
+def test_a_region_outside_the_plane_is_an_error(roi: Roi) -> None:
     with pytest.raises(BadParameter, match="region must"):
         estimate_edge(plane(np.zeros((60, 60))), roi)
 
 
-def test_a_plane_without_edges_says_so(rng: np.random.Generator) -> None:
+def test_a_plane_without_edges_is_refused(rng: np.random.Generator) -> None:
     noise = plane(0.5 + 0.01 * rng.standard_normal((120, 120)))
     (only,) = estimate_edges(noise)
     assert only.verdict is Verdict.REFUSED
     assert "no straight edge" in only.reason
 
 
-def test_upright_edges_are_named_for_what_they_are() -> None:
+def test_vertical_edges_are_refused_by_their_angle() -> None:
     samples = np.full((120, 120), 0.1)
     samples[:, 60:] = 0.9
     (only,) = estimate_edges(plane(samples))

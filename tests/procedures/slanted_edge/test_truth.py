@@ -1,4 +1,4 @@
-"""Edges against transfer functions that have no end, clipped edges, and what each edge says of itself."""
+"""Edges of analytic OTFs, clipped edges, and the verdict of each edge of a frame."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def noiseless(light: np.ndarray) -> Plane:
 @pytest.mark.parametrize("name", CAMERAS)
 @pytest.mark.parametrize("angle", [3.3, 7.7])
 def test_mtf50_is_of_the_whole_psf(name: str, angle: float) -> None:
-    # what is left is what four bins to a pixel repeat: half a per cent at 0.79 cycles/pixel, hardly anything below 0.6
+    # aliases of four bins per pixel: half a per cent at 0.79 cycles/pixel, negligible below 0.6
     camera = CAMERAS[name]
     found = whole(noiseless(edge(camera, angle_deg=angle, shift_px=0.3, columns=100 if name == "wide" else 60))).value
     assert found is not None
@@ -50,7 +50,7 @@ def test_mtf50_is_of_the_whole_psf(name: str, angle: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("known", [False, True])
-def test_error_bars_hold_the_whole_truth(rng: np.random.Generator, known: bool) -> None:
+def test_uncertainties_cover_the_whole_psf(rng: np.random.Generator, known: bool) -> None:
     z = []
     for name in ("f_c 3.25", "f_c 1.14", "f_c 0.57"):
         camera = CAMERAS[name]
@@ -67,7 +67,7 @@ def test_error_bars_hold_the_whole_truth(rng: np.random.Generator, known: bool) 
     assert 0.57 < np.sqrt(np.mean(np.square(z))) < 1.43
 
 
-def test_the_aperture_steadies_a_noisy_tail(rng: np.random.Generator) -> None:
+def test_a_known_aperture_reduces_the_uncertainty(rng: np.random.Generator) -> None:
     camera = Camera(0.57)
     plane = photograph(edge(camera, columns=36, rows=60), rng, noise=0.01)
     told = Diffraction(1.0, camera.cutoff, 1000.0)
@@ -78,7 +78,7 @@ def test_the_aperture_steadies_a_noisy_tail(rng: np.random.Generator) -> None:
     assert Tail.of_pupil(told).px == pytest.approx(2 / np.pi**3 / 0.57)
 
 
-def test_an_aperture_that_is_not_the_photograph_s_is_doubted(rng: np.random.Generator) -> None:
+def test_a_wrong_aperture_is_doubtful(rng: np.random.Generator) -> None:
     plane = photograph(edge(Camera(3.25)), rng)
     for cutoff, verdict in ((3.25, Verdict.PASS), (1.62, Verdict.DOUBTFUL)):
         outcome = whole(plane, Diffraction(1.0, cutoff, 1000.0))
@@ -86,8 +86,8 @@ def test_an_aperture_that_is_not_the_photograph_s_is_doubted(rng: np.random.Gene
         assert ("by the aperture" in outcome.reason) == (verdict is Verdict.DOUBTFUL)
 
 
-def test_sharpening_is_measured_right_and_told(rng: np.random.Generator) -> None:
-    # a halo of three pixels' radius, in noise for which a lens's edge would get a window of four pixels
+def test_sharpening_is_measured_and_doubtful(rng: np.random.Generator) -> None:
+    # a halo of three pixels, in noise for which the window of a lens's edge is four pixels wide
     camera = Camera.of_mtf50(0.55, sharpening=0.5, halo_px=3.0)
     outcome = whole(photograph(edge(camera), rng, noise=0.01))
     assert outcome.verdict is Verdict.DOUBTFUL
@@ -100,7 +100,7 @@ def test_sharpening_is_measured_right_and_told(rng: np.random.Generator) -> None
 @pytest.mark.parametrize("noise", [0.001, 0.004, 0.01, 0.02])
 @pytest.mark.parametrize("mtf50", [0.15, 0.25, 0.5])
 def test_clipped_edges_are_refused(rng: np.random.Generator, noise: float, mtf50: float) -> None:
-    # as a camera clips: after the noise, before the numbers; at 0.99 of white, or anywhere
+    # as a camera clips: after the noise, at 0.99 of white or at any other level
     plane = photograph(edge(Camera.of_mtf50(mtf50), angle_deg=rng.uniform(3, 10)), rng, noise)
     for level, top in ((0.95, 0.6), (0.9, 0.99), (0.8, 0.99)):
         cut = np.minimum(plane.samples, level * WHITE)
@@ -115,7 +115,7 @@ def test_clipped_edges_are_refused(rng: np.random.Generator, noise: float, mtf50
 
 @pytest.mark.parametrize("mtf50", [0.1, 0.15, 0.25])
 @pytest.mark.parametrize("bits", [8, 12, 16])
-def test_clipping_is_seen_without_noise_and_plains_are_none(mtf50: float, bits: int) -> None:
+def test_clipping_without_noise_differs_from_plains(mtf50: float, bits: int) -> None:
     most = 2**bits - 1
     light = edge(Camera.of_mtf50(mtf50), columns=100)
     for level, verdict in ((1.0, Verdict.PASS), (0.9, Verdict.REFUSED)):
@@ -124,7 +124,7 @@ def test_clipping_is_seen_without_noise_and_plains_are_none(mtf50: float, bits: 
 
 
 def several(rng: np.random.Generator) -> Plane:
-    """A frame with a good edge, one that was sharpened, and one that is clipped, on one dark ground."""
+    """A frame with a good edge, a sharpened one and a clipped one, on a dark ground."""
     camera, frame = Camera.of_mtf50(0.25), np.full((420, 260), BLACK)
     good = edge(camera, rows=120, columns=90)
     frame[20:140, 60:150] = good
@@ -137,7 +137,7 @@ def several(rng: np.random.Generator) -> Plane:
 
 
 @pytest.mark.slow
-def test_each_edge_has_its_verdict_and_its_place_says_the_same(rng: np.random.Generator) -> None:
+def test_each_edge_has_its_verdict_and_its_region_gives_the_same(rng: np.random.Generator) -> None:
     plane = several(rng)
     outcomes = estimate_edges(plane)
     verdicts = [one.verdict for one in outcomes]
@@ -152,16 +152,16 @@ def test_each_edge_has_its_verdict_and_its_place_says_the_same(rng: np.random.Ge
 
 
 class Comatic(Camera):
-    """A lens at f/11 with coma along the edge's normal, 11.88 um to the pixel: all that is given is the wavefront."""
+    """A lens at f/11 with coma along the edge's normal, pixels of 11.88 um, given by its wavefront."""
 
     def otf(self, f: np.ndarray, angle_deg: float) -> np.ndarray:
-        """The normal of an edge that leans from the columns points up from the rows."""
+        """OTF along the normal of an edge at an angle from the columns; the normal points up from the rows."""
         lens = CircularPupil(11.0, Wavefront(coma_x_um=0.08)), PixelAperture(0.95, 0.95)
         angle = np.radians(-angle_deg)
         return np.asarray(Optics(lens, 11.88).otf(f * np.cos(angle), f * np.sin(angle)))
 
     def mtf50(self, angle_deg: float) -> float:
-        """Where |OTF| first falls to one half."""
+        """Frequency at which |OTF| first falls to one half."""
         f = np.linspace(0, 1, 10001)
         mtf = np.abs(self.otf(f, angle_deg))
         i = int(np.flatnonzero(mtf < 0.5)[0])
@@ -169,8 +169,8 @@ class Comatic(Camera):
 
 
 @pytest.mark.slow
-def test_coma_s_leaning_tail_does_not_raise_the_mtf() -> None:
-    # with a tail alike on both sides it reads 0.17 % high; without noise four bins leave 0.1 % below 0.6 cycles/pixel
+def test_asymmetric_tail_of_coma_does_not_bias_the_mtf() -> None:
+    # with a symmetric tail the bias is 0.17 %; the aliases of four bins are 0.1 % below 0.6 cycles/pixel
     camera = Comatic()
     found = whole(noiseless(edge(camera, angle_deg=5.3, shift_px=0.3))).value
     assert found is not None
