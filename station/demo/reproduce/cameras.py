@@ -147,7 +147,8 @@ def mtf_down_uncertainty(h: Array, covariance: Array, s: int = S, f: Array = FRE
     of_h = waves @ h.ravel()
     mtf = np.abs(of_h)
     slopes = ((waves * (of_h.conj() / mtf)[:, None]).real - mtf[:, None] / h.sum()) / h.sum()
-    return np.asarray(np.sqrt(np.einsum("fi,ij,fj->f", slopes, covariance, slopes, optimize=True)))
+    variance = np.einsum("fi,ij,fj->f", slopes, covariance, slopes, optimize=True)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))  # at 0 it is 0 but for rounding
 
 
 def mtf_curves(name: str, direction: str, mtfs: Mapping[str, Array], true: Array | None = None) -> Markup:
