@@ -136,7 +136,9 @@ def _question(procedure: Procedure[Any], one: SettingField) -> Ask:
 def _check(procedure: Procedure[Any], one: SettingField, answer: Fact, facts: Facts) -> None:
     """Raises BadParameter if an answer is not a value of the setting."""
     hint = get_type_hints(procedure.Settings, include_extras=True)[one.name]
-    alone = msgspec.defstruct("Alone", [(one.name, hint, one.default)], bases=(Settings,), frozen=True, kw_only=True)
+    alone: Any = msgspec.defstruct(
+        "Alone", [(one.name, hint, one.default)], bases=(Settings,), frozen=True, kw_only=True
+    )
     read_settings(alone, _given([one], {SETTING + one.name: answer}))
 
 
