@@ -297,8 +297,8 @@ class Plan:
     """A guided procedure. `name` identifies it in sessions and procedure files.
 
     `subject` is the subject of its photographs, for simulated benches: "chart", "frame" (the chart, small in the
-    frame), "tilt" (the same with a tilted sensor), "wall", "depth" or "panel". `facts` is the dataclass of its facts
-    (`procedures.facts`), if any.
+    frame), "tilt" (the same with a tilted sensor), "wall", "depth", "panel" or "edge". `facts` is the dataclass of
+    its facts (`procedures.facts`), if any.
     """
 
     name: str

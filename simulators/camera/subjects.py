@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -104,6 +105,19 @@ def panel() -> Subject:
     return Subject((Sheet(np.ones((8, 8), dtype=np.float32), PANEL_MM / 8),))
 
 
+EDGE_MM, EDGE_TEXEL_MM, EDGE_DEG = 40.0, 0.05, 5.0
+"""Side of a dark square, whose edges are slanted, on a light sheet twice as wide; texels are smaller than pixels."""
+
+
+def edge() -> Subject:
+    """The slanted edges of a dark square."""
+    side = EDGE_MM / EDGE_TEXEL_MM
+    picture = np.full((round(2 * side), round(2 * side)), 0.8, np.float32)
+    corners = cv2.boxPoints(((side, side), (side, side), EDGE_DEG))
+    cv2.fillPoly(picture, [np.rint(corners).astype(np.int32)], 0.1)
+    return Subject((Sheet(smooth(picture), EDGE_TEXEL_MM),))
+
+
 TILT_F_NUMBER, TILT_SLOPES = 2.8, (9.0, -6.0)
 """Of a camera, before the chart, whose sensor is to be squared to its lens: 68 um from side to side."""
 
@@ -119,5 +133,6 @@ SUBJECTS: Mapping[str, Callable[[np.random.Generator], Subject]] = {
     "wall": wall,
     "depth": depth,
     "panel": lambda rng: panel(),
+    "edge": lambda rng: edge(),
 }
 """Subjects by the names used in plans."""

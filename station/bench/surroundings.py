@@ -39,7 +39,7 @@ class Surroundings:
         return None
 
     def stand_before(self, subject: str) -> None:
-        """Place "chart", "wall", "depth" or "panel" before the camera."""
+        """Place "chart", "wall", "depth", "panel" or "edge" before the camera."""
 
     def number_next_frame(self, number: int) -> None:
         """Announce the session's shot number of the next frame."""

@@ -35,18 +35,12 @@ def log_result(record: PlaneResult) -> None:
 
 def _sentence(record: PlaneResult) -> str:
     """Verdict, cause, and the numbers of the group LINE."""
-    from procedures.numbers import RADIAL, Group, frequency_of, in_group, label
-    from station.common.uncertainty_text import stated
+    from station.results.line_numbers import line_numbers
     from station.results.verdict_words import measurement_words
 
     parts = [f"{record.name}: {measurement_words(record.verdict)}"]
     parts += [record.reason] if record.reason else []
-    requested = [name for name in record.numbers if (at := frequency_of(name)) and at[1] != RADIAL]
-    for name in (*in_group(Group.LINE, {**record.numbers, **record.values}), *requested):
-        if (number := record.quantity(name)) is None:
-            continue
-        words = f"{label(name, record.unit)} {stated(number.value, number.uncertainty)}"
-        parts.append(f"{words} {number.unit}" if number.unit != "1" else words)
+    parts += line_numbers(record)
     if record.unit == "cycles/pixel" and record.pitch > 1 and any("pixel" in part for part in parts):
         parts.append(f"pixels of the plane, each {record.pitch} of the sensor")
     return "; ".join(parts)

@@ -6,7 +6,9 @@ The functions are imported at their first call, so that the table itself is chea
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,6 +60,8 @@ class GuidedProcedure:
         the record's text.
     in_session : bool
         Whether the plan requires the session's folder, since it reads files stored there.
+    general : bool
+        Whether the plan is the general one, `station.guide.plans.general`.
     """
 
     title: str
@@ -65,6 +69,7 @@ class GuidedProcedure:
     results: Results = _psf_results
     write: Write = _write_psf
     in_session: bool = False
+    general: bool = False
 
 
 def _imported(module: str, name: str) -> Callable[..., Any]:
@@ -78,6 +83,12 @@ def _guided(title: str, name: str, *, in_session: bool = False) -> GuidedProcedu
     return GuidedProcedure(title, plan, results, write, in_session)
 
 
+def _general(title: str, name: str) -> GuidedProcedure:
+    """A procedure with the general plan."""
+    plan, results, write = (_imported("station.guide.plans.general", one) for one in ("plan", "results", "write"))
+    return GuidedProcedure(title, partial(plan, name), results, write, in_session=True, general=True)
+
+
 PLANS = {
     "pattern": GuidedProcedure("the PSF from a printed noise chart", _imported("procedures.pattern_psf.plan", "plan")),
     "two-photo": GuidedProcedure(
@@ -89,15 +100,30 @@ PLANS = {
     "tilt": _guided("the sensor's tilt, corrected by its screws", "tilt"),
     "sensor": _guided("gain, noise and non-uniformity of a sensor", "sensor"),
     "restoration": _guided("sharp image and depth map from blurred photographs", "restoration", in_session=True),
+    "edge": _general("MTF across slanted edges", "edge"),
 }
 DEFAULT = "pattern"
 
 
+def entries() -> dict[str, GuidedProcedure]:
+    """All guided procedures by name, also those of installed packages that measure photographs."""
+    from station.procedure.registry import added, procedure_named
+
+    found = dict(PLANS)
+    for name in added():
+        with suppress(Exception):  # `station NAME` reports why the package cannot be loaded, or needs other inputs
+            entry = _general(procedure_named(name).title, name)
+            entry.plan()
+            found.setdefault(name, entry)
+    return found
+
+
 def entry_named(name: str) -> GuidedProcedure:
     """The procedure by name. Raises BadParameter."""
-    if name not in PLANS:
-        raise BadParameter(f"there is no plan {name!r}", f"choose one of {', '.join(PLANS)}")
-    return PLANS[name]
+    entry = PLANS.get(name) or entries().get(name)
+    if entry is None:
+        raise BadParameter(f"there is no plan {name!r}", f"choose one of {', '.join(entries())}")
+    return entry
 
 
 def plan_named(name: str, folder: Path | None = None) -> Plan:

@@ -28,6 +28,7 @@ from station.guide.frontend import (
     StepEnded,
     Stopped,
 )
+from station.results.line_numbers import line_numbers
 from station.results.verdict_words import measurement_words, specification_words
 
 if TYPE_CHECKING:
@@ -204,7 +205,7 @@ def question_line(ask: Ask) -> str:
     if ask.kind == "confirm":
         return f">> {ask.question} [Enter when done] "
     unit = f" in {ask.unit}" if ask.unit and ask.default is None else ""
-    default = f" [{words(ask.default, ask.unit)}]" if ask.default is not None else ""
+    default = f" [{words(ask.default, ask.unit)}]" if ask.default not in (None, "") else ""
     return f">> {ask.question}{unit}{choices}{default} "
 
 
@@ -215,10 +216,14 @@ def seen_lines(advice: Advice) -> list[str]:
 
 
 def plane_words(plane: PlaneResult) -> str:
-    """A plane's verdict and its MTF50 along rows and columns: "G1 pass: MTF50 0.412 ± 0.003 by 0.408 ± 0.003"."""
+    """A plane's verdict and its MTF50 along rows and columns: "G1 pass: MTF50 0.412 ± 0.003 by 0.408 ± 0.003".
+
+    Without an MTF50, the numbers of the group LINE.
+    """
     mtf50 = [plane.numbers[key] for key in (MTF50_HORIZONTAL, MTF50_VERTICAL) if key in plane.numbers]
     if not mtf50:
-        return f"{plane.name} {measurement_words(plane.verdict)}"
+        numbers = "; ".join(line_numbers(plane))
+        return f"{plane.name} {measurement_words(plane.verdict)}{': ' * bool(numbers)}{numbers}"
     both = " by ".join(stated(one.value, one.uncertainty) for one in mtf50)
     return f"{plane.name} {measurement_words(plane.verdict)}: MTF50 {both} {mtf50[0].unit}"
 

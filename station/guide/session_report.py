@@ -15,11 +15,13 @@ from procedures.outcome import Refused, Verdict
 from procedures.quality import OPERATOR
 from procedures.raw import Exposure
 from station.common.sanitise import printable
-from station.guide.catalogue import plan_named
+from station.guide.catalogue import entry_named, plan_named
 from station.guide.session_result import SessionResult, compute
+from station.procedure.registry import procedure_named
 from station.reports.page import exposure_words
 from station.reports.psf_page import psf_page
 from station.reports.report import METHODS, Report, ReportLine, ReportShot
+from station.reports.report_page import measurement_page
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.sessions.reader import SessionRecord, read_session, verify, verify_results
@@ -50,7 +52,7 @@ def session_page(folder: Path, result: SessionResult | None = None) -> str:
         return (folder / last.folder / PAGE).read_text(encoding="utf-8")
     if (page := _kept_page(folder, record)) is not None:
         return page
-    return psf_page(session_report(folder, result))
+    return _drawn(session_report(folder, result))
 
 
 def _with_result(folder: Path) -> SessionRecord:
@@ -63,7 +65,12 @@ def _with_result(folder: Path) -> SessionRecord:
 
 def overlaid_page(folder: Path, overlays: Sequence[Overlay]) -> str:
     """The report with the MTF of other results as overlays. Raises as `session_report`, and where units differ."""
-    return psf_page(replace(session_report(folder), overlays=overlays))
+    return _drawn(replace(session_report(folder), overlays=overlays))
+
+
+def _drawn(report: Report) -> str:
+    """The page of a report, as PSFs require it or with the curves and numbers of any other procedure."""
+    return measurement_page(report) if entry_named(report.procedure).general else psf_page(report)
 
 
 def session_report(folder: Path, result: SessionResult | None = None) -> Report:
@@ -78,9 +85,10 @@ def session_report(folder: Path, result: SessionResult | None = None) -> Report:
     """
     record = _with_result(folder)
     plan, last = record.state.plan, record.state.results[-1]
-    if plan not in METHODS and PAGE in last.files:
+    certified = plan in METHODS or entry_named(plan).general
+    if not certified and PAGE in last.files:
         raise Refused(f"the procedure {plan} has no certificate", "see report.html in the result's folder")
-    if plan not in METHODS and last.verdict == Verdict.REFUSED:
+    if not certified and last.verdict == Verdict.REFUSED:
         raise Refused(f"a refused result of {plan} has no page", "see the reason in result.json")
     verify(folder, record.state)
     drawn = max(i for i, line in enumerate(record.contents.lines) if line.event == "derived")
@@ -110,7 +118,7 @@ def _kept_page(folder: Path, record: SessionRecord) -> str | None:
 
 
 def _report(record: SessionRecord, state: SessionState, result: SessionResult) -> Report:
-    last = record.state.results[-1]
+    last, entry = record.state.results[-1], entry_named(state.plan)
     return Report(
         subject=f"{printable(state.camera)}, {printable(state.lens)}",
         procedure=state.plan,
@@ -124,7 +132,7 @@ def _report(record: SessionRecord, state: SessionState, result: SessionResult) -
         made=last.at[:16].replace("T", " ") + " UTC",
         software=last.about["machine"]["software"],
         files=[f"{last.folder}/{name}" for name in last.files],
-        method=METHODS.get(state.plan, ""),
+        method=METHODS.get(state.plan) or (procedure_named(state.plan).method if entry.general else ""),
     )
 
 

@@ -111,9 +111,9 @@ class StationLab:
 
     def plans(self) -> Mapping[str, str]:
         """The titles of the plans, by name."""
-        from station.guide.catalogue import PLANS
+        from station.guide.catalogue import entries
 
-        return {name: entry.title for name, entry in PLANS.items()}
+        return {name: entry.title for name, entry in entries().items()}
 
     def kept(self) -> Sequence[SessionSummary]:
         """The sessions whose journals can be read, newest first."""

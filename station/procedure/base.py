@@ -159,6 +159,7 @@ class Procedure(ABC, Generic[S]):
     has_page : whether a page is drawn; `page_name` is its file; `usual_page` whether it is where nothing is said of it
     has_mtf : whether it has an MTF, so that a unit of frequencies and further frequencies can be chosen
     method : the publication or standard that certificates cite
+    subject : what the general guided plan photographs on a simulated bench, see `procedures.plan.Plan`
     """
 
     name: ClassVar[str]
@@ -175,6 +176,7 @@ class Procedure(ABC, Generic[S]):
     has_mtf: ClassVar[bool] = False
     argument: ClassVar[str] = ""
     method: ClassVar[str] = ""
+    subject: ClassVar[str] = "chart"
 
     @property
     def schema(self) -> str:

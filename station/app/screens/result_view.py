@@ -29,7 +29,7 @@ LETTERS = "*o"
 def mtf_plot(planes: Sequence[PlaneResult]) -> Plotted | None:
     """The MTF of each plane, radial or across an edge, with 95 % bands, the second dashed; None without one."""
     curves: list[TerminalCurve] = []
-    for plane, letter in zip([one for one in planes if one.curves], LETTERS, strict=False):
+    for plane, letter in zip([one for one in planes if {"radial", "mtf"} & one.curves.keys()], LETTERS, strict=False):
         name = "radial" if "radial" in plane.curves else "mtf"
         band = plane.curves.get(f"{name}_uncertainty")
         dashed = bool(curves)

@@ -55,11 +55,13 @@ def make_lab(
     unit: str | None,
 ) -> StationLab:
     """Bench and sessions by a command's options. Raises UsageError, and BadParameter for an invalid specification."""
+    from station.guide.catalogue import entries
     from station.guide.workspace import StationLab
     from station.results.specification_file import read_specification
 
     check_shaker(simulate=simulate, shaker=shaker)
     if specification is not None:
+        entries()  # loads the procedures of installed packages, whose numbers may have limits
         read_specification(specification)
     return StationLab(
         sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -70,6 +71,7 @@ class SlantedEdge(Procedure[EdgeSettings]):
     schema = "station/mtf/1"
     has_mtf = True
     usual_page = False
+    subject = "edge"
 
     def measure(
         self, paths: Sequence[Path], settings: EdgeSettings, terms: Terms = USUAL, progress: Progress = silent
@@ -92,7 +94,8 @@ class SlantedEdge(Procedure[EdgeSettings]):
         """With what the camera noted of the photograph."""
         from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
-        return measurement_report(found, self.name, title=self.title, frames=(found.found.frame,))
+        frame = replace(found.found.frame, path=Path(found.head.input[0].path))  # in a session, relative to it
+        return measurement_report(found, self.name, title=self.title, frames=(frame,))
 
     def page(self, found: Measurement) -> bytes:
         """Every edge with its place, its spread and its MTF."""

@@ -13,6 +13,8 @@ import jsonschema
 import numpy as np
 import pytest
 
+from procedures.raw import read_frame
+
 pytestmark = pytest.mark.slow
 PACKAGE = Path(__file__).with_name("toy_package")
 ROOT = Path(__file__).resolve().parents[3]
@@ -33,9 +35,11 @@ def station(tmp_path_factory):
     )
     environ = {**os.environ, "PYTHONPATH": f"{PACKAGE}{os.pathsep}{ROOT}"}
 
-    def run(*words: object) -> subprocess.CompletedProcess[str]:
+    def run(*words: object, typed: str | None = None) -> subprocess.CompletedProcess[str]:
         command = [sys.executable, "-m", "station", *map(str, words)]
-        return subprocess.run(command, cwd=folder, env=environ, capture_output=True, text=True, check=False)
+        return subprocess.run(
+            command, cwd=folder, env=environ, input=typed, capture_output=True, text=True, check=False
+        )
 
     run.folder = folder
     return run
@@ -104,3 +108,42 @@ def test_its_records_follow_the_schema_that_is_generated(station):
     record["planes"]["Y"]["verdict"] = "good"
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(record, schema)
+
+
+@pytest.fixture(scope="module")
+def guided(station):
+    """The session of a guided run on the simulated bench, in which only Enter is pressed, with what was shown."""
+    bench = ("--plain", "--simulate", "--sessions", "sessions")
+    done = station(*bench, "--specification", "limits.toml", "--plan", "mean-level", typed="\n" * 40)
+    (session,) = (station.folder / "sessions").iterdir()
+    return session, done
+
+
+def test_a_guided_run_needs_only_enter(guided):
+    session, done = guided
+    assert done.returncode == 1, done.stderr  # the chart is darker than the limit
+    assert ">> border px: Pixels of the rim that are excluded. [4]" in done.stdout
+    record = json.loads((session / "derived" / "1" / "result.json").read_text())
+    level = record["planes"]["G1"]["mean_level"]
+    assert f"G1 trusted: Mean level {level['value']:.4f}" in done.stdout
+    assert record["procedure"] == "mean-level"
+    assert record["parameters"] == {"border_px": 4}
+    (photograph,) = (one["path"] for one in record["input"])
+    plane = read_frame(session / photograph, ["G1"]).planes["G1"].samples
+    assert level["value"] == pytest.approx(float(plane[4:-4, 4:-4].mean()), rel=1e-6)  # both in float32
+
+
+def test_a_guided_session_has_page_certificate_and_recomputed_result(station, guided):
+    session, _ = guided
+    assert "Mean level" in (session / "derived" / "1" / "report.html").read_text()
+    assert "Mean level" in (session / "certificate.html").read_text()
+    recomputed = station("session", "recompute", session)
+    assert recomputed.returncode == 0, recomputed.stderr
+    assert "identical, 3 files" in recomputed.stderr
+
+
+def test_an_unknown_plan_is_answered_by_all_that_exist(station):
+    done = station("--plain", "--simulate", "--plan", "mean-levle", typed="")
+    assert done.returncode == 2
+    assert "pattern" in done.stderr
+    assert "mean-level" in done.stderr

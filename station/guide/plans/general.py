@@ -1,0 +1,222 @@
+"""The guided plan of any procedure that measures photographs: settings as questions, photographs, measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, get_type_hints
+
+import msgspec
+
+from procedures.drawings import steps as drawings
+from procedures.outcome import BadInput, BadParameter, ProcedureError, Refused, Verdict
+from procedures.plan import (
+    Advice,
+    Ask,
+    Decide,
+    Estimate,
+    Fact,
+    Facts,
+    Go,
+    Known,
+    Outcomes,
+    Plan,
+    SetLight,
+    Step,
+    Tour,
+    TourStop,
+)
+from procedures.raw import RawFrame
+from station.guide.dialogue import FILE_SEPARATOR
+from station.procedure.base import Inputs, Procedure
+from station.procedure.registry import procedure_named
+from station.procedure.settings import SettingField, Settings, fields_of, read_settings
+from station.results.measurement import Measurement, write_measurement
+from station.results.plane_result import PlaneResult
+from station.results.record_head import RecordHead
+from station.results.result_files import ResultFolder
+from station.results.terms import Terms
+from station.sessions.session_terms import terms_of_session
+
+COUNTS = {Inputs.PHOTOGRAPH: 1, Inputs.PAIR: 2, Inputs.PHOTOGRAPHS: None}
+"""Number of photographs by kind of input; None where the operator chooses it."""
+SETTING = "setting_"
+"""Prefix of the facts that are settings: a setting `f_number` is not the fact `f_number` of a photograph."""
+COUNT = "photographs"
+"""Key of the question for the number of photographs."""
+NO, YES = "no", "yes"
+NOT_ASKED = ("raw",)
+"""Settings that the camera of a bench determines."""
+
+
+def plan(name: str, folder: Path | None = None) -> Plan:
+    """The plan of a procedure, for the session in a folder if given.
+
+    Raises
+    ------
+    BadParameter
+        If there is no such procedure, or its inputs are not one or several photographs.
+    """
+    procedure = procedure_named(name)
+    if procedure.inputs not in COUNTS:
+        raise BadParameter(
+            f"the inputs of {name} must be photographs; they are: {procedure.inputs}", f"use station {name}"
+        )
+    count = COUNTS[procedure.inputs]
+    how_many = Ask(COUNT, "How many photographs shall be measured together?", "number", "", 2.0, low=1.0, high=100.0)
+    estimate = Estimate(partial(_estimate, procedure, folder))
+    return Plan(
+        name,
+        procedure.title,
+        (
+            Step(
+                "settings", "Settings", "Choose the settings of the procedure. Enter keeps the default.",
+                (*([] if count else [how_many]), *(_question(procedure, one) for one in _asked(procedure))),
+            ),
+            Step(
+                "photographs", "Photographs", "Prepare subject and camera, then take the photographs.",
+                (
+                    SetLight(lambda facts: 1.0),
+                    Ask("scene", "Place the subject in front of the camera, and light it evenly."),
+                    Ask("camera_set", "Set the camera: RAW, manual exposure, nothing that matters clipped."),
+                    Ask("focused", "Focus on the subject, then switch autofocus off."),
+                    Tour(partial(_stops, count)),
+                ),
+                drawings.SHOTS,
+            ),
+            Step("estimate", "Estimate", "Measure the photographs.", (estimate,)),
+            Step("verdict", "Verdict", "Accept the result, or take the photographs again.", (Decide("settings"),)),
+        ),
+        subject=procedure.subject,
+    )  # fmt: skip
+
+
+def _stops(count: int | None, facts: Facts) -> list[TourStop]:
+    """The photographs; between several of them the operator changes what the procedure requires."""
+    total = count or int(float(facts[COUNT]))
+
+    def stop(number: int) -> TourStop:
+        say = f"Prepare photograph {number} of {total}." if total > 1 else ""
+        return TourStop(f"photograph {number}", Go(lambda facts: {}, lambda facts: say), _accept)
+
+    return [stop(number) for number in range(1, total + 1)]
+
+
+def _accept(frame: RawFrame, facts: Facts) -> Advice:
+    """Any photograph that can be read: the procedure gives the verdict."""
+    return Advice(True, "The photograph has been read.")
+
+
+# --- settings ----------------------------------------------------------------------------------------------------
+
+
+def _asked(procedure: Procedure[Any]) -> list[SettingField]:
+    return [one for one in fields_of(procedure.Settings) if one.name not in NOT_ASKED]
+
+
+def _question(procedure: Procedure[Any], one: SettingField) -> Ask:
+    """A setting as a question with its default; an empty answer leaves an optional setting out."""
+    question = f"{one.name.replace('_', ' ')}: {one.description}"
+    ask = Ask(SETTING + one.name, question, "text", check=partial(_check, procedure, one))
+    if one.kind is bool:
+        return replace(ask, kind="choice", choices=(NO, YES), default=YES if one.default else NO)
+    if one.choices and one.default is not None and not one.several:
+        return replace(ask, kind="choice", choices=one.choices, default=str(one.default))
+    if one.kind in (int, float) and isinstance(one.default, int | float):
+        return replace(ask, kind="number", default=float(one.default), low=one.least, high=one.most)
+    if one.required:
+        return ask
+    parts = () if one.default is None else one.default if one.several else (one.default,)
+    default = f"{FILE_SEPARATOR} ".join(map(str, parts))
+    return replace(ask, default=default, names_file=lambda part: one.kind is Path and bool(part))
+
+
+def _check(procedure: Procedure[Any], one: SettingField, answer: Fact, facts: Facts) -> None:
+    """Raises BadParameter if an answer is not a value of the setting."""
+    hint = get_type_hints(procedure.Settings, include_extras=True)[one.name]
+    alone: Any = msgspec.defstruct(
+        "Alone", [(one.name, hint, one.default)], bases=(Settings,), frozen=True, kw_only=True
+    )
+    read_settings(alone, _given([one], {SETTING + one.name: answer}))
+
+
+def _given(fields: Sequence[SettingField], facts: Facts) -> dict[str, Any]:
+    """The settings in the operator's answers."""
+    answers = ((one, facts.get(SETTING + one.name, "")) for one in fields)
+    return {one.name: _value(one, answer) for one, answer in answers if answer != ""}
+
+
+def _value(one: SettingField, answer: Fact) -> Any:
+    if one.kind is bool:
+        return answer in (True, YES)
+    if one.several:
+        return [_single(one.kind, part.strip()) for part in str(answer).split(FILE_SEPARATOR)]
+    return _single(one.kind, answer)
+
+
+def _single(kind: type, answer: Fact) -> Any:
+    """A number where one is required and given; other text is left to the check of the model."""
+    if kind not in (int, float):
+        return str(answer)
+    try:
+        number = float(answer)
+    except ValueError:
+        return answer
+    return int(number) if kind is int and number.is_integer() else number
+
+
+# --- measurement -------------------------------------------------------------------------------------------------
+
+
+def _estimate(
+    procedure: Procedure[Any], folder: Path | None, frames: Sequence[RawFrame], facts: Facts, known: Known
+) -> Outcomes:
+    """The measurement of the original photographs, as the value of every plane's outcome."""
+    if folder is None or not frames:
+        raise BadInput("a session with photographs is required; there is none", "take the photographs")
+    read = list(frames)  # reading verifies the hashes
+    given = _given(_asked(procedure), facts)
+    try:
+        settings = read_settings(procedure.Settings, given).placed(folder)
+        settings.check()
+        measured = procedure.measure([one.path for one in read], settings, terms_of_session(folder))
+        if not measured.planes:
+            raise Refused(f"{procedure.name} found no plane in the photographs", "take them again")
+    except (BadInput, BadParameter, Refused) as error:
+        measured = _refused(procedure, list(read[0].planes), error)
+    parameters = {**measured.head.parameters, **_files(procedure, given)}
+    measured = replace(measured, head=replace(measured.head, parameters=parameters))
+    return {one.name: one.outcome(measured) for one in measured.planes}
+
+
+def _files(procedure: Procedure[Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings that name files, relative to the session."""
+    return {one.name: given[one.name] for one in _asked(procedure) if one.kind is Path and one.name in given}
+
+
+def _refused(procedure: Procedure[Any], names: Sequence[str], error: ProcedureError) -> Measurement:
+    """Every plane refused, for the reason of an error."""
+    several = procedure.results_key == Procedure.results_key
+    planes = (
+        PlaneResult(name, Verdict.REFUSED, error.reason, error.remedy) for name in (names if several else names[:1])
+    )
+    return Measurement(
+        procedure.schema, RecordHead(procedure.record_name), tuple(planes), results_key=procedure.results_key
+    )
+
+
+def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
+    """Every plane of the measurement; `found` of each is the whole measurement."""
+    return [replace(one.result().by_name[name], found=one.value) for name, one in outcomes.items()]
+
+
+def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
+    """Write the files of the procedure's command for a session."""
+    procedure = procedure_named(head.procedure)
+    measured: Measurement = planes[0].found
+    measured = replace(measured, head=replace(measured.head, input=head.input, duration_s=None))
+    if procedure.has_page and procedure.draws(measured):
+        folder.write("report.html", procedure.page(measured))
+    return write_measurement(folder, measured)
