@@ -541,8 +541,8 @@ def name_at(frequency: float, direction: str = "") -> str:
 
 def frequency_of(name: str) -> tuple[float, str] | None:
     """The frequency and the direction in the name of an MTF at a frequency; None where it is another number's."""
-    found = _AT.fullmatch(name)
-    return (float(found["frequency"]), found["direction"] or "") if found else None
+    match = _AT.fullmatch(name)
+    return (float(match["frequency"]), match["direction"] or "") if match else None
 
 
 MTF, FWHM = "mtf", "fwhm"
@@ -605,8 +605,8 @@ def reference_text() -> str:
 
 def _alike(section: str) -> dict[tuple[str, str], list[Number]]:
     """The numbers of a section, those of one definition together."""
-    found: dict[tuple[str, str], list[Number]] = {}
+    groups: dict[tuple[str, str], list[Number]] = {}
     for one in NUMBERS.values():
         if one.section == section:
-            found.setdefault((one.unit, one.definition), []).append(one)
-    return found
+            groups.setdefault((one.unit, one.definition), []).append(one)
+    return groups

@@ -221,12 +221,12 @@ def _by_remedy(named: Sequence[tuple[str, Cause]]) -> list[Cause]:
     groups: dict[str, dict[str, list[str]]] = {}
     for name, cause in named:
         groups.setdefault(cause.remedy, {}).setdefault(cause.reason, []).append(name)
-    found = []
+    causes = []
     for remedy, reasons in sorted(groups.items(), key=lambda one: -sum(map(len, one[1].values()))):
         (reason, names), *more = reasons.items()
         likewise = ", ".join(name for _, others in more for name in others)
-        found.append(Cause(f"{', '.join(names)}: {reason}{f' (likewise {likewise})' if likewise else ''}", remedy))
-    return found
+        causes.append(Cause(f"{', '.join(names)}: {reason}{f' (likewise {likewise})' if likewise else ''}", remedy))
+    return causes
 
 
 def causes_of(judged: Judged) -> list[Cause]:

@@ -58,13 +58,13 @@ def shown(frame: RawFrame) -> Plane:
 
 def seen_chart(plane: Plane, known: PatternFacts) -> ChartSighting | Advice:
     """The one chart in the frame, or advice on how to get one."""
-    found = find_charts(plane.samples)
-    if not found:
+    charts = find_charts(plane.samples)
+    if not charts:
         say = "No chart is found: aim at it so that all of it is in the frame, and focus on it."
         return Advice(False, say, by_hand={"aim": 1.0})
-    if len(found) > 1:
-        return Advice(False, f"{len(found)} charts are found: cover all but one.")
-    sighting = found[0]
+    if len(charts) > 1:
+        return Advice(False, f"{len(charts)} charts are found: cover all but one.")
+    sighting = charts[0]
     if sighting.negative:
         return Advice(False, "The photograph is a negative: the chart's white is dark. Use a linear picture.")
     if sighting.mirrored:
@@ -236,11 +236,11 @@ class PoseEstimate:
 def estimate_pose(plane: Plane, sighting: ChartSighting, known: PatternFacts) -> PoseEstimate:
     """Pose of the chart, accurate to 0.1° from the noise cells, to 2° from the marks alone."""
     optics, shape = known.optics(plane.pitch), plane.samples.shape
-    found = estimate_psf(plane, known.chart, known.quick_parameters).value
-    if found is None:
+    estimate = estimate_psf(plane, known.chart, known.quick_parameters).value
+    if estimate is None:
         return PoseEstimate(chart_pose(sighting.H_sensor_pattern, shape, optics), False)
     grid = np.stack(np.meshgrid(*2 * [np.linspace(0, CELLS, 9)]), axis=-1).reshape(-1, 2)
-    H = fit_homography(grid, found.registration.to_sensor(grid))
+    H = fit_homography(grid, estimate.registration.to_sensor(grid))
     return PoseEstimate(chart_pose(H, shape, optics), True)
 
 
@@ -250,9 +250,9 @@ def check_square(frame: RawFrame, facts: Facts) -> Advice:
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return sighting
-    found, optics = estimate_pose(plane, sighting, known), known.optics(plane.pitch)
-    pose = found.pose
-    limit = SQUARE_DEG if found.by_cells else 2 * SQUARE_DEG
+    estimate, optics = estimate_pose(plane, sighting, known), known.optics(plane.pitch)
+    pose = estimate.pose
+    limit = SQUARE_DEG if estimate.by_cells else 2 * SQUARE_DEG
     return square_advice(pose, centre_readings(pose, plane, optics), marks_of(sighting), limit)
 
 
@@ -304,10 +304,10 @@ def square_up(pose: ChartPose, readings: tuple[Reading, ...], marks: Marks) -> A
 def sharpness(frame: RawFrame, facts: Facts) -> float:
     """MTF50 of the PSF in the plane used for geometry, in cycles/pixel; NaN where there is no PSF."""
     known = facts_as(PatternFacts, facts)
-    found = estimate_psf(shown(frame), known.chart, known.quick_parameters).value
-    if found is None:
+    estimate = estimate_psf(shown(frame), known.chart, known.quick_parameters).value
+    if estimate is None:
         return float("nan")
-    numbers = found.quality.numbers
+    numbers = estimate.quality.numbers
     mtf = numbers.get(MTF50_RADIAL) or numbers.get(MTF_NYQUIST[RADIAL])
     return mtf.value if mtf else float("nan")
 

@@ -78,10 +78,10 @@ class Sensor:
         if self.cfa is None:
             return {"Y": (0, 0)}
         red_row = self.cfa.index("R") // 2
-        found = {}
+        planes = {}
         for (x, y), colour in self.tile.items():
-            found[colour if colour != "G" else "G1" if y == red_row else "G2"] = (x, y)
-        return found
+            planes[colour if colour != "G" else "G1" if y == red_row else "G2"] = (x, y)
+        return planes
 
     @property
     def white(self) -> int:

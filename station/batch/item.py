@@ -187,28 +187,28 @@ def _measure(item: Item, job: Job, files: Mapping[Path, str], row: ItemRow, plac
     paths = [Path(os.path.commonpath(item.paths))] if procedure.inputs is Inputs.FOLDER else item.paths
     try:
         with limited(1):  # other processes work beside this one
-            found = procedure.measure(paths, batch.settings, batch.terms)
+            measurement = procedure.measure(paths, batch.settings, batch.terms)
     except ProcedureError as error:
         _check_unchanged(files)
         failure = _failure(item, error)
         row = replace(row, verdict=failure.verdict, reason=failure.reason, remedy=failure.remedy)
-        found = _refusal(procedure, error)
+        measurement = _refusal(procedure, error)
         parameters = batch.parameters()
     else:
         _check_unchanged({path: files[path] for path in list(files)[len(item.paths) :]})
-        for one in found.head.input:
+        for one in measurement.head.input:
             if files.get(Path(one.path), one.sha256) != one.sha256:
                 raise ChangedMeanwhile(Path(one.path))
-        row = replace(_judged(row, found.planes), noted=noted(found.exposure))
-        parameters = {**found.head.parameters, **batch.terms.parameters()}
-        if job.reports and procedure.draws(found):
-            place.write(procedure.page_name, procedure.page(found))
+        row = replace(_judged(row, measurement.planes), noted=noted(measurement.exposure))
+        parameters = {**measurement.head.parameters, **batch.terms.parameters()}
+        if job.reports and procedure.draws(measurement):
+            place.write(procedure.page_name, procedure.page(measurement))
     head = replace(
-        found.head, input=tuple(map(InputFile, item.files, row.sha256)), parameters=parameters,
-        specification=batch.terms.specified(found.planes), batch=asdict(row),
+        measurement.head, input=tuple(map(InputFile, item.files, row.sha256)), parameters=parameters,
+        specification=batch.terms.specified(measurement.planes), batch=asdict(row),
         duration_s=round(time.perf_counter() - start, 3),
     )  # fmt: skip
-    write_measurement(place, replace(found, head=head))
+    write_measurement(place, replace(measurement, head=head))
     return row
 
 
@@ -244,7 +244,7 @@ def _judged(row: ItemRow, records: Sequence[PlaneResult]) -> ItemRow:
 
 def noted(exposure: Exposure) -> dict[str, float | str]:
     """The settings that the camera recorded, without those that it did not."""
-    found = {
+    entries = {
         "camera": exposure.camera,
         "lens": exposure.lens,
         "exposure_s": exposure.exposure_s,
@@ -254,7 +254,7 @@ def noted(exposure: Exposure) -> dict[str, float | str]:
         "focus_distance_mm": exposure.subject_distance_mm,
         "captured_at": exposure.captured_at,
     }
-    return {name: encodable(value) if isinstance(value, str) else value for name, value in found.items() if value}
+    return {name: encodable(value) if isinstance(value, str) else value for name, value in entries.items() if value}
 
 
 def plane_row(record: PlaneResult) -> PlaneRow:

@@ -110,10 +110,10 @@ def read_procedure(path: Path) -> BatchProcedure:
     endings, pairs = ("", ""), None
     if procedure.inputs in IN_PAIRS:
         endings, pairs = _pairs(table.table("pairs"), folder, procedure.endings)
-    found = BatchProcedure(procedure, settings, _terms(table, folder), endings, pairs)
+    batch = BatchProcedure(procedure, settings, _terms(table, folder), endings, pairs)
     table.end()
     settings.check()
-    return found
+    return batch
 
 
 def _settings(table: Table, model: type[Settings]) -> Settings:

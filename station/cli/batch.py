@@ -149,15 +149,15 @@ def _summarise(done: Batch) -> None:
     from station.common.atomic_files import write_whole
 
     procedure = done.job.procedure.procedure
-    found = procedure.summary(done.rows)
-    if found is None:
+    summary = procedure.summary(done.rows)
+    if summary is None:
         return
-    for words in found.warnings:
+    for words in summary.warnings:
         log("several", words, level="warning", remedy="make a series of each by itself")
-    for name, data in found.files.items():
+    for name, data in summary.files.items():
         write_whole(done.job.out / name, data)
         log("written", f"wrote {done.job.out / name}", path=str(done.job.out / name))
-    for line in found.lines:
+    for line in summary.lines:
         log(procedure.name, line)
 
 

@@ -54,7 +54,7 @@ class OpticsReading(Reading, frozen=True, kw_only=True):
 
     def given(self) -> dict[str, Any]:
         """What of them a record says."""
-        found = {name: value for name, value in self.optics.items() if value is not None}
+        values = {name: value for name, value in self.optics.items() if value is not None}
         if self.raw is not None:
-            found["raw"] = str(self.layout)
-        return found | ({"trust_typed": True} if self.trust_typed else {})
+            values["raw"] = str(self.layout)
+        return values | ({"trust_typed": True} if self.trust_typed else {})

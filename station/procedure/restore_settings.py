@@ -162,16 +162,16 @@ class RestoreSettings(Reading, frozen=True, kw_only=True):
 
     def of(self, photographs: Sequence[Path]) -> RestoreSettings:
         """The settings for these photographs: one file each for a name with `{name}`, and a shape for metres."""
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for key in OF_FILES:
             names = getattr(self, key)
             names = names * len(photographs) if len(names) == 1 and NAME in names[0] else names
-            found[key] = tuple(_beside(name, photographs[min(i, len(photographs) - 1)]) for i, name in enumerate(names))
+            values[key] = tuple(_beside(name, photographs[min(i, len(photographs) - 1)]) for i, name in enumerate(names))
         if self.reference is not None:
-            found["reference"] = Path(_beside(str(self.reference), photographs[0]))
+            values["reference"] = Path(_beside(str(self.reference), photographs[0]))
         if self.metres is not None and not self.shape:
-            found["shape"] = ("pillbox",)
-        return msgspec.structs.replace(self, **found)
+            values["shape"] = ("pillbox",)
+        return msgspec.structs.replace(self, **values)
 
     @property
     def files(self) -> list[Path]:

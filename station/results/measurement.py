@@ -40,7 +40,7 @@ class Measurement:
     missed : unusable photographs; None if the record of the procedure does not list them
     exposure : settings recorded by the camera
     terms : unit of frequencies and specification
-    found : the complete result for the page, if the planes are parts of one
+    result : the complete result for the page, if the planes are parts of one
     overlays : results whose MTF is drawn over this one's
     """
 
@@ -52,7 +52,7 @@ class Measurement:
     missed: tuple[Miss, ...] | None = None
     exposure: Exposure = field(default_factory=Exposure)
     terms: Terms = USUAL
-    found: Any = None
+    result: Any = None
     results_key: str = BY_PLANE
     overlays: Sequence[Any] = ()
 
@@ -96,11 +96,11 @@ class Measurement:
         return {"left_out": [one.told() for one in self.missed]}
 
 
-def write_measurement(folder: ResultFolder, found: Measurement) -> str:
+def write_measurement(folder: ResultFolder, measurement: Measurement) -> str:
     """Write the files, the table of all numbers and the record; returns the record's text."""
-    for name, data in found.files.items():
+    for name, data in measurement.files.items():
         folder.write(name, data)
-    numbers = [(one.name, name, number) for one in found.planes for name, number in one.numbers.items()]
-    if numbers and NUMBERS not in found.files:
+    numbers = [(one.name, name, number) for one in measurement.planes for name, number in one.numbers.items()]
+    if numbers and NUMBERS not in measurement.files:
         folder.write(NUMBERS, numbers_table(iter(numbers)))
-    return write_record(folder, found.record())
+    return write_record(folder, measurement.record())

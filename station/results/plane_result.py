@@ -43,7 +43,7 @@ class PlaneResult:
     values : numbers without an uncertainty
     diagnostics : numbers on which the verdict is based
     pitch : sensor pixels per pixel of the plane; 0 if no number is in pixels of the plane
-    found : the complete estimate, for figures
+    estimate : the complete estimate, for figures
     psf, quality : the PSF with its covariance, and its numbers with budgets
     inter_image : the kernel between two photographs
     choice : tried values of s and k, the last one chosen
@@ -70,7 +70,7 @@ class PlaneResult:
     values: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     pitch: int = 1
-    found: Any = None
+    estimate: Any = None
     psf: Psf | None = None
     quality: Quality | None = None
     inter_image: Array | None = None

@@ -101,6 +101,6 @@ def other_causes_entry(judged: Judged) -> dict[str, Any]:
 
 def read_other_causes(entry: Mapping[str, Any]) -> tuple[Cause, ...]:
     """The other possible causes that a record holds; earlier records have none."""
-    found = entry.get("other_causes")
-    causes = [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
+    entries = entry.get("other_causes")
+    causes = [one for one in entries if isinstance(one, dict)] if isinstance(entries, list) else []
     return tuple(Cause(str(one.get("reason", "")), str(one.get("remedy", ""))) for one in causes)

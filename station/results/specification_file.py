@@ -57,11 +57,11 @@ def specification_text(path: Path) -> str:
 def parse_specification(text: str, source: str) -> Specification:
     """The specification in the text of a file, `source` its path. Raises BadParameter as `read_specification` does."""
     table = Table.parse(text, source)
-    found = specification_in(table, Path(source).name)
+    specification = specification_in(table, Path(source).name)
     table.end()
-    if not found.limits:
+    if not specification.limits:
         raise BadParameter(f"{printable(source)} sets no limit", "write [[limit]] tables; station init shows them")
-    return Specification(found.limits, found.title, source, hashlib.sha256(text.encode()).hexdigest())
+    return Specification(specification.limits, specification.title, source, hashlib.sha256(text.encode()).hexdigest())
 
 
 def specification_in(table: Table, title: str = "") -> Specification:

@@ -49,8 +49,8 @@ class Terms:
 
     def apply(self, record: PlaneResult, pixels: Pixels, spots: Sequence[Spot] = ()) -> PlaneResult:
         """A plane's result, compared with the specification, in the unit."""
-        found = compare(record, self.specification, pixels, spots)
-        compared = replace(record, specification=found) if self.specification.limits else record
+        comparison = compare(record, self.specification, pixels, spots)
+        compared = replace(record, specification=comparison) if self.specification.limits else record
         return replace(compared, unavailable=tuple(self._unavailable(record, pixels))).in_unit(self.unit, pixels)
 
     def _unavailable(self, record: PlaneResult, pixels: Pixels) -> Iterator[str]:

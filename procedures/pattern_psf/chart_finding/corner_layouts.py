@@ -146,8 +146,8 @@ def _gather(field: Field, hits: Indices, maps: Array, reach: float) -> Indices:
     predicted, inner, step, like = predicted[good], inner[good], step[good], like[good]
     lattice = (loops.all_nearest(field, inner, PROJECTIVE * step, like, RULES) >= 0).sum(axis=1) >= MOST_INSIDE
     predicted, step, like = predicted[~lattice], step[~lattice], like[~lattice]
-    found = loops.all_nearest(field, predicted, reach * step, like, RULES)
-    enough: Indices = found[(found >= 0).sum(axis=1) >= MIN_HITS]
+    neighbours = loops.all_nearest(field, predicted, reach * step, like, RULES)
+    enough: Indices = neighbours[(neighbours >= 0).sum(axis=1) >= MIN_HITS]
     return enough
 
 

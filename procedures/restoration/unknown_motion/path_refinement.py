@@ -179,7 +179,7 @@ class _Fit:
 def motion_of_scene(
     photographs: list[Array],
     region: Box,
-    found: Prototypes,
+    prototypes: Prototypes,
     max_w: float,
     rng: np.random.Generator,
     known: Array | None = None,
@@ -187,17 +187,17 @@ def motion_of_scene(
 ) -> MotionShapes:
     """Subpixel shapes for every depth, from those of a flat part, x, y, width, height, and the surrounding frame.
 
-    photographs : two arrays (C, H, W); found : `blind.prototype_shapes` of the part; known : initial control points
+    photographs : two arrays (C, H, W); prototypes : `blind.prototype_shapes` of the part; known : initial control points
     (2, POINTS, 2), pixels in the flat part, if roughly known. Where no curves explain the frame better than the masks
     to whole pixels, those are returned, with the doubt.
     """
     if min(region[2:]) < TILE:
-        return MotionShapes(found.shapes, found.half_width, None, f"the flat part is narrower than {TILE} pixels")
-    view = _view(photographs, region, found.half_width - 0.4, max_w, effort or PathEffort())
-    view, coarse = _pixels(view, found)
-    fit = _settled(view, found, known, rng)
+        return MotionShapes(prototypes.shapes, prototypes.half_width, None, f"the flat part is narrower than {TILE} pixels")
+    view = _view(photographs, region, prototypes.half_width - 0.4, max_w, effort or PathEffort())
+    view, coarse = _pixels(view, prototypes)
+    fit = _settled(view, prototypes, known, rng)
     if fit.energy > coarse:
-        return MotionShapes(found.shapes, found.half_width, None, "motion is known to whole pixels only: no path fits")
+        return MotionShapes(prototypes.shapes, prototypes.half_width, None, "motion is known to whole pixels only: no path fits")
     residual = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained; {USUAL} is typical"
     doubt = residual if fit.energy > MOST else None
     return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points, doubt)
@@ -222,11 +222,11 @@ def _view(photographs: list[Array], region: Box, half: float, max_w: float, effo
     return _View(z, flat, half, max(max_w, 1.2 * half), effort)
 
 
-def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
+def _pixels(view: _View, prototypes: Prototypes) -> tuple[_View, float]:
     """The part of the view that is used, with its noise, and the energy unexplained by masks to whole pixels."""
-    widest = view.max_w * found.half_width / view.half
-    stacks = [mask_stack(s, widest, R=max(view.R + 1, reach(widest))) for s in found.shapes]
-    coarse = replace(view, half=found.half_width, max_w=stacks[0].max_w - 2 * stacks[0].step)
+    widest = view.max_w * prototypes.half_width / view.half
+    stacks = [mask_stack(s, widest, R=max(view.R + 1, reach(widest))) for s in prototypes.shapes]
+    coarse = replace(view, half=prototypes.half_width, max_w=stacks[0].max_w - 2 * stacks[0].step)
     w = coarse.depth(stacks)
     window = search_window(view.z, view.flat, coarse.half, w, SEARCHED_PIXELS)
     view, coarse, w = view.cut(window), coarse.cut(window), w[window]
@@ -249,11 +249,11 @@ def _origins(points: Array) -> list[Array]:
     return each[:1] if (each[0] == each[1]).all() else each
 
 
-def _starts(view: _View, found: Prototypes, known: Array | None, pools: list[list[Array]]) -> list[Array]:
+def _starts(view: _View, prototypes: Prototypes, known: Array | None, pools: list[list[Array]]) -> list[Array]:
     """Pairs of curves that draw the flat part's masks and that the surrounding frame contradicts least."""
     points = known
     if points is None:
-        points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, found.masks, strict=True)])
+        points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, prototypes.masks, strict=True)])
     points, evidence = _of_flat_part(view, points)
     w = view.depth(view.stacks(points))
     around = Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w)
@@ -280,14 +280,14 @@ def _of_flat_part(view: _View, points: Array) -> tuple[Array, tuple[MaskEvidence
     return fit.points, fit.evidence
 
 
-def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random.Generator) -> _Fit:
+def _settled(view: _View, prototypes: Prototypes, known: Array | None, rng: np.random.Generator) -> _Fit:
     s, pools = view.effort, []
     if known is None:
-        pools = [candidates(mask, found.half_width - 0.5, rng, s.beginnings) for mask in found.masks]
+        pools = [candidates(mask, prototypes.half_width - 0.5, rng, s.beginnings) for mask in prototypes.masks]
     hopping = BasinHopping(pools, rng, s.bends)
     matched = [
         (_matched(view, points - by), hopping.about_origin(by))
-        for points in _starts(view, found, known, pools)
+        for points in _starts(view, prototypes, known, pools)
         for by in _origins(points)
     ]
     tried = [

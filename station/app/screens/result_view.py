@@ -81,9 +81,9 @@ def restored_in_words(restoration: Measurement, glyphs: Glyphs) -> list[str]:
         return lines
 
 
-def changes_in_words(found: Sequence[Change], glyphs: Glyphs) -> list[str]:
+def changes_in_words(changes: Sequence[Change], glyphs: Glyphs) -> list[str]:
     """Both values of each number, and their difference in standard uncertainties."""
-    by_name = {change.name: change for change in found}
+    by_name = {change.name: change for change in changes}
     lines = []
     for key, words in SHOWN:
         if key in by_name:

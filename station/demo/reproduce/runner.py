@@ -113,7 +113,7 @@ def _page(result: Reproduction) -> str:
     from station.reports.page import render
 
     return render(
-        "reproduce.html", found=result, State=RowState, shown=shown, not_here=NOT_HERE, software=software(),
+        "reproduce.html", result=result, State=RowState, shown=shown, not_here=NOT_HERE, software=software(),
     )  # fmt: skip
 
 

@@ -78,18 +78,18 @@ class CameraGeometry(Procedure[GeometrySettings]):
         head = RecordHead(self.name, files_read(read), given)
         return geometry_measurement(conclude(shoots, parameters), head).compared(terms)
 
-    def page(self, found: Measurement) -> bytes:
+    def page(self, measurement: Measurement) -> bytes:
         """How well the frame is known, the lens, the chart, the views."""
         from station.reports.geometry_page import geometry_page  # here: it draws, which is slow to load
 
-        return geometry_page(self.report(found)).encode()
+        return geometry_page(self.report(measurement)).encode()
 
-    def lines(self, found: Measurement) -> list[str]:
+    def lines(self, measurement: Measurement) -> list[str]:
         """Which camera model each plane has, and from how many views."""
         return [
-            f"{one.name}: {one.found.camera.model} from {len(one.found.views)} views"
-            for one in found.planes
-            if one.found is not None
+            f"{one.name}: {one.estimate.camera.model} from {len(one.estimate.views)} views"
+            for one in measurement.planes
+            if one.estimate is not None
         ]
 
 

@@ -101,26 +101,26 @@ class TiltOfSensor(Procedure[TiltSettings]):
         check_known(parameters, positions)  # what is missing is reported before the work, not after it
         name = settings.plane_name or default_plane(frames[0], settings.layout)
         measured = measure(frames, [name], settings.source.chart, BRACKET, progress, settings.layout)
-        found = measure_tilt(measured, name, positions, parameters)
+        result = measure_tilt(measured, name, positions, parameters)
         given = {
             **to_record(settings), "chart": settings.source.origin, "pixel_pitch_um": parameters.pixel_pitch_um,
             "focal_length_mm": parameters.focal_length_mm,
         }  # fmt: skip
         head = RecordHead(self.name, tuple(InputFile(str(path), sha256) for path, sha256 in measured.frames), given)
-        return tilt_measurement(head, name, found, measured.misses).compared(terms)
+        return tilt_measurement(head, name, result, measured.misses).compared(terms)
 
-    def page(self, found: Measurement) -> bytes:
+    def page(self, measurement: Measurement) -> bytes:
         """The surface of best focus, the screws and their turns."""
         from station.reports.tilt_page import tilt_page  # here: it draws, which is slow to load
 
-        return tilt_page(self.report(found)).encode()
+        return tilt_page(self.report(measurement)).encode()
 
-    def lines(self, found: Measurement) -> list[str]:
+    def lines(self, measurement: Measurement) -> list[str]:
         """Each screw, the shim, and whether to turn at all."""
         from station.calibration.tilt import screw_lines
 
-        (plane,) = found.planes
-        return [] if plane.found is None else screw_lines(plane.found)
+        (plane,) = measurement.planes
+        return [] if plane.estimate is None else screw_lines(plane.estimate)
 
 
 PROCEDURE = TiltOfSensor()
