@@ -27,8 +27,8 @@ from procedures.pattern_psf.distance.ranging import (
 )
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import MONOCHROME, MOSAIC, RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
-from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
-from procedures.pattern_psf.radiometry import Light, measure_light
+from procedures.pattern_psf.pose import ChartPose, ImagingGeometry, chart_pose
+from procedures.pattern_psf.radiometry import LightLevels, measure_light
 from procedures.pattern_psf.registration import Registration, block_size_px, refine_corners, register_marks
 from procedures.plan import Advice, Facts, Reading
 from procedures.raw import Plane, RawFrame
@@ -140,7 +140,7 @@ def with_cell_check(advice: Advice, plane: Plane, sighting: ChartSighting, known
     return advice if agreement is None else replace(advice, facts={**advice.facts, "seed_agreement": agreement})
 
 
-def uneven(light: Light) -> Advice:
+def uneven(light: LightLevels) -> Advice:
     """Advice on the direction in which the illumination falls off."""
     _, x, y = light.white[:3]
     across = abs(x) > abs(y)
@@ -203,7 +203,7 @@ def _direction(change_mm: float) -> str:
     return f"{'back' if change_mm > 0 else 'closer'} by {abs(change_mm) / 1000:.2f} m"
 
 
-def centre_readings(pose: ChartPose, plane: Plane, optics: Optics) -> tuple[Reading, Reading]:
+def centre_readings(pose: ChartPose, plane: Plane, optics: ImagingGeometry) -> tuple[Reading, Reading]:
     """Offset of the chart's centre from the frame's, in per cent of the frame's width."""
     x, y, z = pose.centre_mm
     scale = 100 * optics.principal_px(z) / z / plane.samples.shape[1]

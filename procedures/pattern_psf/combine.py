@@ -131,7 +131,11 @@ def combine(outcomes: Sequence[Outcome[PatternPsf]]) -> Outcome[CombinedPsf]:
     """
     shots = [outcome.value for outcome in outcomes if outcome.value is not None]
     if not shots:
-        return outcomes[0].of_value(None) if outcomes else Outcome(None, Verdict.REFUSED, "no shot was taken", "take shots")
+        return (
+            outcomes[0].of_value(None)
+            if outcomes
+            else Outcome(None, Verdict.REFUSED, "no shot was taken", "take shots")
+        )
     combined = _mean(shots)
     agreement = verdict_of(_agreement(combined), combined)
     doubtful = [one for one in outcomes if one.verdict is Verdict.DOUBTFUL]

@@ -90,7 +90,7 @@ class Sensor:
         return min(top, int(self.full_well_e / self.gain_e_per_dn) + min(self.black))
 
     def at_iso(self, iso: float, base: float = 100.0) -> Sensor:
-        """The same sensor amplified: `gain_e_per_dn` is that of ISO `base`."""
+        """The sensor with another gain: `gain_e_per_dn` is that of ISO `base`."""
         return replace(self, gain_e_per_dn=self.gain_e_per_dn * base / iso)
 
     def electrons(self, mean_e: Array, rng: np.random.Generator) -> Array:

@@ -20,7 +20,7 @@ from station.common.sanitise import encodable, printable, safe_stem
 from station.common.threads import limited
 from station.common.versions import software
 from station.procedure.base import Inputs, Procedure
-from station.results.comparison import Comparison, Judged
+from station.results.comparison import Comparison, Compliance
 from station.results.measurement import BY_PLANE, Measurement, write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead, verdict_entry
@@ -34,7 +34,7 @@ PASS, DOUBTFUL, REFUSED = (str(one) for one in Verdict)
 UNREADABLE, LOST, FAULT = "unreadable", "lost", "fault"
 VERDICTS = (PASS, DOUBTFUL, REFUSED, UNREADABLE, LOST, FAULT)
 """Verdicts, the best first: trusted; doubtful; no result; unreadable file; process that died; error of this program."""
-JUDGED = ("", *(str(one) for one in Judged))
+JUDGED = ("", *(str(one) for one in Compliance))
 """Verdicts against the specification, the best first; "" without a specification."""
 USABLE = (PASS, DOUBTFUL)
 NO_MEMORY = -4
@@ -44,7 +44,7 @@ MORE_MEMORY = "look at this photograph by itself; if it is meant so, give more -
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What all items have in common.
+    """Data common to all items.
 
     Attributes
     ----------
@@ -114,12 +114,12 @@ class ItemRow:
     @property
     def usable(self) -> bool:
         """Whether there is a measurement that does not miss its specification."""
-        return self.verdict in USABLE and self.specification != Judged.MISSES
+        return self.verdict in USABLE and self.specification != Compliance.MISSES
 
     @property
     def sure(self) -> bool:
         """Whether it is trusted, and meets its specification if there is one."""
-        return self.verdict == PASS and self.specification in ("", Judged.MEETS)
+        return self.verdict == PASS and self.specification in ("", Compliance.MEETS)
 
 
 def key_of(hashes: Sequence[str], procedure: BatchProcedure, further: Sequence[str] = ()) -> str:

@@ -213,7 +213,7 @@ def _write(batch: Batch) -> str:
 
 def _page(batch: Batch) -> bytes:
     """The batch's page."""
-    from station.reports.batches.batch_page import BatchLine, BatchReport, Sample, batch_page  # here: it draws
+    from station.reports.batches.batch_page import BatchLine, BatchReport, ItemNumber, batch_page  # here: it draws
 
     lines = [
         BatchLine(
@@ -225,7 +225,7 @@ def _page(batch: Batch) -> bytes:
     ]  # fmt: skip
     numbers = followed(batch.rows)
     samples = [
-        Sample(str(row.noted.get("camera", "")), name, number, value["value"], value.get("unit", "1"))
+        ItemNumber(str(row.noted.get("camera", "")), name, number, value["value"], value.get("unit", "1"))
         for row in batch.rows
         for name, plane in row.planes.items()
         for number in numbers

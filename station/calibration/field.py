@@ -28,7 +28,7 @@ def centre_result(name: str, outcome: Outcome[PlaneField], pitch: int = 1) -> Pl
 
 
 def field_pixels(measured: MeasuredFrames, pitch_um: float | None = None) -> dict[str, Pixels]:
-    """What the frequencies of every plane are counted in; a pitch that is given counts before the camera's own."""
+    """Pixels of every plane for units of frequency; a given pitch takes precedence over the camera's."""
     known = pitch_um or next((one.exposure.pixel_pitch_um for one in measured.exposures), None)
     return {name: Pixels(one.pitch, known, min(one.samples.shape)) for name, one in measured.planes.items()}
 

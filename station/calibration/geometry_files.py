@@ -52,7 +52,7 @@ def session_plane(plane: PlaneResult, frames: Sequence[RawFrame]) -> PlaneGeomet
 
 def _plane(one: PlaneGeometry) -> PlaneResult:
     camera = one.outcome.value
-    left_out = [miss.told() for miss in one.shoot.missed]
+    left_out = [miss.to_record() for miss in one.shoot.missed]
     return PlaneResult.of_outcome(
         one.shoot.plane, one.outcome, numbers={} if camera is None else camera.numbers(), estimate=camera, pitch=0,
         details={**({} if camera is None else _entries(camera)), "left_out": left_out},

@@ -63,7 +63,7 @@ class Best:
 
     @property
     def words(self) -> str:
-        """As a sentence."""
+        """The setting as a sentence."""
         value = f"{self.value:.4g} ± {self.uncertainty:.2g} {self.unit}"
         return f"{self.plane}: best at f/{self.f_number:g}, MTF50 {value}, with a confidence of {self.confidence:.0%}"
 
@@ -129,7 +129,7 @@ def together(shots: Sequence[tuple[float, float, str]]) -> tuple[float, float]:
 
 
 def best_apertures(points: Sequence[Point]) -> list[Best]:
-    """Of every plane the f-number with the greatest MTF50, at its best focus and ISO, where there are several."""
+    """The f-number with the greatest MTF50 of every plane, at its best focus and ISO, where there are several."""
     best = []
     for plane in dict.fromkeys(one.plane for one in points):
         own = [one for one in points if one.plane == plane and one.number == EDGE_MTF50 and one.setting.f_number]

@@ -74,7 +74,7 @@ class RawLayout(Settings, frozen=True, kw_only=True):
         _ = self.layout
 
 
-class Reading(RawLayout, frozen=True, kw_only=True):
+class PlaneSettings(RawLayout, frozen=True, kw_only=True):
     """Settings of procedures that measure planes of photographs."""
 
     plane: Annotated[str | None, setting("R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")] = (
@@ -108,7 +108,7 @@ def chart_source(bits: Path | None, seed: int | None) -> Source:
     return Source.from_seed(DEFAULT_SEED if seed is None else seed)
 
 
-class ChartReading(Reading, frozen=True, kw_only=True):
+class ChartSettings(PlaneSettings, frozen=True, kw_only=True):
     """Settings of procedures that measure photographs of the noise chart."""
 
     bits: ChartBits = None
@@ -256,7 +256,7 @@ class PhotographProcedure(Procedure[S]):
     """Base of a procedure that measures planes of photographs; only `run` must be implemented."""
 
     inputs = Inputs.PHOTOGRAPH
-    Settings: ClassVar[type[Any]] = Reading
+    Settings: ClassVar[type[Any]] = PlaneSettings
 
     @abstractmethod
     def run(self, frames: Sequence[RawFrame], settings: S) -> Mapping[str, Outcome[Any]]:
@@ -266,7 +266,7 @@ class PhotographProcedure(Procedure[S]):
         self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """Read the photographs, call `run`, and collect the planes."""
-        reading = settings if isinstance(settings, Reading) else Reading()
+        reading = settings if isinstance(settings, PlaneSettings) else PlaneSettings()
         frames = []
         for path in paths:
             frames.append(reading.read(path))

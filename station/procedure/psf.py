@@ -37,7 +37,7 @@ class PsfSettings(OpticsReading, frozen=True, kw_only=True):
 
 
 class ChartPsfSettings(PsfSettings, frozen=True, kw_only=True):
-    """The same for photographs of the noise chart."""
+    """Procedure for photographs of the noise chart."""
 
     bits: ChartBits = None
     seed: ChartSeed = None

@@ -73,7 +73,9 @@ def number_table(planes: Sequence[PlaneResult]) -> Table:
         known = next((one for one in quantities if one is not None), None)
         if known is not None:
             unit = "" if known.unit == "1" else f", {known.unit}"
-            values = ["—" if one is None else stated(one.value, COVERAGE_FACTOR * one.uncertainty) for one in quantities]
+            values = [
+                "—" if one is None else stated(one.value, COVERAGE_FACTOR * one.uncertainty) for one in quantities
+            ]
             rows.append([label(name, planes[0].unit) + unit, *values])
     heads = []
     for one in planes:

@@ -12,7 +12,7 @@ from procedures.raw import Exposure, RawFrame
 from station.common.sanitise import printable
 from station.common.versions import software
 from station.reports.page import exposure_words
-from station.results.comparison import Comparison, Judged
+from station.results.comparison import Comparison, Compliance
 from station.results.measurement import NUMBERS as NUMBERS_FILE
 from station.results.measurement import Measurement
 from station.results.overlay import Overlay
@@ -120,7 +120,7 @@ class Report:
         return ", ".join([f"trusted in {verdicts.count('pass')} of {len(verdicts)} planes", *counts])
 
     @property
-    def judged(self) -> Judged | None:
+    def judged(self) -> Compliance | None:
         """The worst of the planes against the specification; None without limits."""
         return specification_verdict(self.planes)
 
@@ -186,7 +186,7 @@ def shot_of(frame: RawFrame) -> ReportShot:
 
 
 def exposure_lines(exposure: Exposure) -> list[ReportLine]:
-    """What the camera recorded about the first photograph."""
+    """Metadata of the first photograph."""
     distance = exposure.subject_distance_mm
     noted = {
         "Camera": exposure.camera,

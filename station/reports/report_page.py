@@ -14,10 +14,10 @@ from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure, curve, finished, legend, plot_axes
 from station.reports.page import (
     Block,
-    Facts,
     Figures,
     Heading,
     Items,
+    KeyNumbers,
     Note,
     Section,
     Table,
@@ -119,7 +119,7 @@ def _main_numbers(report: Report) -> list[Block]:
     labels = [", ".join(filter(None, (one.label, unit))) for one, unit in zip(numbers, units, strict=True)]
     values = [["—" if one is None else stated(one.value, one.uncertainty) for one in row] for row in quantities]
     if len(report.planes) == 1:
-        return [Facts(list(zip(values[0], labels, strict=True))), note]
+        return [KeyNumbers(list(zip(values[0], labels, strict=True))), note]
     rows = []
     for plane, row in zip(report.planes, values, strict=True):
         judged = str(comparison(plane).judged or "")

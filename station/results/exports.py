@@ -90,7 +90,7 @@ def kernel_fits(kernel: Array, photograph: int, version: str | None) -> bytes:
 
 
 def _noted(exposure: Exposure) -> dict[str, str | float]:
-    """What the camera recorded, by keywords of FITS."""
+    """Metadata recorded by the camera, by keywords of FITS."""
     keywords = {
         "DATE-OBS": exposure.captured_at,
         "INSTRUME": exposure.camera,
@@ -107,7 +107,7 @@ def _noted(exposure: Exposure) -> dict[str, str | float]:
 
 
 def gaussian_radius(mtf50: Quantity, pitch: int) -> Quantity:
-    """What RAW developers take for a PSF: the standard deviation, in sensor pixels, of the Gaussian with this MTF50.
+    """The PSF's radius for RAW developers: standard deviation, in sensor pixels, of the Gaussian with this MTF50.
 
     `mtf50` is the radial mean's of the whole PSF, so that the Gaussian blurs as much as lens and sensor, veil included.
 

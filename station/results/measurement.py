@@ -67,7 +67,7 @@ class Measurement:
         return all(one.verdict is Verdict.REFUSED for one in self.planes)
 
     def compared(self, terms: Terms) -> Measurement:
-        """The same with every plane compared with the limits of a specification."""
+        """The measurement with every plane compared with the limits of a specification."""
         if not terms.specification.limits:
             return self
         pixels = (Pixels(one.pitch or 1) for one in self.planes)
@@ -93,7 +93,7 @@ class Measurement:
         """The unusable photographs, if the planes do not list them."""
         if self.missed is None or any("left_out" in one.details for one in self.planes):
             return {}
-        return {"left_out": [one.told() for one in self.missed]}
+        return {"left_out": [one.to_record() for one in self.missed]}
 
 
 def write_measurement(folder: ResultFolder, measurement: Measurement) -> str:

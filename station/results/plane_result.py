@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
 from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL, NUMBERS
-from procedures.outcome import Cause, Judged, Outcome, Quantity, Verdict
+from procedures.outcome import Cause, Outcome, Quantity, Verdict, WithVerdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality
 from procedures.reading.exposure import Exposure
@@ -91,7 +91,7 @@ class PlaneResult:
     other_causes: tuple[Cause, ...] = ()
 
     @classmethod
-    def of_outcome(cls, name: str, outcome: Judged, **more: Any) -> PlaneResult:
+    def of_outcome(cls, name: str, outcome: WithVerdict, **more: Any) -> PlaneResult:
         """The result with the verdict and the causes of an outcome; `more` are further attributes."""
         more["other_causes"] = outcome.other_causes
         return cls(name, outcome.verdict, outcome.reason, outcome.remedy, **more)
@@ -115,7 +115,7 @@ class PlaneResult:
         return Quantity(float(plain), NUMBERS[name].unit if name in NUMBERS else "1", 0.0, "", 0)
 
     def in_unit(self, unit: Unit, pixels: Pixels) -> PlaneResult:
-        """The same with frequencies in another unit. Raises BadParameter as `Pixels.factor`."""
+        """The result with frequencies in another unit. Raises BadParameter as `Pixels.factor`."""
         factor = pixels.factor(unit)
         if factor == 1:
             return self

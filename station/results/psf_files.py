@@ -118,5 +118,7 @@ def information_table(information: Information) -> bytes:
             information.equivalent_mtf_uncertainty)  # fmt: skip
     for j in range(len(information.frequencies) // 2 + 1):
         for i, fx in enumerate(information.frequencies):
-            rows.append([f"{value:.7g}" for value in (fx, abs(information.frequencies[j]), *(one[j, i] for one in maps))])
+            rows.append(
+                [f"{value:.7g}" for value in (fx, abs(information.frequencies[j]), *(one[j, i] for one in maps))]
+            )
     return csv_bytes(rows)

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from procedures.outcome import Cause, Judged, Verdict
+from procedures.outcome import Cause, Verdict, WithVerdict
 
 
 class ReadFile(Protocol):
@@ -21,7 +21,7 @@ class ReadFile(Protocol):
 
     @property
     def sha256(self) -> str:
-        """Of its bytes."""
+        """SHA-256 of its bytes."""
         ...
 
 
@@ -88,13 +88,13 @@ def files_read(files: Sequence[ReadFile]) -> tuple[InputFile, ...]:
     return tuple(InputFile(str(one.path), one.sha256) for one in files)
 
 
-def verdict_entry(judged: Judged) -> dict[str, Any]:
+def verdict_entry(judged: WithVerdict) -> dict[str, Any]:
     """Verdict, the most likely cause, and the other possible ones where there are some."""
     entry: dict[str, Any] = {"verdict": str(judged.verdict), "reason": judged.reason, "remedy": judged.remedy}
     return {**entry, **other_causes_entry(judged)}
 
 
-def other_causes_entry(judged: Judged) -> dict[str, Any]:
+def other_causes_entry(judged: WithVerdict) -> dict[str, Any]:
     """The other possible causes alone; nothing where there are none."""
     return {"other_causes": [asdict(one) for one in judged.other_causes]} if judged.other_causes else {}
 

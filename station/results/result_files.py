@@ -297,7 +297,7 @@ def npy(array: npt.NDArray[Any], dtype: npt.DTypeLike = np.float64) -> bytes:
 
 
 def plain(value: Any) -> Any:
-    """The same with plain Python numbers, null for every number that is not finite, and text that can be encoded."""
+    """The record with plain Python numbers, null for every number that is not finite, and text that can be encoded."""
     if isinstance(value, str):
         return encodable(value)
     if isinstance(value, Mapping):

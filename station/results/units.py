@@ -21,7 +21,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Unit(StrEnum):
-    """Of frequencies: per pixel of the plane, per millimetre of the sensor, per height of the picture."""
+    """Unit of frequencies: per pixel of the plane, per millimetre of the sensor, per height of the picture."""
 
     CYCLES = "cycles/pixel"
     LINE_PAIRS = "lp/mm"
@@ -90,7 +90,7 @@ class Frequency:
     unit: Unit = Unit.CYCLES
 
     def per_pixel(self, pixels: Pixels) -> float:
-        """The same in cycles per pixel of the plane, in six digits. Raises BadParameter as `Pixels.factor` does."""
+        """The frequency in cycles per pixel of the plane, in six digits. Raises BadParameter as `Pixels.factor`."""
         return float(f"{self.value / pixels.factor(self.unit):.6g}")
 
 

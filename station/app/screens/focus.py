@@ -229,7 +229,9 @@ class FocusScreen(StationScreen):
         sharpness = reading.sharpness.value
         why = f"This photograph cannot be measured: {reading.sharpness.reason}. What to do: {reading.sharpness.remedy}."
         self.query_one(AnswerBox).show_sentence(reading.say if sharpness is not None else why)
-        self.query_one(BigText).show(f"{sharpness.mtf50.value:.3f}{SIGNS[reading.way]}" if sharpness is not None else "-.---?")
+        self.query_one(BigText).show(
+            f"{sharpness.mtf50.value:.3f}{SIGNS[reading.way]}" if sharpness is not None else "-.---?"
+        )
         glyphs = self.query_one(BigText).glyphs
         self.query_one("#numbers", Part).update(lines_of(*(glyphs.spelt(line) for line in numbers_of(reading))))
         self.query_one(CurveView).show(_curve(reading))

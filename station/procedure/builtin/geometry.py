@@ -12,14 +12,14 @@ from procedures.pattern import BLOCK, BLOCKS
 from station.calibration.geometry import conclude, measure_views
 from station.calibration.geometry_files import geometry_measurement
 from station.common.progress import Progress, silent
-from station.procedure.base import ChartReading, Inputs, Procedure
+from station.procedure.base import ChartSettings, Inputs, Procedure
 from station.procedure.settings import setting
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
 
 
-class GeometrySettings(ChartReading, frozen=True, kw_only=True):
+class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
     """The print, the camera model, and what is reported besides."""
 
     width_mm: Annotated[float, setting("Width of the printed chart's ten blocks, as measured.", least=1)] = 300.0

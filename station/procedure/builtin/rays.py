@@ -145,7 +145,7 @@ class FilteredRender:
         return Outcome(self.filtered)
 
     def numbers(self) -> dict[str, float]:
-        """What limits can be set for."""
+        """Numbers for which limits can be set."""
         numbers: dict[str, float] = {
             SIMILAR_PATCHES: self.filtered.median_similar[0],
             SAMPLES_CAST: float(self.film.count.mean()),
@@ -160,7 +160,7 @@ class FilteredRender:
         return numbers
 
     def entries(self) -> dict[str, Any]:
-        """What the record says beside the numbers."""
+        """Entries of the record besides the numbers."""
         count, spread = self.film.count, self.filtered.uncertainty
         entries: dict[str, Any] = {
             **verdict_entry(self.outcome),

@@ -15,14 +15,14 @@ from procedures.tilt.screws import Screws
 from station.calibration.field_photographs import focus_positions, photographs
 from station.calibration.tilt import check_known, known_optics, measure_tilt, tilt_measurement
 from station.common.progress import Progress, silent
-from station.procedure.base import ChartReading, Inputs, Procedure, beside
+from station.procedure.base import ChartSettings, Inputs, Procedure, beside
 from station.procedure.settings import setting, to_record
 from station.results.measurement import Measurement
 from station.results.record_head import InputFile, RecordHead
 from station.results.terms import USUAL, Terms
 
 
-class TiltSettings(ChartReading, frozen=True, kw_only=True):
+class TiltSettings(ChartSettings, frozen=True, kw_only=True):
     """The bracket, the optics, the screws."""
 
     focus: Annotated[Path, setting("A CSV table: photograph's name, position in mm.")]
@@ -53,7 +53,7 @@ class TiltSettings(ChartReading, frozen=True, kw_only=True):
     frequency: Annotated[float, setting("Cycles per pixel.", least=0.01, most=1)] = 0.25
 
     def parameters(self, first: Path) -> TiltParameters:
-        """What was set, and what the first photograph notes where it was not. Raises BadParameter."""
+        """The settings, completed from the first photograph's metadata. Raises BadParameter."""
         pitch_um, focal_length_mm = known_optics(first, self.pixel_pitch_um, self.focal_length_mm)
         return TiltParameters(
             pitch_um,

@@ -22,8 +22,8 @@ from station.reports.field.height_curves import HEIGHTS, WITHOUT_PHOTOSITE, heig
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.page import (
     Block,
-    Facts,
     Figures,
+    KeyNumbers,
     Section,
     Table,
     html,
@@ -84,7 +84,7 @@ def _summary(whole: FieldParts) -> list[Block]:
             (percent(errors[ERROR_NOISE]), "error of the PSF from noise, median over the field"),
             (percent(errors[ERROR_INTERPOLATION]), "error from interpolation, median over the field"),
         )
-        blocks.append(Facts(words))
+        blocks.append(KeyNumbers(words))
     rows = [
         [html('<a href="{}">{}</a>', one.look, name) if one.look else name, tag(one.verdict),
          f"{sentence(one.used)} {reason_words(one)}".strip()]
