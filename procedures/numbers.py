@@ -190,7 +190,7 @@ GAMMA_BOUND = _estimate(
 )  # fmt: skip
 RESIDUAL_STD = _estimate(
     "residual_std", "1", "Residual, in standard deviations of the noise",
-    "residual of the fit over the noise measured beside it: 1 is right; of two photographs over the greatest residual "
+    "residual of the fit over the noise measured next to it: 1 is right; of two photographs over the greatest residual "
     "that noise explains: up to 1 is right", _U, short="residual",
 )  # fmt: skip
 PIXELS_PER_PATTERN = _estimate(
@@ -241,7 +241,7 @@ ASTIGMATISM = _frame(
     "astigmatism", CYCLES, "MTF50, sagittal less meridional", "sagittal less meridional MTF50", _M, short="astigmatism"
 )
 OF_PLACES = (MTF50_SAGITTAL, MTF50_MERIDIONAL, ASTIGMATISM)
-"""Numbers that a place of a field has beside those of its PSF."""
+"""Numbers that a place of a field has in addition to those of its PSF."""
 for _one in OF_PLACES:
     _frame(
         f"{_one}{_WITHOUT_PHOTOSITE}", CYCLES, f"{_one.label}, without the photosite",

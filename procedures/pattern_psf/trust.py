@@ -115,8 +115,8 @@ def check_light(light: LightLevels, quantisation: float) -> None:
 
 def check_cells(fit: ChartFit) -> None:
     """Raise Refused where the noise region does not show the expected cells; no other check is meaningful then."""
-    seen: Outcome[ChartFit] = verdict_of(_cell_checks(fit.agreement, unexplained(fit)), fit)
-    seen.result()
+    agreement: Outcome[ChartFit] = verdict_of(_cell_checks(fit.agreement, unexplained(fit)), fit)
+    agreement.result()
 
 
 def _cell_checks(agreement: float, unexplained: float) -> list[Check]:

@@ -224,10 +224,10 @@ class SimulatedCamera:
         projection = self.projection(focus)
         aperture = (NOMINAL_F_NUMBER / self.lens.f_number) ** 2
         sensor = self.sensor.at_iso(iso)
-        seen = self.light(scene) if light is None else light
+        irradiance = self.light(scene) if light is None else light
         if any(self.lens.vignetting):
-            seen = seen * self.lens.falloff((sensor.rows, sensor.columns))
-        mosaic = sensor.expose(seen, self.white_e_per_s * exposure_s * aperture, rng)
+            irradiance = irradiance * self.lens.falloff((sensor.rows, sensor.columns))
+        mosaic = sensor.expose(irradiance, self.white_e_per_s * exposure_s * aperture, rng)
         truths = tuple(
             ChartTruth(
                 projection.pinhole() @ one.to_space(),

@@ -121,9 +121,9 @@ def draw(
     frame = np.empty(shape, np.float32)
     for colour in sorted(set(colours.values())):
         light = _laid_over(spectra, [_transfer(one.optics, colour, wide) for one in sheets], wide)
-        seen = light[n * margin : n * (margin + shape[0]) : n, n * margin : n * (margin + shape[1]) : n]
+        samples = light[n * margin : n * (margin + shape[0]) : n, n * margin : n * (margin + shape[1]) : n]
         for x, y in (place for place, its in colours.items() if its == colour):
-            frame[y::period, x::period] = seen[y::period, x::period]
+            frame[y::period, x::period] = samples[y::period, x::period]
     return np.maximum(frame, 0.0)
 
 

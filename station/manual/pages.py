@@ -19,7 +19,7 @@ FIRST = (
     "without-a-camera", "with-a-camera",
     "chart", "focus", "two-photographs", "edge", "field", "batch", "sessions", "devices", "serve", "correct", "restore",
     "camera", "geometry", "vignetting", "tilt", "export", "sensor", "sensor-dumps", "rays", "library", "reproduce",
-    "commands", "numbers", "files", "station-toml", "exit-codes", "environment",
+    "commands", "numbers", "files", "station-toml", "exit-codes", "environment", "vocabulary",
     "evidence", "evidence-cameras", "evidence-restoration", "evidence-robustness", "dependencies",
     "glossary",
     "psf", "sampling-and-gamma", "whole-psf", "uncertainty", "verdicts", "limits", "reproducibility",

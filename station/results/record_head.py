@@ -16,7 +16,7 @@ class ReadFile(Protocol):
 
     @property
     def path(self) -> Path:
-        """Where it is."""
+        """Path of the file."""
         ...
 
     @property

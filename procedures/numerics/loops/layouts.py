@@ -41,15 +41,15 @@ def alike(field: BinnedSaddles, i: int, j: int, rules: LayoutRules) -> bool:
 @compiled
 def nearest(field: BinnedSaddles, place: complex, reach: float, like: int, rules: LayoutRules) -> int:
     """Nearest saddle within reach of a place that is similar to a given one; -1 for none."""
-    best, found = reach * reach, -1
+    best, index = reach * reach, -1
     top, bottom, first, last = bins_within(field, place, reach)
     for row in range(top, bottom + 1):
         for n in range(field.starts[row * field.columns + first], field.starts[row * field.columns + last + 1]):
             d = field.points[n] - place
             distance = d.real * d.real + d.imag * d.imag
             if distance <= best and alike(field, n, like, rules):
-                best, found = distance, n
-    return found
+                best, index = distance, n
+    return index
 
 
 @compiled
@@ -189,16 +189,16 @@ def square_sides(field: BinnedSaddles, triples: Indices, rules: LayoutRules) -> 
             hits = out[count]
             for m in range(12):
                 hits[m] = -1
-            found = 0
+            matches = 0
             for t in range(1, 3):
                 for s in range(0, 4, 3):
                     place = 4 + 2 * (t - 1) + s // 3  # of (s, t) in RIM
                     hits[place] = nearest(field, origin + s * u + t * v, near, j, rules)
-                    found += hits[place] >= 0
-            if found == 0:
+                    matches += hits[place] >= 0
+            if matches == 0:
                 continue
             hits[3 - 3 * first] = nearest(field, origin + (3 - 3 * first) * u, near, j, rules)
-            found += hits[3 - 3 * first] >= 0
+            matches += hits[3 - 3 * first] >= 0
             hits[first], hits[first + 1], hits[first + 2] = i, j, k
-            count += found >= least
+            count += matches >= least
     return out[:count]

@@ -138,8 +138,8 @@ def phase(setting: Setting) -> RowValues:
         x=CYCLES,
         y="OTF",
     )
-    seen = np.abs(otf) > 0.05
-    phase = np.abs(np.angle(otf[seen]))
+    transmitted = np.abs(otf) > 0.05
+    phase = np.abs(np.angle(otf[transmitted]))
     return RowValues((float(np.abs(otf.imag).max()), float(np.minimum(phase, np.pi - phase).max())), (figure,))
 
 

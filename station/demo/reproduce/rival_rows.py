@@ -158,8 +158,8 @@ def simulated_rivals(setting: Setting) -> RowValues:
 
 
 def _edge(truth: Array, rng: np.random.Generator) -> EdgeMtf:
-    seen = view(patterns.of_drawing(patterns.slanted_edge, patterns.side(WHOLE, S, K), S), WHOLE)
-    return edge_mtf(seen.photograph(truth, rng).reshape(WHOLE))
+    edge_view = view(patterns.of_drawing(patterns.slanted_edge, patterns.side(WHOLE, S, K), S), WHOLE)
+    return edge_mtf(edge_view.photograph(truth, rng).reshape(WHOLE))
 
 
 def _compared(truth: Array, kernels: dict[str, list[Array]], best: float, edge: EdgeMtf) -> RowValues:
@@ -169,8 +169,8 @@ def _compared(truth: Array, kernels: dict[str, list[Array]], best: float, edge: 
     high, middle = true < 0.1, (true > 0.2) & (F < 0.7)
     noisy = {name: float(one[:, high].std(axis=0).mean()) for name, one in mtf.items()}
     bias = {name: float((one.mean(axis=0) - true)[middle].mean()) for name, one in mtf.items()}
-    seen = (edge.frequencies <= 0.5) & np.isfinite(edge.mtf)
-    edge_error = float(np.abs(edge.mtf - np.interp(edge.frequencies, F, true))[seen].max())
+    measured = (edge.frequencies <= 0.5) & np.isfinite(edge.mtf)
+    edge_error = float(np.abs(edge.mtf - np.interp(edge.frequencies, F, true))[measured].max())
     ours = psnr["noise pattern"]
     values = (
         *(ours - psnr[name] for name in LEVELS),

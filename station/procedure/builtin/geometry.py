@@ -79,7 +79,7 @@ class CameraGeometry(Procedure[GeometrySettings]):
         return geometry_measurement(conclude(shoots, parameters), head).compared(terms)
 
     def page(self, measurement: Measurement) -> bytes:
-        """How well the frame is known, the lens, the chart, the views."""
+        """The page: accuracy over the frame, lens, chart and views."""
         from station.reports.geometry_page import geometry_page  # here: it draws, which is slow to load
 
         return geometry_page(self.report(measurement)).encode()

@@ -190,7 +190,7 @@ class FilteredRender:
         }
 
     def page(self) -> bytes:
-        """As it was rendered beside as it is filtered."""
+        """The page with the rendered and the filtered picture."""
         from station.reports.ray_page import RenderRow, ray_page  # here: it draws, which is slow to load
 
         film, result = self.film, self.filtered
@@ -272,11 +272,11 @@ class Rays(Procedure[RaysSettings]):
         )
 
     def page(self, measurement: Measurement) -> bytes:
-        """As it was rendered beside as it is filtered."""
+        """The page with the rendered and the filtered picture."""
         return FilteredRender.page(measurement.result)
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """How many patches are alike at each scale."""
+        """The number of similar patches at each scale."""
         similar = ", ".join(f"{n:.0f}" for n in measurement.entries["similar_median"])
         return [f"similar patches in the median, finest scale first: {similar}"]
 

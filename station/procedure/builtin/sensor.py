@@ -25,7 +25,7 @@ class SensorSettings(Settings, frozen=True, kw_only=True):
     plane: Annotated[str, setting("R, G1, G2, B, Y or all.")] = "all"
 
 
-class Sensor(Procedure[SensorSettings]):
+class SensorCharacterisation(Procedure[SensorSettings]):
     """Dark pictures and a ladder of even light."""
 
     name = "sensor"
@@ -83,4 +83,4 @@ class Sensor(Procedure[SensorSettings]):
         return sensor_page(self.report(measurement)).encode()
 
 
-PROCEDURE = Sensor()
+PROCEDURE = SensorCharacterisation()
