@@ -11,7 +11,7 @@ from pathlib import Path
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import DeviceError, EmergencyStopped, FrameMissing, FrameWrong, LineLost
-from drivers.frames import Facts, Inspect, check_settings, is_raw, sha256_of
+from drivers.frames import ExposureMetadata, Inspect, check_settings, is_raw, sha256_of
 from drivers.interfaces import CameraSettings, Condition, ExposedFile, Identity, Shutter, ShutterTimes
 
 Stamp = tuple[int, int]  # size, modification time in ns
@@ -142,7 +142,7 @@ class FolderCamera:
                 listed[path] = (stat.st_size, stat.st_mtime_ns)
         return listed
 
-    def _await_frame(self, exposure_s: float) -> tuple[Path, Facts, str]:
+    def _await_frame(self, exposure_s: float) -> tuple[Path, ExposureMetadata, str]:
         deadline_s = self.clock.now_s() + exposure_s + self.tether.patience_s
         candidates: dict[Path, Candidate] = {}
         while self.clock.now_s() < deadline_s:
@@ -171,7 +171,7 @@ class FolderCamera:
             if path not in candidates or candidates[path].stamp != stamp:
                 candidates[path] = Candidate(stamp, now_s)
 
-    def _accept(self, path: Path, candidates: dict[Path, Candidate]) -> tuple[Path, Facts, str] | None:
+    def _accept(self, path: Path, candidates: dict[Path, Candidate]) -> tuple[Path, ExposureMetadata, str] | None:
         """The file, if it is stable, decodes, is new, and did not change while it was read."""
         candidate = candidates[path]
         if self.clock.now_s() - candidate.since_s < self.tether.rest_s:

@@ -17,7 +17,7 @@ THIRD_STOP = 2 ** (1 / 3) - 1  # bodies round their settings to thirds of a stop
 
 
 @dataclass(frozen=True)
-class Facts:
+class ExposureMetadata:
     """Exposure metadata of a file; None where it is absent."""
 
     exposure_s: float | None = None
@@ -26,7 +26,7 @@ class Facts:
 
 
 # Decodes a RAW file and returns its metadata; any exception means that the file is incomplete or damaged.
-Inspect = Callable[[Path], Facts]
+Inspect = Callable[[Path], ExposureMetadata]
 
 
 def is_raw(path: Path) -> bool:
@@ -40,7 +40,7 @@ def sha256_of(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def check_settings(path: Path, facts: Facts, wanted: CameraSettings) -> None:
+def check_settings(path: Path, facts: ExposureMetadata, wanted: CameraSettings) -> None:
     """Raises FrameWrong if the file's settings differ from the requested ones by more than a third of a stop."""
     for unit, target, actual in (
         (" s", wanted.exposure_s, facts.exposure_s),

@@ -45,7 +45,7 @@ TAKES_S = 3.0
 
 
 @dataclass(frozen=True)
-class Place:
+class BodyFile:
     """A file in the body."""
 
     folder: str
@@ -233,17 +233,17 @@ class GphotoCamera:
             "turn its dial to M, and switch off its automatic setting",
         )
 
-    def files(self) -> list[Place]:
+    def files(self) -> list[BodyFile]:
         """Every RAW file in the body. Raises DeviceError."""
         return self._do(lambda: self._list("/"))
 
-    def _list(self, folder: str) -> list[Place]:
-        here = [Place(folder, name) for name in _names(self._camera.folder_list_files(folder)) if is_raw(Path(name))]
+    def _list(self, folder: str) -> list[BodyFile]:
+        here = [BodyFile(folder, name) for name in _names(self._camera.folder_list_files(folder)) if is_raw(Path(name))]
         for name in _names(self._camera.folder_list_folders(folder)):
             here += self._list(f"{folder.rstrip('/')}/{name}")
         return here
 
-    def fetch(self, place: Place) -> Path:
+    def fetch(self, place: BodyFile) -> Path:
         """Copy a file to the folder, under its own name or, if that exists, a new one. Raises DeviceError."""
         target = self._folder / place.name
         for number in range(1, 10_000):
@@ -273,7 +273,7 @@ class GphotoCamera:
         received_s = self.clock.now_s()
         return ExposedFile(path, sha256_of(path), path.stat().st_size, self.settings, requested_s, received_s, times)
 
-    def _new_file(self, before: set[Place]) -> Place:
+    def _new_file(self, before: set[BodyFile]) -> BodyFile:
         """The RAW file of an externally fired shot: from the body's events, or else by listing."""
         added = self._do(self._collect, self._longest_s() + CALL_S)
         if added is not None:
@@ -286,7 +286,7 @@ class GphotoCamera:
             self.clock.sleep(0.2)
         return self._the_raw([])
 
-    def _list_afresh(self) -> list[Place]:
+    def _list_afresh(self) -> list[BodyFile]:
         """Every RAW file; libgphoto2 caches a listing until the body is opened again."""
         self._camera.exit()
         self._camera.init()
@@ -295,7 +295,7 @@ class GphotoCamera:
     def _longest_s(self) -> float:
         return self._patience_s + (self.settings.exposure_s or 0.0)
 
-    def _the_raw(self, added: list[Place]) -> Place:
+    def _the_raw(self, added: list[BodyFile]) -> BodyFile:
         raw = [place for place in added if is_raw(Path(place.name))]
         if not raw:
             names = ", ".join(place.name for place in added) or "none"
@@ -305,18 +305,18 @@ class GphotoCamera:
             )
         return raw[0]
 
-    def _triggered(self) -> Place:
+    def _triggered(self) -> BodyFile:
         """Trigger over the cable and return the new RAW file."""
 
-        def shoot() -> list[Place]:
+        def shoot() -> list[BodyFile]:
             self._camera.trigger_capture()
             return self._collect() or []
 
         return self._the_raw(self._do(shoot, self._longest_s() + CALL_S))
 
-    def _collect(self) -> list[Place] | None:
+    def _collect(self) -> list[BodyFile] | None:
         """Files added by the body until it is done and quiet; None if it sends no events."""
-        gp, added, complete = self._gp, list[Place](), False
+        gp, added, complete = self._gp, list[BodyFile](), False
         deadline_s = self.clock.now_s() + self._longest_s()
         quiet_since_s = self.clock.now_s()
         while self.clock.now_s() < deadline_s:
@@ -327,7 +327,7 @@ class GphotoCamera:
                     return None
                 raise
             if kind == gp.GP_EVENT_FILE_ADDED:
-                added.append(Place(data.folder, data.name))
+                added.append(BodyFile(data.folder, data.name))
             complete = complete or kind == gp.GP_EVENT_CAPTURE_COMPLETE
             if kind != gp.GP_EVENT_TIMEOUT:
                 quiet_since_s = self.clock.now_s()

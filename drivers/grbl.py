@@ -23,7 +23,7 @@ from drivers.errors import (
     Rejected,
     WasReset,
 )
-from drivers.grbl_envelope import Envelope, GrblAxis, envelope
+from drivers.grbl_envelope import GrblAxis, GrblEnvelope, envelope
 from drivers.homing_state import HOME
 from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
 from drivers.move_checks import OneMover, check_arrival, check_target, in_turn, left_still
@@ -59,7 +59,7 @@ class GrblStage:
         self._homing = False
         self.power: Callable[[], AbstractContextManager[None]] = nullcontext
         """Context of a move: a watchdog keeps the motors enabled within."""
-        self._envelopes: dict[str, Envelope] = {}
+        self._envelopes: dict[str, GrblEnvelope] = {}
 
     @property
     def address(self) -> str:
@@ -83,7 +83,7 @@ class GrblStage:
             if self.link.controls.flag(number) is False:
                 raise BadConfiguration(f"{name} are off at {self.address} (${number}=0)", "set $22=1, then $20=1")
 
-    def _envelope(self, axis: GrblAxis) -> Envelope:
+    def _envelope(self, axis: GrblAxis) -> GrblEnvelope:
         limits = envelope(axis, self.link.letters.index(axis.letter), self.link.controls)
         if limits is None:
             raise BadConfiguration(
@@ -97,7 +97,7 @@ class GrblStage:
         return limits
 
     @property
-    def envelopes(self) -> Mapping[str, Envelope]:
+    def envelopes(self) -> Mapping[str, GrblEnvelope]:
         """The controller's limits of each axis; known after `connect`."""
         return dict(self._envelopes)
 

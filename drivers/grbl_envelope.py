@@ -112,7 +112,7 @@ class Controls:
 
 
 @dataclass(frozen=True)
-class Envelope:
+class GrblEnvelope:
     """One configured axis within its controller's limits; converts between machine coordinates and the axis' own."""
 
     axis: GrblAxis
@@ -150,7 +150,7 @@ class Envelope:
         return self.low - self.resolution <= machine <= self.high + self.resolution
 
 
-def envelope(axis: GrblAxis, index: int, controls: Controls) -> Envelope | None:
+def envelope(axis: GrblAxis, index: int, controls: Controls) -> GrblEnvelope | None:
     """The axis within its controller's limits; None if its length is neither configured nor reported."""
     length = controls.positive(130 + index, axis.travel)
     space = axis.space or (None if length is None else controls.space(index, length))
@@ -160,4 +160,4 @@ def envelope(axis: GrblAxis, index: int, controls: Controls) -> Envelope | None:
     acceleration = controls.positive(120 + index, 10.0) or 10.0
     steps = controls.positive(100 + index, 250.0) or 250.0
     low, high = sorted(space)
-    return Envelope(axis, index, low, high, controls.margins(index), rate, acceleration, max(1 / steps, 0.001))
+    return GrblEnvelope(axis, index, low, high, controls.margins(index), rate, acceleration, max(1 / steps, 0.001))

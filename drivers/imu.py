@@ -29,7 +29,7 @@ REPLY_S = 1.0
 
 
 @dataclass(frozen=True)
-class Sample:
+class ImuSample:
     """One sample with its time of reception."""
 
     device_s: float
@@ -37,7 +37,7 @@ class Sample:
     row: tuple[float, ...]
 
 
-def block_of(samples: Sequence[Sample], lost: int) -> ImuBlock:
+def block_of(samples: Sequence[ImuSample], lost: int) -> ImuBlock:
     """Samples with both clocks; rows are three accelerations in m/s^2, then three angular rates in rad/s."""
     device = np.array([s.device_s for s in samples])
     received = np.array([s.received_s for s in samples])
@@ -50,14 +50,14 @@ class _Stream:
     """Samples passed from the reader thread to the caller of `read_block`."""
 
     def __init__(self) -> None:
-        self._samples: list[Sample] = []
+        self._samples: list[ImuSample] = []
         self._lost = 0
         self.rate_hz = 0.0
 
     def start(self, rate_hz: float) -> None:
         self._samples, self._lost, self.rate_hz = [], 0, rate_hz
 
-    def put(self, sample: Sample, lost: int) -> None:
+    def put(self, sample: ImuSample, lost: int) -> None:
         self._samples.append(sample)
         self._lost += lost
 
@@ -146,7 +146,7 @@ class WitImu:
                 self._acceleration = tuple(word / 32768 * 16 * G_M_S2 for word in frame.words[:3])
             case 0x52 if self._acceleration is not None and self._device_s is not None and self._stream.rate_hz:
                 rate = tuple(math.radians(word / 32768 * 2000) for word in frame.words[:3])
-                self._stream.put(Sample(self._device_s, host_s, (*self._acceleration, *rate)), self._missing())
+                self._stream.put(ImuSample(self._device_s, host_s, (*self._acceleration, *rate)), self._missing())
                 self._before_s, self._acceleration, self._device_s = self._device_s, None, None
             case 0x53:
                 self._version = f"{frame.words[3] & 0xFFFF}"
@@ -234,7 +234,7 @@ class FastImu:
         for i, row in enumerate(event.rows):
             device_s = event.t0_us * 1e-6 + i * event.dt_ns * 1e-9
             values = tuple(number * scale for number, scale in zip(row, self._scale, strict=True))
-            self._stream.put(Sample(device_s, host_s, values), gap * len(event.rows) if i == 0 else 0)
+            self._stream.put(ImuSample(device_s, host_s, values), gap * len(event.rows) if i == 0 else 0)
 
     def read_block(self, duration_s: float) -> ImuBlock:
         """Samples since the last block and during the next `duration_s`. Raises NoAnswer, LineLost."""

@@ -66,7 +66,7 @@ def check_level(level: float) -> float:
 
 
 @dataclass(frozen=True)
-class Panel:
+class LampProperties:
     """Properties of a lamp: warm-up time, and modulation frequency (0: none)."""
 
     warm_up_s: float = 0.0
@@ -80,7 +80,7 @@ class Panel:
 class LastLevel:
     """The level last set, and whether the lamp has warmed up since."""
 
-    def __init__(self, panel: Panel, clock: Clock) -> None:
+    def __init__(self, panel: LampProperties, clock: Clock) -> None:
         self.level = 0.0
         self._panel, self._clock, self._since_s = panel, clock, -float("inf")
 
@@ -107,11 +107,11 @@ class DmxLight:
         transport: Transport[DmxFrame],
         channels: Sequence[int] = (1,),
         *,
-        panel: Panel | None = None,
+        panel: LampProperties | None = None,
         clock: Clock | None = None,
     ) -> None:
         self.clock = clock or SystemClock()
-        self.panel = panel or Panel()
+        self.panel = panel or LampProperties()
         self._transport = transport
         self._channels = tuple(channels)
         self._last = LastLevel(self.panel, self.clock)
@@ -169,10 +169,10 @@ class GrblLight:
     """A Light on the spindle output of a GRBL controller (M3 S), which a stage may own."""
 
     def __init__(
-        self, link: GrblLink, *, panel: Panel | None = None, clock: Clock | None = None, owns_link: bool = True
+        self, link: GrblLink, *, panel: LampProperties | None = None, clock: Clock | None = None, owns_link: bool = True
     ) -> None:
         self.clock = clock or SystemClock()
-        self.panel = panel or Panel()
+        self.panel = panel or LampProperties()
         self.link = link
         self._owns_link = owns_link
         self._level = 0.0

@@ -84,9 +84,9 @@ def assess_trial(psf: Psf) -> Trial:
     """Assess s and k of a PSF."""
     uncertainties, crossings, C = [], [], psf.parameter_covariance
     for angle in (0.0, np.pi / 2):
-        found = mtf50_along(psf, angle)
-        crossings.append(None if found is None else found[0])
-        f = np.array([0.5 if found is None else min(found[0], 0.5)])
+        mtf50 = mtf50_along(psf, angle)
+        crossings.append(None if mtf50 is None else mtf50[0])
+        f = np.array([0.5 if mtf50 is None else min(mtf50[0], 0.5)])
         waves = psf.spectra(f * np.cos(angle), f * np.sin(angle))
         value = complex((waves @ psf.parameters)[0]) / psf.light
         slope = (np.real(np.conj(value) / abs(value) * waves[0]) - abs(value) * psf.weights) / psf.light

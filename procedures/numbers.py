@@ -71,7 +71,7 @@ NUMBERS: dict[str, Number] = {}
 """All numbers by name, in the order in which they are shown."""
 
 
-class Section:
+class NumberSection:
     """Registers the numbers of one section of the manual's reference: called with a name, unit, label, definition."""
 
     def __init__(self, title: str) -> None:
@@ -100,7 +100,7 @@ DIRECTIONS: Mapping[str, tuple[str, str]] = {
 
 # --- of a PSF --------------------------------------------------------------------------------------------------------
 
-_psf = Section("Of a PSF")
+_psf = NumberSection("Of a PSF")
 
 
 def _crossing(level: int, direction: str) -> Number:
@@ -172,7 +172,7 @@ ENERGY_OUTSIDE_SUPPORT = _psf(
 
 # --- of the estimate -------------------------------------------------------------------------------------------------
 
-_estimate = Section("Of the estimate")
+_estimate = NumberSection("Of the estimate")
 SAMPLES_PER_PIXEL = _estimate("s", "1", "Samples per pixel", "samples per pixel of the plane")
 SUPPORT = _estimate("k", "1", "Samples of the support", "samples along one side of the support")
 S_OVER_T = _estimate(
@@ -190,7 +190,7 @@ GAMMA_BOUND = _estimate(
 )  # fmt: skip
 RESIDUAL_STD = _estimate(
     "residual_std", "1", "Residual, in standard deviations of the noise",
-    "residual of the fit over the noise measured beside it: 1 is right; of two photographs over the greatest residual "
+    "residual of the fit over the noise measured next to it: 1 is right; of two photographs over the greatest residual "
     "that noise explains: up to 1 is right", _U, short="residual",
 )  # fmt: skip
 PIXELS_PER_PATTERN = _estimate(
@@ -208,7 +208,7 @@ NOISE = _estimate(
 
 # --- across an edge --------------------------------------------------------------------------------------------------
 
-_edge = Section("Across an edge")
+_edge = NumberSection("Across an edge")
 EDGE_CROSSINGS: Mapping[int, Number] = {
     level: _edge(
         f"mtf{level}", CYCLES, f"MTF{level} across the edge",
@@ -228,7 +228,7 @@ EDGE_ANGLE = _edge(
 
 # --- over the frame --------------------------------------------------------------------------------------------------
 
-_frame = Section("Over the frame")
+_frame = NumberSection("Over the frame")
 MTF50_SAGITTAL = _frame(
     "mtf50_sagittal", CYCLES, "MTF50 of sagittal detail",
     "MTF50 of detail that repeats across the radius from the frame's centre", _M, short="MTF50, sagittal",
@@ -241,7 +241,7 @@ ASTIGMATISM = _frame(
     "astigmatism", CYCLES, "MTF50, sagittal less meridional", "sagittal less meridional MTF50", _M, short="astigmatism"
 )
 OF_PLACES = (MTF50_SAGITTAL, MTF50_MERIDIONAL, ASTIGMATISM)
-"""Numbers that a place of a field has beside those of its PSF."""
+"""Numbers that a place of a field has in addition to those of its PSF."""
 for _one in OF_PLACES:
     _frame(
         f"{_one}{_WITHOUT_PHOTOSITE}", CYCLES, f"{_one.label}, without the photosite",
@@ -258,8 +258,8 @@ ERROR_INTERPOLATION = _frame(
     "norm of the field's error from the model between the nodes", _M,
 )  # fmt: skip
 FOCUS: Mapping[str, Number] = {
-    name: _frame(f"focus_{name}", "mm", label, f"with a focus bracket: {told}", _M)
-    for name, label, told in (
+    name: _frame(f"focus_{name}", "mm", label, f"with a focus bracket: {words}", _M)
+    for name, label, words in (
         ("sagittal", "Best focus of sagittal detail", "best focus of sagittal detail"),
         ("meridional", "Best focus of meridional detail", "best focus of meridional detail"),
         ("mean", "Best focus, mean of both", "mean of both"),
@@ -270,7 +270,7 @@ FOCUS: Mapping[str, Number] = {
 
 # --- of a sensor (EMVA 1288) -----------------------------------------------------------------------------------------
 
-_sensor = Section("Of a sensor (EMVA 1288)")
+_sensor = NumberSection("Of a sensor (EMVA 1288)")
 
 
 def _emva(name: str, unit: str, label: str, definition: str, *groups: Group, symbol: str = "") -> Number:
@@ -332,7 +332,7 @@ GENERAL_DYNAMIC_RANGE = _emva(
     "general_dynamic_range", "1", "General model: dynamic range", "light at saturation over the threshold", _H
 )
 PARTS = ("", "_row", "_column", "_pixel")
-"""Of a non-uniformity: all pixels, and its parts by row, by column, by pixel."""
+"""Suffixes of a non-uniformity: all pixels, and its parts by row, by column, by pixel."""
 _OF_PART = {"": "", "_row": " of rows", "_column": " of columns", "_pixel": " of pixels"}
 WITHOUT_DEFECTS, HIGHPASS = "_without_defects", "_highpass"
 _SUFFIXES = {"": ("", ""), WITHOUT_DEFECTS: (", defects excluded", ", defect pixels excluded"),
@@ -341,12 +341,12 @@ _SUFFIXES = {"": ("", ""), WITHOUT_DEFECTS: (", defects excluded", ", defect pix
 
 def _uniformity(quantity: str, unit: str, unit_suffix: str, words: str, suffixes: Iterable[str]) -> None:
     for suffix, part in product(suffixes, PARTS):
-        label, told = _SUFFIXES[suffix]
+        label, addition = _SUFFIXES[suffix]
         plain, whole = not suffix and not unit_suffix, not part
         groups = [_H] if not unit_suffix and (whole or plain) else []
         groups += [_L, _C, _T, _U] if plain and whole else []
         _emva(f"{quantity}{part}{suffix}{unit_suffix}", unit, f"{quantity.upper()}{_OF_PART[part]}{label}",
-              f"{words}{_OF_PART[part]}{told}", *groups)  # fmt: skip
+              f"{words}{_OF_PART[part]}{addition}", *groups)  # fmt: skip
 
 
 _uniformity("dsnu", "e-", "", "standard deviation of the mean dark picture", ("", WITHOUT_DEFECTS))
@@ -372,7 +372,7 @@ DEFECT_PIXELS: Mapping[str, Number] = {
 
 # --- of flats --------------------------------------------------------------------------------------------------------
 
-_flats = Section("Of flats")
+_flats = NumberSection("Of flats")
 _LIGHT = "light in the frame's corners over that at its centre: "
 CORNER_LIGHT = _flats("corner_light", "1", "Light in the corners", f"{_LIGHT}their mean", _H, _L, _C, _T, _U)
 DARKEST_CORNER = _flats("darkest_corner", "1", "Light in the darkest corner", f"{_LIGHT}the least", _H, _L, _C, _U)
@@ -394,7 +394,7 @@ COLOUR_SHADING = _flats(
 
 # --- of the sensor's plane -------------------------------------------------------------------------------------------
 
-_tilt = Section("Of the sensor's plane")
+_tilt = NumberSection("Of the sensor's plane")
 _EDGES = "height of the sensor behind best focus at the photograph's {} edge over that at its {}"
 TILT_HORIZONTAL = _tilt("tilt_horizontal", "um", "tilt horizontal", _EDGES.format("right", "left"), _H, _L, _C, _T, _U)
 TILT_VERTICAL = _tilt("tilt_vertical", "um", "tilt vertical", _EDGES.format("lower", "upper"), _H, _L, _C, _T, _U)
@@ -417,13 +417,13 @@ HELPS = _tilt("helps", "1", "helps", "probability that the turns bring the plane
 
 # --- of a camera's geometry ------------------------------------------------------------------------------------------
 
-_geometry = Section("Of a camera's geometry")
+_geometry = NumberSection("Of a camera's geometry")
 _FOCAL = "focal length in pixels of the sensor"
 FOCAL = tuple(
     _geometry(name, "pixel", f"Focal length {name}", _FOCAL, _H, _L, _C, _T, _U, short=name, symbol=name)
     for name in ("f", "fx", "fy")
 )
-"""Of both axes in one, along x, along y: a model has the first, or the others."""
+"""Focal lengths of both axes in one, along x and along y: a model has the first, or the others."""
 PRINCIPAL_POINT = tuple(
     _geometry(name, "pixel", f"Principal point {name}", "principal point, pixel centres at integers", _H, _L, _C, _T,
               short=name, symbol=name)
@@ -448,7 +448,7 @@ TURN = _geometry("turn", "degree", "Turn", "angle between the axes of a rig's tw
 
 # --- what a PSF is made of -------------------------------------------------------------------------------------------
 
-_physics = Section("What a PSF is made of (`--physics`)")
+_physics = NumberSection("What a PSF is made of (`--physics`)")
 SIDE = _physics("side", "pixel", "Side of the photosite", "side of the photosite's aperture, in sensor pixels")
 NOTCH = _physics("notch", "1", "Notch of the photosite", "part of the side that an L-shaped aperture lacks")
 SEPARATION = _physics("separation", "pixel", "Low-pass filter", "distance of the low-pass filter's spots")
@@ -470,7 +470,7 @@ STREHL_LENS = _physics("strehl_lens", "1", "Strehl ratio of the lens", "Strehl r
 
 # --- of a restoration ------------------------------------------------------------------------------------------------
 
-_restoration = Section("Of a restoration")
+_restoration = NumberSection("Of a restoration")
 W_MEDIAN = _restoration("w_median", "pixel", "Blur w, median over the frame", "median of the blur map", _U, _L,
                         short="w, median")  # fmt: skip
 W_LEAST = _restoration("w_least", "pixel", "Blur w, least of the frame", "least of the blur map", short="w, least")
@@ -489,7 +489,7 @@ UNDETERMINED = _restoration(
 
 # --- of a corrected photograph ---------------------------------------------------------------------------------------
 
-_correction = Section("Of a corrected photograph")
+_correction = NumberSection("Of a corrected photograph")
 MTF50_BEFORE = _correction(
     "mtf50_before", CYCLES, "MTF50 of the photograph", "MTF50 of the lens's field, mean over directions, median over "
     "the frame", _H, short="MTF50 before",
@@ -509,7 +509,7 @@ FIELD_ERROR = _correction(
 
 # --- of a filtered render --------------------------------------------------------------------------------------------
 
-_render = Section("Of a filtered render")
+_render = NumberSection("Of a filtered render")
 SIMILAR_PATCHES = _render(
     "similar_patches", "1", "Similar patches per pixel", "median over the frame at the finest scale", _H, _L, _C, _U,
     short="similar patches",
@@ -541,8 +541,8 @@ def name_at(frequency: float, direction: str = "") -> str:
 
 def frequency_of(name: str) -> tuple[float, str] | None:
     """The frequency and the direction in the name of an MTF at a frequency; None where it is another number's."""
-    found = _AT.fullmatch(name)
-    return (float(found["frequency"]), found["direction"] or "") if found else None
+    match = _AT.fullmatch(name)
+    return (float(match["frequency"]), match["direction"] or "") if match else None
 
 
 MTF, FWHM = "mtf", "fwhm"
@@ -598,15 +598,15 @@ def reference_text() -> str:
     lines: list[str] = []
     for section in dict.fromkeys(one.section for one in NUMBERS.values()):
         lines += ["", f"## {section}", "", "| name | unit | definition |", "|---|---|---|"]
-        for (unit, told), names in _alike(section).items():
-            lines.append(f"| {', '.join(f'`{one}`' for one in names)} | {unit} | {told} |")
+        for (unit, definition), names in _alike(section).items():
+            lines.append(f"| {', '.join(f'`{one}`' for one in names)} | {unit} | {definition} |")
     return "\n".join(lines) + "\n"
 
 
 def _alike(section: str) -> dict[tuple[str, str], list[Number]]:
     """The numbers of a section, those of one definition together."""
-    found: dict[tuple[str, str], list[Number]] = {}
+    groups: dict[tuple[str, str], list[Number]] = {}
     for one in NUMBERS.values():
         if one.section == section:
-            found.setdefault((one.unit, one.definition), []).append(one)
-    return found
+            groups.setdefault((one.unit, one.definition), []).append(one)
+    return groups

@@ -1,4 +1,4 @@
-"""What a procedure answers: numbers with their uncertainty, a verdict, or a refusal with reason and remedy."""
+"""Outcome of a procedure: numbers with their uncertainty, a verdict, or a refusal with reason and remedy."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ class Cause:
     remedy: str
 
 
-class Judged(Protocol):
-    """What carries a verdict with its causes: an outcome, the result of a plane, of a session."""
+class WithVerdict(Protocol):
+    """Interface of results with a verdict and its causes: of an outcome, a plane, a session."""
 
     @property
     def verdict(self) -> Verdict:
@@ -50,7 +50,7 @@ class Judged(Protocol):
 
     @property
     def remedy(self) -> str:
-        """What helps against it."""
+        """Remedy of the cause."""
 
     @property
     def other_causes(self) -> tuple[Cause, ...]:
@@ -97,7 +97,7 @@ class Outcome(Generic[T]):
         return display.html(self) if hasattr(self.value, "plot") else None
 
     def of_value(self, value: S | None) -> Outcome[S]:
-        """The same verdict and causes with another value."""
+        """The verdict and causes with another value."""
         return Outcome(value, self.verdict, self.reason, self.remedy, self.other_causes)
 
 
@@ -176,7 +176,7 @@ class Check:
 
     @property
     def cause(self) -> Cause:
-        """As a possible cause of the verdict."""
+        """The check as a possible cause of the verdict."""
         return Cause(self.sentence, self.remedy)
 
 
@@ -190,7 +190,7 @@ def verdict_of(checks: Iterable[Check], value: T | None = None) -> Outcome[T]:
     return _of_causes([one.cause for one in by_name.values()], worst, None if worst is Verdict.REFUSED else value)
 
 
-def with_causes(outcome: Outcome[T], other: Judged) -> Outcome[T]:
+def with_causes(outcome: Outcome[T], other: WithVerdict) -> Outcome[T]:
     """The outcome with the verdict and the causes of another one too: those of the worse verdict come first."""
     known, added = causes_of(outcome), causes_of(other)
     if other.verdict.rank > outcome.verdict.rank:
@@ -203,7 +203,7 @@ def with_doubt(outcome: Outcome[T], reason: str, remedy: str) -> Outcome[T]:
     return with_causes(outcome, Outcome(None, Verdict.DOUBTFUL, reason, remedy))
 
 
-def worst_of(outcomes: Mapping[str, Judged]) -> Outcome[Any]:
+def worst_of(outcomes: Mapping[str, WithVerdict]) -> Outcome[Any]:
     """The worst verdict of several outcomes, without a value; the cause that most of them put first comes first.
 
     Causes with one remedy count as one cause. Their reasons begin with the names of the outcomes.
@@ -221,15 +221,15 @@ def _by_remedy(named: Sequence[tuple[str, Cause]]) -> list[Cause]:
     groups: dict[str, dict[str, list[str]]] = {}
     for name, cause in named:
         groups.setdefault(cause.remedy, {}).setdefault(cause.reason, []).append(name)
-    found = []
+    causes = []
     for remedy, reasons in sorted(groups.items(), key=lambda one: -sum(map(len, one[1].values()))):
         (reason, names), *more = reasons.items()
         likewise = ", ".join(name for _, others in more for name in others)
-        found.append(Cause(f"{', '.join(names)}: {reason}{f' (likewise {likewise})' if likewise else ''}", remedy))
-    return found
+        causes.append(Cause(f"{', '.join(names)}: {reason}{f' (likewise {likewise})' if likewise else ''}", remedy))
+    return causes
 
 
-def causes_of(judged: Judged) -> list[Cause]:
+def causes_of(judged: WithVerdict) -> list[Cause]:
     """All causes, the most likely one first; none of a pass."""
     return [Cause(judged.reason, judged.remedy), *judged.other_causes] if judged.reason else []
 
@@ -253,8 +253,8 @@ class Miss:
         where = " ".join(part for part in (self.source, self.plane, self.place) if part)
         return self.reason if self.reason.startswith((f"{where}: ", f"{where} ")) else f"{where}: {self.reason}"
 
-    def told(self) -> dict[str, str]:
-        """As a record names what was left out."""
+    def to_record(self) -> dict[str, str]:
+        """The excluded item as an entry of a record."""
         return {"source": self.source, "reason": self.reason, "remedy": self.remedy}
 
 

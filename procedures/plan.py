@@ -261,7 +261,7 @@ class Estimate:
     """
 
     estimate: Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
-    facts_from: Callable[[Mapping[str, Any]], Facts] = lambda found: {}
+    facts_from: Callable[[Mapping[str, Any]], Facts] = lambda estimates: {}
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ OVERSAMPLING = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class RadialProfile:
     """Mean of a PSF over directions about its centre, and encircled energy, with standard uncertainties.
 
     Attributes
@@ -46,7 +46,7 @@ class Profile:
     support: float
 
 
-def radial_profile(psf: Psf) -> Profile:
+def radial_profile(psf: Psf) -> RadialProfile:
     """Compute the profile to the end of the tail's shapes; without a tail, to the largest circle inside the support.
 
     It is that of the band-limited PSF between its samples, as the encircled energy of `procedures.quality`; outside the
@@ -56,7 +56,7 @@ def radial_profile(psf: Psf) -> Profile:
     radius, on, inside = _weights(psf.k, with_tail=len(p) > n)
     on, inside = on[:, : len(p)] * psf.s**2, inside[:, : len(p)]
     density, energy = on @ p / psf.light, inside @ p / psf.light
-    return Profile(
+    return RadialProfile(
         radius / psf.s,
         density,
         _sigma(psf, (on - density[:, None] * psf.weights) / psf.light),

@@ -85,9 +85,9 @@ def curve_numbers(f: Array, mtf: Array, slope: Array, name: str, at: Sequence[fl
     i = int(np.searchsorted(f, NYQUIST))
     yield DrawnNumber(MTF_NYQUIST[name], float(mtf[i]), "1", "|OTF| at 0.5 cycles/pixel", slope[i])
     for level in LEVELS:
-        if (found := crossing(f, mtf, slope, level / 100)) is not None:
+        if (crossed := crossing(f, mtf, slope, level / 100)) is not None:
             method = f"first crossing of |OTF| = {level / 100:g}"
-            yield DrawnNumber(MTF_CROSSINGS[level, name], found[0], "cycles/pixel", method, found[1])
+            yield DrawnNumber(MTF_CROSSINGS[level, name], crossed[0], "cycles/pixel", method, crossed[1])
     for frequency in at:
         if 0 <= frequency <= f[-1]:
             value, gradient = _at(f, mtf, slope, frequency)

@@ -132,7 +132,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """The house rules first, then the files with slow tests, so that none of these is waited for at the end.
+    """The rules of style first, then the files with slow tests, so that none of these is waited for at the end.
 
     A test is slow too that asks for one of the fixtures which its file calls SLOW_FIXTURES: these take seconds to make.
     """

@@ -1,4 +1,4 @@
-"""The house rules, run with the tests: `.ci/check` says what they are."""
+"""Rules of style, format, types and imports, checked by `.ci/check`."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 @pytest.mark.parametrize("rule", ["style", "format", pytest.param("types", marks=pytest.mark.slow), "imports"])
-def test_house_rule(rule: str) -> None:
+def test_rule_holds(rule: str) -> None:
     environment = {**os.environ, "PYTHON": sys.executable}
     done = subprocess.run([ROOT / ".ci" / "check", rule], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.slow
-def test_a_wheel_tells_scripts_its_types(tmp_path: Path) -> None:
-    # after the types above: what was learnt of other people's packages is not learnt again
+def test_a_wheel_has_types_for_scripts(tmp_path: Path) -> None:
+    # after the types above, whose cache holds the types of other packages
     site, cache = site_of_wheel(tmp_path), tmp_path / "cache"
     if (ROOT / ".mypy_cache").is_dir():
         shutil.copytree(ROOT / ".mypy_cache", cache)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.alpaca.link import AlpacaLink, AlpacaServer, Levels
+from drivers.alpaca.link import AlpacaAddress, AlpacaLink, Levels
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, FrameWrong, Rejected
 from drivers.frame_files.dng_folder import Body, DngFolder, Frame
@@ -41,7 +41,7 @@ class AlpacaCamera:
 
     def __init__(
         self,
-        server: AlpacaServer,
+        server: AlpacaAddress,
         number: int,
         frames: DngFolder,
         settings: AlpacaCameraSettings | None = None,

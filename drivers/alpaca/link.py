@@ -38,7 +38,7 @@ Levels = npt.NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True)
-class AlpacaServer:
+class AlpacaAddress:
     """A server: "192.168.1.20:11111", and the environment variable that holds its password, "" for none.
 
     The configuration is stored with every session, so a password is read from the environment only.
@@ -59,7 +59,7 @@ class AlpacaServer:
 class AlpacaLink:
     """One device of an Alpaca server: "focuser", "camera" or "switch", by its number from 0."""
 
-    def __init__(self, server: AlpacaServer, kind: str, number: int) -> None:
+    def __init__(self, server: AlpacaAddress, kind: str, number: int) -> None:
         self._server, self.kind, self.number = server, kind, number
         parts = urlsplit(f"http://{server.address}")
         self._host, self._port = parts.hostname or "", parts.port or 80

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 
-from drivers.alpaca.link import NOT_NOW, AlpacaLink, AlpacaServer
+from drivers.alpaca.link import NOT_NOW, AlpacaAddress, AlpacaLink
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, NoAnswer, Rejected
 from drivers.homing_state import HOME, UNHOMED, Trust
@@ -70,7 +70,7 @@ class Scale:
 
 
 @dataclass
-class Part:
+class FocuserAxis:
     """An axis, the connection to its focuser, and, once connected, its scale."""
 
     axis: AlpacaAxis
@@ -82,11 +82,11 @@ class AlpacaStage:
     """A Stage of focusers of one Alpaca server."""
 
     def __init__(
-        self, server: AlpacaServer, axes: Sequence[AlpacaAxis], *, patience_s: float = 60.0, clock: Clock | None = None
+        self, server: AlpacaAddress, axes: Sequence[AlpacaAxis], *, patience_s: float = 60.0, clock: Clock | None = None
     ) -> None:
         self.clock = clock or SystemClock()
         self.trust = Trust()
-        self._parts = {axis.name: Part(axis, AlpacaLink(server, "focuser", axis.focuser)) for axis in axes}
+        self._parts = {axis.name: FocuserAxis(axis, AlpacaLink(server, "focuser", axis.focuser)) for axis in axes}
         self._patience_s = patience_s
         self._one_mover = OneMover()
         self._open = False
@@ -104,7 +104,7 @@ class AlpacaStage:
         models = "; ".join(dict.fromkeys(identity.model for identity in identities))
         return Identity(models, identities[0].firmware, "", self.address)
 
-    def _prepare(self, part: Part) -> Identity:
+    def _prepare(self, part: FocuserAxis) -> Identity:
         identity, axis = part.link.open(), part.axis
         device = part.link.device
         with part.link.translated_errors():
@@ -186,7 +186,7 @@ class AlpacaStage:
                     check_arrival(name, target[name], there[name], tolerance, stopped)
 
     def _send(
-        self, part: Part, value: float, begun: Sequence[Part], epoch: int, allowed: Callable[[], None]
+        self, part: FocuserAxis, value: float, begun: Sequence[FocuserAxis], epoch: int, allowed: Callable[[], None]
     ) -> None:  # fmt: skip
         """Move one axis; retry while a server that moves one axis at a time refuses because another moves."""
         step = min(max(part.scale.to_step(value), 0), part.scale.last)
@@ -198,7 +198,7 @@ class AlpacaStage:
             self._finish(begun, epoch)
             self._order(part, lambda: part.link.device.Move(step), allowed)
 
-    def _order(self, part: Part, order: Callable[[], object], allowed: Callable[[], None]) -> None:
+    def _order(self, part: FocuserAxis, order: Callable[[], object], allowed: Callable[[], None]) -> None:
         """Give an order if it is allowed; cancel it if an emergency stop came meanwhile. Raises DeviceError."""
         preemptions = self.trust.preemptions
         allowed()
@@ -208,7 +208,7 @@ class AlpacaStage:
             self._halt_all()
             self.trust.require()
 
-    def _finish(self, parts: Sequence[Part], epoch: int) -> None:
+    def _finish(self, parts: Sequence[FocuserAxis], epoch: int) -> None:
         """Wait until these are still. Raises NoAnswer after the time limit."""
         deadline_s = self.clock.now_s() + self._patience_s
         while any(_moving(part) for part in parts):
@@ -253,11 +253,11 @@ class AlpacaStage:
             thread.join(HALTED_S / len(threads))
 
 
-def _position(part: Part) -> int:
+def _position(part: FocuserAxis) -> int:
     with part.link.translated_errors():
         return int(part.link.device.Position)
 
 
-def _moving(part: Part) -> bool:
+def _moving(part: FocuserAxis) -> bool:
     with part.link.translated_errors():
         return bool(part.link.device.IsMoving)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import threading
 
-from drivers.alpaca.link import AlpacaLink, AlpacaServer
+from drivers.alpaca.link import AlpacaAddress, AlpacaLink
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, EmergencyStopped, MoveFailed, Rejected
 from drivers.interfaces import Condition, Identity, ShutterTimes
-from drivers.light import LastLevel, Panel, check_level
+from drivers.light import LampProperties, LastLevel, check_level
 from drivers.wire.connection import line_condition, not_connected
 
 SET = "setswitch"
@@ -17,7 +17,7 @@ SET = "setswitch"
 class AlpacaSwitch:
     """One switch, by its number on the device: connected and checked to be writable."""
 
-    def __init__(self, server: AlpacaServer, device: int, switch: int) -> None:
+    def __init__(self, server: AlpacaAddress, device: int, switch: int) -> None:
         self.link = AlpacaLink(server, "switch", device)
         self.switch = switch
         self.low, self.high = 0.0, 1.0
@@ -60,9 +60,11 @@ class AlpacaSwitch:
 class AlpacaLight:
     """A Light on a switch of an Alpaca server."""
 
-    def __init__(self, switch: AlpacaSwitch, *, panel: Panel | None = None, clock: Clock | None = None) -> None:
+    def __init__(
+        self, switch: AlpacaSwitch, *, panel: LampProperties | None = None, clock: Clock | None = None
+    ) -> None:
         self.clock = clock or SystemClock()
-        self.panel = panel or Panel()
+        self.panel = panel or LampProperties()
         self._switch = switch
         self._last = LastLevel(self.panel, self.clock)
 

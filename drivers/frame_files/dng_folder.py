@@ -19,8 +19,8 @@ from drivers.interfaces import CameraSettings, ExposedFile, ShutterTimes
 
 
 @dataclass(frozen=True)
-class Optics:
-    """What such a camera cannot know; written to its files as configured.
+class OpticsMetadata:
+    """Data that such a camera cannot know; written to its files as configured.
 
     Attributes
     ----------
@@ -63,10 +63,10 @@ class DngFolder:
     """The folder of a camera's frames."""
 
     def __init__(
-        self, folder: Path, inspect: Inspect, optics: Optics | None = None, *, clock: Clock | None = None
+        self, folder: Path, inspect: Inspect, optics: OpticsMetadata | None = None, *, clock: Clock | None = None
     ) -> None:
         self.path = folder
-        self._inspect, self._optics, self._clock = inspect, optics or Optics(), clock or SystemClock()
+        self._inspect, self._optics, self._clock = inspect, optics or OpticsMetadata(), clock or SystemClock()
 
     def check(self) -> None:
         """Raises LineLost if the folder does not exist."""

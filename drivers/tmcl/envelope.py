@@ -17,7 +17,7 @@ CLOCK_HZ = 16e6
 
 
 @dataclass(frozen=True)
-class Envelope:
+class TmclEnvelope:
     """One axis: microsteps per second and per second squared, disabled switches, the current at rest."""
 
     speed: float
@@ -47,7 +47,7 @@ class Envelope:
         return None
 
 
-def read_envelope(name: str, parameters: Mapping[int, int | None]) -> Envelope:
+def read_envelope(name: str, parameters: Mapping[int, int | None]) -> TmclEnvelope:
     """The limits given by the parameters of an axis, None for a number it does not have. Raises BadConfiguration.
 
     Modules with a TMC428 or TMC429 report speed and acceleration in units of their dividers (data sheet, "velocity
@@ -60,7 +60,7 @@ def read_envelope(name: str, parameters: Mapping[int, int | None]) -> Envelope:
         rise *= CLOCK_HZ**2 / 2 ** (pulses + ramps + 29)
     if not speed > 0 or not rise > 0:
         raise BadConfiguration(f"{name} is set to no speed or no acceleration", "set parameters 4 and 5 of its motor")
-    return Envelope(speed, rise, parameters[STANDBY], bool(parameters[RIGHT_OFF] or parameters[LEFT_OFF]))
+    return TmclEnvelope(speed, rise, parameters[STANDBY], bool(parameters[RIGHT_OFF] or parameters[LEFT_OFF]))
 
 
 def ask_parameters(host: Any, module: int, motor: int) -> dict[int, int | None]:

@@ -25,7 +25,7 @@ from drivers.errors import (
 from drivers.homing_state import HOME, UNHOMED, Trust
 from drivers.interfaces import Caveat, Condition, Identity, Transport, Travel
 from drivers.move_checks import OneMover, check_arrival, check_target, left_still
-from drivers.tmcl.envelope import POSITION, SPEED, Envelope, ask_parameters, read_envelope
+from drivers.tmcl.envelope import POSITION, SPEED, TmclEnvelope, ask_parameters, read_envelope
 from drivers.tmcl.link import VERSION, VERSION_BINARY, TmclLink, stop_bytes
 from drivers.wire.connection import anything, not_connected, roll_call
 
@@ -79,7 +79,7 @@ class TmclStage:
     ) -> None:
         self.clock = clock or SystemClock()
         self.trust = Trust()
-        self.envelopes: dict[str, Envelope] = {}
+        self.envelopes: dict[str, TmclEnvelope] = {}
         self._axes = tuple(axes)
         self._named = {axis.name: axis for axis in axes}
         self._poll_s, self._patience_s, self._variable = poll_s, patience_s, variable
@@ -123,7 +123,7 @@ class TmclStage:
         version = int(self._link.host(tries=TRIES).send(VERSION, VERSION_BINARY, 0, 0, module).value)
         return f"TMCM-{version >> 16}", f"{version >> 8 & 0xFF}.{version & 0xFF:02}"
 
-    def _envelope(self, axis: TmclAxis) -> Envelope:
+    def _envelope(self, axis: TmclAxis) -> TmclEnvelope:
         return read_envelope(axis.name, ask_parameters(self._link.host(tries=TRIES), axis.module, axis.motor))
 
     def close(self) -> None:

@@ -42,7 +42,7 @@ EVEN = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class BurstRegistration:
     """Registration of a photograph to the first.
 
     Attributes
@@ -87,7 +87,7 @@ class Burst:
     noise: Mapping[str, Noise]
     light: Mapping[str, float]
     shifts: Mapping[str, Shift]
-    places: Sequence[Place]
+    places: Sequence[BurstRegistration]
     resolved: float
 
 
@@ -118,9 +118,9 @@ def gather(
     return Burst(planes.planes, planes.noise, planes.light, planes.shifts, places, _resolved(planes))
 
 
-def _unprocessed(place: Place, frame: RawFrame, noise: Mapping[str, Noise]) -> Place:
+def _unprocessed(place: BurstRegistration, frame: RawFrame, noise: Mapping[str, Noise]) -> BurstRegistration:
     """The registration, marked as set aside if the noise shows that the photograph was processed."""
-    judged: Outcome[Place] = verdict_of(checks_of(frame.planes, noise))
+    judged: Outcome[BurstRegistration] = verdict_of(checks_of(frame.planes, noise))
     refused = judged.verdict is Verdict.REFUSED and not place.reason
     return replace(place, reason=judged.reason, remedy=judged.remedy) if refused else place
 
@@ -134,7 +134,12 @@ class _Planes:
     scale: int
 
     def add(
-        self, frame: RawFrame, noise: Mapping[str, Noise], shifts: Mapping[str, Shift], place: Place | None, number: int
+        self,
+        frame: RawFrame,
+        noise: Mapping[str, Noise],
+        shifts: Mapping[str, Shift],
+        place: BurstRegistration | None,
+        number: int,
     ) -> None:
         """Add a photograph's planes at their positions in whole pixels of the sensor; the rest is a shift."""
         first = next(iter(frame.planes.values()))
@@ -157,7 +162,9 @@ def _scaled(shift: Shift, scale: int) -> Shift:
     return lambda points: scale * shift(points)
 
 
-def _shift(place: Place, whole: npt.NDArray[np.int_], plane: Plane, lateral: Shift | None, scale: int) -> Shift:
+def _shift(
+    place: BurstRegistration, whole: npt.NDArray[np.int_], plane: Plane, lateral: Shift | None, scale: int
+) -> Shift:
     """Displacement of a plane's points relative to the first photograph's, less the whole pixels."""
     back = np.linalg.inv(place.matrix[:, :2])
 
@@ -169,7 +176,7 @@ def _shift(place: Place, whole: npt.NDArray[np.int_], plane: Plane, lateral: Shi
     return at
 
 
-def place_of(frame: RawFrame, other: RawFrame, noise: Mapping[str, Noise]) -> Place:
+def place_of(frame: RawFrame, other: RawFrame, noise: Mapping[str, Noise]) -> BurstRegistration:
     """Register a photograph to the first, with the reason if it is set aside.
 
     Raises
@@ -183,13 +190,13 @@ def place_of(frame: RawFrame, other: RawFrame, noise: Mapping[str, Noise]) -> Pl
     a, b = (np.minimum(plane.samples, np.float32(NOMINAL)) for plane in (first, second))
     matrix = affine_between(a, b, first.samples < NOMINAL)
     if matrix is None:
-        return Place(np.eye(2, 3), 1.0, 1.0, *_ELSEWHERE)
+        return BurstRegistration(np.eye(2, 3), 1.0, 1.0, *_ELSEWHERE)
     light, residual, over_noise = _compared(first, second, matrix, noise[name])
     on_sensor = matrix.copy()
     origin = np.array(first.origin, dtype=np.float64)
     on_sensor[:, 2] = first.pitch * matrix[:, 2] + origin - matrix[:, :2] @ origin
     change = float(np.abs(on_sensor[:, :2] - np.eye(2)).max()) * TILE_PX
-    return Place(on_sensor, light, residual, *_set_aside(light, residual, over_noise, change))
+    return BurstRegistration(on_sensor, light, residual, *_set_aside(light, residual, over_noise, change))
 
 
 _ELSEWHERE = ("it shows another scene, or the scene from another place", "omit it")

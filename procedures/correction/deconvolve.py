@@ -42,7 +42,7 @@ class Splitting:
 
 
 @dataclass(frozen=True, eq=False)
-class Tile:
+class DeconvolutionTile:
     """Data of a tile of n x n samples.
 
     Attributes
@@ -72,7 +72,7 @@ class Tile:
 
 
 def deconvolve(
-    tile: Tile, start: Single, prior: Prior, tau: float, gradient: float, settings: Splitting | None = None
+    tile: DeconvolutionTile, start: Single, prior: Prior, tau: float, gradient: float, settings: Splitting | None = None
 ) -> Single:
     """The picture (C, n, n) of minimal cost.
 
@@ -125,7 +125,7 @@ class _Solver:
     data: np.float32
 
     @classmethod
-    def of(cls, tile: Tile, prior: Prior, data: float, penalty: float) -> _Solver:
+    def of(cls, tile: DeconvolutionTile, prior: Prior, data: float, penalty: float) -> _Solver:
         power = np.zeros((tile.channels, *tile.otf.shape[1:]))
         for p, c in enumerate(tile.channel):
             power[c] += np.abs(tile.otf[p]) ** 2

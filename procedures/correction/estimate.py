@@ -12,16 +12,16 @@ from itertools import islice
 import numpy as np
 import numpy.typing as npt
 
-from procedures.correction.burst import Burst, Place, gather
+from procedures.correction.burst import Burst, BurstRegistration, gather
 from procedures.correction.checks import check_fields, check_scale, checks_of
-from procedures.correction.deconvolve import Splitting, Tile, deconvolve, mean_difference
+from procedures.correction.deconvolve import DeconvolutionTile, Splitting, deconvolve, mean_difference
 from procedures.correction.loss import FieldError, field_error
 from procedures.correction.mosaic import Mosaic
 from procedures.correction.noise import Noise, noise_of
-from procedures.correction.optics import Optics, Shift
+from procedures.correction.optics import PlaneFields, Shift
 from procedures.correction.prediction import Prediction, predict
 from procedures.correction.priors import Prior
-from procedures.correction.tiles import Grid
+from procedures.correction.tiles import TileGrid
 from procedures.display import summary
 from procedures.outcome import Check, Outcome, Verdict, checked_type, verdict_of
 from procedures.psf_field import PsfField
@@ -90,10 +90,10 @@ class Correction:
     side: int
     clipped: float
     prediction: Prediction
-    optics: Optics
+    optics: PlaneFields
     mosaic: Mosaic
     prior: Prior
-    places: Sequence[Place] = ()
+    places: Sequence[BurstRegistration] = ()
     resolved: float = 1.0
     scale: int = 1
 
@@ -147,9 +147,9 @@ def correct(
         return outcome
     burst = gather(frame, further, shifts or {}, p.scale, noise)
     mosaic = Mosaic.of(burst.planes, burst.noise, burst.light)
-    optics = Optics.of(burst.planes, fields, burst.shifts)
+    optics = PlaneFields.of(burst.planes, fields, burst.shifts)
     side = p.side or optics.side(mosaic.shape)
-    work = _Work(mosaic, optics, Grid.over(mosaic.shape, side, optics.ring), p)
+    work = _Work(mosaic, optics, TileGrid.over(mosaic.shape, side, optics.ring), p)
     difference = work.difference()
     picture = work.restored(difference, progress)
     tau = work.tau(difference)
@@ -191,8 +191,8 @@ def _smoothed(prediction: Prediction, scale: int = 1) -> Check:
 @dataclass(frozen=True, eq=False)
 class _Work:
     mosaic: Mosaic
-    optics: Optics
-    grid: Grid
+    optics: PlaneFields
+    grid: TileGrid
     how: CorrectionParameters
 
     def tau(self, difference: float) -> float:
@@ -236,11 +236,11 @@ class _Work:
         out *= self.mosaic.gains[:, None, None]
         return out
 
-    def _tile(self, start: tuple[int, int]) -> tuple[Tile, Single]:
+    def _tile(self, start: tuple[int, int]) -> tuple[DeconvolutionTile, Single]:
         n = self.grid.rows.n
         x, y = self.grid.centre(start)
         z, weight = self.mosaic.cut(start, n, self.optics.ring, self.optics.whole(x, y))
-        tile = Tile(z, weight, self.optics.otf(x, y, n), self.optics.channel)
+        tile = DeconvolutionTile(z, weight, self.optics.otf(x, y, n), self.optics.channel)
         return tile, self.mosaic.first(z, weight)
 
     def _lay(self, out: Single, start: tuple[int, int], u: Single) -> None:

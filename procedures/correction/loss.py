@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.correction.optics import Optics
-from procedures.correction.prediction import EDGES, Measured
+from procedures.correction.optics import PlaneFields
+from procedures.correction.prediction import EDGES, SampleLayout
 from procedures.correction.priors import Prior
 
 Array = npt.NDArray[np.float64]
@@ -58,7 +58,7 @@ class FieldError:
 
 
 def field_error(
-    optics: Optics, mosaic: Measured, prior: Prior, tau: float, difference: float, picture: Single
+    optics: PlaneFields, mosaic: SampleLayout, prior: Prior, tau: float, difference: float, picture: Single
 ) -> FieldError:
     """Map of the error of a corrected picture (C, H, W), for a prior of strength `tau` and a mean difference."""
     rows, columns = mosaic.shape

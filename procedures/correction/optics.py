@@ -30,7 +30,7 @@ SIDES = (512, 384, 256, 192, 128)
 
 
 @dataclass(frozen=True, eq=False)
-class Optics:
+class PlaneFields:
     """Fields of the planes of one photograph or several, with the planes' positions on the picture's grid.
 
     Attributes
@@ -51,7 +51,9 @@ class Optics:
     shifts: Mapping[str, Shift]
 
     @classmethod
-    def of(cls, planes: Mapping[str, Plane], fields: Mapping[str, PsfField], shifts: Mapping[str, Shift]) -> Optics:
+    def of(
+        cls, planes: Mapping[str, Plane], fields: Mapping[str, PsfField], shifts: Mapping[str, Shift]
+    ) -> PlaneFields:
         """The optics of planes, with the fields of their names."""
         pitch = next(iter(planes.values())).pitch
         origins = {key: plane.origin for key, plane in planes.items()}

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from procedures.correction.optics import Optics
+from procedures.correction.optics import PlaneFields
 from procedures.correction.priors import Prior
 
 Array = npt.NDArray[np.float64]
@@ -53,7 +53,7 @@ class Prediction:
         return np.asarray(self.after / self.before)
 
 
-class Measured(Protocol):
+class SampleLayout(Protocol):
     """Layout of the samples."""
 
     @property
@@ -72,7 +72,7 @@ class Measured(Protocol):
         ...
 
 
-def predict(optics: Optics, mosaic: Measured, prior: Prior, tau: float, difference: float) -> Prediction:
+def predict(optics: PlaneFields, mosaic: SampleLayout, prior: Prior, tau: float, difference: float) -> Prediction:
     """Maps of gain and cost for a prior of strength `tau` and the picture's mean difference."""
     rows, columns = mosaic.shape
     y, x = np.linspace(0, rows - 1, PLACES[0]), np.linspace(0, columns - 1, PLACES[1])

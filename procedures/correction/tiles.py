@@ -16,7 +16,7 @@ DECAY = 12
 
 
 @dataclass(frozen=True)
-class Axis:
+class TileAxis:
     """Tiles along one axis of a frame.
 
     Attributes
@@ -58,17 +58,17 @@ class Axis:
 
 
 @dataclass(frozen=True)
-class Grid:
+class TileGrid:
     """Square tiles over a frame of some rows and columns."""
 
-    rows: Axis
-    columns: Axis
+    rows: TileAxis
+    columns: TileAxis
 
     @classmethod
-    def over(cls, shape: tuple[int, int], n: int, ring: int) -> Grid:
+    def over(cls, shape: tuple[int, int], n: int, ring: int) -> TileGrid:
         """Tiles of n samples with a margin for a ring without data and for the decay of its influence."""
         margin = (ring + DECAY + 1) // 2 * 2
-        return cls(Axis(shape[0], n, margin), Axis(shape[1], n, margin))
+        return cls(TileAxis(shape[0], n, margin), TileAxis(shape[1], n, margin))
 
     def __iter__(self):  # type: ignore[no-untyped-def]
         """Starts (row, column) of all tiles."""

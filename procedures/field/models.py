@@ -21,7 +21,7 @@ RIDGE = 1e-5
 """Inverse prior variance of a ring's amplitude, in units of the noise: limits rings that the components hardly
 contain."""
 ROUNDING_RIDGE = 1e-12
-"""The same relative to the trace of the normal equations: bounds rounding where positions and rings differ greatly."""
+"""Weight relative to the trace of the normal equations; bounds rounding if positions and rings differ greatly."""
 FARTHEST_CENTRE = 0.7  # the axis is searched for within this distance of the frame's centre, in half diagonals
 EXTRAPOLATION = 0.25
 """Half diagonals beyond its nodes over which the change of a symmetric lens is extrapolated linearly: from the usual

@@ -75,7 +75,7 @@ class WhitenedNodes:
         return mean, directions
 
     def symmetric_basis(self, kept: Indices, degree: int, axis: tuple[float, float]) -> tuple[Array, Array]:
-        """The same mean (p,), and the principal directions (n, p) of a symmetric lens fitted to these nodes.
+        """The mean (p,), and the principal directions (n, p) of a symmetric lens fitted to these nodes.
 
         Few nodes do not span the variation of a lens between them.
         """

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import pycolmap
 
-from procedures.geometry.cameras import Camera, simple_camera
+from procedures.geometry.cameras import CameraModel, simple_camera
 from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import Refused
 
@@ -26,14 +26,14 @@ FOCAL_RATIOS = (0.5, 1.0, 2.0, 4.0, 8.0)
 FIRST_NODES = 60
 """Number of nodes of the initial estimate, chosen at random so that they are not collinear."""
 MAX_ITERATIONS, TOLERANCE = 200, 1e-7
-"""Of Ceres; the tolerance applies to the relative change of the sum of squares."""
+"""Limits of Ceres' iteration; the tolerance applies to the relative change of the sum of squares."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
     """A camera and the poses of its views; `cost_px` is the root mean square distance of the points."""
 
-    camera: Camera
+    camera: CameraModel
     poses: tuple[Pose, ...]
     cost_px: float
 
@@ -89,24 +89,24 @@ def _resolve_tilts(bundle: Bundle, nodes: Array, views: Sequence[ChartView]) -> 
     return bundle
 
 
-def _better(camera: Camera, pose: Pose, nodes: Array, view: ChartView) -> Pose:
+def _better(camera: CameraModel, pose: Pose, nodes: Array, view: ChartView) -> Pose:
     """A pose, or that of the opposite tilt where its residual is smaller."""
     other = max(_flat_poses(camera, nodes, view), key=lambda one: float(np.linalg.norm(one.R - pose.R)), default=pose)
     return min(pose, other, key=lambda one: float(np.sum(_distances(camera, one, nodes, view) ** 2)))
 
 
-def _distances(camera: Camera, pose: Pose, nodes: Array, view: ChartView) -> Array:
+def _distances(camera: CameraModel, pose: Pose, nodes: Array, view: ChartView) -> Array:
     return np.asarray(camera.project(pose.apply(nodes[view.index])) - view.points)
 
 
-def _normalised(camera: Camera, nodes: Array, view: ChartView) -> tuple[Array, Array]:
+def _normalised(camera: CameraModel, nodes: Array, view: ChartView) -> tuple[Array, Array]:
     """The nodes of a view, and their undistorted points at focal length 1."""
     flat = camera.rays(view.points)[:, :2]
     known = np.isfinite(flat).all(axis=1)
     return nodes[view.index[known]], flat[known][:, None]
 
 
-def _flat_poses(camera: Camera, nodes: Array, view: ChartView) -> list[Pose]:
+def _flat_poses(camera: CameraModel, nodes: Array, view: ChartView) -> list[Pose]:
     """The two poses of a flat chart with the same image to first order: Collins, Bartoli, IJCV 2014."""
     board, points = _normalised(camera, nodes, view)
     _, turns, shifts, _ = cv2.solvePnPGeneric(board, points, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
@@ -114,7 +114,7 @@ def _flat_poses(camera: Camera, nodes: Array, view: ChartView) -> list[Pose]:
     return [one for one in poses if np.isfinite(one.R).all() and np.isfinite(one.t).all()]
 
 
-def _first_pose(camera: Camera, nodes: Array, view: ChartView) -> Pose:
+def _first_pose(camera: CameraModel, nodes: Array, view: ChartView) -> Pose:
     """Pose from the homography between the flat chart and the pinhole image."""
     board, points = _normalised(camera, nodes, view)
     for method in (cv2.SOLVEPNP_IPPE, cv2.SOLVEPNP_ITERATIVE):  # the first fails for some frontal charts
@@ -129,7 +129,7 @@ def _pose(turn: npt.ArrayLike, t: npt.ArrayLike) -> Pose:
     return Pose(np.asarray(R, dtype=np.float64), np.asarray(t, dtype=np.float64).ravel())
 
 
-def adjust_flat(camera: Camera, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]) -> Bundle:
+def adjust_flat(camera: CameraModel, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]) -> Bundle:
     """Camera and poses that minimise the distances of the nodes from their points, all weighted equally."""
     # without nodes that only one view shows: pycolmap rejects such points
     times = np.bincount(np.concatenate([view.index for view in views]), minlength=len(nodes))
@@ -146,7 +146,7 @@ def _subset(view: ChartView, chosen: npt.NDArray[np.bool_]) -> ChartView:
 
 
 def _reconstruction(
-    camera: Camera, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]
+    camera: CameraModel, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]
 ) -> pycolmap.Reconstruction:
     """pycolmap's scene: one camera, the nodes as points, an image per view.
 
@@ -196,7 +196,7 @@ def _problem(
 
 def _bundle(scene: pycolmap.Reconstruction, nodes: Array, views: Sequence[ChartView]) -> Bundle:
     """Camera, poses and cost of pycolmap's scene."""
-    camera = Camera.from_colmap(scene.cameras[1])
+    camera = CameraModel.from_colmap(scene.cameras[1])
     rigid = [scene.images[number].cam_from_world() for number in range(1, len(views) + 1)]
     poses = [Pose(np.asarray(one.rotation.matrix()), np.asarray(one.translation, dtype=np.float64)) for one in rigid]
     pairs = zip(poses, views, strict=True)

@@ -42,7 +42,7 @@ The formulas are smooth and in double precision: the error stays below 1e-6 of t
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class CameraModel:
     """A camera model with its parameters.
 
     Attributes
@@ -89,8 +89,8 @@ class Camera:
     def _value(self, name: str) -> float:
         return float(self.params[self.names.index(name)])
 
-    def with_params(self, params: Array) -> Camera:
-        """The same model with other parameters."""
+    def with_params(self, params: Array) -> CameraModel:
+        """The model with other parameters."""
         return replace(self, params=np.asarray(params, dtype=np.float64))
 
     def colmap(self) -> pycolmap.Camera:
@@ -104,7 +104,7 @@ class Camera:
         return self.colmap()
 
     @classmethod
-    def from_colmap(cls, camera: pycolmap.Camera) -> Camera:
+    def from_colmap(cls, camera: pycolmap.Camera) -> CameraModel:
         """The camera from one of pycolmap."""
         model = camera.model.name
         params = np.array(camera.params, dtype=np.float64) - COLMAP_CENTRE * _is_centre(model)
@@ -153,7 +153,7 @@ class Camera:
 
 def simple_camera(
     model: str, focal_px: tuple[float, float], centre: tuple[float, float], size: tuple[int, int]
-) -> Camera:
+) -> CameraModel:
     """A camera without distortion.
 
     Parameters
@@ -168,17 +168,17 @@ def simple_camera(
     """
     names = parameter_names(model)
     known = {"f": sum(focal_px) / 2, "fx": focal_px[0], "fy": focal_px[1], "cx": centre[0], "cy": centre[1]}
-    return Camera(model, np.array([known.get(name, 0.0) for name in names]), *size)
+    return CameraModel(model, np.array([known.get(name, 0.0) for name in names]), *size)
 
 
-def enriched(camera: Camera, model: str) -> Camera | None:
-    """The same camera as a model that contains its own; None where the model does not."""
+def enriched(camera: CameraModel, model: str) -> CameraModel | None:
+    """The camera as a model that contains its own; None where the model does not."""
     if not any(camera.model in family and family[camera.model] <= family.get(model, -1) for family in NESTED):
         return None
     (fx, fy), known = camera.focal_px, dict(zip(camera.names, camera.params.tolist(), strict=True))
     known |= {"f": fx, "fx": fx, "fy": fy}
     known.setdefault("k1", known.get("k", 0.0))
-    return Camera(
+    return CameraModel(
         model, np.array([known.get(name, 0.0) for name in parameter_names(model)]), camera.columns, camera.rows
     )
 
@@ -222,7 +222,7 @@ def _is_centre(model: str) -> Array:
     return np.array([float(name in CENTRE) for name in parameter_names(model)])
 
 
-def distortion(camera: Camera, pixels: Array) -> Array:
+def distortion(camera: CameraModel, pixels: Array) -> Array:
     """Displacement (n, 2), in pixels, at places (n, 2) of the frame, relative to a pinhole of the same focal length."""
     pinhole = camera.rays(pixels)[:, :2] * camera.focal_px + camera.centre
     return np.asarray(pixels - pinhole)

@@ -24,7 +24,7 @@ from procedures.geometry.adjustment import (
     moved_pose,
 )
 from procedures.geometry.bundle import adjust_flat, first_bundle
-from procedures.geometry.cameras import Camera, enriched, parameter_names, simple_camera, split_model
+from procedures.geometry.cameras import CameraModel, enriched, parameter_names, simple_camera, split_model
 from procedures.geometry.spline_camera import SplineCamera, spline_models
 from procedures.geometry.views import ChartView, Pose
 from procedures.outcome import Refused
@@ -196,7 +196,7 @@ def _subset(state: AdjustmentState, views: range) -> AdjustmentState:
     return replace(state, poses=tuple(state.poses[i] for i in views))
 
 
-def fit_pose(camera: Camera, pose: Pose, nodes: Array, view: ChartView) -> tuple[Pose, Array]:
+def fit_pose(camera: CameraModel, pose: Pose, nodes: Array, view: ChartView) -> tuple[Pose, Array]:
     """Pose of a chart of known shape from a nearby one, and the residuals in standard deviations, (n, 2)."""
     whitening = view.whitening
     for _ in range(MAX_POSE_ITERATIONS):

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from procedures.geometry.cameras import Camera, simple_camera
+from procedures.geometry.cameras import CameraModel, simple_camera
 from procedures.geometry.uncertainty import enclosed
 from procedures.outcome import BadParameter
 
@@ -105,7 +105,7 @@ class RadialCamera:
         return self.distort(self.focal_px * rays[:, :2] / rays[:, 2:] + self.centre)
 
 
-def as_opencv(camera: Camera, region: Array, count: int) -> OpenCvCamera:
+def as_opencv(camera: CameraModel, region: Array, count: int) -> OpenCvCamera:
     """The camera by OpenCV's formula with `count` distortion coefficients.
 
     Parameters
@@ -135,7 +135,7 @@ def as_opencv(camera: Camera, region: Array, count: int) -> OpenCvCamera:
     return OpenCvCamera((params[0], params[1]), (params[2], params[3]), params[4:], difference)
 
 
-def as_model(camera: Camera, region: Array, model: str) -> tuple[Camera, Difference]:
+def as_model(camera: CameraModel, region: Array, model: str) -> tuple[CameraModel, Difference]:
     """The camera by another of COLMAP's models, and the error.
 
     Raises
@@ -150,7 +150,9 @@ def as_model(camera: Camera, region: Array, model: str) -> tuple[Camera, Differe
     return fit, _difference(fit.project(rays) - pixels)
 
 
-def as_radial(camera: Camera, region: Array, formula: str, unit_px: float, *, decentring: bool = False) -> RadialCamera:
+def as_radial(
+    camera: CameraModel, region: Array, formula: str, unit_px: float, *, decentring: bool = False
+) -> RadialCamera:
     """The camera by a radial formula, with fitted focal length and centre.
 
     Parameters
@@ -212,7 +214,7 @@ def _distorted(u: Array, params: Array, formula: str, unit_px: float) -> Array:
     return np.asarray((u * factor[:, None] + tangential) * unit_px + [cx, cy])
 
 
-def _covered(camera: Camera, region: Array) -> tuple[Array, Array]:
+def _covered(camera: CameraModel, region: Array) -> tuple[Array, Array]:
     """Grid of pixels within an outline, and their rays."""
     pixels = camera.frame_grid(*GRID)
     pixels = pixels[enclosed(region, pixels)]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from procedures.display import summary
 from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, AdjustmentState, adjust
-from procedures.geometry.cameras import MODELS, Camera, parameter_names
+from procedures.geometry.cameras import MODELS, CameraModel, parameter_names
 from procedures.geometry.choice import LEAST_VIEWS, ModelTrial, choose_model, first_state, fit_model, with_splines
 from procedures.geometry.misfit import Misfit, find_misfit
 from procedures.geometry.next_view import NextView, next_views
@@ -152,7 +152,7 @@ class Geometry:
         The adjustment from which the other values derive.
     """
 
-    camera: Camera
+    camera: CameraModel
     covariance: Array
     views: tuple[PosedView, ...]
     shape: ChartShape

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy.stats import f as f_distribution
 
 from procedures.geometry.adjustment import Adjustment
-from procedures.geometry.cameras import Camera
+from procedures.geometry.cameras import CameraModel
 from procedures.geometry.views import ChartView
 
 Array = npt.NDArray[np.float64]
@@ -99,7 +99,7 @@ def find_misfit(fit: Adjustment) -> Misfit:
     return Misfit(probability, rms_px, directions @ amplitudes, camera.columns, camera.rows)
 
 
-def _columns(camera: Camera, view: ChartView) -> Array:
+def _columns(camera: CameraModel, view: ChartView) -> Array:
     """Derivatives of a view's points by the coefficients of the field, (n, 2, 2 k)."""
     basis = _polynomials(view.points, camera.columns, camera.rows)
     return np.asarray(np.einsum("ab,nk->nabk", np.eye(2), basis).reshape(len(view), 2, -1))

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from procedures.geometry.adjustment import POSE, Adjustment, by_pose
-from procedures.geometry.cameras import Camera
+from procedures.geometry.cameras import CameraModel
 from procedures.geometry.shape import ShapeModel, rigid_shape
 from procedures.geometry.views import Pose
 from procedures.numerics.scattered import hull_area
@@ -38,7 +38,7 @@ COVER = 0.65
 """Share of the frame that planned views cover before other criteria apply: a result needs 0.6."""
 LEAST_GAIN, NEARLY_BEST = 0.01, 0.9
 """Least share of the frame that a view must add to the coverage; share of the largest gain that is as good."""
-PRIOR: Mapping[str, Callable[[Camera], float]] = {
+PRIOR: Mapping[str, Callable[[CameraModel], float]] = {
     "pixel": lambda camera: 0.03 * camera.columns,
     "1": lambda camera: 0.1,
 }
@@ -82,7 +82,12 @@ def next_views(fit: Adjustment) -> list[NextView]:
 
 
 def planned_view(
-    camera: Camera, poses: Sequence[Pose], nodes: Array, distance_mm: float, sigma_px: float, rim: tuple[float, float]
+    camera: CameraModel,
+    poses: Sequence[Pose],
+    nodes: Array,
+    distance_mm: float,
+    sigma_px: float,
+    rim: tuple[float, float],
 ) -> NextView | None:
     """The pose to photograph next before any adjustment, for a nominal camera.
 
@@ -118,7 +123,7 @@ def planned_view(
     return next(iter(_ranked(camera, information, nodes, shape, sigma_px, (distance_mm,), wider)), None)
 
 
-def corner_share(camera: Camera, nodes: Array, distance_mm: float, rim: tuple[float, float]) -> float:
+def corner_share(camera: CameraModel, nodes: Array, distance_mm: float, rim: tuple[float, float]) -> float:
     """Share of the frame covered by frontal charts in its four corners, with their centres `rim` from its sides."""
     corners = product((rim[0], 1 - rim[0]), (rim[1], 1 - rim[1]))
     points = [camera.project(chart_at(camera, at, 0.0, 0.0, distance_mm).apply(nodes)) for at in corners]
@@ -126,7 +131,11 @@ def corner_share(camera: Camera, nodes: Array, distance_mm: float, rim: tuple[fl
 
 
 def _widening(
-    camera: Camera, projected: Sequence[Array], nodes: Array, distance_mm: float, places: Sequence[tuple[float, float]]
+    camera: CameraModel,
+    projected: Sequence[Array],
+    nodes: Array,
+    distance_mm: float,
+    places: Sequence[tuple[float, float]],
 ) -> Sequence[tuple[float, float]]:
     """The places that increase the coverage of the frame most, while it is small; else all of them."""
     before = _covered(camera, projected) if projected else 0.0
@@ -142,14 +151,14 @@ def _widening(
     )
 
 
-def _covered(camera: Camera, projected: Sequence[Array]) -> float:
+def _covered(camera: CameraModel, projected: Sequence[Array]) -> float:
     """Share of the frame enclosed by the points of the views, each (n, 2)."""
     inside = np.clip(np.concatenate(projected), 0, np.array([camera.columns, camera.rows]) - 1)
     return hull_area(inside) / (camera.columns * camera.rows)
 
 
 def _ranked(
-    camera: Camera, information: Array, nodes: Array, shape: ShapeModel, sigma_px: float,
+    camera: CameraModel, information: Array, nodes: Array, shape: ShapeModel, sigma_px: float,
     distances_mm: Sequence[float], places: Sequence[tuple[float, float]] = tuple(product(PLACES, PLACES)),
 ) -> list[NextView]:  # fmt: skip
     """The feasible poses, ordered by the projection uncertainty after their photograph."""
@@ -166,24 +175,26 @@ def _ranked(
     return sorted(answers, key=lambda one: one.after_px)
 
 
-def chart_at(camera: Camera, at: tuple[float, float], yaw_deg: float, pitch_deg: float, distance_mm: float) -> Pose:
+def chart_at(
+    camera: CameraModel, at: tuple[float, float], yaw_deg: float, pitch_deg: float, distance_mm: float
+) -> Pose:
     """The pose of a chart with its centre at a place of the frame, rotated relative to the frame."""
     turn = Rotation.from_euler("YX", [yaw_deg, pitch_deg], degrees=True)
     return Pose(np.asarray(turn.as_matrix()), distance_mm * _sight(camera, at))
 
 
-def _sight(camera: Camera, at: tuple[float, float]) -> Array:
+def _sight(camera: CameraModel, at: tuple[float, float]) -> Array:
     """Unit vector towards a place of the frame."""
     ray = camera.rays(np.array([[at[0] * (camera.columns - 1), at[1] * (camera.rows - 1)]]))[0]
     return np.asarray(ray / np.linalg.norm(ray))
 
 
-def _obliquity_deg(camera: Camera, at: tuple[float, float], R: Array) -> float:
+def _obliquity_deg(camera: CameraModel, at: tuple[float, float], R: Array) -> float:
     """Angle between the normal of a chart with this rotation and the line of sight to it."""
     return float(np.degrees(np.arccos(np.clip(_sight(camera, at) @ R[:, 2], -1.0, 1.0))))
 
 
-def _information(camera: Camera, pose: Pose, nodes: Array, shape: ShapeModel, sigma_px: float) -> Array | None:
+def _information(camera: CameraModel, pose: Pose, nodes: Array, shape: ShapeModel, sigma_px: float) -> Array | None:
     """Information (p + q, p + q) of a view on camera and chart; None where too little of it is in the frame."""
     points = pose.apply(nodes)
     projected = camera.project(points) if (points[:, 2] > 0).all() else np.full((len(points), 2), -1.0)
@@ -200,7 +211,7 @@ def _information(camera: Camera, pose: Pose, nodes: Array, shape: ShapeModel, si
     return np.asarray(G.T @ G - cross.T @ np.linalg.solve(P.T @ P, cross))
 
 
-def _projection(camera: Camera) -> Array:
+def _projection(camera: CameraModel) -> Array:
     """Derivative (2 n, p) of the projection at infinity by the camera parameters, up to the best rotation."""
     rays = camera.rays(camera.frame_grid(*FRAME))
     rays = rays[np.isfinite(rays).all(axis=1)]

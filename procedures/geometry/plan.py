@@ -17,7 +17,7 @@ from procedures.field import plan as field_plan
 from procedures.field.facts import TourStart
 from procedures.field.locations import Location
 from procedures.field.plan import MOST_CLIPPED, correction, light_readings, off_place, to_place
-from procedures.geometry.cameras import Camera, simple_camera
+from procedures.geometry.cameras import CameraModel, simple_camera
 from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.facts import GeometryFacts, ViewPose, as_pose, pose_facts
@@ -58,7 +58,7 @@ SURE_DEG, STEP_DEG = 20.0, 25.0
 """A tilt below the first shows in perspective alone, which resembles distortion: from there the chart is turned by at
 most the second before the next photograph, lest it be turned out of sight."""
 LEAST_WHITE = 0.15
-"""Of full scale: a tilted chart is darker."""
+"""Least white of a usable photograph, in fractions of full scale: a tilted chart is darker."""
 SCATTER_PX = 0.02
 """Standard deviation of a point, in sensor pixels, assumed for the choice of views."""
 
@@ -137,7 +137,7 @@ def rim_of(start: TourStart) -> tuple[float, float]:
     return start.half[0] + NEAR, start.half[1] + NEAR
 
 
-def nominal_camera(shape: tuple[int, int], principal_px: float) -> Camera:
+def nominal_camera(shape: tuple[int, int], principal_px: float) -> CameraModel:
     """The camera according to its data sheet, in pixels of the plane."""
     rows, columns = shape
     centre = ((columns - 1) / 2, (rows - 1) / 2)

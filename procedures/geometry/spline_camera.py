@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import BSpline
 
-from procedures.geometry.cameras import FEWEST_CONTROLS, Camera, split_model
+from procedures.geometry.cameras import FEWEST_CONTROLS, CameraModel, split_model
 
 Array = npt.NDArray[np.float64]
 
@@ -31,7 +31,7 @@ SPREAD_PX = 3.0
 LONG_SIDES = (8, 12, 18)
 """Candidate numbers of control points along the longer side; the spacing along the shorter side is the same."""
 MAX_ITERATIONS, TOLERANCE_PX = 30, 1e-9
-"""Of the fixed-point iteration that inverts the spline; each reduces the error about a hundredfold."""
+"""Limits of the fixed-point iteration that inverts the spline; each iteration reduces the error about a hundredfold."""
 
 
 def spline_models(base: str, columns: int, rows: int) -> tuple[str, ...]:
@@ -45,20 +45,20 @@ def spline_models(base: str, columns: int, rows: int) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class SplineCamera(Camera):
+class SplineCamera(CameraModel):
     """A camera with model BASE+SPLINE_NXxNY: parameters of the base, then (x, y) of the control points, row by row."""
 
     @classmethod
-    def over(cls, base: Camera, model: str) -> SplineCamera:
+    def over(cls, base: CameraModel, model: str) -> SplineCamera:
         """The model over a base, with control points at 0."""
         nx, ny = split_model(model)[1]
         return cls(model, np.concatenate([base.params, np.zeros(2 * nx * ny)]), base.columns, base.rows)
 
     @cached_property
-    def base(self) -> Camera:
+    def base(self) -> CameraModel:
         """The formula alone."""
         model = split_model(self.model)[0]
-        return Camera(model, self.params[: self.plain], self.columns, self.rows)
+        return CameraModel(model, self.params[: self.plain], self.columns, self.rows)
 
     @property
     def plain(self) -> int:

@@ -77,7 +77,7 @@ class Linearisation(Protocol):
         """(J'J + damping D)^-1 times (n,). May raise LinAlgError."""
 
 
-class Problem(Protocol[State]):
+class LeastSquares(Protocol[State]):
     """A least-squares problem: the sum of squares of `residual` is minimised."""
 
     def residual(self, state: State) -> Array:
@@ -144,7 +144,9 @@ class DenseLinearisation:
         return np.asarray(cho_solve(cho_factor(system), right / root) / root)
 
 
-def minimise(problem: Problem[State], start: State, *, tolerance: float, limit: int = MAX_ITERATIONS) -> Minimum[State]:
+def minimise(
+    problem: LeastSquares[State], start: State, *, tolerance: float, limit: int = MAX_ITERATIONS
+) -> Minimum[State]:
     """The minimum of a sum of squares near a start.
 
     Parameters
@@ -217,7 +219,9 @@ def _predicted(model: Linearisation, step: Array, damping: float) -> float:
     return float(step @ (model.gradient + damping * model.scale * step))
 
 
-def _trial(problem: Problem[State], state: State, model: Linearisation, step: Array, damping: float) -> _Trial[State]:
+def _trial(
+    problem: LeastSquares[State], state: State, model: Linearisation, step: Array, damping: float
+) -> _Trial[State]:
     """State after a damped step, corrected to second order where the straight one gains little."""
     if not np.isfinite(step).all():
         return _Trial(state, np.inf)

@@ -12,7 +12,7 @@ Complex = npt.NDArray[np.complex128]
 Indices = npt.NDArray[np.int64]
 
 
-class Field(NamedTuple):
+class BinnedSaddles(NamedTuple):
     """Saddles sorted by bins, one row of bins after the other.
 
     Attributes
@@ -79,11 +79,11 @@ class LayoutRules(NamedTuple):
     min_near_crowded: int
 
 
-def field_of(points: Complex, axes: Complex, merits: Array, side: float) -> tuple[Field, Indices]:
+def field_of(points: Complex, axes: Complex, merits: Array, side: float) -> tuple[BinnedSaddles, Indices]:
     """Sort saddles (n > 0,) into bins; return them with their original indices."""
     left, top = float(points.real.min()), float(points.imag.min())
     rows, columns = int((points.imag.max() - top) / side) + 1, int((points.real.max() - left) / side) + 1
     bins = ((points.imag - top) / side).astype(np.int64) * columns + ((points.real - left) / side).astype(np.int64)
     starts = np.concatenate([[0], np.cumsum(np.bincount(bins, minlength=rows * columns))])
     order = np.argsort(bins, kind="stable")
-    return Field(points[order], axes[order], merits[order], starts, rows, columns, left, top, side), order
+    return BinnedSaddles(points[order], axes[order], merits[order], starts, rows, columns, left, top, side), order

@@ -18,7 +18,7 @@ from procedures.pattern_print.caption import (
     caption,
     numbered,
 )
-from procedures.pattern_print.panel import Drawing, Panel, Stroke
+from procedures.pattern_print.panel import Drawing, Panel, PrintedLine
 from procedures.pattern_print.sheet import EDGE_MM, LARGEST_TYPE, QUIET_BLOCKS, Sheet, title, titles
 from procedures.pattern_print.source import Source
 from procedures.pattern_print.tiles import DRAWN_CELLS, Tiling
@@ -85,9 +85,9 @@ def _plan(panel: Panel, tiling: Tiling) -> Drawing:
     """Drawing of the sheets, the outline of the chart, and the overall dimensions."""
     unit = SIDE_MM / DRAWN_CELLS
 
-    def line(x0: float, y0: float, x1: float, y1: float, thickness: float) -> Stroke:
+    def line(x0: float, y0: float, x1: float, y1: float, thickness: float) -> PrintedLine:
         start, end = (panel.at(LEFT + x * unit, TOP_MM + y * unit) for x, y in ((x0, y0), (x1, y1)))
-        return Stroke(start, end, thickness * panel.scale)
+        return PrintedLine(start, end, thickness * panel.scale)
 
     end = DRAWN_CELLS - FRAME
     corners = ((FRAME, FRAME), (end, FRAME), (end, end), (FRAME, end), (FRAME, FRAME))

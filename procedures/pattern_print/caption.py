@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
 from procedures.pattern_print import distance
-from procedures.pattern_print.panel import Drawing, Panel, Stroke, Text, wrapped
+from procedures.pattern_print.panel import Drawing, Panel, PrintedLine, Text, wrapped
 from procedures.pattern_print.rulers import rulers
 
 # size of the panel on A4; it is enlarged on larger sheets
@@ -91,7 +91,7 @@ def _distances(panel: Panel, noise_mm: float) -> Drawing:
         cells = ((5.4, sensor.format), (8.6, f"{sensor.megapixels} MP"), (12, f"{sensor.pitch_um} µm"))
         texts += [panel.text(x, TOP + y, words, SMALL, anchor="end") for y, words in cells]
     y = TOP + 13.4
-    strokes: list[Stroke] = [panel.rule(y, RIGHT, RIGHT_END, 0.1)]
+    strokes: list[PrintedLine] = [panel.rule(y, RIGHT, RIGHT_END, 0.1)]
     for focal, row in zip(distance.FOCAL_LENGTHS_MM, distance.table_m(noise_mm), strict=True):
         y += 4.1
         texts.append(panel.text(RIGHT, y, f"{focal} mm lens", TYPE))

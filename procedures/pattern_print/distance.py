@@ -18,7 +18,7 @@ PHOTOSITES_PER_PIXEL = 2
 
 
 @dataclass(frozen=True)
-class Sensor:
+class SensorFormat:
     """A common sensor: its format, megapixels, and pixel pitch in µm."""
 
     format: str
@@ -32,11 +32,11 @@ class Sensor:
 
 
 SENSORS = (
-    Sensor("1-inch", 20, 2.4),
-    Sensor("4/3", 20, 3.3),
-    Sensor("APS-C", 24, 3.9),
-    Sensor("35 mm", 45, 4.4),
-    Sensor("35 mm", 24, 6.0),
+    SensorFormat("1-inch", 20, 2.4),
+    SensorFormat("4/3", 20, 3.3),
+    SensorFormat("APS-C", 24, 3.9),
+    SensorFormat("35 mm", 45, 4.4),
+    SensorFormat("35 mm", 24, 6.0),
 )
 
 

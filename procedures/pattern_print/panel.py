@@ -12,7 +12,7 @@ FONT, BOLD_FONT = "Helvetica", "Helvetica-Bold"
 
 
 @dataclass(frozen=True)
-class Stroke:
+class PrintedLine:
     """A straight black line; ends (x, y) and thickness in mm."""
 
     start: tuple[float, float]
@@ -36,7 +36,7 @@ class Text:
 class Drawing:
     """Lines and texts."""
 
-    strokes: tuple[Stroke, ...] = ()
+    strokes: tuple[PrintedLine, ...] = ()
     texts: tuple[Text, ...] = ()
 
     def __add__(self, other: Drawing) -> Drawing:
@@ -59,9 +59,9 @@ class Panel:
         """Line of text at a point in the panel."""
         return Text(*self.at(x, y), words, size * self.scale, bold, anchor)
 
-    def rule(self, y: float, start: float, end: float, thickness: float) -> Stroke:
+    def rule(self, y: float, start: float, end: float, thickness: float) -> PrintedLine:
         """Horizontal line in the panel."""
-        return Stroke(self.at(start, y), self.at(end, y), thickness * self.scale)
+        return PrintedLine(self.at(start, y), self.at(end, y), thickness * self.scale)
 
 
 def wrapped(words: str, width: float, size: float) -> list[str]:

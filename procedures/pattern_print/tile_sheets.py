@@ -9,10 +9,10 @@ from __future__ import annotations
 from procedures.outcome import BadParameter
 from procedures.pattern_print.assembly import assembly_sheet
 from procedures.pattern_print.outline import outline
-from procedures.pattern_print.panel import Drawing, Stroke, Text
+from procedures.pattern_print.panel import Drawing, PrintedLine, Text
 from procedures.pattern_print.sheet import Box, Sheet, title
 from procedures.pattern_print.source import Source
-from procedures.pattern_print.tiles import BAND_MM, Tile, Tiling
+from procedures.pattern_print.tiles import BAND_MM, SheetTile, Tiling
 
 BLEED_MM = 1.5
 """Width of the cells printed beyond a seam, so that an inaccurate cut shows cells, not paper."""
@@ -60,7 +60,7 @@ def tiled(source: Source, tiling: Tiling) -> list[Sheet]:
     return sheets
 
 
-def _box(tiling: Tiling, tile: Tile) -> Box:
+def _box(tiling: Tiling, tile: SheetTile) -> Box:
     """Left, top, right and bottom of the tile's cells, centred on the paper."""
     cell, paper = tiling.size.cell_mm, tiling.paper
     width, height = (tile.right - tile.left) * cell, (tile.bottom - tile.top) * cell
@@ -68,7 +68,7 @@ def _box(tiling: Tiling, tile: Tile) -> Box:
     return x, y, x + width, y + height
 
 
-def _marks(box: Box, tile: Tile) -> Drawing:
+def _marks(box: Box, tile: SheetTile) -> Drawing:
     """Crosses on the seams, and the label of those to be cut."""
     left, top, right, bottom = box
     on_left, on_top, on_right, on_bottom = tile.joined
@@ -79,7 +79,7 @@ def _marks(box: Box, tile: Tile) -> Drawing:
     return Drawing(tuple(strokes), tuple(words))
 
 
-def _crosses(seams: list[float], ends: tuple[float, float], *, upright: bool) -> list[Stroke]:
+def _crosses(seams: list[float], ends: tuple[float, float], *, upright: bool) -> list[PrintedLine]:
     """Crosses in the bands beyond both ends of the seams, which are vertical or horizontal."""
     arms = []
     for seam in seams:
@@ -87,10 +87,12 @@ def _crosses(seams: list[float], ends: tuple[float, float], *, upright: bool) ->
             middle = end + outwards * BAND_MM / 2
             arms.append(((seam, end + outwards * (BLEED_MM + THICKNESS_MM)), (seam, end + outwards * BAND_MM)))
             arms.append(((seam - ARM_MM, middle), (seam + ARM_MM, middle)))
-    return [Stroke(a, b, THICKNESS_MM) if upright else Stroke(a[::-1], b[::-1], THICKNESS_MM) for a, b in arms]
+    return [
+        PrintedLine(a, b, THICKNESS_MM) if upright else PrintedLine(a[::-1], b[::-1], THICKNESS_MM) for a, b in arms
+    ]
 
 
-def _label(source: Source, tiling: Tiling, tile: Tile, box: Box) -> Drawing:
+def _label(source: Source, tiling: Tiling, tile: SheetTile, box: Box) -> Drawing:
     """Label of sheet and chart, in the band below the cells."""
     x, y = box[0] + 2 * ARM_MM, box[3] + BAND_MM - 1.5
     rows, columns, size = len(tiling.rows) - 1, len(tiling.columns) - 1, tiling.size

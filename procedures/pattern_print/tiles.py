@@ -21,7 +21,7 @@ MOST_SHEETS = 100
 
 
 @dataclass(frozen=True)
-class Tile:
+class SheetTile:
     """Cells of one sheet: its row and column among the sheets, and its limits in cells from the margin's corner."""
 
     row: int
@@ -60,10 +60,10 @@ class Tiling:
     rows: tuple[int, ...]
 
     @property
-    def tiles(self) -> list[Tile]:
+    def tiles(self) -> list[SheetTile]:
         """Tiles row by row."""
         return [
-            Tile(row, column, left, top, right, bottom)
+            SheetTile(row, column, left, top, right, bottom)
             for row, (top, bottom) in enumerate(pairwise(self.rows))
             for column, (left, right) in enumerate(pairwise(self.columns))
         ]

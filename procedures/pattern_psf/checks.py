@@ -27,8 +27,8 @@ from procedures.pattern_psf.distance.ranging import (
 )
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import MONOCHROME, MOSAIC, RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
-from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
-from procedures.pattern_psf.radiometry import Light, measure_light
+from procedures.pattern_psf.pose import ChartPose, ImagingGeometry, chart_pose
+from procedures.pattern_psf.radiometry import LightLevels, measure_light
 from procedures.pattern_psf.registration import Registration, block_size_px, refine_corners, register_marks
 from procedures.plan import Advice, Facts, Reading
 from procedures.raw import Plane, RawFrame
@@ -58,13 +58,13 @@ def shown(frame: RawFrame) -> Plane:
 
 def seen_chart(plane: Plane, known: PatternFacts) -> ChartSighting | Advice:
     """The one chart in the frame, or advice on how to get one."""
-    found = find_charts(plane.samples)
-    if not found:
+    charts = find_charts(plane.samples)
+    if not charts:
         say = "No chart is found: aim at it so that all of it is in the frame, and focus on it."
         return Advice(False, say, by_hand={"aim": 1.0})
-    if len(found) > 1:
-        return Advice(False, f"{len(found)} charts are found: cover all but one.")
-    sighting = found[0]
+    if len(charts) > 1:
+        return Advice(False, f"{len(charts)} charts are found: cover all but one.")
+    sighting = charts[0]
     if sighting.negative:
         return Advice(False, "The photograph is a negative: the chart's white is dark. Use a linear picture.")
     if sighting.mirrored:
@@ -140,7 +140,7 @@ def with_cell_check(advice: Advice, plane: Plane, sighting: ChartSighting, known
     return advice if agreement is None else replace(advice, facts={**advice.facts, "seed_agreement": agreement})
 
 
-def uneven(light: Light) -> Advice:
+def uneven(light: LightLevels) -> Advice:
     """Advice on the direction in which the illumination falls off."""
     _, x, y = light.white[:3]
     across = abs(x) > abs(y)
@@ -203,7 +203,7 @@ def _direction(change_mm: float) -> str:
     return f"{'back' if change_mm > 0 else 'closer'} by {abs(change_mm) / 1000:.2f} m"
 
 
-def centre_readings(pose: ChartPose, plane: Plane, optics: Optics) -> tuple[Reading, Reading]:
+def centre_readings(pose: ChartPose, plane: Plane, optics: ImagingGeometry) -> tuple[Reading, Reading]:
     """Offset of the chart's centre from the frame's, in per cent of the frame's width."""
     x, y, z = pose.centre_mm
     scale = 100 * optics.principal_px(z) / z / plane.samples.shape[1]
@@ -236,11 +236,11 @@ class PoseEstimate:
 def estimate_pose(plane: Plane, sighting: ChartSighting, known: PatternFacts) -> PoseEstimate:
     """Pose of the chart, accurate to 0.1° from the noise cells, to 2° from the marks alone."""
     optics, shape = known.optics(plane.pitch), plane.samples.shape
-    found = estimate_psf(plane, known.chart, known.quick_parameters).value
-    if found is None:
+    estimate = estimate_psf(plane, known.chart, known.quick_parameters).value
+    if estimate is None:
         return PoseEstimate(chart_pose(sighting.H_sensor_pattern, shape, optics), False)
     grid = np.stack(np.meshgrid(*2 * [np.linspace(0, CELLS, 9)]), axis=-1).reshape(-1, 2)
-    H = fit_homography(grid, found.registration.to_sensor(grid))
+    H = fit_homography(grid, estimate.registration.to_sensor(grid))
     return PoseEstimate(chart_pose(H, shape, optics), True)
 
 
@@ -250,9 +250,9 @@ def check_square(frame: RawFrame, facts: Facts) -> Advice:
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return sighting
-    found, optics = estimate_pose(plane, sighting, known), known.optics(plane.pitch)
-    pose = found.pose
-    limit = SQUARE_DEG if found.by_cells else 2 * SQUARE_DEG
+    estimate, optics = estimate_pose(plane, sighting, known), known.optics(plane.pitch)
+    pose = estimate.pose
+    limit = SQUARE_DEG if estimate.by_cells else 2 * SQUARE_DEG
     return square_advice(pose, centre_readings(pose, plane, optics), marks_of(sighting), limit)
 
 
@@ -304,10 +304,10 @@ def square_up(pose: ChartPose, readings: tuple[Reading, ...], marks: Marks) -> A
 def sharpness(frame: RawFrame, facts: Facts) -> float:
     """MTF50 of the PSF in the plane used for geometry, in cycles/pixel; NaN where there is no PSF."""
     known = facts_as(PatternFacts, facts)
-    found = estimate_psf(shown(frame), known.chart, known.quick_parameters).value
-    if found is None:
+    estimate = estimate_psf(shown(frame), known.chart, known.quick_parameters).value
+    if estimate is None:
         return float("nan")
-    numbers = found.quality.numbers
+    numbers = estimate.quality.numbers
     mtf = numbers.get(MTF50_RADIAL) or numbers.get(MTF_NYQUIST[RADIAL])
     return mtf.value if mtf else float("nan")
 

@@ -12,7 +12,7 @@ from procedures.corruption.paper import NoiseMeasurement
 from procedures.corruption.ring import missing_light
 from procedures.pattern_psf.error_parts import ErrorParts
 from procedures.pattern_psf.outliers import ExcludedSamples
-from procedures.pattern_psf.radiometry import Light
+from procedures.pattern_psf.radiometry import LightLevels
 from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, ChartFit, TailPrior
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf
@@ -123,7 +123,7 @@ def unexplained(fit: ChartFit) -> float:
 def diagnose(
     fit: ChartFit,
     psf: Psf,
-    light: Light,
+    light: LightLevels,
     corners: Array,
     marks_map: Registration,
     excluded: ExcludedSamples,

@@ -44,7 +44,7 @@ from procedures.pattern_psf.outliers import (
     without_hidden_places,
     without_outliers,
 )
-from procedures.pattern_psf.radiometry import Light, bend_of_chart, measure_light, straighten, with_sensor
+from procedures.pattern_psf.radiometry import LightLevels, bend_of_chart, measure_light, straighten, with_sensor
 from procedures.pattern_psf.refine import GEOMETRY, ChartFit, TailPrior, fit_by_marks, refine
 from procedures.pattern_psf.registration import (
     Registration,
@@ -332,7 +332,7 @@ def _fit(
     chart: Chart,
     corners: Array,
     registration: Registration,
-    light: Light,
+    light: LightLevels,
     s: int,
     k: int,
     known: _Known,

@@ -13,7 +13,7 @@ from procedures.pattern_print.paper import ISO_PAPERS, Paper, paper_named
 from procedures.pattern_print.rulers import LENGTH_MM
 from procedures.pattern_print.sheet import Size, largest_width_mm
 from procedures.pattern_psf.estimate import PatternParameters
-from procedures.pattern_psf.pose import Optics
+from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Facts
 from procedures.quality import CAMERA, OPERATOR, WAVELENGTHS_NM, Diffraction
 from procedures.raw import Plane
@@ -156,7 +156,7 @@ class PatternFacts(CameraFacts):
         """Whether distances can be computed from sizes."""
         return None not in (self.focal_length_mm, self.pixel_pitch_um, self.chart_width_mm)
 
-    def optics(self, pitch: int | None = None) -> Optics:
+    def optics(self, pitch: int | None = None) -> ImagingGeometry:
         """Relation of sizes and distances for planes of `pitch` photosites per pixel; None: by the kind of sensor.
 
         Raises BadParameter.
@@ -164,7 +164,7 @@ class PatternFacts(CameraFacts):
         remedy = "answer the step `distance`"
         focal_length_mm = required(self.focal_length_mm, "the lens's focal length", remedy)
         pitch_um = required(self.pixel_pitch_um, "the sensor's pixel pitch", remedy)
-        return Optics(focal_length_mm, pitch_um * (pitch or self.plane_pitch), self.cell_mm)
+        return ImagingGeometry(focal_length_mm, pitch_um * (pitch or self.plane_pitch), self.cell_mm)
 
     @property
     def wanted_px_per_cell(self) -> float:

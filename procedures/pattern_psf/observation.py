@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from procedures.numerics.warps import cubic_monomials
 from procedures.pattern import BLOCK, CELLS
-from procedures.pattern_psf.radiometry import Light, quadratic
+from procedures.pattern_psf.radiometry import LightLevels, quadratic
 from procedures.pattern_psf.rasterise import Window
 from procedures.pattern_psf.registration import Registration
 
@@ -83,7 +83,7 @@ def _window(registration: Registration, shape: tuple[int, ...], frame: float, wi
 
 
 def observe(
-    samples: Array32, registration: Registration, light: Light, window: Window, *, margin_px: float = 0.0
+    samples: Array32, registration: Registration, light: LightLevels, window: Window, *, margin_px: float = 0.0
 ) -> Observation:
     """The samples of the noise region, scaled between black and white, with their weights.
 

@@ -348,11 +348,11 @@ def _estimate_plane(
     return known[key]
 
 
-def uncertainty(found: Outcome[Any]) -> float:
+def uncertainty(outcome: Outcome[Any]) -> float:
     """Standard uncertainty of MTF50 in cycles/pixel, in the worse direction; infinite where refused."""
-    if found.value is None:
+    if outcome.value is None:
         return float("inf")
-    numbers = found.value.quality.numbers
+    numbers = outcome.value.quality.numbers
     both = [numbers.get(f"mtf50_{way}", numbers.get(f"mtf_nyquist_{way}")) for way in ("horizontal", "vertical")]
     return max((quantity.uncertainty for quantity in both if quantity is not None), default=float("inf"))
 
@@ -368,9 +368,9 @@ def enough(results: Sequence[Outcomes], facts: Facts) -> Advice:
     return Advice(shots >= FEWEST and reached <= wanted, say, readings, facts=facts)
 
 
-def _reached(found: Sequence[Outcome[Any]]) -> float:
+def _reached(outcomes: Sequence[Outcome[Any]]) -> float:
     """Expected uncertainty of the shots' mean, 1/u^2 = sum 1/u_i^2; 0 for a plane that every shot refuses."""
-    weights = [1 / uncertainty(one) ** 2 for one in found if one.verdict is not Verdict.REFUSED]
+    weights = [1 / uncertainty(one) ** 2 for one in outcomes if one.verdict is not Verdict.REFUSED]
     return 1 / float(np.sqrt(sum(weights))) if weights else 0.0
 
 
@@ -388,8 +388,8 @@ SHOTS = (
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """Combine the PSFs of all shots in every plane."""
-    found: list[Outcomes] = []
+    results: list[Outcomes] = []
     for frame in frames:
-        found.append(estimate_shot(frame, facts, found, known))
-    names = list(found[0]) if found else []
-    return {name: combine([one[name] for one in found]) for name in names}
+        results.append(estimate_shot(frame, facts, results, known))
+    names = list(results[0]) if results else []
+    return {name: combine([one[name] for one in results]) for name in names}

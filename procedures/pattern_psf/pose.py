@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Optics:
+class ImagingGeometry:
     """Data of camera and print that relate sizes to distances.
 
     Attributes
@@ -65,7 +65,7 @@ class ChartPose:
     roll_deg: float
 
 
-def chart_pose(H_plane_cells: Array, shape: tuple[int, ...], optics: Optics) -> ChartPose:
+def chart_pose(H_plane_cells: Array, shape: tuple[int, ...], optics: ImagingGeometry) -> ChartPose:
     """Compute the pose from a homography from cells to the plane's pixels.
 
     Parameters

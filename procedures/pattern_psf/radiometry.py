@@ -30,7 +30,7 @@ MIN_BEND_UNCERTAINTY = 1e-4
 
 
 @dataclass(frozen=True)
-class Light:
+class LightLevels:
     """Levels of black and white over the plane, and their noise.
 
     Attributes
@@ -84,7 +84,7 @@ def quadratic(x: Array, y: Array) -> Array:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
 
 
-def measure_light(samples: npt.NDArray[np.float32], registration: Registration, quantisation: float) -> Light:
+def measure_light(samples: npt.NDArray[np.float32], registration: Registration, quantisation: float) -> LightLevels:
     """Fit black and white levels, polynomials of degree two in position, to the black and white blocks of the frame.
 
     Parameters
@@ -108,7 +108,7 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
     dark, bright = float(np.sqrt(variance_black)), float(np.sqrt(variance_white))
     clipped = find_clipping(np.concatenate(whites), quantisation, dark_noise=dark)
     crushed = find_clipping(np.concatenate(blacks), quantisation, bright_noise=bright)
-    return Light(
+    return LightLevels(
         black,
         white,
         max(variance_black, floor),
@@ -120,7 +120,7 @@ def measure_light(samples: npt.NDArray[np.float32], registration: Registration, 
     )
 
 
-def with_sensor(light: Light, sensor: SensorModel, plane: Plane) -> Light:
+def with_sensor(light: LightLevels, sensor: SensorModel, plane: Plane) -> LightLevels:
     """Replace the noise by that of the sensor's calibration at black and white.
 
     Parameters
@@ -153,7 +153,7 @@ def straighten(plane: Plane, sensor: SensorModel) -> Plane:
     return replace(plane, samples=(straight * plane.quantisation).astype(np.float32))
 
 
-def bend_of_chart(light: Light, sensor: SensorModel, plane: Plane) -> float:
+def bend_of_chart(light: LightLevels, sensor: SensorModel, plane: Plane) -> float:
     """Standard uncertainty of the response's curvature beta over the chart's contrast, by the sensor's calibration.
 
     A parabola that departs by d from a line over the whole range has beta = 4 d, and proportionally less over a part of

@@ -13,7 +13,7 @@ from procedures.outcome import SYMPTOM, Check, Outcome, Refused, Verdict, verdic
 from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
 from procedures.pattern_psf.diagnostics import Diagnostics, unexplained
 from procedures.pattern_psf.error_parts import Variation
-from procedures.pattern_psf.radiometry import Light
+from procedures.pattern_psf.radiometry import LightLevels
 from procedures.pattern_psf.refine import ChartFit
 from procedures.psf import Sampling
 from procedures.raw import UNLIKELY_IN_RAW, unprocessed
@@ -90,7 +90,7 @@ class VerdictInputs:
     raw: bool = False
 
 
-def check_light(light: Light, quantisation: float) -> None:
+def check_light(light: LightLevels, quantisation: float) -> None:
     """Raise Refused for photographs without an estimate: clipped white, too dark, or contrast below the noise."""
     if light.saturated > 0.01:
         raise Refused(
@@ -115,8 +115,8 @@ def check_light(light: Light, quantisation: float) -> None:
 
 def check_cells(fit: ChartFit) -> None:
     """Raise Refused where the noise region does not show the expected cells; no other check is meaningful then."""
-    seen: Outcome[ChartFit] = verdict_of(_cell_checks(fit.agreement, unexplained(fit)), fit)
-    seen.result()
+    agreement: Outcome[ChartFit] = verdict_of(_cell_checks(fit.agreement, unexplained(fit)), fit)
+    agreement.result()
 
 
 def _cell_checks(agreement: float, unexplained: float) -> list[Check]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from procedures.physics.fit import ModelFit, WhitenedPsf, fit_parts, start_near
-from procedures.physics.sensor import Aperture, LowPass, Parts
+from procedures.physics.sensor import Aperture, LowPass, ModelParts
 
 ABERRATIONS: tuple[tuple[int, ...], ...] = ((), (0,), (7,), (0, 7), tuple(range(8)))
 """None, defocus, spherical, both, all eight."""
@@ -19,9 +19,9 @@ def choose(data: WhitenedPsf) -> tuple[ModelFit, list[ModelFit]]:
     One part is varied at a time: first the low-pass filter and diffusion, then the aperture, then the filter again
     under the new aperture, all with free aberrations. Aberrations that do not improve the criterion are then removed.
     """
-    tried: dict[Parts, ModelFit] = {}
+    tried: dict[ModelParts, ModelFit] = {}
 
-    def best_of(candidates: Iterable[Parts], near: Parts | None = None) -> Parts:
+    def best_of(candidates: Iterable[ModelParts], near: ModelParts | None = None) -> ModelParts:
         candidates = list(candidates)
         for parts in candidates:
             if parts not in tried:
@@ -29,7 +29,7 @@ def choose(data: WhitenedPsf) -> tuple[ModelFit, list[ModelFit]]:
         scale = scale_of(tried.values())
         return min(candidates, key=lambda parts: tried[parts].criterion(scale))
 
-    filters = [Parts(low_pass=filter_) for filter_ in LowPass]
+    filters = [ModelParts(low_pass=filter_) for filter_ in LowPass]
     best_of(filters)
     # spots can mimic diffusion, and two boxes of half the width a single one: compare both before fixing either
     diffusing = [best_of([replace(parts, diffusion=True)], near=parts) for parts in filters]

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from procedures.physics.model import Grid, bounds_of, names_of, start_of
-from procedures.physics.sensor import Parts
+from procedures.physics.sensor import ModelParts
 
 Array = npt.NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class ModelFit:
     freedom : int
     """
 
-    parts: Parts
+    parts: ModelParts
     p: Array
     covariance: Array
     chi2: float
@@ -70,7 +70,7 @@ class ModelFit:
         return self.chi2 / scale + len(self.p) * float(np.log(self.freedom + len(self.p)))
 
 
-def fit_parts(data: WhitenedPsf, parts: Parts, start: Array | None = None) -> ModelFit:
+def fit_parts(data: WhitenedPsf, parts: ModelParts, start: Array | None = None) -> ModelFit:
     """The best parameters of a model, from one start or from `STARTS`."""
     starts = (
         [start] if start is not None else [start_of(parts, *pair) for pair in STARTS[: 2 if parts.aberrations else 1]]
@@ -80,7 +80,7 @@ def fit_parts(data: WhitenedPsf, parts: Parts, start: Array | None = None) -> Mo
     return min(fits, key=lambda fit: fit.chi2)
 
 
-def start_near(fit: ModelFit, parts: Parts) -> Array:
+def start_near(fit: ModelFit, parts: ModelParts) -> Array:
     """Starting values for a model with other parts, taken from a fit that shares most of them."""
     known = dict(zip(names_of(fit.parts), fit.p, strict=True))
     fresh = start_of(parts, *STARTS[0])
@@ -127,7 +127,7 @@ def distance_of_rise(data: WhitenedPsf, fit: ModelFit, name: str, bound: float, 
 
 def _descend(
     data: WhitenedPsf,
-    parts: Parts,
+    parts: ModelParts,
     start: Array,
     bounds: tuple[Array, Array],
     free: npt.NDArray[np.bool_] | None = None,

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.physics.pupil import TERMS, Pupil
-from procedures.physics.sensor import BOUNDS, START, Parts, sensor_otf
+from procedures.physics.sensor import BOUNDS, START, ModelParts, sensor_otf
 from procedures.psf import Psf
 from procedures.quality import Diffraction
 
@@ -60,7 +60,7 @@ class Grid:
         values = np.real(self._waves @ otf @ self._waves.T)
         return np.asarray(values.reshape(*otf.shape[:-2], -1))
 
-    def model(self, parts: Parts, p: Array) -> tuple[Array, Array]:
+    def model(self, parts: ModelParts, p: Array) -> tuple[Array, Array]:
         """Samples (k^2,) of sum 1, and their derivatives (k^2, parameters), at `p` in the order of `names_of`."""
         count = len(parts.names)
         fx, fy = self.f[None, :], self.f[:, None]
@@ -82,19 +82,19 @@ class Grid:
         return h, (J - h[:, None] * J.sum(axis=0)) / total
 
 
-def names_of(parts: Parts) -> tuple[str, ...]:
+def names_of(parts: ModelParts) -> tuple[str, ...]:
     """Names of all parameters: shift in pixels of the plane, sensor parameters, aberrations in waves."""
     return ("shift_x", "shift_y", *parts.names, *(TERMS[i] for i in parts.aberrations))
 
 
-def start_of(parts: Parts, even_waves: float, spherical_waves: float) -> Array:
+def start_of(parts: ModelParts, even_waves: float, spherical_waves: float) -> Array:
     """Starting values of a fit; even aberrations start off zero, where their derivative vanishes."""
     start = {"defocus": even_waves, "astigmatism": even_waves / 3, "astigmatism_oblique": even_waves / 3}
     start |= {"spherical": spherical_waves, **START}
     return np.array([start.get(name, 0.0) for name in names_of(parts)])
 
 
-def bounds_of(parts: Parts) -> tuple[Array, Array]:
+def bounds_of(parts: ModelParts) -> tuple[Array, Array]:
     """Smallest and largest values of all parameters."""
     wide = {
         **BOUNDS,

@@ -40,7 +40,7 @@ class LowPass(StrEnum):
 
 
 @dataclass(frozen=True)
-class Parts:
+class ModelParts:
     """The parts of a model, besides diffraction and a shift.
 
     Attributes
@@ -71,7 +71,7 @@ BOUNDS = {"side": (0.3, 1.15), "notch": (0.05, 0.9), "separation": (0.05, 1.6), 
 spots, standard deviation of the charge diffusion."""
 
 
-def sensor_otf(parts: Parts, values: Array, fx: Array, fy: Array) -> Complex:
+def sensor_otf(parts: ModelParts, values: Array, fx: Array, fy: Array) -> Complex:
     """Product of the sensor's transfer functions at frequencies that broadcast, for values in the order of `names`."""
     given = dict(zip(parts.names, values, strict=True))
     otf = aperture_otf(parts.aperture, given["side"], given.get("notch", 0.0), fx, fy)

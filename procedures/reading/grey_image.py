@@ -92,9 +92,9 @@ def _plain_samples(body: bytes, n: int, white: int, name: str) -> Samples:
     return levels.astype(np.uint16)
 
 
-def _check_count(found: int, n: int, name: str) -> None:
-    if found < n:
-        raise BadInput(f"{name} is truncated: its header declares {n} samples; it has {found}", _AGAIN)
+def _check_count(count: int, n: int, name: str) -> None:
+    if count < n:
+        raise BadInput(f"{name} is truncated: its header declares {n} samples; it has {count}", _AGAIN)
 
 
 def read_png(data: bytes, name: str) -> tuple[Samples, int]:

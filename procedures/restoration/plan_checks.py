@@ -91,7 +91,7 @@ def check_truth(frame: RawFrame, facts: Facts) -> Advice:
 
 
 def f_number_of_truth(known: RestorationFacts) -> float:
-    """As recorded by the camera, else from time and light relative to the first; 0 where neither is known."""
+    """Exposures recorded by the camera, else from time and light relative to the first; 0 where neither is known."""
     if known.truth_f_number:
         return known.truth_f_number
     N, t1, t2 = known.first_f_number, known.first_exposure_s, known.truth_exposure_s

@@ -19,7 +19,7 @@ from procedures.corruption.family import (
 from procedures.corruption.noise import MaskScore
 from procedures.outcome import Check
 from procedures.slanted_edge.evidence import HALO_PX, MASK_RADII, Evidence
-from procedures.slanted_edge.profile import Profile
+from procedures.slanted_edge.profile import EdgeProfile
 from procedures.slanted_edge.transfer import FREQUENCIES, STEP, mtf_of
 
 Array = npt.NDArray[np.float64]
@@ -58,7 +58,7 @@ def corruption_checks(evidence: Evidence, *, raw: bool) -> list[Check]:
     ]
 
 
-def modes_of(evidence: Evidence, profile: Profile, mtf: Array, *, raw: bool) -> dict[str, Array]:
+def modes_of(evidence: Evidence, profile: EdgeProfile, mtf: Array, *, raw: bool) -> dict[str, Array]:
     """Standard deviations of the curve (f,) by the bins and by each corruption that is not excluded.
 
     Each is one mode: its sign at one frequency goes with that at all others.
@@ -104,7 +104,7 @@ def _tone(evidence: Evidence) -> tuple[float, float]:
     return math.log(max(2 - evidence.exponent, 0.5)), TONE_MODEL
 
 
-def _by_tone(profile: Profile) -> Array:
+def _by_tone(profile: EdgeProfile) -> Array:
     """Change of the curve (f,) by the logarithm of a tone curve's exponent."""
     esf = np.clip(profile.esf, 0, 1)
     floor = 1e-3 * profile.contrast

@@ -24,7 +24,7 @@ from procedures.slanted_edge.corruptions import corruption_checks, modes_of
 from procedures.slanted_edge.edge_line import Course, find_course
 from procedures.slanted_edge.evidence import examine
 from procedures.slanted_edge.find import EdgeSighting, edge_listed, find_edges
-from procedures.slanted_edge.profile import Profile, edge_profile
+from procedures.slanted_edge.profile import EdgeProfile, edge_profile
 from procedures.slanted_edge.refinement import refine_course
 from procedures.slanted_edge.resampling import expected_noise, resampled_mtf
 from procedures.slanted_edge.strip import EdgeLine, Roi, Strip, strip_of
@@ -197,7 +197,7 @@ def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
     return outcome.of_value(_result(strip, course, profile, mtf, draws, modes))
 
 
-def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
+def _through_windows(strip: Strip, course: Course) -> tuple[EdgeProfile, Array]:
     """Profile and MTF through the widest window that the noise allows.
 
     A wide window contains most of the far light, a narrow one passes less noise. The choice depends on the noise alone,
@@ -220,7 +220,7 @@ def _through_windows(strip: Strip, course: Course) -> tuple[Profile, Array]:
 
 
 def _result(
-    strip: Strip, course: Course, profile: Profile, mtf: Array, draws: Array, modes: Mapping[str, Array]
+    strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, draws: Array, modes: Mapping[str, Array]
 ) -> EdgeMtf:
     slope = course.mean_slope
     tilt = float(np.degrees(np.arctan(slope)))
@@ -271,7 +271,7 @@ def _points(strip: Strip, course: Course) -> Array:
     return np.column_stack([x + strip.roi.x, y + strip.roi.y])
 
 
-def _numbers(strip: Strip, course: Course, profile: Profile, mtf: Array, draws: Array) -> dict[str, Quantity]:
+def _numbers(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, draws: Array) -> dict[str, Quantity]:
     n = profile.samples
     numbers: dict[str, Quantity] = {}
     for level in LEVELS:

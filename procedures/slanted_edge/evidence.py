@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from procedures.clipping import step_of
 from procedures.corruption.noise import MaskScore, Variogram, mask_scores, texture_correlation
 from procedures.slanted_edge.edge_line import Course
-from procedures.slanted_edge.profile import BINS, LIGHT_UNITS, Profile, filled, rebinned, steepness, values_of
+from procedures.slanted_edge.profile import BINS, LIGHT_UNITS, EdgeProfile, filled, rebinned, steepness, values_of
 from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.tail import MAX_TAIL
 from procedures.slanted_edge.transfer import FREQUENCIES
@@ -91,7 +91,7 @@ class _Samples:
     variances: tuple[float, float]
 
 
-def examine(strip: Strip, course: Course, profile: Profile, mtf: Array) -> Evidence:
+def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array) -> Evidence:
     """Scores of a measured edge."""
     d = course.distances(strip)
     value = values_of(profile.light, strip, d)
@@ -131,7 +131,7 @@ def examine(strip: Strip, course: Course, profile: Profile, mtf: Array) -> Evide
 
 
 def _noise(plain: Array, d: Array, far: Mask) -> Array:
-    """What the plains (n, m) have beyond a smooth function of the distance, 0 outside of them."""
+    """Residual of the plains (n, m) from a smooth function of the distance, 0 outside of them."""
     bins = np.floor(d[far] * BINS).astype(int)
     bins -= bins.min()
     count, total = (uniform_filter1d(np.bincount(bins, part), SMOOTH_BINS) for part in (np.ones(len(bins)), plain[far]))
@@ -140,7 +140,7 @@ def _noise(plain: Array, d: Array, far: Mask) -> Array:
     return noise
 
 
-def _scatter(samples: _Samples, profile: Profile) -> tuple[float, float, MaskScore]:
+def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, MaskScore]:
     """Score of the scatter on the edge against the noise of its plains, the displacement and the mask that explain it.
 
     The variance of a linear sensor's noise is a convex function of the light: between the plains it is at most their
@@ -198,7 +198,7 @@ def _fall(samples: _Samples) -> tuple[float, int]:
     return float(np.max(falls, initial=0.0)), max(len(falls), 1)
 
 
-def _halo(samples: _Samples, profile: Profile) -> MaskScore:
+def _halo(samples: _Samples, profile: EdgeProfile) -> MaskScore:
     """Unsharp mask beside the edge: light that is missing there, with levels, tail and slope of the light unknown."""
     x, total, count = _binned(samples)
     near = np.abs(x) > max(HALO_WIDTHS * profile.width_px, HALO_FROM_PX)

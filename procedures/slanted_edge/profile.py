@@ -35,7 +35,7 @@ LIGHT_UNITS: Array = np.array([1, 1, 1, 1 / 20, 1 / 20, 1])
 
 
 @dataclass(frozen=True)
-class Profile:
+class EdgeProfile:
     """The samples of an edge by bin and row, so that rows can be resampled.
 
     Attributes
@@ -140,7 +140,7 @@ def filled(sums: Array, counts: Array) -> Array:
     return rows.reshape(means.shape)
 
 
-def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> Profile:
+def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> EdgeProfile:
     """Spread function of an edge of known course, in a window widened by a factor."""
     d = course.distances(strip)
     inside = (np.abs(d) < strip.reach_px) & strip.usable
@@ -153,7 +153,7 @@ def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> Profile
     value = values_of(light, strip, d)
     used = inside & (np.abs(d) < end + 1)
     empty = np.zeros((len(value), 2 * (int(np.ceil(end * BINS)) + 1)))
-    profile = Profile(
+    profile = EdgeProfile(
         *(empty, empty, normal, right, flat, end, width, light, 0.0, 0.0), strip.tail, weight, lean, int(used.sum())
     )
     profile, residual = rebinned(profile, value, d, used)
@@ -172,8 +172,8 @@ def values_of(light: Array, strip: Strip, d: Array) -> Array:
 
 
 def rebinned(
-    profile: Profile, value: Array, d: Array, used: npt.NDArray[np.bool_], rounds: int = ROUNDS
-) -> tuple[Profile, Array]:
+    profile: EdgeProfile, value: Array, d: Array, used: npt.NDArray[np.bool_], rounds: int = ROUNDS
+) -> tuple[EdgeProfile, Array]:
     """Profile of values at distances, and the residual of each value (n, m), whose mean in every bin is 0."""
     K = profile.sums.shape[1] // 2
     sums, counts = _binned(value, d, used, K)
@@ -186,7 +186,7 @@ def rebinned(
     return profile, moved - profile.esf[bins]
 
 
-def steepness(profile: Profile, d: Array) -> Array:
+def steepness(profile: EdgeProfile, d: Array) -> Array:
     """Slope of the edge spread function at distances d, per pixel."""
     x = profile.centres
     return np.asarray(np.interp(d, (x[1:] + x[:-1]) / 2, np.diff(profile.esf) * BINS))
@@ -271,7 +271,7 @@ def _binned(value: Array, d: Array, used: npt.NDArray[np.bool_], K: int) -> tupl
     return sums, counts
 
 
-def _moved(value: Array, d: Array, used: npt.NDArray[np.bool_], profile: Profile) -> Array:
+def _moved(value: Array, d: Array, used: npt.NDArray[np.bool_], profile: EdgeProfile) -> Array:
     """Values moved along the spread function to the centres of their bins, so that a mean is a value at the centre.
 
     The spread function is a cubic spline between the centres.

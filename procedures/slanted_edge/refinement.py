@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.slanted_edge.edge_line import Course
-from procedures.slanted_edge.profile import BINS, Profile, edge_profile, rebinned, steepness, values_of
+from procedures.slanted_edge.profile import BINS, EdgeProfile, edge_profile, rebinned, steepness, values_of
 from procedures.slanted_edge.strip import Strip
 
 Array = npt.NDArray[np.float64]
@@ -45,7 +45,7 @@ def _with_degree(course: Course, order: int) -> Course:
     return replace(course, coefficients=np.polyfit(t, course.at(t * course.half), order))
 
 
-def _converged(strip: Strip, profile: Profile, course: Course) -> tuple[Course, float]:
+def _converged(strip: Strip, profile: EdgeProfile, course: Course) -> tuple[Course, float]:
     """Converged course of this degree, and its Bayesian information criterion."""
     for _ in range(MAX_ITERATIONS):
         d = course.distances(strip)
@@ -66,7 +66,7 @@ def _converged(strip: Strip, profile: Profile, course: Course) -> tuple[Course, 
 
 
 def _displacement(
-    strip: Strip, profile: Profile, course: Course, d: Array, residual: Array, core: npt.NDArray[np.bool_]
+    strip: Strip, profile: EdgeProfile, course: Course, d: Array, residual: Array, core: npt.NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """Least-squares change of the coefficients (p,), and its covariance for unit noise (p, p)."""
     t = np.broadcast_to((strip.along / course.half)[:, None], d.shape)[core]

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.slanted_edge.edge_line import tukey
-from procedures.slanted_edge.profile import BINS, Profile, filled, solve_light
+from procedures.slanted_edge.profile import BINS, EdgeProfile, filled, solve_light
 from procedures.slanted_edge.tail import with_tail
 from procedures.slanted_edge.transfer import mtf_of, noise_gain
 
@@ -20,7 +20,7 @@ DRAWS = 300
 SEED = 12233
 
 
-def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
+def resampled_mtf(profile: EdgeProfile, draws: int = DRAWS) -> Array:
     """MTFs of resampled rows, (draws, f), which scatter about the profile's MTF as that does about the truth.
 
     References ---------- Rubin, The Bayesian bootstrap, Annals of Statistics 9, 1981. The variance of a mean of m rows
@@ -45,7 +45,7 @@ def resampled_mtf(profile: Profile, draws: int = DRAWS) -> Array:
     return np.asarray(own + (drawn - own) * noise_gain() * np.sqrt((m + 1) / (m - 1)))
 
 
-def expected_noise(profile: Profile, mtf50: float) -> float:
+def expected_noise(profile: EdgeProfile, mtf50: float) -> float:
     """Relative uncertainty of MTF50 expected of this noise and window; NaN where MTF50 is.
 
     Differences of bins of noise s have the spectrum 2 pi f s / BINS times the window's norm. Half of its power is in

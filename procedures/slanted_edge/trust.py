@@ -8,7 +8,7 @@ import numpy.typing as npt
 from procedures.clipping import NOMINAL, find_clipping
 from procedures.outcome import SYMPTOM, Check, Refused, Verdict
 from procedures.slanted_edge.edge_line import NO_EDGE, Course
-from procedures.slanted_edge.profile import Profile
+from procedures.slanted_edge.profile import EdgeProfile
 from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.transfer import HIGHEST
 
@@ -103,12 +103,12 @@ def check_course(strip: Strip, course: Course) -> None:
         )
 
 
-def checks_of(course: Course, profile: Profile, mtf50: float, uncertainty: float) -> list[Check]:
+def checks_of(course: Course, profile: EdgeProfile, mtf50: float, uncertainty: float) -> list[Check]:
     """All checks on a measured edge but those of corruptions."""
     return _refusals(course, profile, mtf50, uncertainty) + _doubts(profile, mtf50, uncertainty)
 
 
-def _refusals(course: Course, profile: Profile, mtf50: float, uncertainty: float) -> list[Check]:
+def _refusals(course: Course, profile: EdgeProfile, mtf50: float, uncertainty: float) -> list[Check]:
     refused = Verdict.REFUSED
     clear = abs(profile.contrast) / max(profile.noise, 1e-12)
     uneven = profile.unevenness / max(abs(profile.contrast), 1e-12)
@@ -137,7 +137,7 @@ def _refusals(course: Course, profile: Profile, mtf50: float, uncertainty: float
     ]  # fmt: skip
 
 
-def _doubts(profile: Profile, mtf50: float, uncertainty: float) -> list[Check]:
+def _doubts(profile: EdgeProfile, mtf50: float, uncertainty: float) -> list[Check]:
     doubtful, known, estimate = Verdict.DOUBTFUL, profile.tail_prior, profile.tail_estimate
     uneven = profile.unevenness / max(abs(profile.contrast), 1e-12)
     return [

@@ -11,7 +11,7 @@ from procedures.facts import AxisTravel, facts_as, required
 from procedures.outcome import BadParameter
 from procedures.pattern_print.sheet import SMALLEST_WIDTH_MM
 from procedures.pattern_psf.plan import check_sheets
-from procedures.pattern_psf.pose import Optics
+from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Fact, Facts
 from procedures.tilt.facts import TiltFacts
 from procedures.tilt.positions import Positions, behind_lens_um
@@ -37,7 +37,7 @@ def f_number_of(known: TiltFacts) -> float:
     return required(known.aperture, "the f-number", "give it in the step `rail`")
 
 
-def bracket_mm(optics: Optics, f_number: float, distance_mm: float) -> list[float]:
+def bracket_mm(optics: ImagingGeometry, f_number: float, distance_mm: float) -> list[float]:
     """Distances of the chart at which its image steps through the sensor, the nearest first.
 
     Thin lens, focused at a distance: 1 / image + 1 / object = 1 / focal length.

@@ -44,7 +44,7 @@ FINEST = 0.4  # cycles/pixel along both axes above which the near photograph is 
 COARSEST, HIGHEST = 0.01, 0.47  # range of the near photograph's spectrum that is used, in cycles/pixel
 MASK_PX = 1.0  # usual width of an unsharp mask, in pixels
 MAX_ITERATIONS, CONVERGENCE_TOLERANCE = 25, 3e-5
-"""Of the fit to that spectrum; below this change every parameter is within a hundredth of its scatter."""
+"""Limits of the fit to that spectrum; below this change every parameter is within a hundredth of its scatter."""
 
 
 @dataclass(frozen=True)

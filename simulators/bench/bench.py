@@ -17,7 +17,7 @@ import numpy as np
 from drivers.transport import register_scheme
 from simulators.bench.body import BodySettings, CameraBody, Opening
 from simulators.bench.device_faults import FaultEvent, FaultPlan, random_fault_events, random_faults
-from simulators.bench.simulated_operator import Hands, Person
+from simulators.bench.simulated_operator import Person, SimulatedActions
 from simulators.bench.view import View
 from simulators.bench.voice_coils import VoiceCoils
 from simulators.camera.camera import SimulatedCamera
@@ -106,10 +106,10 @@ class SimulatedBench:
         }
 
     @cached_property
-    def hands(self) -> Hands:
+    def hands(self) -> SimulatedActions:
         """The operator model, which begins with an empty room; without it the chart hangs straight and in focus."""
         width_mm = None if self.subject == "tilt" else Person.width_mm
-        return Hands(self, self._seed, Person(width_mm))
+        return SimulatedActions(self, self._seed, Person(width_mm))
 
     def show(self, subject: str) -> None:
         """Photograph one of `SUBJECTS`; the operator model restarts when the subject changes."""

@@ -11,7 +11,7 @@ from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor
 from simulators.world.clutter import random_clutter
-from simulators.world.scene import Light, Scene, Wall
+from simulators.world.scene import Illumination, Scene, Wall
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def random_scene(rng: np.random.Generator, camera: SimulatedCamera, chart: Chart
     shapes = random_clutter(rng, width, height) if trials.clutter or chart is None else ()
     wall = Wall(wall_mm, rng.uniform(0.1, 0.8), shapes)
     if chart is None:
-        return Scene((), wall, Light())
+        return Scene((), wall, Illumination())
     largest = 0.66 * min(trials.rows, trials.columns)
     pixels = rng.uniform(trials.pixels[0], min(trials.pixels[1], largest))
     reach = pixels * 1.42 / 2 * 1.38  # half the sheet's diagonal
@@ -82,5 +82,7 @@ def random_scene(rng: np.random.Generator, camera: SimulatedCamera, chart: Chart
     )  # fmt: skip
     slope, bend = rng.uniform(-1, 1, 2) * trials.gradient / 1.5, rng.uniform(-1, 1, 3) * trials.gradient / 6
     centre = at[0] * trials.columns, at[1] * trials.rows
-    light = Light(1.0, (slope[0], slope[1]), (bend[0], bend[1], bend[2]), centre, max(pixels, trials.columns / 2) / 2)
+    light = Illumination(
+        1.0, (slope[0], slope[1]), (bend[0], bend[1], bend[2]), centre, max(pixels, trials.columns / 2) / 2
+    )
     return Scene((placed,), wall, light)

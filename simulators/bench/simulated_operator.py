@@ -87,7 +87,7 @@ class Standing(Protocol):
     motions: tuple[tuple[SinusoidalDrive, ...], ...]
 
 
-class Hands:
+class SimulatedActions:
     """Actions of the operator at this bench."""
 
     def __init__(self, at: Standing, seed: int, person: Person | None = None) -> None:

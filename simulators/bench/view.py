@@ -16,11 +16,11 @@ from simulators.camera.camera import Lens, Photograph, SimulatedCamera
 from simulators.camera.optics import Optics, Path
 from simulators.camera.pupil import defocus_um
 from simulators.camera.sensor import Sensor
-from simulators.camera.sheets import Frame, PlacedSheet, Sheet, draw, draw_moving
+from simulators.camera.sheets import FlatSheet, Frame, PlacedSheet, draw, draw_moving
 from simulators.camera.truth import ChartTruth
-from simulators.world.projection import Pose as ChartPose
+from simulators.world.projection import ObjectPose as ChartPose
 from simulators.world.projection import Projection
-from simulators.world.scene import Light, PlacedChart, Scene, Wall
+from simulators.world.scene import Illumination, PlacedChart, Scene, Wall
 from simulators.world.world import Array, CameraPoses, World
 
 INSTANTS_PER_S = 480  # samples modes up to 60 Hz eight times per period
@@ -127,7 +127,7 @@ class View:
     focus_drift_mm_per_c: float = -1.5
     mount: Mount | None = field(default_factory=Mount)
     slope: tuple[float, float] = (0.0, 0.0)
-    sheets: tuple[Sheet, ...] = ()
+    sheets: tuple[FlatSheet, ...] = ()
     held: SensorMount = field(default_factory=SensorMount)
     taken: list[Photograph] = field(default_factory=list)
 
@@ -155,7 +155,7 @@ class View:
         centre = centres.mean(axis=0)
         placed = PlacedChart(self.chart, mean_pose(centres, turns), self.cell_mm)
         middle_s = opening.begin_s + opening.exposure_s / 2
-        light = Light(self.world.lamp(middle_s)) if self.mount is None else self._light(placed, middle_s)
+        light = Illumination(self.world.lamp(middle_s)) if self.mount is None else self._light(placed, middle_s)
         scene = Scene((placed,) if self.mount else (), Wall(centre[2] + 500.0), light)
         focus_mm = self._focus_mm(middle_s, float(centre[2]))
         lens = replace(self.camera.lens, tilt_um=self.held.tilt_um(self.camera))
@@ -174,7 +174,7 @@ class View:
         truths = (ChartTruth(projection.pinhole() @ one.to_space(), projection, one.optics) for one in placed)
         return replace(taken, truths=tuple(truths))
 
-    def _placed(self, sheet: Sheet, pose: CameraPoses, camera: SimulatedCamera) -> PlacedSheet:
+    def _placed(self, sheet: FlatSheet, pose: CameraPoses, camera: SimulatedCamera) -> PlacedSheet:
         """Mean pose of a sheet, and its blur by optics, defocus and motion.
 
         If the camera rotates, the motion varies over the frame and is drawn instant by instant instead.
@@ -201,7 +201,7 @@ class View:
         assert isinstance(seed, np.random.SeedSequence)
         return np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, number)))
 
-    def _light(self, placed: PlacedChart, t_s: float) -> Light:
+    def _light(self, placed: PlacedChart, t_s: float) -> Illumination:
         return replace(self.camera.light_on(placed, self.slope), level=self.world.lamp(t_s))
 
     def _focus_mm(self, t_s: float, distance_mm: float) -> float:

@@ -27,5 +27,5 @@ class VoiceCoils:
         self._world.drive(tuple(rounds), now_s)
 
     def rest(self, now_s: float) -> None:
-        """As the springs hold it."""
+        """Position held by the springs."""
         self._world.drive((), now_s)

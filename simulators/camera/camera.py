@@ -15,11 +15,11 @@ from drivers.frame_files.dng import Shot, write_dng
 from procedures.pattern import CELLS, Chart
 from simulators.camera.optics import ColourShift, Optics
 from simulators.camera.pupil import Wavefront, defocus_um
-from simulators.camera.render import Picture, render_frame
+from simulators.camera.render import IdealImage, render_frame
 from simulators.camera.sensor import Mosaic, Sensor
 from simulators.camera.truth import ChartTruth, TruePsf
-from simulators.world.projection import Placed, Pose, Projection, apply_homography, image_distance_mm
-from simulators.world.scene import Light, PlacedChart, Scene
+from simulators.world.projection import ObjectPose, Placed, Projection, apply_homography, image_distance_mm
+from simulators.world.scene import Illumination, PlacedChart, Scene
 
 Array = npt.NDArray[np.float64]
 
@@ -204,7 +204,7 @@ class SimulatedCamera:
             (fraction - 0.5) * size * distance / principal
             for fraction, size in zip(at, (self.sensor.columns, self.sensor.rows), strict=True)
         )
-        return PlacedChart(chart, Pose((x, y, distance), yaw_deg, pitch_deg, roll_deg), cell_mm)
+        return PlacedChart(chart, ObjectPose((x, y, distance), yaw_deg, pitch_deg, roll_deg), cell_mm)
 
     def photograph(
         self, scene: Scene, rng: np.random.Generator, path: Path | None = None, *, exposure_s: float = 0.02,
@@ -224,10 +224,10 @@ class SimulatedCamera:
         projection = self.projection(focus)
         aperture = (NOMINAL_F_NUMBER / self.lens.f_number) ** 2
         sensor = self.sensor.at_iso(iso)
-        seen = self.light(scene) if light is None else light
+        irradiance = self.light(scene) if light is None else light
         if any(self.lens.vignetting):
-            seen = seen * self.lens.falloff((sensor.rows, sensor.columns))
-        mosaic = sensor.expose(seen, self.white_e_per_s * exposure_s * aperture, rng)
+            irradiance = irradiance * self.lens.falloff((sensor.rows, sensor.columns))
+        mosaic = sensor.expose(irradiance, self.white_e_per_s * exposure_s * aperture, rng)
         truths = tuple(
             ChartTruth(
                 projection.pinhole() @ one.to_space(),
@@ -246,7 +246,7 @@ class SimulatedCamera:
         """Light on the photosites, (rows, columns), 1 for a perfect white in full light."""
         focus = self.focused_at(scene)
         return render_frame(
-            Picture.of(scene, self.projection(focus)),
+            IdealImage.of(scene, self.projection(focus)),
             lambda placed: self._drawn_optics(placed, focus),
             (self.sensor.rows, self.sensor.columns),
             self.sensor.tile,
@@ -263,12 +263,12 @@ class SimulatedCamera:
 
     def light_on(
         self, placed: PlacedChart, slope: tuple[float, float], bend: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ) -> Light:
-        """Light that changes by `slope` from a chart's centre to the sides of its noise region; see `Light`."""
+    ) -> Illumination:
+        """Light that changes by `slope` from a chart's centre to the sides of its noise region; see `Illumination`."""
         projection = self.projection(placed.pose.centre_mm[2])
         x, y = apply_homography(projection.pinhole() @ placed.to_space(), np.full((1, 2), CELLS / 2))[0]
         half = CELLS / 2 * placed.cell_mm * projection.principal_px / placed.pose.centre_mm[2]
-        return Light(1.0, slope, bend, (float(x), float(y)), half)
+        return Illumination(1.0, slope, bend, (float(x), float(y)), half)
 
     def focused_at(self, scene: Scene) -> float:
         """Distance in focus, in mm."""

@@ -302,11 +302,11 @@ class Optics:
         return min(max(math.ceil(3 * self.pitch_um / (shortest * max(f_numbers))), 5), 10) if f_numbers else 10
 
     def aberrated(self, more: Wavefront) -> Optics:
-        """The same optics with further aberrations in their pupil."""
+        """The optics with further aberrations in their pupil."""
         return Optics(tuple(_aberrated(blur, more) for blur in self.blurs), self.pitch_um)
 
     def also(self, *blurs: Blur) -> Optics:
-        """The same optics with further causes of blur, such as movement during one exposure."""
+        """The optics with further causes of blur, such as movement during one exposure."""
         return Optics((*self.blurs, *blurs), self.pitch_um)
 
 

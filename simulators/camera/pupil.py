@@ -138,7 +138,7 @@ def _turned(wavefront: Wavefront, wavelength_um: float) -> Complex:
 
 
 def _round_overlap(shifts: Array, wavefront: Wavefront, wavelength_um: float, quadrature: tuple[Array, Array]) -> Array:
-    """As `_overlap`, at many shifts of a round wavefront, from a quarter of the lens: across the shift the path is the
+    """`_overlap` at many shifts of a round wavefront, from a quarter of the lens: across the shift the path is the
     same on both sides, along it the paths' difference changes sign, which leaves the cosine."""
     nodes, weights = quadrature
     half = nodes >= 0  # the nodes are symmetric; a middle one counts once

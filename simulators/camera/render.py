@@ -21,7 +21,7 @@ from scipy import fft
 from simulators.camera.optics import Complex, Optics
 from simulators.world.projection import Projection
 from simulators.world.raster import Segments, coverage
-from simulators.world.scene import Light, PlacedChart, Scene, Stroke, strokes
+from simulators.world.scene import Illumination, PlacedChart, Scene, Stroke, strokes
 
 Array = npt.NDArray[np.float64]
 Frame = npt.NDArray[np.float32]
@@ -75,15 +75,15 @@ class Region:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class IdealImage:
     """The ideal image of a scene without blur: outlines from back to front, and the light."""
 
     outlines: Sequence[Stroke]
     background: float
-    light: Light
+    light: Illumination
 
     @classmethod
-    def of(cls, scene: Scene, projection: Projection) -> Picture:
+    def of(cls, scene: Scene, projection: Projection) -> IdealImage:
         """The ideal image of a scene through a lens."""
         return cls(list(strokes(scene, projection)), scene.wall.reflectance, scene.light)
 
@@ -98,7 +98,7 @@ class Picture:
 
 
 def render_region(
-    picture: Picture,
+    picture: IdealImage,
     optics: Optics,
     region: Region,
     colours: Mapping[tuple[int, int], str],
@@ -133,7 +133,7 @@ def render_region(
 
 
 def render_frame(
-    picture: Picture,
+    picture: IdealImage,
     optics: Callable[[PlacedChart | None], Optics],
     shape: tuple[int, int],
     colours: Mapping[tuple[int, int], str],
@@ -208,7 +208,7 @@ def _filtered(spectrum: Complex, factors: Array | Complex) -> Complex:
     return filtered
 
 
-def _ideal(ideal: Picture, wide: Region, n: int) -> Array:
+def _ideal(ideal: IdealImage, wide: Region, n: int) -> Array:
     """The picture without blur through hats: n samples to a pixel, the first on the first pixel's centre."""
     picture = np.full((n * wide.height, n * wide.width), ideal.background)
     for stroke in ideal.outlines:

@@ -50,9 +50,9 @@ def photograph_render(
     light = np.empty((sensor.rows, sensor.columns))
     period = 1 if sensor.cfa is None else 2
     for colour in set(sensor.tile.values()):
-        seen = blur_and_sample(_channel(picture, colour), optics, colour, n)
+        samples = blur_and_sample(_channel(picture, colour), optics, colour, n)
         for x, y in (place for place, one in sensor.tile.items() if one == colour):
-            light[y::period, x::period] = seen[y::period, x::period]
+            light[y::period, x::period] = samples[y::period, x::period]
     mosaic = sensor.expose(light, white_e, rng)
     if path is not None:
         write_dng(path, mosaic, shot or Shot(), cfa=sensor.cfa, black=sensor.black, white=sensor.white)

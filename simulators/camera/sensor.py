@@ -78,10 +78,10 @@ class Sensor:
         if self.cfa is None:
             return {"Y": (0, 0)}
         red_row = self.cfa.index("R") // 2
-        found = {}
+        planes = {}
         for (x, y), colour in self.tile.items():
-            found[colour if colour != "G" else "G1" if y == red_row else "G2"] = (x, y)
-        return found
+            planes[colour if colour != "G" else "G1" if y == red_row else "G2"] = (x, y)
+        return planes
 
     @property
     def white(self) -> int:
@@ -90,7 +90,7 @@ class Sensor:
         return min(top, int(self.full_well_e / self.gain_e_per_dn) + min(self.black))
 
     def at_iso(self, iso: float, base: float = 100.0) -> Sensor:
-        """The same sensor amplified: `gain_e_per_dn` is that of ISO `base`."""
+        """The sensor with another gain: `gain_e_per_dn` is that of ISO `base`."""
         return replace(self, gain_e_per_dn=self.gain_e_per_dn * base / iso)
 
     def electrons(self, mean_e: Array, rng: np.random.Generator) -> Array:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy import fft
 
 from simulators.camera.optics import Optics
-from simulators.world.projection import Pose, Projection, apply_homography
+from simulators.world.projection import ObjectPose, Projection, apply_homography
 
 Array = npt.NDArray[np.float64]
 Frame = npt.NDArray[np.float32]
@@ -30,7 +30,7 @@ SUPERSAMPLED = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class FlatSheet:
     """A picture on a flat sheet.
 
     Attributes
@@ -54,8 +54,8 @@ class Sheet:
 class PlacedSheet:
     """A sheet in space, with the pose of its centre, and its blur."""
 
-    sheet: Sheet
-    pose: Pose
+    sheet: FlatSheet
+    pose: ObjectPose
     optics: Optics
 
     def to_space(self) -> Array:
@@ -121,9 +121,9 @@ def draw(
     frame = np.empty(shape, np.float32)
     for colour in sorted(set(colours.values())):
         light = _laid_over(spectra, [_transfer(one.optics, colour, wide) for one in sheets], wide)
-        seen = light[n * margin : n * (margin + shape[0]) : n, n * margin : n * (margin + shape[1]) : n]
+        samples = light[n * margin : n * (margin + shape[0]) : n, n * margin : n * (margin + shape[1]) : n]
         for x, y in (place for place, its in colours.items() if its == colour):
-            frame[y::period, x::period] = seen[y::period, x::period]
+            frame[y::period, x::period] = samples[y::period, x::period]
     return np.maximum(frame, 0.0)
 
 
@@ -136,7 +136,7 @@ def _even(sheets: Sequence[PlacedSheet]) -> np.float32 | None:
 
 def draw_moving(
     sheets: Sequence[PlacedSheet],
-    poses: Sequence[Sequence[Pose]],
+    poses: Sequence[Sequence[ObjectPose]],
     projection: Projection,
     shape: tuple[int, int],
     colours: Mapping[tuple[int, int], str],

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from simulators.camera.camera import NOMINAL_F_NUMBER, Lens, SimulatedCamera
 from simulators.camera.sensor import Sensor
-from simulators.camera.sheets import Frame, Sheet, leaves, smooth
+from simulators.camera.sheets import FlatSheet, Frame, leaves, smooth
 from simulators.world.world import SinusoidalDrive
 
 WALL_MM = (252.0, 190.0)
@@ -60,7 +60,7 @@ class Subject:
     it otherwise shifts. `near_mm`: from it to the camera at the rail's near end; None is where a chart hangs.
     """
 
-    sheets: tuple[Sheet, ...] = ()
+    sheets: tuple[FlatSheet, ...] = ()
     camera: SimulatedCamera | None = None
     f_number: float = NOMINAL_F_NUMBER
     motions: tuple[tuple[SinusoidalDrive, ...], ...] = ()
@@ -77,13 +77,13 @@ def wall(rng: np.random.Generator) -> Subject:
     """A flat wall with detail of all sizes, wider than the camera sees from the far end of the rail."""
     columns, rows = (round(size / WALL_TEXEL_MM) for size in WALL_MM)
     picture = leaves((rows, columns), rng, largest=LARGEST_MM / WALL_TEXEL_MM, per_leaf=PER_LEAF)
-    return Subject((Sheet(picture, WALL_TEXEL_MM),), f_number=WALL_F_NUMBER, near_mm=WALL_NEAR_MM)
+    return Subject((FlatSheet(picture, WALL_TEXEL_MM),), f_number=WALL_F_NUMBER, near_mm=WALL_NEAR_MM)
 
 
 def depth(rng: np.random.Generator) -> Subject:
     """Three walls of leaves, one behind the other, before a rig that shakes: the nearest on the left, a round one."""
     back, middle, front = (
-        Sheet(leaves((900, 1200), rng, largest=120.0, per_leaf=80.0), texel_mm) for texel_mm in (0.6, 0.45, 0.35)
+        FlatSheet(leaves((900, 1200), rng, largest=120.0, per_leaf=80.0), texel_mm) for texel_mm in (0.6, 0.45, 0.35)
     )
     x, y = (np.arange(n) - (n - 1) / 2 for n in (1200, 900))
     disc = np.hypot(0.45 * x - 60.0, 0.45 * y[:, None] + 40.0) < 45.0
@@ -102,7 +102,7 @@ PANEL_MM = 4000.0
 
 def panel() -> Subject:
     """A uniform light panel."""
-    return Subject((Sheet(np.ones((8, 8), dtype=np.float32), PANEL_MM / 8),))
+    return Subject((FlatSheet(np.ones((8, 8), dtype=np.float32), PANEL_MM / 8),))
 
 
 EDGE_MM, EDGE_TEXEL_MM, EDGE_DEG = 40.0, 0.05, 5.0
@@ -119,7 +119,7 @@ def edge() -> Subject:
 
 
 TILT_F_NUMBER, TILT_SLOPES = 2.8, (9.0, -6.0)
-"""Of a camera, before the chart, whose sensor is to be squared to its lens: 68 um from side to side."""
+"""Camera with a tilted sensor in front of a chart: f-number, and slopes of the sensor: 68 um from side to side."""
 
 
 def _cover(inside: npt.NDArray[np.bool_]) -> Frame:

@@ -13,7 +13,7 @@ from simulators.devices.grbl_motion import NEVER
 from simulators.devices.grbl_program import BLOCKS, Answer, Program
 from simulators.devices.grbl_reports import Counters, State, status
 from simulators.devices.grbl_settings import BANNERS, locked_at_first
-from simulators.devices.grbl_state import Outputs, Run
+from simulators.devices.grbl_state import Activity, Outputs
 from simulators.devices.serial_device import drained
 from simulators.world.motion import Axis
 
@@ -104,7 +104,7 @@ class GrblController:
         self._boot_s = now_s + off_s + BOOT_S
 
     def _begin_anew(self, state: str, now_s: float) -> None:
-        self.program.run, self.program.counters = Run(state), Counters()
+        self.program.run, self.program.counters = Activity(state), Counters()
         self.program.last_error = 0
         self.program.switch_off(now_s)
         self.program.modes = type(self.program.modes)()
@@ -150,7 +150,7 @@ class GrblController:
         """Raise an alarm: a limit switch, the emergency button, a driver fault."""
         self.motion.halt(now_s)
         self.motion.planned = self.motion.machine(now_s)
-        self.program.run = Run()
+        self.program.run = Activity()
         self._forget_lines()
         self._raise(code, now_s)
 
@@ -312,7 +312,7 @@ class GrblController:
         owed = self.program.run.owed
         self.motion.halt(now_s)
         self.motion.planned = self.motion.machine(now_s)
-        self.program.run = Run(owed=owed)
+        self.program.run = Activity(owed=owed)
         self._raise(2, now_s)
 
     def _drive(self, now_s: float) -> None:

@@ -26,7 +26,7 @@ class Block:
     rapid: bool = False
 
 
-class Motion:
+class GrblMotion:
     """Axes by letter, in the firmware's order, executing one planned line after another."""
 
     def __init__(self, axes: Mapping[str, Axis], settings: dict[int, float], forced_origin: bool = False) -> None:

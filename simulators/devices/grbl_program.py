@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from simulators.devices import grbl_settings
 from simulators.devices.grbl_code import LINEAR, Code, Modes, read
-from simulators.devices.grbl_motion import NEVER, Motion
+from simulators.devices.grbl_motion import NEVER, GrblMotion
 from simulators.devices.grbl_reports import Counters, modes_line, numbers, offsets_lines
-from simulators.devices.grbl_state import Offsets, Outputs, Run
+from simulators.devices.grbl_state import Activity, Offsets, Outputs
 from simulators.world.motion import Axis
 
 BLOCKS = {"GRBL": 15, "FluidNC": 15, "grblHAL": 100}
@@ -35,10 +35,10 @@ class Program:
         self.rx_bytes = rx_bytes
         self.settings = grbl_settings.default_settings(travels, variant) | dict(settings)
         self.outputs = outputs
-        self.motion = Motion(axes, self.settings, "Z" in options)
+        self.motion = GrblMotion(axes, self.settings, "Z" in options)
         more = (59.1, 59.2, 59.3) if variant == "grblHAL" else ()
         self.offsets = Offsets(len(axes), (54, 55, 56, 57, 58, 59, *more, 28, 30))
-        self.modes, self.run, self.counters = Modes(), Run(), Counters()
+        self.modes, self.run, self.counters = Modes(), Activity(), Counters()
         self.startup = ["", ""]
         self.note = ""
         self.homed = False

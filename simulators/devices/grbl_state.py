@@ -18,7 +18,7 @@ class Outputs:
 
 
 @dataclass
-class Run:
+class Activity:
     """Current activity, and what blocks the main loop.
 
     `waiting` is a line that waits until nothing moves; `owed` a response due at the end of a pause; `limit`: the

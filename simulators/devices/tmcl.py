@@ -29,7 +29,7 @@ VARIABLES = 56
 
 
 @dataclass
-class Motor:
+class TmclMotor:
     """One motor: the axis of the world, units per microstep, its settings, and the position of its 0 in the world."""
 
     axis: Axis
@@ -108,7 +108,7 @@ class TmclModule:
     baud = 9600
 
     def __init__(self, motors: Sequence[tuple[Axis, float]], *, address: int = 1, model: int = 3110) -> None:
-        self.motors = [Motor(axis, unit) for axis, unit in motors]
+        self.motors = [TmclMotor(axis, unit) for axis, unit in motors]
         self.address, self.model = address, model
         self.variables = [0] * VARIABLES
         self.obeyed: list[tuple[int, int, int, int]] = []
@@ -199,7 +199,7 @@ class TmclModule:
         return OK, self.variables[kind]
 
 
-def _parameter(motor: Motor, command: int, kind: int, value: int, now_s: float) -> tuple[int, int]:
+def _parameter(motor: TmclMotor, command: int, kind: int, value: int, now_s: float) -> tuple[int, int]:
     if command == SAP and kind == 1:
         motor.zero = motor.axis.position(now_s) - value * motor.unit_per_step
     elif command == SAP and kind in motor.settings:
@@ -208,7 +208,7 @@ def _parameter(motor: Motor, command: int, kind: int, value: int, now_s: float) 
     return (NO_TYPE, value) if result is None else (OK, result)
 
 
-def _move(motor: Motor, kind: int, value: int, now_s: float) -> tuple[int, int]:
+def _move(motor: TmclMotor, kind: int, value: int, now_s: float) -> tuple[int, int]:
     if kind not in (0, 1):
         return NO_TYPE, value
     motor.searching = False

@@ -38,7 +38,7 @@ PRIORITY = [*FAULT_FLAGS, "WL", "WV", "WT", "WS", "WM", "WP", "WR", "WH", "NC", 
 
 
 @dataclass
-class Motor:
+class ZaberMotor:
     """One axis of a device: its axis of the world, units per microstep, its settings and flags."""
 
     axis: Axis
@@ -125,11 +125,11 @@ class Motor:
 
 
 @dataclass
-class Device:
+class ZaberDevice:
     """One device: its address, identity and motors."""
 
     address: int
-    motors: list[Motor]
+    motors: list[ZaberMotor]
     deviceid: int = 50081
     serial: int = 12345
     version: str = "7.36"
@@ -149,7 +149,7 @@ class ZaberChain:
 
     def __init__(self, axes: Mapping[int, Sequence[tuple[Axis, float]]]) -> None:
         self.devices = {
-            number: Device(number, [Motor(axis, unit) for axis, unit in motors], serial=12340 + number)
+            number: ZaberDevice(number, [ZaberMotor(axis, unit) for axis, unit in motors], serial=12340 + number)
             for number, motors in axes.items()
         }
         self._line = bytearray()
@@ -185,7 +185,7 @@ class ZaberChain:
         moments = [motor.busy_until_s for device in self.devices.values() for motor in device.motors]
         return None if min(moments, default=NEVER) == NEVER else min(moments)
 
-    def _send(self, device: Device, line: str) -> None:
+    def _send(self, device: ZaberDevice, line: str) -> None:
         text = line.encode()
         if device.checksum:
             text += b":" + lrc(text[1:])
@@ -207,7 +207,7 @@ class ZaberChain:
             if address in (0, device.address):
                 self._answer(device, axis, reply_id, words, now_s)
 
-    def _answer(self, device: Device, axis: int, reply_id: str, words: list[str], now_s: float) -> None:
+    def _answer(self, device: ZaberDevice, axis: int, reply_id: str, words: list[str], now_s: float) -> None:
         motors = device.motors if axis == 0 else device.motors[axis - 1 : axis]
         verdict, data = self._do(device, motors, axis, words, now_s) if motors else ("RJ", "BADAXIS")
         shown = motors or device.motors
@@ -215,7 +215,9 @@ class ZaberChain:
         flag = next((motor.flag() for motor in shown if motor.flags), "--")
         self._send(device, f"@{device.address:02d} {axis}{reply_id} {verdict} {busy} {flag} {data}")
 
-    def _do(self, device: Device, motors: list[Motor], axis: int, words: list[str], now_s: float) -> tuple[str, str]:
+    def _do(
+        self, device: ZaberDevice, motors: list[ZaberMotor], axis: int, words: list[str], now_s: float
+    ) -> tuple[str, str]:
         match words:
             case []:
                 return "OK", "0"
@@ -261,13 +263,13 @@ class ZaberChain:
                 return "OK", "0"
         return "RJ", "BADCOMMAND"
 
-    def _stop(self, motor: Motor, dead: bool, now_s: float) -> None:
+    def _stop(self, motor: ZaberMotor, dead: bool, now_s: float) -> None:
         if motor.busy_until_s != NEVER:
             motor.homing = False
             motor.flags = sorted({*motor.flags, "NI"})
             motor.busy_until_s = motor.halt(now_s, None if dead else motor._acceleration())
 
-    def _park(self, motors: list[Motor], park: bool) -> tuple[str, str]:
+    def _park(self, motors: list[ZaberMotor], park: bool) -> tuple[str, str]:
         if park and any(motor.busy_until_s != NEVER for motor in motors):
             return "RJ", "STATUSBUSY"
         if park and any("WR" in motor.flags for motor in motors):
@@ -276,14 +278,14 @@ class ZaberChain:
             motor.parked = park
         return "OK", "0"
 
-    def _warnings(self, motors: list[Motor], clear: bool) -> tuple[str, str]:
+    def _warnings(self, motors: list[ZaberMotor], clear: bool) -> tuple[str, str]:
         flags = sorted({flag for motor in motors for flag in motor.flags})
         if clear:
             for motor in motors:
                 motor.flags = [flag for flag in motor.flags if flag in ("WR", "WH")]
         return "OK", " ".join([f"{len(flags):02d}", *flags])
 
-    def _get(self, device: Device, motors: list[Motor], name: str, now_s: float) -> tuple[str, str]:
+    def _get(self, device: ZaberDevice, motors: list[ZaberMotor], name: str, now_s: float) -> tuple[str, str]:
         values: dict[str, object] = {
             "deviceid": device.deviceid,
             "device.id": device.deviceid,
@@ -307,7 +309,7 @@ class ZaberChain:
             return "OK", " ".join(f"{motor.settings[name]:g}" for motor in motors)
         return "RJ", "BADCOMMAND"
 
-    def _set(self, device: Device, motors: list[Motor], name: str, value: float) -> tuple[str, str]:
+    def _set(self, device: ZaberDevice, motors: list[ZaberMotor], name: str, value: float) -> tuple[str, str]:
         if name == "comm.checksum":
             device.checksum = bool(value)
         elif name == "comm.alert":
@@ -321,7 +323,7 @@ class ZaberChain:
             return "RJ", "BADCOMMAND"
         return "OK", "0"
 
-    def _move(self, motors: list[Motor], how: list[str], now_s: float) -> tuple[str, str]:
+    def _move(self, motors: list[ZaberMotor], how: list[str], now_s: float) -> tuple[str, str]:
         how, (speed, acceleration) = how[:2], _pace(how)
         if refusal := next(filter(None, (motor.refuses() for motor in motors)), ""):
             return "RJ", refusal
@@ -337,7 +339,7 @@ class ZaberChain:
                 motor.go(motor.zero + target * motor.unit_per_step, now_s, speed, acceleration)
         return "OK", "0"
 
-    def _target(self, motor: Motor, how: list[str], now_s: float) -> float | None:
+    def _target(self, motor: ZaberMotor, how: list[str], now_s: float) -> float | None:
         match how:
             case ["min" | "max" as end]:
                 return motor.settings[f"limit.{end}"]

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from simulators.rays.ray_paths import Lens, measure_depths, trace
-from simulators.rays.ray_shapes import BOX, GEOMETRY, PLANE, RECTANGLE, SPHERE, Doubles, Ints, Vector, World
+from simulators.rays.ray_paths import RayCamera, measure_depths, trace
+from simulators.rays.ray_shapes import BOX, GEOMETRY, PLANE, RECTANGLE, SPHERE, Doubles, Ints, SceneArrays, Vector
 
 Receive = Callable[[Ints, Ints, Doubles], None]
 Progress = Callable[[int, int], None]
@@ -50,7 +50,7 @@ class Material:
 
 
 @dataclass(frozen=True)
-class Plane:
+class InfinitePlane:
     """All points of a plane; the normal is made a unit vector."""
 
     point_mm: Vector
@@ -87,11 +87,11 @@ class Box:
     turn_rad: float = 0.0
 
 
-Shape = Plane | Sphere | Rectangle | Box
+Shape = InfinitePlane | Sphere | Rectangle | Box
 
 
 @dataclass(frozen=True)
-class Scene:
+class RayScene:
     """Shapes in millimetres, x right, y down, z forward, and the radiance where there is no shape."""
 
     shapes: Sequence[Shape]
@@ -144,7 +144,7 @@ def blur_diameter_px(camera: ThinLensCamera, distance_mm: npt.ArrayLike) -> Doub
     return np.asarray(astray * aperture_mm / _pixel_at_focus_mm(camera), np.float64)
 
 
-def depth_map(scene: Scene, camera: ThinLensCamera) -> Doubles:
+def depth_map(scene: RayScene, camera: ThinLensCamera) -> Doubles:
     """Distance from the lens along its axis of what is seen at each pixel's centre, (rows, columns), mm.
 
     Infinite where there is nothing. With `blur_diameter_px` it is the true defocus of every pixel.
@@ -155,7 +155,7 @@ def depth_map(scene: Scene, camera: ThinLensCamera) -> Doubles:
 
 
 def cast(
-    scene: Scene,
+    scene: RayScene,
     camera: ThinLensCamera,
     wanted: int | Ints,
     receive: Receive,
@@ -250,7 +250,7 @@ def _per_pixel(camera: ThinLensCamera, samples: int | Ints, what: str) -> Ints:
         raise ValueError(f"the picture is {size}; got samples {what} of shape {np.shape(samples)}") from None
 
 
-def build_world(scene: Scene) -> World:
+def build_world(scene: RayScene) -> SceneArrays:
     """The scene as arrays for the kernels."""
     if not scene.shapes:
         raise ValueError("a scene needs at least one shape; got none")
@@ -264,7 +264,7 @@ def build_world(scene: Scene) -> World:
     if len(shining) < sum(any(m.emission) for m in materials):
         raise ValueError("only rectangles shine; give the other shapes no emission")
     rows = [_geometry(shape) for shape in scene.shapes]
-    return World(
+    return SceneArrays(
         np.array([kind for kind, _ in rows], np.int64),
         np.array([np.pad(row, (0, GEOMETRY - len(row))) for _, row in rows], np.float64),
         np.arange(len(rows), dtype=np.int64),
@@ -289,7 +289,7 @@ def _texels(material: Material, first: int) -> tuple[tuple[int, int, int, int], 
 
 def _geometry(shape: Shape) -> tuple[int, list[float]]:
     """Kind and numbers of a shape, as `ray_shapes` documents them."""
-    if isinstance(shape, Plane):
+    if isinstance(shape, InfinitePlane):
         normal = np.array(shape.normal) / np.linalg.norm(shape.normal)
         return PLANE, [*shape.point_mm, *normal]
     if isinstance(shape, Sphere):
@@ -300,7 +300,7 @@ def _geometry(shape: Shape) -> tuple[int, list[float]]:
     return BOX, [*shape.centre_mm, *shape.half_mm, c, 0.0, s, 0.0, 1.0, 0.0]
 
 
-def build_lens(camera: ThinLensCamera) -> Lens:
+def build_lens(camera: ThinLensCamera) -> RayCamera:
     """The camera as arrays for the kernels."""
     forward = np.subtract(camera.target_mm, camera.position_mm)
     forward = forward / np.linalg.norm(forward)
@@ -308,7 +308,7 @@ def build_lens(camera: ThinLensCamera) -> Lens:
     if not right.any():
         raise ValueError("the camera cannot look straight up or down; move the target or the camera aside")
     right /= np.linalg.norm(right)
-    return Lens(
+    return RayCamera(
         np.array(camera.position_mm, np.float64),
         np.array([right, np.cross(forward, right), forward]),
         np.array(camera.velocity_mm_s, np.float64) * camera.exposure_s,

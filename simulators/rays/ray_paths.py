@@ -16,8 +16,8 @@ from simulators.rays.ray_shapes import (
     NEAR_MM,
     Doubles,
     Ints,
+    SceneArrays,
     Vector,
-    World,
     along,
     colour_at,
     cross,
@@ -44,7 +44,7 @@ _PIXELS = np.uint64(0xD1342543DE82EF95)
 _SAMPLES = np.uint64(0xAF251AF3B0F025B5)
 
 
-class Lens(NamedTuple):
+class RayCamera(NamedTuple):
     """The camera as numbers: poses (2, 3) of translation and rotation vector at shutter opening and their change until
     closing; axes (3, 3) right, down, forward; aperture radius, focus distance, and image size on the plane in focus
     per pixel, millimetres; rows and columns."""
@@ -108,7 +108,7 @@ def turned(turn: Vector, share: float, v: Vector) -> Vector:
 
 
 @compiled
-def leave_camera(lens: Lens, row: int, column: int, state: Words) -> tuple[Vector, Vector]:
+def leave_camera(lens: RayCamera, row: int, column: int, state: Words) -> tuple[Vector, Vector]:
     """A ray through a random place of the pixel and of the aperture at a random time: origin and unit direction."""
     x = (column + draw(state) - 0.5 * lens.columns) * lens.pixel_at_focus_mm
     y = (row + draw(state) - 0.5 * lens.rows) * lens.pixel_at_focus_mm
@@ -166,7 +166,7 @@ def scatter(gloss: Doubles, normal: Vector, away: Vector, state: Words) -> Vecto
 
 
 @compiled
-def light_density(world: World, shape: int, origin: Vector, point: Vector, direction: Vector) -> float:
+def light_density(world: SceneArrays, shape: int, origin: Vector, point: Vector, direction: Vector) -> float:
     """Density per solid angle, seen from the origin, with which `seek_light` aims at this point of a light."""
     g = world.geometry[shape]
     normal = cross(vector(g, 3), vector(g, 6))  # as long as the rectangle's area
@@ -177,7 +177,7 @@ def light_density(world: World, shape: int, origin: Vector, point: Vector, direc
 
 @compiled
 def seek_light(
-    world: World, m: int, albedo: Vector, point: Vector, normal: Vector, away: Vector, state: Words
+    world: SceneArrays, m: int, albedo: Vector, point: Vector, normal: Vector, away: Vector, state: Words
 ) -> Vector:
     """Direct light from a random point of a random lamp, scattered towards `away`."""
     black = (0.0, 0.0, 0.0)
@@ -201,7 +201,7 @@ def seek_light(
 
 
 @compiled
-def follow(world: World, origin: Vector, direction: Vector, state: Words, light: Doubles) -> None:
+def follow(world: SceneArrays, origin: Vector, direction: Vector, state: Words, light: Doubles) -> None:
     """Add the contribution of one path that starts with this ray to `light` (3,)."""
     carried = (1.0, 1.0, 1.0)
     density = 0.0
@@ -243,7 +243,9 @@ def gather(light: Doubles, carried: Vector, shine: Vector, weight: float) -> Non
 
 
 @compiled
-def trace(world: World, lens: Lens, seed: np.uint64, row: Ints, column: Ints, number: Ints, colour: Doubles) -> None:
+def trace(
+    world: SceneArrays, lens: RayCamera, seed: np.uint64, row: Ints, column: Ints, number: Ints, colour: Doubles
+) -> None:
     """Samples by pixel and number of the sample in its pixel; fills colour (n, 3)."""
     state = np.empty(1, np.uint64)
     for i in range(row.size):
@@ -255,7 +257,7 @@ def trace(world: World, lens: Lens, seed: np.uint64, row: Ints, column: Ints, nu
 
 
 @compiled
-def measure_depths(world: World, lens: Lens, depth: Doubles) -> None:
+def measure_depths(world: SceneArrays, lens: RayCamera, depth: Doubles) -> None:
     """Fill depth (rows, columns) with the distance along the axis of what the pixels' centres see, nothing moving."""
     forward = vector(lens.axes[2], 0)
     origin = vector(lens.position, 0)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, X_CORNER_BLOCKS, Chart
-from simulators.rays.path_tracer import Box, Material, Plane, Rectangle, Scene, Shape, Sphere, ThinLensCamera
+from simulators.rays.path_tracer import Box, InfinitePlane, Material, RayScene, Rectangle, Shape, Sphere, ThinLensCamera
 from simulators.rays.ray_shapes import Vector
 from simulators.world.scene import INK, PAPER
 
@@ -80,15 +80,15 @@ def ceiling_lamp(x: float, y: float, z: float, width: float, depth: float, radia
     return Rectangle(corner, (0.0, 0.0, depth), (width, 0.0, 0.0), Material((0.0, 0.0, 0.0), emission=radiance))
 
 
-def room(rows: int = 120, columns: int = 160) -> tuple[Scene, ThinLensCamera]:
+def room(rows: int = 120, columns: int = 160) -> tuple[RayScene, ThinLensCamera]:
     """A closed room with coloured walls, a box and a shining ball under a lamp, all sharp: mostly indirect light."""
     walls: list[Shape] = [
-        Plane((0, 500, 0), (0, -1, 0), GREY),
-        Plane((0, -500, 0), (0, 1, 0), GREY),
-        Plane((-650, 0, 0), (1, 0, 0), Material((0.6, 0.1, 0.08))),
-        Plane((650, 0, 0), (-1, 0, 0), Material((0.1, 0.45, 0.15))),
-        Plane((0, 0, 1500), (0, 0, -1), GREY),
-        Plane((0, 0, -600), (0, 0, 1), GREY),
+        InfinitePlane((0, 500, 0), (0, -1, 0), GREY),
+        InfinitePlane((0, -500, 0), (0, 1, 0), GREY),
+        InfinitePlane((-650, 0, 0), (1, 0, 0), Material((0.6, 0.1, 0.08))),
+        InfinitePlane((650, 0, 0), (-1, 0, 0), Material((0.1, 0.45, 0.15))),
+        InfinitePlane((0, 0, 1500), (0, 0, -1), GREY),
+        InfinitePlane((0, 0, -600), (0, 0, 1), GREY),
     ]
     things: list[Shape] = [
         ceiling_lamp(0, -499, 500, 400, 400),
@@ -98,16 +98,16 @@ def room(rows: int = 120, columns: int = 160) -> tuple[Scene, ThinLensCamera]:
     camera = ThinLensCamera(
         rows, columns, focal_mm=35, pitch_um=36e3 / columns, position_mm=(0, 0, -550), target_mm=(0, 130, 1000)
     )
-    return Scene([*walls, *things]), camera
+    return RayScene([*walls, *things]), camera
 
 
-def chart_in_depth(rows: int = 120, columns: int = 160) -> tuple[Scene, ThinLensCamera]:
+def chart_in_depth(rows: int = 120, columns: int = 160) -> tuple[RayScene, ThinLensCamera]:
     """A corner of the noise chart in focus on a bench; print behind it and a ball before it are far out of focus."""
     corner = chart_texture(Chart.from_seed())[: 2 * 72, : 2 * 72]
     text = text_texture(("The quick brown fox", "jumps over 13 lazy", "dogs; 0123456789"))
     things: list[Shape] = [
-        Plane((0, 260, 0), (0, -1, 0), Material((0.45, 0.33, 0.22))),
-        Plane((0, 0, 3000), (0, 0, -1), Material((0.35, 0.45, 0.55))),
+        InfinitePlane((0, 260, 0), (0, -1, 0), Material((0.45, 0.33, 0.22))),
+        InfinitePlane((0, 0, 3000), (0, 0, -1), Material((0.35, 0.45, 0.55))),
         panel(-290, -190, 1500, 400, 400, corner),
         panel(120, -420, 2500, 720, 240, text),
         panel(-900, -500, 2400, 420, 560),
@@ -119,15 +119,15 @@ def chart_in_depth(rows: int = 120, columns: int = 160) -> tuple[Scene, ThinLens
     camera = ThinLensCamera(
         rows, columns, focal_mm=50, f_number=1.4, focus_mm=1500, pitch_um=24e3 / columns, target_mm=(0, 0, 1500)
     )
-    return Scene(things, sky=(0.15, 0.17, 0.2)), camera
+    return RayScene(things, sky=(0.15, 0.17, 0.2)), camera
 
 
-def steps_from_a_slider(rows: int = 120, columns: int = 160) -> tuple[Scene, ThinLensCamera]:
+def steps_from_a_slider(rows: int = 120, columns: int = 160) -> tuple[RayScene, ThinLensCamera]:
     """Sheets of dead leaves at four distances, from a camera that moves sideways while its shutter is open."""
     rng = np.random.default_rng(7)
     things: list[Shape] = [
-        Plane((0, 400, 0), (0, -1, 0), GREY),
-        Plane((0, 0, 3600), (0, 0, -1), Material((0.5, 0.5, 0.45))),
+        InfinitePlane((0, 400, 0), (0, -1, 0), GREY),
+        InfinitePlane((0, 0, 3600), (0, 0, -1), Material((0.5, 0.5, 0.45))),
         ceiling_lamp(0, -1000, 1500, 900, 900, (7.0, 6.5, 6.0)),
     ]
     for i, z in enumerate((1000.0, 1500.0, 2200.0, 3200.0)):
@@ -144,11 +144,11 @@ def steps_from_a_slider(rows: int = 120, columns: int = 160) -> tuple[Scene, Thi
         exposure_s=0.02,
         velocity_mm_s=(600.0, 0.0, 0.0),
     )
-    return Scene(things, sky=(0.2, 0.2, 0.22)), camera
+    return RayScene(things, sky=(0.2, 0.2, 0.22)), camera
 
 
 @cache
-def leaves_in_depth(rows: int = 120, columns: int = 160, f_number: float = 2.0) -> tuple[Scene, ThinLensCamera]:
+def leaves_in_depth(rows: int = 120, columns: int = 160, f_number: float = 2.0) -> tuple[RayScene, ThinLensCamera]:
     """A wall of dead leaves that recedes to the left and two sheets of them before it, all beyond the plane in focus.
 
     Blur then grows with distance only, up to that of infinity, and is visible in the texture nearly everywhere.
@@ -164,7 +164,7 @@ def leaves_in_depth(rows: int = 120, columns: int = 160, f_number: float = 2.0) 
     camera = ThinLensCamera(
         rows, columns, focal_mm=50, f_number=f_number, focus_mm=1000, pitch_um=24e3 / columns, target_mm=(0, 0, 1000)
     )
-    return Scene(things, sky=(0.3, 0.31, 0.33)), camera
+    return RayScene(things, sky=(0.3, 0.31, 0.33)), camera
 
 
 @cache
@@ -174,7 +174,7 @@ def _three_leaves() -> tuple[Texture, ...]:
     return tuple(dead_leaves(rng, side=384, largest=24.0) for _ in range(3))
 
 
-SCENES: Mapping[str, Callable[[int, int], tuple[Scene, ThinLensCamera]]] = {
+SCENES: Mapping[str, Callable[[int, int], tuple[RayScene, ThinLensCamera]]] = {
     "room": room,
     "chart-in-depth": chart_in_depth,
     "steps-from-a-slider": steps_from_a_slider,

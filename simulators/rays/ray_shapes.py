@@ -25,7 +25,7 @@ NEAR_MM = 1e-4
 """A ray that leaves a surface ignores intersections within this distance."""
 
 
-class World(NamedTuple):
+class SceneArrays(NamedTuple):
     """A scene as arrays for the kernels.
 
     kind (n,), geometry (n, 16) and material (n,) per shape; albedo (m, 3), gloss (m, 2) as share and exponent, and
@@ -170,7 +170,7 @@ def box_normal(g: Doubles, point: Vector) -> Vector:
 
 
 @compiled
-def meet(world: World, origin: Vector, direction: Vector, limit: float) -> tuple[float, int]:
+def meet(world: SceneArrays, origin: Vector, direction: Vector, limit: float) -> tuple[float, int]:
     """Distance to the nearest shape closer than the limit, and which; -1 if none is."""
     nearest, shape = limit, -1
     for i in range(world.kind.size):
@@ -190,7 +190,7 @@ def meet(world: World, origin: Vector, direction: Vector, limit: float) -> tuple
 
 
 @compiled
-def outward(world: World, shape: int, point: Vector) -> Vector:
+def outward(world: SceneArrays, shape: int, point: Vector) -> Vector:
     """Unit normal of the shape at the point: out of solids, along edge u x edge v of rectangles."""
     g = world.geometry[shape]
     kind = world.kind[shape]
@@ -204,7 +204,7 @@ def outward(world: World, shape: int, point: Vector) -> Vector:
 
 
 @compiled
-def colour_at(world: World, shape: int, point: Vector) -> Vector:
+def colour_at(world: SceneArrays, shape: int, point: Vector) -> Vector:
     """Diffuse albedo at the point: the material's, times the texel of a textured rectangle."""
     m = world.material[shape]
     albedo = vector(world.albedo[m], 0)

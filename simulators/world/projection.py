@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Pose:
+class ObjectPose:
     """Position and orientation of a flat object.
 
     Attributes
@@ -52,7 +52,7 @@ class Placed(Protocol):
     """A flat object in space."""
 
     @property
-    def pose(self) -> Pose:
+    def pose(self) -> ObjectPose:
         """Pose of its centre and plane."""
         ...
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, EDGE_END, Chart, block_corner, edge_areas, triangles
-from simulators.world.projection import Pose, Projection, apply_homography
+from simulators.world.projection import ObjectPose, Projection, apply_homography
 from simulators.world.raster import Segments, outline
 
 Array = npt.NDArray[np.float64]
@@ -33,7 +33,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Light:
+class Illumination:
     """Illumination over the frame: a second-order polynomial about a point of the sensor.
 
     With (u, v) = ((x, y) - centre_px) / radius_px it is
@@ -77,7 +77,7 @@ class PlacedChart:
     """
 
     chart: Chart
-    pose: Pose
+    pose: ObjectPose
     cell_mm: float
     mirrored: bool = False
     paper: float = PAPER
@@ -118,7 +118,7 @@ class Scene:
 
     charts: tuple[PlacedChart, ...] = ()
     wall: Wall = field(default_factory=Wall)
-    light: Light = field(default_factory=Light)
+    light: Illumination = field(default_factory=Illumination)
 
     def by_distance(self) -> list[PlacedChart]:
         """The charts, farthest first."""

@@ -34,21 +34,21 @@ def check_own(out: Path) -> None:
 
 def known_hashes(out: Path) -> dict[str, list[str]]:
     """Possible hashes of a batch's files by name, from its record and from the note of an interrupted one."""
-    record, found = _object(out / RECORD), dict[str, list[str]]()
+    record, by_name = _object(out / RECORD), dict[str, list[str]]()
     files_of_record = record.get("files") if str(record.get("schema", "")).startswith("station/") else {}
     for files in (files_of_record, _object(out / PUBLISHING).get("files")):
         for name, hashes in files.items() if isinstance(files, dict) else ():
-            found.setdefault(name, []).extend(map(str, hashes) if isinstance(hashes, list) else [str(hashes)])
-    return found
+            by_name.setdefault(name, []).extend(map(str, hashes) if isinstance(hashes, list) else [str(hashes)])
+    return by_name
 
 
 def _object(path: Path) -> dict[str, Any]:
     """The JSON object in a file; an empty one if there is none."""
     try:
-        found = json.loads(read_own(path))
+        value = json.loads(read_own(path))
     except (OSError, ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return value if isinstance(value, dict) else {}
 
 
 def _begins(path: Path, letters: str) -> bool:

@@ -1,4 +1,4 @@
-"""The same work distributed by Dask: to processes of this machine, or to workers that share its folders."""
+"""Distribution of a batch by Dask: to processes of this machine, or to workers that share its folders."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def run_on_cluster(
     allowance: Allowance = NO_LIMIT,
     tls: tuple[Path, Path, Path] | None = None,
 ) -> Generator[tuple[int, R | Lost], None, None]:
-    """As `run_in_processes`, on the cluster at an address, or on one of `jobs` processes started here ("local").
+    """`run_in_processes` on the cluster at an address, or on one of `jobs` processes started here ("local").
 
     Workers of a cluster need this program, and photographs and results under the same paths. The scheduler is trusted:
     its messages and those of its workers are unpickled here.

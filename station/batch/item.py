@@ -20,7 +20,7 @@ from station.common.sanitise import encodable, printable, safe_stem
 from station.common.threads import limited
 from station.common.versions import software
 from station.procedure.base import Inputs, Procedure
-from station.results.comparison import Comparison, Judged
+from station.results.comparison import Comparison, Compliance
 from station.results.measurement import BY_PLANE, Measurement, write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import InputFile, RecordHead, verdict_entry
@@ -34,7 +34,7 @@ PASS, DOUBTFUL, REFUSED = (str(one) for one in Verdict)
 UNREADABLE, LOST, FAULT = "unreadable", "lost", "fault"
 VERDICTS = (PASS, DOUBTFUL, REFUSED, UNREADABLE, LOST, FAULT)
 """Verdicts, the best first: trusted; doubtful; no result; unreadable file; process that died; error of this program."""
-JUDGED = ("", *(str(one) for one in Judged))
+JUDGED = ("", *(str(one) for one in Compliance))
 """Verdicts against the specification, the best first; "" without a specification."""
 USABLE = (PASS, DOUBTFUL)
 NO_MEMORY = -4
@@ -44,7 +44,7 @@ MORE_MEMORY = "look at this photograph by itself; if it is meant so, give more -
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """What all items have in common.
+    """Data common to all items.
 
     Attributes
     ----------
@@ -114,12 +114,12 @@ class ItemRow:
     @property
     def usable(self) -> bool:
         """Whether there is a measurement that does not miss its specification."""
-        return self.verdict in USABLE and self.specification != Judged.MISSES
+        return self.verdict in USABLE and self.specification != Compliance.MISSES
 
     @property
     def sure(self) -> bool:
         """Whether it is trusted, and meets its specification if there is one."""
-        return self.verdict == PASS and self.specification in ("", Judged.MEETS)
+        return self.verdict == PASS and self.specification in ("", Compliance.MEETS)
 
 
 def key_of(hashes: Sequence[str], procedure: BatchProcedure, further: Sequence[str] = ()) -> str:
@@ -187,28 +187,28 @@ def _measure(item: Item, job: Job, files: Mapping[Path, str], row: ItemRow, plac
     paths = [Path(os.path.commonpath(item.paths))] if procedure.inputs is Inputs.FOLDER else item.paths
     try:
         with limited(1):  # other processes work beside this one
-            found = procedure.measure(paths, batch.settings, batch.terms)
+            measurement = procedure.measure(paths, batch.settings, batch.terms)
     except ProcedureError as error:
         _check_unchanged(files)
         failure = _failure(item, error)
         row = replace(row, verdict=failure.verdict, reason=failure.reason, remedy=failure.remedy)
-        found = _refusal(procedure, error)
+        measurement = _refusal(procedure, error)
         parameters = batch.parameters()
     else:
         _check_unchanged({path: files[path] for path in list(files)[len(item.paths) :]})
-        for one in found.head.input:
+        for one in measurement.head.input:
             if files.get(Path(one.path), one.sha256) != one.sha256:
                 raise ChangedMeanwhile(Path(one.path))
-        row = replace(_judged(row, found.planes), noted=noted(found.exposure))
-        parameters = {**found.head.parameters, **batch.terms.parameters()}
-        if job.reports and procedure.draws(found):
-            place.write(procedure.page_name, procedure.page(found))
+        row = replace(_judged(row, measurement.planes), noted=noted(measurement.exposure))
+        parameters = {**measurement.head.parameters, **batch.terms.parameters()}
+        if job.reports and procedure.draws(measurement):
+            place.write(procedure.page_name, procedure.page(measurement))
     head = replace(
-        found.head, input=tuple(map(InputFile, item.files, row.sha256)), parameters=parameters,
-        specification=batch.terms.specified(found.planes), batch=asdict(row),
+        measurement.head, input=tuple(map(InputFile, item.files, row.sha256)), parameters=parameters,
+        specification=batch.terms.specified(measurement.planes), batch=asdict(row),
         duration_s=round(time.perf_counter() - start, 3),
     )  # fmt: skip
-    write_measurement(place, replace(found, head=head))
+    write_measurement(place, replace(measurement, head=head))
     return row
 
 
@@ -244,7 +244,7 @@ def _judged(row: ItemRow, records: Sequence[PlaneResult]) -> ItemRow:
 
 def noted(exposure: Exposure) -> dict[str, float | str]:
     """The settings that the camera recorded, without those that it did not."""
-    found = {
+    entries = {
         "camera": exposure.camera,
         "lens": exposure.lens,
         "exposure_s": exposure.exposure_s,
@@ -254,7 +254,7 @@ def noted(exposure: Exposure) -> dict[str, float | str]:
         "focus_distance_mm": exposure.subject_distance_mm,
         "captured_at": exposure.captured_at,
     }
-    return {name: encodable(value) if isinstance(value, str) else value for name, value in found.items() if value}
+    return {name: encodable(value) if isinstance(value, str) else value for name, value in entries.items() if value}
 
 
 def plane_row(record: PlaneResult) -> PlaneRow:

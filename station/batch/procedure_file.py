@@ -37,7 +37,7 @@ from typing import Any
 
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
 from station.common.sanitise import printable
-from station.common.toml_table import Table
+from station.common.toml_table import TomlTable
 from station.procedure.base import Inputs, Procedure
 from station.procedure.registry import procedure_named, procedure_names
 from station.procedure.settings import Settings, fields_of, read_settings, to_record
@@ -101,7 +101,7 @@ def read_procedure(path: Path) -> BatchProcedure:
     BadInput
         If the chart's cells cannot be read.
     """
-    table = Table.read(path)
+    table = TomlTable.read(path)
     name = table.get("procedure", str, USUAL_PROCEDURE)
     if name not in procedure_names():
         raise table.wrong("procedure", f"is {printable(name)!r}", f"use one of {', '.join(procedure_names())}")
@@ -110,19 +110,19 @@ def read_procedure(path: Path) -> BatchProcedure:
     endings, pairs = ("", ""), None
     if procedure.inputs in IN_PAIRS:
         endings, pairs = _pairs(table.table("pairs"), folder, procedure.endings)
-    found = BatchProcedure(procedure, settings, _terms(table, folder), endings, pairs)
+    batch = BatchProcedure(procedure, settings, _terms(table, folder), endings, pairs)
     table.end()
     settings.check()
-    return found
+    return batch
 
 
-def _settings(table: Table, model: type[Settings]) -> Settings:
+def _settings(table: TomlTable, model: type[Settings]) -> Settings:
     """The settings of all tables, and those outside of tables."""
     known = {one.name for one in fields_of(model)}
     given: dict[str, Any] = {}
     shown = {name: f"settings.{name}" for name in known}
 
-    def take(source: Table, keys: Collection[str], where: str = "") -> None:
+    def take(source: TomlTable, keys: Collection[str], where: str = "") -> None:
         for key in keys:
             if source.has(key):
                 if key in given:
@@ -140,7 +140,7 @@ def _settings(table: Table, model: type[Settings]) -> Settings:
     return read_settings(model, given, shown)
 
 
-def _planes(table: Table) -> str:
+def _planes(table: TomlTable) -> str:
     known, planes = (*MOSAIC_PLANES, GREY_PLANE, ALL), table.words("planes")
     for plane in planes:
         if plane not in known:
@@ -148,7 +148,7 @@ def _planes(table: Table) -> str:
     return ALL if ALL in planes else ",".join(planes)
 
 
-def _terms(table: Table, folder: Path) -> Terms:
+def _terms(table: TomlTable, folder: Path) -> Terms:
     """Unit and frequencies; the specification, of a file beside this one or of this one."""
     own = specification_in(table)
     name = table.get("specification", str, "")
@@ -159,7 +159,7 @@ def _terms(table: Table, folder: Path) -> Terms:
     return Terms(unit, at, read_specification(folder / name) if name else own)
 
 
-def _pairs(table: Table, folder: Path, usual: Mapping[str, str]) -> tuple[tuple[str, str], Path | None]:
+def _pairs(table: TomlTable, folder: Path, usual: Mapping[str, str]) -> tuple[tuple[str, str], Path | None]:
     """How a pair's names end, or the table that names them."""
     keys = list(usual)
     one, other = (table.get(key, str, usual[key]) for key in keys)

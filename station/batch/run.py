@@ -213,7 +213,7 @@ def _write(batch: Batch) -> str:
 
 def _page(batch: Batch) -> bytes:
     """The batch's page."""
-    from station.reports.batches.batch_page import BatchLine, BatchReport, Sample, batch_page  # here: it draws
+    from station.reports.batches.batch_page import BatchLine, BatchReport, ItemNumber, batch_page  # here: it draws
 
     lines = [
         BatchLine(
@@ -225,7 +225,7 @@ def _page(batch: Batch) -> bytes:
     ]  # fmt: skip
     numbers = followed(batch.rows)
     samples = [
-        Sample(str(row.noted.get("camera", "")), name, number, value["value"], value.get("unit", "1"))
+        ItemNumber(str(row.noted.get("camera", "")), name, number, value["value"], value.get("unit", "1"))
         for row in batch.rows
         for name, plane in row.planes.items()
         for number in numbers
@@ -239,12 +239,12 @@ def _page(batch: Batch) -> bytes:
 
 def _bounds(procedure: BatchProcedure) -> dict[str, list[float]]:
     """The finite bounds of limits in the unit of the batch, by number."""
-    found: dict[str, list[float]] = {}
+    bounds: dict[str, list[float]] = {}
     for limit in procedure.terms.specification.limits:
         if limit.at is None and limit.unit is procedure.terms.unit:
             for name in [f"{limit.number}_{one}" for one in limit.directions] + [limit.number]:
-                found.setdefault(name, []).extend(one for one in (limit.least, limit.most) if math.isfinite(one))
-    return found
+                bounds.setdefault(name, []).extend(one for one in (limit.least, limit.most) if math.isfinite(one))
+    return bounds
 
 
 def _record(batch: Batch) -> dict[str, Any]:
@@ -267,7 +267,7 @@ def _record(batch: Batch) -> dict[str, Any]:
 def statistics(rows: Sequence[ItemRow]) -> dict[str, dict[str, Any]]:
     """Verdict counts of every plane, and median, minimum and maximum of the numbers in the summary."""
     numbers = followed(rows)
-    found: dict[str, dict[str, Any]] = {}
+    summary: dict[str, dict[str, Any]] = {}
     for name in sorted({name for row in rows for name in row.planes}):
         planes = [row.planes[name] for row in rows if name in row.planes]
         counted = Counter(plane.verdict for plane in planes)
@@ -276,8 +276,8 @@ def statistics(rows: Sequence[ItemRow]) -> dict[str, dict[str, Any]]:
             values = [plane.numbers[number]["value"] for plane in planes if number in plane.numbers]
             if values:
                 entry[number] = {"n": len(values), "median": median(values), "min": min(values), "max": max(values)}
-        found[name] = entry
-    return found
+        summary[name] = entry
+    return summary
 
 
 def _table(rows: Sequence[ItemRow]) -> bytes:

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from drivers.clock import Clock
 from drivers.grbl import GrblStage
-from drivers.grbl_envelope import HOME_FIRST, Controls, Envelope
+from drivers.grbl_envelope import HOME_FIRST, Controls, GrblEnvelope
 from drivers.interfaces import Stage, Travel
 from drivers.tmcl.stage import TmclStage
 from station.common.toml_text import toml_value
@@ -41,7 +41,7 @@ class Operator(Protocol):
 
 
 @dataclass(frozen=True)
-class Finding:
+class Recommendation:
     """A recommended change: reason and remedy."""
 
     reason: str
@@ -76,36 +76,38 @@ def settings_text(stage: Stage) -> list[str]:
     return lines
 
 
-def settings_findings(stage: Stage) -> list[Finding]:
+def settings_findings(stage: Stage) -> list[Recommendation]:
     """Changes recommended before anything moves."""
     if isinstance(stage, TmclStage):
         caveats = [axis.caveat(name) for name, axis in stage.envelopes.items()]
-        return [Finding(caveat.reason, caveat.remedy) for caveat in caveats if caveat is not None]
+        return [Recommendation(caveat.reason, caveat.remedy) for caveat in caveats if caveat is not None]
     if not isinstance(stage, GrblStage):
         return []
     findings = [_too_fast(name, axis) for name, axis in stage.envelopes.items()]
     caveat = stage.condition().caveat
-    findings.append(None if caveat is None else Finding(caveat.reason, caveat.remedy))
+    findings.append(None if caveat is None else Recommendation(caveat.reason, caveat.remedy))
     if stage.link.controls.flag(21) is False:
-        findings.append(Finding("a limit switch does not stop it ($21=0)", "set $21=1 if every end has a switch"))
+        findings.append(
+            Recommendation("a limit switch does not stop it ($21=0)", "set $21=1 if every end has a switch")
+        )
     findings.append(_moves_unhomed(stage.link.controls))
     return [finding for finding in findings if finding is not None]
 
 
-def _moves_unhomed(controls: Controls) -> Finding | None:
+def _moves_unhomed(controls: Controls) -> Recommendation | None:
     if not controls.moves_unhomed:
         return None
     flags = int(controls.setting(22) or 0)
     reason = f"after an unnoticed power failure it moves although its position is lost ($22={flags})"
-    return Finding(reason, f"set $22={flags | HOME_FIRST}, which locks it until it is homed")
+    return Recommendation(reason, f"set $22={flags | HOME_FIRST}, which locks it until it is homed")
 
 
-def _too_fast(name: str, axis: Envelope) -> Finding | None:
+def _too_fast(name: str, axis: GrblEnvelope) -> Recommendation | None:
     feed, rate = axis.axis.feed_per_min, axis.rate_per_min
     if feed <= rate:
         return None
     reason = f"{name} is configured for {feed:g} per min, but its controller reaches {rate:g} (${110 + axis.index})"
-    return Finding(reason, f"write feed_per_min = {rate:g}, or raise ${110 + axis.index}")
+    return Recommendation(reason, f"write feed_per_min = {rate:g}, or raise ${110 + axis.index}")
 
 
 def drive_through(stage: Stage, operator: Operator, clock: Clock) -> list[AxisDrive] | None:
@@ -140,25 +142,27 @@ def _expected_s(stage: Stage, name: str, way: float) -> float | None:
     return stage.pace({name: way})[1] if isinstance(stage, GrblStage) else None
 
 
-def drive_findings(stage: Stage, drives: Sequence[AxisDrive]) -> list[Finding]:
+def drive_findings(stage: Stage, drives: Sequence[AxisDrive]) -> list[Recommendation]:
     """Changes recommended after the drives."""
     envelopes = stage.envelopes if isinstance(stage, GrblStage) else {}
     findings = []
     for drive in drives:
         if drive.expected_s is not None and drive.seconds > (1 + LATE) * drive.expected_s + POLL_S:
             reason = f"{drive.axis} took {drive.seconds:.1f} s; its settings give {drive.expected_s:.1f} s"
-            findings.append(Finding(reason, "set the feed override to 100 %, and check for mechanical resistance"))
+            findings.append(
+                Recommendation(reason, "set the feed override to 100 %, and check for mechanical resistance")
+            )
         if drive.ruler is not None and abs(drive.ruler - drive.way) > RULER * drive.way:
             findings.append(_scale(drive, drive.ruler, envelopes.get(drive.axis)))
     return findings
 
 
-def _scale(drive: AxisDrive, ruler: float, envelope: Envelope | None) -> Finding:
+def _scale(drive: AxisDrive, ruler: float, envelope: GrblEnvelope | None) -> Recommendation:
     reason = f"{drive.axis} moved {ruler:g} by the ruler instead of {drive.way:g}"
     if envelope is None:
-        return Finding(reason, f"multiply unit_per_step by {ruler / drive.way:.5f}")
+        return Recommendation(reason, f"multiply unit_per_step by {ruler / drive.way:.5f}")
     scale, travel = f"${100 + envelope.index}", f"${130 + envelope.index}"
-    return Finding(reason, f"multiply {scale} by {drive.way / ruler:.5f}, then set {travel} again")
+    return Recommendation(reason, f"multiply {scale} by {drive.way / ruler:.5f}, then set {travel} again")
 
 
 def device_table(name: str, table: Mapping[str, Any], stage: Stage) -> str:
@@ -174,7 +178,7 @@ def device_table(name: str, table: Mapping[str, Any], stage: Stage) -> str:
     return "\n".join([*rows, "]"]) + "\n"
 
 
-def _limits(axis: Mapping[str, Any], envelope: Envelope) -> dict[str, Any]:
+def _limits(axis: Mapping[str, Any], envelope: GrblEnvelope) -> dict[str, Any]:
     limits: dict[str, Any] = {"feed_per_min": min(axis["feed_per_min"], envelope.rate_per_min)}
     usual = (-(envelope.high - envelope.low), 0.0)
     return limits if (envelope.low, envelope.high) == usual else limits | {"space": [envelope.low, envelope.high]}

@@ -37,7 +37,7 @@ from station.bench.device_options import added_drivers
 from station.bench.opening import make_bench, simulated_tables
 
 TOLERANCE = 0.01
-"""Of positions, in the unit of the axis: coarser than any resolution, finer than any use."""
+"""Tolerance of positions, in the unit of the axis: coarser than any resolution, finer than any use."""
 REST_S = 1.5
 """Longest time until an axis rests once an operation has ended; a stage decelerates within it."""
 REPLY_S = 1.0
@@ -63,7 +63,7 @@ class Broken(Exception):
 
 
 @dataclass(frozen=True)
-class Finding:
+class TrialResult:
     """The result of one trial: its figure, or the promise that was broken."""
 
     trial: str
@@ -130,7 +130,7 @@ class StageRig:
         return run
 
     def together(self, *works: Callable[[], object]) -> list[object]:
-        """What these return or raise, run at the same time."""
+        """Results or exceptions of calls that run simultaneously."""
         if isinstance(self.clock, VirtualClock):
             return self.clock.together(*works)
         outcomes: list[object] = [None] * len(works)
@@ -235,7 +235,7 @@ def keeps_its_travel(rig: StageRig) -> str:
 
 
 def refuses_a_second_mover(rig: StageRig) -> str:
-    """Of two moves at the same time, the second is refused."""
+    """The second of two simultaneous moves is refused."""
     rig.stage.move_to(**rig.target(0.0))
     one, two = (partial(rig.stage.move_to, **rig.target(share)) for share in (0.6, 0.2))
     first, other = rig.together(one, rig.later(0.3, two))
@@ -349,7 +349,7 @@ def soak(rig: StageRig, rng: np.random.Generator, operations: int, faults: tuple
 # --- all of them -----------------------------------------------------------------------------------------------------
 
 
-def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[Finding]:
+def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[TrialResult]:
     """The findings of all trials, in their order; `operations` is the length of the soak."""
     rng = np.random.default_rng(seed)
     tries, each = max(operations * 2 // 5, 1), max(operations // 20, 1)
@@ -368,11 +368,11 @@ def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[Findin
     trials["soak"] = lambda: soak(rig, rng, operations, faults)
     for name, trial in trials.items():
         try:
-            yield Finding(name, True, trial())
+            yield TrialResult(name, True, trial())
         except Broken as broken:
-            yield Finding(name, False, str(broken))
+            yield TrialResult(name, False, str(broken))
         except DeviceError as error:
-            yield Finding(name, False, f"{type(error).__name__}: {error.reason}")
+            yield TrialResult(name, False, f"{type(error).__name__}: {error.reason}")
 
 
 @contextmanager

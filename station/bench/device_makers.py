@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any, cast
 
 from drivers.alpaca.camera import AlpacaCamera, AlpacaCameraSettings
-from drivers.alpaca.link import AlpacaServer
+from drivers.alpaca.link import AlpacaAddress
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
 from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
 from drivers.clock import Clock
 from drivers.folder_camera import FolderCamera, Tether
-from drivers.frame_files.dng_folder import DngFolder, Optics
+from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
 from drivers.frames import Inspect
 from drivers.genicam.camera import GenicamCamera, GenicamSettings
 from drivers.gphoto import GphotoCamera
@@ -21,7 +21,7 @@ from drivers.grbl import GrblStage
 from drivers.grbl_envelope import GrblAxis
 from drivers.imu import FastImu, WitImu
 from drivers.interfaces import Device, Parser, Shutter
-from drivers.light import DmxLight, DmxParser, GrblLight, Panel
+from drivers.light import DmxLight, DmxParser, GrblLight, LampProperties
 from drivers.micromanager.camera import MicroManagerCamera
 from drivers.micromanager.core import Core
 from drivers.micromanager.shutter import MicroManagerShutter
@@ -43,8 +43,8 @@ from station.bench.device_options import added_drivers
 
 
 @dataclass(frozen=True)
-class Parts:
-    """What the makers use: devices made so far, folders, clock, RAW file reader.
+class MakerContext:
+    """Context of the makers: devices made so far, folders, clock, RAW file reader.
 
     Every line has a transcript in `transcripts`; devices of one Micro-Manager configuration share its core.
     """
@@ -76,11 +76,11 @@ class Parts:
 
     def frames(self, folder: str, **optics: Any) -> DngFolder:
         """The folder for frames of a camera without files."""
-        return DngFolder(self.folder / folder, self.inspect, Optics(**optics), clock=self.clock)
+        return DngFolder(self.folder / folder, self.inspect, OpticsMetadata(**optics), clock=self.clock)
 
 
 def _grbl(
-    name: str, parts: Parts, *, port: str, axes: Sequence[Mapping[str, Any]], baud: int = 115200,
+    name: str, parts: MakerContext, *, port: str, axes: Sequence[Mapping[str, Any]], baud: int = 115200,
     reset_on_open: str = "expect", poll_s: float = 0.2,
 ) -> GrblStage:  # fmt: skip
     dtr = False if reset_on_open == "avoid" else None
@@ -90,48 +90,54 @@ def _grbl(
 
 
 def _zaber(
-    name: str, parts: Parts, *, port: str, axes: Sequence[Mapping[str, Any]], baud: int = 115200, poll_s: float = 0.1
+    name: str,
+    parts: MakerContext,
+    *,
+    port: str,
+    axes: Sequence[Mapping[str, Any]],
+    baud: int = 115200,
+    poll_s: float = 0.1,
 ) -> ZaberStage:
     made = [ZaberAxis(**axis) for axis in axes]
     return ZaberStage(parts.wire(name, port, ZaberParser, baud=baud), made, clock=parts.clock, poll_s=poll_s)
 
 
 def _tmcl_stage(
-    name: str, parts: Parts, *, port: str, axes: Sequence[Mapping[str, Any]], baud: int = 9600, **limits: Any
+    name: str, parts: MakerContext, *, port: str, axes: Sequence[Mapping[str, Any]], baud: int = 9600, **limits: Any
 ) -> TmclStage:
     made = [TmclAxis(**{**axis, "travel": tuple(axis["travel"])}) for axis in axes]
     return TmclStage(parts.wire(name, port, TmclParser, baud=baud), made, clock=parts.clock, **limits)
 
 
-def _strig(name: str, parts: Parts, *, port: str, baud: int = 115200) -> StrigShutter:
+def _strig(name: str, parts: MakerContext, *, port: str, baud: int = 115200) -> StrigShutter:
     return StrigShutter(parts.wire(name, port, StrigParser, baud=baud), clock=parts.clock)
 
 
-def _strig_shaker(name: str, parts: Parts, *, box: str, axes: Sequence[Mapping[str, Any]]) -> StrigShaker:
+def _strig_shaker(name: str, parts: MakerContext, *, box: str, axes: Sequence[Mapping[str, Any]]) -> StrigShaker:
     made = [ShakerAxis(**axis) for axis in axes]
     return StrigShaker(cast(StrigShutter, parts.made[box]), made, clock=parts.clock)
 
 
-def _strig_watchdog(name: str, parts: Parts, *, box: str, stages: Sequence[str]) -> StrigWatchdog:
+def _strig_watchdog(name: str, parts: MakerContext, *, box: str, stages: Sequence[str]) -> StrigWatchdog:
     return StrigWatchdog(cast(StrigShutter, parts.made[box]), [cast(Released, parts.made[stage]) for stage in stages])
 
 
-def _rts(name: str, parts: Parts, *, port: str) -> RtsShutter:
+def _rts(name: str, parts: MakerContext, *, port: str) -> RtsShutter:
     return RtsShutter(parts.wire(name, port, NullParser, rts=False), clock=parts.clock)
 
 
-def _relay(name: str, parts: Parts, *, on: str | None = None, port: str | None = None) -> RelayShutter:
+def _relay(name: str, parts: MakerContext, *, on: str | None = None, port: str | None = None) -> RelayShutter:
     link, own = parts.link(on, name, port)
     return RelayShutter(link, clock=parts.clock, owns_link=own)
 
 
-def _folder(name: str, parts: Parts, *, folder: str, shutter: str, **tether: Any) -> FolderCamera:
+def _folder(name: str, parts: MakerContext, *, folder: str, shutter: str, **tether: Any) -> FolderCamera:
     box = cast(Shutter, parts.made[shutter])
     return FolderCamera(parts.folder / folder, box, parts.inspect, tether=Tether(**tether), clock=parts.clock)
 
 
 def _gphoto(
-    name: str, parts: Parts, *, folder: str, model: str = "", port: str = "", shutter: str | None = None
+    name: str, parts: MakerContext, *, folder: str, model: str = "", port: str = "", shutter: str | None = None
 ) -> GphotoCamera:
     box = cast(Shutter, parts.made[shutter]) if shutter else None
     place = parts.folder / folder
@@ -139,7 +145,7 @@ def _gphoto(
 
 
 def _micromanager_stage(
-    name: str, parts: Parts, *, config: str, axes: Sequence[Mapping[str, Any]], adapters: str | None = None,
+    name: str, parts: MakerContext, *, config: str, axes: Sequence[Mapping[str, Any]], adapters: str | None = None,
     patience_s: float = 60.0,
 ) -> MicroManagerStage:  # fmt: skip
     made = [MicroManagerAxis(**{**axis, "travel": tuple(axis["travel"])}) for axis in axes]
@@ -147,7 +153,7 @@ def _micromanager_stage(
 
 
 def _micromanager_camera(
-    name: str, parts: Parts, *, config: str, device: str, folder: str, adapters: str | None = None,
+    name: str, parts: MakerContext, *, config: str, device: str, folder: str, adapters: str | None = None,
     mosaic: str = "none", **optics: Any,
 ) -> MicroManagerCamera:  # fmt: skip
     frames, cfa = parts.frames(folder, **optics), None if mosaic == "none" else mosaic
@@ -155,75 +161,82 @@ def _micromanager_camera(
 
 
 def _micromanager_shutter(
-    name: str, parts: Parts, *, config: str, device: str, adapters: str | None = None
+    name: str, parts: MakerContext, *, config: str, device: str, adapters: str | None = None
 ) -> MicroManagerShutter:
     return MicroManagerShutter(parts.core(config, adapters), device, clock=parts.clock)
 
 
 def _genicam(
-    name: str, parts: Parts, *, folder: str, camera: str = "", pixel_format: str = "", gain_db: float | None = None,
-    patience_s: float = 5.0, **optics: Any,
+    name: str, parts: MakerContext, *, folder: str, camera: str = "", pixel_format: str = "",
+    gain_db: float | None = None, patience_s: float = 5.0, **optics: Any,
 ) -> GenicamCamera:  # fmt: skip
     settings = GenicamSettings(pixel_format, gain_db, patience_s)
     return GenicamCamera(parts.frames(folder, **optics), camera, settings, clock=parts.clock)
 
 
 def _alpaca_stage(
-    name: str, parts: Parts, *, server: str, axes: Sequence[Mapping[str, Any]], password_variable: str = "",
+    name: str, parts: MakerContext, *, server: str, axes: Sequence[Mapping[str, Any]], password_variable: str = "",
     patience_s: float = 60.0,
 ) -> AlpacaStage:  # fmt: skip
     made = [AlpacaAxis(**axis) for axis in axes]
-    return AlpacaStage(AlpacaServer(server, password_variable), made, patience_s=patience_s, clock=parts.clock)
+    return AlpacaStage(AlpacaAddress(server, password_variable), made, patience_s=patience_s, clock=parts.clock)
 
 
 def _alpaca_camera(
-    name: str, parts: Parts, *, server: str, folder: str, device: int = 0, password_variable: str = "",
+    name: str, parts: MakerContext, *, server: str, folder: str, device: int = 0, password_variable: str = "",
     exposure_s: float = 0.1, patience_s: float = 30.0, **optics: Any,
 ) -> AlpacaCamera:  # fmt: skip
     settings = AlpacaCameraSettings(exposure_s, patience_s)
-    at = AlpacaServer(server, password_variable)
+    at = AlpacaAddress(server, password_variable)
     return AlpacaCamera(at, device, parts.frames(folder, **optics), settings, clock=parts.clock)
 
 
 def _alpaca_light(
-    name: str, parts: Parts, *, server: str, switch: int, device: int = 0, password_variable: str = "", **panel: float
+    name: str,
+    parts: MakerContext,
+    *,
+    server: str,
+    switch: int,
+    device: int = 0,
+    password_variable: str = "",
+    **panel: float,
 ) -> AlpacaLight:
-    line = AlpacaSwitch(AlpacaServer(server, password_variable), device, switch)
-    return AlpacaLight(line, panel=Panel(**panel), clock=parts.clock)
+    line = AlpacaSwitch(AlpacaAddress(server, password_variable), device, switch)
+    return AlpacaLight(line, panel=LampProperties(**panel), clock=parts.clock)
 
 
 def _alpaca_shutter(
-    name: str, parts: Parts, *, server: str, switch: int, device: int = 0, password_variable: str = ""
+    name: str, parts: MakerContext, *, server: str, switch: int, device: int = 0, password_variable: str = ""
 ) -> AlpacaShutter:
-    line = AlpacaSwitch(AlpacaServer(server, password_variable), device, switch)
+    line = AlpacaSwitch(AlpacaAddress(server, password_variable), device, switch)
     return AlpacaShutter(line, clock=parts.clock)
 
 
-def _wit(name: str, parts: Parts, *, port: str, baud: int = 115200) -> WitImu:
+def _wit(name: str, parts: MakerContext, *, port: str, baud: int = 115200) -> WitImu:
     return WitImu(parts.wire(name, port, WitParser, baud=baud), clock=parts.clock)
 
 
-def _fast(name: str, parts: Parts, *, port: str, baud: int = 115200, **scale: float) -> FastImu:
+def _fast(name: str, parts: MakerContext, *, port: str, baud: int = 115200, **scale: float) -> FastImu:
     return FastImu(parts.wire(name, port, FastParser, baud=baud), clock=parts.clock, **scale)
 
 
-def _jrt(name: str, parts: Parts, *, port: str, baud: int = 19200) -> JrtRangefinder:
+def _jrt(name: str, parts: MakerContext, *, port: str, baud: int = 19200) -> JrtRangefinder:
     return JrtRangefinder(parts.wire(name, port, JrtParser, baud=baud), clock=parts.clock)
 
 
-def _bosch(name: str, parts: Parts, *, port: str, baud: int = 115200) -> BoschRangefinder:
+def _bosch(name: str, parts: MakerContext, *, port: str, baud: int = 115200) -> BoschRangefinder:
     return BoschRangefinder(parts.wire(name, port, BoschParser, baud=baud), clock=parts.clock)
 
 
-def _dmx(name: str, parts: Parts, *, port: str, channels: Sequence[int] = (1,), **panel: float) -> DmxLight:
-    return DmxLight(parts.wire(name, port, DmxParser), channels, panel=Panel(**panel), clock=parts.clock)
+def _dmx(name: str, parts: MakerContext, *, port: str, channels: Sequence[int] = (1,), **panel: float) -> DmxLight:
+    return DmxLight(parts.wire(name, port, DmxParser), channels, panel=LampProperties(**panel), clock=parts.clock)
 
 
 def _grbl_light(
-    name: str, parts: Parts, *, on: str | None = None, port: str | None = None, **panel: float
+    name: str, parts: MakerContext, *, on: str | None = None, port: str | None = None, **panel: float
 ) -> GrblLight:
     link, own = parts.link(on, name, port)
-    return GrblLight(link, panel=Panel(**panel), clock=parts.clock, owns_link=own)
+    return GrblLight(link, panel=LampProperties(**panel), clock=parts.clock, owns_link=own)
 
 
 MAKERS: dict[str, Callable[..., Device]] = {
@@ -255,5 +268,5 @@ MAKERS: dict[str, Callable[..., Device]] = {
 
 
 def maker_of(driver: str) -> Callable[..., Device]:
-    """What makes a device of a driver. Raises KeyError where there is none of that name."""
+    """The maker of a driver's devices. Raises KeyError where there is none of that name."""
     return MAKERS[driver] if driver in MAKERS else added_drivers()[driver].make

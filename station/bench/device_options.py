@@ -32,7 +32,7 @@ class Rule(Protocol):
 
 
 @dataclass(frozen=True)
-class Number:
+class NumberOption:
     """A number between two limits; the low one is excluded if `above`."""
 
     example: str
@@ -117,7 +117,7 @@ class Interval:
 
     def holds(self, value: Any) -> bool:
         """Whether the value is such a pair."""
-        number = Number("0")
+        number = NumberOption("0")
         return isinstance(value, list) and len(value) == 2 and all(map(number.holds, value)) and value[0] < value[1]
 
 
@@ -166,9 +166,9 @@ BAUD = Option(Integer("115200", 300, 4_000_000))
 NAME = Option(Quoted('"z_mm"', "a name that ends in its unit, _mm or _deg", r"[a-z][a-z0-9_]*_(mm|deg)"), required=True)
 FOLDER = Option(Quoted('"incoming"', "the name of a folder in quotes"), required=True)
 DEVICE = Quoted('"stage"', "the name of a device in quotes")
-SECONDS = Option(Number("0.5", 0.0))
-POLL = Option(Number("0.2", 0.0, 5.0, above=True))
-LAMP = {"warm_up_s": SECONDS, "pwm_hz": Option(Number("1000", 0.0))}
+SECONDS = Option(NumberOption("0.5", 0.0))
+POLL = Option(NumberOption("0.2", 0.0, 5.0, above=True))
+LAMP = {"warm_up_s": SECONDS, "pwm_hz": Option(NumberOption("1000", 0.0))}
 LINE = {"port": PORT, "baud": BAUD}
 ON_A_STAGE = {"on": Option(DEVICE), "port": MAYBE_PORT}
 CORE = {
@@ -178,11 +178,11 @@ CORE = {
 LABEL = Option(Quoted('"Camera"', "a device's label in that configuration in quotes"), required=True)
 FRAMES = {
     "folder": FOLDER,
-    "f_number": Option(Number("4.0", 0.0, above=True)),
-    "focal_length_mm": Option(Number("25", 0.0, above=True)),
+    "f_number": Option(NumberOption("4.0", 0.0, above=True)),
+    "focal_length_mm": Option(NumberOption("25", 0.0, above=True)),
     "lens": Option(Quoted('"Lens 25 mm"')),
-    "pixel_pitch_um": Option(Number("3.45", 0.0, above=True)),
-    "black": Option(Number("64", 0.0)),
+    "pixel_pitch_um": Option(NumberOption("3.45", 0.0, above=True)),
+    "black": Option(NumberOption("64", 0.0)),
 }
 HOST_AND_PORT = r"(\[[^\]\s]+\]|[^:@\s/]+):\d{1,5}"
 SERVER = {
@@ -193,7 +193,7 @@ SERVER = {
 }
 COUNTED = Integer("0", 0, 2**16)
 ALPACA = {**SERVER, "device": Option(COUNTED)}
-PATIENCE = Option(Number("60", 0.0, above=True))
+PATIENCE = Option(NumberOption("60", 0.0, above=True))
 
 OPTIONS: dict[str, Options] = {
     "grbl": Options(
@@ -201,10 +201,10 @@ OPTIONS: dict[str, Options] = {
         {
             "name": NAME,
             "letter": Option(OneOf(("X", "Y", "Z", "A", "B", "C")), required=True),
-            "feed_per_min": Option(Number("1500", 0.0, above=True), required=True),
-            "origin": Option(Number("0.0")),
+            "feed_per_min": Option(NumberOption("1500", 0.0, above=True), required=True),
+            "origin": Option(NumberOption("0.0")),
             "direction": Option(OneOf((1, -1))),
-            "travel": Option(Number("300", 0.0, above=True)),
+            "travel": Option(NumberOption("300", 0.0, above=True)),
             "space": Option(Interval()),
         },
         (("name",), ("letter",)),
@@ -215,9 +215,9 @@ OPTIONS: dict[str, Options] = {
             "name": NAME,
             "device": Option(Integer("1", 1, 99), required=True),
             "axis": Option(Integer("1", 1, 9)),
-            "unit_per_step": Option(Number("0.000234375", 0.0, above=True), required=True),
-            "zero": Option(Number("0.0")),
-            "speed_per_s": Option(Number("10", 0.0, above=True)),
+            "unit_per_step": Option(NumberOption("0.000234375", 0.0, above=True), required=True),
+            "zero": Option(NumberOption("0.0")),
+            "speed_per_s": Option(NumberOption("10", 0.0, above=True)),
         },
         (("name",), ("device", "axis")),
     ),
@@ -225,16 +225,16 @@ OPTIONS: dict[str, Options] = {
         {
             **LINE,
             "poll_s": POLL,
-            "patience_s": Option(Number("60", 0.0, above=True)),
+            "patience_s": Option(NumberOption("60", 0.0, above=True)),
             "variable": Option(Integer("55", 0, 255)),
         },
         {
             "name": NAME,
             "motor": Option(Integer("0", 0, 15), required=True),
             "travel": Option(Interval("[0.0, 300.0]"), required=True),
-            "unit_per_step": Option(Number("0.003125", 0.0, above=True), required=True),
+            "unit_per_step": Option(NumberOption("0.003125", 0.0, above=True), required=True),
             "module": Option(Integer("1", 1, 255)),
-            "zero": Option(Number("0.0")),
+            "zero": Option(NumberOption("0.0")),
             "direction": Option(OneOf((1, -1))),
         },
         (("name",), ("module", "motor")),
@@ -245,7 +245,7 @@ OPTIONS: dict[str, Options] = {
         {
             "name": NAME,
             "channel": Option(OneOf((0, 1)), required=True),
-            "stroke": Option(Number("2.0", 0.0, above=True), required=True),
+            "stroke": Option(NumberOption("2.0", 0.0, above=True), required=True),
             "direction": Option(OneOf((1, -1))),
         },
         (("name",), ("channel",)),
@@ -257,11 +257,11 @@ OPTIONS: dict[str, Options] = {
         {
             "folder": FOLDER,
             "shutter": Option(DEVICE, required=True),
-            "pulse_s": Option(Number("0.1", 0.0, above=True)),
+            "pulse_s": Option(NumberOption("0.1", 0.0, above=True)),
             "focus_s": SECONDS,
             "bulb": Option(OneOf((True, False))),
             "rest_s": SECONDS,
-            "patience_s": Option(Number("20", 0.0, above=True)),
+            "patience_s": Option(NumberOption("20", 0.0, above=True)),
             "poll_s": POLL,
         }
     ),
@@ -274,17 +274,17 @@ OPTIONS: dict[str, Options] = {
         }
     ),
     "micromanager_stage": Options(
-        {**CORE, "patience_s": Option(Number("60", 0.0, above=True))},
+        {**CORE, "patience_s": Option(NumberOption("60", 0.0, above=True))},
         {
             "name": NAME,
             "device": Option(Quoted('"Z"', "a device's label in that configuration in quotes"), required=True),
             "travel": Option(Interval("[0.0, 25.0]"), required=True),
             "part": Option(OneOf(("x", "y"))),
-            "zero": Option(Number("0.0")),
-            "unit_per_um": Option(Number("0.001", 0.0, above=True)),
+            "zero": Option(NumberOption("0.0")),
+            "unit_per_um": Option(NumberOption("0.001", 0.0, above=True)),
             "direction": Option(OneOf((1, -1))),
             "homes": Option(OneOf((True, False))),
-            "tolerance": Option(Number("0.005", 0.0, above=True)),
+            "tolerance": Option(NumberOption("0.005", 0.0, above=True)),
         },
         (("name",), ("device", "part")),
     ),
@@ -300,8 +300,8 @@ OPTIONS: dict[str, Options] = {
                     '"BayerRG12p"', "a grey or Bayer pixel format of 8 to 16 bits", r"(Mono|Bayer(RG|BG|GR|GB))\d+\w*"
                 )
             ),
-            "gain_db": Option(Number("0.0")),
-            "patience_s": Option(Number("5", 0.0, above=True)),
+            "gain_db": Option(NumberOption("0.0")),
+            "patience_s": Option(NumberOption("5", 0.0, above=True)),
             **FRAMES,
         }
     ),
@@ -310,15 +310,15 @@ OPTIONS: dict[str, Options] = {
         {
             "name": NAME,
             "focuser": Option(COUNTED, required=True),
-            "unit_per_step": Option(Number("0.001", 0.0, above=True)),
-            "zero": Option(Number("0.0")),
+            "unit_per_step": Option(NumberOption("0.001", 0.0, above=True)),
+            "zero": Option(NumberOption("0.0")),
             "direction": Option(OneOf((1, -1))),
             "home": Option(Quoted('"Home"', "the name of the focuser's action that homes it in quotes")),
         },
         (("name",), ("focuser",)),
     ),
     "alpaca_camera": Options(
-        {**ALPACA, "exposure_s": Option(Number("0.1", 0.0, above=True)), "patience_s": PATIENCE, **FRAMES}
+        {**ALPACA, "exposure_s": Option(NumberOption("0.1", 0.0, above=True)), "patience_s": PATIENCE, **FRAMES}
     ),
     "alpaca_light": Options({**ALPACA, "switch": Option(COUNTED, required=True), **LAMP}),
     "alpaca_shutter": Options({**ALPACA, "switch": Option(COUNTED, required=True)}),
@@ -326,8 +326,8 @@ OPTIONS: dict[str, Options] = {
     "fast": Options(
         {
             **LINE,
-            "full_scale_g": Option(Number("8", 0.0, above=True)),
-            "full_scale_deg_s": Option(Number("500", 0.0, above=True)),
+            "full_scale_g": Option(NumberOption("8", 0.0, above=True)),
+            "full_scale_deg_s": Option(NumberOption("500", 0.0, above=True)),
         }
     ),
     "jrt": Options(LINE),

@@ -26,7 +26,7 @@ from typing import Any, cast
 
 from drivers.clock import Clock, SystemClock
 from drivers.errors import BadConfiguration, DeviceError, EmergencyStopped, NotConnected
-from drivers.frames import Facts
+from drivers.frames import ExposureMetadata
 from drivers.interfaces import (
     Camera,
     Condition,
@@ -44,7 +44,7 @@ from drivers.wire.transcript import Transcript
 from procedures.outcome import BadInput
 from procedures.reading.text import parse_toml, read_text
 from station.bench.device_check import TableCheck
-from station.bench.device_makers import MAKERS, Parts, maker_of
+from station.bench.device_makers import MAKERS, MakerContext, maker_of
 from station.bench.device_options import REFERS, named
 from station.bench.motions import Motions
 from station.bench.stopping import StopRecord, StopRequest, stop_all, stops_on_wires
@@ -214,7 +214,7 @@ def make_bench(
     cores: dict[Path, Core] = {}
     for name in sorted(tables, key=lambda name: _depth(tables, name)):
         options = {key: value for key, value in tables[name].items() if key != "driver"}
-        parts = Parts(made, folder, clock, inspect_raw, wire_log, transcripts, cores)
+        parts = MakerContext(made, folder, clock, inspect_raw, wire_log, transcripts, cores)
         made[name] = maker_of(tables[name]["driver"])(name, parts, **options)
     return Bench(made, {name: str(tables[name]["driver"]) for name in made}, clock, transcripts=transcripts)
 
@@ -225,12 +225,14 @@ def _depth(tables: Mapping[str, Mapping[str, Any]], name: str) -> int:
     return max((1 + _depth(tables, other) for other in others), default=0)
 
 
-def inspect_raw(path: Path) -> Facts:
+def inspect_raw(path: Path) -> ExposureMetadata:
     """The exposure metadata of a RAW file that can be read completely. Raises BadInput otherwise."""
     from procedures.raw import read_frame
 
     exposure = read_frame(path).exposure
-    return Facts(exposure.exposure_s, None if exposure.iso is None else round(exposure.iso), exposure.f_number)
+    return ExposureMetadata(
+        exposure.exposure_s, None if exposure.iso is None else round(exposure.iso), exposure.f_number
+    )
 
 
 def simulated_bench(
@@ -264,7 +266,7 @@ def fit_shaker(bench: Bench, *, wanted: bool) -> None:
     devices, drivers = dict(bench.devices), dict(bench.drivers)
     if wanted and "shaker" not in devices:
         options = {key: value for key, value in SHAKER.items() if key != "driver"}
-        parts = Parts(devices, Path(), bench.clock, inspect_raw)
+        parts = MakerContext(devices, Path(), bench.clock, inspect_raw)
         devices["shaker"] = MAKERS[SHAKER["driver"]]("shaker", parts, **options)
         drivers["shaker"] = SHAKER["driver"]
     elif not wanted and "shaker" in devices:

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from simulators.bench.bench import SimulatedBench
 
 
-class Hands(Protocol):
+class OperatorActions(Protocol):
     """Interface to an operator's actions and observations."""
 
     def knows(self, key: str) -> Fact | None:
@@ -34,7 +34,7 @@ class Surroundings:
     """A real room, in which the operator acts."""
 
     @property
-    def hands(self) -> Hands | None:
+    def hands(self) -> OperatorActions | None:
         """None: the operator acts."""
         return None
 
@@ -52,7 +52,7 @@ class SimulatedSurroundings(Surroundings):
         self._truth = truth
 
     @property
-    def hands(self) -> Hands:
+    def hands(self) -> OperatorActions:
         """The simulated operator."""
         return self._truth.hands
 

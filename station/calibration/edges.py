@@ -124,7 +124,7 @@ def edge_measurement(photograph: PhotographEdges, head: RecordHead, terms: Terms
         head, parameters={**head.parameters, **terms.parameters(), **at}, specification=terms.specified(planes)
     )
     return Measurement(
-        SCHEMA, whole, planes, files=files, exposure=photograph.frame.exposure, terms=terms, found=photograph
+        SCHEMA, whole, planes, files=files, exposure=photograph.frame.exposure, terms=terms, result=photograph
     )  # fmt: skip
 
 

@@ -26,11 +26,11 @@ def photographs(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise BadParameter(f"there is no folder {folder}", "name the folder of the photographs, or a session's")
     session = is_session(folder)
-    found = _accepted(folder) if session else _plain(folder)
-    if not found:
+    paths = _accepted(folder) if session else _plain(folder)
+    if not paths:
         what = "accepted photographs" if session else "photographs"
         raise BadParameter(f"there are no {what} in {folder}", "name a folder that holds RAW, PGM, PNG or TIFF files")
-    return found
+    return paths
 
 
 def _accepted(folder: Path) -> list[Path]:
@@ -41,8 +41,8 @@ def _accepted(folder: Path) -> list[Path]:
 def _plain(folder: Path) -> list[Path]:
     """The photographs that lie in the folder itself, or in its `originals`, by name."""
     place = folder / ORIGINALS if (folder / ORIGINALS).is_dir() else folder
-    found = (path for path in place.iterdir() if path.suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES)
-    return sorted(path for path in found if not path.is_dir() and not path.name.startswith("."))
+    paths = (path for path in place.iterdir() if path.suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES)
+    return sorted(path for path in paths if not path.is_dir() and not path.name.startswith("."))
 
 
 def check_noted(paths: Sequence[Path], typed: Mapping[str, float | None], insist: str) -> None:

@@ -15,7 +15,7 @@ from procedures.quality import Diffraction, assess
 from station.results.limits import Place, Specification, Spot
 
 OUT = 0.8
-"""How far out, of the frame's half sides, its sides and corners are looked at."""
+"""How far out, of the frame's half sides, its sides and corners are sampled."""
 COLUMNS = {-1: "left", 0: "", 1: "right"}
 ROWS = {-1: "upper", 0: "", 1: "lower"}
 

@@ -69,7 +69,7 @@ class GeometryPhotographs:
 
     @property
     def exposure(self) -> Exposure:
-        """Of the first readable photograph."""
+        """Exposure of the first readable photograph."""
         return next((one.exposure for one in self.records if one.sha256), Exposure())
 
 

@@ -35,13 +35,13 @@ def geometry_measurement(planes: Sequence[PlaneGeometry], head: RecordHead) -> M
     missed = dict.fromkeys(miss for one in planes for miss in one.shoot.missed)
     return Measurement(
         SCHEMA, head, tuple(map(_plane, planes)), files=files, missed=tuple(missed),
-        exposure=planes[0].shoot.exposure, found=planes,
+        exposure=planes[0].shoot.exposure, result=planes,
     )  # fmt: skip
 
 
 def session_plane(plane: PlaneResult, frames: Sequence[RawFrame]) -> PlaneGeometry:
     """The plane of a session with its photographs."""
-    camera: Geometry | None = plane.found
+    camera: Geometry | None = plane.estimate
     views = {} if camera is None else {one.view.source: one.view for one in camera.views}
     records = (
         ViewRecord(frame.path, frame.sha256, views.get(frame.path.name), plane.verdict, exposure=frame.exposure)
@@ -52,9 +52,9 @@ def session_plane(plane: PlaneResult, frames: Sequence[RawFrame]) -> PlaneGeomet
 
 def _plane(one: PlaneGeometry) -> PlaneResult:
     camera = one.outcome.value
-    left_out = [miss.told() for miss in one.shoot.missed]
+    left_out = [miss.to_record() for miss in one.shoot.missed]
     return PlaneResult.of_outcome(
-        one.shoot.plane, one.outcome, numbers={} if camera is None else camera.numbers(), found=camera, pitch=0,
+        one.shoot.plane, one.outcome, numbers={} if camera is None else camera.numbers(), estimate=camera, pitch=0,
         details={**({} if camera is None else _entries(camera)), "left_out": left_out},
     )  # fmt: skip
 

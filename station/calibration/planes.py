@@ -142,7 +142,7 @@ def plane_result(plane: Plane, outcome: Outcome[Any], exposure: Exposure | None 
         values=estimate.values,
         diagnostics=estimate.diagnostics,
         pitch=plane.pitch,
-        found=estimate,
+        estimate=estimate,
         inter_image=estimate.inter_image,
         choice=estimate.choice,
         variations=estimate.variations,

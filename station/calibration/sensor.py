@@ -29,7 +29,7 @@ LEVEL_PICTURES = 2
 LEAST_PIXELS = 2
 """Least size of a frame along each side: the noise of a single pixel is that of the frame."""
 SEED = 1288
-"""Of the draws for intervals: the same pictures give the same numbers."""
+"""Seed of the draws for intervals: the same pictures give the same numbers."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,42 +50,42 @@ SECTIONS = {
 """Sections of the XML summary, with prefixes of the numbers' names."""
 
 
-def sensor_measurement(found: SensorFiles, head: RecordHead) -> Measurement:
+def sensor_measurement(result: SensorFiles, head: RecordHead) -> Measurement:
     """The numbers and tables of every plane, and the summary as XML."""
-    files = {"numbers.csv": csv_bytes([_HEAD, *(row for plane in found.planes for row in _number_rows(plane))])}
-    for plane in found.planes:
+    files = {"numbers.csv": csv_bytes([_HEAD, *(row for plane in result.planes for row in _number_rows(plane))])}
+    for plane in result.planes:
         if plane.outcome.value is not None:
             files |= _tables(plane.name, plane.outcome.value)
             if plane.noise is not None:
                 files[f"nps_{plane.name}.npy"] = npy(plane.noise.power)
     return Measurement(
-        SCHEMA, head, tuple(map(_plane, found.planes)), {"camera": found.camera, "iso": found.iso},
-        {**files, "emva1288.xml": summary_xml(found)}, tuple(found.missed),
-        Exposure(camera=found.camera, iso=found.iso), found=found,
+        SCHEMA, head, tuple(map(_plane, result.planes)), {"camera": result.camera, "iso": result.iso},
+        {**files, "emva1288.xml": summary_xml(result)}, tuple(result.missed),
+        Exposure(camera=result.camera, iso=result.iso), result=result,
     )  # fmt: skip
 
 
 def _plane(plane: SensorPlane) -> PlaneResult:
     """Verdict and numbers, the model for other procedures, and diagnostics."""
-    found = plane.outcome.value
-    if found is None:
+    result = plane.outcome.value
+    if result is None:
         return PlaneResult.of_outcome(plane.name, plane.outcome, pitch=0)
-    joint = gain_and_noise(found.transfer)
+    joint = gain_and_noise(result.transfer)
     details: dict[str, Any] = {
-        "model": asdict(sensor_model(found, plane.step)),
+        "model": asdict(sensor_model(result, plane.step)),
         "gain_and_noise": {
             "names": list(joint.NAMES), "values": joint.values.tolist(),
             "covariance": joint.covariance.tolist(),
         },
         "rows": plane.shape[0],
         "columns": plane.shape[1],
-        "diagnostics": {"light_spread": found.curves.light_spread, "gain_bent": found.transfer.gain_bent},
+        "diagnostics": {"light_spread": result.curves.light_spread, "gain_bent": result.transfer.gain_bent},
     }  # fmt: skip
     if plane.noise is not None:
         # digital numbers of the result, squared, per (cycle/pixel)^2
         details["noise_power"] = {"file": f"nps_{plane.name}.npy", "signal": plane.noise.signal,
                                   "blocks": plane.noise.blocks}  # fmt: skip
-    for name, pattern in (("dark", found.dark), ("light", found.light)):
+    for name, pattern in (("dark", result.dark), ("light", result.light)):
         if pattern is not None:
             details[f"periods_{name}"] = [
                 {
@@ -96,7 +96,7 @@ def _plane(plane: SensorPlane) -> PlaneResult:
                 for one in pattern.periods
             ]
     return PlaneResult.of_outcome(
-        plane.name, plane.outcome, numbers=found.numbers, found=found, pitch=0, details=details
+        plane.name, plane.outcome, numbers=result.numbers, estimate=result, pitch=0, details=details
     )
 
 
@@ -110,10 +110,10 @@ def _number_rows(plane: SensorPlane) -> Iterator[list[str]]:
         yield [plane.name, name, f"{one.value:.9g}", one.unit, *bounds, one.method, str(one.n)]
 
 
-def _tables(name: str, found: SensorResult) -> dict[str, bytes]:
+def _tables(name: str, result: SensorResult) -> dict[str, bytes]:
     """The plane's tables."""
-    files = {f"transfer_{name}.csv": csv_columns(transfer_columns(found), 9)}
-    patterns = {"dark": found.dark, "light": found.light}
+    files = {f"transfer_{name}.csv": csv_columns(transfer_columns(result), 9)}
+    patterns = {"dark": result.dark, "light": result.light}
     kinds = {
         "spectrogram": (["direction", "frequency", "amplitude", "unit"], _spectra),
         "histogram": (["deviation", "unit", "count", "normal"], _histogram),
@@ -126,9 +126,9 @@ def _tables(name: str, found: SensorResult) -> dict[str, bytes]:
     return files
 
 
-def transfer_columns(found: SensorResult) -> dict[str, Array]:
+def transfer_columns(result: SensorResult) -> dict[str, Array]:
     """Measured curves by level: light, signal, variances, linearity, and signal-to-noise ratios."""
-    curves = found.curves
+    curves = result.curves
     signal = curves.signal[0]
     return {
         "light": curves.light[0],
@@ -137,11 +137,11 @@ def transfer_columns(found: SensorResult) -> dict[str, Array]:
         "variance": curves.variance[0],
         "variance_less_dark": curves.excess[0],
         "variance_uncertainty": np.std(curves.excess[1:], axis=0),
-        "deviation_percent": 100 * found.linearity.deviation[0],
+        "deviation_percent": 100 * result.linearity.deviation[0],
         "snr": signal / np.sqrt(np.maximum(curves.variance[0], 1 / 12)),
         "snr_of_light": input_snr(curves)[0],
-        "snr_linear_model": linear_snr(found.transfer, curves.light[0]),
-        "snr_total": total_snr(found.transfer, found.numbers, curves.light[0]),
+        "snr_linear_model": linear_snr(result.transfer, curves.light[0]),
+        "snr_total": total_snr(result.transfer, result.numbers, curves.light[0]),
     }
 
 
@@ -162,16 +162,16 @@ def _defects(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
         yield [which, str(int(row)), str(int(column)), f"{deviation:.6g}", pattern.unit]
 
 
-def summary_xml(found: SensorFiles) -> bytes:
+def summary_xml(result: SensorFiles) -> bytes:
     """The numbers by the standard's sections, each with unit, value, uncertainty and interval.
 
     The layout is that of the reference program (sections, then quantities with their values), with planes above the
     sections, and the bounds of the interval in addition.
     """
     top = ElementTree.Element("results", {"standard": "EMVA 1288", "release": "4.0"})
-    if found.camera:
-        ElementTree.SubElement(top, "camera").text = found.camera
-    for plane in found.planes:
+    if result.camera:
+        ElementTree.SubElement(top, "camera").text = result.camera
+    for plane in result.planes:
         of = ElementTree.SubElement(top, "plane", {"name": plane.name, "verdict": str(plane.outcome.verdict)})
         if plane.outcome.value is None:
             ElementTree.SubElement(of, "reason").text = plane.outcome.reason

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from procedures.sensor.noise_power import NoisePower
 
 SEED = 1288
-"""Of the draws of uncertainties."""
+"""Seed of the draws of uncertainties."""
 MINIMA = {"gain": SMALLEST, "saturation": SMALLEST, "signal_at_saturation": SMALLEST, "dark_variance": 0.0}
-"""Of these parameters of a model; others may be negative."""
+"""Lower bounds of parameters of a model; others may be negative."""
 _GIVE = "give the result.json of station sensor, of the same camera at the same sensitivity"
 
 

@@ -63,7 +63,7 @@ class Best:
 
     @property
     def words(self) -> str:
-        """As a sentence."""
+        """The setting as a sentence."""
         value = f"{self.value:.4g} ± {self.uncertainty:.2g} {self.unit}"
         return f"{self.plane}: best at f/{self.f_number:g}, MTF50 {value}, with a confidence of {self.confidence:.0%}"
 
@@ -80,26 +80,26 @@ ONE = {"camera": "cameras", "lens": "lenses", "focal_length_mm": "focal lengths"
 
 def points_of(rows: Sequence[Any]) -> list[Point]:
     """Every number of every plane at every setting, in order, from the usable rows of a batch."""
-    found: dict[tuple[str, str, SeriesSetting], list[tuple[float, float, str]]] = {}
+    means: dict[tuple[str, str, SeriesSetting], list[tuple[float, float, str]]] = {}
     for row in rows:
         setting = SeriesSetting(*(_number(row.noted.get(key)) for key in ("f_number", "focus_distance_mm", "iso")))
         for plane, one in row.planes.items():
             for number, parts in NUMBERS.items() if one.verdict in ("pass", "doubtful") else ():
                 if all(part in one.numbers for part in parts):
                     mean = _mean_of_parts([one.numbers[part] for part in parts])
-                    found.setdefault((plane, number, setting), []).append(mean)
-    points = [Point(*key, *together(shots), shots[0][2], len(shots)) for key, shots in found.items()]
+                    means.setdefault((plane, number, setting), []).append(mean)
+    points = [Point(*key, *together(shots), shots[0][2], len(shots)) for key, shots in means.items()]
     return sorted(points, key=_order)
 
 
 def several(rows: Sequence[Any]) -> list[str]:
     """Sentences on what differs among photographs that should be of one lens on one camera from one mounting."""
-    found = []
+    settings = []
     for key, words in ONE.items():
         values = sorted({str(row.noted[key]) for row in rows if key in row.noted})
         if len(values) > 1:
-            found.append(f"the photographs are of several {words}: {', '.join(map(printable, values))}")
-    return found
+            settings.append(f"the photographs are of several {words}: {', '.join(map(printable, values))}")
+    return settings
 
 
 def _order(one: Point) -> tuple[Any, ...]:
@@ -129,8 +129,8 @@ def together(shots: Sequence[tuple[float, float, str]]) -> tuple[float, float]:
 
 
 def best_apertures(points: Sequence[Point]) -> list[Best]:
-    """Of every plane the f-number with the greatest MTF50, at its best focus and ISO, where there are several."""
-    found = []
+    """The f-number with the greatest MTF50 of every plane, at its best focus and ISO, where there are several."""
+    best = []
     for plane in dict.fromkeys(one.plane for one in points):
         own = [one for one in points if one.plane == plane and one.number == EDGE_MTF50 and one.setting.f_number]
         by_aperture: dict[float, Point] = {}
@@ -139,8 +139,8 @@ def best_apertures(points: Sequence[Point]) -> list[Best]:
             if f_number not in by_aperture or one.value > by_aperture[f_number].value:
                 by_aperture[f_number] = one
         if len(by_aperture) > 1:
-            found.append(_best(plane, by_aperture))
-    return found
+            best.append(_best(plane, by_aperture))
+    return best
 
 
 def _best(plane: str, by_aperture: Mapping[float, Point]) -> Best:

@@ -69,39 +69,39 @@ def tilt_measurement(
     head: RecordHead, plane: str, outcome: Outcome[Tilt], missed: Sequence[Miss] | None = None
 ) -> Measurement:
     """The numbers, the screws and the table of the nodes."""
-    found, lost = outcome.value, tuple(missed) if missed else None
-    if found is None:
+    tilt, lost = outcome.value, tuple(missed) if missed else None
+    if tilt is None:
         return Measurement(SCHEMA, head, (PlaneResult.of_outcome(plane, outcome, pitch=0),), missed=lost)
     result = PlaneResult.of_outcome(
-        plane, outcome, numbers=found.numbers(), found=found, pitch=0, details=_details(found)
+        plane, outcome, numbers=tilt.numbers(), estimate=tilt, pitch=0, details=_details(tilt)
     )
-    return Measurement(SCHEMA, head, (result,), files={"tilt.csv": _table(found)}, missed=lost)
+    return Measurement(SCHEMA, head, (result,), files={"tilt.csv": _table(tilt)}, missed=lost)
 
 
-def screw_lines(found: Tilt) -> list[str]:
+def screw_lines(tilt: Tilt) -> list[str]:
     """Move and turn of each screw, the shim, and whether a correction is worthwhile."""
     lines = []
     for number, (angle, move, turn) in enumerate(
-        zip(found.screws.angles_deg, found.turns.moves, found.turns.turns, strict=True), 1
+        zip(tilt.screws.angles_deg, tilt.turns.moves, tilt.turns.turns, strict=True), 1
     ):
         way = "away from" if move.value > 0 else "towards"
         lines.append(
             f"screw {number} at {angle:.0f} degrees: {abs(move.value):.1f} ± {move.uncertainty:.1f} um {way} the lens, "
             f"{abs(turn.value):.3f} turn ({abs(turn.value) * 360:.0f} degrees)"
         )
-    helps = found.turns.helps
+    helps = tilt.turns.helps
     advice = "turn, and measure again" if helps >= SURE else "leave it: that is within the uncertainty"
-    shim = [words] if (words := shim_words(found)) else []
+    shim = [words] if (words := shim_words(tilt)) else []
     return [*lines, *shim, f"these turns help with a probability of {helps:.2f}: {advice}"]
 
 
-def _details(found: Tilt) -> dict[str, Any]:
-    sensor, turns = found.sensor, found.turns
+def _details(tilt: Tilt) -> dict[str, Any]:
+    sensor, turns = tilt.sensor, tilt.turns
     return {
         "helps": turns.helps,
         "screws": [
             {"angle_deg": float(angle), "move": asdict(move), "turn": asdict(turn)}
-            for angle, move, turn in zip(found.screws.angles_deg, turns.moves, turns.turns, strict=True)
+            for angle, move, turn in zip(tilt.screws.angles_deg, turns.moves, turns.turns, strict=True)
         ],
         "plane": {
             "offset_um": float(sensor.plane[0]), "slopes_um_per_mm": sensor.plane[1:].tolist(),
@@ -111,8 +111,8 @@ def _details(found: Tilt) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _table(found: Tilt) -> bytes:
-    sensor = found.sensor
+def _table(tilt: Tilt) -> bytes:
+    sensor = tilt.sensor
     x, y = sensor.places_mm.T
     columns = {"x [mm]": x, "y [mm]": y, "height [um]": sensor.heights_um, "residual [um]": sensor.residuals_um}
-    return csv_columns({**columns, "astigmatism [um]": found.astigmatism}, 6)
+    return csv_columns({**columns, "astigmatism [um]": tilt.astigmatism}, 6)

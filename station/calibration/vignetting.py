@@ -118,7 +118,7 @@ def _plane(name: str, outcome: Outcome[PlaneVignetting]) -> PlaneResult:
         "diagnostics": {"scatter": one.surface.scatter, "structure": one.surface.structure,
                         "left_out": one.surface.excluded, "slopes": one.surface.slopes.tolist()},
     }  # fmt: skip
-    return PlaneResult.of_outcome(name, outcome, numbers=one.numbers, found=one, pitch=0, details=details)
+    return PlaneResult.of_outcome(name, outcome, numbers=one.numbers, estimate=one, pitch=0, details=details)
 
 
 def read_vignetting(result: Path) -> dict[str, StoredVignetting]:

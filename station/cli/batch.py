@@ -13,7 +13,7 @@ import click
 
 from station.cli.psf.terms import jobs_option
 from station.cli.terminal.force import force_option, forced
-from station.cli.terminal.numbers import Number
+from station.cli.terminal.numbers import FiniteNumber
 from station.common.errors import INTERRUPTED
 from station.common.log import log, log_json_option, logs_json
 from station.drawing.colours import TERMINAL_COLOURS
@@ -55,7 +55,9 @@ MOST_NAMED = 40
     type=click.IntRange(256, 1 << 24),
     help="What a photograph may take.  [default: its share of the machine]",
 )
-@click.option("--time-s", type=Number(min=1), default=3600, show_default=True, help="How long a photograph may take.")
+@click.option(
+    "--time-s", type=FiniteNumber(min=1), default=3600, show_default=True, help="How long a photograph may take."
+)
 @click.option("--reports", is_flag=True, help="Write a page for every photograph too.")
 @click.option("--strict", is_flag=True, help="Count what is doubtful or undecided as failed.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
@@ -149,15 +151,15 @@ def _summarise(done: Batch) -> None:
     from station.common.atomic_files import write_whole
 
     procedure = done.job.procedure.procedure
-    found = procedure.summary(done.rows)
-    if found is None:
+    summary = procedure.summary(done.rows)
+    if summary is None:
         return
-    for words in found.warnings:
+    for words in summary.warnings:
         log("several", words, level="warning", remedy="make a series of each by itself")
-    for name, data in found.files.items():
+    for name, data in summary.files.items():
         write_whole(done.job.out / name, data)
         log("written", f"wrote {done.job.out / name}", path=str(done.job.out / name))
-    for line in found.lines:
+    for line in summary.lines:
         log(procedure.name, line)
 
 

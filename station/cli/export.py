@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.psf.terms import plane_name
-from station.cli.terminal.numbers import Number
+from station.cli.terminal.numbers import FiniteNumber
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -36,9 +36,9 @@ LENSES = ("lensfun", "dng")
 @click.option("--maker", default="unknown", show_default=True, help="lensfun: of camera and lens.")
 @click.option("--camera", help="lensfun: its model.  [default: from the field]")
 @click.option("--lens", help="lensfun: its name.  [default: from the field]")
-@click.option("--focal-length-mm", type=Number(min=0.1), help="lensfun.  [default: from the field]")
-@click.option("--f-number", type=Number(min=0.1), help="lensfun: of the vignetting.  [default: from the field]")
-@click.option("--pixel-pitch-um", type=Number(min=0.1), help="lensfun.  [default: by the focal length]")
+@click.option("--focal-length-mm", type=FiniteNumber(min=0.1), help="lensfun.  [default: from the field]")
+@click.option("--f-number", type=FiniteNumber(min=0.1), help="lensfun: of the vignetting.  [default: from the field]")
+@click.option("--pixel-pitch-um", type=FiniteNumber(min=0.1), help="lensfun.  [default: by the focal length]")
 @click.argument("out", type=click.Path(path_type=Path))
 @log_json_option
 def export(

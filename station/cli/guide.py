@@ -18,7 +18,7 @@ from station.common.errors import INTERRUPTED, REFUSED
 from station.common.stop_signals import EXIT_DEVICE, guarded
 from station.guide.frontend import Event, Result, RunEnded, Stopped
 from station.guide.line_frontend import LineOperator
-from station.results.comparison import Judged
+from station.results.comparison import Compliance
 from station.results.terms import specification_verdict
 
 if TYPE_CHECKING:
@@ -107,4 +107,4 @@ def exit_code(ended: RunEnded, result: Result | None) -> int:
         return 0
     if result.verdict == Verdict.REFUSED:
         return REFUSED
-    return int(specification_verdict(list(result.planes.values())) == Judged.MISSES)
+    return int(specification_verdict(list(result.planes.values())) == Compliance.MISSES)

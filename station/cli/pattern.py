@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import click
 
 from procedures.pattern_print.paper import PAPERS, paper_named, papers_of_locale
-from station.cli.terminal.numbers import SEED, Number
+from station.cli.terminal.numbers import SEED, FiniteNumber
 
 if TYPE_CHECKING:
-    from procedures.pattern_psf.pose import Optics
+    from procedures.pattern_psf.pose import ImagingGeometry
 
 
 @click.command()
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 @click.option("--tile", is_flag=True, help="Print over several sheets of the paper, to be joined; PDF only.")
 @click.option(
     "--width-mm",
-    type=Number(),
+    type=FiniteNumber(),
     help="Width of the whole chart, ten blocks, in mm. Without --paper it determines the paper.  [default: as the "
     "paper allows; with --tile 300]",
 )
@@ -41,10 +41,10 @@ if TYPE_CHECKING:
     "--cell-pixels", type=int, default=8, show_default=True, help="Pixels along a cell, for PNG and PGM: 1 to 32."
 )
 @click.option(
-    "--focal-length-mm", type=Number(min=1), help="Of the lens: lists the noise amplification at each distance."
+    "--focal-length-mm", type=FiniteNumber(min=1), help="Of the lens: lists the noise amplification at each distance."
 )
-@click.option("--pixel-pitch-um", type=Number(min=0.1), help="Of the sensor, with --focal-length-mm.")
-@click.option("--f-number", type=Number(min=0.1), help="Of the aperture, with both.")
+@click.option("--pixel-pitch-um", type=FiniteNumber(min=0.1), help="Of the sensor, with --focal-length-mm.")
+@click.option("--f-number", type=FiniteNumber(min=0.1), help="Of the aperture, with both.")
 @click.option("--monochrome", is_flag=True, help="The sensor has no colour mosaic.")
 def pattern(
     out: Path,
@@ -79,7 +79,7 @@ def pattern(
     from procedures.pattern_print.sheet import Size, largest_width_mm, smallest_paper
     from procedures.pattern_print.source import Source
     from procedures.pattern_print.tiles import AUTHORS_WIDTH_MM
-    from procedures.pattern_psf.pose import Optics
+    from procedures.pattern_psf.pose import ImagingGeometry
     from station.common.atomic_files import write_whole
 
     check_ending(out)
@@ -97,10 +97,10 @@ def pattern(
     click.echo(f"{out}: {encoded.extent}; {source.origin}; {size}", err=True)
     if focal_length_mm is not None and pixel_pitch_um is not None:
         pitch_um = pixel_pitch_um * (1 if monochrome else PHOTOSITES_PER_PIXEL)
-        _explain(Optics(focal_length_mm, pitch_um, size.cell_mm), f_number)
+        _explain(ImagingGeometry(focal_length_mm, pitch_um, size.cell_mm), f_number)
 
 
-def _explain(optics: Optics, f_number: float | None) -> None:
+def _explain(optics: ImagingGeometry, f_number: float | None) -> None:
     """Write the noise amplification by distance to stderr."""
     from procedures.choice import START_K, START_S
     from procedures.pattern_psf.facts import RATIO

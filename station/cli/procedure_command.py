@@ -21,7 +21,7 @@ from station.cli.psf.terms import (
 )
 from station.cli.result_log import finish, log_result
 from station.cli.terminal.force import force_option, forced
-from station.cli.terminal.numbers import Number
+from station.cli.terminal.numbers import FiniteNumber
 from station.cli.terminal.progress import progress
 from station.common.errors import FAILED_ITEMS
 from station.common.log import log, log_json_option
@@ -149,7 +149,7 @@ def _type(one: SettingField) -> click.ParamType[Any]:
         least, most = (None if bound is None else int(bound) for bound in (one.least, one.most))
         return click.IntRange(least, most)
     if one.kind is float:
-        return Number(min=one.least, max=one.most)
+        return FiniteNumber(min=one.least, max=one.most)
     return click.Path(path_type=Path) if one.kind is Path else click.STRING
 
 

@@ -54,11 +54,11 @@ def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool) -> None:
     from station.results.verdict_words import specification_words
 
     for one in records:
-        found = one.specification
-        if found is None or found.judged is None:
+        comparison = one.specification
+        if comparison is None or comparison.judged is None:
             continue
-        words = [f"{one.name}: {specification_words(found.judged)}", *map(printable, found.against)]
-        verdict = str(found.judged)
+        words = [f"{one.name}: {specification_words(comparison.judged)}", *map(printable, comparison.against)]
+        verdict = str(comparison.judged)
         log(
             "specification", "; ".join(words), level=SPECIFICATION_LEVELS[verdict], plane=one.name,
             specification=verdict,

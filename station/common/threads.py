@@ -11,7 +11,7 @@ _LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 
 
 def threads() -> int:
-    """How many."""
+    """Number of threads."""
     return _LIMIT.get() or os.cpu_count() or 1
 
 

@@ -28,7 +28,7 @@ MOST_NAMED = 12
 """Number of known keys that an error lists."""
 
 
-class Table:
+class TomlTable:
     """One table of a file: keys that are read become known, others are refused by `end`."""
 
     def __init__(self, content: Mapping[str, Any], where: str = "") -> None:
@@ -69,11 +69,11 @@ class Table:
         self._known.append(key)
         return key in self._content
 
-    def table(self, key: str) -> Table:
+    def table(self, key: str) -> TomlTable:
         """The table under a key; empty if absent."""
-        return Table(self.get(key, dict, {}), f"{self._where}{key}.")
+        return TomlTable(self.get(key, dict, {}), f"{self._where}{key}.")
 
-    def tables(self, known: Iterable[str]) -> dict[str, Table]:
+    def tables(self, known: Iterable[str]) -> dict[str, TomlTable]:
         """All tables in this one, whose names must be known."""
         self._known += known
         self.end()
@@ -83,12 +83,12 @@ class Table:
         """The value of a key, of any type; None if absent."""
         return self._content.get(key)
 
-    def list_of_tables(self, key: str) -> list[Table]:
+    def list_of_tables(self, key: str) -> list[TomlTable]:
         """The tables of an array; empty if absent."""
         rows = self.get(key, list, [])
         if not all(isinstance(row, dict) for row in rows):
             raise self.wrong(key, f"must be tables: write [[{key}]]")
-        return [Table(row, f"{self._where}{key}[{number}].") for number, row in enumerate(rows, 1)]
+        return [TomlTable(row, f"{self._where}{key}[{number}].") for number, row in enumerate(rows, 1)]
 
     def words(self, key: str) -> tuple[str, ...]:
         """A list of texts; empty if absent."""

@@ -197,12 +197,12 @@ def _check(
     limit = partial(diffraction_limit, frame.exposure, pixel_pitch_um=PITCH_UM)
     for one in calibrate(frame, chart.chart, parameters, limit):
         progress(f"{setup.title}: {one.name} {one.verdict}")
-        if one.found is None:
+        if one.estimate is None:
             yield ComparedPlane(one, None)
         else:
-            psf = one.found.psf
+            psf = one.estimate.psf
             true = truth.true_psf(one.name, psf.s, psf.k)
-            yield ComparedPlane(one, compare(one.found, true.h, true.floor, partial(truth.true_otf, one.name)))
+            yield ComparedPlane(one, compare(one.estimate, true.h, true.floor, partial(truth.true_otf, one.name)))
 
 
 def _record(demonstration: Demonstration, duration_s: float) -> dict[str, Any]:
@@ -245,7 +245,7 @@ def demonstration_page(demonstration: Demonstration) -> str:
     """The demonstration's report."""
     return render(
         "demo.html",
-        found=demonstration,
+        demonstration=demonstration,
         summary=summary(demonstration),
         size=Size(WIDTH_MM),
         compared=[
@@ -276,9 +276,9 @@ def _places(demonstration: Demonstration) -> list[Any]:
     outlines = []
     for shot in demonstration.shots:
         for plane in shot.planes[:1]:
-            if plane.result.found is not None:
+            if plane.result.estimate is not None:
                 rows, columns = shot.frame.planes[plane.name].samples.shape
-                outlines.append(psf_figures.chart_outline(plane.result.found) / (columns, rows))
+                outlines.append(psf_figures.chart_outline(plane.result.estimate) / (columns, rows))
     return outlines
 
 
@@ -286,7 +286,7 @@ def _pictures(shot: DemoPhotograph, name: str) -> Mapping[str, Any]:
     """Figures of one photograph: of its shown plane, and of every plane."""
     pictures: dict[str, Any] = {"planes": {}}
     for plane in shot.planes:
-        estimate, against = plane.result.found, plane.comparison
+        estimate, against = plane.result.estimate, plane.comparison
         if estimate is None or against is None:
             continue
         here = f"{name}-{plane.name}"

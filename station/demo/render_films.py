@@ -8,7 +8,7 @@ import numpy as np
 
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_files import read_film, write_film
-from simulators.rays.path_tracer import Scene, ThinLensCamera, cast
+from simulators.rays.path_tracer import RayScene, ThinLensCamera, cast
 from station.common.progress import Progress, silent
 
 PASS = 32
@@ -16,7 +16,7 @@ PASS = 32
 
 
 def render_film(
-    scene: Scene,
+    scene: RayScene,
     camera: ThinLensCamera,
     samples: int,
     seed: int,

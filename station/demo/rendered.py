@@ -41,7 +41,7 @@ REFERENCE_SEED = 1 << 32
 
 @dataclass(frozen=True)
 class RenderPlan:
-    """What to render.
+    """Settings of a rendering.
 
     Attributes
     ----------

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 INK, FAINT = "#2b3036", "#9aa3ad"
 MARK = "#ff8c1a"
-"""What was found in a picture."""
+"""Colour of detections in a picture."""
 ALONG = {"horizontal": "#1f5fa8", "vertical": "#c4541a"}
 LIMIT_COLOUR = "#6b4c9a"
 """The diffraction limit."""
@@ -21,9 +21,9 @@ SERIES = (INK, *ALONG.values(), PLANE_COLOURS["G1"], "#8e44ad", "#b8860b")
 
 TEXT, SOFT = "#1d2329", "#59636e"
 RULE, FAINT_RULE = "#dfe3e8", "#eef0f2"
-"""Of lines, and of those between the rows of a table."""
+"""Colours of lines, and of lines between the rows of a table."""
 PAPER, GROUND = "#ffffff", "#f4f6f8"
-"""Of pages, and of what they lie on."""
+"""Colours of pages and of their background."""
 LINK = ALONG["horizontal"]
 PASS, DOUBTFUL, REFUSED = "#1a7f4b", "#a86400", "#b3261e"
 VERDICT_COLOURS = {
@@ -31,7 +31,7 @@ VERDICT_COLOURS = {
     **dict.fromkeys(("doubtful", "undecided"), DOUBTFUL),
     **dict.fromkeys(("refused", "fail", "does not meet"), REFUSED),
 }
-"""Of both kinds of verdict."""
+"""Colours of both kinds of verdict."""
 
 # --- terminals ---------------------------------------------------------------------------------------------------
 
@@ -42,4 +42,4 @@ TERMINAL_COLOURS = {
 }
 """Names of terminal colours by verdict."""
 MARK_TEXT, MARK_GROUND = "black", "yellow"
-"""Of a mark in a thumbnail, and of its background."""
+"""Colours of a mark in a thumbnail and of its background."""

@@ -16,7 +16,7 @@ Plotted = Callable[[int, int, bool], list[str]]
 MARGIN = 0.2
 """Above and below a curve, as a fraction of its height."""
 WIDTH, HEIGHT = 64, 11
-"""Of the plot, in characters."""
+"""Size of the plot in characters."""
 
 
 def drawn(diagram: Diagram, width: int, height: int, ascii: bool) -> list[str]:

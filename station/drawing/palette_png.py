@@ -13,7 +13,7 @@ COLOURS = 256
 
 
 def smaller(png: bytes) -> bytes:
-    """The same picture with a palette, where it has few enough colours and that is smaller; else as it is."""
+    """The picture with a palette, if it has few enough colours and becomes smaller; else unchanged."""
     picture = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
     if picture is None or picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 4:
         return png

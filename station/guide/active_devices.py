@@ -58,7 +58,7 @@ class Snapshot:
         return record | ({"silent": dict(self.silent)} if self.silent else {})
 
 
-class Rig:
+class ActiveDevices:
     """The devices of a bench that are in use, or none."""
 
     def __init__(self, bench: Bench | None) -> None:

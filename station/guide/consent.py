@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from procedures.plan import Ask
 from station.bench.axis_text import label, moves_text, position_text
-from station.guide.active_devices import Rig
+from station.guide.active_devices import ActiveDevices
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.frontend import MOVE
 
@@ -22,7 +22,7 @@ LEAST_MOVE = 5e-4
 class MoveApproval:
     """Asks the operator before movements of a request."""
 
-    def __init__(self, rig: Rig, talk: Conversation) -> None:
+    def __init__(self, rig: ActiveDevices, talk: Conversation) -> None:
         self._rig, self._talk = rig, talk
         self._approved = False
         rig.approve_homing = self.to_home_again

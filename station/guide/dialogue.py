@@ -13,8 +13,8 @@ from procedures.facts import INSISTED, dropped
 from procedures.outcome import ProcedureError
 from procedures.plan import Advice, Ask, Fact, Facts
 from procedures.reading.exposure import TYPED
-from station.bench.surroundings import Hands
-from station.guide.frontend import Event, Operator, ProblemEvent, ProgressEvent, Stopped
+from station.bench.surroundings import OperatorActions
+from station.guide.frontend import Event, Frontend, ProblemEvent, ProgressEvent, Stopped
 from station.sessions.given_files import is_given
 from station.sessions.session import Session
 
@@ -38,7 +38,7 @@ class Conversation:
     """Dialogue between a run and its operator; the session stores the answers."""
 
     def __init__(
-        self, operator: Operator, session: Session, hands: Hands | None, kind: type[Any] | None = None
+        self, operator: Frontend, session: Session, hands: OperatorActions | None, kind: type[Any] | None = None
     ) -> None:
         self._operator, self._session, self._hands = operator, session, hands
         self._kind = kind

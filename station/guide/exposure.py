@@ -12,7 +12,7 @@ from drivers.errors import DeviceError, EmergencyStopped
 from drivers.interfaces import ExposedFile, ImuBlock, ShakePath
 from procedures.plan import Facts, Shake
 from procedures.raw import RawFrame, read_frame
-from station.guide.active_devices import Rig, Snapshot
+from station.guide.active_devices import ActiveDevices, Snapshot
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.frontend import ProblemEvent, Stopped
 from station.guide.vibration import NotSettled, Settling, SettlingTimeouts, VibrationLevel
@@ -53,7 +53,7 @@ class PhotographRecorder:
 
     def __init__(
         self,
-        rig: Rig,
+        rig: ActiveDevices,
         camera: Photographer,
         session: Session,
         talk: Conversation,

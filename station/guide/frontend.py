@@ -1,7 +1,7 @@
 """Events and questions of a running plan: the one interface of all front ends.
 
 The terminal application, the line front end on stdin and stdout, and the scripted operators of tests each implement
-`Operator`. A run calls it from its own thread; `notify` passes the event to the front end's loop and returns at once.
+`Frontend`. A run calls it from its own thread; `notify` passes the event to the front end's loop and returns at once.
 Questions block the run, never the front end.
 """
 
@@ -125,7 +125,7 @@ Event = (RunBegan | StepBegan | StepEnded | ProgressEvent | FrameEvent | ScanEve
          | Result | RunEnded)  # fmt: skip
 
 
-class Operator(Protocol):
+class Frontend(Protocol):
     """A front end."""
 
     def notify(self, event: Event) -> None:

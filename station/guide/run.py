@@ -39,13 +39,13 @@ from procedures.plan import (
 )
 from station.bench.surroundings import Surroundings
 from station.common.atomic_files import write_whole
-from station.guide.active_devices import AT, DISTANCE, LIGHT_LEVEL, Rig
+from station.guide.active_devices import AT, DISTANCE, LIGHT_LEVEL, ActiveDevices
 from station.guide.consent import MoveApproval
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.exposure import Photographer, PhotographRecorder
 from station.guide.frontend import (
     DiagramEvent,
-    Operator,
+    Frontend,
     ProblemEvent,
     ProgressEvent,
     Result,
@@ -80,13 +80,13 @@ class Run:
         plan: Plan,
         bench: Bench | None,
         session: Session,
-        operator: Operator,
+        operator: Frontend,
         timeouts: SettlingTimeouts | None = None,
     ) -> None:
         self.plan = plan
         self._session = session
         self._timeouts = timeouts
-        self._rig = Rig(bench)
+        self._rig = ActiveDevices(bench)
         self._clock = bench.clock if bench else SystemClock()
         surroundings = bench.surroundings if bench else Surroundings()
         surroundings.stand_before(plan.subject)
@@ -365,7 +365,7 @@ class Run:
             lambda: derive(self._session, self.plan, self._step.name, progress, self._known)
         )
         self._result = result
-        self._talk.learn(estimate.facts_from({name: one.found for name, one in result.planes.items()}))
+        self._talk.learn(estimate.facts_from({name: one.estimate for name, one in result.planes.items()}))
         causes = result.reason, result.remedy, result.other_causes
         self._talk.notify(Result(folder, result.planes, result.verdict, *causes))
 

@@ -141,7 +141,7 @@ def _of_frame(one: PlaneResult) -> PlaneResult:
     from procedures.field.conclusion import FieldResult
     from station.reports.field.field_files import with_medians
 
-    return with_medians(one, one.found) if isinstance(one.found, FieldResult) else one
+    return with_medians(one, one.estimate) if isinstance(one.estimate, FieldResult) else one
 
 
 def _shots(state: SessionState, exposures: Mapping[str, Exposure]) -> Iterator[ReportShot]:

@@ -19,7 +19,7 @@ from station.common.leftovers import temporary_folder
 
 if TYPE_CHECKING:
     from station.bench.opening import Bench, DeviceRow
-    from station.guide.frontend import Operator
+    from station.guide.frontend import Frontend
     from station.guide.run import Run
     from station.sessions.session import Session
 
@@ -119,7 +119,7 @@ class StationLab:
         """The sessions whose journals can be read, newest first."""
         return kept_in(self.sessions)
 
-    def begin(self, plan: str, camera: str, lens: str, operator: Operator) -> Run:
+    def begin(self, plan: str, camera: str, lens: str, operator: Frontend) -> Run:
         """A run of a new session. Raises ProcedureError."""
         from drivers.clock import SystemClock
         from station.sessions.session import Session
@@ -135,7 +135,7 @@ class StationLab:
         return self._run(session, operator)
 
     def resume(
-        self, folder: Path, operator: Operator, *, back_to: str | None = None, without: Collection[int] = ()
+        self, folder: Path, operator: Frontend, *, back_to: str | None = None, without: Collection[int] = ()
     ) -> Run:
         """A run that resumes a session, from the step `back_to` or where it stopped. Raises ProcedureError.
 
@@ -192,7 +192,7 @@ class StationLab:
         unit = {} if self._unit is None else {UNIT: self._unit}
         return {**settings, **unit, **({} if self._specification is None else {KEY: frozen(self._specification)})}
 
-    def _run(self, session: Session, operator: Operator) -> Run:
+    def _run(self, session: Session, operator: Frontend) -> Run:
         from station.guide.catalogue import plan_named
         from station.guide.run import Run
 

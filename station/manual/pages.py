@@ -19,7 +19,7 @@ FIRST = (
     "without-a-camera", "with-a-camera",
     "chart", "focus", "two-photographs", "edge", "field", "batch", "sessions", "devices", "serve", "correct", "restore",
     "camera", "geometry", "vignetting", "tilt", "export", "sensor", "sensor-dumps", "rays", "library", "reproduce",
-    "commands", "numbers", "files", "station-toml", "exit-codes", "environment",
+    "commands", "numbers", "files", "station-toml", "exit-codes", "environment", "vocabulary",
     "evidence", "evidence-cameras", "evidence-restoration", "evidence-robustness", "dependencies",
     "glossary",
     "psf", "sampling-and-gamma", "whole-psf", "uncertainty", "verdicts", "limits", "reproducibility",
@@ -53,16 +53,16 @@ def read_pages(generated: Mapping[str, str] | None = None) -> list[Page]:
     generated : mapping of a page's name to Markdown, optional
         Replacement of `GENERATED` in that page.
     """
-    found = []
+    sorted_pages = []
     for part in PARTS:
         pages = [
             Page(part, file.name.removesuffix(".md"), file.read_text(encoding="utf-8"))
             for file in files(__package__).joinpath(part).iterdir()
             if file.name.endswith(".md")
         ]
-        found += sorted(pages, key=_place)
+        sorted_pages += sorted(pages, key=_place)
     more = generated or {}
-    return [replace(one, text=one.text.replace(GENERATED, more.get(one.name, ""))) for one in found]
+    return [replace(one, text=one.text.replace(GENERATED, more.get(one.name, ""))) for one in sorted_pages]
 
 
 def _place(page: Page) -> tuple[int, str]:

@@ -5,15 +5,15 @@ are in `station.procedure.builtin`; a package outside adds its own under the ent
 What lives here may import pages (`station.reports`) and what is below them.
 """
 
-from station.procedure.base import Inputs, PhotographProcedure, Procedure, Reading
+from station.procedure.base import Inputs, PhotographProcedure, PlaneSettings, Procedure
 from station.procedure.registry import procedure_named, procedure_names
 from station.procedure.settings import Settings, setting
 
 __all__ = [
     "Inputs",
     "PhotographProcedure",
+    "PlaneSettings",
     "Procedure",
-    "Reading",
     "Settings",
     "procedure_named",
     "procedure_names",

@@ -74,7 +74,7 @@ class RawLayout(Settings, frozen=True, kw_only=True):
         _ = self.layout
 
 
-class Reading(RawLayout, frozen=True, kw_only=True):
+class PlaneSettings(RawLayout, frozen=True, kw_only=True):
     """Settings of procedures that measure planes of photographs."""
 
     plane: Annotated[str | None, setting("R, G1, G2, B, Y or all.  [default: G1 of a RAW file, Y of a grey image]")] = (
@@ -108,7 +108,7 @@ def chart_source(bits: Path | None, seed: int | None) -> Source:
     return Source.from_seed(DEFAULT_SEED if seed is None else seed)
 
 
-class ChartReading(Reading, frozen=True, kw_only=True):
+class ChartSettings(PlaneSettings, frozen=True, kw_only=True):
     """Settings of procedures that measure photographs of the noise chart."""
 
     bits: ChartBits = None
@@ -212,15 +212,15 @@ class Procedure(ABC, Generic[S]):
         """Files besides the inputs on which a measurement depends."""
         return [beside(one, paths[0].parent) for one in named_files(settings)]
 
-    def missed(self, found: Measurement) -> Sequence[Miss]:
+    def missed(self, measurement: Measurement) -> Sequence[Miss]:
         """The unusable photographs."""
-        return found.missed or ()
+        return measurement.missed or ()
 
     def read_overlays(self, paths: Sequence[Path], terms: Terms) -> Sequence[Any]:
         """Results whose MTF is drawn over this one's. Raises BadParameter."""
         return [read_overlay(path) for path in paths]
 
-    def lines(self, found: Measurement) -> list[str]:
+    def lines(self, measurement: Measurement) -> list[str]:
         """Additional lines for the terminal, after those of the planes."""
         return []
 
@@ -228,21 +228,21 @@ class Procedure(ABC, Generic[S]):
         """Summary of a batch's rows besides the usual one."""
         return None
 
-    def report(self, found: Measurement) -> Report:
+    def report(self, measurement: Measurement) -> Report:
         """Contents of the certificate of a measurement."""
         from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
-        return measurement_report(found, self.name, title=self.title, method=self.method)
+        return measurement_report(measurement, self.name, title=self.title, method=self.method)
 
-    def draws(self, found: Measurement) -> bool:
+    def draws(self, measurement: Measurement) -> bool:
         """Whether a measurement has a page."""
-        return self.has_page and not found.refused
+        return self.has_page and not measurement.refused
 
-    def page(self, found: Measurement) -> bytes:
+    def page(self, measurement: Measurement) -> bytes:
         """The HTML page: by default verdict, numbers, limits, curves and provenance."""
         from station.reports.report_page import measurement_page  # here: it draws, which is slow to load
 
-        return measurement_page(self.report(found)).encode()
+        return measurement_page(self.report(measurement)).encode()
 
 
 class Numbered(Protocol):
@@ -258,7 +258,7 @@ class PhotographProcedure(Procedure[S]):
     """Base of a procedure that measures planes of photographs; only `run` must be implemented."""
 
     inputs = Inputs.PHOTOGRAPH
-    Settings: ClassVar[type[Any]] = Reading
+    Settings: ClassVar[type[Any]] = PlaneSettings
 
     @abstractmethod
     def run(self, frames: Sequence[RawFrame], settings: S) -> Mapping[str, Outcome[Any]]:
@@ -268,7 +268,7 @@ class PhotographProcedure(Procedure[S]):
         self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """Read the photographs, call `run`, and collect the planes."""
-        reading = settings if isinstance(settings, Reading) else Reading()
+        reading = settings if isinstance(settings, PlaneSettings) else PlaneSettings()
         frames = []
         for path in paths:
             frames.append(reading.read(path))
@@ -281,11 +281,11 @@ class PhotographProcedure(Procedure[S]):
 
 def plane_result(name: str, outcome: Outcome[Any], details: Mapping[str, Any] | None = None) -> PlaneResult:
     """Convert the outcome of a plane, with additional entries of the record."""
-    found = outcome.value
-    numbers = {} if found is None else found.numbers
+    estimate = outcome.value
+    numbers = {} if estimate is None else estimate.numbers
     return PlaneResult.of_outcome(
         name, outcome,
         numbers=numbers() if callable(numbers) else numbers,
-        curves=getattr(found, "curves", {}) if found is not None else {},
-        found=found, pitch=0, details=details or {},
+        curves=getattr(estimate, "curves", {}) if estimate is not None else {},
+        estimate=estimate, pitch=0, details=details or {},
     )  # fmt: skip

@@ -11,14 +11,14 @@ from procedures.raw import RawFrame
 from procedures.reading.exposure import Exposure, check_typed
 from station.calibration.planes import Limit, diffraction_limit
 from station.common.sanitise import printable
-from station.procedure.base import Reading
+from station.procedure.base import PlaneSettings
 from station.procedure.settings import setting
 from station.results.units import Pixels, pixels_of
 
 INSIST = "add --trust-typed, or in a procedure file write trust_typed = true"
 
 
-class OpticsReading(Reading, frozen=True, kw_only=True):
+class OpticsReading(PlaneSettings, frozen=True, kw_only=True):
     """Planes of photographs, and the optics that they were taken with."""
 
     pixel_pitch_um: Annotated[float, setting("Of the sensor, for the diffraction limit.", least=0.1)] | None = None
@@ -53,8 +53,8 @@ class OpticsReading(Reading, frozen=True, kw_only=True):
         return next(iter(self.pixels(frame).values()))
 
     def given(self) -> dict[str, Any]:
-        """What of them a record says."""
-        found = {name: value for name, value in self.optics.items() if value is not None}
+        """The values stated, for the record."""
+        values = {name: value for name, value in self.optics.items() if value is not None}
         if self.raw is not None:
-            found["raw"] = str(self.layout)
-        return found | ({"trust_typed": True} if self.trust_typed else {})
+            values["raw"] = str(self.layout)
+        return values | ({"trust_typed": True} if self.trust_typed else {})

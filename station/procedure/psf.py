@@ -37,7 +37,7 @@ class PsfSettings(OpticsReading, frozen=True, kw_only=True):
 
 
 class ChartPsfSettings(PsfSettings, frozen=True, kw_only=True):
-    """The same for photographs of the noise chart."""
+    """Procedure for photographs of the noise chart."""
 
     bits: ChartBits = None
     seed: ChartSeed = None
@@ -87,22 +87,22 @@ class PsfProcedure(Procedure[P]):
         given = {**asked, **settings.given()}
         parameters = {**given, **terms.parameters()}
         head = RecordHead(self.record_name, files_read(frames), parameters, terms.specified(planes))
-        found = PsfPhotographs(tuple(frames), given)
-        return replace(psf_measurement(planes, head), exposure=frames[0].exposure, terms=terms, found=found)
+        photographs = PsfPhotographs(tuple(frames), given)
+        return replace(psf_measurement(planes, head), exposure=frames[0].exposure, terms=terms, result=photographs)
 
-    def draws(self, found: Measurement) -> bool:
+    def draws(self, measurement: Measurement) -> bool:
         """True: the page of a refused measurement states the reason."""
         return True
 
-    def report(self, found: Measurement) -> Report:
+    def report(self, measurement: Measurement) -> Report:
         """Contents of the page, with photographs and detected marks."""
         from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
-        whole: PsfPhotographs = found.found
-        return measurement_report(found, self.name, title=self.title, frames=whole.frames)
+        whole: PsfPhotographs = measurement.result
+        return measurement_report(measurement, self.name, title=self.title, frames=whole.frames)
 
-    def page(self, found: Measurement) -> bytes:
+    def page(self, measurement: Measurement) -> bytes:
         """The HTML page with PSF, MTF, uncertainties and diagnostics."""
         from station.reports.psf_page import psf_page  # here: it draws, which is slow to load
 
-        return psf_page(self.report(found)).encode()
+        return psf_page(self.report(measurement)).encode()

@@ -48,10 +48,10 @@ def procedure_named(name: str) -> Procedure[Any]:
     """The procedure of that name. Raises BadParameter if it is unknown."""
     if name in BUILTIN:
         module, _, attribute = BUILTIN[name].partition(":")
-        found: Any = getattr(importlib.import_module(module), attribute)
+        loaded: Any = getattr(importlib.import_module(module), attribute)
     elif name in added():
-        found = added()[name].load()
+        loaded = added()[name].load()
     else:
         raise BadParameter(f"there is no procedure {name!r}", f"use one of {', '.join(procedure_names())}")
-    procedure: Procedure[Any] = found() if isinstance(found, type) else found
+    procedure: Procedure[Any] = loaded() if isinstance(loaded, type) else loaded
     return procedure

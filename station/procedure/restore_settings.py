@@ -16,7 +16,7 @@ from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import named
 from procedures.restoration.masks.checks import check_max_w
 from station.calibration.restoration.inputs import files_in, with_files, with_record
-from station.procedure.base import Reading
+from station.procedure.base import PlaneSettings
 from station.procedure.settings import setting
 
 NAME = "{name}"
@@ -31,7 +31,7 @@ SEE = "see `station restore --help`"
 Texts = tuple[str, ...]
 
 
-class RestoreSettings(Reading, frozen=True, kw_only=True):
+class RestoreSettings(PlaneSettings, frozen=True, kw_only=True):
     """The cause of the blur, the descent, and what is known of the camera."""
 
     blur: Annotated[Literal["defocus", "motion", "both"], setting("Cause of the blur.")]
@@ -162,16 +162,18 @@ class RestoreSettings(Reading, frozen=True, kw_only=True):
 
     def of(self, photographs: Sequence[Path]) -> RestoreSettings:
         """The settings for these photographs: one file each for a name with `{name}`, and a shape for metres."""
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for key in OF_FILES:
             names = getattr(self, key)
             names = names * len(photographs) if len(names) == 1 and NAME in names[0] else names
-            found[key] = tuple(_beside(name, photographs[min(i, len(photographs) - 1)]) for i, name in enumerate(names))
+            values[key] = tuple(
+                _beside(name, photographs[min(i, len(photographs) - 1)]) for i, name in enumerate(names)
+            )
         if self.reference is not None:
-            found["reference"] = Path(_beside(str(self.reference), photographs[0]))
+            values["reference"] = Path(_beside(str(self.reference), photographs[0]))
         if self.metres is not None and not self.shape:
-            found["shape"] = ("pillbox",)
-        return msgspec.structs.replace(self, **found)
+            values["shape"] = ("pillbox",)
+        return msgspec.structs.replace(self, **values)
 
     @property
     def files(self) -> list[Path]:

@@ -9,7 +9,7 @@ import msgspec
 from procedures.numbers import NUMBERS
 from procedures.outcome import Verdict
 from station.procedure.base import Procedure
-from station.results.comparison import Judged
+from station.results.comparison import Compliance
 from station.results.measurement import BY_PLANE
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
@@ -66,7 +66,7 @@ def _definitions() -> dict[str, Any]:
     }  # fmt: skip
     limit = {"type": "object", "required": ["number", "min", "max"],
              "properties": {"number": text, "min": NUMBER_OR_NULL, "max": NUMBER_OR_NULL}}  # fmt: skip
-    judged = {"enum": [*(str(one) for one in Judged), None]}
+    judged = {"enum": [*(str(one) for one in Compliance), None]}
     return {
         "sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
         "input": {"type": "object", "required": ["path", "sha256"],

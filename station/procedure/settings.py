@@ -108,8 +108,8 @@ def _word(hint: Any) -> str:
 def _meta(hint: Any) -> msgspec.Meta | None:
     """The annotation of a field, also inside an optional field or a list."""
     inside = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType, tuple) else ()
-    found = (extra for one in (hint, *inside) for extra in getattr(one, "__metadata__", ()))
-    return next((extra for extra in found if isinstance(extra, msgspec.Meta)), None)
+    metadata = (extra for one in (hint, *inside) for extra in getattr(one, "__metadata__", ()))
+    return next((extra for extra in metadata if isinstance(extra, msgspec.Meta)), None)
 
 
 def _plain(hint: Any) -> tuple[type, tuple[str, ...], bool]:
@@ -168,14 +168,14 @@ def _explained(
     message: str, known: Mapping[str, SettingField], given: Mapping[str, Any], shown: Mapping[str, str]
 ) -> BadParameter:
     """Error message: key, required value, given value."""
-    found = re.search(r"at `\$\.(\w+)", message)
-    if found is None:
+    match = re.search(r"at `\$\.(\w+)", message)
+    if match is None:
         missing = re.search(r"missing required field `(\w+)`", message)
         if missing is None:
             return BadParameter(f"the settings: {message}", "correct the procedure file")
         name = shown.get(missing[1], missing[1])
         return BadParameter(f"{name} is required", f"give it: {known[missing[1]].description}")
-    one = known[found[1]]
+    one = known[match[1]]
     value = printable(given.get(one.name))
     return BadParameter(f"{shown.get(one.name, one.name)} must be {_required(one)}; it is {value!r}", "correct it")
 

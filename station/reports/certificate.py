@@ -69,11 +69,13 @@ def number_table(planes: Sequence[PlaneResult]) -> Table:
     asked = [name for one in planes for name in one.numbers if name.startswith("mtf_at_") and not name.endswith(RADIAL)]
     rows = []
     for name in (*in_group(Group.CERTIFIED), *dict.fromkeys(asked)):
-        found = [one.quantity(name) for one in planes]
-        known = next((one for one in found if one is not None), None)
+        quantities = [one.quantity(name) for one in planes]
+        known = next((one for one in quantities if one is not None), None)
         if known is not None:
             unit = "" if known.unit == "1" else f", {known.unit}"
-            values = ["—" if one is None else stated(one.value, COVERAGE_FACTOR * one.uncertainty) for one in found]
+            values = [
+                "—" if one is None else stated(one.value, COVERAGE_FACTOR * one.uncertainty) for one in quantities
+            ]
             rows.append([label(name, planes[0].unit) + unit, *values])
     heads = []
     for one in planes:

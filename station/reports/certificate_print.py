@@ -100,13 +100,13 @@ def _paragraph(text: str, style: ParagraphStyle) -> Any:
     return Paragraph(_letters(words), style)
 
 
-def _coloured(found: re.Match[str]) -> str:
-    colour = colours.VERDICT_COLOURS.get(found[1].replace("-", " "), colours.TEXT)
-    return f'<font color="{colour}">{found[2]}</font>'
+def _coloured(match: re.Match[str]) -> str:
+    colour = colours.VERDICT_COLOURS.get(match[1].replace("-", " "), colours.TEXT)
+    return f'<font color="{colour}">{match[2]}</font>'
 
 
 def _letters(text: str) -> str:
-    """The same in letters that every PDF reader has a font for."""
+    """The text in letters that every PDF reader has a font for."""
     for letter, replacement in REPLACEMENTS.items():
         text = text.replace(letter, replacement)
     return text.encode("cp1252", "replace").decode("cp1252")

@@ -15,10 +15,10 @@ from station.drawing.pictures import display_png
 from station.drawing.plots import Figure
 from station.reports.page import (
     Block,
-    Facts,
     Figures,
     Heading,
     Items,
+    KeyNumbers,
     Note,
     Section,
     image,
@@ -31,7 +31,7 @@ from station.reports.report_page import report_page
 Single = npt.NDArray[np.float32]
 
 MAX_SIDE_PX, PART_PX = 720, 180
-"""Of the pictures on the page: whole, and the parts that are shown at twice their size."""
+"""Sizes of pictures on the page: whole, and the parts shown at twice their size."""
 PLACES = ((0.5, 0.5, "In the middle"), (0.06, 0.06, "Near the upper left corner"), (0.94, 0.94, "Near the lower right"))
 
 
@@ -86,7 +86,7 @@ def _summary(corrected: Corrected, value: Correction) -> list[Block]:
             f"{percent(place.left_over)}"
         )
         lines.append(f"{frame.path.name}: {words}.")
-    return [Facts(facts), Items(lines)]
+    return [KeyNumbers(facts), Items(lines)]
 
 
 def _before(frame: RawFrame) -> Single:
@@ -112,7 +112,7 @@ def _moved(samples: Single, origin: tuple[int, int], shape: tuple[int, int]) -> 
 
 
 def _balance(picture: Single) -> Single:
-    """What each colour is multiplied by so that the mean is grey and the brightest hundredth white."""
+    """Gain of each colour with which the mean is grey and the brightest hundredth white."""
     means = np.maximum(picture[::4, ::4].mean(axis=(0, 1)), 1e-6)
     gains = means[len(means) // 2] / means
     white = float(np.percentile((picture[::4, ::4] * gains).max(axis=-1), 99))

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import PathPatch, Polygon
 from matplotlib.path import Path
 
-from procedures.geometry.cameras import Camera, distortion
+from procedures.geometry.cameras import CameraModel, distortion
 from procedures.geometry.estimate import Geometry, PosedView, UncertaintyMap
 from procedures.geometry.views import chart_nodes
 from procedures.pattern_psf.correspondences import BINS
@@ -26,7 +26,7 @@ MAX_LENGTH = 0.05
 """Length of the longest arrow over the frame's width."""
 
 
-def _frame(camera: Camera, right_in: float = 0.08) -> Axes:
+def _frame(camera: CameraModel, right_in: float = 0.08) -> Axes:
 
     return frame_axes(WIDTH_IN + right_in, (camera.rows, camera.columns), (0.08, right_in, 0.42, 0.08))
 
@@ -63,7 +63,7 @@ def uncertainty_figure(geometry: Geometry, one: UncertaintyMap, name: str) -> Fi
     return finished(axes, name, f"Uncertainty of the projection {far}.", xlabel=words)
 
 
-def _arrows(camera: Camera, places: Array, moves: Array, name: str, caption: str, colour: str = INK) -> Figure:
+def _arrows(camera: CameraModel, places: Array, moves: Array, name: str, caption: str, colour: str = INK) -> Figure:
     axes, longest = _frame(camera), float(np.nanmax(np.linalg.norm(moves, axis=1)))
     looks = {"width": 0.0025, "color": colour, "headwidth": 4}
     arrows(axes, places, moves, longest=longest, length=MAX_LENGTH * camera.columns, **looks)

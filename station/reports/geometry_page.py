@@ -30,7 +30,7 @@ def geometry_page(report: Report) -> str:
 
 def _plane_blocks(plane: PlaneResult, prefix: str) -> list[Block]:
     """The blocks of a plane; `prefix` distinguishes its figures from those of other planes."""
-    geometry: Geometry | None = plane.found
+    geometry: Geometry | None = plane.estimate
     if geometry is None:
         return []
     maps = [

@@ -98,7 +98,7 @@ def mtf_figure(
 def mtf_caption(
     axis: FrequencyAxis, limit: Diffraction | None, others: Mapping[str, Mapping[str, Array]] | None
 ) -> str:  # fmt: skip
-    """What the bands and lines of an MTF are."""
+    """Legend of the bands and lines of an MTF."""
     caption = "the bands hold 95 %; where the pointer rests the values are shown."
     if others:
         caption += f" Dashed: {', '.join(others)}."

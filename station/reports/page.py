@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import jinja2
 from markupsafe import Markup, escape
 
-from procedures.outcome import Cause, Judged, Miss, Quantity
+from procedures.outcome import Cause, Miss, Quantity, WithVerdict
 from procedures.raw import Exposure
 from station.common.uncertainty_text import stated
 from station.drawing import colours
@@ -50,7 +50,7 @@ class Items:
 
 
 @dataclass(frozen=True)
-class Facts:
+class KeyNumbers:
     """The most important numbers, large: (value, label)."""
 
     values: Sequence[tuple[Text, Text]]
@@ -91,7 +91,7 @@ class Figures:
     kind: ClassVar[str] = "figures"
 
 
-Block = Text | Markup | Markup | Note | Heading | Items | Facts | Table | Figures
+Block = Text | Markup | Markup | Note | Heading | Items | KeyNumbers | Table | Figures
 
 
 @dataclass(frozen=True)
@@ -200,7 +200,7 @@ def sentence(words: str) -> str:
     return f"{words[:1].upper()}{words[1:]}." if words else ""
 
 
-def reason_words(judged: Judged | Miss | Cause | PartBeside) -> str:
+def reason_words(judged: WithVerdict | Miss | Cause | PartBeside) -> str:
     """Reason and remedy as sentences; nothing without a reason."""
     return f"{sentence(judged.reason)} {sentence(judged.remedy)}".strip() if judged.reason else ""
 
@@ -220,7 +220,7 @@ def exposure_words(exposure: Exposure) -> str:
 # --- blocks of several pages -------------------------------------------------------------------------------------
 
 
-def causes(judged: Judged, before: Text = "") -> list[Block]:
+def causes(judged: WithVerdict, before: Text = "") -> list[Block]:
     """The most likely cause of a verdict with its remedy, then other possible ones."""
     blocks: list[Block] = [html("<p>{}{}</p>", before, reason_words(judged))] if judged.reason else []
     if judged.other_causes:

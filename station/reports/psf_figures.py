@@ -15,7 +15,7 @@ from procedures.pattern import BLOCK, BLOCKS, CELLS
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.pattern_psf.registration import Registration
 from procedures.psf import Psf
-from procedures.radial_profile import Profile
+from procedures.radial_profile import RadialProfile
 from procedures.raw import Plane
 from station.drawing.colours import ALONG, FAINT, INK, MARK, PLANE_COLOURS
 from station.drawing.plots import (
@@ -158,7 +158,7 @@ def log_psf_figure(psf: Psf, name: str) -> Figure:
     )  # fmt: skip
 
 
-def energy_figure(profile: Profile, name: str) -> Figure:
+def energy_figure(profile: RadialProfile, name: str) -> Figure:
     """Encircled energy over the radius, with its 95 % band and a line at the edge of the support."""
     axes, end = plot_axes(), min(float(profile.radius[-1]), 2 * profile.support)
     curve(axes, profile.radius, profile.energy, profile.energy_uncertainty, shade=0.2)

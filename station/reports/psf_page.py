@@ -86,7 +86,7 @@ def psf_page(report: Report) -> str:
 
 def _plane_blocks(plane: PlaneResult, report: Report, name: str) -> list[Block]:
     figures = _psf_figures(plane, report.overlays, name)
-    estimate = plane.found.shots[0] if isinstance(plane.found, CombinedPsf) else plane.found
+    estimate = plane.estimate.shots[0] if isinstance(plane.estimate, CombinedPsf) else plane.estimate
     if isinstance(estimate, TwoPhotoPsf) and len(report.frames) > 1:
         near, far = _near_and_far(estimate, report.frames, plane.name)
         figures.append(psf_figures.pair_figure(near, estimate.warp.forward(_outline(far)), f"{name}-pair"))

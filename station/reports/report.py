@@ -12,7 +12,7 @@ from procedures.raw import Exposure, RawFrame
 from station.common.sanitise import printable
 from station.common.versions import software
 from station.reports.page import exposure_words
-from station.results.comparison import Comparison, Judged
+from station.results.comparison import Comparison, Compliance
 from station.results.measurement import NUMBERS as NUMBERS_FILE
 from station.results.measurement import Measurement
 from station.results.overlay import Overlay
@@ -120,7 +120,7 @@ class Report:
         return ", ".join([f"trusted in {verdicts.count('pass')} of {len(verdicts)} planes", *counts])
 
     @property
-    def judged(self) -> Judged | None:
+    def judged(self) -> Compliance | None:
         """The worst of the planes against the specification; None without limits."""
         return specification_verdict(self.planes)
 
@@ -149,32 +149,32 @@ def numbers_of_page(plane: PlaneResult) -> list[tuple[str, Any]]:
 
 
 def measurement_report(
-    found: Measurement, procedure: str, *, title: str = "", method: str = "", frames: Sequence[RawFrame] = ()
+    measurement: Measurement, procedure: str, *, title: str = "", method: str = "", frames: Sequence[RawFrame] = ()
 ) -> Report:
     """The report of a measurement."""
-    numbers = [NUMBERS_FILE] if any(one.numbers for one in found.planes) else []
+    numbers = [NUMBERS_FILE] if any(one.numbers for one in measurement.planes) else []
     return Report(
-        subject=_subject(found, title),
+        subject=_subject(measurement, title),
         procedure=procedure,
-        planes=found.planes,
-        shots=[shot_of(one) for one in frames] or [ReportShot(one.path, one.sha256) for one in found.head.input],
-        parameters=found.head.parameters,
-        conditions=exposure_lines(found.exposure),
-        specification=found.terms.specification.title,
-        overlays=found.overlays,
+        planes=measurement.planes,
+        shots=[shot_of(one) for one in frames] or [ReportShot(one.path, one.sha256) for one in measurement.head.input],
+        parameters=measurement.head.parameters,
+        conditions=exposure_lines(measurement.exposure),
+        specification=measurement.terms.specification.title,
+        overlays=measurement.overlays,
         frames=frames,
-        missed=found.missed or (),
-        files=list(dict.fromkeys((RECORD, *numbers, *found.files))),
+        missed=measurement.missed or (),
+        files=list(dict.fromkeys((RECORD, *numbers, *measurement.files))),
         title=title,
         method=METHODS.get(procedure, method),
-        duration_s=found.head.duration_s,
+        duration_s=measurement.head.duration_s,
     )
 
 
-def _subject(found: Measurement, title: str) -> str:
+def _subject(measurement: Measurement, title: str) -> str:
     """Camera and lens, else the name of the first input, else the title."""
-    camera = ", ".join(printable(one) for one in (found.exposure.camera, found.exposure.lens) if one)
-    inputs = found.head.input
+    camera = ", ".join(printable(one) for one in (measurement.exposure.camera, measurement.exposure.lens) if one)
+    inputs = measurement.head.input
     first = inputs[0].path.rpartition("/")[2] if inputs else RECORD
     return camera or (title if first == RECORD else printable(first))
 
@@ -186,7 +186,7 @@ def shot_of(frame: RawFrame) -> ReportShot:
 
 
 def exposure_lines(exposure: Exposure) -> list[ReportLine]:
-    """What the camera recorded about the first photograph."""
+    """Metadata of the first photograph."""
     distance = exposure.subject_distance_mm
     noted = {
         "Camera": exposure.camera,

@@ -14,10 +14,10 @@ from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure, curve, finished, legend, plot_axes
 from station.reports.page import (
     Block,
-    Facts,
     Figures,
     Heading,
     Items,
+    KeyNumbers,
     Note,
     Section,
     Table,
@@ -114,12 +114,12 @@ def _main_numbers(report: Report) -> list[Block]:
     pixel = f" {Pixels(first.pitch).words}" if first.unit is Unit.CYCLES and first.pitch else ""
     frequencies = f"Frequencies in {first.unit}{pixel}; " if any(one.unit == Unit.CYCLES for one in numbers) else ""
     note = Note(f"{frequencies}± is one standard uncertainty.")
-    found = [[plane.quantity(one) for one in numbers] for plane in report.planes]
-    units = [next(unit_of(one) for one in column if one is not None) for column in zip(*found, strict=True)]
+    quantities = [[plane.quantity(one) for one in numbers] for plane in report.planes]
+    units = [next(unit_of(one) for one in column if one is not None) for column in zip(*quantities, strict=True)]
     labels = [", ".join(filter(None, (one.label, unit))) for one, unit in zip(numbers, units, strict=True)]
-    values = [["—" if one is None else stated(one.value, one.uncertainty) for one in row] for row in found]
+    values = [["—" if one is None else stated(one.value, one.uncertainty) for one in row] for row in quantities]
     if len(report.planes) == 1:
-        return [Facts(list(zip(values[0], labels, strict=True))), note]
+        return [KeyNumbers(list(zip(values[0], labels, strict=True))), note]
     rows = []
     for plane, row in zip(report.planes, values, strict=True):
         judged = str(comparison(plane).judged or "")

@@ -40,9 +40,9 @@ class Restored:
     distances: Distances | None = None
 
 
-def restoration_measurement(name: str, found: Restored, head: RecordHead) -> Measurement:
+def restoration_measurement(name: str, result: Restored, head: RecordHead) -> Measurement:
     """The measurement of the planes together, called `name`; a refusal has no files."""
-    outcome, restoration = found.outcome, found.outcome.value
+    outcome, restoration = result.outcome, result.outcome.value
     if restoration is None:
         plane = PlaneResult.of_outcome(name, outcome, pitch=0)
         return Measurement(RESTORATION, head, (plane,), entries=verdict_entry(outcome), results_key="result")
@@ -53,16 +53,16 @@ def restoration_measurement(name: str, found: Restored, head: RecordHead) -> Mea
     values = {W_LEAST: float(restoration.w.min()) * per, W_GREATEST: float(restoration.w.max()) * per,
               **asdict(restoration.diagnostics)}  # fmt: skip
     plane = PlaneResult.of_outcome(name, outcome, numbers=numbers, values=values, pitch=0)
-    entries = {**verdict_entry(outcome), **_entries(restoration, found.distances)}
+    entries = {**verdict_entry(outcome), **_entries(restoration, result.distances)}
     return Measurement(
-        RESTORATION, head, (plane,), entries=entries, files=_files(restoration, found.distances),
-        results_key="result", found=found,
+        RESTORATION, head, (plane,), entries=entries, files=_files(restoration, result.distances),
+        results_key="result", result=result,
     )  # fmt: skip
 
 
 def _entries(restoration: Restoration, distances: Distances | None) -> dict[str, Any]:
     unit = restoration.unit
-    found: dict[str, Any] = {
+    entries: dict[str, Any] = {
         "w": {
             "least": float(restoration.w.min()) * unit.per_pixel,
             "greatest": float(restoration.w.max()) * unit.per_pixel,
@@ -71,14 +71,14 @@ def _entries(restoration: Restoration, distances: Distances | None) -> dict[str,
         }
     }
     if restoration.kernels is not None:
-        found["kernels"] = {"count": len(restoration.kernels), "samples_per_pixel": 1}
+        entries["kernels"] = {"count": len(restoration.kernels), "samples_per_pixel": 1}
     if restoration.shapes is not None:
-        found["shapes"] = {"count": len(restoration.shapes)}
+        entries["shapes"] = {"count": len(restoration.shapes)}
     if distances is not None:
-        found["distance"] = _distance_entries(distances)
+        entries["distance"] = _distance_entries(distances)
     if restoration.ground_truth is not None:
-        found["ground_truth"] = _truth_entries(restoration.ground_truth)
-    return found | {
+        entries["ground_truth"] = _truth_entries(restoration.ground_truth)
+    return entries | {
         "shift": {"x_y": restoration.shifts.tolist(), "unit": "pixel"},
         "turn": {"value": np.rad2deg(restoration.turns).tolist(), "unit": "degree"},
         "zoom": restoration.zooms.tolist(),
@@ -95,7 +95,7 @@ def _files(restoration: Restoration, distances: Distances | None) -> dict[str, C
     """The files by name, each generated when it is written."""
     sharp, per = picture(restoration.sharp), restoration.unit.per_pixel
     depth = levels(restoration.w, float(restoration.w.min()), float(restoration.w.max()))
-    found = {
+    files = {
         "sharp.tiff": _file(lambda: described_tiff(encoded(".tiff", sharp.astype(np.float32)), SHARP_WORDS)),
         "sharp_std.tiff": _tiff(restoration.sharp_std, STD_WORDS),
         "sharp.png": _file(lambda: encoded(".png", levels(sharp, 0, 1))),
@@ -103,22 +103,22 @@ def _files(restoration: Restoration, distances: Distances | None) -> dict[str, C
         "w_std.npy": _array(restoration.w_std * per),
         "depth.png": _file(lambda: encoded(".png", false_colours(depth))),
     }
-    found |= {
+    files |= {
         f"{name}.npy": _array(mask, np.uint8)
         for name in ("moved", "occlusion")
         if (mask := getattr(restoration, name)).any()
     }
     for n, kernel in enumerate(() if restoration.kernels is None else restoration.kernels, start=1):
-        found[f"kernel_{n}.npy"] = _array(kernel, np.float64)
-        found[f"kernel_{n}.fits"] = _file(partial(kernel_fits, kernel, n, software()["version"]))
-        found[f"kernel_{n}.tiff"] = _tiff(kernel, KERNEL_WORDS.format(n))
+        files[f"kernel_{n}.npy"] = _array(kernel, np.float64)
+        files[f"kernel_{n}.fits"] = _file(partial(kernel_fits, kernel, n, software()["version"]))
+        files[f"kernel_{n}.tiff"] = _tiff(kernel, KERNEL_WORDS.format(n))
     for n, shape in enumerate(() if restoration.shapes is None else restoration.shapes, start=1):
-        found[f"shape_{n}.npy"] = _array(shape)
+        files[f"shape_{n}.npy"] = _array(shape)
     if distances is not None:
-        found |= {"distance.npy": _array(distances.metres), "distance_std.npy": _array(distances.std)}
+        files |= {"distance.npy": _array(distances.metres), "distance_std.npy": _array(distances.std)}
     if restoration.ground_truth is not None:
-        found["difference.tiff"] = _tiff(picture(np.nan_to_num(restoration.ground_truth.difference)), DIFFERENCE_WORDS)
-    return found
+        files["difference.tiff"] = _tiff(picture(np.nan_to_num(restoration.ground_truth.difference)), DIFFERENCE_WORDS)
+    return files
 
 
 def _file(make: Callable[[], bytes]) -> Callable[[Path], None]:

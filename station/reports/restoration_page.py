@@ -13,7 +13,7 @@ from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.metres import Distances
 from station.drawing.pictures import encoded, levels, picture
 from station.drawing.plots import Figure
-from station.reports.page import Facts, Figures, Note, Section, image, percent
+from station.reports.page import Figures, KeyNumbers, Note, Section, image, percent
 from station.reports.psf_figures import RESIDUAL_LIMIT, course_figure, map_figure
 from station.reports.report import Report
 from station.reports.report_page import report_page
@@ -63,14 +63,14 @@ def restoration_page(report: Report, restored: Restored) -> str:
     return report_page(report, summary=[_facts(restoration)], closing=sections)
 
 
-def _facts(restoration: Restoration) -> Facts:
-    found, unit = restoration.diagnostics, restoration.unit
+def _facts(restoration: Restoration) -> KeyNumbers:
+    diagnostics, unit = restoration.diagnostics, restoration.unit
     low, high = (float(one) * unit.per_pixel for one in (restoration.w.min(), restoration.w.max()))
     facts = [
-        (f"{255 * found.noise:.2f}", "noise of the photographs, grey levels of 255"),
-        (f"{found.residual_over_noise:.2f}", "residual over that noise; up to 1 for the right shape of blur"),
-        (percent(found.picture_std), "of white: expected error of the restored picture; that of the blurred photograph "
-         f"is {found.gained:.1f} times as large"),
+        (f"{255 * diagnostics.noise:.2f}", "noise of the photographs, grey levels of 255"),
+        (f"{diagnostics.residual_over_noise:.2f}", "residual over that noise; up to 1 for the right shape of blur"),
+        (percent(diagnostics.picture_std), "of white: expected error of the restored picture; that of the blurred "
+         f"photograph is {diagnostics.gained:.1f} times as large"),
     ]  # fmt: skip
     for n, (x, y) in enumerate(restoration.shifts[1:] if restoration.shifts.any() else (), 2):
         facts.append((f"{x:.1f}, {y:.1f}", f"shift of photograph {n} beyond its blur, corrected; x, y in pixels"))
@@ -81,11 +81,11 @@ def _facts(restoration: Restoration) -> Facts:
         facts.append((f"{low:.1f} to {high:.1f}", "w, half-width of the blur in photograph 1, pixels"))
     else:
         facts.append((f"{low:.3f} to {high:.3f}", f"w, inverse depth, {unit.name}"))
-    facts.append((percent(found.undetermined), "of the frame with undetermined depth"))
-    if found.occlusion:
+    facts.append((percent(diagnostics.undetermined), "of the frame with undetermined depth"))
+    if diagnostics.occlusion:
         words = "of the frame at depth edges, where a near object occludes the background: w may belong to either side"
-        facts.append((percent(found.occlusion), words))
-    return Facts(facts)
+        facts.append((percent(diagnostics.occlusion), words))
+    return KeyNumbers(facts)
 
 
 def _map(
@@ -152,22 +152,23 @@ def _truth(restoration: Restoration, after: Figure) -> list[Section]:
     return [Section("Comparison with the ground truth", [words, Figures([after, drawn])])]
 
 
-def _metres(found: Distances | None) -> list[Section]:
-    if found is None or not found.determined:
+def _metres(distances: Distances | None) -> list[Section]:
+    if distances is None or not distances.determined:
         return []
-    low, high = (float(each) for each in np.nanpercentile(found.metres, (0.5, 99.5)))
-    most = float(np.nanpercentile(found.std, 95))
+    low, high = (float(each) for each in np.nanpercentile(distances.metres, (0.5, 99.5)))
+    most = float(np.nanpercentile(distances.std, 95))
     words = (
-        f"{low:.2f} to {high:.2f} m from the lens, with a standard uncertainty of {float(np.nanmedian(found.std)):.3f} "
-        f"m in the median; determined for {percent(found.determined)} of the frame."
+        f"{low:.2f} to {high:.2f} m from the lens, with a standard uncertainty of "
+        f"{float(np.nanmedian(distances.std)):.3f} m in the median; determined for {percent(distances.determined)} of "
+        f"the frame."
     )
     texts = (
         "From the blur’s radius and the camera’s data: `distance.npy`. Empty at weak texture and at depth edges.",
         "From noise, from other depths that fit as well, and from the camera’s data: `distance_std.npy`.",
     )
     maps = [
-        _map(found.metres, "distance in m", "distance", texts[0], (low, high), "viridis"),
-        _map(found.std, "standard uncertainty in m", "distance_std", texts[1], (0.0, most)),
+        _map(distances.metres, "distance in m", "distance", texts[0], (low, high), "viridis"),
+        _map(distances.std, "standard uncertainty in m", "distance_std", texts[1], (0.0, most)),
     ]
     return [Section("Distance in metres", [words, Figures(maps)])]
 

@@ -27,7 +27,7 @@ def sensor_page(report: Report) -> str:
 
 
 def _plane_blocks(plane: PlaneResult) -> list[Block]:
-    result: SensorResult | None = plane.found
+    result: SensorResult | None = plane.estimate
     if result is None:
         return []
     patterns = {which: one for which, one in (("dark", result.dark), ("light", result.light)) if one is not None}

@@ -22,7 +22,7 @@ STEPS = 40
 
 def tilt_page(report: Report) -> str:
     """The page of one plane."""
-    tilt: Tilt | None = report.planes[0].found
+    tilt: Tilt | None = report.planes[0].estimate
     if tilt is None:
         return report_page(report)
     moves = Items([sentence(line.replace(" um", " µm")) for line in screw_lines(tilt)])

@@ -57,7 +57,7 @@ class Trend:
 
     @property
     def finding(self) -> str:
-        """The same in a few words."""
+        """The trend in a few words."""
         if self.line is None or self.drifts is None:
             return f"needs {FEWEST} sessions at different times"
         if self.drifts:
@@ -76,13 +76,13 @@ def years_between(before: str, after: str) -> float:
 
 
 def trends(measured: Sequence[IndexedNumber]) -> list[Trend]:
-    """A trend for every lens, plan, plane and quantity; refused planes have no numbers and are left out."""
+    """A trend for every lens, plan, plane and quantity; refused planes have no numbers and are excluded."""
     groups = itertools.groupby(sorted(measured, key=_series), _series)
     return [_trend(tuple(points)) for _, points in groups]
 
 
 def _series(one: IndexedNumber) -> tuple[str, str, str, int, str, str]:
-    """What may be compared over time; in the order of lists, planes as in the mosaic."""
+    """Quantities that may be compared over time; in the order of lists, planes as in the mosaic."""
     planes = (*MOSAIC_PLANES, GREY_PLANE)
     place = planes.index(one.plane) if one.plane in planes else len(planes)
     return one.lens, one.plan, one.quantity, place, one.plane, one.unit

@@ -22,7 +22,7 @@ FORMATS = ("svg", "png")
 MARKERS = {"R": "o", "G1": "s", "G2": "D", "B": "^", "Y": "o"}
 
 
-def trend_picture(camera: str, found: Sequence[Trend], path: Path) -> bytes:
+def trend_picture(camera: str, trends: Sequence[Trend], path: Path) -> bytes:
     """The picture in the format of the path's suffix, svg or png: one row for each lens, plan and quantity.
 
     Raises
@@ -33,15 +33,15 @@ def trend_picture(camera: str, found: Sequence[Trend], path: Path) -> bytes:
     kind = path.suffix.lower().lstrip(".")
     if kind not in FORMATS:
         raise BadParameter(f"a trend is drawn as {' or '.join(FORMATS)}, not {kind or 'a file without a suffix'}", "")
-    if not found:
+    if not trends:
         raise BadParameter(f"no session of {printable(camera)} has a number to draw", "see station session list")
     rows: dict[tuple[str, str, str], list[Trend]] = {}
-    for one in found:
+    for one in trends:
         rows.setdefault((one.lens, one.plan, one.quantity), []).append(one)
     with matplotlib.rc_context({**STYLE, "svg.hashsalt": "trend", "text.parse_math": False}):
         figure = Figure(figsize=(7.0, 0.6 + 2.4 * len(rows)), layout="constrained")
         axes = figure.subplots(len(rows), 1, squeeze=False, sharex=True)[:, 0]
-        origin = min(one.points[0].began for one in found)
+        origin = min(one.points[0].began for one in trends)
         for place, ((lens, plan, quantity), several) in zip(axes, rows.items(), strict=True):
             _draw(place, several, origin)
             place.set_title(f"{printable(camera)}, {printable(lens)} ({printable(plan)}): {quantity}", loc="left")

@@ -11,7 +11,7 @@ UNMEASURED = "it was not measured there"
 """Why a limit cannot be judged at a place: how such a judgement's sentence ends."""
 
 
-class Judged(StrEnum):
+class Compliance(StrEnum):
     """How a number stands to its limit, or a plane to its specification; the best first."""
 
     MEETS = "meets"
@@ -24,7 +24,7 @@ class Judgement:
     """One number of one plane compared with its limit; bounds and value are None if there is none."""
 
     number: str
-    judged: Judged
+    judged: Compliance
     value: float | None
     uncertainty: float
     least: float | None
@@ -44,7 +44,7 @@ class Comparison:
         The worst of its limits; undecided where the plane was refused; None where no limit holds for it.
     """
 
-    judged: Judged | None = None
+    judged: Compliance | None = None
     judgements: tuple[Judgement, ...] = ()
 
     @property
@@ -55,13 +55,13 @@ class Comparison:
             return self.judgements
         places = ", ".join(dict.fromkeys(one.place for one in unseen))
         words = f"{len(unseen)} limits cannot be judged, for nothing was measured at {places}"
-        together = Judgement("", Judged.UNDECIDED, None, 0.0, None, None, "", "", words)
+        together = Judgement("", Compliance.UNDECIDED, None, 0.0, None, None, "", "", words)
         return (*(one for one in self.judgements if one not in unseen), together)
 
     @property
     def against(self) -> tuple[str, ...]:
         """Sentences on the limits that are not met."""
-        return tuple(one.words for one in self.in_short if one.judged is not Judged.MEETS)
+        return tuple(one.words for one in self.in_short if one.judged is not Compliance.MEETS)
 
     def to_record(self) -> dict[str, Any]:
         """Entry of a plane in a record."""
@@ -73,9 +73,9 @@ class Comparison:
         """The comparison in a record; None without a valid one."""
         try:
             limits = [{name: one[key] for name, key in _ENTRIES.items()} for one in entry["limits"]]  # type: ignore[index]
-            judgements = tuple(Judgement(**{**one, "judged": Judged(one["judged"])}) for one in limits)
+            judgements = tuple(Judgement(**{**one, "judged": Compliance(one["judged"])}) for one in limits)
             judged = entry.get("verdict")  # type: ignore[attr-defined]
-            return cls(Judged(judged) if judged else None, judgements)
+            return cls(Compliance(judged) if judged else None, judgements)
         except (AttributeError, KeyError, TypeError, ValueError):
             return None
 
@@ -87,6 +87,6 @@ _ENTRIES = {
 """Attributes of a judgement, and their names in records."""
 
 
-def worst(judged: Iterable[Judged]) -> Judged:
+def worst(judged: Iterable[Compliance]) -> Compliance:
     """The worst of several."""
-    return max(judged, key=list(Judged).index)
+    return max(judged, key=list(Compliance).index)

@@ -90,8 +90,8 @@ def kernel_fits(kernel: Array, photograph: int, version: str | None) -> bytes:
 
 
 def _noted(exposure: Exposure) -> dict[str, str | float]:
-    """What the camera recorded, by keywords of FITS."""
-    found = {
+    """Metadata recorded by the camera, by keywords of FITS."""
+    keywords = {
         "DATE-OBS": exposure.captured_at,
         "INSTRUME": exposure.camera,
         "TELESCOP": exposure.lens,
@@ -100,14 +100,14 @@ def _noted(exposure: Exposure) -> dict[str, str | float]:
         "EXPTIME": exposure.exposure_s,
         "ISOSPEED": exposure.iso,
     }
-    return {name: value for name, value in found.items() if value}
+    return {name: value for name, value in keywords.items() if value}
 
 
 # --- the numbers -------------------------------------------------------------------------------------------------
 
 
 def gaussian_radius(mtf50: Quantity, pitch: int) -> Quantity:
-    """What RAW developers take for a PSF: the standard deviation, in sensor pixels, of the Gaussian with this MTF50.
+    """The PSF's radius for RAW developers: standard deviation, in sensor pixels, of the Gaussian with this MTF50.
 
     `mtf50` is the radial mean's of the whole PSF, so that the Gaussian blurs as much as lens and sensor, veil included.
 
@@ -134,12 +134,12 @@ def numbers_table(numbers: Numbers) -> bytes:
 
 def profile_table(psf: Psf, pitch: int) -> bytes:
     """The profile as CSV, radii in pixels of the plane and of the sensor; `pitch` is how many of these are one."""
-    found = radial_profile(psf)
-    columns = {"radius [pixel]": found.radius, "radius_sensor_pixels [sensor pixel]": found.radius * pitch}
-    density = {"density": found.density, "density_uncertainty": found.density_uncertainty}
+    profile = radial_profile(psf)
+    columns = {"radius [pixel]": profile.radius, "radius_sensor_pixels [sensor pixel]": profile.radius * pitch}
+    density = {"density": profile.density, "density_uncertainty": profile.density_uncertainty}
     columns |= {f"{name} [1/pixel^2]": column for name, column in density.items()}
-    columns |= {"energy": found.energy, "energy_uncertainty": found.energy_uncertainty}
-    columns |= {"inside_support": (found.radius <= found.support).astype(np.float64)}
+    columns |= {"energy": profile.energy, "energy_uncertainty": profile.energy_uncertainty}
+    columns |= {"inside_support": (profile.radius <= profile.support).astype(np.float64)}
     return csv_columns(columns, 9)
 
 

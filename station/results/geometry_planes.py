@@ -10,7 +10,7 @@ from procedures.outcome import BadInput, BadParameter
 
 
 def table_prefix(plane: str, count: int) -> str:
-    """What the names of a plane's tables begin with, in a result of `count` planes."""
+    """Prefix of the names of a plane's tables, in a result of `count` planes."""
     return "geometry_" if count == 1 else f"geometry_{plane}_"
 
 

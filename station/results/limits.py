@@ -15,13 +15,13 @@ from typing import Any
 
 from procedures.numbers import CYCLES, FAMILIES, HORIZONTAL, MTF, NUMBERS, VERTICAL, label, name_at
 from procedures.outcome import Quantity
-from station.results.comparison import UNMEASURED, Comparison, Judged, Judgement, worst
+from station.results.comparison import UNMEASURED, Comparison, Compliance, Judgement, worst
 from station.results.plane_result import PlaneResult
 from station.results.units import Frequency, Pixels, Unit, convert_name, convert_quantity
 
 BOTH = (HORIZONTAL, VERTICAL)
 MIDDLE = 0.4
-"""Of the frame's half sides, within which a place is in the middle."""
+"""Fraction of the frame's half sides within which a place is in the middle."""
 
 
 class Place(StrEnum):
@@ -134,7 +134,7 @@ class Spot:
 
 
 def limited_numbers() -> list[str]:
-    """What a limit can be set for; values without an uncertainty have no guard band."""
+    """Quantities for which a limit can be set; values without an uncertainty have no guard band."""
     return list(dict.fromkeys((*FAMILIES, *NUMBERS)))
 
 
@@ -159,14 +159,14 @@ def compare(
     if not limits:
         return Comparison()
     if not (record.numbers or record.values):
-        return Comparison(Judged.UNDECIDED)
+        return Comparison(Compliance.UNDECIDED)
     known = pixels or Pixels(record.pitch)
     judgements = tuple(one for limit in limits for one in _judge(record, limit, known, spots))
     return Comparison(worst(one.judged for one in judgements), judgements)
 
 
 def place_of(x: float, y: float, shape: tuple[int, int]) -> Place:
-    """What a place (x, y) of a plane (rows, columns) counts as: the frame is divided at 2/5 of its half sides."""
+    """Part of the frame at (x, y) of a plane (rows, columns): the frame is divided at 2/5 of its half sides."""
     rows, columns = shape
     u, v = abs(2 * x / max(columns - 1, 1) - 1), abs(2 * y / max(rows - 1, 1) - 1)
     return (Place.CENTRE, Place.SIDES, Place.CORNERS)[(u > MIDDLE) + (v > MIDDLE)]
@@ -218,19 +218,19 @@ def _bound(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _judged(value: float | None, band: float, limit: Limit) -> Judged:
+def _judged(value: float | None, band: float, limit: Limit) -> Compliance:
     """NaN, of value or band, is inside nothing and outside nothing."""
     if value is None:
-        return Judged.UNDECIDED
+        return Compliance.UNDECIDED
     if value - band >= limit.least and value + band <= limit.most:
-        return Judged.MEETS
+        return Compliance.MEETS
     if value + band < limit.least or value - band > limit.most:
-        return Judged.MISSES
-    return Judged.UNDECIDED
+        return Compliance.MISSES
+    return Compliance.UNDECIDED
 
 
 def _words(
-    limit: Limit, name: str, spot: Spot, judged: Judged, value: float | None, uncertainty: float
+    limit: Limit, name: str, spot: Spot, judged: Compliance, value: float | None, uncertainty: float
 ) -> str:  # fmt: skip
     bounds = [f"{sign} {bound:g}" for sign, bound in (("≥", limit.least), ("≤", limit.most)) if math.isfinite(bound)]
     number = NUMBERS.get(name)
@@ -244,8 +244,8 @@ def _words(
         reason = UNMEASURED if spot.name and not spot.numbers else "there is no such number"
         return f"the limit {wanted} cannot be judged: {reason}"
     got = f"{value:.4g} ± {uncertainty:.2g}" if uncertainty else f"{value:.4g}"
-    if judged is Judged.MEETS:
+    if judged is Compliance.MEETS:
         return f"{wanted} is met: {got}"
-    if judged is Judged.MISSES:
+    if judged is Compliance.MISSES:
         return f"the limit {wanted} is missed: {got}"
     return f"the limit {wanted} is not surely met: {got} is within {limit.coverage:g} uncertainties of it"

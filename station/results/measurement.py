@@ -40,7 +40,7 @@ class Measurement:
     missed : unusable photographs; None if the record of the procedure does not list them
     exposure : settings recorded by the camera
     terms : unit of frequencies and specification
-    found : the complete result for the page, if the planes are parts of one
+    result : the complete result for the page, if the planes are parts of one
     overlays : results whose MTF is drawn over this one's
     """
 
@@ -52,7 +52,7 @@ class Measurement:
     missed: tuple[Miss, ...] | None = None
     exposure: Exposure = field(default_factory=Exposure)
     terms: Terms = USUAL
-    found: Any = None
+    result: Any = None
     results_key: str = BY_PLANE
     overlays: Sequence[Any] = ()
 
@@ -67,7 +67,7 @@ class Measurement:
         return all(one.verdict is Verdict.REFUSED for one in self.planes)
 
     def compared(self, terms: Terms) -> Measurement:
-        """The same with every plane compared with the limits of a specification."""
+        """The measurement with every plane compared with the limits of a specification."""
         if not terms.specification.limits:
             return self
         pixels = (Pixels(one.pitch or 1) for one in self.planes)
@@ -93,14 +93,14 @@ class Measurement:
         """The unusable photographs, if the planes do not list them."""
         if self.missed is None or any("left_out" in one.details for one in self.planes):
             return {}
-        return {"left_out": [one.told() for one in self.missed]}
+        return {"left_out": [one.to_record() for one in self.missed]}
 
 
-def write_measurement(folder: ResultFolder, found: Measurement) -> str:
+def write_measurement(folder: ResultFolder, measurement: Measurement) -> str:
     """Write the files, the table of all numbers and the record; returns the record's text."""
-    for name, data in found.files.items():
+    for name, data in measurement.files.items():
         folder.write(name, data)
-    numbers = [(one.name, name, number) for one in found.planes for name, number in one.numbers.items()]
-    if numbers and NUMBERS not in found.files:
+    numbers = [(one.name, name, number) for one in measurement.planes for name, number in one.numbers.items()]
+    if numbers and NUMBERS not in measurement.files:
         folder.write(NUMBERS, numbers_table(iter(numbers)))
-    return write_record(folder, found.record())
+    return write_record(folder, measurement.record())

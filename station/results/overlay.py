@@ -64,10 +64,10 @@ def read_height_overlay(path: Path) -> Overlay:
 
 def read_height_overlays(paths: Iterable[Path], unit: Unit) -> list[Overlay]:
     """Several of the same unit of frequencies. Raises BadParameter."""
-    found = [read_height_overlay(path) for path in paths]
-    for one in found:
+    overlays = [read_height_overlay(path) for path in paths]
+    for one in overlays:
         one.check(unit)
-    return found
+    return overlays
 
 
 def _read(path: Path, stem: str, first: Sequence[str], words: str) -> Overlay:

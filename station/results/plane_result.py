@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from procedures.cross_check.estimate import EdgeCheck
 from procedures.numbers import GAUSSIAN_RADIUS, MTF50_RADIAL, NUMBERS
-from procedures.outcome import Cause, Judged, Outcome, Quantity, Verdict
+from procedures.outcome import Cause, Outcome, Quantity, Verdict, WithVerdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality
 from procedures.reading.exposure import Exposure
@@ -43,7 +43,7 @@ class PlaneResult:
     values : numbers without an uncertainty
     diagnostics : numbers on which the verdict is based
     pitch : sensor pixels per pixel of the plane; 0 if no number is in pixels of the plane
-    found : the complete estimate, for figures
+    estimate : the complete estimate, for figures
     psf, quality : the PSF with its covariance, and its numbers with budgets
     inter_image : the kernel between two photographs
     choice : tried values of s and k, the last one chosen
@@ -70,7 +70,7 @@ class PlaneResult:
     values: Mapping[str, float | Sequence[float]] = field(default_factory=dict)
     diagnostics: Mapping[str, float] = field(default_factory=dict)
     pitch: int = 1
-    found: Any = None
+    estimate: Any = None
     psf: Psf | None = None
     quality: Quality | None = None
     inter_image: Array | None = None
@@ -91,7 +91,7 @@ class PlaneResult:
     other_causes: tuple[Cause, ...] = ()
 
     @classmethod
-    def of_outcome(cls, name: str, outcome: Judged, **more: Any) -> PlaneResult:
+    def of_outcome(cls, name: str, outcome: WithVerdict, **more: Any) -> PlaneResult:
         """The result with the verdict and the causes of an outcome; `more` are further attributes."""
         more["other_causes"] = outcome.other_causes
         return cls(name, outcome.verdict, outcome.reason, outcome.remedy, **more)
@@ -115,7 +115,7 @@ class PlaneResult:
         return Quantity(float(plain), NUMBERS[name].unit if name in NUMBERS else "1", 0.0, "", 0)
 
     def in_unit(self, unit: Unit, pixels: Pixels) -> PlaneResult:
-        """The same with frequencies in another unit. Raises BadParameter as `Pixels.factor`."""
+        """The result with frequencies in another unit. Raises BadParameter as `Pixels.factor`."""
         factor = pixels.factor(unit)
         if factor == 1:
             return self

@@ -11,11 +11,11 @@ from pathlib import Path
 
 from procedures.outcome import BadParameter
 from station.common.sanitise import printable
-from station.common.toml_table import Table
+from station.common.toml_table import TomlTable
 from station.results.units import Unit
 
 FILE = Path("station.toml")
-"""Of the station, in the folder where the program is begun."""
+"""The station's file of settings, in the working directory."""
 
 
 def unit_named(name: str, where: str) -> Unit:
@@ -38,4 +38,4 @@ def preferred_unit(file: Path | None = None) -> Unit:
     if file is None and not FILE.is_file():
         return Unit.CYCLES
     path = file or FILE
-    return unit_named(Table.read(path).get("unit", str, str(Unit.CYCLES)), f"{printable(path)}, unit")
+    return unit_named(TomlTable.read(path).get("unit", str, str(Unit.CYCLES)), f"{printable(path)}, unit")

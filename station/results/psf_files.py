@@ -44,18 +44,18 @@ def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], head: 
 
 def _files(planes: Sequence[PlaneResult]) -> dict[str, Write]:
     """The files by name; large ones are generated when they are written."""
-    found = {BUDGET: _made(budget_csv, planes)} if any(plane.quality is not None for plane in planes) else {}
+    files = {BUDGET: _made(budget_csv, planes)} if any(plane.quality is not None for plane in planes) else {}
     for plane in planes:
-        found |= _plane_files(plane)
-    return found
+        files |= _plane_files(plane)
+    return files
 
 
 def _plane_files(plane: PlaneResult) -> dict[str, Write]:
-    name, psf, found = plane.name, plane.psf, dict[str, Write]()
+    name, psf, files = plane.name, plane.psf, dict[str, Write]()
     if plane.curves:
-        found[f"mtf_{name}.csv"] = _made(mtf_table, plane.curves, str(plane.unit))
+        files[f"mtf_{name}.csv"] = _made(mtf_table, plane.curves, str(plane.unit))
     if psf is not None:
-        found |= {
+        files |= {
             f"profile_{name}.csv": _made(profile_table, psf, plane.pitch),
             f"psf_{name}.npy": _made(npy, psf.h),
             f"covariance_{name}.npy": _made(npy, psf.covariance),
@@ -64,10 +64,10 @@ def _plane_files(plane: PlaneResult) -> dict[str, Write]:
             f"psf_{name}.png": _made(psf_picture, psf, f"{name}  {plane.verdict}"),
         }
     if plane.information is not None:
-        found[f"information_{name}.csv"] = _made(information_table, plane.information)
+        files[f"information_{name}.csv"] = _made(information_table, plane.information)
     if plane.inter_image is not None:
-        found[f"inter_image_{name}.npy"] = _made(npy, plane.inter_image)
-    return found
+        files[f"inter_image_{name}.npy"] = _made(npy, plane.inter_image)
+    return files
 
 
 def budget_csv(planes: Sequence[PlaneResult]) -> bytes:
@@ -93,11 +93,11 @@ def _made(make: Callable[..., bytes], *given: Any) -> Write:
 def _sampling(planes: Sequence[PlaneResult]) -> dict[str, Any]:
     """The values of s and k used: one number if all planes have the same, else one per plane."""
     used = {plane.name: plane.psf for plane in planes if plane.psf is not None}
-    found: dict[str, Any] = {}
+    entry: dict[str, Any] = {}
     for name in (SAMPLES_PER_PIXEL, SUPPORT) if used else ():
         values = {plane: psf.s if name == SAMPLES_PER_PIXEL else psf.k for plane, psf in used.items()}
-        found[name] = next(iter(values.values())) if len(set(values.values())) == 1 else values
-    return found
+        entry[name] = next(iter(values.values())) if len(set(values.values())) == 1 else values
+    return entry
 
 
 def mtf_table(curves: Mapping[str, Array], unit: str = "cycles/pixel") -> bytes:
@@ -109,14 +109,16 @@ def mtf_table(curves: Mapping[str, Array], unit: str = "cycles/pixel") -> bytes:
     return csv_bytes([head, *([f"{value:.9g}" for value in row] for row in zip(*curves.values(), strict=True))])
 
 
-def information_table(found: Information) -> bytes:
+def information_table(information: Information) -> bytes:
     """NPS, NEQ and noise-equivalent MTF as CSV, over all frequencies of the upper half plane, in cycles/pixel."""
     unit = "[cycles/pixel]"
     rows = [[f"frequency_x {unit}", f"frequency_y {unit}", "mtf", "nps", "neq", "neq_uncertainty", "equivalent_mtf",
              "equivalent_mtf_uncertainty"]]  # fmt: skip
-    maps = (found.mtf, found.nps, found.neq, found.neq_uncertainty, found.equivalent_mtf,
-            found.equivalent_mtf_uncertainty)  # fmt: skip
-    for j in range(len(found.frequencies) // 2 + 1):
-        for i, fx in enumerate(found.frequencies):
-            rows.append([f"{value:.7g}" for value in (fx, abs(found.frequencies[j]), *(one[j, i] for one in maps))])
+    maps = (information.mtf, information.nps, information.neq, information.neq_uncertainty, information.equivalent_mtf,
+            information.equivalent_mtf_uncertainty)  # fmt: skip
+    for j in range(len(information.frequencies) // 2 + 1):
+        for i, fx in enumerate(information.frequencies):
+            rows.append(
+                [f"{value:.7g}" for value in (fx, abs(information.frequencies[j]), *(one[j, i] for one in maps))]
+            )
     return csv_bytes(rows)

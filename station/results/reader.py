@@ -63,8 +63,8 @@ def read_result(folder: Path) -> Measurement:
 
 def find_results(sessions: Path) -> list[Path]:
     """The folders of all results under a folder of sessions, newest first."""
-    found = [record.parent for record in sessions.glob(f"*/derived/*/{RECORD}") if not record.parent.is_symlink()]
-    return sorted(found, key=lambda folder: (folder / RECORD).lstat().st_mtime, reverse=True)
+    folders = [record.parent for record in sessions.glob(f"*/derived/*/{RECORD}") if not record.parent.is_symlink()]
+    return sorted(folders, key=lambda folder: (folder / RECORD).lstat().st_mtime, reverse=True)
 
 
 def _head(record: Mapping[str, Any]) -> RecordHead:
@@ -91,7 +91,7 @@ def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> PlaneResult:
         verdict = Verdict(entry.get("verdict", ""))
     except ValueError as error:
         raise BadInput(f"{folder / RECORD}: plane {name} has no verdict", _AGAIN) from error
-    numbers = {key: found for key, value in entry.items() if (found := _quantity(value)) is not None}
+    numbers = {key: quantity for key, value in entry.items() if (quantity := _quantity(value)) is not None}
     values = {key: float(value) for key, value in entry.items() if key in NUMBERS and isinstance(value, int | float)}
     rest = {key: value for key, value in entry.items()
             if key not in PARSED and not (key in numbers and plain(asdict(numbers[key])) == value)}  # fmt: skip

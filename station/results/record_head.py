@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from procedures.outcome import Cause, Judged, Verdict
+from procedures.outcome import Cause, Verdict, WithVerdict
 
 
 class ReadFile(Protocol):
@@ -16,12 +16,12 @@ class ReadFile(Protocol):
 
     @property
     def path(self) -> Path:
-        """Where it is."""
+        """Path of the file."""
         ...
 
     @property
     def sha256(self) -> str:
-        """Of its bytes."""
+        """SHA-256 of its bytes."""
         ...
 
 
@@ -88,19 +88,19 @@ def files_read(files: Sequence[ReadFile]) -> tuple[InputFile, ...]:
     return tuple(InputFile(str(one.path), one.sha256) for one in files)
 
 
-def verdict_entry(judged: Judged) -> dict[str, Any]:
+def verdict_entry(judged: WithVerdict) -> dict[str, Any]:
     """Verdict, the most likely cause, and the other possible ones where there are some."""
     entry: dict[str, Any] = {"verdict": str(judged.verdict), "reason": judged.reason, "remedy": judged.remedy}
     return {**entry, **other_causes_entry(judged)}
 
 
-def other_causes_entry(judged: Judged) -> dict[str, Any]:
+def other_causes_entry(judged: WithVerdict) -> dict[str, Any]:
     """The other possible causes alone; nothing where there are none."""
     return {"other_causes": [asdict(one) for one in judged.other_causes]} if judged.other_causes else {}
 
 
 def read_other_causes(entry: Mapping[str, Any]) -> tuple[Cause, ...]:
     """The other possible causes that a record holds; earlier records have none."""
-    found = entry.get("other_causes")
-    causes = [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
+    entries = entry.get("other_causes")
+    causes = [one for one in entries if isinstance(one, dict)] if isinstance(entries, list) else []
     return tuple(Cause(str(one.get("reason", "")), str(one.get("remedy", ""))) for one in causes)

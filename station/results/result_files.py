@@ -159,13 +159,13 @@ class ResultFolder:
 
     def _written(self) -> dict[str, list[str]]:
         """The hashes that the older result's files may have: by its record, and by one that was being published."""
-        found: dict[str, list[str]] = {}
+        hashes: dict[str, list[str]] = {}
         for record in (_json(self.path / RECORD), _json(self.path / PUBLISHING)):
             files = record.get("files")
             for name, digests in files.items() if isinstance(files, dict) else ():
                 if isinstance(digests, str | list) and _is_inside(str(name)):
-                    found.setdefault(name, []).extend([digests] if isinstance(digests, str) else map(str, digests))
-        return found
+                    hashes.setdefault(name, []).extend([digests] if isinstance(digests, str) else map(str, digests))
+        return hashes
 
     def _note(self, files: Mapping[str, Sequence[str]]) -> None:
         """Store the names of own files while they are replaced: after a crash there is no record."""
@@ -175,10 +175,10 @@ class ResultFolder:
 def _json(path: Path) -> dict[str, Any]:
     """The object in a file; empty if it cannot be read."""
     try:
-        found = json.loads(read_own(path))
+        value = json.loads(read_own(path))
     except (OSError, ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return value if isinstance(value, dict) else {}
 
 
 def _is_inside(name: str) -> bool:
@@ -280,12 +280,12 @@ def _edge_entry(check: EdgeCheck) -> dict[str, Any]:
 def _physics_entry(outcome: Outcome[Physics]) -> dict[str, Any]:
     """The parts of the best model, their sizes, what they leave unexplained, and the next best models."""
     entry = verdict_entry(outcome)
-    if (found := outcome.value) is not None:
-        entry |= {"aperture": found.aperture, "missing_corner_deg": found.missing_corner_deg}
-        entry |= {"low_pass_filter": found.low_pass, "chi_square": found.chi_square, "freedom": found.freedom}
-        entry |= {"chi_square_share": found.remaining}
-        entry |= {name: asdict(number) for name, number in found.numbers.items()}
-        entry["candidates"] = [{"model": words, "criterion": more} for words, more in found.candidates[:CANDIDATES]]
+    if (physics := outcome.value) is not None:
+        entry |= {"aperture": physics.aperture, "missing_corner_deg": physics.missing_corner_deg}
+        entry |= {"low_pass_filter": physics.low_pass, "chi_square": physics.chi_square, "freedom": physics.freedom}
+        entry |= {"chi_square_share": physics.remaining}
+        entry |= {name: asdict(number) for name, number in physics.numbers.items()}
+        entry["candidates"] = [{"model": words, "criterion": more} for words, more in physics.candidates[:CANDIDATES]]
     return entry
 
 
@@ -297,7 +297,7 @@ def npy(array: npt.NDArray[Any], dtype: npt.DTypeLike = np.float64) -> bytes:
 
 
 def plain(value: Any) -> Any:
-    """The same with plain Python numbers, null for every number that is not finite, and text that can be encoded."""
+    """The record with plain Python numbers, null for every number that is not finite, and text that can be encoded."""
     if isinstance(value, str):
         return encodable(value)
     if isinstance(value, Mapping):

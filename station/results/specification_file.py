@@ -28,7 +28,7 @@ from procedures.outcome import BadInput, BadParameter
 from procedures.raw import GREY_PLANE, MOSAIC_PLANES
 from procedures.reading.text import read_text
 from station.common.sanitise import printable
-from station.common.toml_table import Table
+from station.common.toml_table import TomlTable
 from station.results.limits import BOTH, Limit, Place, Specification, limited_numbers
 from station.results.units import Unit
 
@@ -56,15 +56,15 @@ def specification_text(path: Path) -> str:
 
 def parse_specification(text: str, source: str) -> Specification:
     """The specification in the text of a file, `source` its path. Raises BadParameter as `read_specification` does."""
-    table = Table.parse(text, source)
-    found = specification_in(table, Path(source).name)
+    table = TomlTable.parse(text, source)
+    specification = specification_in(table, Path(source).name)
     table.end()
-    if not found.limits:
+    if not specification.limits:
         raise BadParameter(f"{printable(source)} sets no limit", "write [[limit]] tables; station init shows them")
-    return Specification(found.limits, found.title, source, hashlib.sha256(text.encode()).hexdigest())
+    return Specification(specification.limits, specification.title, source, hashlib.sha256(text.encode()).hexdigest())
 
 
-def specification_in(table: Table, title: str = "") -> Specification:
+def specification_in(table: TomlTable, title: str = "") -> Specification:
     """The specification that a table holds, its own file or a part of a procedure. Raises BadParameter."""
     coverage, unit = table.get("coverage", float, 2.0), _unit(table)
     if not 0 <= coverage < math.inf:
@@ -76,7 +76,7 @@ def specification_in(table: Table, title: str = "") -> Specification:
     return Specification(tuple(limits), title)
 
 
-def _unit(table: Table) -> Unit:
+def _unit(table: TomlTable) -> Unit:
     name = table.get("unit", str, str(Unit.CYCLES))
     try:
         return Unit(name.lower())
@@ -84,7 +84,7 @@ def _unit(table: Table) -> Unit:
         raise table.wrong("unit", f"is {printable(name)!r}", f"use one of {', '.join(Unit)}") from error
 
 
-def _number(table: Table) -> str:
+def _number(table: TomlTable) -> str:
     name = table.get("number", str, "")
     if name not in (known := limited_numbers()):
         near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
@@ -93,7 +93,7 @@ def _number(table: Table) -> str:
     return name
 
 
-def _limit(name: str, table: Table, coverage: float, unit: Unit) -> Limit:
+def _limit(name: str, table: TomlTable, coverage: float, unit: Unit) -> Limit:
     least, most = table.get("min", float, -math.inf), table.get("max", float, math.inf)
     planes, directions = _words(table, "planes", PLANES), _words(table, "directions", tuple(DIRECTIONS))
     at = table.get("at", float, 0.0) if table.has("at") else None
@@ -109,7 +109,7 @@ def _limit(name: str, table: Table, coverage: float, unit: Unit) -> Limit:
     return Limit(name, least, most, coverage, planes, at, directions or BOTH, where, unit)
 
 
-def _words(table: Table, key: str, known: tuple[str, ...]) -> tuple[str, ...]:
+def _words(table: TomlTable, key: str, known: tuple[str, ...]) -> tuple[str, ...]:
     """A list of words, or one word, out of known ones."""
     words = table.words(key) if isinstance(table.peek(key), list) else (table.get(key, str, ""),)
     for word in words:

@@ -9,7 +9,7 @@ from typing import Any
 
 from procedures.numbers import name_at
 from procedures.outcome import BadParameter
-from station.results.comparison import Comparison, Judged, Judgement, worst
+from station.results.comparison import Comparison, Compliance, Judgement, worst
 from station.results.limits import BOTH, Specification, Spot, compare
 from station.results.plane_result import PlaneResult
 from station.results.units import Frequency, Pixels, Unit
@@ -17,7 +17,7 @@ from station.results.units import Frequency, Pixels, Unit
 
 @dataclass(frozen=True)
 class Terms:
-    """What is requested besides the estimate.
+    """Requests in addition to the estimate.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Terms:
         return tuple(sorted({one.per_pixel(pixels) for one in asked}))
 
     def with_known_unit(self, pixels: Pixels) -> Terms:
-        """The same, in cycles per pixel where what the unit needs is not known."""
+        """The terms, in cycles per pixel if the data for the unit are unknown."""
         try:
             pixels.factor(self.unit)
         except BadParameter:
@@ -49,8 +49,8 @@ class Terms:
 
     def apply(self, record: PlaneResult, pixels: Pixels, spots: Sequence[Spot] = ()) -> PlaneResult:
         """A plane's result, compared with the specification, in the unit."""
-        found = compare(record, self.specification, pixels, spots)
-        compared = replace(record, specification=found) if self.specification.limits else record
+        comparison = compare(record, self.specification, pixels, spots)
+        compared = replace(record, specification=comparison) if self.specification.limits else record
         return replace(compared, unavailable=tuple(self._unavailable(record, pixels))).in_unit(self.unit, pixels)
 
     def _unavailable(self, record: PlaneResult, pixels: Pixels) -> Iterator[str]:
@@ -71,8 +71,8 @@ class Terms:
     def undecided(self, record: PlaneResult, reason: str) -> PlaneResult:
         """A plane's result that cannot be compared with the specification, with the reason."""
         words = f"the specification cannot be judged: {reason}"
-        judgement = Judgement("", Judged.UNDECIDED, None, 0.0, None, None, "", "", words)
-        return replace(record, specification=Comparison(Judged.UNDECIDED, (judgement,)))
+        judgement = Judgement("", Compliance.UNDECIDED, None, 0.0, None, None, "", "", words)
+        return replace(record, specification=Comparison(Compliance.UNDECIDED, (judgement,)))
 
     def parameters(self) -> dict[str, Any]:
         """Entries of a record's parameters; empty for the default."""
@@ -89,7 +89,7 @@ class Terms:
 USUAL = Terms()
 
 
-def specification_verdict(planes: Sequence[PlaneResult]) -> Judged | None:
+def specification_verdict(planes: Sequence[PlaneResult]) -> Compliance | None:
     """The worst of the planes' verdicts against their specification; None where no limit holds for any."""
     judged = [one.specification.judged for one in planes if one.specification and one.specification.judged]
     return worst(judged) if judged else None

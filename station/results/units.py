@@ -21,7 +21,7 @@ Array = npt.NDArray[np.float64]
 
 
 class Unit(StrEnum):
-    """Of frequencies: per pixel of the plane, per millimetre of the sensor, per height of the picture."""
+    """Unit of frequencies: per pixel of the plane, per millimetre of the sensor, per height of the picture."""
 
     CYCLES = "cycles/pixel"
     LINE_PAIRS = "lp/mm"
@@ -90,7 +90,7 @@ class Frequency:
     unit: Unit = Unit.CYCLES
 
     def per_pixel(self, pixels: Pixels) -> float:
-        """The same in cycles per pixel of the plane, in six digits. Raises BadParameter as `Pixels.factor` does."""
+        """The frequency in cycles per pixel of the plane, in six digits. Raises BadParameter as `Pixels.factor`."""
         return float(f"{self.value / pixels.factor(self.unit):.6g}")
 
 
@@ -103,16 +103,16 @@ def convert_quantity(one: Quantity, unit: Unit, factor: float) -> Quantity:
 
 def convert_name(name: str, factor: float) -> str:
     """The name of a number with the frequency in it, where it has one, in the unit."""
-    found = frequency_of(name)
-    return name if found is None else name_at(found[0] * factor, found[1])
+    frequency = frequency_of(name)
+    return name if frequency is None else name_at(frequency[0] * factor, frequency[1])
 
 
 def convert_numbers(numbers: Mapping[str, Quantity], unit: Unit, factor: float) -> dict[str, Quantity]:
     """All numbers in a unit: their names, values, uncertainties and methods."""
-    found = {}
+    converted = {}
     for name, one in numbers.items():
         own = convert_quantity(one, unit, factor)
         if at := frequency_of(name):
             own = replace(own, method=own.method.replace(f"{at[0]:.6g} cycles/pixel", f"{at[0] * factor:.6g} {unit}"))
-        found[convert_name(name, factor)] = own
-    return found
+        converted[convert_name(name, factor)] = own
+    return converted

@@ -20,7 +20,7 @@ QUALITY = 85
 
 
 @dataclass(frozen=True)
-class Picture:
+class JpegPicture:
     """A JPEG file, its number since the start of the program, and its caption."""
 
     number: int
@@ -34,7 +34,7 @@ class LatestPicture:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._plane: Plane | None = None
-        self._encoded: Picture | None = None
+        self._encoded: JpegPicture | None = None
         self.number = 0
 
     def show(self, plane: Plane) -> None:
@@ -42,13 +42,13 @@ class LatestPicture:
         with self._lock:
             self._plane, self._encoded, self.number = plane, None, self.number + 1
 
-    def take(self) -> Picture | None:
+    def take(self) -> JpegPicture | None:
         """The newest picture, None before the first."""
         with self._lock:
             if self._encoded is None and self._plane is not None:
                 rows, columns = self._plane.samples.shape
                 caption = f"plane {self._plane.name}, {columns} x {rows} pixels"
-                self._encoded = Picture(self.number, jpeg_of(self._plane.samples), caption)
+                self._encoded = JpegPicture(self.number, jpeg_of(self._plane.samples), caption)
             return self._encoded
 
 

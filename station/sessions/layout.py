@@ -120,7 +120,7 @@ def inside(folder: Path, relative: str) -> Path:
 
 
 def own(path: Path) -> Path:
-    """The same path, which must not be a link. Raises Damaged."""
+    """The path, which must not be a link. Raises Damaged."""
     if path.is_symlink():
         raise Damaged(f"{path} is a link; a session writes into folders of its own only", "remove the link")
     return path

@@ -28,7 +28,7 @@ import scipy.fft
 
 from procedures.correction import estimate
 from procedures.correction.estimate import Correction, CorrectionParameters, correct
-from procedures.correction.optics import Optics, wrapped
+from procedures.correction.optics import PlaneFields, wrapped
 from procedures.correction.priors import ORDERS, Prior
 from procedures.field.interpolate import interpolate
 from procedures.field.models import Separate
@@ -90,7 +90,7 @@ def photograph(camera: FieldCamera) -> tuple[RawFrame, np.ndarray]:
     return RawFrame(Path("simulated"), "", {"Y": plane}, Exposure()), light[RIM:-RIM, RIM:-RIM]
 
 
-class OwnOptics(Optics):
+class OwnOptics(PlaneFields):
     """The lens's own transfer functions for those of a field."""
 
     camera = FieldCamera(LENS)

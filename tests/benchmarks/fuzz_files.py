@@ -44,7 +44,7 @@ from procedures.reading.sensor_dump import DumpLayout
 from procedures.restoration.joint.estimate import RestorationParameters
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks import blur_models
-from procedures.restoration.masks.blur_operator import Blur
+from procedures.restoration.masks.blur_operator import BlurOperator
 from procedures.restoration.masks.camera_motion import Poses, motion_blur, poses_of
 from procedures.restoration.masks.psf_shapes import measured_field
 from procedures.restoration.photograph_blur import BlurSpec, KnownShapes, UnknownMotion, blur_of
@@ -290,7 +290,7 @@ def photographs() -> list[np.ndarray]:
     scene = 0.4 + 0.1 * np.sign(rng.standard_normal((12, 17))).repeat(4, 0).repeat(4, 1)
     taken = []
     for ratio in (1.0, 1.3):
-        blur = Blur(blur_models.mask_stack(shape, 2.0, ratio=ratio, R=4), FRAME)
+        blur = BlurOperator(blur_models.mask_stack(shape, 2.0, ratio=ratio, R=4), FRAME)
         blur.focus(np.full(blur.extended, 1.2))
         taken.append(blur.blur(scene[None]) + 0.002 * rng.standard_normal((1, *FRAME)))
     return taken

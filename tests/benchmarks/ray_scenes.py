@@ -24,7 +24,7 @@ from procedures.ray_histogram.comparison import decibels, shown_error
 from procedures.ray_histogram.film import Film
 from procedures.ray_histogram.film_files import write_film
 from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
-from simulators.rays.path_tracer import Scene, ThinLensCamera, cast
+from simulators.rays.path_tracer import RayScene, ThinLensCamera, cast
 from simulators.rays.ray_scenes import SCENES
 from station.reports.ray_page import RenderRow, ray_page
 
@@ -33,7 +33,7 @@ SHOWN = 64
 THREADS = os.cpu_count() or 1
 
 
-def _cast_more(scene: Scene, camera: ThinLensCamera, film: Film, wanted: npt.NDArray[np.int64]) -> None:
+def _cast_more(scene: RayScene, camera: ThinLensCamera, film: Film, wanted: npt.NDArray[np.int64]) -> None:
     taken = film.count.astype(np.int64) + film.dropped
     cast(scene, camera, wanted, film.add, seed=3, taken=taken, threads=THREADS)
 
@@ -85,7 +85,7 @@ def shown(name: str, film: Film, found: FilteredFilm, reference: Film) -> Render
     return RenderRow(name, pictures, found.similar, (f"{before:.2f} dB as rendered, {after:.2f} dB filtered.",))
 
 
-def adapt(scene: Scene, camera: ThinLensCamera, reference: Film) -> None:
+def adapt(scene: RayScene, camera: ThinLensCamera, reference: Film) -> None:
     """Print the error of as many samples, half of them placed where few pixels were similar."""
     film = Film.blank(camera.rows, camera.columns)
     more = partial(_cast_more, scene, camera, film)

@@ -24,7 +24,7 @@ from procedures.restoration.colour.mosaic import mosaics, spread
 from procedures.restoration.colour.picture import mixing
 from procedures.restoration.joint.estimate import restoration_of
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
-from procedures.restoration.masks.blur_operator import Blur
+from procedures.restoration.masks.blur_operator import BlurOperator
 
 ORIGINS = {"R": (0, 0), "G1": (1, 0), "G2": (0, 1), "B": (1, 1)}
 LIGHT = np.array([0.6, 1.0, 0.7])[:, None, None]
@@ -56,7 +56,7 @@ def pair(shape: tuple[int, int], tinted: bool, seed: int) -> Pair:
     w = 3.0 + 2.2 * x / extended[1] + 1.0 * ((x < 0.4 * extended[1]) & (y > 0.45 * extended[0]))
     photographs = []
     for ratio in RATIOS:
-        blur = Blur(mask_stack(pillbox(), 2 * MAX_W, ratio=ratio, R=R), shape)
+        blur = BlurOperator(mask_stack(pillbox(), 2 * MAX_W, ratio=ratio, R=R), shape)
         blur.focus(w)
         clean = blur.blur(u)
         sigma = float(clean[1].std() * 10 ** (-40 / 20))

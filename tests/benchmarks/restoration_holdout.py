@@ -32,7 +32,7 @@ def at_true_depth(case: Scene) -> Array:
     """The picture (H, W) at the true depth with the best of several weights: what knowing both would give."""
     data, other = joint_descent.problem_of(case.z, case.stacks, np.ones((2, 1, *case.w.shape)), np.float32)
     sigma = noise_of(case.z, case.stacks)
-    problem = joint_descent.Problem(data, other, Scheme(), Schedule(20), sigma, 12)
+    problem = joint_descent.JointProblem(data, other, Scheme(), Schedule(20), sigma, 12)
     state = joint_descent.begin(problem, case.w)
     R, least = data.R, max(sigma**2 / joint_descent.CONTRAST, 1e-7)
     found = [restore_picture(data, state.u, factor * least, 150)[0, R:-R, R:-R] for factor in (0.3, 1.0, 3.0)]

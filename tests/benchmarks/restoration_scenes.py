@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from procedures.restoration.masks.blur_models import mask_stack, path_shape, pillbox, uniform_motion
-from procedures.restoration.masks.blur_operator import Blur, MaskStack
+from procedures.restoration.masks.blur_operator import BlurOperator, MaskStack
 
 Array = NDArray[np.float64]
 RIM = 16
@@ -136,7 +136,7 @@ def scene(
     u, w = picture(extended, rng), depths(extended, depth)
     z = []
     for stack in stacks:
-        photograph = Blur(stack, shape)
+        photograph = BlurOperator(stack, shape)
         photograph.focus(w)
         clean = photograph.blur(u)
         noise = 0.0 if noise_db is None else clean.std() * 10 ** (-noise_db / 20)

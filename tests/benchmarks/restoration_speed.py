@@ -22,7 +22,7 @@ from procedures.restoration.joint.estimate import RestorationParameters, restore
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.array_loops import in_bands, most_threads
 from procedures.restoration.masks.blur_models import mask_stack, path_shape
-from procedures.restoration.masks.blur_operator import Blur
+from procedures.restoration.masks.blur_operator import BlurOperator
 
 SHAPE = (650, 730)
 Array = NDArray[np.float32]
@@ -92,7 +92,7 @@ def main() -> None:
     )
     stacks = [mask_stack(wandering(seed), 7.5, R=8) for seed in (1, 2)]
     rng = np.random.default_rng(0)
-    blur = Blur(stacks[0], SHAPE, np.float32)
+    blur = BlurOperator(stacks[0], SHAPE, np.float32)
     u = rng.random(blur.extended).astype(np.float32)
     w = (7 - 5 * np.mgrid[0 : blur.extended[0], 0 : blur.extended[1]][1] / blur.extended[1]).astype(np.float32)
     blur.focus(w)
@@ -125,7 +125,7 @@ def scheme(stacks: list) -> None:  # type: ignore[type-arg]
     w[extended[0] // 2 :, extended[1] // 2 :] += 1.2
     photographs = []
     for stack in stacks:
-        blur = Blur(stack, SHAPE)
+        blur = BlurOperator(stack, SHAPE)
         blur.focus(w)
         photographs.append((blur.blur(u) + 0.0015 * rng.standard_normal(SHAPE))[None])
     for text in ("20x(8+10)+5x20", "20x(20+20)+5x20"):
@@ -145,7 +145,7 @@ def memory(stacks: list, megapixels: float) -> None:  # type: ignore[type-arg]
     w[side // 2 :] = 5.0
     photographs = []
     for stack in stacks:
-        blur = Blur(stack, (side, side), np.float32)
+        blur = BlurOperator(stack, (side, side), np.float32)
         blur.focus(w)
         grey = blur.blur(u) + 0.0015 * rng.standard_normal((side, side)).astype(np.float32)
         photographs.append(np.stack([grey, 0.8 * grey, 0.6 * grey]))

@@ -17,7 +17,7 @@ import pytest
 
 from drivers.clock import Clock, SystemClock
 from drivers.folder_camera import FolderCamera
-from drivers.frames import Facts
+from drivers.frames import ExposureMetadata
 from drivers.gphoto import GphotoCamera
 from drivers.grbl import GrblStage
 from drivers.imu import FastImu, WitImu
@@ -153,7 +153,7 @@ def _variant(variant: str) -> Callable[..., GrblStage]:
 def _folder_camera(wire: Wire, clock: Clock, bench: SimulatedBench | None, folder: Path) -> FolderCamera:
     shutter = StrigShutter(wire("shutter", StrigParser), clock=clock)
     shutter.connect()
-    return FolderCamera(folder, shutter, lambda path: Facts(exposure_s=0.02), clock=clock)
+    return FolderCamera(folder, shutter, lambda path: ExposureMetadata(exposure_s=0.02), clock=clock)
 
 
 def _shaker(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> StrigShaker:
@@ -174,7 +174,7 @@ def _gphoto_camera(wire: Wire, clock: Clock, bench: SimulatedBench | None, folde
     shutter.connect()
     model, port = "Directory Browse", f"disk:{folder}"
     return GphotoCamera(
-        saved, lambda path: Facts(exposure_s=0.02), model=model, port=port, shutter=shutter, clock=clock
+        saved, lambda path: ExposureMetadata(exposure_s=0.02), model=model, port=port, shutter=shutter, clock=clock
     )
 
 

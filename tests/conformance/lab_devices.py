@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from drivers.alpaca.camera import AlpacaCamera, AlpacaCameraSettings
-from drivers.alpaca.link import AlpacaServer
+from drivers.alpaca.link import AlpacaAddress
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
 from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
 from drivers.frame_files.dng_folder import DngFolder
-from drivers.frames import Facts
+from drivers.frames import ExposureMetadata
 from drivers.genicam.camera import GenicamCamera, GenicamSettings
 from drivers.micromanager.camera import MicroManagerCamera
 from drivers.micromanager.core import Core
@@ -50,7 +50,7 @@ class Lab:
 
 
 def _frames(folder: Path) -> DngFolder:
-    return DngFolder(folder, lambda path: Facts(exposure_s=0.02))
+    return DngFolder(folder, lambda path: ExposureMetadata(exposure_s=0.02))
 
 
 @contextmanager
@@ -87,12 +87,12 @@ LABS: dict[str, Lab] = {
 }
 ALPACA: dict[str, Callable[[str, int, str, Path], Any]] = {
     "alpaca_stage": lambda server, number, home, _: AlpacaStage(
-        AlpacaServer(server), [AlpacaAxis("z_mm", number, home=home)]
+        AlpacaAddress(server), [AlpacaAxis("z_mm", number, home=home)]
     ),
     "alpaca_camera": lambda server, number, _, folder: AlpacaCamera(
-        AlpacaServer(server), number, _frames(folder), AlpacaCameraSettings(exposure_s=0.02)
+        AlpacaAddress(server), number, _frames(folder), AlpacaCameraSettings(exposure_s=0.02)
     ),
-    "alpaca_light": lambda server, number, *_: AlpacaLight(AlpacaSwitch(AlpacaServer(server), 0, number)),
-    "alpaca_shutter": lambda server, number, *_: AlpacaShutter(AlpacaSwitch(AlpacaServer(server), 0, number)),
+    "alpaca_light": lambda server, number, *_: AlpacaLight(AlpacaSwitch(AlpacaAddress(server), 0, number)),
+    "alpaca_shutter": lambda server, number, *_: AlpacaShutter(AlpacaSwitch(AlpacaAddress(server), 0, number)),
 }
 """Only at a real server: `--driver alpaca_stage --port 192.168.1.20:11111/0/Home`, the focuser and its action."""

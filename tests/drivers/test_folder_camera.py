@@ -4,7 +4,7 @@ import pytest
 
 from drivers.errors import EmergencyStopped, FrameMissing, FrameWrong, LineLost, NoAnswer
 from drivers.folder_camera import FolderCamera, Tether
-from drivers.frames import Facts, is_raw
+from drivers.frames import ExposureMetadata, is_raw
 from drivers.interfaces import CameraSettings
 from drivers.shutter import StrigParser, StrigShutter
 from drivers.transport import SerialTransport
@@ -13,7 +13,7 @@ from drivers.transport import SerialTransport
 def inspect(path):
     if not path.read_bytes().endswith(b"END"):
         raise ValueError("the end is missing")
-    return Facts(exposure_s=0.02, iso=100)
+    return ExposureMetadata(exposure_s=0.02, iso=100)
 
 
 @pytest.fixture
@@ -121,7 +121,9 @@ def test_a_third_of_a_stop_is_how_bodies_round(camera):
 def test_in_bulb_the_contact_is_held_for_the_exposure(bench, shutter):
     bench.body.settings.bulb = True
     tether = Tether(bulb=True)
-    camera = FolderCamera(bench.folder, shutter, lambda path: Facts(exposure_s=3.0), tether=tether, clock=bench.clock)
+    camera = FolderCamera(
+        bench.folder, shutter, lambda path: ExposureMetadata(exposure_s=3.0), tether=tether, clock=bench.clock
+    )
     camera.connect()
     camera.configure(CameraSettings(exposure_s=3.0))
     camera.expose()

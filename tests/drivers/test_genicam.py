@@ -14,7 +14,7 @@ from ..aravis_fake import IGNORED, fake_camera, require_aravis
 require_aravis(module=True)
 
 from drivers.errors import BadConfiguration, EmergencyStopped, FrameMissing, LineLost, Rejected  # noqa: E402
-from drivers.frame_files.dng_folder import DngFolder, Optics  # noqa: E402
+from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata  # noqa: E402
 from drivers.genicam.camera import GenicamCamera, GenicamSettings  # noqa: E402
 from drivers.interfaces import CameraSettings  # noqa: E402
 from procedures.raw import read_frame  # noqa: E402
@@ -80,7 +80,7 @@ def test_a_camera_that_is_not_there_reports_it(make):
     [("Mono8", {"Y"}, 255), ("Mono16", {"Y"}, 65535), ("BayerRG8", {"R", "G1", "G2", "B"}, 255)],
 )
 def test_a_frame_is_a_dng_with_its_exposure_record(make, name, planes, white):
-    optics = Optics(f_number=2.8, focal_length_mm=16.0, lens="Fixed 16", pixel_pitch_um=3.45)
+    optics = OpticsMetadata(f_number=2.8, focal_length_mm=16.0, lens="Fixed 16", pixel_pitch_um=3.45)
     camera = small(make(GenicamSettings(name, gain_db=1.0), optics))
     camera.configure(CameraSettings(exposure_s=0.0125))
     taken = camera.expose()

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from drivers.errors import BadConfiguration, DeviceError, FrameMissing, FrameWrong, LineLost, Rejected
-from drivers.frames import Facts
-from drivers.gphoto import GphotoCamera, Place, read_choice
+from drivers.frames import ExposureMetadata
+from drivers.gphoto import BodyFile, GphotoCamera, read_choice
 from drivers.interfaces import CameraSettings, ShutterTimes
 
 
@@ -51,7 +51,7 @@ def camera(body, tmp_path):
     saved.mkdir()
     camera = GphotoCamera(
         saved,
-        lambda path: Facts(exposure_s=0.02),
+        lambda path: ExposureMetadata(exposure_s=0.02),
         model="Directory Browse",
         port=f"disk:{body}",
         shutter=Writer(body),
@@ -69,7 +69,7 @@ def test_it_says_who_it_is(camera):
 
 def test_it_lists_raw_files_only(camera, body):
     (body / "notes.txt").write_text("no photograph")
-    assert camera.files() == [Place("/", "DSC_0000.NEF")]
+    assert camera.files() == [BodyFile("/", "DSC_0000.NEF")]
 
 
 def test_an_exposure_is_fetched_and_hashed(camera, body):
@@ -84,7 +84,7 @@ def test_ten_exposures_are_ten_files(camera):
 
 
 def test_a_name_that_is_taken_is_not_overwritten(camera):
-    place = Place("/", "DSC_0000.NEF")
+    place = BodyFile("/", "DSC_0000.NEF")
     assert camera.fetch(place).name == "DSC_0000.NEF"
     assert camera.fetch(place).name == "DSC_0000-1.NEF"
 
@@ -117,7 +117,7 @@ def test_a_body_that_cannot_be_triggered_is_reported(camera):
 
 
 def test_a_body_that_is_not_there_is_reported(tmp_path, body):
-    camera = GphotoCamera(tmp_path, lambda path: Facts(), model="Canon EOS 5D Mark IV", port="usb:")
+    camera = GphotoCamera(tmp_path, lambda path: ExposureMetadata(), model="Canon EOS 5D Mark IV", port="usb:")
     with pytest.raises(LineLost):
         camera.connect()
     with pytest.raises(LineLost, match="connect first"):
@@ -127,7 +127,7 @@ def test_a_body_that_is_not_there_is_reported(tmp_path, body):
 def test_without_the_library_it_says_how_to_get_it(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "gphoto2", None)
     with pytest.raises(BadConfiguration, match=r"pip install 'calibration-station\[tether\]'"):
-        GphotoCamera(tmp_path, lambda path: Facts()).connect()
+        GphotoCamera(tmp_path, lambda path: ExposureMetadata()).connect()
 
 
 class Talkative:
@@ -145,7 +145,7 @@ class Talkative:
         name = self.names.pop(0)
         if name == "complete":
             return self.gp.GP_EVENT_CAPTURE_COMPLETE, None
-        return self.gp.GP_EVENT_FILE_ADDED, Place("/store", name)
+        return self.gp.GP_EVENT_FILE_ADDED, BodyFile("/store", name)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ class Talkative:
 def test_the_raw_file_is_found_among_the_events(camera, names):
     # libgphoto2's folder camera reports no events: these are played
     camera._camera = Talkative(camera._gp, names)
-    assert camera._triggered() == Place("/store", "A.CR3")
+    assert camera._triggered() == BodyFile("/store", "A.CR3")
     camera._camera = None
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.imu import FastImu, Sample, WitImu, block_of
+from drivers.imu import FastImu, ImuSample, WitImu, block_of
 from drivers.protocols.imu import FastParser, WitParser
 from drivers.transport import SerialTransport
 
@@ -54,7 +54,7 @@ def test_a_wit_module_streams_unfiltered_and_with_its_time(wit, bench):
 
 
 def test_the_least_late_sample_sets_the_offset_of_the_clocks():
-    late = [Sample(float(t), t + 5.0 + delay, (0.0,) * 6) for t, delay in ((0, 0.3), (1, 0.1), (2, 0.2))]
+    late = [ImuSample(float(t), t + 5.0 + delay, (0.0,) * 6) for t, delay in ((0, 0.3), (1, 0.1), (2, 0.2))]
     block = block_of(late, 0)
     np.testing.assert_allclose(block.host_s, [5.1, 6.1, 7.1])
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from drivers.light import DmxLight, DmxParser, Panel
+from drivers.light import DmxLight, DmxParser, LampProperties
 from drivers.transport import SerialTransport
 
 
@@ -11,12 +11,12 @@ from drivers.transport import SerialTransport
 )
 def test_short_exposures_under_chopped_light_differ(pwm_hz, exposure_s, flickers):
     # at most one cycle more or less: 1 % of a hundred cycles
-    assert Panel(pwm_hz=pwm_hz).flickers(exposure_s) is flickers
+    assert LampProperties(pwm_hz=pwm_hz).flickers(exposure_s) is flickers
 
 
 def test_a_lamp_is_steady_after_its_warm_up(bench):
     wire = SerialTransport(bench.address("light"), DmxParser, clock=bench.clock)
-    light = DmxLight(wire, (1, 2), panel=Panel(warm_up_s=60.0), clock=bench.clock)
+    light = DmxLight(wire, (1, 2), panel=LampProperties(warm_up_s=60.0), clock=bench.clock)
     light.connect()
     light.set_level(0.5)
     assert not light.steady()

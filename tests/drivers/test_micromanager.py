@@ -19,7 +19,7 @@ from drivers.errors import (
     OutsideTravel,
     Rejected,
 )
-from drivers.frame_files.dng_folder import DngFolder, Optics
+from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
 from drivers.interfaces import CameraSettings
 from drivers.micromanager.camera import MicroManagerCamera
 from drivers.micromanager.core import Core
@@ -256,7 +256,7 @@ def test_a_configuration_that_does_not_load_is_reported_in_the_cores_words(tmp_p
 @pytest.fixture
 def camera(core, tmp_path):
     (tmp_path / "in").mkdir()
-    optics = Optics(f_number=4.0, focal_length_mm=25.0, pixel_pitch_um=3.45, black=100.0)
+    optics = OpticsMetadata(f_number=4.0, focal_length_mm=25.0, pixel_pitch_um=3.45, black=100.0)
     camera = MicroManagerCamera(core, "Cam", DngFolder(tmp_path / "in", inspect_raw, optics))
     camera.connect()
     yield camera

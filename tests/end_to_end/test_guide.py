@@ -147,7 +147,7 @@ def test_the_sharpest_focus_of_the_bracket_was_chosen(done):
 def test_the_psf_is_the_camera_s(done, again):
     (result,) = (event for event in done.heard if isinstance(event, Result))
     assert result.verdict is Verdict.PASS
-    found = again.computed.planes["G1"].found
+    found = again.computed.planes["G1"].estimate
     assert found.chance > 1e-4
     taken, psf = done.view.taken[-1], found.shots[0].psf
     true = taken.true_psf("G1", psf.s, psf.k)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import DeviceError
-from drivers.frames import Facts
+from drivers.frames import ExposureMetadata
 from simulators.bench.bench import Setup, SimulatedBench, random_trouble
 from station.bench.opening import make_bench, simulated_tables
 
@@ -45,7 +45,7 @@ def inspect(path):
     data = path.read_bytes()
     if hashlib.sha256(data[32:]).digest() != data[:32]:
         raise ValueError("the file is damaged")
-    return Facts(exposure_s=0.02)
+    return ExposureMetadata(exposure_s=0.02)
 
 
 class Scenario:

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.slow
 def done(tmp_path_factory):
     walked = walk("two-photo", 3, "plain", tmp_path_factory.mktemp("two-photo"))
     state = read_session(walked.folder).state
-    found = compute(walked.folder, state, plan_named("two-photo")).planes["G1"].found
+    found = compute(walked.folder, state, plan_named("two-photo")).planes["G1"].estimate
     return SimpleNamespace(walked=walked, view=walked.view, state=state, found=found)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics.compiled import compiled, vectorised
-from procedures.numerics.spatial_bins import Field, LayoutRules
+from procedures.numerics.spatial_bins import BinnedSaddles, LayoutRules
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -17,7 +17,7 @@ FAR = 1e9
 
 
 @compiled
-def bins_within(field: Field, place: complex, reach: float) -> tuple[int, int, int, int]:
+def bins_within(field: BinnedSaddles, place: complex, reach: float) -> tuple[int, int, int, int]:
     """First and last row, first and last column of bins within `reach` of a place; last < first for none."""
     if not (abs(place) < FAR):
         return 0, -1, 0, -1
@@ -31,7 +31,7 @@ def bins_within(field: Field, place: complex, reach: float) -> tuple[int, int, i
 
 
 @compiled
-def alike(field: Field, i: int, j: int, rules: LayoutRules) -> bool:
+def alike(field: BinnedSaddles, i: int, j: int, rules: LayoutRules) -> bool:
     """Whether two saddles have nearly the same axis, and merits within a ratio."""
     a, b = field.merits[i], field.merits[j]
     cosine = (field.axes[i] * field.axes[j].conjugate()).real
@@ -39,21 +39,21 @@ def alike(field: Field, i: int, j: int, rules: LayoutRules) -> bool:
 
 
 @compiled
-def nearest(field: Field, place: complex, reach: float, like: int, rules: LayoutRules) -> int:
+def nearest(field: BinnedSaddles, place: complex, reach: float, like: int, rules: LayoutRules) -> int:
     """Nearest saddle within reach of a place that is similar to a given one; -1 for none."""
-    best, found = reach * reach, -1
+    best, index = reach * reach, -1
     top, bottom, first, last = bins_within(field, place, reach)
     for row in range(top, bottom + 1):
         for n in range(field.starts[row * field.columns + first], field.starts[row * field.columns + last + 1]):
             d = field.points[n] - place
             distance = d.real * d.real + d.imag * d.imag
             if distance <= best and alike(field, n, like, rules):
-                best, found = distance, n
-    return found
+                best, index = distance, n
+    return index
 
 
 @compiled
-def all_nearest(field: Field, places: Complex, reaches: Array, likes: Indices, rules: LayoutRules) -> Indices:
+def all_nearest(field: BinnedSaddles, places: Complex, reaches: Array, likes: Indices, rules: LayoutRules) -> Indices:
     """`nearest` for places (n, m), with reaches (n,) and similar to the saddles of indices (n,)."""
     out = np.empty(places.shape, np.int64)
     for i in range(places.shape[0]):
@@ -63,7 +63,7 @@ def all_nearest(field: Field, places: Complex, reaches: Array, likes: Indices, r
 
 
 @compiled
-def non_maximum_suppression(field: Field, radius: float, same_axis: float) -> npt.NDArray[np.bool_]:
+def non_maximum_suppression(field: BinnedSaddles, radius: float, same_axis: float) -> npt.NDArray[np.bool_]:
     """Mask of the saddles with no better one of similar axis within a radius; the last of equal ones."""
     alone = np.empty(len(field.points), np.bool_)
     for i in range(len(field.points)):
@@ -79,7 +79,7 @@ def non_maximum_suppression(field: Field, radius: float, same_axis: float) -> np
 
 
 @compiled
-def _is_step(field: Field, i: int, j: int, rules: LayoutRules) -> bool:
+def _is_step(field: BinnedSaddles, i: int, j: int, rules: LayoutRules) -> bool:
     """Whether two similar saddles lie one lattice step apart, parallel or perpendicular to their axis."""
     d = field.points[j] - field.points[i]
     square = d.real * d.real + d.imag * d.imag
@@ -92,7 +92,9 @@ def _is_step(field: Field, i: int, j: int, rules: LayoutRules) -> bool:
 
 
 @vectorised
-def _may_be_steps(field: Field, i: int, first: int, last: int, rules: LayoutRules, fit: npt.NDArray[np.bool_]) -> None:
+def _may_be_steps(
+    field: BinnedSaddles, i: int, first: int, last: int, rules: LayoutRules, fit: npt.NDArray[np.bool_]
+) -> None:
     """Mask of the saddles in a range that are similar to one, a lattice step away and not backwards.
 
     A vectorised pre-test of `_is_step` without the direction. Each line is tested in one direction, or in both where it
@@ -114,7 +116,7 @@ def _may_be_steps(field: Field, i: int, first: int, last: int, rules: LayoutRule
 
 
 @compiled
-def _is_free(field: Field, i: int, j: int, rules: LayoutRules) -> bool:
+def _is_free(field: BinnedSaddles, i: int, j: int, rules: LayoutRules) -> bool:
     """Whether no similar saddle lies midway between two."""
     a, b = field.points[i], field.points[j]
     return nearest(field, (a + b) / 2, rules.middle_radius * abs(a - b), i, rules) < 0
@@ -131,7 +133,7 @@ def _double_capacity(triples: Indices) -> Indices:
 
 
 @compiled
-def collinear_triples(field: Field, rules: LayoutRules) -> Indices:
+def collinear_triples(field: BinnedSaddles, rules: LayoutRules) -> Indices:
     """Triples (n, 3) of similar saddles, equally spaced on a line, in one or both directions."""
     out = np.empty((1024, 3), np.int64)
     count = 0
@@ -161,7 +163,7 @@ def collinear_triples(field: Field, rules: LayoutRules) -> Indices:
 
 
 @compiled
-def square_sides(field: Field, triples: Indices, rules: LayoutRules) -> Indices:
+def square_sides(field: BinnedSaddles, triples: Indices, rules: LayoutRules) -> Indices:
     """Hypotheses that triples start at s = 0 or 1 of the side t = 0, with the chart on one side of it or the other.
 
     Returns the hits (n, 12) in the order of RIM, -1 for none, of the hypotheses with enough of the five nearest other
@@ -187,16 +189,16 @@ def square_sides(field: Field, triples: Indices, rules: LayoutRules) -> Indices:
             hits = out[count]
             for m in range(12):
                 hits[m] = -1
-            found = 0
+            matches = 0
             for t in range(1, 3):
                 for s in range(0, 4, 3):
                     place = 4 + 2 * (t - 1) + s // 3  # of (s, t) in RIM
                     hits[place] = nearest(field, origin + s * u + t * v, near, j, rules)
-                    found += hits[place] >= 0
-            if found == 0:
+                    matches += hits[place] >= 0
+            if matches == 0:
                 continue
             hits[3 - 3 * first] = nearest(field, origin + (3 - 3 * first) * u, near, j, rules)
-            found += hits[3 - 3 * first] >= 0
+            matches += hits[3 - 3 * first] >= 0
             hits[first], hits[first + 1], hits[first + 2] = i, j, k
-            count += found >= least
+            count += matches >= least
     return out[:count]

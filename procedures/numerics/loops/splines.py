@@ -116,12 +116,12 @@ def read_spline(
 
 
 @vectorised
-def folded_product(seen: npt.NDArray[np.complex64], spectrum: Array32, s: int) -> npt.NDArray[np.complex64]:
+def folded_product(transform: npt.NDArray[np.complex64], spectrum: Array32, s: int) -> npt.NDArray[np.complex64]:
     """The product (rows, c) of two half planes, its s bands of rows / s added: (rows / s, c)."""
-    rows = len(seen) // s
-    out = np.zeros((rows, seen.shape[1]), np.complex64)
-    for i in range(len(seen)):
-        total, values, factors = out[i % rows], seen[i], spectrum[i]
+    rows = len(transform) // s
+    out = np.zeros((rows, transform.shape[1]), np.complex64)
+    for i in range(len(transform)):
+        total, values, factors = out[i % rows], transform[i], spectrum[i]
         for j in range(len(values)):
             total[j] += values[j] * factors[j]
     return out

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics import loops
-from procedures.numerics.spatial_bins import Field, LayoutRules, field_of
+from procedures.numerics.spatial_bins import BinnedSaddles, LayoutRules, field_of
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.chart_finding.marks import SAME_AXIS, Saddles
 
@@ -71,7 +71,7 @@ class Layouts:
     hits: npt.NDArray[np.bool_]
 
 
-def _strongest(field: Field, triples: Indices) -> Indices:
+def _strongest(field: BinnedSaddles, triples: Indices) -> Indices:
     """The strongest triples, at most MOST_TRIPLES."""
     if len(triples) <= MAX_TRIPLES:
         return triples
@@ -79,7 +79,7 @@ def _strongest(field: Field, triples: Indices) -> Indices:
     return triples[np.argpartition(-strengths, MAX_TRIPLES)[:MAX_TRIPLES]]
 
 
-def _normalised(field: Field, hits: Indices) -> tuple[Complex, Complex, Array]:
+def _normalised(field: BinnedSaddles, hits: Indices) -> tuple[Complex, Complex, Array]:
     """Hits (n, 12) normalised by their means and spreads, 0 for none; the means and the spreads, (n, 1)."""
     present = hits >= 0
     z = np.where(present, field.points[hits], 0)
@@ -90,7 +90,7 @@ def _normalised(field: Field, hits: Indices) -> tuple[Complex, Complex, Array]:
     return z / spread, mean, spread
 
 
-def _affine(field: Field, hits: Indices) -> Array:
+def _affine(field: BinnedSaddles, hits: Indices) -> Array:
     """Affine maps (n, 3, 3) from lattice to pixels, fitted to hits."""
     z, mean, spread = _normalised(field, hits)
     design = np.column_stack([RIM, np.ones(len(RIM))])
@@ -102,7 +102,7 @@ def _affine(field: Field, hits: Indices) -> Array:
     return np.stack([c.real, c.imag, bottom], axis=1)
 
 
-def _projective(field: Field, hits: Indices) -> Array:
+def _projective(field: BinnedSaddles, hits: Indices) -> Array:
     """Homographies (n, 3, 3) from lattice to pixels, fitted to hits linearly in centred coordinates."""
     z, mean, spread = _normalised(field, hits)
     p = np.column_stack([RIM - 1.5, np.ones(len(RIM))])
@@ -132,7 +132,7 @@ def _mapped(maps: Array, lattice: Array) -> Complex:
     return out
 
 
-def _gather(field: Field, hits: Indices, maps: Array, reach: float) -> Indices:
+def _gather(field: BinnedSaddles, hits: Indices, maps: Array, reach: float) -> Indices:
     """Hits nearest to mapped lattices within `reach` steps, for those with enough hits and an empty interior."""
     predicted, inner = _mapped(maps, RIM), _mapped(maps, INSIDE)
     step = np.abs(predicted[:, 3] - predicted[:, 0]) / 3
@@ -146,12 +146,12 @@ def _gather(field: Field, hits: Indices, maps: Array, reach: float) -> Indices:
     predicted, inner, step, like = predicted[good], inner[good], step[good], like[good]
     lattice = (loops.all_nearest(field, inner, PROJECTIVE * step, like, RULES) >= 0).sum(axis=1) >= MOST_INSIDE
     predicted, step, like = predicted[~lattice], step[~lattice], like[~lattice]
-    found = loops.all_nearest(field, predicted, reach * step, like, RULES)
-    enough: Indices = found[(found >= 0).sum(axis=1) >= MIN_HITS]
+    neighbours = loops.all_nearest(field, predicted, reach * step, like, RULES)
+    enough: Indices = neighbours[(neighbours >= 0).sum(axis=1) >= MIN_HITS]
     return enough
 
 
-def _distinct(field: Field, hits: Indices) -> Indices:
+def _distinct(field: BinnedSaddles, hits: Indices) -> Indices:
     """Remove duplicates, and keep at most MOST, those with the most hits and the strongest first."""
     _, first = np.unique(np.sort(hits, axis=1), axis=0, return_index=True)
     hits = hits[first]

@@ -17,7 +17,7 @@ from procedures.pattern import CELLS, DEFAULT_SEED
 from procedures.pattern_psf.chart_finding.detection import ChartSighting
 from procedures.pattern_psf.distance.ranging import LASER_REACH_MM, MIN_DIFFERENCE
 from procedures.pattern_psf.facts import PatternFacts, RangeLook, chart_of
-from procedures.pattern_psf.pose import Optics
+from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Advice
 from procedures.raw import Exposure, Plane
 from procedures.reading.exposure import TYPED, disagreements
@@ -57,7 +57,9 @@ def measured_scale(looks: Sequence[RangeLook]) -> tuple[float, str] | None:
     return None
 
 
-def size_contradiction(look: RangeLook, optics: Optics, known: PatternFacts, exposure: Exposure) -> Advice | None:
+def size_contradiction(
+    look: RangeLook, optics: ImagingGeometry, known: PatternFacts, exposure: Exposure
+) -> Advice | None:
     """Advice on typed numbers that contradict laser, rail or tape, with consistent values; None where none does."""
     suspects = _suspects(known, exposure)
     if known.insisted.issuperset(suspects):

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from procedures.pattern_psf.facts import LOOKS, PatternFacts, RangeLook
-from procedures.pattern_psf.pose import Optics
+from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Fact, Facts, Reading
 
 LASER_REACH_MM = 300.0
@@ -22,7 +22,7 @@ def look_now(px_per_cell: float, known: PatternFacts) -> RangeLook:
     return RangeLook(px_per_cell, known.distance_mm, None if rail is None else rail.at)
 
 
-def range_facts(look: RangeLook, optics: Optics, known: PatternFacts) -> dict[str, Fact]:
+def range_facts(look: RangeLook, optics: ImagingGeometry, known: PatternFacts) -> dict[str, Fact]:
     """Facts of this observation; with a laser also its offset from the lens, by this observation and earlier ones.
 
     With unchanged focus the image distance is F pixels, whatever the distance z: px = F cell / z, and the laser reads

@@ -59,7 +59,7 @@ def f_number_of_tails(psfs: Sequence[tuple[PatternPsf, Diffraction]]) -> Quantit
 
     Parameters
     ----------
-    found : PSFs whose far tail was fitted without any f-number, each with its plane's pitch and wavelength
+    psfs : PSFs whose far tail was fitted without any f-number, each with its plane's pitch and wavelength
 
     Returns
     -------

@@ -25,7 +25,7 @@ NODES = 200
 
 
 @dataclass(frozen=True)
-class View:
+class NoiseRegionView:
     """Square view of the noise region.
 
     Attributes
@@ -44,7 +44,7 @@ class View:
     bound: float
 
 
-def gamma_curve(s: int, k: int, ratios: tuple[float, ...] = RATIOS) -> tuple[View, ...]:
+def gamma_curve(s: int, k: int, ratios: tuple[float, ...] = RATIOS) -> tuple[NoiseRegionView, ...]:
     """Expected gamma over s/t for random cells and the whole noise region, where its pixels determine the PSF.
 
     That of a single chart differs by a few per cent, most at the far end.
@@ -54,7 +54,7 @@ def gamma_curve(s: int, k: int, ratios: tuple[float, ...] = RATIOS) -> tuple[Vie
         pixels = int(CELLS * ratio / s + 1e-9)
         if pixels > 1.2 * k:
             m = pixels**2
-            views.append(View(ratio, pixels, expected_gamma(ratio, k, m), gamma_bound(m, k * k)))
+            views.append(NoiseRegionView(ratio, pixels, expected_gamma(ratio, k, m), gamma_bound(m, k * k)))
     return tuple(views)
 
 

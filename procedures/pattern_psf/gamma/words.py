@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from procedures.pattern_psf.gamma.curve import View, gamma_curve
-from procedures.pattern_psf.pose import Optics
+from procedures.pattern_psf.gamma.curve import NoiseRegionView, gamma_curve
+from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Diagram
 from procedures.quality import Diffraction
 
@@ -15,7 +15,9 @@ COMPARED_RATIOS = (0.7, 1.0)
 """Values of s/t with which the target is compared."""
 
 
-def gamma_diagram(optics: Optics, s: int, k: int, aim: float, diffraction: Diffraction | None = None) -> Diagram:
+def gamma_diagram(
+    optics: ImagingGeometry, s: int, k: int, aim: float, diffraction: Diffraction | None = None
+) -> Diagram:
     """Diagram of gamma for a lens and a print, with the corresponding distances.
 
     Parameters
@@ -38,7 +40,7 @@ def gamma_diagram(optics: Optics, s: int, k: int, aim: float, diffraction: Diffr
     return Diagram(f"gamma over s/t, s = {s}, k = {k}", x, y, " ".join(sentences), rows)
 
 
-def _row(view: View, optics: Optics, s: int) -> tuple[str, ...]:
+def _row(view: NoiseRegionView, optics: ImagingGeometry, s: int) -> tuple[str, ...]:
     return (
         f"{view.s_over_t:.1f}",
         _distance(optics, view.s_over_t, s),
@@ -49,7 +51,7 @@ def _row(view: View, optics: Optics, s: int) -> tuple[str, ...]:
     )
 
 
-def _comparison(curve: Sequence[View], optics: Optics, s: int, k: int, aim: float) -> str:
+def _comparison(curve: Sequence[NoiseRegionView], optics: ImagingGeometry, s: int, k: int, aim: float) -> str:
     """Sentence on gamma at the target and at other distances."""
     (best,) = gamma_curve(s, k, (aim,))
     comparisons = (
@@ -81,5 +83,5 @@ def _raised(s: int, k: int, aim: float) -> str:
     )
 
 
-def _distance(optics: Optics, s_over_t: float, s: int) -> str:
+def _distance(optics: ImagingGeometry, s_over_t: float, s: int) -> str:
     return f"{optics.distance_mm(s_over_t / s) / 1000:.2f} m"

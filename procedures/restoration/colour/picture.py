@@ -13,7 +13,7 @@ from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.priors import differences, steps_allowed, total_variation
 from procedures.restoration.joint.schedule import DEPTH_SLOPE
-from procedures.restoration.masks.blur_operator import Array, Blur, FieldBlur
+from procedures.restoration.masks.blur_operator import Array, BlurOperator, FieldBlur
 
 CHROMA = 5.0
 """Weight of differences of colour relative to differences of lightness."""
@@ -37,7 +37,7 @@ class MosaicTerm(DataTerm):
     z : (P, 3, H, W) balanced samples, red, green, blue; trust : (P, 3, H, W) weights, 0 where not sampled.
     """
 
-    def __init__(self, z: Array, blurs: list[Blur | FieldBlur], trust: Array) -> None:
+    def __init__(self, z: Array, blurs: list[BlurOperator | FieldBlur], trust: Array) -> None:
         super().__init__(z, blurs, trust)
         self._unmix = np.linalg.inv(mixing()).astype(z.dtype)
 

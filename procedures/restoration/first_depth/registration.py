@@ -131,7 +131,7 @@ def _valley(cost: Array) -> tuple[Array, float]:
 
 
 @dataclass(frozen=True)
-class Registration:
+class PhotographRegistration:
     """Photographs (P, C, H, W) and trust (P, 1, H, W) registered to the first, and the corrections.
 
     shifts : (P, 2) x, y relative to the first, pixels; light : (P,) relative to the first; turns, zooms : (P,) radians
@@ -146,7 +146,7 @@ class Registration:
     zooms: Array
 
 
-def register(z: Array, trust: Array, stacks: Sequence[Masks]) -> Registration:
+def register(z: Array, trust: Array, stacks: Sequence[Masks]) -> PhotographRegistration:
     """Register photographs to the first, and correct rotation, zoom, shift and light.
 
     z : (P, C, H, W); trust : (P, 1, H, W).
@@ -176,7 +176,7 @@ def register(z: Array, trust: Array, stacks: Sequence[Masks]) -> Registration:
         if more.significant():
             light[n] = more.factor
             z[n] /= more.factor
-    return Registration(z, trust, shifts, light, turns, zooms)
+    return PhotographRegistration(z, trust, shifts, light, turns, zooms)
 
 
 def similarities(z: Array, stacks: Sequence[Masks]) -> list[Similarity]:
@@ -191,7 +191,7 @@ def _similarity(costs: Costs, shape: tuple[int, ...]) -> Similarity:
 
 
 @dataclass(frozen=True)
-class Light:
+class RelativeLight:
     """Light of one photograph relative to another.
 
     residual, residual_of_curve : root mean square over contrast, after fitting a factor, and after fitting a parabola;
@@ -212,7 +212,7 @@ class Light:
         return 1 / ANY_LIGHT < self.factor < ANY_LIGHT and self.residual < AGREE
 
 
-def check_tone(n: int, light: Light) -> None:
+def check_tone(n: int, light: RelativeLight) -> None:
     """Refuse a photograph that is not linear relative to the first.
 
     Raises Refused if a curve explains much more than a factor.
@@ -225,7 +225,7 @@ def check_tone(n: int, light: Light) -> None:
         )
 
 
-def relative_light(z: Array, stacks: Sequence[Masks], trust: Array | None = None) -> Light:
+def relative_light(z: Array, stacks: Sequence[Masks], trust: Array | None = None) -> RelativeLight:
     """Light of photograph z[1] relative to z[0]: from z1 * h2 and z2 * h1 at the best depth.
 
     trust : (2, 1, H, W), 0 for samples to be excluded, as are all that their light reaches
@@ -246,13 +246,13 @@ def relative_light(z: Array, stacks: Sequence[Masks], trust: Array | None = None
     return _light(*min(tried, key=lambda level: level[0])[1:])
 
 
-def _light(a: Array, b: Array) -> Light:
+def _light(a: Array, b: Array) -> RelativeLight:
     constant, slope, bend = _curve(a, b)
     low, high = np.percentile(a, (2, 98))
     curvature = bend * (high - low) / max(abs(slope + bend * (high + low)), 1e-9)
     contrast = max(float(b.std()), 1e-9)
     residual, of_curve = (float(np.sqrt(_residual(a, b, degree))) / contrast for degree in (1, 2))
-    return Light(_factor(a, b), residual, of_curve, float(curvature), constant / max(float(b.mean()), 1e-9))
+    return RelativeLight(_factor(a, b), residual, of_curve, float(curvature), constant / max(float(b.mean()), 1e-9))
 
 
 def _residual(a: Array, b: Array, degree: int) -> float:

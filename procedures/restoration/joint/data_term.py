@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procedures.restoration.masks.array_loops import add_diffusion, advance, turn
-from procedures.restoration.masks.blur_operator import Array, Blur, FieldBlur
+from procedures.restoration.masks.blur_operator import Array, BlurOperator, FieldBlur
 
-AnyBlur = Blur | FieldBlur
+AnyBlur = BlurOperator | FieldBlur
 
 
 class DataTerm:

@@ -143,7 +143,7 @@ def restoration_of(
         p.scheme.rounds, p.image_weight, p.depth_weight, not p.depth_total_variation, p.least_image_weight
     )
     data, other = joint_descent.problem_of(z, fields, trust, p.dtype, MaskField.blur)
-    problem = joint_descent.Problem(
+    problem = joint_descent.JointProblem(
         data,
         other,
         p.scheme,
@@ -169,7 +169,7 @@ def _restoration(
     data: DataTerm,
     state: joint_descent.DescentState,
     start: initial_depth.DepthStart,
-    registered: registration.Registration,
+    registered: registration.PhotographRegistration,
     saturated: float,
     p: RestorationParameters,
 ) -> Restoration:

@@ -36,7 +36,7 @@ from procedures.restoration.joint.schedule import (
     Statistics,
     openings,
 )
-from procedures.restoration.masks.blur_operator import Array, Blur
+from procedures.restoration.masks.blur_operator import Array, BlurOperator
 
 CONTRAST = 0.013
 """Mean squared gradient of textured scenes, white = 1: assumed until a picture is restored."""
@@ -79,7 +79,7 @@ class DescentState:
 
 
 @dataclass(frozen=True)
-class Problem:
+class JointProblem:
     """Photographs with their blurs, twice (two depths at once are needed at edges), and parameters.
 
     reach : pixels about a depth edge within which the first depth is unreliable; misfit : (H', W'), where it did not
@@ -100,7 +100,7 @@ class Problem:
 
 
 def problem_of(
-    z: Array, stacks: list[Any], trust: Array, dtype: type[np.floating[Any]], blur: Callable[..., Any] = Blur
+    z: Array, stacks: list[Any], trust: Array, dtype: type[np.floating[Any]], blur: Callable[..., Any] = BlurOperator
 ) -> tuple[DataTerm, DataTerm]:
     """Two copies of the data term in one precision. z : (P, C, H, W); trust : (P, 1, H, W)."""
     shape = (z.shape[2], z.shape[3])
@@ -108,7 +108,7 @@ def problem_of(
     return one, two
 
 
-def begin(problem: Problem, w: Array) -> DescentState:
+def begin(problem: JointProblem, w: Array) -> DescentState:
     """The initial state at a first depth w (H, W): extended beyond the frame, with a smooth picture."""
     data = problem.data
     R, dtype = data.R, data.z.dtype
@@ -120,7 +120,7 @@ def begin(problem: Problem, w: Array) -> DescentState:
     return DescentState(0, restore_picture(data, u, weight, 15), wide, statistics)
 
 
-def cost(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> tuple[float, float]:
+def cost(problem: JointProblem, u: Array, w: Array, weights: PriorWeights) -> tuple[float, float]:
     """Cost (6.1) and robust root mean square residual of a pair; leaves the data term focused on w."""
     problem.data.focus(w)
     e = problem.data.residual(u)
@@ -130,7 +130,7 @@ def cost(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> tuple[f
     return 0.5 * float(np.sum(e**2)) + prior, float(np.median(np.abs(e)) / 0.6745)
 
 
-def _diffusion(problem: Problem, u: Array) -> tuple[Array | float, Array | float]:
+def _diffusion(problem: JointProblem, u: Array) -> tuple[Array | float, Array | float]:
     """Weights of the picture prior: 1 for Tikhonov, 1 / |grad u| scaled to the same mean for total variation."""
     if not problem.total_variation:
         return 1.0, 1.0
@@ -140,7 +140,7 @@ def _diffusion(problem: Problem, u: Array) -> tuple[Array | float, Array | float
 
 
 def _edges(
-    problem: Problem, e: Array | None, w: Array, weights: PriorWeights, labels: Labels | None
+    problem: JointProblem, e: Array | None, w: Array, weights: PriorWeights, labels: Labels | None
 ) -> tuple[Array, Array]:
     """Weights of the depth prior: 0 between segments, and smaller where w is steep.
 
@@ -157,13 +157,13 @@ def _edges(
     return down * same_down, across * same_across
 
 
-def rounds(problem: Problem, state: DescentState) -> Iterator[DescentState]:
+def rounds(problem: JointProblem, state: DescentState) -> Iterator[DescentState]:
     """States after each further round, up to the number of the scheme."""
     while state.n < problem.scheme.rounds:
         yield (state := one_round(problem, state))
 
 
-def one_round(problem: Problem, state: DescentState) -> DescentState:
+def one_round(problem: JointProblem, state: DescentState) -> DescentState:
     """The state after one more round: its opening, then a joint step."""
     start = time.perf_counter()
     weights = problem.schedule.at(state.n, state.statistics)
@@ -185,7 +185,7 @@ def one_round(problem: Problem, state: DescentState) -> DescentState:
 
 
 def _joint(
-    problem: Problem, u: Array, w: Array, labels: Labels | None, weights: PriorWeights, converged: bool = True
+    problem: JointProblem, u: Array, w: Array, labels: Labels | None, weights: PriorWeights, converged: bool = True
 ) -> tuple[Array, Array]:
     """Picture and depth after one joint Gauss-Newton step.
 
@@ -197,7 +197,7 @@ def _joint(
     return joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u), edges)
 
 
-def _restarted(problem: Problem, state: DescentState, weights: PriorWeights) -> tuple[Array, Array, Labels]:
+def _restarted(problem: JointProblem, state: DescentState, weights: PriorWeights) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments after some joint steps, with unexplained regions restarted."""
 
     def onward(pair: RegionAttempt) -> RegionAttempt:
@@ -213,7 +213,7 @@ def _restarted(problem: Problem, state: DescentState, weights: PriorWeights) -> 
 
 
 def _edges_localised(
-    problem: Problem, state: DescentState, step: PlaceEdges, weights: PriorWeights
+    problem: JointProblem, state: DescentState, step: PlaceEdges, weights: PriorWeights
 ) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments with localised depth edges, over a wide or a narrow band."""
     reach, doubt = (step.reach, step.doubt) if step.reach is not None else (problem.reach, problem.reach - 1)
@@ -226,7 +226,7 @@ def _edges_localised(
     return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, step.decided, problem.edges)
 
 
-def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> Statistics:
+def _statistics(problem: JointProblem, u: Array, w: Array, weights: PriorWeights) -> Statistics:
     """Noise and contrast estimated from residual and picture of a round. The data term is focused on w.
 
     The noise is limited to 1.5 times the first estimate, which no picture at any depth explains: that includes errors
@@ -243,7 +243,7 @@ def _statistics(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> 
 
 
 def picture_alone(
-    problem: Problem, state: DescentState, progress: Callable[[JointRound], None] | None = None
+    problem: JointProblem, state: DescentState, progress: Callable[[JointRound], None] | None = None
 ) -> DescentState:
     """The state of a scene of known w: alternating picture and statistics, then the final picture."""
     for _ in range(4):
@@ -257,7 +257,7 @@ def picture_alone(
     return done
 
 
-def finish(problem: Problem, state: DescentState) -> DescentState:
+def finish(problem: JointProblem, state: DescentState) -> DescentState:
     """The picture alone at the final depth, with the final weight: N_TV times N_u iterations."""
     start = time.perf_counter()
     weights = problem.schedule.final(state.statistics)
@@ -270,7 +270,9 @@ def finish(problem: Problem, state: DescentState) -> DescentState:
     return replace(state, u=u, history=(*state.history, done))
 
 
-def run(problem: Problem, state: DescentState, progress: Callable[[JointRound], None] | None = None) -> DescentState:
+def run(
+    problem: JointProblem, state: DescentState, progress: Callable[[JointRound], None] | None = None
+) -> DescentState:
     """All remaining rounds and the final picture, from the best pair."""
     best = last = state
     for last in rounds(problem, state):

@@ -22,7 +22,7 @@ OVER_FRAME = 3.5
 with a mask rotated by 20 degrees or the two masks exchanged, 4 for a disc of 33 pixels that moved by 3, 5 to 26 for
 discs that moved farther."""
 OVER_NOISE, OF_CONTRAST = 2.5, 0.25
-"""The same over the noise, and over the photographs' contrast: 0.25 to 0.5 with such masks, 0.33 to 2 for the discs."""
+"""Thresholds over noise and over the photographs' contrast: 0.25 to 0.5 with such masks, 0.33 to 2 for the discs."""
 LEAST_PART = 60
 """Smallest number of pixels of a moved part."""
 

@@ -26,7 +26,7 @@ LEAST_STEP = 0.3
 """Change of w over that reach, pixels. With 0.3 and 0.5 pixels, 0.6 to 1.0 and 0.1 to 1.0 of the pixels that are wrong
 by 0.3 pixels and three standard deviations are marked."""
 STEEP = 0.55
-"""That change relative to the one over twice the reach: a half for a slope, 1 for an edge."""
+"""Change relative to the change over twice the reach: a half for a slope, 1 for an edge."""
 PICTURE = 1.7
 """Factor of the picture's error there over the estimate from noise and residual: 1.1 to 2.4."""
 

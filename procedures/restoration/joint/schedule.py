@@ -74,7 +74,7 @@ class RestartRegions:
 
 
 Opening = PlaceEdges | RestartRegions | None
-"""What precedes the joint step of a round."""
+"""Preparation of the joint step of a round."""
 FAR = PlaceEdges("steps far", decided=1.0, softness=1e-3)
 BETWEEN = PlaceEdges("steps far, between", decided=1.0, layers=2, softness=1e-3)
 NEAR = PlaceEdges("steps near", reach=5, doubt=2)

@@ -66,7 +66,7 @@ class MaskStack:
         return np.maximum.accumulate(farthest).astype(np.int32)
 
 
-class Blur:
+class BlurOperator:
     """One photograph's masks, focused on a depth map, applied to any number of channels.
 
     Parameters
@@ -89,9 +89,9 @@ class Blur:
         self._photograph = self._errors[2 * R : 2 * R + shape[0], left : left + shape[1]]
         self.focus(np.zeros(self.extended, dtype))
 
-    def windowed(self, y: slice, x: slice) -> Blur:
+    def windowed(self, y: slice, x: slice) -> BlurOperator:
         """The blur of a part of the photograph, not focused yet."""
-        return Blur(self.stack, (y.stop - y.start, x.stop - x.start), self.dtype)
+        return BlurOperator(self.stack, (y.stop - y.start, x.stop - x.start), self.dtype)
 
     def focus(self, w: Array, active: NDArray[np.bool_] | None = None) -> None:
         """Set w, pixels, as the depth; values outside the stack are clipped to it.
@@ -155,7 +155,7 @@ class Blur:
 class FieldBlur:
     """A blur whose masks also vary over the frame: stacks on a grid of positions, blended bilinearly.
 
-    Same methods as `Blur`. Each node acts on its neighbourhood only.
+    Same methods as `BlurOperator`. Each node acts on its neighbourhood only.
 
     Parameters
     ----------
@@ -189,12 +189,12 @@ class FieldBlur:
         part._lay(self._rows[:, y.start : y.stop + 2 * R], self._columns[:, x.start : x.stop + 2 * R])
         return part
 
-    def _node(self, stack: MaskStack, row: Array, column: Array) -> tuple[Blur, Array, slice, slice]:
+    def _node(self, stack: MaskStack, row: Array, column: Array) -> tuple[BlurOperator, Array, slice, slice]:
         R = stack.R
         y0, y1 = _reach(row, R, self.shape[0])
         x0, x1 = _reach(column, R, self.shape[1])
         window = np.outer(row[y0 : y1 + 2 * R], column[x0 : x1 + 2 * R]).astype(self.dtype)
-        return Blur(stack, (y1 - y0, x1 - x0), self.dtype), window, slice(y0, y1), slice(x0, x1)
+        return BlurOperator(stack, (y1 - y0, x1 - x0), self.dtype), window, slice(y0, y1), slice(x0, x1)
 
     def _around(self, y: slice, x: slice) -> Any:
         R = self.stack.R

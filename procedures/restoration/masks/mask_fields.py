@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from procedures.outcome import BadParameter
-from procedures.restoration.masks.blur_operator import Array, Blur, FieldBlur, MaskStack, hats
+from procedures.restoration.masks.blur_operator import Array, BlurOperator, FieldBlur, MaskStack, hats
 
 P = ParamSpec("P")
 WINDOW = 10
@@ -100,10 +100,10 @@ class MaskField:
             )
         return MaskField(((self.middle,) * grid[1],) * grid[0])
 
-    def blur(self, shape: tuple[int, int], dtype: type[np.floating[Any]]) -> Blur | FieldBlur:
+    def blur(self, shape: tuple[int, int], dtype: type[np.floating[Any]]) -> BlurOperator | FieldBlur:
         """The operator on photographs (H, W) of that shape."""
         if self.grid == (1, 1):
-            return Blur(self.middle, shape, dtype)
+            return BlurOperator(self.middle, shape, dtype)
         return FieldBlur([list(row) for row in self.stacks], shape, dtype)
 
 

@@ -117,7 +117,7 @@ def unexplained(errors: Array, filtering: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Tile:
+class EvidenceTile:
     """Errors (2, n, n) of both photographs, in units of noise, and the picture (n + 2R, n + 2R) around, likewise."""
 
     errors: Array
@@ -125,7 +125,7 @@ class Tile:
     flat: bool
 
 
-def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[Tile]) -> list[float]:
+def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[EvidenceTile]) -> list[float]:
     """Add the evidence of tiles of one w; returns the mean squares of their unexplained errors.
 
     slope : derivative of both masks with respect to w, (2, K, K).

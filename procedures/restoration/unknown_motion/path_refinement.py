@@ -20,18 +20,18 @@ from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.depth_edges import Effort
 from procedures.restoration.joint.estimate import reach_of
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
-from procedures.restoration.joint.joint_descent import Problem, begin, problem_of, run
+from procedures.restoration.joint.joint_descent import JointProblem, begin, problem_of, run
 from procedures.restoration.joint.priors import steps_allowed
 from procedures.restoration.joint.schedule import DEPTH_SLOPE, Schedule, Scheme
 from procedures.restoration.masks.blur_models import mask_stack, reach
-from procedures.restoration.masks.blur_operator import Array, Blur, MaskStack
+from procedures.restoration.masks.blur_operator import Array, BlurOperator, MaskStack
 from procedures.restoration.unknown_motion.basin_hopping import BasinHopping
 from procedures.restoration.unknown_motion.blind import Prototypes
 from procedures.restoration.unknown_motion.cross_relation import Disagreement
 from procedures.restoration.unknown_motion.mask_evidence import (
     DOUBT,
+    EvidenceTile,
     MaskEvidence,
-    Tile,
     filters,
     fit_curves,
     gather,
@@ -151,7 +151,7 @@ class _View:
     def data(self, stacks: list[MaskStack]) -> DataTerm:
         shape = (self.z.shape[2], self.z.shape[3])
         trust = np.ones((2, 1, *shape), np.float32)
-        return DataTerm(self.z.astype(np.float32), [Blur(s, shape, np.float32) for s in stacks], trust)
+        return DataTerm(self.z.astype(np.float32), [BlurOperator(s, shape, np.float32) for s in stacks], trust)
 
     def stacks(self, points: Array) -> list[MaskStack]:
         return [path_stack(one, self.half, self.max_w, self.R) for one in points]
@@ -179,7 +179,7 @@ class _Fit:
 def motion_of_scene(
     photographs: list[Array],
     region: Box,
-    found: Prototypes,
+    prototypes: Prototypes,
     max_w: float,
     rng: np.random.Generator,
     known: Array | None = None,
@@ -187,17 +187,21 @@ def motion_of_scene(
 ) -> MotionShapes:
     """Subpixel shapes for every depth, from those of a flat part, x, y, width, height, and the surrounding frame.
 
-    photographs : two arrays (C, H, W); found : `blind.prototype_shapes` of the part; known : initial control points
-    (2, POINTS, 2), pixels in the flat part, if roughly known. Where no curves explain the frame better than the masks
+    photographs : two arrays (C, H, W); prototypes : `blind.prototype_shapes` of the part; known : initial control
+    points (2, POINTS, 2), pixels in the flat part, if roughly known. If no path explains the frame better than masks
     to whole pixels, those are returned, with the doubt.
     """
     if min(region[2:]) < TILE:
-        return MotionShapes(found.shapes, found.half_width, None, f"the flat part is narrower than {TILE} pixels")
-    view = _view(photographs, region, found.half_width - 0.4, max_w, effort or PathEffort())
-    view, coarse = _pixels(view, found)
-    fit = _settled(view, found, known, rng)
+        return MotionShapes(
+            prototypes.shapes, prototypes.half_width, None, f"the flat part is narrower than {TILE} pixels"
+        )
+    view = _view(photographs, region, prototypes.half_width - 0.4, max_w, effort or PathEffort())
+    view, coarse = _pixels(view, prototypes)
+    fit = _settled(view, prototypes, known, rng)
     if fit.energy > coarse:
-        return MotionShapes(found.shapes, found.half_width, None, "motion is known to whole pixels only: no path fits")
+        return MotionShapes(
+            prototypes.shapes, prototypes.half_width, None, "motion is known to whole pixels only: no path fits"
+        )
     residual = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained; {USUAL} is typical"
     doubt = residual if fit.energy > MOST else None
     return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points, doubt)
@@ -222,11 +226,11 @@ def _view(photographs: list[Array], region: Box, half: float, max_w: float, effo
     return _View(z, flat, half, max(max_w, 1.2 * half), effort)
 
 
-def _pixels(view: _View, found: Prototypes) -> tuple[_View, float]:
+def _pixels(view: _View, prototypes: Prototypes) -> tuple[_View, float]:
     """The part of the view that is used, with its noise, and the energy unexplained by masks to whole pixels."""
-    widest = view.max_w * found.half_width / view.half
-    stacks = [mask_stack(s, widest, R=max(view.R + 1, reach(widest))) for s in found.shapes]
-    coarse = replace(view, half=found.half_width, max_w=stacks[0].max_w - 2 * stacks[0].step)
+    widest = view.max_w * prototypes.half_width / view.half
+    stacks = [mask_stack(s, widest, R=max(view.R + 1, reach(widest))) for s in prototypes.shapes]
+    coarse = replace(view, half=prototypes.half_width, max_w=stacks[0].max_w - 2 * stacks[0].step)
     w = coarse.depth(stacks)
     window = search_window(view.z, view.flat, coarse.half, w, SEARCHED_PIXELS)
     view, coarse, w = view.cut(window), coarse.cut(window), w[window]
@@ -249,11 +253,11 @@ def _origins(points: Array) -> list[Array]:
     return each[:1] if (each[0] == each[1]).all() else each
 
 
-def _starts(view: _View, found: Prototypes, known: Array | None, pools: list[list[Array]]) -> list[Array]:
+def _starts(view: _View, prototypes: Prototypes, known: Array | None, pools: list[list[Array]]) -> list[Array]:
     """Pairs of curves that draw the flat part's masks and that the surrounding frame contradicts least."""
     points = known
     if points is None:
-        points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, found.masks, strict=True)])
+        points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, prototypes.masks, strict=True)])
     points, evidence = _of_flat_part(view, points)
     w = view.depth(view.stacks(points))
     around = Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w)
@@ -280,14 +284,14 @@ def _of_flat_part(view: _View, points: Array) -> tuple[Array, tuple[MaskEvidence
     return fit.points, fit.evidence
 
 
-def _settled(view: _View, found: Prototypes, known: Array | None, rng: np.random.Generator) -> _Fit:
+def _settled(view: _View, prototypes: Prototypes, known: Array | None, rng: np.random.Generator) -> _Fit:
     s, pools = view.effort, []
     if known is None:
-        pools = [candidates(mask, found.half_width - 0.5, rng, s.beginnings) for mask in found.masks]
+        pools = [candidates(mask, prototypes.half_width - 0.5, rng, s.beginnings) for mask in prototypes.masks]
     hopping = BasinHopping(pools, rng, s.bends)
     matched = [
         (_matched(view, points - by), hopping.about_origin(by))
-        for points in _starts(view, found, known, pools)
+        for points in _starts(view, prototypes, known, pools)
         for by in _origins(points)
     ]
     tried = [
@@ -349,7 +353,7 @@ def _restored(view: _View, points: Array, start: _Fit, done: float) -> _Fit:
     stacks, R, scheme = view.stacks(points), view.R, view.effort.scheme
     data, other = problem_of(view.z, stacks, np.ones((2, 1, *view.z.shape[2:])), np.float32)
     w = view.pinned(start.w)
-    problem = Problem(data, other, scheme, Schedule(scheme.rounds), view.sigma, reach_of(w, stacks), edges=EDGES)
+    problem = JointProblem(data, other, scheme, Schedule(scheme.rounds), view.sigma, reach_of(w, stacks), edges=EDGES)
     state = run(problem, replace(begin(problem, w), n=int(done * scheme.rounds)))
     w = view.pinned(state.w[R:-R, R:-R])
     return _evidence(view, _Fit(points, w, state.u), stacks)
@@ -393,11 +397,11 @@ def _level(w: Array) -> float:
 def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
     """The fit with its picture improved, the evidence on the masks of every level of w, and the residual energy."""
     u, e = _errors(view, stacks, fit.w, fit.u)
-    tiles: dict[float, list[Tile]] = {}
+    tiles: dict[float, list[EvidenceTile]] = {}
     for flat, (y, x) in _tiles(view):
         level = view.half if flat else _level(fit.w[y, x])
         around = u[0, y.start : y.stop + 2 * view.R, x.start : x.stop + 2 * view.R].astype(np.float64)
-        tiles.setdefault(level, []).append(Tile(e[:, y, x] / view.sigma, around / view.sigma, flat))
+        tiles.setdefault(level, []).append(EvidenceTile(e[:, y, x] / view.sigma, around / view.sigma, flat))
     evidences, errors, delta = [], [], 0.05
     for w, those in sorted(tiles.items()):
         evidence = MaskEvidence.about(fit.points, view.half, w, view.R)

@@ -24,7 +24,7 @@ MIDDLE = 128
 def kernels_of_rotated_scene(
     photographs: Array, largest: int | None = None, effort: KernelEffort | None = None
 ) -> FreeKernels:
-    """As `kernels_of_flat_scene`, for photographs (P, H, W) that may be rotated and zoomed relative to the first.
+    """`kernels_of_flat_scene` for photographs (P, H, W) that may be rotated and zoomed relative to the first.
 
     Raises BadInput, Refused as there, and where some of three photographs or more show another scene.
     """

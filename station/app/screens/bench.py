@@ -44,7 +44,7 @@ BUSY = "The guide uses the bench: end its run first (Ctrl+C)."
 
 
 @dataclass(frozen=True)
-class Axis:
+class MovableAxis:
     """An axis that can be moved: its device and its range."""
 
     device: str
@@ -66,7 +66,7 @@ class BenchScreen(StationScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._axes: Sequence[Axis] = ()
+        self._axes: Sequence[MovableAxis] = ()
         self._positions: Mapping[str, float] = {}
         self._wire_shown: tuple[str, list[str]] = ("", [])
         self._axis, self._step, self._wire = 0, 2, 0
@@ -269,12 +269,14 @@ class CommandOutcome:
     positions: Mapping[str, float]
 
 
-def _axes(bench: Bench) -> list[Axis]:
+def _axes(bench: Bench) -> list[MovableAxis]:
     """The axes of connected stages."""
     axes = []
     for device, stage in bench.devices.items():
         if hasattr(stage, "move_to") and device in bench.identities:
-            axes += [Axis(device, name, travel.low, travel.high) for name, travel in cast(Any, stage).travel().items()]
+            axes += [
+                MovableAxis(device, name, travel.low, travel.high) for name, travel in cast(Any, stage).travel().items()
+            ]
     return axes
 
 
@@ -286,7 +288,7 @@ def _home(bench: Bench) -> CommandOutcome:
     return CommandOutcome("Every stage is homed.", _positions(bench))
 
 
-def _jog(bench: Bench, axis: Axis, by: float) -> CommandOutcome:
+def _jog(bench: Bench, axis: MovableAxis, by: float) -> CommandOutcome:
     stage: Any = bench.devices[axis.device]
     target = stage.position()[axis.name] + by
     bench.motions.move(axis.device, {axis.name: target})

@@ -226,16 +226,18 @@ class FocusScreen(StationScreen):
         reading = message.reading
         self.query_one("#reading").display = self.query_one(CurveView).display = True
         self.query_one("#source", Part).update(literal(_took(reading)))
-        found = reading.sharpness.value
+        sharpness = reading.sharpness.value
         why = f"This photograph cannot be measured: {reading.sharpness.reason}. What to do: {reading.sharpness.remedy}."
-        self.query_one(AnswerBox).show_sentence(reading.say if found is not None else why)
-        self.query_one(BigText).show(f"{found.mtf50.value:.3f}{SIGNS[reading.way]}" if found is not None else "-.---?")
+        self.query_one(AnswerBox).show_sentence(reading.say if sharpness is not None else why)
+        self.query_one(BigText).show(
+            f"{sharpness.mtf50.value:.3f}{SIGNS[reading.way]}" if sharpness is not None else "-.---?"
+        )
         glyphs = self.query_one(BigText).glyphs
         self.query_one("#numbers", Part).update(lines_of(*(glyphs.spelt(line) for line in numbers_of(reading))))
         self.query_one(CurveView).show(_curve(reading))
         self.query_one(Picture).display = self.app.size.width >= WIDE
         self.query_one(Picture).show(message.picture)
-        if found is not None and reading.best == reading.number:
+        if sharpness is not None and reading.best == reading.number:
             self.query_one(BigText).add_class("-best")
         else:
             self.query_one(BigText).remove_class("-best")
@@ -257,14 +259,14 @@ def _took(reading: FocusReading) -> str:
 
 def numbers_of(reading: FocusReading) -> list[str]:
     """Numbers of one photograph, and the best so far."""
-    found, lines = reading.sharpness.value, []
-    if found is not None:
+    sharpness, lines = reading.sharpness.value, []
+    if sharpness is not None:
         lines = [
-            f"MTF50 {stated(found.mtf50.value, found.mtf50.uncertainty)}",
+            f"MTF50 {stated(sharpness.mtf50.value, sharpness.mtf50.uncertainty)}",
             "cycles/pixel of the plane",
-            f"rows {found.along_rows.value:.3f}, columns {found.along_columns.value:.3f}",
-            f"astigmatism {stated(*found.astigmatism)}",
-            "s/t {:.2f} (best: {:g} to {:g})".format(found.s_over_t, *BEST_S_OVER_T),
+            f"rows {sharpness.along_rows.value:.3f}, columns {sharpness.along_columns.value:.3f}",
+            f"astigmatism {stated(*sharpness.astigmatism)}",
+            "s/t {:.2f} (best: {:g} to {:g})".format(sharpness.s_over_t, *BEST_S_OVER_T),
         ]
     if reading.best is not None:
         lines.append(f"best {reading.scores[reading.best - 1]:.3f}, photograph {reading.best}")

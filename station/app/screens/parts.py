@@ -172,7 +172,7 @@ class Choices(Part, can_focus=True):
             self.action_take()
 
 
-class Line(Input):
+class InputLine(Input):
     """An input line that keeps its text when it regains the focus."""
 
     def __init__(self, **options: Any) -> None:
@@ -209,7 +209,7 @@ class AnswerBox(Vertical):
         """The sentence, the error of the last answer, input line and choices."""
         yield Part(id="next")
         yield Part(id="wrong")
-        yield Line(id="typed", compact=True)
+        yield InputLine(id="typed", compact=True)
         yield Choices(id="choices")
 
     def on_mount(self) -> None:
@@ -252,7 +252,7 @@ class AnswerBox(Vertical):
         self._show(ask.question + _wanted(ask), "#typed" if typed else "#choices")
         ahead = self._typed_ahead()
         if typed:
-            box = self.query_one(Line)
+            box = self.query_one(InputLine)
             begun = ahead if ask.kind == "number" else ""
             box.value = begun or words(ask.default)
             if begun:
@@ -282,14 +282,14 @@ class AnswerBox(Vertical):
         self._asked_s = Message().time  # by the clock of the keys
         self.query_one("#next", Part).update(literal(sentence, "bold"))
         self.query_one("#wrong", Part).say("")
-        for widget in (self.query_one(Line), self.query_one(Choices)):
+        for widget in (self.query_one(InputLine), self.query_one(Choices)):
             widget.display = f"#{widget.id}" == means
         self.screen.set_focus(self.query_one(means) if means else None)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Answer with the typed text."""
         event.stop()
-        if self.query_one(Line).pressed_s >= self._asked_s:
+        if self.query_one(InputLine).pressed_s >= self._asked_s:
             self._answer(event.value)
 
     def on_choices_chosen(self, event: Choices.Chosen) -> None:

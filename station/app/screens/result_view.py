@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from procedures.numbers import Group, in_group
-from procedures.outcome import Judged, Quantity
+from procedures.outcome import Quantity, WithVerdict
 from station.app.widgets import verdict_words
 from station.common.uncertainty_text import stated
 from station.drawing.glyphs import Glyphs
@@ -64,7 +64,7 @@ def plane_in_words(plane: PlaneResult, glyphs: Glyphs) -> list[str]:
     return lines
 
 
-def _causes_in_words(judged: Judged) -> list[str]:
+def _causes_in_words(judged: WithVerdict) -> list[str]:
     """The most likely cause with its remedy, then other possible ones."""
     others = [f"- {one.reason}; {one.remedy}" for one in judged.other_causes]
     lines = [text for text in (judged.reason, judged.remedy) if text]
@@ -81,9 +81,9 @@ def restored_in_words(restoration: Measurement, glyphs: Glyphs) -> list[str]:
         return lines
 
 
-def changes_in_words(found: Sequence[Change], glyphs: Glyphs) -> list[str]:
+def changes_in_words(changes: Sequence[Change], glyphs: Glyphs) -> list[str]:
     """Both values of each number, and their difference in standard uncertainties."""
-    by_name = {change.name: change for change in found}
+    by_name = {change.name: change for change in changes}
     lines = []
     for key, words in SHOWN:
         if key in by_name:

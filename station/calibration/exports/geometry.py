@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, Camera, split_model
+from procedures.geometry.cameras import COLMAP_CENTRE, MODELS, CameraModel, split_model
 from procedures.geometry.conversion import Difference, OpenCvCamera, RadialCamera, as_model, as_opencv
 from procedures.geometry.spline_camera import SplineCamera
 from procedures.outcome import BadInput, BadParameter
@@ -31,7 +31,7 @@ EXACT = 1e-6
 class StoredCamera:
     """The camera of a result."""
 
-    camera: Camera
+    camera: CameraModel
     region: Array
     source: str
 
@@ -62,10 +62,10 @@ def read_camera(result: Path, plane: str | None = None) -> StoredCamera:
         return StoredCamera(_camera(**entry["camera"]), region, f"station geometry, plane {name}")
 
 
-def _camera(model: str, params: list[float], columns: int, rows: int, **_: object) -> Camera:
+def _camera(model: str, params: list[float], columns: int, rows: int, **_: object) -> CameraModel:
     """Raises ValueError where it is invalid."""
     try:
-        kind = SplineCamera if any(split_model(model)[1]) else Camera
+        kind = SplineCamera if any(split_model(model)[1]) else CameraModel
     except BadParameter as error:
         raise ValueError(f"there is no camera model {model!r}") from error
     what = f"the parameters of a camera {model}"

@@ -213,7 +213,7 @@ def files_in(name: str) -> list[str]:
 
 
 def with_files(name: str, files: Sequence[str]) -> str:
-    """The same option with other files, of the same number."""
+    """The option with as many other files."""
     return f"{RADIAL}{','.join(files)}" if name.startswith(RADIAL) else files[0]
 
 

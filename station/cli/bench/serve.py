@@ -20,7 +20,7 @@ from station.cli.terminal.bench_options import (
     simulate_option,
 )
 from station.cli.terminal.inherited import inherited
-from station.cli.terminal.numbers import UNITS, Number
+from station.cli.terminal.numbers import UNITS, FiniteNumber
 from station.common.log import log, log_json_option
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ PATIENCE_S = 3.0
 @click.option("--token", help=f"Required from clients.  [default: {TOKEN} of the environment, or a new one]")
 @click.option("--no-token", is_flag=True, help="Accept every client that reaches the port.")
 @click.option("--discovery", is_flag=True, help="Answer Alpaca's discovery (UDP 32227).")
-@click.option("--for-s", type=Number(min=0, max=1e9), help="End after so many seconds.  [default: on Ctrl-C]")
+@click.option("--for-s", type=FiniteNumber(min=0, max=1e9), help="End after so many seconds.  [default: on Ctrl-C]")
 @click.option("--json", "as_json", is_flag=True, help="Write address and token as one JSON object.")
 @log_json_option
 def serve(

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from station.cli.terminal.inherited import inherited
-from station.cli.terminal.numbers import SEED, Number
+from station.cli.terminal.numbers import SEED, FiniteNumber
 
 
 @click.command()
@@ -19,7 +19,7 @@ from station.cli.terminal.numbers import SEED, Number
     "--folder", type=click.Path(path_type=Path), default=Path("incoming"), show_default=True, help="Where RAW files go."
 )
 @click.option("--json", "as_json", is_flag=True, help="Write the addresses as one JSON object.")
-@click.option("--for-s", type=Number(min=0, max=1e9), help="End after so many seconds.  [default: on Ctrl-C]")
+@click.option("--for-s", type=FiniteNumber(min=0, max=1e9), help="End after so many seconds.  [default: on Ctrl-C]")
 def simulate(seed: int, faults: bool, folder: Path, as_json: bool, for_s: float | None) -> None:
     """Open the simulated bench and print the address of each device, until Ctrl-C."""
     from station.bench.opening import simulated_bench

@@ -39,12 +39,12 @@ def plane_name(context: click.Context, option: click.Parameter, name: str | None
 def _frequencies(context: click.Context, option: click.Parameter, words: str | None) -> tuple[float, ...]:
     """Parse frequencies such as 0.1,0.25."""
     try:
-        found = tuple(float(word) for word in (words or "").split(",") if word.strip())
+        frequencies = tuple(float(word) for word in (words or "").split(",") if word.strip())
     except ValueError:
-        found = (-1.0,)
-    if not all(0 <= one < float("inf") for one in found):
+        frequencies = (-1.0,)
+    if not all(0 <= one < float("inf") for one in frequencies):
         raise click.BadParameter(f"{words!r} is no list of frequencies, such as 0.1,0.25", context, option)
-    return found
+    return frequencies
 
 
 unit_option = inherited(

@@ -72,8 +72,8 @@ def _instead(group: click.Context, name: str, command: click.Command, flag: str)
     """Remedy for an option that does not apply."""
     program = group.find_root().command_path
     words = f"{group.command_path} {name}".removeprefix(f"{program} ")
-    if found := INSTEAD.get((words, flag)):
-        return found
+    if advice := INSTEAD.get((words, flag)):
+        return advice
     for option in command.params:
         if flag in option.opts and isinstance(option, click.Option):
             return f"leave it out, or write it after the command, where it means: {option.help}"

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 
-class Number(click.FloatRange):
+class FiniteNumber(click.FloatRange):
     """A finite number, within optional bounds."""
 
     name = "number"
@@ -26,6 +26,6 @@ class Number(click.FloatRange):
 
 
 UNITS = click.Choice(["cycles/pixel", "lp/mm", "lw/ph"], case_sensitive=False)
-"""Of frequencies."""
+"""Units of frequencies."""
 SEED = click.IntRange(0, 2**63 - 1)
-"""Of a generator of random numbers."""
+"""Seed of a generator of random numbers."""

@@ -18,7 +18,7 @@ from procedures.quality import Diffraction
 from simulators.camera.optics import WAVELENGTHS_UM
 from station.demo.reproduce import cameras
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import Check, Row, RowValues, Setting, register
+from station.demo.reproduce.row import ClaimCheck, Row, RowValues, Setting, register
 from station.demo.truth_comparison import align
 
 Array = npt.NDArray[np.float64]
@@ -60,10 +60,10 @@ def _error(estimate: PatternPsf, truth: Array) -> float:
 @row(
     place="Thesis, Figure 2.10",
     checks=(
-        Check("least MTF at Nyquist, f/3.2 to f/16", "significantly greater than zero", low=0.1),
-        Check("MTF at Nyquist at f/32, over that", "only f/32 is not", high=0.5),
-        Check("MTF at Nyquist at f/16, over the least of f/3.2 to f/12.9", "cut significantly more", high=0.9),
-        Check("MTF at Nyquist at f/32, over the same", "cut significantly more", high=0.5),
+        ClaimCheck("least MTF at Nyquist, f/3.2 to f/16", "significantly greater than zero", low=0.1),
+        ClaimCheck("MTF at Nyquist at f/32, over that", "only f/32 is not", high=0.5),
+        ClaimCheck("MTF at Nyquist at f/16, over the least of f/3.2 to f/12.9", "cut significantly more", high=0.9),
+        ClaimCheck("MTF at Nyquist at f/32, over the same", "cut significantly more", high=0.5),
     ),
     setup=(
         "The thesis has curves without numbers. On this pitch diffraction lowers the MTF at Nyquist by 33 %, 41 %"
@@ -89,8 +89,8 @@ def apertures(setting: Setting) -> RowValues:
 @row(
     place="Thesis, Figure 2.12",
     checks=(
-        Check("greatest excess over diffraction", "under the ideal response", high=0.02),
-        Check("greatest excess from 0.25 to 1 cycles per pixel", "under the ideal response", high=0.0),
+        ClaimCheck("greatest excess over diffraction", "under the ideal response", high=0.02),
+        ClaimCheck("greatest excess from 0.25 to 1 cycles per pixel", "under the ideal response", high=0.0),
     ),
     setup="Near zero both are 1; there the light outside the support raises the estimate by up to 2 %.",
 )
@@ -118,8 +118,10 @@ def diffraction(setting: Setting) -> RowValues:
 @row(
     place="Thesis, Figure 2.13",
     checks=(
-        Check("greatest imaginary part", "both curves coincide", high=0.02),
-        Check("greatest distance of the phase from 0 or π where the MTF exceeds 5 %", "0 or π", high=0.2, unit="rad"),
+        ClaimCheck("greatest imaginary part", "both curves coincide", high=0.02),
+        ClaimCheck(
+            "greatest distance of the phase from 0 or π where the MTF exceeds 5 %", "0 or π", high=0.2, unit="rad"
+        ),
     ),
     setup=(
         "The photograph's noise gives the imaginary part a standard deviation of 0.3 %; a centre error of 0.005 pixel"
@@ -136,16 +138,16 @@ def phase(setting: Setting) -> RowValues:
         x=CYCLES,
         y="OTF",
     )
-    seen = np.abs(otf) > 0.05
-    phase = np.abs(np.angle(otf[seen]))
+    transmitted = np.abs(otf) > 0.05
+    phase = np.abs(np.angle(otf[transmitted]))
     return RowValues((float(np.abs(otf.imag).max()), float(np.minimum(phase, np.pi - phase).max())), (figure,))
 
 
 @row(
     place="Thesis, section 2.6; IPOL 2012, abstract",
     checks=(
-        Check("mean relative error", "2 to 5 %", high=0.05),
-        Check("greatest relative error", "2 to 5 %", high=0.05),
+        ClaimCheck("mean relative error", "2 to 5 %", high=0.05),
+        ClaimCheck("greatest relative error", "2 to 5 %", high=0.05),
     ),
     setup="Simulated photographs, known truth.",
 )
@@ -166,11 +168,11 @@ DIAGONAL_AT = np.linspace(0.6, 1.2, 13)
 @row(
     place="Thesis, Figures 1.7 and 2.15",
     checks=(
-        Check("radius of 80 % energy, R over the larger green", "larger", low=1.005),
-        Check("the same, R over B", "larger", low=1.005),
-        Check("the same, G1 over G2", "alike", 0.98, 1.02),
-        Check("difference of the diagonals' MTF, R over minus green's", "rotated from green", 0.0),
-        Check("the same, B", "rotated from green", 0.0),
+        ClaimCheck("radius of 80 % energy, R over the larger green", "larger", low=1.005),
+        ClaimCheck("the same, R over B", "larger", low=1.005),
+        ClaimCheck("the same, G1 over G2", "alike", 0.98, 1.02),
+        ClaimCheck("difference of the diagonals' MTF, R over minus green's", "rotated from green", 0.0),
+        ClaimCheck("the same, B", "rotated from green", 0.0),
     ),
     setup=(
         "Diffraction grows by 13 % from green to red and is a small part of the PSF at f/5.6. The thesis explains"
@@ -211,10 +213,10 @@ def _lean(h: Array) -> float:
 @row(
     place="Thesis, Figures 1.4 and 2.16; IPOL 2012, section 5.2",
     checks=(
-        Check("radius of 80 % energy, edge over centre", "larger", low=1.05),
-        Check("the same, corner over centre", "larger", low=1.05),
-        Check("asymmetry, edge over centre", "more asymmetrical", low=1.5),
-        Check("asymmetry, corner over centre", "more asymmetrical", low=1.5),
+        ClaimCheck("radius of 80 % energy, edge over centre", "larger", low=1.05),
+        ClaimCheck("the same, corner over centre", "larger", low=1.05),
+        ClaimCheck("asymmetry, edge over centre", "more asymmetrical", low=1.5),
+        ClaimCheck("asymmetry, corner over centre", "more asymmetrical", low=1.5),
     ),
     setup="The thesis has no numbers, and the lens is simulated, with coma, astigmatism and a curved field.",
 )
@@ -248,8 +250,8 @@ def _asymmetry(h: Array) -> float:
 @row(
     place="Thesis, Figure 2.17",
     checks=(
-        Check("relative sensitivity, whole spectrum", "does not exceed 0.08", high=0.08),
-        Check("the same where the MTF is 5 % or more", "less than 3 %", high=0.03),
+        ClaimCheck("relative sensitivity, whole spectrum", "does not exceed 0.08", high=0.08),
+        ClaimCheck("the same where the MTF is 5 % or more", "less than 3 %", high=0.03),
     ),
     setup="Simulated photographs: no vibration, refocusing or change of light between them, which lowers the scatter.",
 )

@@ -21,8 +21,8 @@ from procedures.raw import Plane
 from simulators.camera.camera import Lens, Photograph, SimulatedCamera
 from simulators.camera.optics import CircularPupil, FourSpots, LShapedAperture, Optics, PixelAperture
 from simulators.camera.sensor import Sensor
-from simulators.camera.sheets import PlacedSheet, Sheet, draw, leaves
-from simulators.world.projection import Pose
+from simulators.camera.sheets import FlatSheet, PlacedSheet, draw, leaves
+from simulators.world.projection import ObjectPose
 from simulators.world.scene import Scene
 from station.demo.reproduce.figures import Curve, curves
 
@@ -98,7 +98,9 @@ def photograph_wall(camera: SimulatedCamera, distance_mm: float, seed: int, nois
     """A wall of dead leaves, frontal, in focus."""
     side = camera.sensor.rows
     wall = leaves((WALL_TEXELS, WALL_TEXELS), np.random.default_rng(seed), largest=300.0)
-    placed = PlacedSheet(Sheet(wall, WALL_TEXEL_MM), Pose((0.0, 0.0, distance_mm), roll_deg=0.7), camera.sharp_optics())
+    placed = PlacedSheet(
+        FlatSheet(wall, WALL_TEXEL_MM), ObjectPose((0.0, 0.0, distance_mm), roll_deg=0.7), camera.sharp_optics()
+    )
     light = draw((placed,), camera.projection(distance_mm), (side, side), {(0, 0): "Y"})
     rng = np.random.default_rng(noise_seed)
     return plane_of(camera.photograph(Scene(), rng, exposure_s=exposure_s(camera), light=light))

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from procedures.pattern_psf.gamma.amplification import gamma_bound
 from station.demo.reproduce import patterns
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, register
+from station.demo.reproduce.row import ClaimCheck, Order, Row, RowValues, Setting, register
 
 Array = npt.NDArray[np.float64]
 ROWS: list[Row] = []
@@ -65,9 +65,9 @@ OTHERS: dict[str, patterns.Drawing] = {
 """Patterns made of step edges."""
 
 
-def _sized(name: str, published: tuple[str, ...]) -> tuple[Check, ...]:
+def _sized(name: str, published: tuple[str, ...]) -> tuple[ClaimCheck, ...]:
     """A check for each support."""
-    return tuple(Check.printed(f"{name}, {r} × {r}", value) for r, value in zip(SUPPORTS, published, strict=True))
+    return tuple(ClaimCheck.printed(f"{name}, {r} × {r}", value) for r, value in zip(SUPPORTS, published, strict=True))
 
 
 def _table_order(values: tuple[float, ...]) -> bool:
@@ -128,7 +128,9 @@ def gamma_table(setting: Setting) -> RowValues:
 
 @row(
     place="Thesis, sections 1 and 2.3.4",
-    checks=tuple(Check(f"γ of a {name} over the noise pattern's", "significantly larger", low=5.0) for name in OTHERS),
+    checks=tuple(
+        ClaimCheck(f"γ of a {name} over the noise pattern's", "significantly larger", low=5.0) for name in OTHERS
+    ),
     setup=(
         "The thesis has numbers for the pattern of Joshi et al. only; the others belong to the claim that step edges"
         " leave the problem ill-posed. Significantly larger is read as five times the variance."
@@ -155,8 +157,8 @@ WINDOW_SIDES = (20, 30, 40, 60, 80, 100, 140, 200)
 @row(
     place="Thesis, Lemma 3, Remark 3 and Figure 2.2",
     checks=(
-        Check("greatest relative difference", "extremely close", high=1e-3),
-        Check("least difference, exact solution minus Lemma 3", "not negative", low=0.0),
+        ClaimCheck("greatest relative difference", "extremely close", high=1e-3),
+        ClaimCheck("least difference, exact solution minus Lemma 3", "not negative", low=0.0),
     ),
     setup="The difference is 3 / (M N), the bound 4 N / M: one part in 4 N² / 3.",
 )
@@ -182,8 +184,8 @@ def bound_solved(setting: Setting) -> RowValues:
 @row(
     place="Thesis, Proposition 1 and Figure 2.3",
     checks=(
-        Check("least difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
-        Check("greatest difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
+        ClaimCheck("least difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
+        ClaimCheck("greatest difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
     ),
     setup="It is 1 − 1 / N + 1 / (N + 1) − 1 / (4 N), 0.9991 for N = 289; the thesis says ≈.",
 )
@@ -207,9 +209,9 @@ def bound_expected(setting: Setting) -> RowValues:
 @row(
     place="Thesis, Figure 2.4",
     checks=(
-        Check("γ over the bound, 17 × 17, 100 × 100 pixels", "very close", 1.0, 1.1),
-        Check("greatest γ over the bound, 9 × 9 to 33 × 33", "proximity", 1.0, 1.25),
-        Check("least γ over the bound of any", "never below it", low=1.0),
+        ClaimCheck("γ over the bound, 17 × 17, 100 × 100 pixels", "very close", 1.0, 1.1),
+        ClaimCheck("greatest γ over the bound, 9 × 9 to 33 × 33", "proximity", 1.0, 1.25),
+        ClaimCheck("least γ over the bound of any", "never below it", low=1.0),
     ),
     setup=(
         "Random matrices of M rows and N columns with independent entries have M / (M − N − 1) times the expected γ:"
@@ -244,10 +246,10 @@ CELLS_PER_SAMPLE = (0.4, 0.55, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0)
 @row(
     place="Thesis, section 2.3.3 and Figure 2.5 (b)",
     checks=(
-        Check("t/s with the least γ", "close to one", 0.7, 1.3),
-        Check("γ at t/s = 0.7 over the least", "close to its optimal value", high=3.0),
-        Check("γ at t/s = 2 over the least", "close to its optimal value", high=3.0),
-        Check("γ at t/s = 0.4 over the least", "higher: looks like step edges", low=3.0),
+        ClaimCheck("t/s with the least γ", "close to one", 0.7, 1.3),
+        ClaimCheck("γ at t/s = 0.7 over the least", "close to its optimal value", high=3.0),
+        ClaimCheck("γ at t/s = 2 over the least", "close to its optimal value", high=3.0),
+        ClaimCheck("γ at t/s = 0.4 over the least", "higher: looks like step edges", low=3.0),
     ),
     setup="The figure has a logarithmic scale of decades: close is read as a factor of three.",
 )
@@ -295,9 +297,9 @@ def _whole_chart(r: int) -> tuple[Array, Array]:
 @row(
     place="Thesis, Figure 2.5 (a)",
     checks=(
-        Check("least step of γ from one support to the next", "grows", low=0.0),
-        Check("least γ over the bound", "1.9 at 9 × 9 in Table 2.2", 1.7, 2.1),
-        Check("greatest γ over the bound", "2.6 at 33 × 33 in Table 2.2", 2.3, 2.9),
+        ClaimCheck("least step of γ from one support to the next", "grows", low=0.0),
+        ClaimCheck("least γ over the bound", "1.9 at 9 × 9 in Table 2.2", 1.7, 2.1),
+        ClaimCheck("greatest γ over the bound", "2.6 at 33 × 33 in Table 2.2", 2.3, 2.9),
     ),
     setup=(
         "The low-pass filter of cells of one sample costs a factor of (2 ln 2)² = 1.92 in the mean over the band;"
@@ -327,8 +329,8 @@ def gamma_support(setting: Setting) -> RowValues:
 @row(
     place="Thesis, Figure 2.7",
     checks=(
-        Check("second over last eigenvalue, noise pattern", "very similar", high=40.0),
-        Check("this ratio of a disc of arcs, over the noise pattern's", "fast decay", low=1e3),
+        ClaimCheck("second over last eigenvalue, noise pattern", "very similar", high=40.0),
+        ClaimCheck("this ratio of a disc of arcs, over the noise pattern's", "fast decay", low=1e3),
     ),
     setup=(
         "Cells of one sample attenuate the band's corner by 1 / sinc(1/2)⁴ = 6.1 in power, and eigenvalues of random"

@@ -10,7 +10,7 @@ from procedures.pattern_psf.estimate import PatternPsf
 from procedures.raw import read_frame
 from station.demo.reproduce import cameras
 from station.demo.reproduce.figures import pictures
-from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, register
+from station.demo.reproduce.row import ClaimCheck, Order, Row, RowValues, Setting, register
 
 Array = npt.NDArray[np.float64]
 ROWS: list[Row] = []
@@ -30,8 +30,8 @@ def published(setting: Setting, *, k: int = 17, solver: str = "ls") -> PatternPs
 @row(
     place="Thesis, Figure 2.18; IPOL 2012, section 5.3",
     checks=(
-        Check.at_most("energy of the difference over the PSF's", "0.001"),
-        Check("greatest difference of the MTFs", "extremely close", high=0.05),
+        ClaimCheck.at_most("energy of the difference over the PSF's", "0.001"),
+        ClaimCheck("greatest difference of the MTFs", "extremely close", high=0.05),
     ),
     order=Order("the difference has less than 1 % of the energy", lambda v: v[0] < 0.01 and v[1] < 0.1),
     setup="The published photograph is not the figure's, and its noise differs.",
@@ -59,8 +59,8 @@ def nonnegative(setting: Setting) -> RowValues:
 @row(
     place="Thesis, Figure 2.19",
     checks=(
-        Check("greatest difference of MTF, 25 and 33 from 17", "very close to each other", high=0.06),
-        Check("greatest difference of 9 from 17, over that", "hardly sufficient", low=1.0),
+        ClaimCheck("greatest difference of MTF, 25 and 33 from 17", "very close to each other", high=0.06),
+        ClaimCheck("greatest difference of 9 from 17, over that", "hardly sufficient", low=1.0),
     ),
     setup=(
         "As in the thesis, the MTF is that of the support. At 25 and 33 samples γ is 1.5 and 3.0: with the"
@@ -89,8 +89,8 @@ def _middle(h: Array) -> Array:
 @row(
     place="IPOL 2012, section 5, and its program's results",
     checks=(
-        Check("correlation, free least squares", "the program's own PSF", low=0.98),
-        Check("correlation, non-negative", "the program's own PSF", low=0.98),
+        ClaimCheck("correlation, free least squares", "the program's own PSF", low=0.98),
+        ClaimCheck("correlation, non-negative", "the program's own PSF", low=0.98),
     ),
     setup=(
         "The program registers by the marks alone and does not model ink spread, which causes errors that this program"

@@ -21,7 +21,7 @@ from procedures.ray_histogram.filter import PAPER
 from procedures.ray_histogram.multiscale import filter_film
 from procedures.reading.arrays import checked_array, read_npz
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, register
+from station.demo.reproduce.row import ClaimCheck, Order, Row, RowValues, Setting, register
 
 Array = npt.NDArray[np.float64]
 ROWS: list[Row] = []
@@ -83,9 +83,9 @@ PUBLISHED = {
 @row(
     place="Thesis, Figures 4.6 to 4.8, and the published program's answers",
     checks=(
-        Check.printed("as rendered, 256 samples", "32.7", "dB"),
+        ClaimCheck.printed("as rendered, 256 samples", "32.7", "dB"),
         *(
-            Check.at_least(f"{n} samples, κ = {kappa:g}, scales: {scales}", value, "dB")
+            ClaimCheck.at_least(f"{n} samples, κ = {kappa:g}, scales: {scales}", value, "dB")
             for (n, kappa, scales), value in PUBLISHED.items()
         ),
     ),
@@ -120,9 +120,9 @@ KAPPAS = (0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0)
 @row(
     place="Thesis, Figure 4.20",
     checks=(
-        Check("κ of the least error", "0.7 to 1.0", 0.7, 1.0),
-        Check("error at κ = 0.3 over the least", "high variance", low=1.2),
-        Check("error at κ = 3 over the least", "high bias", low=1.2),
+        ClaimCheck("κ of the least error", "0.7 to 1.0", 0.7, 1.0),
+        ClaimCheck("error at κ = 0.3 over the least", "high variance", low=1.2),
+        ClaimCheck("error at κ = 3 over the least", "high bias", low=1.2),
     ),
     order=Order("the error has a minimum between", lambda v: min(v[1:]) > 1),
     setup="The thesis's figure is of another scene, toasters. High is read as 1.2 times.",
@@ -151,8 +151,8 @@ def rays_kappa(setting: Setting) -> RowValues:
 @row(
     place="Thesis, Figure 4.2, and the published program's answers",
     checks=(
-        Check("error at low frequencies, three scales over one", "almost completely eliminated", high=0.2),
-        Check.at_least("gain of three scales over one, κ = 1", "0.98", "dB"),
+        ClaimCheck("error at low frequencies, three scales over one", "almost completely eliminated", high=0.2),
+        ClaimCheck.at_least("gain of three scales over one, κ = 1", "0.98", "dB"),
     ),
     order=Order("three scales leave less noise of low frequency than one", lambda v: v[0] < 1 and v[1] > 0),
     setup=(
@@ -197,9 +197,9 @@ OCTAVES = 2.0
 @row(
     place="Thesis, section 4.6 and Figure 4.21",
     checks=(
-        Check.printed("path tracing, 64 to 256 samples", "3", "dB/octave"),
-        Check.printed("filtered", "2.8", "dB/octave"),
-        Check("gain of the filter at 256 samples", "10 to 15", low=10.0, unit="dB"),
+        ClaimCheck.printed("path tracing, 64 to 256 samples", "3", "dB/octave"),
+        ClaimCheck.printed("filtered", "2.8", "dB/octave"),
+        ClaimCheck("gain of the filter at 256 samples", "10 to 15", low=10.0, unit="dB"),
     ),
     order=Order("the filter's slope is smaller, its level far higher", lambda v: 0 < v[1] < v[0] and v[2] > 10),
     setup="The thesis's 2.8 dB are for another scene. The published program gains 1.98 dB per octave on these films.",

@@ -20,7 +20,7 @@ from procedures.restoration.masks.blur_models import uniform_motion
 from procedures.restoration.masks.blur_operator import MaskStack
 from station.demo.reproduce import scenes
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, increases, register
+from station.demo.reproduce.row import ClaimCheck, Order, Row, RowValues, Setting, increases, register
 
 Array = npt.NDArray[np.float64]
 ROWS: list[Row] = []
@@ -52,10 +52,11 @@ def _restored(pair: scenes.Pair, stacks: list[MaskStack]) -> Restoration:
     return outcome.value
 
 
-def _at_most(quantity: str, published: Sequence[str], unit: str) -> tuple[Check, ...]:
+def _at_most(quantity: str, published: Sequence[str], unit: str) -> tuple[ClaimCheck, ...]:
     """A check for each level of noise."""
     return tuple(
-        Check.at_most(f"{quantity}, {words}", value, unit) for words, value in zip(NOISE_WORDS, published, strict=True)
+        ClaimCheck.at_most(f"{quantity}, {words}", value, unit)
+        for words, value in zip(NOISE_WORDS, published, strict=True)
     )
 
 
@@ -68,10 +69,12 @@ KNOWN = ("4.79", "5.22", "16.39", "52.22")
     place="Sorel 2007, section 10.1 and Figure 10.3",
     checks=(
         *_at_most("error", KNOWN, "grey levels"),
-        Check("Gaussian instead of the true mask, error over that of the blurred photograph", "the same or worse", 0.9),
-        Check("error after twice the steps over that after 100, no noise", "negligible influence", 0.95, 1.05),
-        Check("error at a third of the weight over that, no noise", "the regularisation's", high=0.95),
-        Check("the same, 10 dB", "noise", low=1.05),
+        ClaimCheck(
+            "Gaussian instead of the true mask, error over that of the blurred photograph", "the same or worse", 0.9
+        ),
+        ClaimCheck("error after twice the steps over that after 100, no noise", "negligible influence", 0.95, 1.05),
+        ClaimCheck("error at a third of the weight over that, no noise", "the regularisation's", high=0.95),
+        ClaimCheck("the same, 10 dB", "noise", low=1.05),
     ),
     order=increases("the error grows with the noise", (0, 4)),
     setup=(
@@ -121,7 +124,7 @@ UNKNOWN_SETUP = (
 UNKNOWN_ORDER = increases("the errors of picture and w grow with the noise from 40 dB on", (1, 4), (5, 8))
 
 
-def _unknown(w: Sequence[str], picture: Sequence[str]) -> tuple[Check, ...]:
+def _unknown(w: Sequence[str], picture: Sequence[str]) -> tuple[ClaimCheck, ...]:
     return (*_at_most("error of w", w, "pixels"), *_at_most("error", picture, "grey levels"))
 
 
@@ -139,10 +142,10 @@ def _grid(shape: Array, name: str) -> RowValues:
 @row(
     place="Sorel 2007, Figures 10.6 (d) and 10.7 (d)",
     checks=(
-        Check.at_most("error of w", "0.151", "pixels"),
-        Check.at_most("error", "6.42", "grey levels"),
-        Check.at_most("that over the error at the known depth", "1.23"),
-        Check.at_most("error over that of the first blurred photograph", "0.37"),
+        ClaimCheck.at_most("error of w", "0.151", "pixels"),
+        ClaimCheck.at_most("error", "6.42", "grey levels"),
+        ClaimCheck.at_most("that over the error at the known depth", "1.23"),
+        ClaimCheck.at_most("error over that of the first blurred photograph", "0.37"),
     ),
     order=Order("the restored picture has a smaller error than the blurred photograph", lambda v: v[3] < 1),
     setup=UNKNOWN_SETUP,

@@ -14,7 +14,7 @@ from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, estimate_edges
 from station.demo.reproduce import cameras, patterns
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, register
+from station.demo.reproduce.row import ClaimCheck, Order, Row, RowValues, Setting, register
 
 Array = npt.NDArray[np.float64]
 ROWS: list[Row] = []
@@ -87,7 +87,7 @@ def psnr_db(h: Array, truth: Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PatternView:
     """The linear system of the pixels of a window on a pattern."""
 
     A: Array
@@ -98,9 +98,9 @@ class View:
         return self.A @ h.ravel() + NOISE * rng.standard_normal(len(self.A))
 
 
-def view(u: Array, window: patterns.Window) -> View:
+def view(u: Array, window: patterns.Window) -> PatternView:
     """The system of a window on a band-limited picture."""
-    return View(patterns.system(u, S, K, window), window)
+    return PatternView(patterns.system(u, S, K, window), window)
 
 
 def edge_mtf(picture: Array) -> EdgeMtf:
@@ -116,14 +116,18 @@ def edge_mtf(picture: Array) -> EdgeMtf:
     place="Thesis, Figure 2.9",
     checks=(
         *(
-            Check(f"PSNR, noise pattern over Joshi, {name} regularisation", "significantly outperforms", 3.0, unit="dB")
+            ClaimCheck(
+                f"PSNR, noise pattern over Joshi, {name} regularisation", "significantly outperforms", 3.0, unit="dB"
+            )
             for name in LEVELS
         ),
-        Check("PSNR, noise pattern over Joshi, level tuned by the known kernel", "outperforms", 0.0, unit="dB"),
-        Check("noise of the MTF below 0.1, little regularisation over noise pattern", "extremely noisy", 2.0),
-        Check("bias of the MTF from 0.2 up, strong regularisation", "under-estimated high frequencies", high=-0.03),
-        Check("size of that bias, noise pattern", "noiseless and unbiased", high=0.005),
-        Check("greatest error of the slanted edge's MTF up to Nyquist", "one direction only", high=0.06),
+        ClaimCheck("PSNR, noise pattern over Joshi, level tuned by the known kernel", "outperforms", 0.0, unit="dB"),
+        ClaimCheck("noise of the MTF below 0.1, little regularisation over noise pattern", "extremely noisy", 2.0),
+        ClaimCheck(
+            "bias of the MTF from 0.2 up, strong regularisation", "under-estimated high frequencies", high=-0.03
+        ),
+        ClaimCheck("size of that bias, noise pattern", "noiseless and unbiased", high=0.005),
+        ClaimCheck("greatest error of the slanted edge's MTF up to Nyquist", "one direction only", high=0.06),
     ),
     order=Order(
         "the noise pattern is better than little and strong regularisation, one noisy, the other biased",
@@ -154,8 +158,8 @@ def simulated_rivals(setting: Setting) -> RowValues:
 
 
 def _edge(truth: Array, rng: np.random.Generator) -> EdgeMtf:
-    seen = view(patterns.of_drawing(patterns.slanted_edge, patterns.side(WHOLE, S, K), S), WHOLE)
-    return edge_mtf(seen.photograph(truth, rng).reshape(WHOLE))
+    edge_view = view(patterns.of_drawing(patterns.slanted_edge, patterns.side(WHOLE, S, K), S), WHOLE)
+    return edge_mtf(edge_view.photograph(truth, rng).reshape(WHOLE))
 
 
 def _compared(truth: Array, kernels: dict[str, list[Array]], best: float, edge: EdgeMtf) -> RowValues:
@@ -165,8 +169,8 @@ def _compared(truth: Array, kernels: dict[str, list[Array]], best: float, edge: 
     high, middle = true < 0.1, (true > 0.2) & (F < 0.7)
     noisy = {name: float(one[:, high].std(axis=0).mean()) for name, one in mtf.items()}
     bias = {name: float((one.mean(axis=0) - true)[middle].mean()) for name, one in mtf.items()}
-    seen = (edge.frequencies <= 0.5) & np.isfinite(edge.mtf)
-    edge_error = float(np.abs(edge.mtf - np.interp(edge.frequencies, F, true))[seen].max())
+    measured = (edge.frequencies <= 0.5) & np.isfinite(edge.mtf)
+    edge_error = float(np.abs(edge.mtf - np.interp(edge.frequencies, F, true))[measured].max())
     ours = psnr["noise pattern"]
     values = (
         *(ours - psnr[name] for name in LEVELS),

@@ -33,7 +33,7 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class Check:
+class ClaimCheck:
     """One quantity and the paper's claim about it.
 
     Attributes
@@ -51,18 +51,18 @@ class Check:
     unit: str = ""
 
     @classmethod
-    def printed(cls, quantity: str, published: str, unit: str = "") -> Check:
+    def printed(cls, quantity: str, published: str, unit: str = "") -> ClaimCheck:
         """A printed number: the values that round to its last digit."""
         value, half = float(published), half_digit(published)
         return cls(quantity, published, value - half, value + half, unit)
 
     @classmethod
-    def at_most(cls, quantity: str, published: str, unit: str = "") -> Check:
+    def at_most(cls, quantity: str, published: str, unit: str = "") -> ClaimCheck:
         """A printed number of which smaller values are as good: an error."""
         return cls(quantity, published, -math.inf, float(published) + half_digit(published), unit)
 
     @classmethod
-    def at_least(cls, quantity: str, published: str, unit: str = "") -> Check:
+    def at_least(cls, quantity: str, published: str, unit: str = "") -> ClaimCheck:
         """A printed number of which larger values are as good: a gain."""
         return cls(quantity, published, float(published) - half_digit(published), math.inf, unit)
 
@@ -156,7 +156,7 @@ class Row:
     chapter: str
     place: str
     title: str
-    checks: tuple[Check, ...]
+    checks: tuple[ClaimCheck, ...]
     setup: str
     compute: Compute
     order: Order | None = None

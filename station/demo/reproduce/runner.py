@@ -13,7 +13,7 @@ from typing import Any
 from procedures.outcome import BadParameter, ProcedureError
 from station.common.progress import Progress, silent
 from station.common.versions import software
-from station.demo.reproduce.row import Check, Row, RowValues, Setting, shown
+from station.demo.reproduce.row import ClaimCheck, Row, RowValues, Setting, shown
 from station.results.result_files import ResultFolder, write_record
 
 SCHEMA = "station/reproduce/2"
@@ -46,12 +46,12 @@ class RowResult:
     processor_s: float = 0.0
 
     @property
-    def lines(self) -> list[tuple[Check, float]]:
+    def lines(self) -> list[tuple[ClaimCheck, float]]:
         """Every check with its value."""
         return list(zip(self.row.checks, self.computed.values, strict=False))
 
     @property
-    def deviating(self) -> list[tuple[Check, float]]:
+    def deviating(self) -> list[tuple[ClaimCheck, float]]:
         """Checks whose values are outside the claim."""
         return [(check, value) for check, value in self.lines if not check.agrees(value)]
 
@@ -113,7 +113,7 @@ def _page(result: Reproduction) -> str:
     from station.reports.page import render
 
     return render(
-        "reproduce.html", found=result, State=RowState, shown=shown, not_here=NOT_HERE, software=software(),
+        "reproduce.html", result=result, State=RowState, shown=shown, not_here=NOT_HERE, software=software(),
     )  # fmt: skip
 
 

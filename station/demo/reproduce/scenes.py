@@ -11,7 +11,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 from procedures.restoration.masks.blur_models import gaussian, mask_stack
-from procedures.restoration.masks.blur_operator import Blur, MaskStack
+from procedures.restoration.masks.blur_operator import BlurOperator, MaskStack
 
 Array = npt.NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class Pair:
         return float(np.sqrt(np.mean(_inside(w - self.w) ** 2)))
 
     def away_from_steps(self, w: npt.NDArray[np.floating]) -> float:
-        """The same error where no step of the depth lies within `NEAR_STEP` pixels."""
+        """The error where no step of the depth lies within `NEAR_STEP` pixels."""
         steps = np.hypot(*np.gradient(self.w)) > STEP
         away = np.logical_not(_inside(maximum_filter(steps, 2 * NEAR_STEP + 1)))
         return float(np.sqrt(np.mean(_inside(w - self.w)[away] ** 2)))
@@ -133,7 +133,7 @@ def pair(
     u, w = picture(wide, np.random.default_rng(picture_seed)), depth(wide)
     photographs = []
     for stack in stacks(shape):
-        blur = Blur(stack, size)
+        blur = BlurOperator(stack, size)
         blur.focus(w)
         clean = blur.blur(u)
         noise = 0.0 if noise_db is None else float(clean.std()) * 10 ** (-noise_db / 20)

@@ -18,7 +18,7 @@ from simulators.camera.truth import true_psf
 from station.demo.reproduce import cameras, patterns, rival_rows
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.rival_rows import LEVELS, NOISE, edge_mtf, view
-from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, register
+from station.demo.reproduce.row import ClaimCheck, Order, Row, RowValues, Setting, register
 from station.demo.truth_comparison import align
 
 Array = npt.NDArray[np.float64]
@@ -71,8 +71,8 @@ def _gaussian_camera(side: int) -> SimulatedCamera:
 @row(
     place="Thesis, Figures 3.3 and 3.4",
     checks=(
-        Check("relative error of the PSF", "accurate", high=0.08),
-        Check(
+        ClaimCheck("relative error of the PSF", "accurate", high=0.08),
+        ClaimCheck(
             "greatest difference of MTF up to 1 cycle per pixel, inter-image kernel from PSF",
             "very close",
             high=0.05,
@@ -127,8 +127,8 @@ def _zoom_of(pair: tuple[Plane, Plane], name: str) -> RowValues:
 
 
 ZOOM_CHECKS = (
-    Check("greatest difference of MTF up to 0.9 cycles per pixel, 2× from 4×", "good overlap", high=0.1),
-    Check("the same, 3× from 4×", "good overlap", high=0.06),
+    ClaimCheck("greatest difference of MTF up to 0.9 cycles per pixel, 2× from 4×", "good overlap", high=0.1),
+    ClaimCheck("the same, 3× from 4×", "good overlap", high=0.06),
 )
 ZOOM_SETUP = (
     "The thesis has curves only, 1× among them; the program estimates from 2× on. At 2× the MTF is not zero at the"
@@ -162,7 +162,7 @@ def two_photo_zoom_published(setting: Setting) -> RowValues:
 
 @cache
 def _by_chart() -> Array:
-    """The same camera's PSF from the noise chart."""
+    """The camera's PSF from the noise chart."""
     chart = Chart.from_seed()
     shot = cameras.photograph_chart(cameras.green_camera(5.6), chart, 1, roll_deg=1.5)
     return cameras.estimated(cameras.plane_of(shot), chart).psf.h
@@ -171,14 +171,14 @@ def _by_chart() -> Array:
 @row(
     place="Thesis, Figures 1.6 and 3.5",
     checks=(
-        Check("greatest difference of MTF up to Nyquist", "quite close", high=0.03),
-        Check(
+        ClaimCheck("greatest difference of MTF up to Nyquist", "quite close", high=0.03),
+        ClaimCheck(
             "differences of MTF up to 2 cycles per pixel over the wall's standard uncertainty, rms",
             "mostly noise of the two-scale estimate",
             high=1.5,
         ),
-        Check("MTF50, wall over chart", "sizes are similar", 0.97, 1.03),
-        Check("first zero of the MTF, wall over chart", "the MTFs vanish in the same locations", 0.9, 1.1),
+        ClaimCheck("MTF50, wall over chart", "sizes are similar", 0.97, 1.03),
+        ClaimCheck("first zero of the MTF, wall over chart", "the MTFs vanish in the same locations", 0.9, 1.1),
     ),
     setup=(
         "The thesis does not quantify the noise; the stated uncertainty does. It grows towards the band's end, as the"
@@ -211,9 +211,9 @@ def wall_chart(setting: Setting) -> RowValues:
 @row(
     place="Thesis, Figures 1.3, 2.20 and 3.10",
     checks=(
-        Check("greatest difference from the chart up to 0.15 cycles per pixel", "very similar", high=0.06),
-        Check("spread of Joshi's levels between 0.4 and 1.2", "depends strongly on the level", low=0.08),
-        Check(
+        ClaimCheck("greatest difference from the chart up to 0.15 cycles per pixel", "very similar", high=0.06),
+        ClaimCheck("spread of Joshi's levels between 0.4 and 1.2", "depends strongly on the level", low=0.08),
+        ClaimCheck(
             "rms difference from the chart, wall over the best of the others", "closest to the noise chart", high=1.0
         ),
     ),
@@ -258,8 +258,8 @@ def comparison(setting: Setting) -> RowValues:
 @row(
     place="IPOL 2013, section 5, and its program's results",
     checks=(
-        Check("correlation of the PSFs", "the program's own PSF", low=0.97),
-        Check("correlation of the inter-image kernels", "the program's own kernel", low=0.97),
+        ClaimCheck("correlation of the PSFs", "the program's own PSF", low=0.97),
+        ClaimCheck("correlation of the inter-image kernels", "the program's own kernel", low=0.97),
     ),
     setup=(
         "The program registers by 14 to 21 matches and has errors of 3 to 22 % on known walls. A correlation of 0.97"

@@ -181,7 +181,7 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
 
 
 def _whole(planes: Sequence[PlaneResult]) -> field.SessionField | None:
-    return next((one.found for one in planes if one.found is not None), None)
+    return next((one.estimate for one in planes if one.estimate is not None), None)
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
@@ -241,7 +241,7 @@ def _write_geometry(
     camera: Geometry = one.result()
     sources = {view.view.source for view in camera.views}
     views = FrameSubset(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
-    result = PlaneResult.of_outcome(plane, one, found=camera, numbers=camera.numbers())
+    result = PlaneResult.of_outcome(plane, one, estimate=camera, numbers=camera.numbers())
     geometry.write(folder, [result], views, _of_inputs(head, {frame.sha256 for frame in views}))
     return "report.html"
 

@@ -94,7 +94,7 @@ def by_plane(whole: SessionField) -> Outcomes:
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     """Every plane's result at the frame's centre, compared with the specification at every place that it names.
 
-    `found` of each is the whole field.
+    `estimate` of each is the whole field.
     """
     whole = next((one.value for one in outcomes.values() if one.value is not None), None)
     if whole is None:
@@ -106,7 +106,7 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
     except BadParameter as error:
         centres = (centre_result(name, one) for name, one in whole.planes.items())
         planes = [terms.undecided(one, error.reason) for one in centres]
-    return [one if one.found is None else replace(one, found=whole) for one in planes]
+    return [one if one.estimate is None else replace(one, estimate=whole) for one in planes]
 
 
 def write(
@@ -124,9 +124,9 @@ def write(
     # imported here: it draws, a slow import
     from station.reports.field.field_files import FieldParts, field_measurement
 
-    whole: SessionField | None = next((one.found for one in planes if one.found is not None), None)
+    whole: SessionField | None = next((one.estimate for one in planes if one.estimate is not None), None)
     if whole is None:
         return write_psf_result(folder, planes, head)
-    found = field_measurement(FieldParts(whole, whole.camera, lights or {}, beside or {}), planes, head)
-    folder.write("report.html", procedure_named("field").page(found))
-    return write_measurement(folder, found)
+    measurement = field_measurement(FieldParts(whole, whole.camera, lights or {}, beside or {}), planes, head)
+    folder.write("report.html", procedure_named("field").page(measurement))
+    return write_measurement(folder, measurement)

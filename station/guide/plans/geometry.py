@@ -19,7 +19,7 @@ from station.results.terms import Terms
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     """The estimate's numbers."""
     return [
-        PlaneResult.of_outcome(name, one, found=one.value, numbers={} if one.value is None else one.value.numbers())
+        PlaneResult.of_outcome(name, one, estimate=one.value, numbers={} if one.value is None else one.value.numbers())
         for name, one in outcomes.items()
     ]
 

@@ -40,7 +40,7 @@ def plan(folder: Path | None = None) -> Plan:
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     """The restored picture."""
-    return [PlaneResult.of_outcome(name, one, found=one.value) for name, one in outcomes.items()]
+    return [PlaneResult.of_outcome(name, one, estimate=one.value) for name, one in outcomes.items()]
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
@@ -48,7 +48,7 @@ def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[
     from station.reports.restoration_files import Restored, restoration_measurement  # it draws, a slow import
 
     (picture,) = planes
-    restoration: Restoration | None = picture.found
+    restoration: Restoration | None = picture.estimate
     outcome = picture.outcome(restoration)
     if restoration is None:
         return write_measurement(folder, restoration_measurement(picture.name, Restored(outcome, ()), head))

@@ -52,7 +52,7 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
-    """Every plane's numbers; `found` of each is the whole sensor."""
+    """Every plane's numbers; `estimate` of each is the whole sensor."""
     return [_result(name, one) for name, one in outcomes.items()]
 
 
@@ -60,12 +60,12 @@ def _result(name: str, one: Outcome[SensorFiles]) -> PlaneResult:
     whole = one.value
     sensor = None if whole is None else next(plane for plane in whole.planes if plane.name == name).outcome.value
     numbers = {} if sensor is None else dict(sensor.numbers)
-    return PlaneResult.of_outcome(name, one, found=whole, numbers=numbers)
+    return PlaneResult.of_outcome(name, one, estimate=whole, numbers=numbers)
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
     """Write the files of `station sensor` for a session."""
-    whole = next((one.found for one in planes if one.found is not None), None)
+    whole = next((one.estimate for one in planes if one.estimate is not None), None)
     if whole is None:
         refused = [SensorPlane(one.name, one.outcome(None), (), 1.0, None) for one in planes]
         return write_measurement(folder, sensor_measurement(SensorFiles((), None, None, refused), head))

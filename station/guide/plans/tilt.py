@@ -60,7 +60,7 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
     """Write the files of `station tilt` for a session."""
     (plane,) = planes
-    outcome = plane.outcome(plane.found)
+    outcome = plane.outcome(plane.estimate)
     parameters = {name: value for name, value in head.parameters.items() if not name.startswith(DEPTH)}
     measured = tilt_measurement(replace(head, parameters=parameters), plane.name, outcome)
     folder.write("report.html", procedure_named("tilt").page(measured))

@@ -82,32 +82,32 @@ class Correct(Procedure[CorrectSettings]):
         self, paths: Sequence[Path], settings: CorrectSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         """The corrected picture."""
-        found = correct_photographs(
+        results = correct_photographs(
             paths, field_path(settings.field), settings.parameters, settings.layout, _by_hundredths(progress),
             insisted=settings.insist,
         )  # fmt: skip
         given = {**to_record(settings), "tile_px": str(settings.tile_px or "auto")}
         given = {name: one for name, one in given.items() if (name, one) not in (("scale", 1), ("insist", False))}
-        value = found.outcome.value
-        head = RecordHead(self.name, files_read((found.frame, *found.others)), given)
+        value = results.outcome.value
+        head = RecordHead(self.name, files_read((results.frame, *results.others)), given)
         plane = PlaneResult.of_outcome(
-            "picture", found.outcome, values={} if value is None else correction_numbers(value), pitch=0
+            "picture", results.outcome, values={} if value is None else correction_numbers(value), pitch=0
         )
         return Measurement(
-            self.schema, head, (plane,), entries=correction_entries(found), results_key=self.results_key,
-            files={} if value is None else correction_files(value, found.metadata), exposure=found.frame.exposure,
-            found=found,
+            self.schema, head, (plane,), entries=correction_entries(results), results_key=self.results_key,
+            files={} if value is None else correction_files(value, results.metadata), exposure=results.frame.exposure,
+            result=results,
         ).compared(terms)  # fmt: skip
 
-    def page(self, found: Measurement) -> bytes:
+    def page(self, measurement: Measurement) -> bytes:
         """Before and after."""
         from station.reports.correction_page import correction_page  # here: it draws, which is slow to load
 
-        return correction_page(self.report(found), found.found)
+        return correction_page(self.report(measurement), measurement.result)
 
-    def lines(self, found: Measurement) -> list[str]:
+    def lines(self, measurement: Measurement) -> list[str]:
         """The photographs that were not used."""
-        whole: Corrected = found.found
+        whole: Corrected = measurement.result
         places = () if whole.outcome.value is None else whole.outcome.value.places
         return [
             f"{frame.path.name} is set aside: {place.reason}; {place.remedy}"

@@ -81,31 +81,31 @@ class SlantedEdge(Procedure[EdgeSettings]):
         frame = settings.read(paths[0])
         roi = None if region is None else Roi(*region)
         limit, pixels = settings.limit(frame.exposure), settings.pixels(frame)
-        found = PhotographEdges(frame, tuple(measure_edges(frame, roi, limit, terms, pixels)))
+        edges = PhotographEdges(frame, tuple(measure_edges(frame, roi, limit, terms, pixels)))
         progress(paths[0].name)
         given = {"roi": region, **settings.given()}
-        return edge_measurement(found, RecordHead(self.name, files_read([frame]), given), terms)
+        return edge_measurement(edges, RecordHead(self.name, files_read([frame]), given), terms)
 
-    def draws(self, found: Measurement) -> bool:
+    def draws(self, measurement: Measurement) -> bool:
         """Always: where an edge was refused is worth seeing."""
         return True
 
-    def report(self, found: Measurement) -> Report:
+    def report(self, measurement: Measurement) -> Report:
         """With what the camera noted of the photograph."""
         from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
-        frame = replace(found.found.frame, path=Path(found.head.input[0].path))  # in a session, relative to it
-        return measurement_report(found, self.name, title=self.title, frames=(frame,))
+        frame = replace(measurement.result.frame, path=Path(measurement.head.input[0].path))  # in a session, relative to it
+        return measurement_report(measurement, self.name, title=self.title, frames=(frame,))
 
-    def page(self, found: Measurement) -> bytes:
+    def page(self, measurement: Measurement) -> bytes:
         """Every edge with its place, its spread and its MTF."""
         from station.reports.edges.edge_page import edge_page  # here: it draws, which is slow to load
 
-        return edge_page(self.report(found), found.found).encode()
+        return edge_page(self.report(measurement), measurement.result).encode()
 
-    def lines(self, found: Measurement) -> list[str]:
+    def lines(self, measurement: Measurement) -> list[str]:
         """Every edge that has a place, and how many have which verdict."""
-        whole: PhotographEdges = found.found
+        whole: PhotographEdges = measurement.result
         counts = [f"{one.name}: {one.count}" for one in whole.records if one.count]
         return [*(_words(one, edge) for one in whole.records for edge in one.outcomes if edge.roi), *counts]
 

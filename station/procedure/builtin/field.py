@@ -131,43 +131,43 @@ class Field(PsfProcedure[FieldSettings]):
         limit = settings.limit(measured.exposures[0].exposure if measured.exposures else Exposure())
         pixels = field_pixels(measured, settings.pixel_pitch_um)
         at = terms.frequencies(next(iter(pixels.values()), Pixels()))
-        found = conclude(measured, positions, limit, at=at, photosite=photosite)
-        planes = field_results(found, terms, pixels, limit)
-        camera = whole_camera(found, settings.width_mm / (BLOCK * BLOCKS), others)
+        result = conclude(measured, positions, limit, at=at, photosite=photosite)
+        planes = field_results(result, terms, pixels, limit)
+        camera = whole_camera(result, settings.width_mm / (BLOCK * BLOCKS), others)
         given = {**parameters.to_record(), "chart": source.origin, **settings.given(), **terms.parameters()}
         inputs = tuple(InputFile(str(path), sha256) for path, sha256 in measured.frames)
         head = RecordHead(self.name, inputs, given, terms.specified(planes))
-        whole = field_measurement(FieldParts(found, camera, lights), planes, head)
+        whole = field_measurement(FieldParts(result, camera, lights), planes, head)
         return replace(whole, terms=terms)
 
-    def missed(self, found: Measurement) -> list[Miss]:
+    def missed(self, measurement: Measurement) -> list[Miss]:
         """The photographs without any PSF."""
-        measured = found.found.result.measured
+        measured = measurement.result.result.measured
         return [one for one in measured.misses if one.source in measured.failed]
 
-    def lines(self, found: Measurement) -> list[str]:
+    def lines(self, measurement: Measurement) -> list[str]:
         """The charts without a PSF in photographs with others."""
-        measured = found.found.result.measured
+        measured = measurement.result.result.measured
         return [str(one) for one in measured.misses if one.source not in measured.failed]
 
     def read_overlays(self, paths: Sequence[Path], terms: Terms) -> Sequence[Overlay]:
         """Fields whose MTF over image height is drawn over this one's. Raises BadParameter."""
         return read_height_overlays(paths, terms.unit)
 
-    def report(self, found: Measurement) -> Report:
+    def report(self, measurement: Measurement) -> Report:
         """Contents of the certificate: the frame's centre, and the medians over the frame."""
         from station.reports.field.field_files import with_medians  # here: it draws, which is slow to load
         from station.reports.report import measurement_report
 
-        result = found.found.result
-        report = measurement_report(found, self.name, title=self.title, frames=result.measured.exposures)
-        return replace(report, planes=[with_medians(one, result) for one in found.planes])
+        result = measurement.result.result
+        report = measurement_report(measurement, self.name, title=self.title, frames=result.measured.exposures)
+        return replace(report, planes=[with_medians(one, result) for one in measurement.planes])
 
-    def page(self, found: Measurement) -> bytes:
+    def page(self, measurement: Measurement) -> bytes:
         """Maps, PSFs and curves over the frame."""
         from station.reports.field.field_page import field_page  # here: it draws, which is slow to load
 
-        return field_page(self.report(found), found).encode()
+        return field_page(self.report(measurement), measurement).encode()
 
 
 PROCEDURE = Field()

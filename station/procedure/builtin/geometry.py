@@ -12,14 +12,14 @@ from procedures.pattern import BLOCK, BLOCKS
 from station.calibration.geometry import conclude, measure_views
 from station.calibration.geometry_files import geometry_measurement
 from station.common.progress import Progress, silent
-from station.procedure.base import ChartReading, Inputs, Procedure
+from station.procedure.base import ChartSettings, Inputs, Procedure
 from station.procedure.settings import setting
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
 
 
-class GeometrySettings(ChartReading, frozen=True, kw_only=True):
+class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
     """The print, the camera model, and what is reported besides."""
 
     width_mm: Annotated[float, setting("Width of the printed chart's ten blocks, as measured.", least=1)] = 300.0
@@ -78,18 +78,18 @@ class CameraGeometry(Procedure[GeometrySettings]):
         head = RecordHead(self.name, files_read(read), given)
         return geometry_measurement(conclude(shoots, parameters), head).compared(terms)
 
-    def page(self, found: Measurement) -> bytes:
-        """How well the frame is known, the lens, the chart, the views."""
+    def page(self, measurement: Measurement) -> bytes:
+        """The page: accuracy over the frame, lens, chart and views."""
         from station.reports.geometry_page import geometry_page  # here: it draws, which is slow to load
 
-        return geometry_page(self.report(found)).encode()
+        return geometry_page(self.report(measurement)).encode()
 
-    def lines(self, found: Measurement) -> list[str]:
+    def lines(self, measurement: Measurement) -> list[str]:
         """Which camera model each plane has, and from how many views."""
         return [
-            f"{one.name}: {one.found.camera.model} from {len(one.found.views)} views"
-            for one in found.planes
-            if one.found is not None
+            f"{one.name}: {one.estimate.camera.model} from {len(one.estimate.views)} views"
+            for one in measurement.planes
+            if one.estimate is not None
         ]
 
 

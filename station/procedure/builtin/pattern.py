@@ -48,9 +48,9 @@ class Pattern(PsfProcedure[PatternSettings]):
         parameters = PatternParameters(**settings.sampling(), at=terms.frequencies(settings.plane_pixels(frame)))
         known = read_sensor(settings.sensor, frame) if settings.sensor else NO_SENSOR
         limit = settings.limit(frame.exposure, needed=bool(settings.physics))
-        found = calibrate(frame, source.chart, parameters, limit, physics=bool(settings.physics), sensor=known)
+        results = calibrate(frame, source.chart, parameters, limit, physics=bool(settings.physics), sensor=known)
         asked = {**parameters.to_record(), "physics": bool(settings.physics), **known.record(), "chart": source.origin}
-        return self.measurement([frame], found, asked, settings, terms)
+        return self.measurement([frame], results, asked, settings, terms)
 
 
 PROCEDURE = Pattern()

@@ -145,24 +145,24 @@ class FilteredRender:
         return Outcome(self.filtered)
 
     def numbers(self) -> dict[str, float]:
-        """What limits can be set for."""
-        found: dict[str, float] = {
+        """Numbers for which limits can be set."""
+        numbers: dict[str, float] = {
             SIMILAR_PATCHES: self.filtered.median_similar[0],
             SAMPLES_CAST: float(self.film.count.mean()),
             DROPPED_SAMPLES: int(self.film.dropped.sum()),
         }
         if self.filtered.uncertainty is not None:
-            found[RENDER_UNCERTAINTY] = float(np.median(self.filtered.uncertainty))
+            numbers[RENDER_UNCERTAINTY] = float(np.median(self.filtered.uncertainty))
         if self.coverage is not None:
-            found[COVERAGE] = self.coverage
+            numbers[COVERAGE] = self.coverage
         if self.decibels:
-            found |= {PSNR_RENDERED: self.decibels["input"][0], PSNR_FILTERED: self.decibels["filtered"][0]}
-        return found
+            numbers |= {PSNR_RENDERED: self.decibels["input"][0], PSNR_FILTERED: self.decibels["filtered"][0]}
+        return numbers
 
     def entries(self) -> dict[str, Any]:
-        """What the record says beside the numbers."""
+        """Entries of the record besides the numbers."""
         count, spread = self.film.count, self.filtered.uncertainty
-        found: dict[str, Any] = {
+        entries: dict[str, Any] = {
             **verdict_entry(self.outcome),
             "size": list(count.shape),
             "samples_per_pixel": {"least": int(count.min()), "mean": float(count.mean()), "most": int(count.max())},
@@ -171,40 +171,40 @@ class FilteredRender:
         }
         if spread is not None:
             covered = {} if self.coverage is None else {COVERAGE: self.coverage}
-            found["uncertainty"] = {"median": float(np.median(spread)), "most": float(spread.max()), **covered}
+            entries["uncertainty"] = {"median": float(np.median(spread)), "most": float(spread.max()), **covered}
         if self.decibels:
-            found["psnr_db"] = {
+            entries["psnr_db"] = {
                 name: {"clipped": clipped, "unclipped": unclipped}
                 for name, (clipped, unclipped) in self.decibels.items()
             }
-        return found
+        return entries
 
     def files(self) -> dict[str, bytes | Callable[[Path], None]]:
         """The pictures and the map."""
-        found, spread = self.filtered, self.filtered.uncertainty
+        result, spread = self.filtered, self.filtered.uncertainty
         return {
-            "filtered.tiff": described_tiff(float_tiff(found.picture), DESCRIPTION),
-            "filtered.png": display_png(found.picture),
-            "similar.npy": npy(found.similar, found.similar.dtype),
+            "filtered.tiff": described_tiff(float_tiff(result.picture), DESCRIPTION),
+            "filtered.png": display_png(result.picture),
+            "similar.npy": npy(result.similar, result.similar.dtype),
             **({} if spread is None else {"uncertainty.tiff": described_tiff(float_tiff(spread), UNCERTAINTY)}),
         }
 
     def page(self) -> bytes:
-        """As it was rendered beside as it is filtered."""
+        """The page with the rendered and the filtered picture."""
         from station.reports.ray_page import RenderRow, ray_page  # here: it draws, which is slow to load
 
-        film, found = self.film, self.filtered
-        shown: list[tuple[str, npt.NDArray[np.floating]]] = [("as rendered", film.mean), ("filtered", found.picture)]
+        film, result = self.film, self.filtered
+        shown: list[tuple[str, npt.NDArray[np.floating]]] = [("as rendered", film.mean), ("filtered", result.picture)]
         facts = [f"{film.count.mean():.0f} samples per pixel."]
         if self.truth is not None:
             shown.append(("converged", self.truth))
             before, after = (clipped for clipped, _ in self.decibels.values())
             facts.append(f"PSNR against the converged render: {before:.2f} dB as rendered, {after:.2f} dB filtered.")
-        if found.uncertainty is not None:
-            median = np.median(found.uncertainty)
+        if result.uncertainty is not None:
+            median = np.median(result.uncertainty)
             facts.append(f"Standard uncertainty of the filtered values: {median:.2g} in the median.")
         size = f"{film.count.shape[1]} x {film.count.shape[0]} pixels"
-        row = RenderRow(size, tuple(shown), found.similar, tuple(facts))
+        row = RenderRow(size, tuple(shown), result.similar, tuple(facts))
         return ray_page("A render, and the same without its noise", (row,))
 
 
@@ -248,36 +248,36 @@ class Rays(Procedure[RaysSettings]):
         settings.check_for(len(paths))
         for i, (film, filtered) in enumerate(_filtered(paths, settings, progress)):
             truth = None if settings.reference is None else _reference(settings.reference, film.mean.shape)
-            found = FilteredRender(film, filtered, truth)
-            yield self._measurement(found, settings, settings.sources(paths, i), len(paths)).compared(terms)
+            result = FilteredRender(film, filtered, truth)
+            yield self._measurement(result, settings, settings.sources(paths, i), len(paths)).compared(terms)
 
     def _measurement(
-        self, found: FilteredRender, settings: RaysSettings, sources: Sequence[Path], films: int
+        self, result: FilteredRender, settings: RaysSettings, sources: Sequence[Path], films: int
     ) -> Measurement:
         given = {name: getattr(settings, name) for name in ("kappa", "scales", "search", "patch")}
         given |= {"published": True} if settings.published else {}
         given |= {"reach": settings.reach} if films > 1 else {}
         read = tuple(InputFile(str(path), hashlib.sha256(path.read_bytes()).hexdigest()) for path in sources)
         head = RecordHead(self.name, read, given)
-        plane = PlaneResult.of_outcome("render", found.outcome, values=found.numbers(), pitch=0)
-        entries, files = found.entries(), found.files()
+        plane = PlaneResult.of_outcome("render", result.outcome, values=result.numbers(), pitch=0)
+        entries, files = result.entries(), result.files()
         if settings.budget is not None:
-            more = allot(found.film, found.filtered.similar, settings.budget)
+            more = allot(result.film, result.filtered.similar, settings.budget)
             files["more.npy"] = npy(more, more.dtype)
             entries["more_samples"] = {
                 "all": int(more.sum()), "most": int(more.max()), "pixels_without": float((more == 0).mean())
             }  # fmt: skip
         return Measurement(
-            self.schema, head, (plane,), entries=entries, files=files, results_key=self.results_key, found=found
+            self.schema, head, (plane,), entries=entries, files=files, results_key=self.results_key, result=result
         )
 
-    def page(self, found: Measurement) -> bytes:
-        """As it was rendered beside as it is filtered."""
-        return FilteredRender.page(found.found)
+    def page(self, measurement: Measurement) -> bytes:
+        """The page with the rendered and the filtered picture."""
+        return FilteredRender.page(measurement.result)
 
-    def lines(self, found: Measurement) -> list[str]:
-        """How many patches are alike at each scale."""
-        similar = ", ".join(f"{n:.0f}" for n in found.entries["similar_median"])
+    def lines(self, measurement: Measurement) -> list[str]:
+        """The number of similar patches at each scale."""
+        similar = ", ".join(f"{n:.0f}" for n in measurement.entries["similar_median"])
         return [f"similar patches in the median, finest scale first: {similar}"]
 
 
@@ -299,8 +299,8 @@ def _filtered(paths: Sequence[Path], settings: RaysSettings, progress: Progress)
     sequence = filter_sequence(
         films(), settings.parameters, reach=settings.reach, uncertain=settings.uncertainty, threads=threads
     )
-    for found in sequence:
-        yield kept.popleft(), found
+    for frame in sequence:
+        yield kept.popleft(), frame
 
 
 def _reference(path: Path, shape: tuple[int, ...]) -> Picture:

@@ -117,18 +117,18 @@ class Restore(Procedure[RestoreSettings]):
         }  # fmt: skip
         head = RecordHead(self.name, files_read(frames), given)
         whole = Restored(outcome, photographs, distances)
-        found = restoration_measurement("+".join(frames[0].planes), whole, head)
-        return replace(found, exposure=frames[0].exposure).compared(terms)
+        measurement = restoration_measurement("+".join(frames[0].planes), whole, head)
+        return replace(measurement, exposure=frames[0].exposure).compared(terms)
 
-    def page(self, found: Measurement) -> bytes:
+    def page(self, measurement: Measurement) -> bytes:
         """Before, after, depth, residual, and the picture refocused."""
         from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
 
-        return restoration_page(self.report(found), found.found).encode()
+        return restoration_page(self.report(measurement), measurement.result).encode()
 
-    def lines(self, found: Measurement) -> list[str]:
+    def lines(self, measurement: Measurement) -> list[str]:
         """The comparison with the ground truth."""
-        restoration: Restoration | None = found.found and found.found.outcome.value
+        restoration: Restoration | None = measurement.result and measurement.result.outcome.value
         if restoration is None or restoration.ground_truth is None:
             return []
         truth = restoration.ground_truth
@@ -241,7 +241,7 @@ def _finding(motion: Finding) -> str:
 
 def _lenses(settings: RestoreSettings, frames: Sequence[RawFrame]) -> list[CameraSetting]:
     """Lens and focus of each photograph, in pixels of the plane. Raises BadParameter where something is missing."""
-    found = []
+    lenses = []
     for n, frame in enumerate(frames):
         recorded = frame.exposure
         focus_m, f_number = (_one(each, n) for each in (settings.focus_m, settings.f_number))
@@ -255,8 +255,8 @@ def _lenses(settings: RestoreSettings, frames: Sequence[RawFrame]) -> list[Camer
         if lacking:
             raise BadParameter(f"photograph {n + 1} does not record all data for metres", f"give {lacking}")
         focal, number, focus_mm, pitch = (float(value or 0) for value in known.values())
-        found.append(CameraSetting(focal, number, focus_mm, pitch * next(iter(frame.planes.values())).pitch))
-    return found
+        lenses.append(CameraSetting(focal, number, focus_mm, pitch * next(iter(frame.planes.values())).pitch))
+    return lenses
 
 
 def _one(given: Sequence[float], n: int) -> float | None:

@@ -53,15 +53,15 @@ class Rig(Procedure[RigSettings]):
         if first.file.sha256 == second.file.sha256:
             raise BadInput(f"{paths[0]} and {paths[1]} are one geometry", "name the results of the rig's two cameras")
         outcome = estimate_rig(first.charts, second.charts)
-        found = outcome.value
-        details = {} if found is None else {
-            "R": found.pose.R.tolist(), "t_mm": found.pose.t.tolist(), "charts": list(found.charts),
-            "diagnostics": {"misfit": found.misfit, "chance": found.chance},
+        estimate = outcome.value
+        details = {} if estimate is None else {
+            "R": estimate.pose.R.tolist(), "t_mm": estimate.pose.t.tolist(), "charts": list(estimate.charts),
+            "diagnostics": {"misfit": estimate.misfit, "chance": estimate.chance},
         }  # fmt: skip
         head = RecordHead(self.name, (first.file, second.file), to_record(settings))
         return Measurement(
             self.schema, head, (plane_result(self.name, outcome, details),), results_key=self.results_key,
-            files={} if found is None else {"rig_covariance.npy": npy(found.covariance)},
+            files={} if estimate is None else {"rig_covariance.npy": npy(estimate.covariance)},
         ).compared(terms)  # fmt: skip
 
 

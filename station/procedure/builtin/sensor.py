@@ -25,7 +25,7 @@ class SensorSettings(Settings, frozen=True, kw_only=True):
     plane: Annotated[str, setting("R, G1, G2, B, Y or all.")] = "all"
 
 
-class Sensor(Procedure[SensorSettings]):
+class SensorCharacterisation(Procedure[SensorSettings]):
     """Dark pictures and a ladder of even light."""
 
     name = "sensor"
@@ -72,15 +72,15 @@ class Sensor(Procedure[SensorSettings]):
                 yield path
                 progress(f"read {path}")
 
-        found = measure_sensor(shots, plane, reported, missed=missed)
-        head = RecordHead(self.name, tuple(found.files), {"folder": str(paths[0]), "plane": plane or "all"})
-        return sensor_measurement(found, head).compared(terms)
+        result = measure_sensor(shots, plane, reported, missed=missed)
+        head = RecordHead(self.name, tuple(result.files), {"folder": str(paths[0]), "plane": plane or "all"})
+        return sensor_measurement(result, head).compared(terms)
 
-    def page(self, found: Measurement) -> bytes:
+    def page(self, measurement: Measurement) -> bytes:
         """With the plots that the standard asks for."""
         from station.reports.sensor_page import sensor_page  # here: it draws, which is slow to load
 
-        return sensor_page(self.report(found)).encode()
+        return sensor_page(self.report(measurement)).encode()
 
 
-PROCEDURE = Sensor()
+PROCEDURE = SensorCharacterisation()

@@ -15,14 +15,14 @@ from procedures.tilt.screws import Screws
 from station.calibration.field_photographs import focus_positions, photographs
 from station.calibration.tilt import check_known, known_optics, measure_tilt, tilt_measurement
 from station.common.progress import Progress, silent
-from station.procedure.base import ChartReading, Inputs, Procedure, beside
+from station.procedure.base import ChartSettings, Inputs, Procedure, beside
 from station.procedure.settings import setting, to_record
 from station.results.measurement import Measurement
 from station.results.record_head import InputFile, RecordHead
 from station.results.terms import USUAL, Terms
 
 
-class TiltSettings(ChartReading, frozen=True, kw_only=True):
+class TiltSettings(ChartSettings, frozen=True, kw_only=True):
     """The bracket, the optics, the screws."""
 
     focus: Annotated[Path, setting("A CSV table: photograph's name, position in mm.")]
@@ -53,7 +53,7 @@ class TiltSettings(ChartReading, frozen=True, kw_only=True):
     frequency: Annotated[float, setting("Cycles per pixel.", least=0.01, most=1)] = 0.25
 
     def parameters(self, first: Path) -> TiltParameters:
-        """What was set, and what the first photograph notes where it was not. Raises BadParameter."""
+        """The settings, completed from the first photograph's metadata. Raises BadParameter."""
         pitch_um, focal_length_mm = known_optics(first, self.pixel_pitch_um, self.focal_length_mm)
         return TiltParameters(
             pitch_um,
@@ -101,26 +101,26 @@ class TiltOfSensor(Procedure[TiltSettings]):
         check_known(parameters, positions)  # what is missing is reported before the work, not after it
         name = settings.plane_name or default_plane(frames[0], settings.layout)
         measured = measure(frames, [name], settings.source.chart, BRACKET, progress, settings.layout)
-        found = measure_tilt(measured, name, positions, parameters)
+        result = measure_tilt(measured, name, positions, parameters)
         given = {
             **to_record(settings), "chart": settings.source.origin, "pixel_pitch_um": parameters.pixel_pitch_um,
             "focal_length_mm": parameters.focal_length_mm,
         }  # fmt: skip
         head = RecordHead(self.name, tuple(InputFile(str(path), sha256) for path, sha256 in measured.frames), given)
-        return tilt_measurement(head, name, found, measured.misses).compared(terms)
+        return tilt_measurement(head, name, result, measured.misses).compared(terms)
 
-    def page(self, found: Measurement) -> bytes:
+    def page(self, measurement: Measurement) -> bytes:
         """The surface of best focus, the screws and their turns."""
         from station.reports.tilt_page import tilt_page  # here: it draws, which is slow to load
 
-        return tilt_page(self.report(found)).encode()
+        return tilt_page(self.report(measurement)).encode()
 
-    def lines(self, found: Measurement) -> list[str]:
+    def lines(self, measurement: Measurement) -> list[str]:
         """Each screw, the shim, and whether to turn at all."""
         from station.calibration.tilt import screw_lines
 
-        (plane,) = found.planes
-        return [] if plane.found is None else screw_lines(plane.found)
+        (plane,) = measurement.planes
+        return [] if plane.estimate is None else screw_lines(plane.estimate)
 
 
 PROCEDURE = TiltOfSensor()

@@ -43,8 +43,8 @@ class TwoPhoto(PsfProcedure[TwoPhotoSettings]):
             progress(f"read {path}")
         first, second = frames
         parameters = TwoPhotoParameters(**settings.sampling(), at=terms.frequencies(settings.plane_pixels(first)))
-        found = calibrate_pair(first, second, parameters, settings.limit(first.exposure))
-        return self.measurement(frames, found, parameters.to_record(), settings, terms)
+        results = calibrate_pair(first, second, parameters, settings.limit(first.exposure))
+        return self.measurement(frames, results, parameters.to_record(), settings, terms)
 
 
 PROCEDURE = TwoPhoto()

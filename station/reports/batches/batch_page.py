@@ -35,7 +35,7 @@ class BatchLine:
 
 
 @dataclass(frozen=True)
-class Sample:
+class ItemNumber:
     """One number of one item, with its camera."""
 
     camera: str
@@ -59,7 +59,7 @@ class BatchReport:
     measurements: Mapping[str, int]
     specifications: Mapping[str, int]
     lines: Sequence[BatchLine]
-    samples: Sequence[Sample] = ()
+    samples: Sequence[ItemNumber] = ()
     bounds: Mapping[str, Sequence[float]] = field(default_factory=dict)
     undone: int = 0
 
@@ -110,9 +110,9 @@ def _link(one: BatchLine) -> str:
     return html('<a href="{}">{}</a>', target, one.files) if one.folder else one.files
 
 
-def _groups(samples: Sequence[Sample]) -> dict[tuple[str, str, str], list[Sample]]:
+def _groups(samples: Sequence[ItemNumber]) -> dict[tuple[str, str, str], list[ItemNumber]]:
     """Samples by camera, plane and number."""
-    groups: dict[tuple[str, str, str], list[Sample]] = {}
+    groups: dict[tuple[str, str, str], list[ItemNumber]] = {}
     for one in samples:
         groups.setdefault((one.camera, one.plane, one.number), []).append(one)
     return groups
@@ -132,7 +132,7 @@ def _distributions(report: BatchReport) -> list[Block]:
     return [Figures(figures), Table(rows, head, "rwwnnnnw")]
 
 
-def _distribution(samples: Sequence[Sample], name: str, report: BatchReport) -> Figure:
+def _distribution(samples: Sequence[ItemNumber], name: str, report: BatchReport) -> Figure:
     """Every item's number as a point, a row for each camera and plane, with the medians and the limits."""
     groups, unit = _groups(samples), samples[0].unit
     several = len({camera for camera, *_ in groups}) > 1

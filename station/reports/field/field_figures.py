@@ -124,8 +124,8 @@ def _heights(axes: Axes, shape: tuple[int, int], mm_per_pixel: float | None) -> 
     for axis, size in ((axes.xaxis, shape[1]), (axes.yaxis, shape[0])):
         half = scale * size / 2
         step = next(one for power in range(-3, 6) for one in (10.0**power * n for n in (1, 2, 5)) if 3 * one >= half)
-        told = [one * step for one in range(-3, 4) if abs(one * step) <= half]
-        axis.set_ticks([(size - 1) / 2 + one / scale for one in told], [f"{abs(one):g}" for one in told])
+        ticks = [one * step for one in range(-3, 4) if abs(one * step) <= half]
+        axis.set_ticks([(size - 1) / 2 + one / scale for one in ticks], [f"{abs(one):g}" for one in ticks])
     axes.tick_params(length=2)
     axes.set_xlabel(f"from the frame's centre, {'mm' if mm_per_pixel else 'pixels of the plane'}")
 

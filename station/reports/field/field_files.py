@@ -66,8 +66,8 @@ class FieldParts:
 
     def entry(self) -> dict[str, Any]:
         """Contents of `field` in the record."""
-        found = self.result
-        measured = found.measured
+        result = self.result
+        measured = result.measured
         entry = {
             "file": FILE,
             "frames": len(measured.frames),
@@ -75,8 +75,8 @@ class FieldParts:
             "misses": [asdict(miss) for miss in measured.misses],
             "doubtful_nodes": sum(bool(node.doubt) for nodes in measured.nodes.values() for node in nodes),
             "planes": {name: _plane_entry(one) for name, one in self.fitted.items()},
-            "lateral_colour": {colour.plane: _colour_entry(colour) for colour in found.colours},
-            **_focus_entry(found),
+            "lateral_colour": {colour.plane: _colour_entry(colour) for colour in result.colours},
+            **_focus_entry(result),
         }
         if self.fitted and self.lights:
             entry["vignetting"] = {name: _light_entry(one) for name, one in self.lights.items()}
@@ -111,19 +111,19 @@ def field_measurement(whole: FieldParts, planes: Sequence[PlaneResult], head: Re
                 files[f"{stem}_{one.name}.csv"] = heights_table(curves[one.name], axis, mm)
     psf = psf_measurement(planes, replace(head, field=whole.entry()))
     exposure = measured.exposures[0].exposure if measured.exposures else Exposure()
-    return replace(psf, files={**files, **psf.files}, exposure=exposure, found=whole)
+    return replace(psf, files={**files, **psf.files}, exposure=exposure, result=whole)
 
 
-def mm_per_pixel(found: FieldResult, plane: str, parameters: Mapping[str, Any]) -> float | None:
+def mm_per_pixel(result: FieldResult, plane: str, parameters: Mapping[str, Any]) -> float | None:
     """The pitch of a plane's pixels in mm, as given or recorded by the camera; None if it is unknown."""
     given = parameters.get("pixel_pitch_um")
-    known = given or next((one.exposure.pixel_pitch_um for one in found.measured.exposures), None)
-    return None if not known else found.measured.planes[plane].pitch * float(known) / 1000
+    known = given or next((one.exposure.pixel_pitch_um for one in result.measured.exposures), None)
+    return None if not known else result.measured.planes[plane].pitch * float(known) / 1000
 
 
-def with_medians(one: PlaneResult, found: FieldResult) -> PlaneResult:
+def with_medians(one: PlaneResult, result: FieldResult) -> PlaneResult:
     """A plane's result with the medians of its maps among the numbers, in its unit."""
-    outcome = found.planes.get(one.name)
+    outcome = result.planes.get(one.name)
     if outcome is None or outcome.value is None:
         return one
     medians = {name: convert_quantity(number, one.unit, one.factor) for name, number in outcome.value.numbers.items()}
@@ -144,8 +144,8 @@ def _camera_entry(camera: WholeCamera) -> dict[str, Any]:
     geometry, numbers = camera.geometry, camera.numbers
     entry = verdict_entry(geometry)
     if geometry.value is not None:
-        found = {name: asdict(number) for name, number in geometry.value.numbers().items()}
-        entry = {**entry, "model": geometry.value.camera.model, **found}
+        quantities = {name: asdict(number) for name, number in geometry.value.numbers().items()}
+        entry = {**entry, "model": geometry.value.camera.model, **quantities}
     return {"file": CAMERA, "numbers": len(numbers.values), "parts": [part.name for part in numbers.parts],
             "geometry": entry}  # fmt: skip
 
@@ -157,10 +157,10 @@ def _light_entry(light: LightSurface) -> dict[str, Any]:
     return {CORNER_LIGHT: float(light.at(corners).mean()), DARKEST_CORNER: float(light.at(corners).min())}
 
 
-def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...]:
+def _maps(result: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...]:
     """A plane's maps; those of best focus belong to the reference plane."""
-    if found.focus is not None and name == found.reference:
-        return (*one.maps, *found.focus.maps())
+    if result.focus is not None and name == result.reference:
+        return (*one.maps, *result.focus.maps())
     return one.maps
 
 
@@ -173,18 +173,18 @@ def _provenance(head: RecordHead) -> dict[str, str]:
 
 def _plane_entry(one: PlaneField) -> dict[str, Any]:
     """Record entry of a plane's field."""
-    found = one.interpolation
+    interpolation = one.interpolation
     by_name = {name.name: name for name in one.maps}
     errors: dict[str, float] = {
         name: by_name[name].median(by_name[name].value) for name in (ERROR_NOISE, ERROR_INTERPOLATION)
     }
     return {
-        "model": found.field.model.name,
-        "components": len(found.field.components),
+        "model": interpolation.field.model.name,
+        "components": len(interpolation.field.components),
         "enclosed_share": by_name[ERROR_NOISE].share,
         **errors,
         "budgets": {name: dict(terms) for name, terms in one.budgets.items()},
-        "candidates": [asdict(candidate) for candidate in found.candidates[:MAX_CANDIDATES]],
+        "candidates": [asdict(candidate) for candidate in interpolation.candidates[:MAX_CANDIDATES]],
         **{name: asdict(quantity) for name, quantity in one.numbers.items()},
     }
 
@@ -205,7 +205,7 @@ def _colour_entry(colour: LateralColour) -> dict[str, Any]:
     return {"reference": colour.reference, "degree": colour.surface.degree, "largest_radial": largest}
 
 
-def _focus_entry(found: FieldResult) -> dict[str, Any]:
-    if found.focus is not None:
-        return {"focus": {name: asdict(quantity) for name, quantity in found.focus.numbers().items()}}
-    return {"focus_refused": found.focus_refusal} if found.focus_refusal else {}
+def _focus_entry(result: FieldResult) -> dict[str, Any]:
+    if result.focus is not None:
+        return {"focus": {name: asdict(quantity) for name, quantity in result.focus.numbers().items()}}
+    return {"focus_refused": result.focus_refusal} if result.focus_refusal else {}

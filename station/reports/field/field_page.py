@@ -22,8 +22,8 @@ from station.reports.field.height_curves import HEIGHTS, WITHOUT_PHOTOSITE, heig
 from station.reports.otf_figures import FrequencyAxis
 from station.reports.page import (
     Block,
-    Facts,
     Figures,
+    KeyNumbers,
     Section,
     Table,
     html,
@@ -57,9 +57,9 @@ SUMMARY = (
 )
 
 
-def field_page(report: Report, found: Measurement) -> str:
+def field_page(report: Report, measurement: Measurement) -> str:
     """The page; curves of other fields are drawn over these if they are in the same units."""
-    whole: FieldParts = found.found
+    whole: FieldParts = measurement.result
     result, lights, camera = whole.result, whole.lights, whole.camera
     closing = [
         *_colour_sections(result.colours),
@@ -69,7 +69,7 @@ def field_page(report: Report, found: Measurement) -> str:
         *_misses(result),
         *_file_section(whole.fitted),
     ]
-    blocks = partial(_plane_blocks, whole, found)
+    blocks = partial(_plane_blocks, whole, measurement)
     return report_page(report, summary=_summary(whole), plane_blocks=blocks, closing=closing)
 
 
@@ -84,7 +84,7 @@ def _summary(whole: FieldParts) -> list[Block]:
             (percent(errors[ERROR_NOISE]), "error of the PSF from noise, median over the field"),
             (percent(errors[ERROR_INTERPOLATION]), "error from interpolation, median over the field"),
         )
-        blocks.append(Facts(words))
+        blocks.append(KeyNumbers(words))
     rows = [
         [html('<a href="{}">{}</a>', one.look, name) if one.look else name, tag(one.verdict),
          f"{sentence(one.used)} {reason_words(one)}".strip()]
@@ -96,20 +96,20 @@ def _summary(whole: FieldParts) -> list[Block]:
 # --- one plane ---------------------------------------------------------------------------------------------------
 
 
-def _plane_blocks(whole: FieldParts, found: Measurement, plane: PlaneResult) -> list[Block]:
+def _plane_blocks(whole: FieldParts, measurement: Measurement, plane: PlaneResult) -> list[Block]:
     """Figures and tables of a plane."""
     one, photosite, name = whole.fitted.get(plane.name), whole.result.photosite, plane.name
     if one is None:
         return []
     curves = {stem: by_plane[name] for stem, by_plane in whole.heights.items() if name in by_plane}
-    mm = mm_per_pixel(whole.result, name, found.head.parameters)
+    mm = mm_per_pixel(whole.result, name, measurement.head.parameters)
     field = one.interpolation.field
     frame = field.positions, field.shape
     figures = [field_figures.mosaic_figure(field, f"{name}-mosaic"),
                field_figures.places_figure(field, one.interpolation.axis, f"{name}-places")]  # fmt: skip
     axis = FrequencyAxis(str(plane.unit), plane.factor)
     if heights := curves.get(HEIGHTS):
-        columns = {other.name: other.of(name, plane.unit, "mm" if mm else "pixel") for other in found.overlays}
+        columns = {other.name: other.of(name, plane.unit, "mm" if mm else "pixel") for other in measurement.overlays}
         figures.append(heights_figure(heights, f"{name}-heights", axis, mm, columns))
     if photosite is not None and (before := curves.get(WITHOUT_PHOTOSITE)):
         caption = f"The same without the photosite: {_division(photosite)} The bands include the fill factor’s error."
@@ -201,9 +201,9 @@ def _colour_sections(colours: Sequence[LateralColour]) -> list[Section]:
     return [Section("Lateral colour", [text, Figures(figures, wide=True)])] if colours else []
 
 
-def _focus_section(found: FieldResult) -> list[Section]:
-    if (surface := found.focus) is None:
-        return [Section("Best focus", [sentence(found.focus_refusal)])] if found.focus_refusal else []
+def _focus_section(result: FieldResult) -> list[Section]:
+    if (surface := result.focus) is None:
+        return [Section("Best focus", [sentence(result.focus_refusal)])] if result.focus_refusal else []
     maps = [
         field_figures.field_map_figure(m, surface.positions, surface.shape, f"focus-{m.name}", m.title)
         for m in surface.maps()
@@ -213,8 +213,8 @@ def _focus_section(found: FieldResult) -> list[Section]:
     return [Section("Best focus", [Figures([*maps, table], wide=True)])]
 
 
-def _misses(found: FieldResult) -> list[Section]:
-    rows = [[one.source, one.plane, one.place, reason_words(one)] for one in found.measured.misses]
+def _misses(result: FieldResult) -> list[Section]:
+    rows = [[one.source, one.plane, one.place, reason_words(one)] for one in result.measured.misses]
     table = Table(rows, ["photograph", "plane", "chart at", "why, and what helps"], "wwwr")
     return [Section("Charts without a PSF", [table])] if rows else []
 

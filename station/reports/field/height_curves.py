@@ -89,7 +89,7 @@ def _draw_other(axes: Axes, name: str, columns: HeightColumns, marker: str, own:
 
 
 def heights_table(curves: Sequence[HeightCurve], axis: FrequencyAxis, mm_per_pixel: float | None) -> bytes:
-    """The same as CSV: a row for each height and frequency."""
+    """The curves as CSV: a row for each height and frequency."""
     length = "mm" if mm_per_pixel else "pixel"
     head = [f"image_height [{length}]", f"frequency [{axis.unit}]"]
     head += [f"{kind}{what}" for kind, _ in KINDS for what in ("", "_uncertainty", "_spread")] + ["directions"]

@@ -19,7 +19,7 @@ FARTHEST_MM = 1e5
 
 
 @dataclass(frozen=True)
-class Line:
+class SwitchLine:
     """One switch: its range, reading, and writing (None: read only)."""
 
     name: str
@@ -69,13 +69,13 @@ class BenchSwitch(AlpacaDevice):
             "setswitchname": self._absent("SetSwitchName"),
         }
 
-    def _line(self, given: Parameters) -> Line:
+    def _line(self, given: Parameters) -> SwitchLine:
         number = given.whole("Id")
         if not 0 <= number < len(self._lines):
             raise AlpacaError(INVALID_VALUE, f"Id must be between 0 and {len(self._lines) - 1}; got {number}")
         return self._lines[number]
 
-    def _of(self, ask: Callable[[Line], Any]) -> Member:
+    def _of(self, ask: Callable[[SwitchLine], Any]) -> Member:
         return lambda given: ask(self._line(given))
 
     def _absent(self, name: str) -> Member:
@@ -85,7 +85,7 @@ class BenchSwitch(AlpacaDevice):
 
         return refuse
 
-    def _set(self, line: Line, value: float) -> None:
+    def _set(self, line: SwitchLine, value: float) -> None:
         if line.write is None:
             raise AlpacaError(NOT_IMPLEMENTED, f"{line.name} is read only")
         if not 0 <= value <= line.highest:
@@ -96,12 +96,12 @@ class BenchSwitch(AlpacaDevice):
             line.write(value)
 
 
-def lines_of(bench: Bench) -> Sequence[Line]:
+def lines_of(bench: Bench) -> Sequence[SwitchLine]:
     """The switches of a bench, in order, for the devices it has."""
-    lines: list[Line] = []
+    lines: list[SwitchLine] = []
     if "light" in bench.devices:
         lamp = cast(Light, bench.devices["light"])
-        lines.append(Line("light", "level of the lamp, 1 is full light", 1.0, 0.01, lamp.level, lamp.set_level))
+        lines.append(SwitchLine("light", "level of the lamp, 1 is full light", 1.0, 0.01, lamp.level, lamp.set_level))
     if "shutter" in bench.devices:
         lines += contacts_of(cast(Shutter, bench.devices["shutter"]))
     if "rangefinder" in bench.devices:
@@ -109,7 +109,7 @@ def lines_of(bench: Bench) -> Sequence[Line]:
     return lines
 
 
-def contacts_of(shutter: Shutter) -> list[Line]:
+def contacts_of(shutter: Shutter) -> list[SwitchLine]:
     """The release contact, which opens by itself, and the half-press."""
     pressed = [0.0]
 
@@ -125,12 +125,12 @@ def contacts_of(shutter: Shutter) -> list[Line]:
 
     words = f"closes the release contact for {PULSE_S:g} s: one photograph; off opens it at once"
     return [
-        Line("release", words, 1.0, 1.0, lambda: 0.0, release),
-        Line("half-press", "the half-pressed button", 1.0, 1.0, lambda: pressed[0], focus),
+        SwitchLine("release", words, 1.0, 1.0, lambda: 0.0, release),
+        SwitchLine("half-press", "the half-pressed button", 1.0, 1.0, lambda: pressed[0], focus),
     ]
 
 
-def laser_of(laser: Rangefinder) -> list[Line]:
+def laser_of(laser: Rangefinder) -> list[SwitchLine]:
     """The laser spot, and the distance, which every read measures."""
     shining = [0.0]
 
@@ -139,6 +139,8 @@ def laser_of(laser: Rangefinder) -> list[Line]:
         shining[0] = float(value > 0)
 
     return [
-        Line("laser", "the rangefinder's spot, for aiming", 1.0, 1.0, lambda: shining[0], shine),
-        Line("distance", "millimetres, measured on each read", FARTHEST_MM, 0.1, lambda: laser.measure().distance_mm),
+        SwitchLine("laser", "the rangefinder's spot, for aiming", 1.0, 1.0, lambda: shining[0], shine),
+        SwitchLine(
+            "distance", "millimetres, measured on each read", FARTHEST_MM, 0.1, lambda: laser.measure().distance_mm
+        ),
     ]

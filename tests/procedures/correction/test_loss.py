@@ -7,7 +7,7 @@ import pytest
 
 from procedures.correction.estimate import CorrectionParameters, correct
 from procedures.correction.loss import PLACES, field_error
-from procedures.correction.optics import Optics
+from procedures.correction.optics import PlaneFields
 from procedures.correction.priors import Prior
 from procedures.raw import Plane
 
@@ -32,7 +32,9 @@ def picture():
 
 @pytest.mark.slow
 def test_error_appears_at_detail_and_grows_with_contrast(picture):
-    optics = Optics.of({"Y": Plane("Y", picture[0], 1e-4)}, {"Y": SmallLens(SHAPE, 0.8).field("Y", 1e-3).field}, {})
+    optics = PlaneFields.of(
+        {"Y": Plane("Y", picture[0], 1e-4)}, {"Y": SmallLens(SHAPE, 0.8).field("Y", 1e-3).field}, {}
+    )
     flat, one, double = (
         field_error(optics, Whole(), Prior(), 1e-5, 0.03, shown) for shown in (0 * picture + 0.5, picture, 2 * picture)
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.correction.optics import Optics
+from procedures.correction.optics import PlaneFields
 from procedures.field.interpolate import interpolate
 from procedures.psf import Psf
 from procedures.psf_field import Node
@@ -31,7 +31,7 @@ def field(psf):
 
 @pytest.mark.parametrize("pitch", [1, 2])
 def test_details_are_blurred_by_the_complete_psf_with_the_light_beyond_its_reach(psf, field, pitch):
-    optics = Optics.of({"Y": Plane("Y", np.zeros(SHAPE, np.float32), 1e-4, pitch)}, {"Y": field}, {})
+    optics = PlaneFields.of({"Y": Plane("Y", np.zeros(SHAPE, np.float32), 1e-4, pitch)}, {"Y": field}, {})
     fx, fy = np.meshgrid(np.arange(1, 20) / N, np.arange(0, 20) / N)
     H = optics.otf(40.0, 30.0, N)[0]
     assert H[0, 0] == pytest.approx(1, abs=1e-6)
@@ -43,7 +43,7 @@ def test_details_are_blurred_by_the_complete_psf_with_the_light_beyond_its_reach
 def test_on_large_frames_rotated_photographs_reach_no_farther_than_their_supports(field):
     turn = np.array([[0.0, -0.007], [0.007, 0.0]])
     planes = {name: Plane("Y", np.zeros((4000, 6000), np.float32), 1e-4) for name in ("Y", "Y 2")}
-    optics = Optics.of(planes, {"Y": field}, {"Y 2": lambda points: (points - [3000.0, 2000.0]) @ turn})
+    optics = PlaneFields.of(planes, {"Y": field}, {"Y 2": lambda points: (points - [3000.0, 2000.0]) @ turn})
     assert optics.ring < 8
     # displacement of a point at the picture's rim under a rotation by 0.007 rad, beyond first order
     dx, dy = np.linalg.solve(np.eye(2) - turn.T, [2990.0, 1990.0]) - [2990.0, 1990.0]

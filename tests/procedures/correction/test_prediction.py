@@ -6,7 +6,7 @@ import pytest
 from procedures.correction.estimate import _smoothed
 from procedures.correction.mosaic import Mosaic
 from procedures.correction.noise import Noise
-from procedures.correction.optics import Optics
+from procedures.correction.optics import PlaneFields
 from procedures.correction.prediction import Prediction, predict
 from procedures.correction.priors import Prior
 from procedures.raw import Plane
@@ -21,7 +21,7 @@ def predictions():
     lens = SmallLens(SHAPE, 0.7, growth=1.0, coma=0.0)
     planes = {"Y": Plane("Y", np.full(SHAPE, 0.5, np.float32), 1e-4)}
     mosaic = Mosaic.of(planes, {"Y": Noise(1e-6, 1e-5, 1.0, 2.0)})
-    optics = Optics.of(planes, {"Y": lens.field("Y").field}, {})
+    optics = PlaneFields.of(planes, {"Y": lens.field("Y").field}, {})
     return {tau: predict(optics, mosaic, Prior(), tau, 0.03) for tau in (1e-5, 3e-4, 1.0)}
 
 

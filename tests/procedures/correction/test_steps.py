@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.correction.deconvolve import Splitting, Tile, deconvolve
+from procedures.correction.deconvolve import DeconvolutionTile, Splitting, deconvolve
 from procedures.correction.priors import Prior
 from procedures.correction.steps import differences, divergence
-from procedures.correction.tiles import Axis
+from procedures.correction.tiles import TileAxis
 from procedures.outcome import BadParameter
 
 
@@ -37,7 +37,7 @@ def test_an_impossible_prior_is_refused():
 
 @pytest.mark.parametrize(("size", "n"), [(100, 128), (333, 128), (1000, 256)])
 def test_the_windows_of_all_tiles_sum_to_one(size, n):
-    axis, total = Axis(size, n, 20), np.zeros(size)
+    axis, total = TileAxis(size, n, 20), np.zeros(size)
     for start in axis.starts:
         window = axis.window(start)
         assert not window[:20].any() or start + 20 <= 0 or start == axis.starts[0]
@@ -49,7 +49,9 @@ def test_the_windows_of_all_tiles_sum_to_one(size, n):
 def tile_of(u, weight):
     """The samples of an unblurred tile."""
     n = u.shape[-1]
-    return Tile(u.astype(np.float32), weight.astype(np.float32), np.ones((1, n, n // 2 + 1), np.complex64), [0])
+    return DeconvolutionTile(
+        u.astype(np.float32), weight.astype(np.float32), np.ones((1, n, n // 2 + 1), np.complex64), [0]
+    )
 
 
 def test_clipped_light_is_at_least_the_clipping_level():
@@ -68,6 +70,6 @@ def test_without_noise_and_with_all_samples_the_blur_is_removed(rng):
     f = np.fft.fftfreq(n)
     H = np.exp(-2 * np.pi**2 * 0.7**2 * (f[:, None] ** 2 + f[: n // 2 + 1] ** 2))[None]
     samples = np.fft.irfft2(H * np.fft.rfft2(u), (n, n)).astype(np.float32)
-    tile = Tile(samples, np.ones_like(samples), H.astype(np.complex64), [0])
+    tile = DeconvolutionTile(samples, np.ones_like(samples), H.astype(np.complex64), [0])
     restored = deconvolve(tile, samples, Prior(), 1e-6, 0.05, Splitting(300, 1.0, 1.0))
     assert np.std(restored - u) < 0.1 * np.std(samples - u)

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from procedures.geometry.adjustment import by_pose, moved_pose
-from procedures.geometry.cameras import MODELS, Camera, parameter_names, simple_camera
+from procedures.geometry.cameras import MODELS, CameraModel, parameter_names, simple_camera
 from procedures.geometry.views import Pose
 from procedures.outcome import BadParameter
 
-FULL = Camera(
+FULL = CameraModel(
     "FULL_OPENCV", np.array([900, 910, 320.25, 239.5, -0.2, 0.1, 1e-3, -2e-3, 0.02, 0.01, 0.03, -0.01]), 640, 480
 )
 POINTS = np.random.default_rng(5).uniform([-0.3, -0.2, 0.9], [0.3, 0.2, 1.3], (40, 3))
@@ -25,7 +25,7 @@ def test_colmap_has_the_axis_half_a_pixel_further():
     axis = np.array([[0.0, 0.0, 1.0]])
     np.testing.assert_allclose(FULL.project(axis), [[320.25, 239.5]], atol=1e-12)
     np.testing.assert_allclose(FULL.colmap().img_from_cam(axis), [[320.75, 240.0]], atol=1e-12)
-    np.testing.assert_allclose(Camera.from_colmap(FULL.colmap()).params, FULL.params)
+    np.testing.assert_allclose(CameraModel.from_colmap(FULL.colmap()).params, FULL.params)
 
 
 @pytest.mark.parametrize("model", MODELS)

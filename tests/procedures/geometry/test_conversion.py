@@ -3,13 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.geometry.cameras import Camera
+from procedures.geometry.cameras import CameraModel
 from procedures.geometry.conversion import as_model, as_opencv
 from procedures.outcome import BadParameter
 
 from .simulated_views import TrueCamera
 
-FULL = Camera("FULL_OPENCV", np.array([5200, 5204, 3012, 1989, -0.12, 0.06, 4e-4, -3e-4, -0.01, 0, 0, 0.0]), 6000, 4000)
+FULL = CameraModel(
+    "FULL_OPENCV", np.array([5200, 5204, 3012, 1989, -0.12, 0.06, 4e-4, -3e-4, -0.01, 0, 0, 0.0]), 6000, 4000
+)
 WHOLE = np.array([[0.0, 0], [5999, 0], [5999, 3999], [0, 3999]])
 
 
@@ -28,7 +30,7 @@ def test_the_error_of_fewer_coefficients_is_reported():
 
 
 def test_an_equidistant_lens_is_represented_by_its_own_formula():
-    lens = Camera("OPENCV_FISHEYE", np.array([1500.0, 1500, 960, 540, 0.02, -0.01, 0.003, 0]), 1920, 1080)
+    lens = CameraModel("OPENCV_FISHEYE", np.array([1500.0, 1500, 960, 540, 0.02, -0.01, 0.003, 0]), 1920, 1080)
     found, difference = as_model(lens, np.array([[0.0, 0], [1919, 0], [1919, 1079], [0, 1079]]), "OPENCV_FISHEYE")
     assert difference.max_px < 1e-4
     np.testing.assert_allclose(found.params[:4], lens.params[:4], atol=1e-3)

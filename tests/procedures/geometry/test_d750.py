@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from procedures.geometry.adjustment import AdjustmentProblem, AdjustmentState
 from procedures.geometry.bundle import first_bundle
-from procedures.geometry.cameras import Camera
+from procedures.geometry.cameras import CameraModel
 from procedures.geometry.choice import fit_model
 from procedures.geometry.shape import rigid_shape, shape_of_terms
 from procedures.geometry.views import ChartView, Pose
@@ -60,7 +60,7 @@ def test_mrcals_optimum_is_recovered(published, views):
     found = fit_model("FULL_OPENCV", problem.flat_state(bundle.camera, bundle.poses), problem)
     # the residual of their camera, poses and warp: the poses are of the board's corner there
     corner, theirs = nodes[0], 1000 * published["calobject_warp"]
-    camera = Camera("FULL_OPENCV", published["intrinsics"][0], *SIZE)
+    camera = CameraModel("FULL_OPENCV", published["intrinsics"][0], *SIZE)
     poses = tuple(_about_centre(rt, corner) for rt in published["frames_rt_toref"])
     flat = AdjustmentProblem(nodes + terms @ theirs, views, rigid_shape(nodes))
     assert _rms(problem, found.state) == pytest.approx(_rms(flat, flat.flat_state(camera, poses)), rel=1e-4)

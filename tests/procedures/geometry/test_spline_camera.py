@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from procedures.geometry.adjustment import AdjustmentProblem
-from procedures.geometry.cameras import Camera, parameter_names
+from procedures.geometry.cameras import CameraModel, parameter_names
 from procedures.geometry.choice import choose_model, first_state
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.shape import shape_model
@@ -17,7 +17,7 @@ from procedures.outcome import BadParameter
 
 from .simulated_views import CELL_MM, Shoot, TrueCamera, apart, take
 
-BASE = Camera("OPENCV", np.array([900.0, 910, 322, 238, -0.1, 0.02, 1e-3, -5e-4]), 640, 480)
+BASE = CameraModel("OPENCV", np.array([900.0, 910, 322, 238, -0.1, 0.02, 1e-3, -5e-4]), 640, 480)
 PLAIN = SplineCamera.over(BASE, "OPENCV+SPLINE_7X5")
 WAVY = TrueCamera(wave_px=0.3)
 

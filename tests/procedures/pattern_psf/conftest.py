@@ -12,7 +12,7 @@ from procedures.raw import Plane
 from simulators.camera.camera import Lens, Photograph, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor
-from simulators.world.scene import Light, Scene, Wall
+from simulators.world.scene import Illumination, Scene, Wall
 
 CHART = Chart.from_seed()
 PITCH_UM = 7.52
@@ -46,7 +46,7 @@ def photograph(
     roll_deg: float = 7.0,
     k1: float = 0.02,
     gaussian_px: float = 0.35,
-    light: Light | None = None,
+    light: Illumination | None = None,
 ) -> Bench:
     """One chart before a plain wall, tilted and turned, through a lens that distorts."""
     sensor = Sensor(
@@ -55,11 +55,11 @@ def photograph(
     optics = Optics.typical(f_number=5.6, pitch_um=PITCH_UM, gaussian_px=gaussian_px)
     camera = SimulatedCamera(Lens(k1=k1, f_number=5.6), sensor, PITCH_UM, optics, white_e_per_s=WHITE_E / 0.02)
     placed = camera.place(CHART, pixels=pixels, yaw_deg=yaw_deg, roll_deg=roll_deg)
-    shot = camera.photograph(Scene((placed,), Wall(), light or Light()), np.random.default_rng(1))
+    shot = camera.photograph(Scene((placed,), Wall(), light or Illumination()), np.random.default_rng(1))
     return Bench(shot, shot.plane("Y"))
 
 
 @pytest.fixture(scope="session")
 def bench() -> Bench:
     centre, radius = (105.0, 100.0), 60.0
-    return photograph(light=Light(0.9, (0.06, -0.04), (0.02, 0.01, -0.02), centre, radius))
+    return photograph(light=Illumination(0.9, (0.06, -0.04), (0.02, 0.01, -0.02), centre, radius))

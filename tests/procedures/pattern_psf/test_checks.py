@@ -20,13 +20,13 @@ from procedures.pattern_psf.checks import (
 from procedures.pattern_psf.distance.consistency import MIN_CELL_CORRELATION
 from procedures.pattern_psf.distance.ranging import fit_offset_mm
 from procedures.pattern_psf.facts import RATIO
-from procedures.pattern_psf.pose import ChartPose, Optics, chart_pose
+from procedures.pattern_psf.pose import ChartPose, ImagingGeometry, chart_pose
 from procedures.plan import Facts
 from procedures.raw import read_frame
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at
 from simulators.camera.sensor import Sensor
-from simulators.world.projection import Pose
-from simulators.world.scene import Light, PlacedChart, Scene
+from simulators.world.projection import ObjectPose
+from simulators.world.scene import Illumination, PlacedChart, Scene
 
 # drawn more coarsely than its optics ask: the error stays far below the noise
 CAMERA = SimulatedCamera(Lens(focal_length_mm=24.0), Sensor(rows=360, columns=480), pitch_um=5.94, oversampling=5)
@@ -41,8 +41,8 @@ def shoot(rng, tmp_path):
     """A frame of a chart that hangs so and so."""
 
     def photograph(pose=None, *, exposure_s=0.024, slope=(0.0, 0.0), camera=CAMERA, charts=1):
-        placed = PlacedChart(CHART, pose or Pose((0.0, 0.0, FAR_MM)), CELL_MM)
-        light = camera.light_on(placed, slope) if charts else Light()
+        placed = PlacedChart(CHART, pose or ObjectPose((0.0, 0.0, FAR_MM)), CELL_MM)
+        light = camera.light_on(placed, slope) if charts else Illumination()
         path = tmp_path / "frame.dng"
         scene = Scene((placed,) * charts, light=light)
         camera.photograph(scene, rng, path, exposure_s=exposure_s)
@@ -52,7 +52,7 @@ def shoot(rng, tmp_path):
 
 
 def turned(**angles):
-    return Pose((0.0, 0.0, FAR_MM), **{f"{name}_deg": angle for name, angle in angles.items()})
+    return ObjectPose((0.0, 0.0, FAR_MM), **{f"{name}_deg": angle for name, angle in angles.items()})
 
 
 # --- square ------------------------------------------------------------------------------------------------------
@@ -84,7 +84,7 @@ def test_the_pose_is_that_of_the_homography(name, angle):
     projection = CAMERA.projection(FAR_MM)
     to_plane = np.array([[0.5, 0, -0.25], [0, 0.5, -0.25], [0, 0, 1]])  # the middle of 240 columns is 119.5
     H = to_plane @ projection.pinhole() @ placed.to_space()
-    pose = chart_pose(H, (180, 240), Optics(24.0, 2 * 5.94, CELL_MM))
+    pose = chart_pose(H, (180, 240), ImagingGeometry(24.0, 2 * 5.94, CELL_MM))
     assert getattr(pose, f"{name}_deg") == pytest.approx(angle, abs=0.05)
     assert pose.centre_mm == pytest.approx((30.0, -20.0, FAR_MM), rel=2e-3)
 
@@ -120,12 +120,12 @@ def test_going_around_a_turned_chart_does_what_turning_it_does(shoot):
 @pytest.mark.parametrize("ratio", [0.96, 2.1])
 def test_the_way_to_the_right_distance_is_told_in_metres_and_leads_there(shoot, ratio):
     z = FAR_MM * RATIO / ratio
-    advice = check_distance(shoot(Pose((0.0, 0.0, z))), FACTS)
+    advice = check_distance(shoot(ObjectPose((0.0, 0.0, z))), FACTS)
     assert not advice.good
     assert ("back" in advice.say) == (ratio > RATIO)
     assert f"{abs(advice.moves['z_mm']) / 1000:.2f} m" in advice.say
     there = z + advice.moves["z_mm"]
-    placed = check_distance(shoot(Pose((0.0, 0.0, there))), FACTS)
+    placed = check_distance(shoot(ObjectPose((0.0, 0.0, there))), FACTS)
     assert placed.good
     # the focus is found anew there, which changes the image's distance by f/z: one per cent
     assert placed.readings[0].value == pytest.approx(RATIO, rel=0.015)
@@ -144,7 +144,7 @@ OFF = [(48.0, -24.0, "Shift the camera"), (60.0, -40.0, "cuts the chart")]
 @pytest.mark.slow
 @pytest.mark.parametrize(("right", "down", "words"), OFF)
 def test_a_chart_off_the_middle_is_brought_there(shoot, right, down, words):
-    advice = check_distance(shoot(Pose((right, down, FAR_MM))), FACTS)
+    advice = check_distance(shoot(ObjectPose((right, down, FAR_MM))), FACTS)
     assert not advice.good
     assert words in advice.say
     assert advice.moves["x_mm"] == pytest.approx(right, abs=1)
@@ -197,7 +197,7 @@ def test_without_a_chart_the_brightest_paper_is_exposed_for_and_the_chart_is_ask
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", [2, 7])
 def test_a_chart_of_another_number_is_named_by_its_cells(shoot, wrong):
-    taken = shoot(Pose((0.0, 0.0, FAR_MM)))
+    taken = shoot(ObjectPose((0.0, 0.0, FAR_MM)))
     right = check_light(taken, FACTS)
     assert right.good
     # 62 500 cells seen by 5600 pixels: others agree by chance to 1/75, the best of 49 shifts to some hundredths

@@ -16,7 +16,7 @@ from procedures.physics.fit import WhitenedPsf, distance_of_rise, fit_parts
 from procedures.physics.model import Grid, names_of
 from procedures.physics.one_sided import _fill_factor
 from procedures.physics.pupil import TERMS, Pupil
-from procedures.physics.sensor import Aperture, LowPass, Parts, aperture_otf
+from procedures.physics.sensor import Aperture, LowPass, ModelParts, aperture_otf
 from procedures.psf import Psf
 from procedures.quality import Diffraction
 from procedures.raw import Plane
@@ -101,7 +101,7 @@ def test_l_shaped_apertures_are_rotations_of_the_simulator_s(turns: int) -> None
 @pytest.mark.slow
 def test_model_derivatives_agree_with_differences(rng: np.random.Generator) -> None:
     psf, diffraction = measured(camera(PixelAperture(), wavefront=WAVEFRONT), "G", 0.01, rng)
-    grid, parts = Grid(psf, diffraction, 2), Parts(Aperture.L_135, LowPass.FOUR, diffusion=True)
+    grid, parts = Grid(psf, diffraction, 2), ModelParts(Aperture.L_135, LowPass.FOUR, diffusion=True)
     p = np.concatenate([[0.1, -0.05, 0.9, 0.4, 0.7, 0.2], rng.uniform(-0.1, 0.1, len(TERMS))])
     _, J = grid.model(parts, p)
     for i, name in enumerate(names_of(parts)):
@@ -144,7 +144,7 @@ def test_charge_diffusion_is_no_low_pass_filter(rng: np.random.Generator) -> Non
 @pytest.mark.slow
 def test_error_bars_are_as_large_as_errors(rng: np.random.Generator) -> None:
     optics = camera(PixelAperture(0.9, 0.9), wavefront=WAVEFRONT)
-    parts, start, z = Parts(), None, []
+    parts, start, z = ModelParts(), None, []
     true = np.array([0.9, *(v / WAVELENGTHS_UM["G"] for v in (0.05, 0.02, 0.03, -0.02, 0.04, 0, 0, 0.03))])
     for _ in range(8):
         psf, diffraction = measured(optics, "G", 0.02, rng)
@@ -180,7 +180,7 @@ def test_a_perfect_lens_has_no_aberrations(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("term", ["defocus", "coma_x"])
 def test_chi_square_rises_by_one_at_the_distance_from_the_bound(rng: np.random.Generator, term: str) -> None:
     psf, diffraction = measured(camera(PixelAperture(0.9, 0.9), wavefront=Wavefront()), "G", 0.01, rng)
-    data, parts = WhitenedPsf.of(Grid(psf, diffraction, 2)), Parts(aberrations=())
+    data, parts = WhitenedPsf.of(Grid(psf, diffraction, 2)), ModelParts(aberrations=())
     fit = fit_parts(data, parts)
     probe = replace(parts, aberrations=(TERMS.index(term),))
     started = replace(fit, parts=probe, p=np.append(fit.p, 0.0))
@@ -221,7 +221,7 @@ def test_l_shaped_photosites_differ_by_a_rotation_between_green_and_red(rng: np.
     assert green.numbers["notch"].value == pytest.approx(0.55, abs=0.05)
     psf, diffraction = measured(optics, "R", 0.005, rng)
     data = WhitenedPsf.of(Grid(psf, diffraction, 2))
-    fits = [fit_parts(data, Parts(shape, aberrations=(0,))) for shape in Aperture]
+    fits = [fit_parts(data, ModelParts(shape, aberrations=(0,))) for shape in Aperture]
     best = min(fits, key=lambda one: one.criterion())
     assert best.parts.aperture.missing_corner_deg == green.missing_corner_deg + 90
     # the second best, rotated by 180 degrees, has the same modulus but another phase

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from procedures.restoration.masks.blur_models import mask_stack
-from procedures.restoration.masks.blur_operator import Array, Blur
+from procedures.restoration.masks.blur_operator import Array, BlurOperator
 from procedures.restoration.unknown_motion import motion_splines
 
 FLAT_W = 2.0
@@ -36,7 +36,7 @@ def photographs(slope: float = 0.02) -> list[Array]:
     w = FLAT_W + slope * np.clip(np.arange(extended[1]) - 80.0, 0, None)
     z = []
     for one in motion_splines.shapes_of(curves()):
-        blur = Blur(mask_stack(one, 4.0, R=R), shape)
+        blur = BlurOperator(mask_stack(one, 4.0, R=R), shape)
         blur.focus(np.broadcast_to(w, extended).copy())
         z.append(blur.blur(u))
     return [a[None] + rng.standard_normal(shape) * a.std() / 100 for a in z]

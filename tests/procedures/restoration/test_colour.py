@@ -16,7 +16,7 @@ from procedures.restoration.colour.estimate import descended, problem_of, shifte
 from procedures.restoration.colour.mosaic import depth_on_sensor, mosaics, spread
 from procedures.restoration.colour.picture import mixing
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
-from procedures.restoration.masks.blur_operator import Blur
+from procedures.restoration.masks.blur_operator import BlurOperator
 
 PHASES = {
     "RGGB": {"R": (0, 0), "G1": (1, 0), "G2": (0, 1), "B": (1, 1)},
@@ -38,7 +38,7 @@ def photographed(u, w, stacks, origins, seed=0):
     """Mosaics of light u (3, H + 2R, W + 2R) at depth w, noise 40 dB under its contrast."""
     rng, frames = np.random.default_rng(seed), []
     for stack in stacks:
-        blur = Blur(stack, SHAPE)
+        blur = BlurOperator(stack, SHAPE)
         blur.focus(w)
         z = blur.blur(u)
         z = z + SIGMA * rng.standard_normal(z.shape)
@@ -133,7 +133,7 @@ def test_a_shift_contained_in_the_masks_does_not_shift_the_picture(scene, stacks
     displaced = shifted(stacks, np.array([[0.0, 0.0], [2.0, -1.0]]))
     out = []
     for one in (stacks[1], displaced[1].middle):
-        blur = Blur(one, (SHAPE[0] - 2 * (one.R - R), SHAPE[1] - 2 * (one.R - R)))
+        blur = BlurOperator(one, (SHAPE[0] - 2 * (one.R - R), SHAPE[1] - 2 * (one.R - R)))
         blur.focus(np.full_like(w, 3.0))
         out.append(blur.blur(grey))
     margin = displaced[1].R - R

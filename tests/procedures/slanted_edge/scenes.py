@@ -8,11 +8,11 @@ import numpy as np
 
 from procedures.raw import Plane
 from simulators.camera.optics import GaussianBlur, Optics
-from simulators.camera.render import Picture, Region, render_region
+from simulators.camera.render import IdealImage, Region, render_region
 from simulators.camera.sensor import Sensor
 from simulators.camera.truth import true_mtf
 from simulators.world.projection import Projection
-from simulators.world.scene import Light, Scene, Shape, Wall
+from simulators.world.scene import Illumination, Scene, Shape, Wall
 
 FAR = 4000.0
 FULL_WELL_E, WHITE, BLACK = 4095 * 0.641, 0.9, 0.1
@@ -35,7 +35,7 @@ def edge_light(
     columns: int = 60,
     angle_deg: float = 5.5,
     shift: tuple[float, float] = (0.0, 0.0),
-    light: Light | None = None,
+    light: Illumination | None = None,
     bend: float = 0.0,
     margin_px: int | None = None,
 ) -> np.ndarray:
@@ -50,8 +50,8 @@ def edge_light(
     vertices = [(float(a), float(b)) for a, b in zip(across, y + along, strict=True)]
     right = ((x + 2 * FAR, vertices[-1][1]), (x + 2 * FAR, vertices[0][1]))
     # a wall as far as the pinhole is long: a millimetre on it is a pixel
-    scene = Scene(wall=Wall(1000.0, BLACK, (Shape((*vertices, *right), WHITE),)), light=light or Light())
-    picture = Picture.of(scene, Projection(1000.0, (0.0, 0.0)))
+    scene = Scene(wall=Wall(1000.0, BLACK, (Shape((*vertices, *right), WHITE),)), light=light or Illumination())
+    picture = IdealImage.of(scene, Projection(1000.0, (0.0, 0.0)))
     return render_region(
         picture, optics, Region(0, 0, columns, rows), {(0, 0): "Y"}, oversampling=5, margin_px=margin_px
     )

@@ -13,7 +13,7 @@ from procedures.slanted_edge.estimate import EdgeMtf, estimate_edge, estimate_ed
 from procedures.slanted_edge.strip import Roi
 from simulators.camera.optics import Optics
 from simulators.camera.pupil import Wavefront
-from simulators.world.scene import Light
+from simulators.world.scene import Illumination
 
 from .scenes import edge_light, exposed, gaussian, plane, true_mtf50
 
@@ -52,7 +52,7 @@ def test_mtf50_of_known_optics_without_noise(lens: str, columns: int) -> None:
 
 
 def test_slope_of_the_light_does_not_blur() -> None:
-    light = Light(1.0, (0.1, 0.05), centre_px=(30.0, 50.0), radius_px=50.0)
+    light = Illumination(1.0, (0.1, 0.05), centre_px=(30.0, 50.0), radius_px=50.0)
     found = value(whole(edge_light(gaussian(0.25), light=light)))
     assert found.numbers["mtf50"].value == pytest.approx(0.25, rel=0.002)
 

@@ -10,7 +10,7 @@ from procedures.facts import facts_as
 from procedures.field.facts import TourStart
 from procedures.field.locations import Location
 from procedures.outcome import BadParameter
-from procedures.pattern_psf.pose import Optics
+from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Ask, Give, Home
 from procedures.tilt.facts import TiltFacts
 from procedures.tilt.plan import depth_mm, plan, say_turns, to_depth, turns_by_hand, worth_turning
@@ -95,7 +95,7 @@ PX_PER_CELL = 1.3 / 4
 
 
 def bracket_of(width_mm: float) -> list[float]:
-    optics = Optics(24.0, 11.88, width_mm / 320)
+    optics = ImagingGeometry(24.0, 11.88, width_mm / 320)
     return bracket_mm(optics, 2.8, optics.distance_mm(PX_PER_CELL))
 
 

@@ -14,7 +14,7 @@ from simulators.bench.random_scenes import Trials, random_camera, random_scene
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at, render_plane
 from simulators.camera.optics import WAVELENGTHS_UM, Optics, PixelAperture
 from simulators.camera.pupil import Wavefront
-from simulators.camera.render import Picture, Region, render_region
+from simulators.camera.render import IdealImage, Region, render_region
 from simulators.camera.sensor import Sensor
 from simulators.world.clutter import cover, random_clutter
 from simulators.world.scene import Scene, Shape, Wall
@@ -174,7 +174,7 @@ def test_random_charts_lie_whole_in_the_frame(seed):
 def test_clutter_is_never_darker_than_its_darkest_thing(seed):
     rng = np.random.default_rng(seed)
     wall = Wall(4000.0, 0.4, random_clutter(rng, 120.0, 90.0, words=2))
-    picture = Picture.of(Scene(wall=wall), GREY.projection(4000.0))
+    picture = IdealImage.of(Scene(wall=wall), GREY.projection(4000.0))
     region = Region(0, 0, 240, 200)
     light = render_region(picture, GREY.sharp_optics(), region, {(0, 0): "Y"}, oversampling=8)
     assert light.min() > 0.03 - 1e-3

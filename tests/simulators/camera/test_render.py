@@ -7,31 +7,31 @@ from scipy.special import erf
 from procedures.pattern import X_CORNERS, Chart
 from simulators.camera.optics import GaussianBlur, Optics, PixelAperture
 from simulators.camera.pupil import Wavefront
-from simulators.camera.render import Picture, Region, render_region
+from simulators.camera.render import IdealImage, Region, render_region
 from simulators.camera.truth import ChartTruth, true_psf
 from simulators.world.clutter import cover
-from simulators.world.projection import Pose, Projection
-from simulators.world.scene import Light, PlacedChart, Scene, Shape, Wall
+from simulators.world.projection import ObjectPose, Projection
+from simulators.world.scene import Illumination, PlacedChart, Scene, Shape, Wall
 
 GREY = {(0, 0): "Y"}
 BAYER = {(0, 0): "R", (1, 0): "G", (0, 1): "G", (1, 1): "B"}
 COMATIC = Optics.typical(f_number=5.6, pitch_um=3.76, wavefront=Wavefront(coma_x_um=0.05, astigmatism_um=0.02))
 COMPACT = Optics((GaussianBlur(0.6), PixelAperture()), 4.0)
-TILTED = PlacedChart(Chart.from_seed(), Pose((0, 0, 1000.0), 15, 8, 21), 0.045)
-ALIGNED = PlacedChart(Chart.from_seed(), Pose((0.0, 0.0, 1000.0)), 0.05)
+TILTED = PlacedChart(Chart.from_seed(), ObjectPose((0, 0, 1000.0), 15, 8, 21), 0.045)
+ALIGNED = PlacedChart(Chart.from_seed(), ObjectPose((0.0, 0.0, 1000.0)), 0.05)
 FULL = Region(0, 0, 200, 200)
 VIEW = Projection(5000.0, (99.5, 99.5))
 
 
 def frontal(pixels: float, **more) -> PlacedChart:
-    return PlacedChart(Chart.from_seed(), Pose((0.0, 0.0, 1000.0)), pixels / 256 / 5.0, **more)
+    return PlacedChart(Chart.from_seed(), ObjectPose((0.0, 0.0, 1000.0)), pixels / 256 / 5.0, **more)
 
 
 def render(scene: Scene, optics: Optics = COMPACT, region: Region = FULL, colours=GREY, projection=VIEW, **more):
-    return render_region(Picture.of(scene, projection), optics, region, colours, **{"oversampling": 8, **more})
+    return render_region(IdealImage.of(scene, projection), optics, region, colours, **{"oversampling": 8, **more})
 
 
-def corners_by_hand(points_mm: np.ndarray, pose: Pose) -> np.ndarray:
+def corners_by_hand(points_mm: np.ndarray, pose: ObjectPose) -> np.ndarray:
     """Pinhole projection, written out: roll after yaw after pitch."""
     p, y, r = np.radians([pose.pitch_deg, pose.yaw_deg, pose.roll_deg])
     found = []
@@ -71,7 +71,7 @@ def test_blur_keeps_the_light_and_its_place():
 def test_a_tilted_sheet_lies_where_the_pinhole_puts_it():
     # with photosites without gaps the samples of a band-limited picture sum to its integral (Poisson): a sheet's area
     # and centroid are those of its projected corners. 0.001 px on every edge would be 0.45 px^2 and 0.001 px.
-    pose = Pose((1.0, -1.5, 1000.0), 20.0, -12.0, 33.0)
+    pose = ObjectPose((1.0, -1.5, 1000.0), 20.0, -12.0, 33.0)
     sheet = PlacedChart(Chart.from_seed(), pose, 0.06, paper=1.0, ink=1.0, margin_cells=16)
     light = render(Scene((sheet,), Wall(reflectance=0.0)), region=Region(-20, -20, 240, 240))
     corners = corners_by_hand((sheet.sheet() - 128) * 0.06, pose)
@@ -140,7 +140,7 @@ def test_a_wider_margin_changes_the_picture_by_less_than_a_thousandth():
 
 
 def test_light_is_the_polynomial_about_its_centre():
-    light = Light(2.0, (0.1, -0.2), (0.03, 0.04, -0.05), (10.0, 20.0), 50.0)
+    light = Illumination(2.0, (0.1, -0.2), (0.03, 0.04, -0.05), (10.0, 20.0), 50.0)
     assert light.at(np.array(60.0), np.array(120.0)) == pytest.approx(2 * (1 + 0.1 - 0.4 + 0.03 + 0.08 - 0.2))
     assert light.at(np.array(10.0), np.array(20.0)) == 2
 
@@ -150,14 +150,14 @@ def test_a_cover_hides_the_mark_and_a_nearer_sheet_the_farther():
     hidden = render(Scene((frontal(120, covers=cover(1, 0, reflectance=0.5)),)))
     x, y = (int(v) for v in 99.5 + (X_CORNERS[0] - 128) * 120 / 256)
     np.testing.assert_allclose(hidden[y - 3 : y + 3, x - 3 : x + 3], 0.5, atol=1e-6)
-    near = PlacedChart(Chart.from_seed(), Pose((0.0, 0.0, 500.0)), 0.01, paper=0.7, ink=0.7)
+    near = PlacedChart(Chart.from_seed(), ObjectPose((0.0, 0.0, 500.0)), 0.01, paper=0.7, ink=0.7)
     both = render(Scene((near, frontal(120))))
     assert both[100, 100] == pytest.approx(0.7, abs=1e-9)
 
 
 def test_the_scene_is_in_front_of_the_camera():
     with pytest.raises(ValueError, match="in front of the camera"):
-        Pose((0, 0, -1.0))
+        ObjectPose((0, 0, -1.0))
 
 
 @pytest.mark.slow

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from simulators.camera.optics import Optics, Path
-from simulators.camera.sheets import PlacedSheet, Sheet, draw, draw_moving, leaves
-from simulators.world.projection import Pose, Projection
+from simulators.camera.sheets import FlatSheet, PlacedSheet, draw, draw_moving, leaves
+from simulators.world.projection import ObjectPose, Projection
 
 SHAPE = (48, 80)
 GREY = {(0, 0): "Y"}
@@ -15,8 +15,8 @@ PROJECTION = Projection(4000.0, ((SHAPE[1] - 1) / 2, (SHAPE[0] - 1) / 2))
 OPTICS = Optics.typical(pitch_um=6.0)
 
 
-def at(distance_mm: float, sheet: Sheet, optics: Optics = OPTICS) -> PlacedSheet:
-    return PlacedSheet(sheet, Pose((0.0, 0.0, distance_mm)), optics)
+def at(distance_mm: float, sheet: FlatSheet, optics: Optics = OPTICS) -> PlacedSheet:
+    return PlacedSheet(sheet, ObjectPose((0.0, 0.0, distance_mm)), optics)
 
 
 @pytest.mark.parametrize("period", [3.0, 5.0, 9.0])
@@ -24,7 +24,7 @@ def test_a_grating_keeps_the_contrast_that_the_optics_leave_it(period):
     # a texel of 0.25 mm at 4 m is a quarter of a pixel
     texels = np.arange(640) - 639 / 2
     wave = np.cos(2 * np.pi * texels / (4 * period)).astype(np.float32)
-    sheet = Sheet(np.tile(0.5 + 0.3 * wave, (400, 1)), 0.25)
+    sheet = FlatSheet(np.tile(0.5 + 0.3 * wave, (400, 1)), 0.25)
     seen = draw([at(4000.0, sheet)], PROJECTION, SHAPE, GREY)
     phase = 2 * np.pi * (np.arange(SHAPE[1]) - (SHAPE[1] - 1) / 2) / period
     waves = np.column_stack([np.ones_like(phase), np.cos(phase), np.sin(phase)])
@@ -35,10 +35,10 @@ def test_a_grating_keeps_the_contrast_that_the_optics_leave_it(period):
 
 
 def test_a_sheet_hides_what_lies_behind_it_and_its_edge_is_where_it_ends():
-    behind = Sheet(np.full((400, 640), 0.2, np.float32), 0.5)
+    behind = FlatSheet(np.full((400, 640), 0.2, np.float32), 0.5)
     cover = np.zeros((400, 640), np.float32)
     cover[:, :320] = 1.0
-    front = Sheet(np.full((400, 640), 0.8, np.float32), 0.25, cover=cover)
+    front = FlatSheet(np.full((400, 640), 0.8, np.float32), 0.25, cover=cover)
     row = draw([at(8000.0, behind), at(4000.0, front)], PROJECTION, SHAPE, GREY)[SHAPE[0] // 2]
     np.testing.assert_allclose(row[:20], 0.8, atol=0.01)
     np.testing.assert_allclose(row[-20:], 0.2, atol=0.01)
@@ -48,14 +48,14 @@ def test_a_sheet_hides_what_lies_behind_it_and_its_edge_is_where_it_ends():
 
 def test_each_sheet_moves_by_its_own_path(rng):
     picture = leaves((400, 640), rng, largest=80.0)
-    still = draw([at(4000.0, Sheet(picture, 0.25))], PROJECTION, SHAPE, GREY)
+    still = draw([at(4000.0, FlatSheet(picture, 0.25))], PROJECTION, SHAPE, GREY)
     moved = OPTICS.also(Path(((-3.0, 0.0), (3.0, 0.0))))
-    twice = draw([at(4000.0, Sheet(picture, 0.25), moved)], PROJECTION, SHAPE, GREY)
+    twice = draw([at(4000.0, FlatSheet(picture, 0.25), moved)], PROJECTION, SHAPE, GREY)
     np.testing.assert_allclose(twice[:, 3:-3], (still[:, 6:] + still[:, :-6]) / 2, atol=2e-5)
 
 
 def test_a_mosaic_shows_every_colour_through_its_own_optics(rng):
-    sheet = Sheet(leaves((400, 640), rng, largest=80.0), 0.25)
+    sheet = FlatSheet(leaves((400, 640), rng, largest=80.0), 0.25)
     tile = {(0, 0): "R", (1, 0): "G", (0, 1): "G", (1, 1): "B"}
     mosaic = draw([at(4000.0, sheet)], PROJECTION, SHAPE, tile)
     for (x, y), colour in tile.items():
@@ -76,8 +76,8 @@ def test_a_sheet_that_stands_still_while_it_moves_is_drawn_as_it_is():
     cover = np.zeros((400, 640), np.float32)
     cover[:, :320] = 1.0
     back, front = (
-        at(4000.0, Sheet(leaves((400, 640), rng, largest=30.0), 0.5)),
-        at(3500.0, Sheet(leaves((400, 640), rng, largest=30.0), 0.5, cover=cover)),
+        at(4000.0, FlatSheet(leaves((400, 640), rng, largest=30.0), 0.5)),
+        at(3500.0, FlatSheet(leaves((400, 640), rng, largest=30.0), 0.5, cover=cover)),
     )
     moving = draw_moving([back, front], [[back.pose, front.pose]] * 2, PROJECTION, SHAPE, GREY)
     # cubic reading at whole samples gives them back
@@ -86,9 +86,9 @@ def test_a_sheet_that_stands_still_while_it_moves_is_drawn_as_it_is():
 
 def test_a_sheet_that_shifts_is_blurred_as_by_the_path():
     rng = np.random.default_rng(3)
-    sheet = Sheet(leaves((400, 640), rng, largest=30.0), 0.5)
+    sheet = FlatSheet(leaves((400, 640), rng, largest=30.0), 0.5)
     t = np.linspace(0, 2 * np.pi, 40, endpoint=False)
-    way = [Pose((2.0 * np.cos(a), 1.0 * np.sin(a), 4000.0)) for a in t]
+    way = [ObjectPose((2.0 * np.cos(a), 1.0 * np.sin(a), 4000.0)) for a in t]
     moving = draw_moving([at(4000.0, sheet)], [[pose] for pose in way], PROJECTION, SHAPE, GREY)
     # the sheet's image moves by principal / distance = 1 pixel per mm
     path = Path(tuple((2.0 * float(np.cos(a)), float(np.sin(a))) for a in t))

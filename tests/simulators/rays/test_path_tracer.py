@@ -5,10 +5,10 @@ import pytest
 
 from simulators.rays.path_tracer import (
     Box,
+    InfinitePlane,
     Material,
-    Plane,
+    RayScene,
     Rectangle,
-    Scene,
     Sphere,
     ThinLensCamera,
     blur_diameter_px,
@@ -64,20 +64,20 @@ def spread(picture):
     [
         Sphere((0, 0, 1000), 300, WHITE),
         Box((0, 0, 1000), (250, 200, 300), WHITE, turn_rad=0.6),
-        Plane((0, 100, 0), (0, -3, 0), WHITE),
+        InfinitePlane((0, 100, 0), (0, -3, 0), WHITE),
     ],
     ids=["sphere", "box", "plane"],
 )
 def test_a_perfectly_white_convex_thing_is_invisible_in_even_light(shape):
     camera = ThinLensCamera(8, 8, pitch_um=4000)
-    samples = render(Scene([shape], sky=(0.7, 0.7, 0.7)), camera, 16)
+    samples = render(RayScene([shape], sky=(0.7, 0.7, 0.7)), camera, 16)
     np.testing.assert_allclose(samples, 0.7, rtol=1e-9)
 
 
 def test_gloss_never_makes_light():
     ball = Sphere((0, 0, 1000), 400, Material((1.0, 1.0, 1.0), gloss=0.7, exponent=20))
     camera = ThinLensCamera(8, 8, pitch_um=4000)
-    picture = render(Scene([ball], sky=(1.0, 1.0, 1.0)), camera, 400).mean((2, 3))
+    picture = render(RayScene([ball], sky=(1.0, 1.0, 1.0)), camera, 400).mean((2, 3))
     # the lobe that would go below the surface is lost, so the rim is darker; four standard deviations above 1 at most
     assert picture.max() < 1.05
     assert picture[4, 4] > 0.9
@@ -92,7 +92,7 @@ def test_light_in_a_closed_room_adds_up_as_a_geometric_series():
         for side in (-1, 1):
             a, b = (u, v) if side < 0 else (v, u)  # fronts face inside
             walls.append(Rectangle(tuple(side * n * s - (u + v) * s), tuple(2 * s * a), tuple(2 * s * b), wall))
-    samples = render(Scene(walls), ThinLensCamera(10, 10, pitch_um=5000), 100)
+    samples = render(RayScene(walls), ThinLensCamera(10, 10, pitch_um=5000), 100)
     error = samples.std() / np.sqrt(samples.size / 3)
     assert samples.mean() == pytest.approx(1.0 - 2.0**-12, abs=4 * error)
     assert error < 0.01
@@ -100,13 +100,13 @@ def test_light_in_a_closed_room_adds_up_as_a_geometric_series():
 
 @pytest.mark.parametrize("height", [300.0, 900.0])
 def test_brightness_under_a_lamp_falls_off_as_the_view_factor_says(height):
-    floor = Plane((0, 0, 1000), (0, 0, -1), Material((0.6, 0.6, 0.6)))
+    floor = InfinitePlane((0, 0, 1000), (0, 0, -1), Material((0.6, 0.6, 0.6)))
     shade = Material((0.0, 0.0, 0.0), emission=(5.0, 5.0, 5.0))
     side = 200.0
     above = Rectangle((-side, -side, 1000 - height), (2 * side, 0, 0), (0, 2 * side, 0), shade)
     # the camera looks from the side, past the lamp, at the floor's point under its middle
     camera = ThinLensCamera(3, 3, pitch_um=10, position_mm=(-2000.0, 0.0, 850.0), target_mm=(0.0, 0.0, 1000.0))
-    samples = render(Scene([floor, above]), camera, 4000)[..., 0]
+    samples = render(RayScene([floor, above]), camera, 4000)[..., 0]
     a = side / height  # one of four quarters: Siegel, Howell, configuration 1, element to a parallel rectangle's corner
     quarter = 2 * a / np.sqrt(1 + a * a) * np.arctan(a / np.sqrt(1 + a * a)) / (2 * np.pi)
     error = samples.std() / np.sqrt(samples.size)
@@ -116,11 +116,11 @@ def test_brightness_under_a_lamp_falls_off_as_the_view_factor_says(height):
 @pytest.mark.parametrize("exponent", [1.0, 50.0])
 def test_aiming_at_lights_changes_noise_and_not_the_mean(exponent):
     # the same room lit by one lamp, or by that lamp in two halves and a black one far behind: other odds, same light
-    floor = Plane((0, 300, 0), (0, -1, 0), Material((0.5, 0.5, 0.5), gloss=0.5, exponent=exponent))
+    floor = InfinitePlane((0, 300, 0), (0, -1, 0), Material((0.5, 0.5, 0.5), gloss=0.5, exponent=exponent))
     shine = Material((0.0, 0.0, 0.0), emission=(4.0, 4.0, 4.0))
     down = [Rectangle((x, -200, 800), (0, 0, 300), (w, 0, 0), shine) for x, w in ((-200, 400), (-200, 150), (-50, 250))]
     camera = ThinLensCamera(6, 6, pitch_um=1000, target_mm=(0, 300, 900))
-    one, two = (render(Scene([floor, *lamps]), camera, 2000, seed) for seed, lamps in ((1, down[:1]), (2, down[1:])))
+    one, two = (render(RayScene([floor, *lamps]), camera, 2000, seed) for seed, lamps in ((1, down[:1]), (2, down[1:])))
     error = np.hypot(
         *(s.mean(2).std() / np.sqrt(s[..., 0].size) + s.std() / np.sqrt(s[..., 0].size) for s in (one, two))
     )
@@ -132,7 +132,7 @@ def test_aiming_at_lights_changes_noise_and_not_the_mean(exponent):
 def test_defocus_is_the_disc_of_a_thin_lens(z):
     camera = ThinLensCamera(60, 60, focal_mm=50, f_number=2.0, focus_mm=1000, pitch_um=50)
     width = 0.01 * z
-    picture = render(Scene([lamp(0, 0, z, width)]), camera, 300)[..., 0].mean(2)
+    picture = render(RayScene([lamp(0, 0, z, width)]), camera, 300)[..., 0].mean(2)
     centre, variance = spread(picture)
     diameter = blur_diameter_px(camera, z)
     pixel_mm = 0.05 * (1000 - 50) / 50 * z / 1000  # of the plane at z
@@ -147,7 +147,7 @@ def test_depths_are_along_the_axis():
     # a wall across the axis is as far at the rim as in the middle; a ball's front is nearer; beside them is nothing
     sheet = Rectangle((-200, -200, 900), (400, 0, 0), (0, 400, 0), WHITE)
     camera = ThinLensCamera(31, 61, pitch_um=1000)
-    depth = depth_map(Scene([sheet, Sphere((0, 0, 900), 50, WHITE)]), camera)
+    depth = depth_map(RayScene([sheet, Sphere((0, 0, 900), 50, WHITE)]), camera)
     assert depth[15, 30] == pytest.approx(850.0)
     assert depth[5, 25] == pytest.approx(900.0)
     assert depth[15, 0] == np.inf
@@ -167,7 +167,7 @@ def test_a_moving_camera_smears_against_its_motion():
     camera = ThinLensCamera(
         8, 70, focal_mm=50, focus_mm=1000, pitch_um=50, exposure_s=0.1, velocity_mm_s=(30 * 0.95 / 0.1, 0.0, 0.0)
     )
-    picture = render(Scene([lamp(0, 0, 1000, 1.0)]), camera, 2000)[..., 0].mean(2)
+    picture = render(RayScene([lamp(0, 0, 1000, 1.0)]), camera, 2000)[..., 0].mean(2)
     centre, variance = spread(picture)
     # some 2000 samples find the lamp: 30 / sqrt(12) / sqrt(2000) is a standard deviation of 0.2
     assert centre[0] == pytest.approx(34.5 - 15, abs=0.8)
@@ -183,7 +183,7 @@ def test_a_turning_camera_smears_far_and_near_alike():
         camera = ThinLensCamera(
             8, 60, focal_mm=50, focus_mm=1000, pitch_um=50, exposure_s=0.1, spin_rad_s=(0.0, 0.2, 0.0)
         )
-        shifts.append(spread(render(Scene([lamp(0, 0, z, z / 1000)]), camera, 1000)[..., 0].mean(2))[0][0] - 29.5)
+        shifts.append(spread(render(RayScene([lamp(0, 0, z, z / 1000)]), camera, 1000)[..., 0].mean(2))[0][0] - 29.5)
     # the image distance in focus at 1 m is 50 * 1000 / 950 mm
     np.testing.assert_allclose(shifts, -np.tan(0.01) * 52.63 / 0.05, atol=0.6)
 
@@ -194,16 +194,16 @@ def test_a_texture_is_seen_the_right_way_round():
     texture[1, 2] = 0.2, 0.2, 1.0
     sheet = Rectangle((-150, -100, 1000), (300, 0, 0), (0, 200, 0), Material((1, 1, 1), texture=texture))
     camera = ThinLensCamera(2, 3, focal_mm=50, focus_mm=1000, pitch_um=100 / 19 * 1000)
-    picture = render(Scene([sheet], sky=(1, 1, 1)), camera, 50).mean(2)
+    picture = render(RayScene([sheet], sky=(1, 1, 1)), camera, 50).mean(2)
     np.testing.assert_allclose(picture, texture, atol=1e-9)
 
 
 def test_a_mirror_shows_what_is_before_it():
-    mirror = Plane((0, 0, 1000), (0, 0, -1), Material((0, 0, 0), gloss=1.0, exponent=1e7))
+    mirror = InfinitePlane((0, 0, 1000), (0, 0, -1), Material((0, 0, 0), gloss=1.0, exponent=1e7))
     shine = Material((0.0, 0.0, 0.0), emission=(1.0, 1.0, 1.0))
     behind = Rectangle((200, -100, -1000), (200, 0, 0), (0, 200, 0), shine)  # shines forwards, towards the mirror
     camera = ThinLensCamera(9, 31, focal_mm=50, focus_mm=1000, pitch_um=1000)
-    picture = render(Scene([mirror, behind]), camera, 60)[..., 0].mean(2)
+    picture = render(RayScene([mirror, behind]), camera, 60)[..., 0].mean(2)
     # its image is 3000 mm away, 200 to 400 to the right: pixels of 19 mm at 1 m, 57 mm there
     centre, _ = spread(picture)
     assert centre[0] == pytest.approx(15 + 300 / 57, abs=0.15)
@@ -212,8 +212,9 @@ def test_a_mirror_shows_what_is_before_it():
 
 @pytest.fixture
 def scene():
-    return Scene(
-        [Plane((0, 200, 0), (0, -1, 0), Material((0.6, 0.5, 0.4))), lamp(0, -300, 1500, 300, 3.0)], sky=(0.1, 0.1, 0.2)
+    return RayScene(
+        [InfinitePlane((0, 200, 0), (0, -1, 0), Material((0.6, 0.5, 0.4))), lamp(0, -300, 1500, 300, 3.0)],
+        sky=(0.1, 0.1, 0.2),
     )
 
 
@@ -274,8 +275,8 @@ def test_cameras_that_cannot_be_are_refused(wrong, says):
 
 def test_scenes_that_cannot_be_are_refused():
     with pytest.raises(ValueError, match="needs at least one shape"):
-        cast(Scene([]), CAMERA, 1, print, seed=1)
+        cast(RayScene([]), CAMERA, 1, print, seed=1)
     with pytest.raises(ValueError, match="only rectangles shine"):
-        cast(Scene([Sphere((0, 0, 9), 1, Material(emission=(1, 1, 1)))]), CAMERA, 1, print, seed=1)
+        cast(RayScene([Sphere((0, 0, 9), 1, Material(emission=(1, 1, 1)))]), CAMERA, 1, print, seed=1)
     with pytest.raises(ValueError, match="straight up or down"):
-        cast(Scene([lamp(0, 0, 9, 1)]), ThinLensCamera(4, 4, target_mm=(0, 5, 0)), 1, print, seed=1)
+        cast(RayScene([lamp(0, 0, 9, 1)]), ThinLensCamera(4, 4, target_mm=(0, 5, 0)), 1, print, seed=1)

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.errors import BadConfiguration, MoveFailed
 from procedures.pattern_psf.gamma.words import gamma_diagram
-from procedures.pattern_psf.pose import Optics
+from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Ask
 from station.app.app import StationApp
 from station.drawing.glyphs import ASCII, UNICODE
@@ -81,7 +81,7 @@ def test_before_the_first_photograph_a_drawing_shows_what_to_do(tmp_path, size, 
 
 @BOTH
 def test_a_curve_is_never_shown_with_half_a_drawing(tmp_path, size):
-    diagram = gamma_diagram(Optics(24.0, 11.88, 0.3), 4, 17, 1.3)
+    diagram = gamma_diagram(ImagingGeometry(24.0, 11.88, 0.3), 4, 17, 1.3)
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, DiagramEvent(diagram), MOVED))
 
     async def use(driver: Driver) -> None:
@@ -374,7 +374,7 @@ def test_a_run_with_more_events_than_can_be_shown_loses_no_step(tmp_path):
 @BOTH
 def test_a_curve_that_explains_is_shown_with_its_sentence_and_leaves_room_for_the_question(tmp_path, size):
     def explained(run: FakeRun) -> RunEnded:
-        optics = Optics(50.0, 8.0, 0.9375)
+        optics = ImagingGeometry(50.0, 8.0, 0.9375)
         run.answers = [*run.step("distance", DiagramEvent(gamma_diagram(optics, 4, 17, 1.3)), MOVED)]
         return RunEnded("stopped")
 

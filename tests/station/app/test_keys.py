@@ -175,7 +175,7 @@ def test_what_is_asked_has_the_focus_at_once_and_keeps_it(tmp_path):
 
         driver.app.call_later(ask_anew)
         typed(driver.app, *"0.01\r")  # behind the question; Enter was pressed before it could be read
-        await driver.until(lambda: box.query_one(parts.Line).value == "0.01")
+        await driver.until(lambda: box.query_one(parts.InputLine).value == "0.01")
         assert box.open
         await driver.press("enter")
         await driver.until("new session")

@@ -25,7 +25,7 @@ from station.drawing.glyphs import ASCII
 from station.drawing.pictures import encoded
 from station.guide.catalogue import DEFAULT, PLANS
 from station.guide.frontend import Result, RunEnded
-from station.results.comparison import Comparison, Judged, Judgement
+from station.results.comparison import Comparison, Compliance, Judgement
 from station.results.measurement import RESTORATION
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
@@ -312,10 +312,10 @@ def test_a_damaged_result_hides_no_other_and_whatever_is_shown_of_it_can_be_draw
 
 
 def test_the_lens_is_judged_by_its_worst_plane_and_what_is_not_met_is_said():
-    miss = Judgement("mtf50", Judged.MISSES, 0.2, 0.01, 0.3, None, "cycles/pixel", "", "MTF50 must be 0.3 at least")
+    miss = Judgement("mtf50", Compliance.MISSES, 0.2, 0.01, 0.3, None, "cycles/pixel", "", "MTF50 must be 0.3 at least")
     good, bad = (
         PlaneResult(name, Verdict.PASS, specification=comparison)
-        for name, comparison in (("G1", Comparison(Judged.MEETS)), ("R", Comparison(Judged.MISSES, (miss,))))
+        for name, comparison in (("G1", Comparison(Compliance.MEETS)), ("R", Comparison(Compliance.MISSES, (miss,))))
     )
     assert specified([good]) == ["Lens: meets the specification"]
     assert specified([good, bad]) == ["Lens: does not meet the specification", "R: MTF50 must be 0.3 at least"]
@@ -325,9 +325,9 @@ def test_the_lens_is_judged_by_its_worst_plane_and_what_is_not_met_is_said():
 @pytest.mark.slow
 def test_a_verdict_is_shown_whole_with_what_to_do_and_with_what_the_lens_misses(tmp_path):
     missed = "MTF50 at the centre is 0.212 ± 0.004 cycles/pixel and must be 0.3 at least"
-    miss = Judgement("mtf50", Judged.MISSES, 0.212, 0.004, 0.3, None, "cycles/pixel", "centre", missed)
+    miss = Judgement("mtf50", Compliance.MISSES, 0.212, 0.004, 0.3, None, "cycles/pixel", "centre", missed)
     good = PlaneResult("G1", Verdict.PASS)
-    planes = {"G1": good, "B": replace(good, name="B", specification=Comparison(Judged.MISSES, (miss,)))}
+    planes = {"G1": good, "B": replace(good, name="B", specification=Comparison(Compliance.MISSES, (miss,)))}
     planes |= {name: PlaneResult(name, Verdict.REFUSED, "too dark") for name in ("R", "G2")}
     reason, remedy = (
         "plane R: white is at 4 % of the scale and noise leads",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from drivers.interfaces import Condition, Identity
-from station.bench.device_makers import Parts
-from station.bench.device_options import DriverEntry, Number, Option, Options
+from station.bench.device_makers import MakerContext
+from station.bench.device_options import DriverEntry, NumberOption, Option, Options
 
 
 class FixedRangefinder:
@@ -34,9 +34,9 @@ class FixedRangefinder:
         """Nothing to close."""
 
 
-def make(name: str, parts: Parts, **options: Any) -> FixedRangefinder:
+def make(name: str, parts: MakerContext, **options: Any) -> FixedRangefinder:
     """The sensor."""
     return FixedRangefinder(**options)
 
 
-DRIVER = DriverEntry(make, Options({"distance_mm": Option(Number("1500", 0.0, above=True), required=True)}))
+DRIVER = DriverEntry(make, Options({"distance_mm": Option(NumberOption("1500", 0.0, above=True), required=True)}))

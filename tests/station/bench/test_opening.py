@@ -11,7 +11,7 @@ import pytest
 from drivers.errors import BadConfiguration, EmergencyStopped, NotConnected
 from station.bench.opening import inspect_raw, make_bench, read_config, simulated_bench, simulated_tables
 from station.common.stop_signals import ENDING, guarded
-from station.guide.active_devices import Rig
+from station.guide.active_devices import ActiveDevices
 
 
 @pytest.fixture
@@ -241,12 +241,12 @@ def test_a_wire_that_took_no_stop_is_named(bench):
 
 def test_nothing_homes_after_a_stop_that_came_before(bench):
     bench.connect()
-    rig = Rig(bench)
+    rig = ActiveDevices(bench)
     bench.emergency_stop()
     with pytest.raises(EmergencyStopped, match="everything was stopped"):
         rig.home()
     assert not bench.simulated.world.axes["z_mm"].moves(bench.clock.now_s())
-    Rig(bench).home()
+    ActiveDevices(bench).home()
 
 
 def test_an_interrupt_stops_a_move_that_the_main_thread_waits_for(tmp_path):

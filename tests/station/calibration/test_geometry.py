@@ -14,7 +14,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from procedures.geometry.cameras import Camera
+from procedures.geometry.cameras import CameraModel
 from procedures.geometry.estimate import GeometryParameters
 from procedures.geometry.spline_camera import SplineCamera
 from procedures.geometry.views import ChartView
@@ -130,7 +130,7 @@ def test_a_refusal_names_a_photograph_that_gave_none(shoot):
 # --- files of other programs, read back by them ---------------------------------------------------------------------
 
 
-def rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def rays(camera: CameraModel) -> tuple[np.ndarray, np.ndarray]:
     pixels = camera.frame_grid(9, 7)[10:-10]
     return pixels, camera.rays(pixels)
 
@@ -159,7 +159,7 @@ def test_colmap_reads_its_file_with_its_own_pixel_centres(result, tmp_path):
     scene = pycolmap.Reconstruction()
     scene.read_text(str(tmp_path))
     camera = read_camera(result).camera
-    np.testing.assert_allclose(Camera.from_colmap(scene.cameras[1]).params, camera.params, rtol=1e-15)
+    np.testing.assert_allclose(CameraModel.from_colmap(scene.cameras[1]).params, camera.params, rtol=1e-15)
     assert scene.cameras[1].principal_point_x == pytest.approx(camera.centre[0] + 0.5, abs=1e-9)
     assert made.difference is None
 
@@ -197,7 +197,7 @@ def test_mrcals_model_is_a_python_literal_with_its_keys(result):
 
 def test_the_error_of_a_format_is_stated_in_pixels(result):
     stored = read_camera(result)
-    lens = Camera("THIN_PRISM_FISHEYE", np.array([*stored.camera.params[:8], 0.01, 0, 2e-3, -1e-3]), *TRUTH.size)
+    lens = CameraModel("THIN_PRISM_FISHEYE", np.array([*stored.camera.params[:8], 0.01, 0, 2e-3, -1e-3]), *TRUTH.size)
     made = export_camera(StoredCamera(lens, stored.region, ""), "kalibr")
     assert made.difference is not None
     assert 0.1 < made.difference.rms_px < made.difference.max_px

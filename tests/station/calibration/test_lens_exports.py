@@ -15,7 +15,7 @@ from scipy.ndimage import map_coordinates
 from drivers.frame_files.dng import Shot, write_dng
 from procedures.field.chromatic import LateralColour
 from procedures.field.surfaces import fit_surface
-from procedures.geometry.cameras import Camera
+from procedures.geometry.cameras import CameraModel
 from procedures.geometry.conversion import as_radial
 from procedures.outcome import BadInput, BadParameter
 from procedures.psf_field import in_half_diagonals
@@ -29,8 +29,8 @@ from station.calibration.exports.lensfun import GivenNames, LensNames, best_radi
 from station.calibration.vignetting import StoredVignetting
 
 COLUMNS, ROWS = 600, 400
-CAMERA = Camera("OPENCV", np.array([900.0, 900, 306.0, 195.0, -0.10, 0.02, 0.0, 0.0]), COLUMNS, ROWS)
-DECENTRED = Camera("OPENCV", np.array([900.0, 900, 306.0, 195.0, -0.10, 0.02, 8e-4, -5e-4]), COLUMNS, ROWS)
+CAMERA = CameraModel("OPENCV", np.array([900.0, 900, 306.0, 195.0, -0.10, 0.02, 0.0, 0.0]), COLUMNS, ROWS)
+DECENTRED = CameraModel("OPENCV", np.array([900.0, 900, 306.0, 195.0, -0.10, 0.02, 8e-4, -5e-4]), COLUMNS, ROWS)
 REGION = np.array([[0.0, 0], [COLUMNS - 1, 0], [COLUMNS - 1, ROWS - 1], [0, ROWS - 1]])
 NAMES = LensNames("Made", "Made 50", "Made One", 50.0, 2.8, 55.5)
 PLANE = (ROWS // 2, COLUMNS // 2)
@@ -39,7 +39,7 @@ CENTRE = (149.5 + 0.02 / 0.7 * np.hypot(150, 100), 99.5 - 0.015 / 0.7 * np.hypot
 LIGHT = LightSurface(PLANE, 2, np.array([0.02, -0.015, -0.35, 0.0, -0.35]))
 
 
-def stored(camera: Camera = CAMERA) -> StoredCamera:
+def stored(camera: CameraModel = CAMERA) -> StoredCamera:
     return StoredCamera(camera, REGION, "")
 
 

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from station.__main__ import COMMANDS, main
 from station.cli.terminal.lazy import LazyGroup
-from station.cli.terminal.numbers import Number
+from station.cli.terminal.numbers import FiniteNumber
 
 
 def commands(group, words=()):
@@ -37,11 +37,11 @@ def test_every_option_that_takes_a_real_number_is_looked_at():
     for words, command in ALL:
         for option in command.params:
             assert option.type is not click.FLOAT, (words, option.name)
-            assert not isinstance(option.type, click.FloatRange) or isinstance(option.type, Number)
+            assert not isinstance(option.type, click.FloatRange) or isinstance(option.type, FiniteNumber)
 
 
 def test_help_shows_no_bounds_where_there_are_none():
-    option = click.Option(["--ratio"], type=Number(), help="A number.")
+    option = click.Option(["--ratio"], type=FiniteNumber(), help="A number.")
     assert option.get_help_record(click.Context(click.Command("any"))) == ("--ratio NUMBER", "A number.")
 
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from station.demo.reproduce import catalogue, gamma_rows
-from station.demo.reproduce.row import Check, Row, RowValues
+from station.demo.reproduce.row import ClaimCheck, Row, RowValues
 
 
 def test_a_row_is_computed_and_agrees(run, tmp_path):
@@ -27,7 +27,9 @@ def test_an_unknown_name_lists_the_rows(run, tmp_path):
 
 
 def test_a_row_that_is_not_reproduced_returns_one(run, tmp_path, monkeypatch):
-    off = Row("off", "some", "Thesis", "Off", (Check("a number", "1", 0.9, 1.1),), "None.", lambda _: RowValues((2.0,)))
+    off = Row(
+        "off", "some", "Thesis", "Off", (ClaimCheck("a number", "1", 0.9, 1.1),), "None.", lambda _: RowValues((2.0,))
+    )
     monkeypatch.setattr(catalogue, "ROWS", (off,))
     done = run("reproduce", "--out", tmp_path)
     assert done.exit_code == 1

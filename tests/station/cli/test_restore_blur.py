@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from procedures.raw import ImuRecord, read_frame
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
-from procedures.restoration.masks.blur_operator import Blur
+from procedures.restoration.masks.blur_operator import BlurOperator
 from simulators.bench.bench import Setup, SimulatedBench
 from simulators.bench.body import Opening
 from simulators.bench.view import Mount
@@ -147,7 +147,7 @@ def defocused(tmp_path_factory):
     rng = np.random.default_rng(4)
     coarse = np.kron(rng.uniform(0.1, 0.9, (20, 24)), np.ones((6, 6)))[:116, :136]
     for n, ratio in enumerate((1.0, 1.25), start=1):
-        blur = Blur(mask_stack(pillbox(), 4.2, ratio=ratio, R=6), (104, 124))
+        blur = BlurOperator(mask_stack(pillbox(), 4.2, ratio=ratio, R=6), (104, 124))
         blur.focus(np.where(np.arange(136) < 68, 2.4, 3.4) * np.ones((116, 1)))
         image = blur.blur(coarse) + rng.normal(0, 0.002, (104, 124))
         cv2.imwrite(str(folder / f"{n}.png"), np.clip(image * 65535, 0, 65535).astype(np.uint16))

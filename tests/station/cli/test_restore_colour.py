@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 
 from drivers.frame_files.dng import Shot, write_dng
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
-from procedures.restoration.masks.blur_operator import Blur
+from procedures.restoration.masks.blur_operator import BlurOperator
 from station.__main__ import main
 
 SHAPE, R = (96, 112), 8
@@ -27,7 +27,7 @@ def light():
     w = np.where(np.arange(extended[1]) > extended[1] / 2, 4.6, 3.4) * np.ones(extended)
     photographs = []
     for ratio in (1.0, 1.25):
-        blur = Blur(mask_stack(pillbox(), 5.6, ratio=ratio, R=R), SHAPE)
+        blur = BlurOperator(mask_stack(pillbox(), 5.6, ratio=ratio, R=R), SHAPE)
         blur.focus(w)
         photographs.append(blur.blur(LIGHT[:, None, None] * grey))
     photographs = np.stack(photographs)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
-from procedures.restoration.masks.blur_operator import Blur
+from procedures.restoration.masks.blur_operator import BlurOperator
 from procedures.restoration.masks.thin_lens import CameraSetting
 
 from .test_restore_shapes import BOTH, FAR, NEAR, SIZE, R, depth, write
@@ -34,7 +34,7 @@ def images(tmp_path_factory):
     picture = np.kron(rng.uniform(0.1, 0.9, (40, 48)), np.ones((3, 3)))[: BOTH[0], : BOTH[1]]
     images = []
     for stack in [mask_stack(pillbox(), 4.0, ratio=ratio, R=R) for ratio in (1.0, 1.4)]:
-        blur = Blur(stack, SIZE)
+        blur = BlurOperator(stack, SIZE)
         blur.focus(depth())
         images.append(blur.blur(picture))
     return write(tmp_path_factory.mktemp("metres"), images)

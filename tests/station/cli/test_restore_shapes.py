@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from procedures.restoration.masks.blur_models import mask_stack, pillbox, uniform_motion
-from procedures.restoration.masks.blur_operator import Blur
+from procedures.restoration.masks.blur_operator import BlurOperator
 from procedures.restoration.masks.defocus_and_motion import with_defocus
 from procedures.restoration.masks.shape_fields import ShapeField, symmetric
 
@@ -45,7 +45,7 @@ def write(folder, images, noise_db=45):
 def photographs(folder, picture, masks, noise_db=45):
     images = []
     for one in masks:
-        blur = one.blur(SIZE, np.float64) if hasattr(one, "grid") else Blur(one, SIZE)
+        blur = one.blur(SIZE, np.float64) if hasattr(one, "grid") else BlurOperator(one, SIZE)
         blur.focus(depth())
         images.append(blur.blur(picture))
     return write(folder, images, noise_db)

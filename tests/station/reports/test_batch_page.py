@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html5lib
 
-from station.reports.batches.batch_page import BatchLine, BatchReport, Sample, batch_page
+from station.reports.batches.batch_page import BatchLine, BatchReport, ItemNumber, batch_page
 
 HOSTILE = "<script>alert(1)</script>.dng"
 REPORT = BatchReport(
@@ -16,7 +16,7 @@ REPORT = BatchReport(
         BatchLine("b.dng", "pass", "does not meet", "the limit MTF50 is missed", "results/b-2"),
         BatchLine(HOSTILE, "unreadable", "", "it is empty", ""),
     ],
-    [Sample(camera, "G1", "mtf50_horizontal", value, "cycles/pixel") for camera, value in
+    [ItemNumber(camera, "G1", "mtf50_horizontal", value, "cycles/pixel") for camera, value in
      (("Nikon D750", 0.31), ("Nikon D750", 0.33), ("Canon", 0.28))],
     {"mtf50_horizontal": [0.3]},
 )  # fmt: skip

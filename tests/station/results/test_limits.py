@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from procedures.outcome import BadParameter, Quantity, Verdict
 from procedures.psf import Psf
 from procedures.quality import Diffraction, assess
-from station.results.comparison import Comparison, Judged
+from station.results.comparison import Comparison, Compliance
 from station.results.limits import Limit, Place, Specification, Spot, compare, limited_numbers, place_of
 from station.results.plane_result import PlaneResult
 from station.results.units import Pixels, Unit
@@ -67,7 +67,7 @@ def test_wider_guard_bands_never_make_a_verdict_of_doubt_sure(offset, coverage, 
     limit = mtf50.value + offset * mtf50.uncertainty
     narrow = one(Limit("mtf50_vertical", least=limit, coverage=coverage)).judged
     wide = one(Limit("mtf50_vertical", least=limit, coverage=coverage + more)).judged
-    assert wide in (narrow, Judged.UNDECIDED)
+    assert wide in (narrow, Compliance.UNDECIDED)
 
 
 def test_number_without_uncertainty_has_no_guard_band():
@@ -85,7 +85,7 @@ def test_uncertainty_that_is_not_known_meets_nothing(uncertainty):
     plane = record()
     number = replace(plane.quality.numbers["strehl"], uncertainty=uncertainty)
     plane = replace(plane, numbers={"strehl": number})
-    assert one(Limit("strehl", least=0.0), plane).judged == Judged.UNDECIDED
+    assert one(Limit("strehl", least=0.0), plane).judged == Compliance.UNDECIDED
 
 
 def test_limit_of_some_planes_holds_for_them_only():
@@ -96,7 +96,7 @@ def test_limit_of_some_planes_holds_for_them_only():
 
 def test_refused_plane_leaves_its_specification_undecided():
     refused = compare(PlaneResult("G1", Verdict.REFUSED), Specification((Limit("gamma", most=1.0),)))
-    assert refused == Comparison(Judged.UNDECIDED)
+    assert refused == Comparison(Compliance.UNDECIDED)
 
 
 # --- directions, frequencies, places, units ------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from drivers.alpaca.link import AlpacaServer
+from drivers.alpaca.link import AlpacaAddress
 from station.guide import catalogue
 
 from ..guide import benches
@@ -55,4 +55,4 @@ def camera(client):
 def at(client, monkeypatch):
     """The server as configured in a driver, with its password in the environment."""
     monkeypatch.setenv("BENCH_TOKEN", TOKEN)
-    return AlpacaServer(f"127.0.0.1:{client.port}", "BENCH_TOKEN")
+    return AlpacaAddress(f"127.0.0.1:{client.port}", "BENCH_TOKEN")

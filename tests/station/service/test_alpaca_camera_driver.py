@@ -16,7 +16,7 @@ from drivers.errors import (
     FrameWrong,
     Rejected,
 )
-from drivers.frame_files.dng_folder import DngFolder, Optics
+from drivers.frame_files.dng_folder import DngFolder, OpticsMetadata
 from drivers.interfaces import CameraSettings
 from procedures.raw import read_frame
 from station.bench.opening import inspect_raw
@@ -29,7 +29,7 @@ from .alpaca_clients import beside
 def saved(tmp_path):
     folder = tmp_path / "saved"
     folder.mkdir()
-    return DngFolder(folder, inspect_raw, Optics(f_number=5.6, pixel_pitch_um=3.45))
+    return DngFolder(folder, inspect_raw, OpticsMetadata(f_number=5.6, pixel_pitch_um=3.45))
 
 
 @pytest.fixture

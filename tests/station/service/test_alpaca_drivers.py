@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.alpaca.link import AlpacaLink, AlpacaServer
+from drivers.alpaca.link import AlpacaAddress, AlpacaLink
 from drivers.alpaca.stage import AlpacaAxis, AlpacaStage
 from drivers.alpaca.switch import AlpacaLight, AlpacaShutter, AlpacaSwitch
 from drivers.errors import (
@@ -168,7 +168,7 @@ def test_a_stop_is_sent_again_where_it_was_not_answered(monkeypatch):
         return "", b""
 
     monkeypatch.setattr(AlpacaLink, "_ask", ask)
-    AlpacaLink(AlpacaServer("127.0.0.1:1"), "focuser", 0).preempt("halt")
+    AlpacaLink(AlpacaAddress("127.0.0.1:1"), "focuser", 0).preempt("halt")
     assert sent == [("PUT", "halt")] * 3
 
 
@@ -190,7 +190,7 @@ def test_positions_are_trusted_where_nothing_homes(at, homed):
 def test_a_server_that_is_not_there_is_named():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # and does not listen
-        stage = AlpacaStage(AlpacaServer(f"127.0.0.1:{taken.getsockname()[1]}"), AXES)
+        stage = AlpacaStage(AlpacaAddress(f"127.0.0.1:{taken.getsockname()[1]}"), AXES)
         with pytest.raises(LineLost, match=r"focuser 0 at 127\.0\.0\.1:\d+ cannot be reached"):
             stage.connect()
     assert not stage.condition().usable
@@ -204,7 +204,7 @@ def test_a_server_that_is_not_there_is_named():
 )
 def test_a_password_that_is_missing_is_reported(at, variable, words):
     with pytest.raises(BadConfiguration, match=words):
-        AlpacaLink(AlpacaServer(at.address, variable), "focuser", 0).open()
+        AlpacaLink(AlpacaAddress(at.address, variable), "focuser", 0).open()
 
 
 def test_a_device_that_is_not_there_is_reported(at):

@@ -12,7 +12,7 @@ from procedures.psf import Psf
 from procedures.quality import assess
 from station.cli.guide import exit_code
 from station.guide.frontend import Result, RunEnded
-from station.results.comparison import Comparison, Judged
+from station.results.comparison import Comparison, Compliance
 from station.results.plane_result import PlaneResult
 from station.results.terms import USUAL
 from station.results.units import Pixels
@@ -92,7 +92,7 @@ def test_limits_that_need_an_unknown_pitch_stay_undecided_with_the_reason(tmp_pa
 
 @pytest.mark.parametrize(("judged", "code"), [("meets", 0), ("undecided", 0), ("does not meet", 1)])
 def test_plain_guide_returns_whether_the_specification_is_met(judged, code):
-    green = PlaneResult("G1", Verdict.PASS, specification=Comparison(Judged(judged)))
+    green = PlaneResult("G1", Verdict.PASS, specification=Comparison(Compliance(judged)))
     result = Result("out", {"G1": green}, Verdict.PASS, "", "")
     assert exit_code(RunEnded("finished"), result) == code
 

@@ -13,7 +13,7 @@ from procedures.pattern_psf.focus.aperture import KEY, check_aperture
 from procedures.quality import CAMERA, OPERATOR
 from procedures.raw import Plane, read_frame
 from simulators.bench.view import bench_camera
-from simulators.world.projection import Pose
+from simulators.world.projection import ObjectPose
 from simulators.world.scene import PlacedChart, Scene
 
 FOCAL_MM, PITCH_UM, CELL_MM, Z_MM = 24.0, 5.94, 0.3, 1865.0
@@ -27,7 +27,7 @@ def photographed(request, tmp_path_factory):
     camera = bench_camera()
     lens = replace(camera.lens, f_number=request.param, noted=False)
     camera = replace(camera, lens=lens, focus_mm=Z_MM, oversampling=4)
-    placed = PlacedChart(Chart.from_seed(), Pose((0.0, 0.0, Z_MM), 0.0, 0.0, 0.0), CELL_MM)
+    placed = PlacedChart(Chart.from_seed(), ObjectPose((0.0, 0.0, Z_MM), 0.0, 0.0, 0.0), CELL_MM)
     exposure_s = 0.022 * (request.param / 5.6) ** 2  # green at four fifths of the scale
     camera.photograph(Scene((placed,)), np.random.default_rng(1), path, exposure_s=exposure_s)
     return request.param, read_frame(path)

@@ -22,7 +22,7 @@ def problem(vibrating):
     trust = np.ones((2, 1, *vibrating.z.shape[2:]))
     data, other = joint_descent.problem_of(vibrating.z, vibrating.stacks, trust, np.float32)
     scheme = Scheme(8, 6, 6, 2, 10)
-    return joint_descent.Problem(data, other, scheme, Schedule(8), 0.0015, 12)
+    return joint_descent.JointProblem(data, other, scheme, Schedule(8), 0.0015, 12)
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +123,7 @@ def test_a_border_keeps_its_corner_where_the_share_is_decided(vibrating, problem
 def test_the_depth_prior_yields_to_a_smeared_step_under_strong_noise(vibration_stacks):
     noisy = scene(vibration_stacks, (96, 112), 20.0, seed=4)
     data, other = joint_descent.problem_of(noisy.z, noisy.stacks, np.ones((2, 1, 96, 112)), np.float32)
-    problem = joint_descent.Problem(
+    problem = joint_descent.JointProblem(
         data, other, Scheme(20, 10, 10, 1, 20), Schedule(20), 0.1 * float(noisy.z.std()), reach=12
     )
     # after the last localisation only descent changes the depth

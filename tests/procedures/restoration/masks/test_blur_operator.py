@@ -8,7 +8,7 @@ from scipy.signal import fftconvolve
 
 from procedures.restoration.masks import blur_operator
 from procedures.restoration.masks.blur_models import mask_stack, pillbox, uniform_motion
-from procedures.restoration.masks.blur_operator import Blur, FieldBlur, MaskStack
+from procedures.restoration.masks.blur_operator import BlurOperator, FieldBlur, MaskStack
 
 SHAPE = (37, 45)
 
@@ -16,7 +16,7 @@ SHAPE = (37, 45)
 @pytest.fixture(params=["one", "field"])
 def blur(request, vibration_stacks):
     if request.param == "one":
-        operator: Blur | FieldBlur = Blur(vibration_stacks[0], SHAPE)
+        operator: BlurOperator | FieldBlur = BlurOperator(vibration_stacks[0], SHAPE)
     else:
         operator = FieldBlur([[vibration_stacks[0], vibration_stacks[1]], list(vibration_stacks[::-1])], SHAPE)
     return operator
@@ -62,7 +62,7 @@ def _unmoved(blur, w, du):
 @pytest.mark.parametrize("w", [1.0, 2.37, 4.2])
 def test_constant_depth_is_ordinary_convolution(vibration_stacks, w, rng):
     stack = vibration_stacks[0]
-    blur = Blur(stack, SHAPE)
+    blur = BlurOperator(stack, SHAPE)
     blur.focus(np.full(blur.extended, w))
     u = rng.standard_normal(blur.extended)
     np.testing.assert_allclose(blur.blur(u), fftconvolve(u, stack.at(w), mode="valid"), atol=1e-12)
@@ -73,7 +73,7 @@ def test_neighbours_may_have_masks_of_any_size(rng):
     R, (height, width) = 17, SHAPE
     grow = np.maximum(*np.abs(np.mgrid[-R : R + 1, -R : R + 1])) <= np.arange(R + 1)[:, None, None]
     stack = MaskStack(grow * rng.random((R + 1, 2 * R + 1, 2 * R + 1)), 1.0)
-    blur = Blur(stack, SHAPE)
+    blur = BlurOperator(stack, SHAPE)
     w, u = rng.uniform(0, R, blur.extended), rng.standard_normal(blur.extended)
     blur.focus(w)
     expected = np.zeros((height + 4 * R, width + 4 * R))
@@ -87,7 +87,7 @@ def test_neighbours_may_have_masks_of_any_size(rng):
 
 def test_a_field_of_equal_stacks_is_one_stack(vibration_stacks, rng):
     stack = vibration_stacks[0]
-    one, field = Blur(stack, SHAPE), FieldBlur([[stack] * 3] * 2, SHAPE)
+    one, field = BlurOperator(stack, SHAPE), FieldBlur([[stack] * 3] * 2, SHAPE)
     w, u = rng.uniform(0.3, 4.2, one.extended), rng.standard_normal(one.extended)
     one.focus(w)
     field.focus(w)
@@ -106,7 +106,7 @@ def test_a_window_is_blurred_as_in_the_whole(blur, depths, rng):
 
 def test_photographs_do_not_depend_on_the_number_of_threads(vibration_stacks, rng, monkeypatch):
     monkeypatch.setattr(blur_operator, "WORK_PER_THREAD", 1)
-    blur, results = Blur(vibration_stacks[0], SHAPE), []
+    blur, results = BlurOperator(vibration_stacks[0], SHAPE), []
     w, u, e = rng.uniform(0.3, 4.2, blur.extended), rng.standard_normal(blur.extended), rng.standard_normal(SHAPE)
     for threads in (1, 3):
         monkeypatch.setattr(blur_operator, "most_threads", lambda n=threads: n)
@@ -118,7 +118,7 @@ def test_photographs_do_not_depend_on_the_number_of_threads(vibration_stacks, rn
 
 def test_light_is_preserved(vibration_stacks):
     # every mask has sum 1, so a uniform scene is unchanged, at any single depth
-    blur = Blur(vibration_stacks[1], SHAPE)
+    blur = BlurOperator(vibration_stacks[1], SHAPE)
     blur.focus(np.full(blur.extended, 3.12))
     np.testing.assert_allclose(blur.blur(np.ones(blur.extended)), 1, atol=1e-12)
 
@@ -127,7 +127,7 @@ def test_single_precision_agrees_with_double(vibration_stacks, rng):
     w, u = rng.uniform(0.3, 4.2, (49, 57)), rng.standard_normal((49, 57))
     photographs = []
     for dtype in (np.float32, np.float64):
-        blur = Blur(vibration_stacks[0], SHAPE, dtype)
+        blur = BlurOperator(vibration_stacks[0], SHAPE, dtype)
         blur.focus(w.astype(dtype))
         photographs.append(blur.blur(u.astype(dtype)))
     assert photographs[0].dtype == np.float32
@@ -135,7 +135,7 @@ def test_single_precision_agrees_with_double(vibration_stacks, rng):
 
 
 def test_inactive_pixels_send_and_receive_nothing(vibration_stacks, rng):
-    blur = Blur(vibration_stacks[0], SHAPE)
+    blur = BlurOperator(vibration_stacks[0], SHAPE)
     active = rng.random(blur.extended) > 0.5
     w, u = rng.uniform(0.3, 4.2, blur.extended), rng.standard_normal(blur.extended)
     blur.focus(w)
@@ -154,7 +154,7 @@ def test_supports_grow_with_w():
 def test_a_blurred_point_is_the_mask():
     # one bright point: its photograph is the mask of its depth, upright
     stack = mask_stack(uniform_motion(0.6), 5.0)
-    blur = Blur(stack, (31, 31))
+    blur = BlurOperator(stack, (31, 31))
     blur.focus(np.full(blur.extended, 4.0))
     u = np.zeros(blur.extended)
     u[stack.R + 15, stack.R + 15] = 1
@@ -171,7 +171,7 @@ def test_interpolated_masks_agree_with_stored_ones():
 def test_curvature_is_the_squared_change_by_one_pixel(vibration_stacks):
     stack, shape = vibration_stacks[0], (14, 15)
     R = stack.R
-    blur = Blur(stack, shape)
+    blur = BlurOperator(stack, shape)
     w = np.full(blur.extended, 2.52)
     blur.focus(w)
     picture, depth = stack.curvature(w)

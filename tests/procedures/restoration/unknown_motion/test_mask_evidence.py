@@ -7,8 +7,8 @@ import pytest
 
 from procedures.restoration.masks.blur_models import LINE
 from procedures.restoration.unknown_motion.mask_evidence import (
+    EvidenceTile,
     MaskEvidence,
-    Tile,
     cost,
     filters,
     fit_curves,
@@ -71,7 +71,7 @@ def test_half_of_the_noise_is_unexplained(rng, points):
 def test_chi_square_is_that_of_other_masks(rng, points, around):
     about = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
     errors = rng.standard_normal((2, SIZE, SIZE))
-    gather(about, np.zeros_like(about.masks), [Tile(errors, around, flat=True)])
+    gather(about, np.zeros_like(about.masks), [EvidenceTile(errors, around, flat=True)])
     other = masks_at(points + 0.1 * rng.standard_normal(points.shape), FLAT_W, FLAT_W, about.R)
     changed = errors - np.stack([blurred(around, d) for d in other - about.masks])
     expected = np.sum(unexplained(changed, filters(about.masks, SIZE)) ** 2)
@@ -81,7 +81,7 @@ def test_chi_square_is_that_of_other_masks(rng, points, around):
 def test_a_wrong_depth_is_no_evidence_against_masks(points, around):
     about = MaskEvidence.about(points, FLAT_W, FLAT_W, R)
     slope = (masks_at(points, FLAT_W, FLAT_W + 0.01, about.R) - masks_at(points, FLAT_W, FLAT_W - 0.01, about.R)) / 0.02
-    tile = Tile(0.3 * np.stack([blurred(around, d) for d in slope]), around, flat=False)
+    tile = EvidenceTile(0.3 * np.stack([blurred(around, d) for d in slope]), around, flat=False)
     gather(about, slope, [tile])
     assert about.c < 1e-3 * np.sum(unexplained(tile.errors, filters(about.masks, SIZE)) ** 2)
 

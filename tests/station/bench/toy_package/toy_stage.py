@@ -21,7 +21,7 @@ from drivers.move_checks import OneMover, check_arrival, check_target, left_stil
 from drivers.protocols.framing import LineSplitter
 from drivers.wire.connection import anything, not_connected, opened
 from drivers.wire.outgoing import URGENT_S
-from station.bench.device_makers import Parts
+from station.bench.device_makers import MakerContext
 from station.bench.device_options import LINE, DriverEntry, Options
 
 AXIS = "x_mm"
@@ -172,7 +172,7 @@ class ToyStage:
         self._transport.preempt(STOP, error)
 
 
-def make(name: str, parts: Parts, *, port: str, baud: int = 115200) -> ToyStage:
+def make(name: str, parts: MakerContext, *, port: str, baud: int = 115200) -> ToyStage:
     return ToyStage(parts.wire(name, port, ToyParser, baud=baud), parts.clock)
 
 

@@ -8,12 +8,12 @@ from markupsafe import Markup
 
 from procedures.outcome import BadParameter, Refused
 from station.demo.reproduce.catalogue import NOT_HERE, ROWS
-from station.demo.reproduce.row import Check, Row, RowValues, Setting, increases, shown
+from station.demo.reproduce.row import ClaimCheck, Row, RowValues, Setting, increases, shown
 from station.demo.reproduce.runner import RowState, compute, reproduce, select
 
 
 def row(name="one", values=lambda setting: RowValues((1.0,)), **more):
-    checks = more.pop("checks", (Check.printed("a number", "1.0"),))
+    checks = more.pop("checks", (ClaimCheck.printed("a number", "1.0"),))
     return Row(name, more.pop("chapter", "some"), "Paper, Table 1", "A title", checks, "Simulated.", values, **more)
 
 
@@ -28,15 +28,15 @@ def refused(setting):
 @pytest.mark.parametrize(
     ("check", "ours", "deviation"),
     [
-        (Check.printed("", "2.0"), 2.04, ""),
-        (Check.printed("", "2.0", "px"), 2.1, "0.05 px above, 1.02 times"),
-        (Check.printed("", "10"), 9.4, "0.1 below, 0.989 times"),
-        (Check.at_most("", "0.25"), 0.0, ""),
-        (Check.at_most("", "0.25"), 0.51, "0.255 above, 2 times"),
-        (Check.at_least("", "3"), 2.4, "0.1 below, 0.96 times"),
-        (Check("", "positive", 0.0), -2.0, "2 below"),
-        (Check("", "larger", low=5.0), float("inf"), "not finite"),
-        (Check("", "smaller", high=5.0), float("nan"), "not finite"),
+        (ClaimCheck.printed("", "2.0"), 2.04, ""),
+        (ClaimCheck.printed("", "2.0", "px"), 2.1, "0.05 px above, 1.02 times"),
+        (ClaimCheck.printed("", "10"), 9.4, "0.1 below, 0.989 times"),
+        (ClaimCheck.at_most("", "0.25"), 0.0, ""),
+        (ClaimCheck.at_most("", "0.25"), 0.51, "0.255 above, 2 times"),
+        (ClaimCheck.at_least("", "3"), 2.4, "0.1 below, 0.96 times"),
+        (ClaimCheck("", "positive", 0.0), -2.0, "2 below"),
+        (ClaimCheck("", "larger", low=5.0), float("inf"), "not finite"),
+        (ClaimCheck("", "smaller", high=5.0), float("nan"), "not finite"),
     ],
 )
 def test_a_value_agrees_within_the_papers_claim_and_else_states_its_distance(check, ours, deviation):
@@ -54,7 +54,7 @@ def test_a_value_agrees_within_the_papers_claim_and_else_states_its_distance(che
     ],
 )
 def test_a_row_has_three_states(values, state, tmp_path):
-    checks = (Check.printed("a", "1"), Check.printed("b", "2"))
+    checks = (ClaimCheck.printed("a", "1"), ClaimCheck.printed("b", "2"))
     result, _ = reproduce(
         tmp_path,
         (row(values=lambda _: RowValues(values), checks=checks, order=increases("it grows", (0, 2))),),

@@ -8,17 +8,17 @@ from typing import Annotated
 
 import numpy as np
 
-from procedures.numbers import Group, Section
+from procedures.numbers import Group, NumberSection
 from procedures.outcome import Check, Outcome, Quantity, Verdict, verdict_of
 from procedures.raw import RawFrame
-from station.procedure import PhotographProcedure, Reading, setting
+from station.procedure import PhotographProcedure, PlaneSettings, setting
 
-LEVEL = Section("Of a mean level")(
+LEVEL = NumberSection("Of a mean level")(
     "mean_level", "1", "Mean level", "mean of the plane, white = 1", Group.HEADLINE, Group.LINE, Group.CERTIFIED
 )
 
 
-class LevelSettings(Reading, frozen=True, kw_only=True):
+class LevelSettings(PlaneSettings, frozen=True, kw_only=True):
     """What can be set."""
 
     border_px: Annotated[int, setting("Pixels of the rim that are excluded.", least=0, most=100)] = 4
