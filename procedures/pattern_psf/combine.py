@@ -124,17 +124,19 @@ class CombinedPsf:
         return {**means, "chi_square": self.chi_square, "spread": self.spread}
 
 
-def combine(found: Sequence[Outcome[PatternPsf]]) -> Outcome[CombinedPsf]:
+def combine(outcomes: Sequence[Outcome[PatternPsf]]) -> Outcome[CombinedPsf]:
     """Combine the shots of one plane; the verdict covers their agreement and the doubts common to most of them.
 
     Refused shots are excluded. Source: least squares; ISO/IEC Guide 98-3 (GUM), annex H.5 for the test.
     """
-    shots = [outcome.value for outcome in found if outcome.value is not None]
+    shots = [outcome.value for outcome in outcomes if outcome.value is not None]
+    if not outcomes:
+        return Outcome(None, Verdict.REFUSED, "no shot was taken", "take shots")
     if not shots:
-        return found[0].of_value(None) if found else Outcome(None, Verdict.REFUSED, "no shot was taken", "take shots")
+        return outcomes[0].of_value(None)
     combined = _mean(shots)
     agreement = verdict_of(_agreement(combined), combined)
-    doubtful = [one for one in found if one.verdict is Verdict.DOUBTFUL]
+    doubtful = [one for one in outcomes if one.verdict is Verdict.DOUBTFUL]
     return with_causes(agreement, doubtful[0]) if 2 * len(doubtful) > len(shots) else agreement
 
 
