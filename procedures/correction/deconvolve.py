@@ -36,9 +36,9 @@ class Splitting:
     prior : relative to the strength tau over the picture's mean difference.
     """
 
-    iterations: int = 25
+    iterations: int = 12
     data: float = 0.3
-    prior: float = 1.0
+    prior: float = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +71,7 @@ class Tile:
         return max(self.channel) + 1
 
 
-def deconvolve(
-    tile: Tile, start: Single, prior: Prior, tau: float, gradient: float, settings: Splitting | None = None
-) -> Single:
+def deconvolve(tile: Tile, start: Single, prior: Prior, tau: float, gradient: float, settings: Splitting) -> Single:
     """The picture (C, n, n) of minimal cost.
 
     Parameters
@@ -85,7 +83,6 @@ def deconvolve(
     gradient : float
         Mean length of the picture's differences, which scales the penalty.
     """
-    settings = settings or Splitting()
     penalty = np.float32(settings.prior * tau / gradient)
     solver = _Solver.of(tile, prior, settings.data, float(penalty))
     M = prior.mixing(tile.channels).astype(np.float32)
