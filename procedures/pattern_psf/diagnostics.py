@@ -206,5 +206,5 @@ def _neighbour_correlation(fit: ChartFit) -> float:
     """Largest correlation of the residual at lag one, along rows or columns."""
     grid, variance = fit.residual_image, float(np.var(fit.residual))
     products = grid[1:] * grid[:-1], grid[:, 1:] * grid[:, :-1]
-    lags = [float(np.nansum(one) / max(np.count_nonzero(np.isfinite(one)), 1)) / variance for one in products]
+    lags = [float(np.nansum(one)) / max(int(np.isfinite(one).sum()), 1) / variance for one in products]
     return max(lags, key=abs)

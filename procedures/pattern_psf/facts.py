@@ -163,10 +163,15 @@ class PatternFacts(CameraFacts):
         return Optics(focal_length_mm, pitch_um * pitch, self.cell_mm)
 
     @property
+    def wanted_px_per_cell(self) -> float:
+        """Pixels of the plane per cell at the target s/t."""
+        return RATIO / self.s_or_start
+
+    @property
     def s_or_start(self) -> int:
         """Samples per pixel: given, or the first trial of the choice."""
         return self.parameters.s or START_S
 
     def wanted_distance_mm(self) -> float:
         """Target distance, by lens, sensor and print. Raises BadParameter."""
-        return self.optics().distance_mm(RATIO / self.s_or_start)
+        return self.optics().distance_mm(self.wanted_px_per_cell)

@@ -112,7 +112,7 @@ class Cable:
             self._pump()
 
     def waiting(self) -> int:
-        """How many bytes can be read now."""
+        """Number of bytes that can be read now."""
         with self._news:
             return len(self._inbox)
 
