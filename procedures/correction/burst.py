@@ -7,7 +7,7 @@ together they resolve it, as far as the lens transmits it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -51,7 +51,7 @@ class BurstRegistration:
         Maps a point of the first photograph to this one, in pixels of the sensor.
     light : float
         Brightness relative to the first.
-    left_over : float
+    residual : float
         Residual over contrast, corrected for noise.
     reason, remedy : str
         Why it is set aside; empty if it is used.
@@ -59,7 +59,7 @@ class BurstRegistration:
 
     matrix: Array
     light: float
-    left_over: float
+    residual: float
     reason: str = ""
     remedy: str = ""
 
@@ -75,63 +75,20 @@ class Burst:
 
     Attributes
     ----------
+    scale : int
+        Pixels of the picture per pixel of the sensor.
     planes : by key, a plane's name and a photograph's number; `origin` and `pitch` in pixels of the picture
     noise, light : by key
     shifts : by key, residual displacement beyond `origin`
     places : of every photograph after the first
-    resolved : float
-        Fraction of the frequencies of the finer grid that the photographs' positions resolve.
     """
 
-    planes: Mapping[str, Plane]
-    noise: Mapping[str, Noise]
-    light: Mapping[str, float]
-    shifts: Mapping[str, Shift]
-    places: Sequence[BurstRegistration]
-    resolved: float
-
-
-def gather(
-    frame: RawFrame, others: Sequence[RawFrame], shifts: Mapping[str, Shift], scale: int, noise: Mapping[str, Noise]
-) -> Burst:
-    """Register all photographs of the same scene on a grid of `scale` times the sensor's pixels along each side.
-
-    Parameters
-    ----------
-    shifts : by plane, lateral colour in pixels of the sensor
-    noise : of the first photograph's planes
-
-    Raises
-    ------
-    BadInput
-        If a photograph has other planes than the first, or another size.
-    """
-    planes = _Planes({}, {}, {}, {}, scale)
-    planes.add(frame, noise, shifts, None, 1)
-    places = []
-    for number, other in enumerate(others, start=2):
-        noise_of_other = {name: noise_of(plane) for name, plane in other.planes.items()}
-        place = _unprocessed(place_of(frame, other, noise), other, noise_of_other)
-        places.append(place)
-        if not place.reason:
-            planes.add(other, noise_of_other, shifts, place, number)
-    return Burst(planes.planes, planes.noise, planes.light, planes.shifts, places, _resolved(planes))
-
-
-def _unprocessed(place: BurstRegistration, frame: RawFrame, noise: Mapping[str, Noise]) -> BurstRegistration:
-    """The registration, marked as set aside if the noise shows that the photograph was processed."""
-    judged: Outcome[BurstRegistration] = verdict_of(checks_of(frame.planes, noise))
-    refused = judged.verdict is Verdict.REFUSED and not place.reason
-    return replace(place, reason=judged.reason, remedy=judged.remedy) if refused else place
-
-
-@dataclass(frozen=True, eq=False)
-class _Planes:
-    planes: dict[str, Plane]
-    noise: dict[str, Noise]
-    light: dict[str, float]
-    shifts: dict[str, Shift]
     scale: int
+    planes: dict[str, Plane] = field(default_factory=dict)
+    noise: dict[str, Noise] = field(default_factory=dict)
+    light: dict[str, float] = field(default_factory=dict)
+    shifts: dict[str, Shift] = field(default_factory=dict)
+    places: list[BurstRegistration] = field(default_factory=list)
 
     def add(
         self,
@@ -156,6 +113,55 @@ class _Planes:
                 self.shifts[key] = _shift(place, whole, plane, lateral, self.scale)
             elif lateral is not None:
                 self.shifts[key] = _scaled(lateral, self.scale)
+
+    @property
+    def resolved(self) -> float:
+        """Fraction of the finer grid's frequencies that the positions of green's or grey's samples resolve.
+
+        With samples at x_j on a grid finer by F, frequencies 1/F cycles apart are equal up to a phase; the power of the
+        F x F of them is given by the eigenvalues of sum_j exp(2 pi i (a - b) x_j / F).
+        """
+        colour = COLOURS[next(name for name in SHOWN if name in self.planes)]
+        planes = {key: plane for key, plane in self.planes.items() if COLOURS[plane.name] == colour}
+        pitch = next(iter(planes.values())).pitch
+        middle = [np.array(plane.samples.shape[::-1]) / 2 for plane in planes.values()]
+        at = np.array([
+            np.array(plane.origin) - (self.shifts[key](m[None])[0] if key in self.shifts else 0.0)
+            for (key, plane), m in zip(planes.items(), middle, strict=True)
+        ])  # fmt: skip
+        waves = np.stack(np.meshgrid(np.arange(pitch), np.arange(pitch)), axis=-1).reshape(-1, 2) / pitch
+        phases = np.exp(2j * np.pi * at @ waves.T)
+        power = np.linalg.eigvalsh(phases.conj().T @ phases) / len(at)
+        return float(np.mean(power > EVEN))
+
+
+def gather(
+    frame: RawFrame, others: Sequence[RawFrame], shifts: Mapping[str, Shift], scale: int, noise: Mapping[str, Noise]
+) -> Burst:
+    """Register all photographs of the same scene on a grid of `scale` times the sensor's pixels along each side.
+
+    Parameters
+    ----------
+    shifts : by plane, lateral colour in pixels of the sensor
+    noise : of the first photograph's planes
+
+    Raises
+    ------
+    BadInput
+        If a photograph has other planes than the first, or another size.
+    """
+    burst = Burst(scale)
+    burst.add(frame, noise, shifts, None, 1)
+    for number, other in enumerate(others, start=2):
+        noise_of_other = {name: noise_of(plane) for name, plane in other.planes.items()}
+        place = place_of(frame, other, noise)
+        processed: Outcome[BurstRegistration] = verdict_of(checks_of(other.planes, noise_of_other))
+        if processed.verdict is Verdict.REFUSED and not place.reason:
+            place = replace(place, reason=processed.reason, remedy=processed.remedy)
+        burst.places.append(place)
+        if not place.reason:
+            burst.add(other, noise_of_other, shifts, place, number)
+    return burst
 
 
 def _scaled(shift: Shift, scale: int) -> Shift:
@@ -259,27 +265,3 @@ def _compared(first: Plane, second: Plane, matrix: Array, noise: Noise) -> tuple
     expected = 2 * EXPECTED**2 * float(noise.variance_at(a).mean())
     contrast = float(np.std(a)) or 1e-9
     return light, float(np.sqrt(max(residual - expected, 0.0))) / contrast, float(np.sqrt(residual / expected))
-
-
-def _resolved(gathered: _Planes) -> float:
-    """Fraction of aliased frequencies that the positions of green's or grey's samples separate.
-
-    With samples at x_j on a grid finer by F, frequencies 1/F cycles apart are equal up to a phase; the power of the
-    F x F of them is given by the eigenvalues of sum_j exp(2 pi i (a - b) x_j / F).
-    """
-    colour = COLOURS[_shown(gathered)]
-    planes = {key: plane for key, plane in gathered.planes.items() if COLOURS[plane.name] == colour}
-    pitch = next(iter(planes.values())).pitch
-    middle = [np.array(plane.samples.shape[::-1]) / 2 for plane in planes.values()]
-    at = np.array([
-        np.array(plane.origin) - (gathered.shifts[key](m[None])[0] if key in gathered.shifts else 0.0)
-        for (key, plane), m in zip(planes.items(), middle, strict=True)
-    ])  # fmt: skip
-    waves = np.stack(np.meshgrid(np.arange(pitch), np.arange(pitch)), axis=-1).reshape(-1, 2) / pitch
-    phases = np.exp(2j * np.pi * at @ waves.T)
-    power = np.linalg.eigvalsh(phases.conj().T @ phases) / len(at)
-    return float(np.mean(power > EVEN))
-
-
-def _shown(gathered: _Planes) -> str:
-    return next(name for name in SHOWN if name in gathered.planes)

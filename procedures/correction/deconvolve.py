@@ -36,9 +36,9 @@ class Splitting:
     prior : relative to the strength tau over the picture's mean difference.
     """
 
-    iterations: int = 25
+    iterations: int = 12
     data: float = 0.3
-    prior: float = 1.0
+    prior: float = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +72,7 @@ class DeconvolutionTile:
 
 
 def deconvolve(
-    tile: DeconvolutionTile, start: Single, prior: Prior, tau: float, gradient: float, settings: Splitting | None = None
+    tile: DeconvolutionTile, start: Single, prior: Prior, tau: float, gradient: float, settings: Splitting
 ) -> Single:
     """The picture (C, n, n) of minimal cost.
 
@@ -85,7 +85,6 @@ def deconvolve(
     gradient : float
         Mean length of the picture's differences, which scales the penalty.
     """
-    settings = settings or Splitting()
     penalty = np.float32(settings.prior * tau / gradient)
     solver = _Solver.of(tile, prior, settings.data, float(penalty))
     M = prior.mixing(tile.channels).astype(np.float32)

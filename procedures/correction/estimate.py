@@ -52,7 +52,7 @@ class CorrectionParameters:
     """
 
     prior: Prior = field(default_factory=Prior)
-    splitting: Splitting = field(default_factory=lambda: Splitting(iterations=12, data=0.3, prior=2.0))
+    splitting: Splitting = field(default_factory=Splitting)
     side: int | None = None
     threads: int | None = None
     scale: int = 1
@@ -174,7 +174,7 @@ def _sampled(burst: Burst, scale: int) -> Sequence[Check]:
     ]  # fmt: skip
 
 
-def _smoothed(prediction: Prediction, scale: int = 1) -> Check:
+def _smoothed(prediction: Prediction, scale: int) -> Check:
     """Doubtful where noise requires so strong a prior that more detail is lost than recovered."""
     before, after = (scale * float(np.median(mtf50)) for mtf50 in (prediction.before, prediction.after))
     return Check(

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.correction.mosaic import Mosaic
 from procedures.correction.optics import PlaneFields
-from procedures.correction.prediction import EDGES, SampleLayout
+from procedures.correction.prediction import EDGES
 from procedures.correction.priors import Prior
 
 Array = npt.NDArray[np.float64]
@@ -58,13 +59,13 @@ class FieldError:
 
 
 def field_error(
-    optics: PlaneFields, mosaic: SampleLayout, prior: Prior, tau: float, difference: float, picture: Single
+    optics: PlaneFields, mosaic: Mosaic, prior: Prior, tau: float, difference: float, picture: Single
 ) -> FieldError:
     """Map of the error of a corrected picture (C, H, W), for a prior of strength `tau` and a mean difference."""
     rows, columns = mosaic.shape
     y, x = ((np.arange(n) + 0.5) * size / n - 0.5 for size, n in zip((rows, columns), PLACES, strict=True))
     lightness = 1 if mosaic.channels > 1 else 0
-    every = optics.planes_of_colour(lightness)
+    every = [key for key, colour in zip(optics.fields, optics.channel, strict=True) if colour == lightness]
     density = len(every) / optics.pitch**2
     # all photographs share the fields and their errors
     planes = every[: len(every) // optics.photographs]

@@ -77,11 +77,10 @@ def _blocks(samples: Single) -> tuple[Array, Array, Array]:
     """Mean level and mean squares of second and fourth differences of blocks over the plane."""
     import cv2
 
-    second, fourth = (_normalised(FINE[0], FINE[0]), _normalised(FINE[1], FINE[1]))
     rows, columns = (size // BLOCK * BLOCK for size in samples.shape)
     images = [samples[:rows, :columns]]
-    for down, across in (second, fourth):
-        fine = cv2.sepFilter2D(samples, cv2.CV_32F, across, down)[:rows, :columns]
+    for taps in (np.array(difference) / np.linalg.norm(difference) for difference in FINE):
+        fine = cv2.sepFilter2D(samples, cv2.CV_32F, taps, taps)[:rows, :columns]
         images.append(fine * fine)
     level, *powers = (_block_means(image)[1:-1, 1:-1].ravel() for image in images)
     used = np.flatnonzero((level < BRIGHT) & np.isfinite(level))
@@ -89,10 +88,6 @@ def _blocks(samples: Single) -> tuple[Array, Array, Array]:
     if len(used) == 0:
         used = np.arange(len(level))
     return level[used], powers[0][used], powers[1][used]
-
-
-def _normalised(down: tuple[float, ...], across: tuple[float, ...]) -> tuple[Array, Array]:
-    return np.array(down) / np.linalg.norm(down), np.array(across) / np.linalg.norm(across)
 
 
 def _block_means(values: Single) -> Array:

@@ -61,10 +61,6 @@ class PlaneFields:
         photographs = len(planes) // len({plane.name for plane in planes.values()})
         return cls(of_planes, [COLOURS[plane.name] for plane in planes.values()], photographs, origins, pitch, shifts)
 
-    def planes_of_colour(self, colour: int) -> Sequence[str]:
-        """The planes of one of the picture's colours."""
-        return [key for key, channel in zip(self.fields, self.channel, strict=True) if channel == colour]
-
     @cached_property
     def _blurs(self) -> dict[str, SpaceVariantBlur]:
         made = {id(field): SpaceVariantBlur(field, self.pitch) for field in self.fields.values()}
@@ -82,7 +78,7 @@ class PlaneFields:
         unit = np.eye(field.k**2 + field.q)
         spectra = np.array([scipy.fft.rfft2(wrapped(blur.kernel(extended(row, field.k)), n)) for row in unit])
         if field.q:
-            spectra[field.k**2] += self._far(field, n)
+            spectra[field.k**2] += _far(field.k, n, self.pitch / field.s)
         return np.asarray(spectra, dtype=np.complex64).reshape(len(unit), -1)
 
     def whole(self, x: float, y: float) -> dict[str, tuple[int, int]]:
@@ -103,19 +99,14 @@ class PlaneFields:
     def _of_plane(self, name: str, x: float, y: float, n: int) -> Spectrum:
         place, (dx, dy) = self._moved(name, x, y)
         dx, dy = dx - np.rint(dx), dy - np.rint(dy)
-        F = scipy.fft.rfft2(wrapped(self._blurs[name].at(place)[0], n))
-        if self.fields[name].q:
-            F += _mean_tail(self.fields[name], place) * self._far(self.fields[name], n)
+        field, F = self.fields[name], scipy.fft.rfft2(wrapped(self._blurs[name].at(place)[0], n))
+        if field.q:
+            F += _mean_tail(field, place) * _far(field.k, n, self.pitch / field.s)
             F /= F[0, 0].real
         if name in self.shifts:
             fy, fx = np.fft.fftfreq(n)[:, None], np.fft.fftfreq(n)[: n // 2 + 1]
             F = F * np.exp(-2j * np.pi * (fx * dx + fy * dy))
         return np.asarray(F, dtype=np.complex64)
-
-    def _far(self, field: PsfField, n: int) -> Array:
-        """Spectrum of the mean tail's light from beyond the reach, per amplitude, (n, n // 2 + 1). It is a veil that
-        only the lowest frequencies pass: without it every detail would count as slightly less blurred than it is."""
-        return _spectrum_of_far(field.k, n, self.pitch / field.s)
 
     def in_plane(self, name: str, points: Array) -> Array:
         """Points of the picture in pixels of the plane."""
@@ -156,8 +147,10 @@ def _mean_tail(field: PsfField, place: Array) -> float:
 
 
 @lru_cache(maxsize=8)
-def _spectrum_of_far(k: int, n: int, ratio: float) -> Array:
-    """`_far` for `ratio` samples of the picture per sample of the PSFs."""
+def _far(k: int, n: int, ratio: float) -> Array:
+    """Spectrum (n, n // 2 + 1) of the mean tail's light from beyond the reach, per amplitude, for `ratio` samples of
+    the picture per sample of the PSFs. It is a veil that only the lowest frequencies pass: without it every detail
+    would count as slightly less blurred than it is."""
     f = np.hypot(np.fft.fftfreq(n)[:, None], np.arange(n // 2 + 1) / n)
     return spectrum_beyond(f.ravel() * ratio, k).reshape(f.shape)
 

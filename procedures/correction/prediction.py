@@ -7,13 +7,12 @@ the noise gain. Edges have large differences, flat parts average ones.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from procedures.correction.mosaic import Mosaic
 from procedures.correction.optics import PlaneFields
 from procedures.correction.priors import Prior
 
@@ -53,26 +52,7 @@ class Prediction:
         return np.asarray(self.after / self.before)
 
 
-class SampleLayout(Protocol):
-    """Layout of the samples."""
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the picture."""
-        ...
-
-    @property
-    def channel(self) -> Sequence[int]:
-        """Colours of the planes."""
-        ...
-
-    @property
-    def channels(self) -> int:
-        """Number of colours."""
-        ...
-
-
-def predict(optics: PlaneFields, mosaic: SampleLayout, prior: Prior, tau: float, difference: float) -> Prediction:
+def predict(optics: PlaneFields, mosaic: Mosaic, prior: Prior, tau: float, difference: float) -> Prediction:
     """Maps of gain and cost for a prior of strength `tau` and the picture's mean difference."""
     rows, columns = mosaic.shape
     y, x = np.linspace(0, rows - 1, PLACES[0]), np.linspace(0, columns - 1, PLACES[1])

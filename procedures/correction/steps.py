@@ -40,7 +40,7 @@ def length(d: Single) -> Single:
 
 
 def agree(copies: Single, z: Single, weight: Single, dual: Single, rho: np.float32) -> None:
-    """Update the copies of the blurred planes by the data: their targets in place of `seen`, and their duals."""
+    """Update the copies of the blurred planes by the data: reflected at their targets, and their duals."""
     _agree(copies.reshape(-1), z.reshape(-1), weight.reshape(-1), dual.reshape(-1), rho)
 
 
@@ -54,7 +54,7 @@ def solve(
     copies: Spectrum, conjugate: Spectrum, channel: npt.NDArray[np.int64], pulled: Spectrum, inverse: Single,
     coupled: Single, data: np.float32, penalty: np.float32, out: Spectrum,
 ) -> None:  # fmt: skip
-    """The normal equations at every frequency: (1 / inverse - c) out = data sum conj(H) seen + penalty pulled."""
+    """The normal equations at every frequency: (1 / inverse - c) out = data sum conj(H) copies + penalty pulled."""
     P, C = len(copies), len(pulled)
     _solve(
         copies.view(np.float32).reshape(P, -1), conjugate.view(np.float32).reshape(P, -1), channel,

@@ -36,11 +36,13 @@ PHOTOGRAPHING = (
 
 def caption(panel: Panel, titles: Iterable[str], noise_mm: float) -> Drawing:
     """Caption below the chart; `titles` are two lines that identify the chart."""
-    ruler_x, _ = panel.at(9, 0)
-    _, ruler_y = panel.at(0, PANEL_HEIGHT_MM)
+    ruler_x, ruler_y = panel.at(9, PANEL_HEIGHT_MM)
+    y, printing = numbered(panel, TOP, "Printing", PRINTING, LEFT, LEFT_END)
+    _, photographing = numbered(panel, y + 3, "Photographing", PHOTOGRAPHING, LEFT, LEFT_END)
     return (
         _head(panel, titles)
-        + _advice(panel)
+        + printing
+        + photographing
         + _distances(panel, noise_mm)
         + _explanation(panel, noise_mm)
         + rulers(ruler_x, ruler_y - 6.2)
@@ -51,12 +53,6 @@ def _head(panel: Panel, titles: Iterable[str]) -> Drawing:
     texts = [panel.text(LEFT, 5, TITLE, TITLE_TYPE, bold=True)]
     texts += [panel.text(LEFT, 10.6 + 4.2 * row, words, TYPE, bold=row == 0) for row, words in enumerate(titles)]
     return Drawing((panel.rule(17.2, LEFT, PANEL_WIDTH_MM, 0.2),), tuple(texts))
-
-
-def _advice(panel: Panel) -> Drawing:
-    y, printing = numbered(panel, TOP, "Printing", PRINTING, LEFT, LEFT_END)
-    _, photographing = numbered(panel, y + 3, "Photographing", PHOTOGRAPHING, LEFT, LEFT_END)
-    return printing + photographing
 
 
 def numbered(
@@ -107,7 +103,7 @@ def _metres(distance_m: float) -> str:
 def _explanation(panel: Panel, noise_mm: float) -> Drawing:
     low, high = GOOD_S_OVER_T
     paragraphs = (
-        f"At these distances the noise, {noise_mm:.6g} mm wide, covers {distance.ideal_pixels():g} pixels of a plane, "
+        f"At these distances the noise, {noise_mm:.6g} mm wide, covers {distance.IDEAL_PIXELS:g} pixels of a plane, "
         f"for s={distance.SAMPLES_PER_PIXEL} samples of the PSF per pixel. A plane of a Bayer RAW has a pixel for "
         "every second photosite; with a monochrome sensor double the distance.",
         f"s/t = s × pixels / 256: {AIM_S_OVER_T:g} is best, {low:g} to {high:g} good, that is "

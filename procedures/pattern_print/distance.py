@@ -13,6 +13,8 @@ from procedures.pattern import CELLS
 FOCAL_LENGTHS_MM = (16, 24, 35, 50, 85, 100, 135, 200)
 SAMPLES_PER_PIXEL = 4
 """Value of s in the table, the default."""
+IDEAL_PIXELS = CELLS / SAMPLES_PER_PIXEL
+"""Width of the noise region, in pixels of a plane, where s/t = 1."""
 PHOTOSITES_PER_PIXEL = 2
 """A colour plane of a Bayer mosaic has every other photosite."""
 
@@ -25,11 +27,6 @@ class SensorFormat:
     megapixels: int
     pitch_um: float
 
-    @property
-    def plane_pitch_um(self) -> float:
-        """Pixel pitch of a colour plane."""
-        return PHOTOSITES_PER_PIXEL * self.pitch_um
-
 
 SENSORS = (
     SensorFormat("1-inch", 20, 2.4),
@@ -40,20 +37,10 @@ SENSORS = (
 )
 
 
-def ideal_pixels(s: int = SAMPLES_PER_PIXEL) -> float:
-    """Width of the noise region, in pixels of a plane, where s/t = 1."""
-    return CELLS / s
-
-
-def distance_mm(focal_mm: float, noise_mm: float, pixels: float, plane_pitch_um: float) -> float:
-    """Distance in mm at which noise of `noise_mm` is `pixels` wide in a plane; valid far beyond the focal length."""
-    return focal_mm * noise_mm / (pixels * plane_pitch_um / 1000)
-
-
 def table_m(noise_mm: float) -> list[list[float]]:
-    """Distances in m for s/t = 1: a row for each focal length, a column for each sensor."""
-    pixels = ideal_pixels()
-    return [
-        [distance_mm(focal, noise_mm, pixels, sensor.plane_pitch_um) / 1000 for sensor in SENSORS]
-        for focal in FOCAL_LENGTHS_MM
-    ]
+    """Distances in m for s/t = 1: a row for each focal length, a column for each sensor.
+
+    Valid far beyond the focal length.
+    """
+    widths_um = [IDEAL_PIXELS * PHOTOSITES_PER_PIXEL * sensor.pitch_um for sensor in SENSORS]
+    return [[focal * noise_mm / width for width in widths_um] for focal in FOCAL_LENGTHS_MM]

@@ -33,12 +33,8 @@ def outline(chart: Chart) -> list[Loop]:
             edges.remove((*end, *start))
         else:
             edges.add((*start, *end))
-    return [_without_straight_points(loop) for loop in _chained(edges)] + _edge_loops(chart)
-
-
-def _edge_loops(chart: Chart) -> list[Loop]:
-    """Black areas of the slanted edges, if the chart has them."""
-    return [[(int(x), int(y)) for x, y in area] for area in edge_areas()] if chart.edges else []
+    slanted = [[(int(x), int(y)) for x, y in area] for area in edge_areas()] if chart.edges else []
+    return [_without_straight_points(loop) for loop in _chained(edges)] + slanted
 
 
 def _black_squares(cells: Cells) -> npt.NDArray[np.bool_]:

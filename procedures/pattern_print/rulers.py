@@ -17,20 +17,11 @@ def rulers(x: float, y: float) -> Drawing:
     ]
     texts = []
     for mm in range(LENGTH_MM + 1):
-        tick = _tick(mm)
+        tick = 3.0 if mm % 10 == 0 else 2.2 if mm % 5 == 0 else 1.4
         strokes.append(PrintedLine((x + mm, y), (x + mm, y + tick), THICKNESS_MM))
         strokes.append(PrintedLine((x, y - mm), (x - tick, y - mm), THICKNESS_MM))
         if mm % 10 == 0:
-            texts.append(Text(x + mm, y + tick + 2.6, _number(mm), DIGITS_MM, anchor="middle"))
+            words = f"{mm} mm" if mm == LENGTH_MM else f"{mm}"
+            texts.append(Text(x + mm, y + tick + 2.6, words, DIGITS_MM, anchor="middle"))
             texts.append(Text(x - tick - 0.7, y - mm + 0.9, f"{mm}", DIGITS_MM, anchor="end"))
     return Drawing(tuple(strokes), tuple(texts))
-
-
-def _tick(mm: int) -> float:
-    if mm % 10 == 0:
-        return 3.0
-    return 2.2 if mm % 5 == 0 else 1.4
-
-
-def _number(mm: int) -> str:
-    return f"{mm} mm" if mm == LENGTH_MM else f"{mm}"

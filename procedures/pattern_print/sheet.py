@@ -148,7 +148,7 @@ def largest_width_mm(paper: Paper, edges: bool = False) -> float:
     return float(math.floor(SMALLEST_WIDTH_MM + share * (LARGEST_WIDTH_MM - SMALLEST_WIDTH_MM)))
 
 
-def check_fits(size: Size, paper: Paper, edges: bool = False) -> None:
+def check_fits(size: Size, paper: Paper, edges: bool) -> None:
     """Raise BadParameter if the chart with its caption does not fit on the paper."""
     if not size.fits(paper, edges):
         most = largest_width_mm(paper, edges)
@@ -158,12 +158,10 @@ def check_fits(size: Size, paper: Paper, edges: bool = False) -> None:
         )
 
 
-def smallest_paper(papers: Sequence[Paper], size: Size, edges: bool = False) -> Paper:
+def smallest_paper(papers: Sequence[Paper], size: Size, edges: bool) -> Paper:
     """First paper that the chart fits on with its caption, or else one of special size."""
-    return next((paper for paper in papers if size.fits(paper, edges)), _special_paper(size, edges))
-
-
-def _special_paper(size: Size, edges: bool) -> Paper:
+    if fitting := next((paper for paper in papers if size.fits(paper, edges)), None):
+        return fitting
     drawn = size.drawn_mm(edges)
     # larger than all papers: half the chart's width suffices for the caption
     scale = max(1.0, min(LARGEST_TYPE, size.whole_mm / 2 / PANEL_WIDTH_MM))
@@ -183,7 +181,9 @@ def lay_out(source: Source, size: Size, paper: Paper | None = None) -> Sheet:
     paper = paper or smallest_paper(ISO_PAPERS, size, edges)
     check_fits(size, paper, edges)
     drawn, width, height = size.drawn_mm(edges), paper.width_mm, paper.height_mm
-    scale = _type_scale(size, width, height, drawn)
+    room = (height - drawn - EDGE_MM) / PANEL_HEIGHT_MM
+    across = min(size.whole_mm, width - 2 * EDGE_MM) / PANEL_WIDTH_MM
+    scale = max(1.0, min(LARGEST_TYPE, room, across))  # no wider than the chart, and inside the paper
     slack = height - drawn - PANEL_HEIGHT_MM * scale - EDGE_MM
     panel = Panel((width - PANEL_WIDTH_MM * scale) / 2, height - EDGE_MM - PANEL_HEIGHT_MM * scale, scale)
     return Sheet(
@@ -205,15 +205,5 @@ def title(source: Source, size: Size) -> str:
 
 def titles(source: Source, size: Size) -> tuple[str, str]:
     """Two lines that identify the chart."""
-    return _capital(source.origin), _capital(f"{size}")
-
-
-def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]
-
-
-def _type_scale(size: Size, width: float, height: float, drawn_mm: float) -> float:
-    """Scale of the caption relative to A4: no wider than the chart, and inside the paper."""
-    room = (height - drawn_mm - EDGE_MM) / PANEL_HEIGHT_MM
-    across = min(size.whole_mm, width - 2 * EDGE_MM) / PANEL_WIDTH_MM
-    return max(1.0, min(LARGEST_TYPE, room, across))
+    origin, words = source.origin, f"{size}"
+    return origin[:1].upper() + origin[1:], words[:1].upper() + words[1:]

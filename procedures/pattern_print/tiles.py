@@ -81,7 +81,10 @@ def tiling_of(size: Size, paper: Paper) -> Tiling:
     BadParameter
         If too many sheets are required.
     """
-    best = min((_tiling(size, way) for way in (paper, paper.turned())), key=lambda tiling: len(tiling.tiles))
+    ways = [
+        Tiling(size, way, _seams(size, way.width_mm), _seams(size, way.height_mm)) for way in (paper, paper.turned())
+    ]
+    best = min(ways, key=lambda tiling: len(tiling.tiles))
     if len(best.tiles) > MOST_SHEETS:
         raise BadParameter(
             f"a chart must take at most {MOST_SHEETS} sheets; {size.whole_mm:g} mm take {len(best.tiles)} of "
@@ -89,10 +92,6 @@ def tiling_of(size: Size, paper: Paper) -> Tiling:
             "choose a smaller chart, or larger paper",
         )
     return best
-
-
-def _tiling(size: Size, paper: Paper) -> Tiling:
-    return Tiling(size, paper, _seams(size, paper.width_mm), _seams(size, paper.height_mm))
 
 
 def _seams(size: Size, paper_mm: float) -> tuple[int, ...]:

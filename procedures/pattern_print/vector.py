@@ -48,14 +48,11 @@ def _pdf_chart(canvas: Canvas, sheet: Sheet) -> None:
     # unit of one cell, y down: the path consists of integers
     canvas.transform(cell, 0, 0, -cell, x * mm, (sheet.height_mm - y) * mm)
     # literal, as the canvas would format each of 50 000 integers as a length, which takes 0.25 s
-    canvas.addLiteral(" ".join(["n", *(_pdf_loop(loop) for loop in sheet.visible_outlines()), "f*"]))
+    operators = ["n"]
+    for (x0, y0), *others in sheet.visible_outlines():
+        operators += [f"{x0} {y0} m", *(f"{a} {b} l" for a, b in others), "h"]
+    canvas.addLiteral(" ".join([*operators, "f*"]))
     canvas.restoreState()
-
-
-def _pdf_loop(loop: Loop) -> str:
-    """PDF operators of a closed outline: move to, line to, close."""
-    (x, y), *others = loop
-    return " ".join([f"{x} {y} m", *(f"{a} {b} l" for a, b in others), "h"])
 
 
 def _pdf_caption(canvas: Canvas, sheet: Sheet) -> None:
@@ -71,23 +68,19 @@ def _pdf_caption(canvas: Canvas, sheet: Sheet) -> None:
 def svg(sheet: Sheet) -> bytes:
     """Encode a sheet as SVG with `viewBox` in mm, so that one unit is one millimetre."""
     width, height = f"{sheet.width_mm:.6g}", f"{sheet.height_mm:.6g}"
+    x, y = sheet.noise_corner_mm
+    place = f"translate({x:.9g} {y:.9g}) scale({sheet.size.cell_mm:.9g})"
     extent = f'width="{width}mm" height="{height}mm" viewBox="0 0 {width} {height}"'
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<svg xmlns="http://www.w3.org/2000/svg" {extent}>',
         f"<title>{escape(sheet.title)}</title>",
         f'<rect width="{width}" height="{height}" fill="#fff"/>',
-        *_svg_chart(sheet),
+        f'<path id="chart" fill="#000" transform="{place}" d="{"".join(map(_svg_loop, sheet.black))}"/>',
         *_svg_caption(sheet),
         "</svg>\n",
     ]
     return "\n".join(lines).encode()
-
-
-def _svg_chart(sheet: Sheet) -> Iterator[str]:
-    x, y = sheet.noise_corner_mm
-    place = f"translate({x:.9g} {y:.9g}) scale({sheet.size.cell_mm:.9g})"
-    yield f'<path id="chart" fill="#000" transform="{place}" d="{"".join(map(_svg_loop, sheet.black))}"/>'
 
 
 def _svg_loop(loop: Loop) -> str:

@@ -6,7 +6,7 @@ Every check takes the frame and the facts so far, and returns an `Advice` with o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +23,6 @@ from procedures.pattern_psf.distance.ranging import (
     look_now,
     range_facts,
     range_readings,
-    without_offset,
 )
 from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.facts import MONOCHROME, MOSAIC, RATIO, RATIO_HIGH, RATIO_LOW, PatternFacts, RangeLook
@@ -53,18 +52,15 @@ def shown(frame: RawFrame) -> Plane:
     )
 
 
-# --- is there a chart --------------------------------------------------------------------------------------------
-
-
 def seen_chart(plane: Plane, known: PatternFacts) -> ChartSighting | Advice:
     """The one chart in the frame, or advice on how to get one."""
-    charts = find_charts(plane.samples)
-    if not charts:
+    sightings = find_charts(plane.samples)
+    if not sightings:
         say = "No chart is found: aim at it so that all of it is in the frame, and focus on it."
         return Advice(False, say, by_hand={"aim": 1.0})
-    if len(charts) > 1:
-        return Advice(False, f"{len(charts)} charts are found: cover all but one.")
-    sighting = charts[0]
+    if len(sightings) > 1:
+        return Advice(False, f"{len(sightings)} charts are found: cover all but one.")
+    sighting = sightings[0]
     if sighting.negative:
         return Advice(False, "The photograph is a negative: the chart's white is dark. Use a linear picture.")
     if sighting.mirrored:
@@ -94,9 +90,6 @@ def registered(plane: Plane, sighting: ChartSighting) -> Registration:
     """Registration by the marks alone."""
     block = block_size_px(register_marks(sighting.corners))
     return register_marks(refine_corners(plane.samples, sighting.corners, block))
-
-
-# --- light -------------------------------------------------------------------------------------------------------
 
 
 def check_light(frame: RawFrame, facts: Facts) -> Advice:
@@ -149,9 +142,6 @@ def uneven(light: LightLevels) -> Advice:
     return Advice(False, say, by_hand={"even_light": 1.0})
 
 
-# --- distance ----------------------------------------------------------------------------------------------------
-
-
 def check_distance(frame: RawFrame, facts: Facts) -> Advice:
     """Check s/t, the chart's centring, and that sizes and distances agree with lens, sensor and print."""
     plane, known = shown(frame), facts_as(PatternFacts, facts)
@@ -191,7 +181,8 @@ def distance_advice(draft: Advice, look: RangeLook, pose: ChartPose, known: Patt
             f"The laser reads as if it were {draft.readings[4].value:.0f} mm behind the lens; at most "
             f"{LASER_REACH_MM:.0f} mm is plausible. Aim it at the chart's wall."
         )
-        return replace(draft, good=False, say=say, facts=without_offset(draft.facts), by_hand={"aim_laser": 1.0})
+        plausible = {name: value for name, value in draft.facts.items() if name != "laser_offset_mm"}
+        return replace(draft, good=False, say=say, facts=plausible, by_hand={"aim_laser": 1.0})
     probe = probe_mm(look, z, ratio < RATIO, known)
     if probe:
         say = f"Move the camera {_direction(probe)}: a second distance verifies the data of lens, sensor and print."
@@ -222,37 +213,18 @@ def aim(pose: ChartPose, readings: tuple[Reading, ...], facts: Facts, marks: Mar
     return Advice(False, say, readings, moves={"x_mm": x, "y_mm": -y}, facts=facts, marks=marks)
 
 
-# --- square ------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class PoseEstimate:
-    """Pose of the chart, and whether it was estimated from the noise cells or from the marks alone."""
-
-    pose: ChartPose
-    by_cells: bool
-
-
-def estimate_pose(plane: Plane, sighting: ChartSighting, known: PatternFacts) -> PoseEstimate:
-    """Pose of the chart, accurate to 0.1° from the noise cells, to 2° from the marks alone."""
-    optics, shape = known.optics(plane.pitch), plane.samples.shape
-    estimate = estimate_psf(plane, known.chart, known.quick_parameters).value
-    if estimate is None:
-        return PoseEstimate(chart_pose(sighting.H_sensor_pattern, shape, optics), False)
-    grid = np.stack(np.meshgrid(*2 * [np.linspace(0, CELLS, 9)]), axis=-1).reshape(-1, 2)
-    H = fit_homography(grid, estimate.registration.to_sensor(grid))
-    return PoseEstimate(chart_pose(H, shape, optics), True)
-
-
 def check_square(frame: RawFrame, facts: Facts) -> Advice:
     """Check that the chart is perpendicular to the optical axis and centred."""
     plane, known = shown(frame), facts_as(PatternFacts, facts)
     sighting = seen_chart(plane, known)
     if isinstance(sighting, Advice):
         return sighting
-    estimate, optics = estimate_pose(plane, sighting, known), known.optics(plane.pitch)
-    pose = estimate.pose
-    limit = SQUARE_DEG if estimate.by_cells else 2 * SQUARE_DEG
+    optics, H, limit = known.optics(plane.pitch), sighting.H_sensor_pattern, 2 * SQUARE_DEG
+    estimate = estimate_psf(plane, known.chart, known.quick_parameters).value
+    if estimate is not None:  # the noise cells determine the angles to 0.1°, the marks alone to 2°
+        grid = np.stack(np.meshgrid(*2 * [np.linspace(0, CELLS, 9)]), axis=-1).reshape(-1, 2)
+        H, limit = fit_homography(grid, estimate.registration.to_sensor(grid)), SQUARE_DEG
+    pose = chart_pose(H, plane.samples.shape, optics)
     return square_advice(pose, centre_readings(pose, plane, optics), marks_of(sighting), limit)
 
 
@@ -298,9 +270,6 @@ def square_up(pose: ChartPose, readings: tuple[Reading, ...], marks: Marks) -> A
     return Advice(False, say, readings, moves=moves, by_hand=by_hand, marks=marks)
 
 
-# --- focus -------------------------------------------------------------------------------------------------------
-
-
 def sharpness(frame: RawFrame, facts: Facts) -> float:
     """MTF50 of the PSF in the plane used for geometry, in cycles/pixel; NaN where there is no PSF."""
     known = facts_as(PatternFacts, facts)
@@ -328,9 +297,6 @@ def best_tried(places: Sequence[float], scores: Sequence[float]) -> float | None
     """Tried position of the highest score, for settings without intermediate values; None without any score."""
     y = np.asarray(scores, dtype=np.float64)
     return float(places[int(np.nanargmax(y))]) if np.isfinite(y).any() else None
-
-
-# --- shots -------------------------------------------------------------------------------------------------------
 
 
 def check_shot(frame: RawFrame, facts: Facts) -> Advice:

@@ -130,12 +130,10 @@ def combine(outcomes: Sequence[Outcome[PatternPsf]]) -> Outcome[CombinedPsf]:
     Refused shots are excluded. Source: least squares; ISO/IEC Guide 98-3 (GUM), annex H.5 for the test.
     """
     shots = [outcome.value for outcome in outcomes if outcome.value is not None]
+    if not outcomes:
+        return Outcome(None, Verdict.REFUSED, "no shot was taken", "take shots")
     if not shots:
-        return (
-            outcomes[0].of_value(None)
-            if outcomes
-            else Outcome(None, Verdict.REFUSED, "no shot was taken", "take shots")
-        )
+        return outcomes[0].of_value(None)
     combined = _mean(shots)
     agreement = verdict_of(_agreement(combined), combined)
     doubtful = [one for one in outcomes if one.verdict is Verdict.DOUBTFUL]

@@ -50,9 +50,9 @@ class Correspondences:
         return bin_centres()[self.index]
 
 
-def bin_centres(bins: int = BINS) -> Array:
-    """The bins' centres (x, y) in cells, row by row, (bins^2, 2)."""
-    along = (np.arange(bins) + 0.5) * CELLS / bins
+def bin_centres() -> Array:
+    """The bins' centres (x, y) in cells, row by row, (BINS^2, 2)."""
+    along = (np.arange(BINS) + 0.5) * CELLS / BINS
     x, y = np.meshgrid(along, along)
     return np.column_stack([x.ravel(), y.ravel()])
 
@@ -68,20 +68,15 @@ def correspondences(fit: ChartFit) -> Correspondences:
     if len(fit.slopes) != len(fit.observation):  # the cells were not recognised: there was no refinement
         nothing = np.zeros((0, 2))
         return Correspondences(np.zeros(0, dtype=np.int64), nothing, np.zeros((0, 2, 2)))
-    which = _bin_of(fit.registration.to_pattern(fit.observation.points))
-    JJ, Jr = normal_equations(fit.slopes, fit.residual, which, BINS * BINS)
+    cells = fit.registration.to_pattern(fit.observation.points)
+    column, row = np.clip(cells * BINS / CELLS, 0, BINS - 1).astype(np.int64).T
+    JJ, Jr = normal_equations(fit.slopes, fit.residual, row * BINS + column, BINS * BINS)
     index = informed(JJ)
     inverse: Array = np.asarray(np.linalg.inv(JJ[index]), dtype=np.float64)
     # the cell that the map has at p lies at p - d
     step = np.einsum("nab,nb->na", inverse, Jr[index])
     points = fit.registration.to_sensor(bin_centres()[index]) - step
     return Correspondences(index, points, np.asarray(inverse * fit.residual_std**2, dtype=np.float64))
-
-
-def _bin_of(cells: Array) -> npt.NDArray[np.int64]:
-    """Indices (n,) of the bins of cells (n, 2)."""
-    column, row = np.clip(cells * BINS / CELLS, 0, BINS - 1).astype(np.int64).T
-    return np.asarray(row * BINS + column)
 
 
 def normal_equations(slopes: Array, residual: Array, which: npt.NDArray[np.int64], count: int) -> tuple[Array, Array]:

@@ -204,12 +204,7 @@ def _tail_sigmas(fit: ChartFit, s: int, prior: TailPrior | None) -> float:
 
 def _neighbour_correlation(fit: ChartFit) -> float:
     """Largest correlation of the residual at lag one, along rows or columns."""
-    o = fit.observation
-    grid = np.zeros((o.rows.max() + 1, o.columns.max() + 1))
-    grid[o.rows, o.columns] = fit.residual
-    known = np.zeros_like(grid)
-    known[o.rows, o.columns] = 1
-    variance = float(np.var(fit.residual))
-    pairs = ((grid[1:], grid[:-1], known[1:] * known[:-1]), (grid[:, 1:], grid[:, :-1], known[:, 1:] * known[:, :-1]))
-    lags = [float(np.sum(a * b) / max(n.sum(), 1)) / variance for a, b, n in pairs]
+    grid, variance = fit.residual_image, float(np.var(fit.residual))
+    products = grid[1:] * grid[:-1], grid[:, 1:] * grid[:, :-1]
+    lags = [float(np.nansum(one)) / max(int(np.isfinite(one).sum()), 1) / variance for one in products]
     return max(lags, key=abs)

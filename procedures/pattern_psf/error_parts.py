@@ -74,13 +74,13 @@ class ErrorParts:
 
 
 def error_parts(
-    fit: ChartFit, psf: Psf, quality: Quality, checked: tuple[str, ...], groups: Mapping[str, slice] = GROUPS
+    fit: ChartFit, psf: Psf, quality: Quality, checked: tuple[str, ...], groups: Mapping[str, slice]
 ) -> ErrorParts:
     """Split the uncertainties of all numbers into their parts.
 
     Parameters
     ----------
-    watched : names of the numbers whose variation over the chart is reported
+    checked : names of the numbers whose variation over the chart is reported
     groups : GROUPS, or CALIBRATED
     """
     names = list(quality.gradients)
@@ -104,9 +104,9 @@ def error_parts(
     }
     variations = [
         one
-        for name in checked
-        if name in names
-        for one in _variations(name, quality.numbers[name].value, changes[:, names.index(name)], last, names, scale)
+        for i, name in enumerate(names)
+        if name in checked
+        for one in _variations(name, quality.numbers[name].value, changes[:, i], float(np.sqrt(last[i] * scale)))
     ]
     return ErrorParts(parts, dict(zip(names, ratio.tolist(), strict=True)), tuple(variations))
 
@@ -141,18 +141,15 @@ def _freed(equations: NormalEquations, gradients: Array, groups: Mapping[str, sl
     return variances, np.hstack([(of_g - of_Z @ nuisance).T, nuisance.T])
 
 
-def _variations(
-    name: str, value: float, changes: Array, variances: Array, names: list[str], scale: float
-) -> list[Variation]:
+def _variations(name: str, value: float, changes: Array, uncertainty: float) -> list[Variation]:
     """Compare one number left and right, and top and bottom; `changes` (TILES^2,) are those of the tiles."""
     grid = changes.reshape(TILES, TILES)
-    error = float(np.sqrt(variances[names.index(name)] * scale))
     pairs = (
         (("left", "right"), grid[:, : TILES // 2].sum(), grid[:, TILES // 2 :].sum()),
         (("top", "bottom"), grid[: TILES // 2].sum(), grid[TILES // 2 :].sum()),
     )
     # a half has half of the information: its own change is twice its contribution to the whole
     return [
-        Variation(name, halves, (value + 2 * float(a), value + 2 * float(b)), float(a - b) / error)
+        Variation(name, halves, (value + 2 * float(a), value + 2 * float(b)), float(a - b) / uncertainty)
         for halves, a, b in pairs
     ]

@@ -53,7 +53,7 @@ from procedures.pattern_psf.registration import (
     refine_corners,
     register_marks,
 )
-from procedures.pattern_psf.solution import SharedErrors, solution
+from procedures.pattern_psf.solution import SharedErrors, Solution, solution
 from procedures.pattern_psf.trust import VerdictInputs, check_cells, check_light, checks_of, is_misfit
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
@@ -224,7 +224,7 @@ def estimate_psf(
         return Outcome(
             None,
             Verdict.REFUSED,
-            f"the photograph does not determine the PSF {_requested(parameters)}",
+            f"the photograph does not determine the PSF at s = {parameters.s or 'auto'}, k = {parameters.k or 'auto'}",
             f"photograph the chart from a distance where s/t is near {AIM_S_OVER_T:g}, or lower s or k",
         )
 
@@ -232,11 +232,6 @@ def estimate_psf(
 def finest(cell_px: float, most: float = SAMPLES_PER_CELL) -> int:
     """Largest s with at most `most` samples per cell, for cells of a side in pixels."""
     return int(np.clip(np.floor(most / cell_px + 1e-9), 2, FINEST))
-
-
-def _requested(parameters: PatternParameters) -> str:
-    """Requested sampling, in words."""
-    return f"at s = {parameters.s or 'auto'}, k = {parameters.k or 'auto'}"
 
 
 def _estimate(
@@ -266,23 +261,23 @@ def _estimate(
         check_cells(fit)
         if fit.converged:
             best = fit.registration
-        solved = solution(fit, s, k, parameters.solver)
-        return _Attempt(fit, excluded, solved.psf, solved.centre_covariance, solved.shared)
+        return _Attempt(fit, excluded, solution(fit, s, k, parameters.solver))
 
     cell_px = block_size_px(marks_map) / BLOCK
     count = count_inside(marks_map, noise_window(marks_map, samples.shape))
     first_s = min(START_S, finest(cell_px, GOOD_S_OVER_T[1]))
     final, tried = choose(
-        attempt, lambda one: one.psf, count, finest(cell_px), start_s=first_s, s=parameters.s, k=parameters.k
+        attempt, lambda one: one.solution.psf, count, finest(cell_px), start_s=first_s, s=parameters.s, k=parameters.k
     )
-    quality = assess(final.psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at)
-    parts = error_parts(final.fit, final.psf, quality, CHECKED_NUMBERS, GROUPS if sensor is None else CALIBRATED)
+    psf = final.solution.psf
+    quality = assess(psf, n=len(final.fit.observation), diffraction=diffraction, at=parameters.at)
+    parts = error_parts(final.fit, psf, quality, CHECKED_NUMBERS, GROUPS if sensor is None else CALIBRATED)
     quality = with_parts(with_convergence(quality, remaining_change(tried)), parts.parts)
     around = surroundings(final.fit.registration, samples.shape).cut(samples)
     levels = float(light.black[0]), float(light.white[0])
-    noise = measure_noise(around, levels, light.variance_at, _residual_image(final.fit)[0])
+    noise = measure_noise(around, levels, light.variance_at, final.fit.residual_image)
     diagnostics = diagnose(
-        final.fit, final.psf, light, corners, marks_map, final.excluded, parts, known.tail, tried[-1], noise
+        final.fit, psf, light, corners, marks_map, final.excluded, parts, known.tail, tried[-1], noise
     )
     contradicted = beyond_diffraction(quality, diffraction)
     inputs = VerdictInputs(parameters, parameters.chosen, tried, parts.variations, contradicted, sensor, plane.raw)
@@ -300,13 +295,11 @@ class _Known:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Joint fit at one s and k, its excluded samples, its PSF with the centre's covariance, and shared errors."""
+    """Joint fit at one s and k, the samples excluded from it, and its solution."""
 
     fit: ChartFit
     excluded: ExcludedSamples
-    psf: Psf
-    centre_covariance: Array
-    shared: SharedErrors
+    solution: Solution
 
 
 def _register(samples: npt.NDArray[np.float32], sighting: ChartSighting | None) -> tuple[Array, Registration]:
@@ -378,37 +371,26 @@ def _result(
     diffraction: Diffraction | None,
 ) -> PatternPsf:
     """Assemble the reported values from the final fit."""
-    fit, psf = final.fit, final.psf
-    residual, origin = _residual_image(fit)
-    m = len(fit.observation.y)
-    pixels = CELLS / BLOCK * block_size_px(fit.registration)
+    fit, psf, o = final.fit, final.solution.psf, final.fit.observation
+    x, y = o.points[0]
     return PatternPsf(
         psf=psf,
-        n=m,
+        n=len(o),
         quality=quality,
         diffraction=diffraction,
-        gamma=gamma_of_fit(fit.equations, GEOMETRY, fit.observation.weight),
-        gamma_bound=gamma_bound(m, psf.k**2),
+        gamma=gamma_of_fit(fit.equations, GEOMETRY, o.weight),
+        gamma_bound=gamma_bound(len(o), psf.k**2),
         residual_std=fit.residual_std,
-        pixels_per_pattern=pixels,
+        pixels_per_pattern=CELLS / BLOCK * block_size_px(fit.registration),
         s_over_t=d.s_over_t,
         choice=tried,
         variations=parts.variations,
         registration=fit.registration,
-        centre_covariance=final.centre_covariance,
+        centre_covariance=final.solution.centre_covariance,
         diagnostics=asdict(d),
         marks=corners,
-        residual=residual,
-        residual_origin=origin,
+        residual=fit.residual_image,
+        residual_origin=(int(x) - int(o.columns[0]), int(y) - int(o.rows[0])),
         correspondences=correspondences(fit),
-        shared=final.shared,
+        shared=final.solution.shared,
     )
-
-
-def _residual_image(fit: ChartFit) -> tuple[Array, tuple[int, int]]:
-    """Image of the residual, NaN where there is no sample, and its first pixel (x, y) in the plane."""
-    o = fit.observation
-    image = np.full((o.rows.max() + 1, o.columns.max() + 1), np.nan)
-    image[o.rows, o.columns] = fit.residual
-    x, y = o.points[0]
-    return image, (int(x) - int(o.columns[0]), int(y) - int(o.rows[0]))

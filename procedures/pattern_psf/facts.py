@@ -147,11 +147,6 @@ class PatternFacts(CameraFacts):
         return parameters if parameters.s is not None else PatternParameters(START_S, START_K, chosen=True)
 
     @property
-    def plane_pitch(self) -> int:
-        """Photosites per pixel of a plane, by the kind of sensor."""
-        return 1 if self.sensor_kind == MONOCHROME else PHOTOSITES_PER_PIXEL
-
-    @property
     def lens_known(self) -> bool:
         """Whether distances can be computed from sizes."""
         return None not in (self.focal_length_mm, self.pixel_pitch_um, self.chart_width_mm)
@@ -162,9 +157,10 @@ class PatternFacts(CameraFacts):
         Raises BadParameter.
         """
         remedy = "answer the step `distance`"
+        pitch = pitch or (1 if self.sensor_kind == MONOCHROME else PHOTOSITES_PER_PIXEL)
         focal_length_mm = required(self.focal_length_mm, "the lens's focal length", remedy)
         pitch_um = required(self.pixel_pitch_um, "the sensor's pixel pitch", remedy)
-        return ImagingGeometry(focal_length_mm, pitch_um * (pitch or self.plane_pitch), self.cell_mm)
+        return ImagingGeometry(focal_length_mm, pitch_um * pitch, self.cell_mm)
 
     @property
     def wanted_px_per_cell(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -50,36 +50,17 @@ class Observation:
 
     def where(self, kept: npt.NDArray[np.bool_] | slice) -> Observation:
         """Subset of the samples."""
-        return Observation(
-            self.rows[kept],
-            self.columns[kept],
-            self.points[kept],
-            self.y[kept],
-            self.weight[kept],
-            self.quadratics[kept],
-            self.cubics[kept],
-        )
+        return Observation(*(getattr(self, field.name)[kept] for field in fields(self)))
 
 
 def noise_window(registration: Registration, shape: tuple[int, ...]) -> Window:
     """Bounding box of the noise region, clipped to the plane."""
-    return _window(registration, shape, 0.0, 0.0)
+    return Window.around(registration, shape, 0.0, 0.0)
 
 
 def surroundings(registration: Registration, shape: tuple[int, ...]) -> Window:
     """Bounding box of the chart with its frame and half of its width around it, clipped to the plane."""
-    return _window(registration, shape, float(BLOCK), 0.5)
-
-
-def _window(registration: Registration, shape: tuple[int, ...], frame: float, wider: float) -> Window:
-    """Bounding box of the noise region with `frame` cells around it, enlarged by `wider` of its size on each side."""
-    low, high = -frame, CELLS + frame
-    rim = registration.to_sensor(np.array([[low, low], [high, low], [high, high], [low, high]]))
-    limit = np.array(shape[::-1]) - 1
-    more = wider * np.ptp(rim, axis=0)
-    first = np.clip(np.floor(rim.min(axis=0) - more), 0, limit).astype(int)
-    last = np.clip(np.ceil(rim.max(axis=0) + more), 0, limit).astype(int)
-    return Window(int(first[0]), int(first[1]), int(last[0] - first[0] + 1), int(last[1] - first[1] + 1))
+    return Window.around(registration, shape, float(BLOCK), 0.5)
 
 
 def observe(
@@ -109,10 +90,9 @@ def count_inside(registration: Registration, window: Window) -> int:
 
 def _inside(registration: Registration, window: Window, margin_px: float) -> tuple[Indices, Indices]:
     """Rows and columns (m,) of the window's pixels in the noise region, away from its border."""
-    x, y = np.meshgrid(np.arange(window.columns), np.arange(window.rows))
-    columns, rows = x.ravel(), y.ravel()
-    points = np.column_stack([columns + window.x, rows + window.y]).astype(np.float64)
-    u, v = registration.to_pattern(points).T
+    pixels = window.pixels()
+    u, v = registration.to_pattern(pixels.astype(np.float64)).T
     margin = margin_px * np.abs(registration.jacobian()).sum(axis=1).max()
     inside = (u >= margin) & (u <= CELLS - margin) & (v >= margin) & (v <= CELLS - margin)
-    return rows[inside], columns[inside]
+    columns, rows = (pixels[inside] - (window.x, window.y)).T
+    return rows, columns

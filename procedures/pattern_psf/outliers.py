@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -35,7 +36,7 @@ class ExcludedSamples:
 
     Attributes
     ----------
-    strange : float
+    connected : float
         Share of the samples excluded together with a neighbour: something covers the chart.
     stray : int
         Number of isolated samples excluded: hot or dead pixels.
@@ -54,13 +55,11 @@ def excluded_samples(whole: Observation, kept: Observation) -> ExcludedSamples:
 
 def _excluded(whole: Observation, kept: Observation) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Masks (m,) of the whole observation's samples that were not kept, and of the isolated ones among them."""
-    excluded = np.zeros(
-        (int(whole.rows.max()) + 3, int(whole.columns.max()) + 3), dtype=np.int64
-    )  # a border of one pixel
-    excluded[whole.rows + 1, whole.columns + 1] = 1
-    excluded[kept.rows + 1, kept.columns + 1] = 0
-    around = sum(np.roll(excluded, (i, j), (0, 1)) for i in (-1, 0, 1) for j in (-1, 0, 1))
-    at = whole.rows + 1, whole.columns + 1
+    excluded = np.zeros((int(whole.rows.max()) + 1, int(whole.columns.max()) + 1), dtype=np.float32)
+    excluded[whole.rows, whole.columns] = 1
+    excluded[kept.rows, kept.columns] = 0
+    around = cv2.boxFilter(excluded, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    at = whole.rows, whole.columns
     return excluded[at] == 1, (excluded * around)[at] == 1
 
 
@@ -103,11 +102,12 @@ def without_outliers(fit: ChartFit) -> Observation:
 
 def without_hidden_places(fit: ChartFit) -> Observation:
     """Exclude the places that fit far worse than most: under a finger, in a reflection."""
-    from scipy.ndimage import uniform_filter  # rarely needed, and slow to import
-
     o = fit.observation
     square, used = np.zeros((2, int(o.rows.max()) + 1, int(o.columns.max()) + 1))
     square[o.rows, o.columns], used[o.rows, o.columns] = fit.residual**2, 1.0
-    means = (uniform_filter(grid, PATCH_PX, mode="constant")[o.rows, o.columns] for grid in (square, used))
+    means = (
+        cv2.blur(grid, (PATCH_PX, PATCH_PX), borderType=cv2.BORDER_CONSTANT)[o.rows, o.columns]
+        for grid in (square, used)
+    )
     local = np.divide(*means)
     return o.where(local < MAX_LOCAL_RATIO * quantile(local, 0.5))

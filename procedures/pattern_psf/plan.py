@@ -120,9 +120,6 @@ def result_text(number: Callable[[PatternFacts], float | None], words: str) -> C
     return text
 
 
-# --- print -------------------------------------------------------------------------------------------------------
-
-
 def chart_page(facts: Facts) -> bytes:
     """The PDF to print."""
     known = facts_as(PatternFacts, facts)
@@ -178,8 +175,6 @@ PRINT = (
     ),
 )  # fmt: skip
 
-# --- mount and light ---------------------------------------------------------------------------------------------
-
 
 def middle(facts: Facts) -> dict[str, float]:
     """Centre of every axis' travel, from which moves in both directions are possible."""
@@ -196,8 +191,6 @@ MOUNT = (
     Ask("focused", "Focus on the chart, then switch autofocus off."),
     Look("light", check_light),
 )
-
-# --- distance ----------------------------------------------------------------------------------------------------
 
 
 def towards_distance(facts: Facts) -> dict[str, float]:
@@ -246,11 +239,7 @@ DISTANCE = (
     Look("distance", check_distance, tries=10, rests_on=SIZES),
 )
 
-# --- square up ---------------------------------------------------------------------------------------------------
-
 SQUARE = (Look("square", check_square, tries=10),)
-
-# --- focus -------------------------------------------------------------------------------------------------------
 
 
 def ring_places(facts: Facts) -> Sequence[float]:
@@ -320,20 +309,14 @@ FOCUS = (
     Look("aperture", check_aperture, when=lambda facts: facts_as(PatternFacts, facts).f_number is None),
 )  # fmt: skip
 
-# --- shots -------------------------------------------------------------------------------------------------------
-
 
 def estimate_shot(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
     """Estimate the PSF of every plane of one shot, with the sampling of the first shot that gave a PSF."""
-    first, known_facts = _first_accepted(results), facts_as(PatternFacts, facts)
+    known_facts = facts_as(PatternFacts, facts)
+    first = {name: one for outcomes in reversed(results) for name, one in outcomes.items() if one.value is not None}
     return {
         name: _estimate_plane(frame, plane, known_facts, first.get(name), known) for name, plane in frame.planes.items()
     }
-
-
-def _first_accepted(results: Sequence[Outcomes]) -> Outcomes:
-    """First outcome of every plane that was not refused."""
-    return {name: one for outcomes in reversed(results) for name, one in outcomes.items() if one.value is not None}
 
 
 def _estimate_plane(
@@ -383,13 +366,11 @@ SHOTS = (
     Shoot("shot", check_shot, estimate_shot, enough, MOST),
 )  # fmt: skip
 
-# --- estimate ----------------------------------------------------------------------------------------------------
-
 
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
     """Combine the PSFs of all shots in every plane."""
-    results: list[Outcomes] = []
+    shots: list[Outcomes] = []
     for frame in frames:
-        results.append(estimate_shot(frame, facts, results, known))
-    names = list(results[0]) if results else []
-    return {name: combine([one[name] for one in results]) for name in names}
+        shots.append(estimate_shot(frame, facts, shots, known))
+    names = list(shots[0]) if shots else []
+    return {name: combine([one[name] for one in shots]) for name in names}

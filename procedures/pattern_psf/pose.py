@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.warps import homography_jacobian
 from procedures.pattern import CELLS
 
 Array = npt.NDArray[np.float64]
@@ -90,9 +91,7 @@ def chart_pose(H_plane_cells: Array, shape: tuple[int, ...], optics: ImagingGeom
 
 def _scale(H: Array) -> float:
     """Pixels per cell at the chart's centre, along the direction without foreshortening."""
-    p = H @ np.array([CELLS / 2, CELLS / 2, 1.0])
-    J = (H[:2, :2] - np.outer(p[:2] / p[2], H[2, :2])) / p[2]
-    return float(np.linalg.svd(J, compute_uv=False)[0])
+    return float(np.linalg.norm(homography_jacobian(H, np.full(2, CELLS / 2)), 2))
 
 
 def _nearest_rotation(a: Array, b: Array) -> Array:

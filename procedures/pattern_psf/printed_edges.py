@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -61,29 +62,11 @@ class EdgeColumns:
         parts = (self.vertical, self.first_vertical, self.horizontal, self.first_horizontal)
         return np.asarray(loops.apply_edges_transposed(*parts, samples.astype(np.float32), LINES), dtype=np.float64)
 
+    @cached_property
     def gram(self) -> Array:
         """C'C, (514, 514)."""
         half = loops.edge_gram(self.vertical, self.first_vertical, self.horizontal, self.first_horizontal, LINES)
         return np.asarray(half + np.tril(half, -1).T, dtype=np.float64)
-
-
-@dataclass(frozen=True)
-class Edges:
-    """Derivative of the samples by the offsets of the 514 lines of edges, in cells.
-
-    Attributes
-    ----------
-    CC : (514, 514) float64
-        C'C.
-    """
-
-    C: EdgeColumns
-    CC: Array
-
-    @classmethod
-    def of(cls, columns: EdgeColumns) -> Edges:
-        """From the columns."""
-        return cls(columns, columns.gram())
 
     def widths(self, residual: Array) -> tuple[float, float]:
         """Estimate the rms of the offsets tau, in cells, and of the noise sigma from the residual (m,) without offsets.
@@ -91,9 +74,9 @@ class Edges:
         The mean square of the residual r is sigma^2 + tau^2 tr(C'C) / m, that of C'r is sigma^2 tr(C'C) +
         tau^2 tr((C'C)^2). The part of the offsets that the PSF absorbs is small, and only lowers tau.
         """
-        back, trace, m = self.C.apply_transposed(residual), float(np.trace(self.CC)), len(residual)
+        back, trace, m = self.apply_transposed(residual), float(np.trace(self.gram)), len(residual)
         mean_square = float(residual @ residual) / m
-        square = (float(back @ back) - mean_square * trace) / (float(np.sum(self.CC**2)) - trace**2 / m)
+        square = (float(back @ back) - mean_square * trace) / (float(np.sum(self.gram**2)) - trace**2 / m)
         rms = float(np.sqrt(max(square, MIN_PRIOR_RMS**2)))
         return rms, float(np.sqrt(max(mean_square - rms**2 * trace / m, 0.1 * mean_square)))
 
@@ -102,13 +85,13 @@ class Edges:
 
         `rms` is the standard deviation of their prior, in cells, `noise` that of the residual without them.
         """
-        penalised = self.CC.astype(np.float32)  # the prior makes it well conditioned
+        penalised = self.gram.astype(np.float32)  # the prior makes it well conditioned
         penalised[np.diag_indices(len(penalised))] += np.float32((noise / rms) ** 2)
         factor = np.linalg.cholesky(penalised)
 
         def offsets(residual: Array) -> Array:
-            apply_transposed = self.C.apply_transposed(residual).astype(np.float32)
-            return np.asarray(solve_factored(factor, apply_transposed), dtype=np.float64)
+            right_side = self.apply_transposed(residual).astype(np.float32)
+            return np.asarray(solve_factored(factor, right_side), dtype=np.float64)
 
         return offsets
 
@@ -163,7 +146,7 @@ def _core_radius(h: Array) -> int:
 
 
 def _interpolated(h: Array) -> Array32:
-    """PSF interpolated band-limited FINE times as densely, one sample wider on each side."""
+    """PSF interpolated band-limited, OVERSAMPLING times as densely, one sample wider on each side."""
     k = len(h)
     n = (k + 1) * OVERSAMPLING
     t = (np.arange(n + 1) - n // 2) / OVERSAMPLING + k // 2

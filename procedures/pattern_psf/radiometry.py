@@ -12,7 +12,8 @@ import numpy.typing as npt
 from procedures.clipping import find_clipping
 from procedures.numerics.ordered import quantile
 from procedures.outcome import Refused
-from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, CELLS, WHITE_BLOCKS
+from procedures.pattern import BLACK_BLOCKS, BLOCK, BLOCKS, WHITE_BLOCKS
+from procedures.pattern_psf.rasterise import Window
 from procedures.pattern_psf.registration import Registration, block_size_px
 from procedures.raw import Plane
 from procedures.sensor_model import SensorModel
@@ -175,13 +176,7 @@ def _block_pixels(
     registration: Registration, shape: tuple[int, ...]
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Pixels (x, y) inside the chart's blocks, away from their borders, and their blocks (column, row)."""
-    low, high = -float(BLOCK), float(CELLS + BLOCK)
-    rim = registration.to_sensor(np.array([[low, low], [high, low], [high, high], [low, high]]))
-    limit = np.array(shape[::-1]) - 1
-    first = np.clip(np.floor(rim.min(axis=0)), 0, limit).astype(np.int64)
-    last = np.clip(np.ceil(rim.max(axis=0)), 0, limit).astype(np.int64)
-    x, y = np.meshgrid(np.arange(first[0], last[0] + 1), np.arange(first[1], last[1] + 1))
-    points = np.column_stack([x.ravel(), y.ravel()])
+    points = Window.around(registration, shape, float(BLOCK), 0.0).pixels()
     cells = registration.to_pattern(points.astype(np.float64)) + BLOCK
     blocks = np.floor(cells / BLOCK)
     place = cells - BLOCK * blocks
@@ -225,11 +220,6 @@ def _block_reader(
     return block_at
 
 
-def _surface_residuals(design: Array, value: Array, kept: npt.NDArray[np.bool_]) -> Array:
-    """Residuals (n,) of the surface through the kept samples."""
-    return np.asarray(value - design @ np.linalg.lstsq(design[kept], value[kept], rcond=None)[0])
-
-
 def _find_inliers(design: Array, value: Array, least: float) -> tuple[npt.NDArray[np.bool_], Array]:
     """Mask (n,) of a block's samples free of specks, scratches and shadows, if most are; and the residuals of the
     surface through these."""
@@ -241,7 +231,7 @@ def _find_inliers(design: Array, value: Array, least: float) -> tuple[npt.NDArra
         last, kept = kept, np.asarray(away <= max(OUTLIER_SIGMAS * 1.4826 * quantile(away, 0.5), least))
         if np.count_nonzero(kept) <= MIN_SAMPLES or np.array_equal(kept, last):
             break
-        residuals = _surface_residuals(design, value, kept)
+        residuals = value - design @ np.linalg.lstsq(design[kept], value[kept], rcond=None)[0]
     return kept, residuals
 
 

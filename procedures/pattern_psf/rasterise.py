@@ -25,6 +25,23 @@ class Window:
     columns: int
     rows: int
 
+    @classmethod
+    def around(cls, registration: Registration, shape: tuple[int, ...], frame: float, wider: float) -> Window:
+        """Bounding box of the noise region with `frame` cells around it, enlarged by `wider` of its size on each side,
+        and clipped to a plane of this shape."""
+        low, high = -frame, CELLS + frame
+        rim = registration.to_sensor(np.array([[low, low], [high, low], [high, high], [low, high]]))
+        limit = np.array(shape[::-1]) - 1
+        more = wider * np.ptp(rim, axis=0)
+        first = np.clip(np.floor(rim.min(axis=0) - more), 0, limit).astype(int)
+        last = np.clip(np.ceil(rim.max(axis=0) + more), 0, limit).astype(int)
+        return cls(int(first[0]), int(first[1]), int(last[0] - first[0] + 1), int(last[1] - first[1] + 1))
+
+    def pixels(self) -> npt.NDArray[np.int64]:
+        """All pixels (x, y) of the plane in the window, row by row, (rows * columns, 2)."""
+        x, y = np.meshgrid(self.x + np.arange(self.columns), self.y + np.arange(self.rows))
+        return np.column_stack([x.ravel(), y.ravel()])
+
     def cut(self, samples: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """The window's part of a plane."""
         return samples[self.y : self.y + self.rows, self.x : self.x + self.columns]
@@ -75,30 +92,23 @@ class Raster:
     per_cell: int
     s: int
 
-    def read(self, registration: Registration, window: Window, border: int) -> Array32:
-        """The chart on the s grid over a window and `border` samples around it.
+    def read(self, registration: Registration, window: Window, border: int, *, outline: bool = False) -> Array32:
+        """The chart, or its cells' outlines, on the s grid over a window and `border` samples around it.
 
         Returns
         -------
         (s (rows - 1) + 1 + 2 border, s (columns - 1) + 1 + 2 border) float32
             Minus 1/2 for black, plus 1/2 for white; sample (border + s i, border + s j) is at the window's pixel
-            (i, j).
+            (i, j). Outlines are in units of one cell of spread.
         """
-        return self._read(self.coefficients, registration, window, border)
-
-    def read_outline(self, registration: Registration, window: Window, border: int) -> Array32:
-        """The cells' outlines on the same grid, in units of one cell of spread."""
-        return self._read(self.outline, registration, window, border)
-
-    def _read(self, coefficients: Array32, registration: Registration, window: Window, border: int) -> Array32:
         G = self.per_cell
         grid = np.array([[G, 0, G * BLOCK - 0.5], [0, G, G * BLOCK - 0.5], [0, 0, 1]])
         start = np.array([window.x, window.y], dtype=np.float64) - border / self.s
         shape = (self.s * (window.rows - 1) + 1 + 2 * border, self.s * (window.columns - 1) + 1 + 2 * border)
         return np.asarray(
             read_spline(
-                coefficients,
-                grid @ registration.H_pattern_sensor,
+                self.outline if outline else self.coefficients,
+                grid @ registration.H,
                 registration.centre,
                 registration.radius,
                 registration.displacement,

@@ -36,7 +36,7 @@ from procedures.numerics.warps import displacement_columns
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.observation import Observation
-from procedures.pattern_psf.printed_edges import Edges, edge_columns
+from procedures.pattern_psf.printed_edges import EdgeColumns, edge_columns
 from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart, whole_chart
 from procedures.pattern_psf.registration import Registration, map_distance
 
@@ -77,7 +77,7 @@ class ChartFit:
     scores : (TILES^2, k^2 + p) float64
         Contribution of each tile of the noise region, row by row, to the normal equations' right side at the solution.
         Their sum is 0, and their scatter gives that of the solution, whatever the cause of the residual.
-    still : bool
+    converged : bool
         Whether the map converged.
     slopes : (m, 2) float64
         Derivative of the prediction, in units of the noise, by a shift of the map along x and y in pixels.
@@ -99,6 +99,14 @@ class ChartFit:
     def residual(self) -> Array:
         """Samples minus prediction, in units of the noise expected from the blocks, (m,)."""
         return (self.observation.y - self.prediction) * self.observation.weight
+
+    @property
+    def residual_image(self) -> Array:
+        """The residual over the window (rows, columns), NaN where there is no sample."""
+        o = self.observation
+        image = np.full((o.rows.max() + 1, o.columns.max() + 1), np.nan)
+        image[o.rows, o.columns] = self.residual
+        return image
 
     @property
     def freedom(self) -> int:
@@ -170,17 +178,17 @@ class _Model:
     def far(self, fit: ChartFit, u: Array32) -> Array:
         """Columns outside h (m, 7): the outlines through the PSF, the chart `u` through the tail's shapes."""
         o, s = fit.observation, self.raster.s
-        outline = self.raster.read_outline(fit.registration, self.window, self.k // 2)
+        outline = self.raster.read(fit.registration, self.window, self.k // 2, outline=True)
         h = fit.h.reshape(self.k, self.k).astype(np.float32)
         spread = loops.convolve_at(outline, o.rows, o.columns, h, s)
         tail = tail_columns(u, o.rows, o.columns, s, self.k)
         tail[:, 0] += self.far_light[o.rows, o.columns]
         return np.column_stack([spread, tail])
 
-    def edges(self, fit: ChartFit) -> Edges:
+    def edges(self, fit: ChartFit) -> EdgeColumns:
         """Derivative of the samples by the printed edges."""
         o, h = fit.observation, fit.h.reshape(self.k, self.k)
-        return Edges.of(edge_columns(self.chart, fit.registration, o.points, h, self.raster.s, o.weight))
+        return edge_columns(self.chart, fit.registration, o.points, h, self.raster.s, o.weight)
 
 
 def refine(
@@ -298,7 +306,7 @@ def _fine_step(fit: ChartFit, model: _Model) -> tuple[ChartFit, Array32]:
     estimator, step_px = edges.estimator(rms, noise), np.zeros(len(result.residual))
     for _ in range(SWEEPS):  # weakly coupled: the error falls tenfold each time
         offsets = estimator(result.residual + step_px)
-        step_px = edges.C.apply(offsets)
+        step_px = edges.apply(offsets)
         shifted = replace(start, prediction=start.prediction + step_px / start.observation.weight)
         parts = parts.with_right_side(A, weighted, shifted.residual)
         result = _advanced(shifted, A, Z, result.equations.with_right_side(parts))

@@ -18,11 +18,6 @@ Array = npt.NDArray[np.float64]
 class Registration(CubicWarp):
     """Map from pixels (x, y) of the plane to cells (x, y) of the chart; the marks fix its translation."""
 
-    @property
-    def H_pattern_sensor(self) -> Array:
-        """The homography (3, 3), pixels (x, y) of the plane -> cells (x, y)."""
-        return self.H
-
     def to_pattern(self, points: Array) -> Array:
         """Cells (x, y) at points (n, 2) of the plane."""
         return self.forward(points)

@@ -136,11 +136,22 @@ def _centre_gradient(fit: ChartFit) -> Array:
 
 
 def _shared(fit: ChartFit, covariance: Array, F: Array, D: Array) -> SharedErrors:
-    """Covariances of the map's displacement with a PSF of sum 1 and with its centre."""
+    """Covariances of the map's displacement with a PSF of sum 1 and its centre, before the samples follow their centre.
+
+    F (2, n) is the derivative of the mark offset by the PSF, D (2, 18) that of the chart's centre by the displacement.
+    """
     conditional = cholesky_inverse(fit.equations.ZZ)[:GEOMETRY] * fit.residual_std**2
     selected = np.hstack([conditional[:, :GEOMETRY], conditional[:, GEOMETRY + TAIL :]])
     middle, total = fit.observation.cubics.mean(axis=0), float(fit.h.sum())
-    return _shared_errors(selected, fit.equations.E[:GEOMETRY] * total, covariance, F, D, middle, total)
+    with_h = fit.equations.E[:GEOMETRY] * total
+    n = with_h.shape[1]
+    with_parameters = -with_h @ covariance[:n]
+    with_parameters[:, n:] += selected[:, GEOMETRY:] / total
+    itself = with_h @ covariance[:n, :n] @ with_h.T + selected[:, :GEOMETRY]
+    with_centre = with_parameters[:, :n] @ F.T - itself @ D.T
+    centre = covariance[:, :n] @ F.T - with_parameters.T @ D.T
+    mark = np.hstack([F @ covariance[:n], F @ centre[:n]])
+    return SharedErrors(centre, np.hstack([with_parameters, with_centre]), mark, middle)
 
 
 def _centre_covariance(fit: ChartFit, covariance: Array, F: Array, D: Array) -> Array:
@@ -155,42 +166,8 @@ def _centre_covariance(fit: ChartFit, covariance: Array, F: Array, D: Array) -> 
     return np.asarray(moved @ covariance @ moved.T + D @ conditional @ D.T)
 
 
-# --- shared errors --------------------------------------------------------------------------------------------------
-
-
-def _shared_errors(
-    conditional: Array, with_h: Array, covariance: Array, F: Array, D: Array, middle: Array, total: float
-) -> SharedErrors:
-    """Compute the covariances before the PSF's samples follow their centre (`_recentred`).
-
-    Parameters
-    ----------
-    own : (18, 18 + q) float64
-        Covariance of the displacement's coefficients with themselves and the tail's amplitudes, for known h.
-    with_h : (18, n) float64
-        Negative derivative of the displacement by a PSF of sum 1: E.
-    covariance : (P, P) float64
-        PSF's parameters, of sum 1.
-    forth : (2, n) float64
-        Derivative of the mark offset by the PSF: F.
-    displaced : (2, 18) float64
-        Derivative of the chart's centre by the displacement: D.
-    middle : (9,) float64
-    total : float
-        Sum of the PSF's samples before they were normalised.
-    """
-    n = with_h.shape[1]
-    with_parameters = -with_h @ covariance[:n]
-    with_parameters[:, n:] += conditional[:, 18:] / total
-    itself = with_h @ covariance[:n, :n] @ with_h.T + conditional[:, :18]
-    with_centre = with_parameters[:, :n] @ F.T - itself @ D.T
-    centre = covariance[:, :n] @ F.T - with_parameters.T @ D.T
-    mark = np.hstack([F @ covariance[:n], F @ centre[:n]])
-    return SharedErrors(centre, np.hstack([with_parameters, with_centre]), mark, middle)
-
-
 def _recentred(shared: SharedErrors, F: Array, shift_gradient: Array) -> SharedErrors:
-    """Covariances after the PSF's samples have followed their centre: h + back forth h."""
+    """Covariances after the PSF's samples have followed their centre: h + shift_gradient F h."""
     n = F.shape[1]
 
     def recentred(with_parameters: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.choice import OPEN, Trial
-from procedures.outcome import SYMPTOM, Check, Outcome, Refused, Verdict, verdict_of
+from procedures.outcome import SYMPTOM, Check, Refused, Verdict, verdict_of
 from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
 from procedures.pattern_psf.diagnostics import Diagnostics, unexplained
 from procedures.pattern_psf.error_parts import Variation
@@ -115,8 +115,7 @@ def check_light(light: LightLevels, quantisation: float) -> None:
 
 def check_cells(fit: ChartFit) -> None:
     """Raise Refused where the noise region does not show the expected cells; no other check is meaningful then."""
-    agreement: Outcome[ChartFit] = verdict_of(_cell_checks(fit.agreement, unexplained(fit)), fit)
-    agreement.result()
+    verdict_of(_cell_checks(fit.agreement, unexplained(fit)), fit).result()
 
 
 def _cell_checks(agreement: float, unexplained: float) -> list[Check]:

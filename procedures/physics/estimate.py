@@ -90,7 +90,7 @@ def estimate_physics(psf: Psf, diffraction: Diffraction | None, pitch: int) -> O
     numbers = _numbers(data, fit)
     bounded = at_bounds(data, fit, numbers)
     numbers |= {bound.name: bound.quantity(numbers[bound.name]) for bound in bounded}
-    return verdict_of([*_doubts(fit, tried), *_bounds_reached(bounded)], _physics(data, fit, tried, numbers))
+    return verdict_of(_doubts(fit, tried, bounded), _physics(data, fit, tried, numbers))
 
 
 def check_known(diffraction: Diffraction | None) -> Diffraction:
@@ -103,12 +103,11 @@ def check_known(diffraction: Diffraction | None) -> Diffraction:
     return diffraction
 
 
-def _doubts(fit: ModelFit, tried: list[ModelFit]) -> list[Check]:
+def _doubts(fit: ModelFit, tried: list[ModelFit], bounded: list[OneSided]) -> list[Check]:
     ratio = fit.chi2 / fit.freedom
     scale = scale_of(tried)
-    rivals = [
-        fit_ for fit_ in tried if fit_.parts != fit.parts and fit_.criterion(scale) - fit.criterion(scale) < ALIKE
-    ]
+    limit = fit.criterion(scale) + ALIKE
+    rivals = [other for other in tried if other.parts != fit.parts and other.criterion(scale) < limit]
     return [
         Check("residual", ratio**0.5, 2**0.5, Verdict.DOUBTFUL,
               f"the residual of the best model is {ratio:.1f} times the expected noise variance",
@@ -116,12 +115,10 @@ def _doubts(fit: ModelFit, tried: list[ModelFit]) -> list[Check]:
         Check("rivals", bool(rivals), 0, Verdict.DOUBTFUL,
               f"this PSF does not separate two models: {_words(fit)}; {_words(rivals[0]) if rivals else ''}",
               "compare with other planes and apertures: aberrations change with them, the sensor's parts do not"),
+        *(Check(one.name, not one.follows, 0, Verdict.DOUBTFUL, one.words,
+                "take it as a limit, not as a value; reduce the noise, and check f-number and pixel pitch")
+          for one in bounded),
     ]  # fmt: skip
-
-
-def _bounds_reached(bounded: list[OneSided]) -> list[Check]:
-    remedy = "take it as a limit, not as a value; reduce the noise, and check f-number and pixel pitch"
-    return [Check(one.name, not one.follows, 0, Verdict.DOUBTFUL, one.words, remedy) for one in bounded]
 
 
 def _physics(data: WhitenedPsf, fit: ModelFit, tried: list[ModelFit], numbers: Mapping[str, Quantity]) -> Physics:
@@ -152,7 +149,8 @@ def _words(fit: ModelFit) -> str:
 
 def _numbers(data: WhitenedPsf, fit: ModelFit) -> dict[str, Quantity]:
     names, n = names_of(fit.parts), data.rank
-    sign = _sign(fit, names)
+    even = [value for name, value in zip(names, fit.p, strict=True) if name in EVEN]
+    sign = -1.0 if even and max(even, key=abs) < 0 else 1.0
     spread = np.sqrt(np.maximum(np.diag(fit.covariance), 0))
     numbers: dict[str, Quantity] = {}
     for name, value, uncertainty in zip(names, fit.p, spread, strict=True):
@@ -184,8 +182,3 @@ def _numbers(data: WhitenedPsf, fit: ModelFit) -> dict[str, Quantity]:
 
     derived(STREHL_LENS, "1", strehl)
     return numbers
-
-
-def _sign(fit: ModelFit, names: tuple[str, ...]) -> float:
-    even = [value for name, value in zip(names, fit.p, strict=True) if name in EVEN]
-    return -1.0 if even and max(even, key=abs) < 0 else 1.0

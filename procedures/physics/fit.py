@@ -72,9 +72,8 @@ class ModelFit:
 
 def fit_parts(data: WhitenedPsf, parts: ModelParts, start: Array | None = None) -> ModelFit:
     """The best parameters of a model, from one start or from `STARTS`."""
-    starts = (
-        [start] if start is not None else [start_of(parts, *pair) for pair in STARTS[: 2 if parts.aberrations else 1]]
-    )
+    pairs = STARTS if parts.aberrations else STARTS[:1]
+    starts = [start_of(parts, *pair) for pair in pairs] if start is None else [start]
     low, high = bounds_of(parts)
     fits = [_descend(data, parts, np.clip(first, low + 1e-6, high - 1e-6), (low, high)) for first in starts]
     return min(fits, key=lambda fit: fit.chi2)

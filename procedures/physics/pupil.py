@@ -37,11 +37,6 @@ class Pupil:
     step: float
     highest: float
 
-    def otf(self, waves: Array) -> Complex:
-        """OTF at all pairs of frequencies (2 h + 1, 2 h + 1) [fy, fx], for aberrations (8,) in waves."""
-        amplitude = self._spectra(self._field(waves)[None])
-        return np.asarray(self._correlated(np.abs(amplitude) ** 2)[0])
-
     def otf_and_slopes(self, waves: Array, terms: tuple[int, ...]) -> tuple[Complex, list[Complex]]:
         """OTF and its derivatives with respect to the given aberrations, (2 h + 1, 2 h + 1) each."""
         _, zernikes = self._sampled()
@@ -53,9 +48,7 @@ class Pupil:
 
     def strehl(self, waves: Array) -> float:
         """Strehl ratio: peak of the PSF over that without aberrations, maximised over piston and tilt."""
-        disc, zernikes = self._sampled()
-        field = np.sum(disc * np.exp(2j * np.pi * np.tensordot(waves, zernikes, axes=1)))
-        return float(np.abs(field) ** 2 / disc.sum() ** 2)
+        return float(np.abs(self._field(waves).sum()) ** 2 / self._sampled()[0].sum() ** 2)
 
     @property
     def _finer(self) -> int:

@@ -104,8 +104,9 @@ class Film:
                 f"{columns.min()} to {columns.max()}",
                 "give rows and columns counted from 0",
             )
-        moment2 = self._moment2()
-        _expose(rows, columns, colours, self.histogram, self.mean, moment2, self.count, self.dropped)
+        if self.moment2 is None:
+            raise BadInput("the film has no variance", "add the samples to a blank film and merge the two")
+        _expose(rows, columns, colours, self.histogram, self.mean, self.moment2, self.count, self.dropped)
 
     def merge(self, other: Film) -> Film:
         """The film of the samples of both films.
@@ -159,11 +160,6 @@ class Film:
             "give the histograms of this picture",
         )
         return self
-
-    def _moment2(self) -> Doubles:
-        if self.moment2 is None:
-            raise BadInput("the film has no variance", "add the samples to a blank film and merge the two")
-        return self.moment2
 
 
 def film_of_samples(samples: npt.NDArray[np.floating]) -> Film:

@@ -331,19 +331,3 @@ def fuse_band(
     for i in range(height):
         for c in range(columns):
             similar[i, c] = number[top - first + i, c]
-
-
-@vectorised
-def blend(pictures: Floats, indices: Ints, weights: Floats, blended: Floats) -> None:
-    """Rows of new pictures as weighted sums of rows of pictures (n, rows, channels): blended (n, new rows, channels).
-
-    Indices and weights are (new rows, k).
-    """
-    blended[:] = 0.0
-    for p in range(blended.shape[0]):
-        for i in range(blended.shape[1]):
-            row = blended[p, i]
-            for k in range(indices.shape[1]):
-                w, old = weights[i, k], pictures[p, indices[i, k]]
-                for b in range(row.shape[0]):
-                    row[b] += w * old[b]

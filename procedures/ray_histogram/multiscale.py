@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_array
 
 from procedures.display import summary
 from procedures.outcome import BadInput
 from procedures.ray_histogram.film import LARGEST, Film
 from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import FilterParameters, Fused, Samples, fuse_scale
-from procedures.ray_histogram.kernels import blend
 
 Floats = npt.NDArray[np.float32]
 
@@ -174,23 +173,13 @@ def bicubic_upsample(picture: Floats, size: tuple[int, ...]) -> Floats:
     return _along_both(picture, *(_bicubic_rows(n) for n in size))
 
 
-class _Blend(NamedTuple):
-    """New rows as combinations of old ones: indices and weights (new rows, k)."""
-
-    indices: npt.NDArray[np.int64]
-    weights: Floats
-
-
-def _along_both(picture: Floats, along_rows: _Blend, along_columns: _Blend) -> Floats:
+def _along_both(picture: Floats, along_rows: csr_array, along_columns: csr_array) -> Floats:
     rows, columns, channels = picture.shape
-    narrow = np.empty((1, len(along_rows.indices), columns * channels), np.float32)
-    blend(np.ascontiguousarray(picture, np.float32).reshape(1, rows, -1), *along_rows, narrow)
-    small = np.empty((narrow.shape[1], len(along_columns.indices), channels), np.float32)
-    blend(narrow.reshape(-1, columns, channels), *along_columns, small)
-    return small
+    narrow = (along_rows @ picture.reshape(rows, -1)).reshape(-1, columns, channels)
+    return np.stack([along_columns @ row for row in narrow])
 
 
-def _gaussian_rows(n: int, s: int) -> _Blend:
+def _gaussian_rows(n: int, s: int) -> csr_array:
     """Weights of sum 1 for ceil(n / 2^s) rows; the picture is mirrored at its borders."""
     sigma = SIGMA * np.sqrt(4.0**s - 1.0)
     reach = int(np.ceil(4 * sigma))
@@ -199,7 +188,7 @@ def _gaussian_rows(n: int, s: int) -> _Blend:
     return _mirrored(np.arange(0, n, 2**s)[:, None] + offsets, weights / weights.sum(), n)
 
 
-def _bicubic_rows(n: int) -> _Blend:
+def _bicubic_rows(n: int) -> csr_array:
     before = np.arange(n) // 2
     t = np.arange(n) / 2 - before
     near, far = np.stack([t, 1 - t]), np.stack([1 + t, 2 - t])
@@ -209,7 +198,12 @@ def _bicubic_rows(n: int) -> _Blend:
     return _mirrored(before[:, None] + np.arange(-1, 3), weights, -(-n // 2))
 
 
-def _mirrored(indices: npt.NDArray[np.int64], weights: npt.NDArray[np.float64], n: int) -> _Blend:
+def _mirrored(indices: npt.NDArray[np.int64], weights: npt.NDArray[np.float64], n: int) -> csr_array:
+    """Matrix (rows, n) of weights (rows, k) at indices (rows, k), which are mirrored at the borders."""
     mirrored = indices % (2 * n)
     mirrored = np.where(mirrored < n, mirrored, 2 * n - 1 - mirrored)
-    return _Blend(mirrored, np.broadcast_to(weights, indices.shape).astype(np.float32))
+    values, starts = (
+        np.broadcast_to(weights, indices.shape).astype(np.float32),
+        np.arange(0, indices.size + 1, indices.shape[1]),
+    )
+    return csr_array((values.ravel(), mirrored.ravel(), starts), shape=(len(indices), n))

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from procedures.outcome import BadParameter
 from procedures.ray_histogram.film import Film
@@ -15,11 +15,6 @@ from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
 from procedures.ray_histogram.uncertainty import standard_uncertainty
 
 T = TypeVar("T")
-
-
-class _Frame(NamedTuple):
-    film: Film
-    filtered: FilteredFilm
 
 
 def filter_sequence(
@@ -57,20 +52,17 @@ def filter_sequence(
     if reach < 0:
         raise BadParameter(f"the reach is 0 frames or more; got {reach}", "choose 0 or more")
     parameters = parameters or FilterParameters()
-    frames = _filtered(films, parameters, reach, threads)
+    frames = (
+        (film, filter_film(film, parameters, neighbours=others, threads=threads))
+        for film, others in _windows(films, reach)
+    )
     if not uncertain:
-        yield from (frame.filtered for frame in frames)
+        yield from (filtered for _, filtered in frames)
         return
-    for frame, others in _windows(frames, reach):
-        neighbours = [(other.film, other.filtered.picture) for other in others]
-        picture = frame.filtered.picture
-        sigma = standard_uncertainty(frame.film, picture, parameters, neighbours=neighbours, threads=threads)
-        yield replace(frame.filtered, uncertainty=sigma)
-
-
-def _filtered(films: Iterable[Film], parameters: FilterParameters, reach: int, threads: int) -> Iterator[_Frame]:
-    for film, others in _windows(films, reach):
-        yield _Frame(film, filter_film(film, parameters, neighbours=others, threads=threads))
+    for (film, filtered), others in _windows(frames, reach):
+        pictures = [(other, its.picture) for other, its in others]
+        sigma = standard_uncertainty(film, filtered.picture, parameters, neighbours=pictures, threads=threads)
+        yield replace(filtered, uncertainty=sigma)
 
 
 def _windows(frames: Iterable[T], reach: int) -> Iterator[tuple[T, list[T]]]:

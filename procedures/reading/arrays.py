@@ -81,10 +81,8 @@ def _check_directory(file: BinaryIO) -> None:
 
 
 def _content(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytearray:
-    if member.compress_type not in (
-        zipfile.ZIP_STORED,
-        zipfile.ZIP_DEFLATED,
-    ):  # others may use dictionaries of any size
+    # others may use dictionaries of any size
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{member.filename!r} must be stored or deflated; it has another compression")
     data = bytearray()
     with archive.open(member) as file:

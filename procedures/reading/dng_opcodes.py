@@ -1,4 +1,4 @@
-"""Opcodes of a DNG: corrections for the raw converter, written into a copy of the file, and read.
+"""Opcodes of a DNG: corrections for the raw converter, written into a copy of the file.
 
 Only one pointer of the file is changed: the directory of the mosaic is written again at the end with its tags and with
 OpcodeList2 (applied to the mosaic) and OpcodeList3 (applied to the demosaicked picture).
@@ -7,7 +7,6 @@ Reference: Adobe DNG 1.6, chapters 4 and 7.
 
 from __future__ import annotations
 
-import io
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -80,19 +79,6 @@ class GainMap:
         spacing = struct.pack(">4dI", 1 / (v - 1), 1 / (h - 1), 0.0, 0.0, 1)
         return Opcode(GAIN_MAP, area + spacing + self.gains.astype(">f4").tobytes())
 
-    @classmethod
-    def of(cls, opcode: Opcode) -> GainMap:
-        """Inverse of `opcode`."""
-        y, x, rows, columns, _, _, pitch, _, v, h = struct.unpack_from(">10I", opcode.data)
-        gains = np.frombuffer(opcode.data, ">f4", v * h, offset=76).reshape(v, h).astype(np.float32)
-        return cls((columns, rows), (x, y), pitch, gains)
-
-
-def doubles_of(opcode: Opcode) -> tuple[float, ...]:
-    """Parameters of a warp or vignetting opcode, without the count of planes."""
-    head = 4 if opcode.number == WARP_RECTILINEAR else 0
-    return struct.unpack(f">{(len(opcode.data) - head) // 8}d", opcode.data[head:])
-
 
 def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str, on_mosaic: Sequence[Opcode] = ()) -> bytes:
     """Replace the opcodes of a DNG.
@@ -127,34 +113,11 @@ def with_opcodes(data: bytes, opcodes: Sequence[Opcode], name: str, on_mosaic: S
     return bytes(out)
 
 
-def opcodes_in(data: bytes, name: str, list_tag: int = OPCODE_LIST_3) -> list[Opcode]:
-    """Opcodes of one list of a DNG's mosaic. Raises BadInput as `with_opcodes`."""
-    try:
-        order, _, entries, _ = _mosaic_directory(data, name)
-        for one in entries:
-            tag, _, count, at = struct.unpack(order + "HHII", one)
-            if tag == list_tag:
-                return _read_list(data[at : at + count])
-    except struct.error as error:
-        raise BadInput(f"{name} is truncated within a directory", "give the camera's original file") from error
-    return []
-
-
 def _list(opcodes: Sequence[Opcode]) -> bytes:
     parts = [struct.pack(">I", len(opcodes))]
     for one in opcodes:
         parts.append(struct.pack(">I4sII", one.number, VERSION, OPTIONAL, len(one.data)) + one.data)
     return b"".join(parts)
-
-
-def _read_list(data: bytes) -> list[Opcode]:
-    file = io.BytesIO(data)
-    (count,) = struct.unpack(">I", file.read(4))
-    result = []
-    for _ in range(min(count, MOST_TAGS)):
-        number, _, _, size = struct.unpack(">I4sII", file.read(16))
-        result.append(Opcode(number, file.read(size)))
-    return result
 
 
 def _mosaic_directory(data: bytes, name: str) -> tuple[str, int, list[bytes], int]:
@@ -174,7 +137,8 @@ def _mosaic_directory(data: bytes, name: str) -> tuple[str, int, list[bytes], in
         entries, following = _entries(data, at, order, name)
         values = {struct.unpack_from(order + "H", one)[0]: one for one in entries}
         is_dng = is_dng or DNG_VERSION in values
-        if result is None and _photometric(values, order) in (CFA, LINEAR_RAW):
+        photometric = struct.unpack_from(order + "H", values[PHOTOMETRIC], 8)[0] if PHOTOMETRIC in values else None
+        if result is None and photometric in (CFA, LINEAR_RAW):
             result = pointer, entries, following
         pending += _sub_pointers(values, at, entries, order)
         pending.append(at + 2 + 12 * len(entries))
@@ -190,11 +154,6 @@ def _entries(data: bytes, at: int, order: str, name: str) -> tuple[list[bytes], 
         raise BadInput(reason, "give the camera's original file")
     entries = [data[at + 2 + 12 * i : at + 14 + 12 * i] for i in range(count)]
     return entries, int(struct.unpack_from(order + "I", data, at + 2 + 12 * count)[0])
-
-
-def _photometric(values: dict[int, bytes], order: str) -> int:
-    one = values.get(PHOTOMETRIC)
-    return int(struct.unpack_from(order + "H", one, 8)[0]) if one is not None else -1
 
 
 def _sub_pointers(values: dict[int, bytes], at: int, entries: list[bytes], order: str) -> list[int]:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any, BinaryIO, cast
@@ -103,6 +104,7 @@ def _from_libraw(raw: Any, tags: Tags) -> dict[str, Field | None]:
 
 
 def _from_exif(tags: Tags) -> dict[str, Field | None]:
+    distance_m = _number(tags, "EXIF SubjectDistance", "Image SubjectDistance")
     return {
         "camera": _camera(_text(tags, "Image Make"), _text(tags, "Image Model")),
         "lens": _text(tags, "EXIF LensModel"),
@@ -111,7 +113,7 @@ def _from_exif(tags: Tags) -> dict[str, Field | None]:
         "iso": _number(tags, "EXIF ISOSpeedRatings", "EXIF PhotographicSensitivity", "Image ISOSpeedRatings"),
         "focal_length_mm": _number(tags, "EXIF FocalLength", "Image FocalLength"),
         "pixel_pitch_um": _pitch_um(tags),
-        "subject_distance_mm": _scaled(_number(tags, "EXIF SubjectDistance", "Image SubjectDistance"), 1000.0),
+        "subject_distance_mm": None if distance_m is None else 1000.0 * distance_m,
         "captured_at": _moment(_text(tags, "EXIF DateTimeOriginal") or _text(tags, "Image DateTime")),
     }
 
@@ -138,10 +140,6 @@ def _rounded(value: float) -> float:
     return float(f"{value:.7g}")
 
 
-def _scaled(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor
-
-
 def _blank(tags: Tags, name: str) -> bool:
     return name in tags and _number(tags, name) is None
 
@@ -149,17 +147,10 @@ def _blank(tags: Tags, name: str) -> bool:
 def _number(tags: Tags, *names: str) -> float | None:
     """Value of the first tag with a positive finite number."""
     for name in names:
-        value = _attempt(lambda name=name: float(tags[name].values[0]))  # type: ignore[misc]
-        if value is not None and _positive(value):
-            return value
+        with suppress(KeyError, IndexError, TypeError, ValueError, ZeroDivisionError):
+            if value := _positive(float(tags[name].values[0])):
+                return value
     return None
-
-
-def _attempt(read: Callable[[], float]) -> float | None:
-    try:
-        return read()
-    except (KeyError, IndexError, TypeError, ValueError, ZeroDivisionError):
-        return None
 
 
 def _text(tags: Tags, name: str) -> str | None:
@@ -179,8 +170,6 @@ def _moment(text: str | None) -> str | None:
     except ValueError:
         return None
 
-
-# --- comparison of typed settings with recorded ones --------------------------------------------------------------
 
 TYPED = {"f_number": ("f-number", "", 0.04), "focal_length_mm": ("focal length", " mm", 0.06),
          "pixel_pitch_um": ("pixel pitch", " µm", 0.06)}  # fmt: skip

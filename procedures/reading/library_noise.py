@@ -9,7 +9,7 @@ import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import BinaryIO, cast
 
 # LibRaw's default data callback, OpenCV's logger with its stack lines, libpng and libtiff
@@ -26,7 +26,7 @@ _one_at_a_time = threading.RLock()
 class LibraryWords:
     """Messages of the libraries; `text` is available after the block."""
 
-    text: bytes = field(default=b"")
+    text: bytes = b""
 
     @property
     def errors(self) -> bool:
@@ -57,7 +57,9 @@ def captured_noise() -> Iterator[LibraryWords]:
             file.seek(0)
             printed = file.read()
             noise.text = b"".join(_OWN_LINES.findall(printed))
-            _pass_on(_OWN_LINES.sub(b"", printed))
+            others = _OWN_LINES.sub(b"", printed)
+            while others:
+                others = others[os.write(2, others) :]
 
 
 def _unnamed_file() -> BinaryIO:
@@ -65,8 +67,3 @@ def _unnamed_file() -> BinaryIO:
     if hasattr(os, "memfd_create"):
         return os.fdopen(os.memfd_create("noise"), "w+b")
     return cast(BinaryIO, tempfile.TemporaryFile())
-
-
-def _pass_on(printed: bytes) -> None:
-    while printed:
-        printed = printed[os.write(2, printed) :]

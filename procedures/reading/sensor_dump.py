@@ -114,8 +114,6 @@ def _one_of(what: str, word: str, known: tuple[str, ...]) -> str:
     return word
 
 
-# --- files of RAW formats ----------------------------------------------------------------------------------------
-
 # first bytes of the RAW containers that LibRaw reads: dialects of TIFF (also Panasonic, Olympus, Phase One), CRW
 _DIALECTS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"IIU\0", b"IIRO", b"IIRS", b"MMOR", b"II\x1a\0", b"IIII", b"MMMM")
 # RAF, X3F, MRW, Arri, Cine, Sinar, Rollei, Logitech, QuickTake

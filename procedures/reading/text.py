@@ -92,10 +92,9 @@ def read_rows(path: Path, remedy: str) -> list[list[str]]:
         return list(csv.reader(io.StringIO(text, newline="")))
 
 
-def read_numbers(
-    path: Path, what: str, shape: Shape = (None, None), remedy: str = "give a text array of numbers"
-) -> npt.NDArray[np.float64]:
+def read_numbers(path: Path, what: str, shape: Shape = (None, None)) -> npt.NDArray[np.float64]:
     """Read a text array (rows, columns), a row per line, `#` before comments. Raises BadInput as `checked_array`."""
+    remedy = "give a text array of numbers"
     text = read_text(path, what, remedy)
     with decoding(str(path), what, remedy):
         rows = [[float(word) for word in words] for line in text.splitlines() if (words := line.split("#")[0].split())]

@@ -216,9 +216,6 @@ def _values(file: BinaryIO, form: _Form, kind: int, n: int, field: bytes) -> tup
     return tuple(a / b if b else float("nan") for a, b in zip(numbers[::2], numbers[1::2], strict=True))
 
 
-# --- black levels ------------------------------------------------------------------------------------------------
-
-
 def written_black(tags: Tags, first: tuple[int, int], shape: tuple[int, int], name: str) -> npt.NDArray[np.float32]:
     """Black level of a mosaic's plane by its tags, one number or one per row and column.
 

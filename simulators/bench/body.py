@@ -12,6 +12,7 @@ from functools import cached_property
 from pathlib import Path
 
 from simulators.devices.serial_device import SimClock
+from simulators.world.clock import EventSource
 from simulators.world.world import World
 
 NEVER = float("inf")
@@ -47,7 +48,7 @@ class BodySettings:
 
 
 @dataclass
-class CameraBody:
+class CameraBody(EventSource):
     """A tethered body whose software saves to `folder`. `develop(opening)` gives the bytes of the RAW file.
 
     In real time, later actions of the body run in timers, so that no wire waits for the rendering; in virtual time they
@@ -115,13 +116,6 @@ class CameraBody:
     def _due(self, now_s: float) -> Callable[[], None] | None:
         with self._lock:
             return self._agenda.pop(0)[1] if self._agenda and self._agenda[0][0] <= now_s else None
-
-    def settled(self) -> bool:
-        """True: actions are instantaneous."""
-        return True
-
-    def settle(self, real_s: float) -> None:
-        """No-op: actions are instantaneous."""
 
     @cached_property
     def _files_before(self) -> int:

@@ -15,6 +15,7 @@ from simulators.devices.instruments import JrtModule
 from simulators.devices.serial_device import Cable, SimClock
 from simulators.devices.shutter import StrigBox
 from simulators.devices.zaber import ZaberChain
+from simulators.world.clock import EventSource
 
 CABLE_FAULTS = ("lost", "garbage", "duplicate", "delay", "silent", "unplugged", "replugged", "wrong_baud")
 FAULT_KINDS = ("reset", "alarm", "box_reset", "stall", "range_error", "lose_frame", "half_frame")
@@ -53,24 +54,24 @@ def cable_fault(kind: str, rng: np.random.Generator) -> Faults:
     raise ValueError(f"fault must be one of {CABLE_FAULTS}; got {kind!r}")
 
 
-def random_faults(rng: np.random.Generator, cables: Sequence[str], chance: float = 0.5) -> dict[str, Faults]:
-    """Faults of one kind on each of some random cables."""
+def random_faults(rng: np.random.Generator, cables: Sequence[str]) -> dict[str, Faults]:
+    """Faults of one kind on each of a random half of the cables."""
     return {
         name: cable_fault(str(stream.choice(CABLE_FAULTS)), stream)
         for name, stream in zip(cables, rng.spawn(len(cables)), strict=True)
-        if stream.random() < chance
+        if stream.random() < 0.5
     }
 
 
-def random_fault_events(rng: np.random.Generator, mean: float = 3.0, within_s: float = 150.0) -> list[FaultEvent]:
-    """Random faults of devices within a time span."""
+def random_fault_events(rng: np.random.Generator, mean: float = 3.0) -> list[FaultEvent]:
+    """Random faults of devices within 150 s."""
     return [
-        FaultEvent(float(rng.uniform(0, within_s)), str(rng.choice(FAULT_KINDS)), int(rng.integers(1, 5)))
+        FaultEvent(float(rng.uniform(0, 150.0)), str(rng.choice(FAULT_KINDS)), int(rng.integers(1, 5)))
         for _ in range(rng.poisson(mean))
     ]
 
 
-class FaultPlan:
+class FaultPlan(EventSource):
     """Injects faults into a bench at their times."""
 
     def __init__(
@@ -94,13 +95,6 @@ class FaultPlan:
         """Inject the faults that are due."""
         while self._due and self._due[0].moment_s <= self._clock.now_s():
             self._inject(self._due.pop(0))
-
-    def settled(self) -> bool:
-        """True: faults are instantaneous."""
-        return True
-
-    def settle(self, real_s: float) -> None:
-        """No-op: faults are instantaneous."""
 
     def _inject(self, fault_event: FaultEvent) -> None:
         body = self._body

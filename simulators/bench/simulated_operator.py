@@ -37,21 +37,9 @@ SQUARE_DEG = 0.4
 RELATIVE_ERROR = 0.04
 """Largest relative error of a manual change."""
 SET_UP = (
-    "printed",
-    "panel",
-    "mounted",
-    "wall",
-    "scene",
-    "focused",
-    "refocused",
-    "focused_near",
-    "focused_far",
-    "first",
-    "first_moves",
-    "second",
-    "third",
-    "truth",
-)
+    "printed", "panel", "mounted", "wall", "scene", "focused", "refocused", "focused_near", "focused_far", "first",
+    "first_moves", "second", "third", "truth",
+)  # fmt: skip
 """Keys of the questions that trigger an action, in order."""
 MOTION_OF = {"first_moves": 0, "second": 1, "third": 2}
 """Index of the rig's motion, by the question."""
@@ -109,8 +97,6 @@ class SimulatedActions:
     def _rng(self, what: str) -> np.random.Generator:
         return np.random.default_rng([self._seed, zlib.crc32(what.encode())])
 
-    # --- answers
-
     def knows(self, key: str) -> Known | None:
         """Values read at the bench: rulers to a quarter of a millimetre, the camera's data sheet."""
         camera = self._at.view.camera
@@ -144,8 +130,6 @@ class SimulatedActions:
             **{f"{which}_f_number": f_number for which, f_number in F_NUMBERS.items()},
         }
 
-    # --- actions
-
     def do(self, key: str, facts: Mapping[str, Known]) -> None:
         """Carry out the action of a confirmed question."""
         view = self._at.view
@@ -166,9 +150,9 @@ class SimulatedActions:
             case "wall" | "scene":
                 view.mount = self._before_wall()
             case "first" | "truth":
-                self._shake(())
+                self._at.world.drive((), self._at.clock.now_s())
             case "first_moves" | "second" | "third" if self._at.motions and facts.get("blur_by") != "apertures":
-                self._shake(self._at.motions[MOTION_OF[key]])
+                self._at.world.drive(self._at.motions[MOTION_OF[key]], self._at.clock.now_s())
             case "focused" | "refocused" | "focused_near" | "focused_far":
                 distance_mm = self._at.world.distance_mm(self._at.clock.now_s())
                 distance_mm *= NEARER if facts.get("blur_by") == "apertures" else 1.0
@@ -199,9 +183,6 @@ class SimulatedActions:
         self._stops = 2 * float(np.log2(f_number / F_NUMBERS["first"]))
         self._apply()
 
-    def _shake(self, drives: tuple[SinusoidalDrive, ...]) -> None:
-        self._at.world.drive(drives, self._at.clock.now_s())
-
     def _before_wall(self) -> Mount:
         """Mount of a wall centred on the camera and squared by eye."""
         world, rng = self._at.world, self._rng("wall")
@@ -227,7 +208,8 @@ class SimulatedActions:
         if view.mount is not None and not view.sheets:
             view.mount = self._mount()
         more = self._stops + self._asked.get("exposure_ev", 0.0)
-        body.settings.exposure_s = _nearest_third(self._person.exposure_s * 2**more)
+        thirds = round(3 * np.log2(self._person.exposure_s * 2**more))  # of stops from 1 s
+        body.settings.exposure_s = float(2 ** (thirds / 3))
         view.slope = (0.0, 0.0) if self._asked.get("even_light") else self._person.slope
         turns = [self._asked.get(f"screw_{i}_turns", 0.0) for i in range(1, self._held.count + 1)]
         view.held = self._held.turned(turns) if any(turns) else self._held
@@ -237,8 +219,3 @@ class SimulatedActions:
         """Set the focus: the initial focus plus the requested steps towards infinity."""
         dioptres = self._dioptres - STEP_DIOPTRES * self._asked.get("focus_steps", 0.0)
         self._at.view.focus_mm = 1000 / max(dioptres, 1e-3)
-
-
-def _nearest_third(seconds: float) -> float:
-    """The nearest exposure time in thirds of stops from 1 s."""
-    return float(2 ** (round(3 * np.log2(seconds)) / 3))

@@ -1,4 +1,4 @@
-"""The shaker of the simulated bench: two voice coils that carry the camera, where the box's channels say."""
+"""The shaker of the simulated bench: two voice coils that move the camera, driven by the box's channels."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Sequence
 from simulators.world.world import PathDrive, World
 
 STROKE_MM = 2.0
-"""From rest at full deflection, along x and along y."""
+"""Displacement from rest at full deflection, along x and y."""
 REST, DEEPEST = 2048, 2047
 
 
 class VoiceCoils:
-    """Channel 0 carries the camera to the right, channel 1 up."""
+    """Channel 0 moves the camera to the right, channel 1 up."""
 
     def __init__(self, world: World) -> None:
         self._world = world
 
     def play(self, points: Sequence[tuple[int, int]], interval_s: float, now_s: float) -> None:
-        """Around these points from now on."""
+        """Move the camera around these points from now on."""
         ways = zip(*points, strict=True)
         rounds = (
             PathDrive(axis, now_s, interval_s, tuple(STROKE_MM * (step - REST) / DEEPEST for step in way))
@@ -27,5 +27,5 @@ class VoiceCoils:
         self._world.drive(tuple(rounds), now_s)
 
     def rest(self, now_s: float) -> None:
-        """Position held by the springs."""
+        """Return to the rest position of the springs."""
         self._world.drive((), now_s)

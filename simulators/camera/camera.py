@@ -38,8 +38,8 @@ class Lens:
         Root mean square path differences: the first everywhere, the others at half the frame's diagonal. As in
         Seidel's theory coma grows linearly with the distance from the axis, the last two with its square.
     axis : (float, float)
-        Where the lens's axis of symmetry meets the sensor, (x, y) from the frame's centre in half diagonals: a
-        decentred lens. Aberrations and lateral colour are about it, distortion stays about the frame's centre.
+        Intersection of the lens's axis of symmetry with the sensor, (x, y) from the frame's centre in half diagonals.
+        Aberrations and lateral colour are centred on it, distortion on the frame's centre.
     tilt_um : (float, float)
         A tilted sensor: defocus, as root mean square path difference, per half diagonal along x and y.
     lateral_colour : float
@@ -47,7 +47,7 @@ class Lens:
     vignetting : (float, float, float)
         Light about the lens's axis is 1 + k1 q^2 + k2 q^4 + k3 q^6, q in half diagonals.
     noted : bool
-        Whether the camera knows the lens, and notes aperture and focal length.
+        Whether the camera records aperture and focal length.
     """
 
     focal_length_mm: float = 50.0
@@ -96,7 +96,7 @@ class Photograph:
     mosaic : (rows, columns) uint16
         The digital numbers, as in the file.
     truths : tuple of ChartTruth
-        One for each chart of the scene, in its order.
+        Ground truth of each chart of the scene, in its order.
     """
 
     mosaic: Mosaic
@@ -125,7 +125,7 @@ class Photograph:
         return np.asarray(optics.otf(fx / self.pitch, fy / self.pitch, colour), dtype=np.complex128)
 
     def true_points(self, plane: str, cells: Array, chart: int = 0) -> Array:
-        """Where pattern points (n, 2) lie in a plane, in its pixels (x, y), (n, 2)."""
+        """Images (n, 2) of pattern points (n, 2) in a plane, (x, y) in its pixels."""
         offset = np.array(self.sensor.planes[plane], dtype=np.float64)
         return (self.truths[chart].sensor_points(cells, plane[0]) - offset) / self.pitch
 
@@ -144,11 +144,11 @@ class SimulatedCamera:
     Attributes
     ----------
     optics : Optics or None
-        What blurs; None: diffraction at the lens's aperture and the photosites.
+        Blur; None: diffraction at the lens's aperture, and the photosites.
     white_e_per_s : float
         Electrons per second of a perfect white in full light at f/5.6, in green.
     oversampling : int
-        Fine samples per sensor pixel around a chart; None: as many as the optics ask for.
+        Fine samples per sensor pixel around a chart; None: as many as the optics require.
     focus_mm : float or None
         Distance in focus; None focuses on the first chart of the scene.
     """
@@ -194,7 +194,7 @@ class SimulatedCamera:
         Parameters
         ----------
         at : (x, y)
-            Where its centre appears, in fractions of the frame from the top left, distortion apart.
+            Image of its centre without distortion, in fractions of the frame from the top left.
         """
         f, pitch_mm = self.lens.focal_length_mm, self.pitch_um / 1000
         sensor_px_per_cell = pixels * self.plane_pitch_px / CELLS
@@ -218,7 +218,7 @@ class SimulatedCamera:
         bits : int
             Width of a number in the file, not less than the sensor's bits.
         light : (rows, columns), optional
-            What `light` gave for this scene, where many photographs of it are taken.
+            Result of `light` for this scene, if many photographs of it are taken.
         """
         focus = self.focused_at(scene)
         projection = self.projection(focus)
@@ -261,14 +261,12 @@ class SimulatedCamera:
         placed = self.place(chart, pixels=pixels_at(s_over_t, s), at=at)
         return self.photograph(Scene((placed,)), rng, path, exposure_s=exposure_s)
 
-    def light_on(
-        self, placed: PlacedChart, slope: tuple[float, float], bend: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ) -> Illumination:
-        """Light that changes by `slope` from a chart's centre to the sides of its noise region; see `Illumination`."""
+    def light_on(self, placed: PlacedChart, slope: tuple[float, float]) -> Illumination:
+        """Light that changes by `slope` from a chart's centre to the sides of its noise region; see `Light`."""
         projection = self.projection(placed.pose.centre_mm[2])
         x, y = apply_homography(projection.pinhole() @ placed.to_space(), np.full((1, 2), CELLS / 2))[0]
         half = CELLS / 2 * placed.cell_mm * projection.principal_px / placed.pose.centre_mm[2]
-        return Illumination(1.0, slope, bend, (float(x), float(y)), half)
+        return Illumination(slope=slope, centre_px=(float(x), float(y)), radius_px=half)
 
     def focused_at(self, scene: Scene) -> float:
         """Distance in focus, in mm."""

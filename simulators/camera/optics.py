@@ -55,10 +55,7 @@ class CircularPupil:
     f_number: float
     wavefront: Wavefront = field(default_factory=Wavefront)
 
-    @property
-    def separable(self) -> bool:
-        """False: the pupil is circular or aberrated."""
-        return False
+    separable = False
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array | Complex:
         """Autocorrelation of the pupil; Goodman, Introduction to Fourier Optics, section 6.3 and 6.4."""
@@ -80,10 +77,7 @@ class PixelAperture:
     width: float = 1.0
     height: float = 1.0
 
-    @property
-    def separable(self) -> bool:
-        """True."""
-        return True
+    separable = True
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array:
         """Product of two sinc functions."""
@@ -101,13 +95,13 @@ class LShapedAperture:
     Attributes
     ----------
     side : float
-        Of the square without the missing corner, in sensor pixels.
+        Side of the complete square, in sensor pixels.
     notch : float
-        Side of the missing corner over that.
+        Side of the missing corner relative to `side`.
     quarter_turns : int
-        How far green photosites are turned from missing their corner at +x +y, from x towards y.
+        Rotation of green photosites, from x towards y; 0 if the corner at +x +y is missing.
     others : int
-        How much further red and blue ones are.
+        Additional quarter turns of red and blue photosites.
     """
 
     side: float = 0.95
@@ -115,10 +109,7 @@ class LShapedAperture:
     quarter_turns: int = 0
     others: int = 1
 
-    @property
-    def separable(self) -> bool:
-        """False: a corner is missing."""
-        return False
+    separable = False
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Complex:
         """Mean of two shifted bars, weighted by area."""
@@ -142,10 +133,7 @@ class FourSpots:
 
     separation_px: float
 
-    @property
-    def separable(self) -> bool:
-        """True."""
-        return True
+    separable = True
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Array:
         """Product of two cosines."""
@@ -188,10 +176,7 @@ class Path:
 
     points_px: tuple[tuple[float, float], ...]
 
-    @property
-    def separable(self) -> bool:
-        """False, except for straight motion along the pixels."""
-        return False
+    separable = False
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Complex:
         """Mean of the shifts' phases; over a grid of rows and columns, a product of matrices."""
@@ -220,10 +205,7 @@ class ColourShift:
         """The shift (x, y) of a wavelength, in sensor pixels."""
         return (wavelength_um - WAVELENGTHS_UM["G"]) * np.array(self.px_per_um)
 
-    @property
-    def separable(self) -> bool:
-        """True."""
-        return True
+    separable = True
 
     def otf(self, fx: Array, fy: Array, wavelength_um: float, pitch_um: float) -> Complex:
         """The shift's phase."""
@@ -302,13 +284,13 @@ class Optics:
         return min(max(math.ceil(3 * self.pitch_um / (shortest * max(f_numbers))), 5), 10) if f_numbers else 10
 
     def aberrated(self, more: Wavefront) -> Optics:
-        """The optics with further aberrations in their pupil."""
-        return Optics(tuple(_aberrated(blur, more) for blur in self.blurs), self.pitch_um)
+        """Add aberrations of the pupil."""
+        blurs = (
+            replace(blur, wavefront=blur.wavefront + more) if isinstance(blur, CircularPupil) else blur
+            for blur in self.blurs
+        )
+        return replace(self, blurs=tuple(blurs))
 
     def also(self, *blurs: Blur) -> Optics:
-        """The optics with further causes of blur, such as movement during one exposure."""
+        """Add causes of blur, such as movement during one exposure."""
         return Optics((*self.blurs, *blurs), self.pitch_um)
-
-
-def _aberrated(blur: Blur, more: Wavefront) -> Blur:
-    return replace(blur, wavefront=blur.wavefront + more) if isinstance(blur, CircularPupil) else blur

@@ -142,8 +142,8 @@ def render_frame(
 ) -> Frame:
     """Light on a whole frame (rows, columns), float32: exact around every chart, plain elsewhere.
 
-    Around a chart there are `oversampling` fine samples per sensor pixel along each axis. What else stands on the wall
-    is drawn with fewer, in tiles, and only in tiles that something touches.
+    Around a chart there are `oversampling` fine samples per sensor pixel along each axis. Objects on the wall are
+    drawn with fewer, in the tiles that they touch.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def bounding_region(pieces: Sequence[Stroke], shape: tuple[int, int], pixels: in
 def transfer(optics: Optics, colour: str, wide: Region, oversampling: int) -> Array | Complex:
     """Factor of the fine image's spectrum: the optics' transfer function divided by that of its hats.
 
-    Its rows, zero first, then up, then the negative ones, and its columns end where the pupil passes nothing more.
+    Rows in the order of `fftfreq`; rows and columns end at the cutoff of the pupil.
     """
     return _transfer(optics, colour, wide.height * oversampling, wide.width * oversampling, oversampling)
 
@@ -259,7 +259,7 @@ def _paste(frame: Frame, region: Region, part: Array) -> None:
 
 
 def _busy_tiles(pieces: Sequence[Stroke], shape: tuple[int, int]) -> Iterator[Region]:
-    """The tiles of a frame that some stroke may touch."""
+    """Tiles of a frame that strokes may touch."""
     for tile in Region(0, 0, shape[1], shape[0]).tiles(TILE_PX):
         around = tile.grown(SURROUND_PX)
         if any(around.meets(stroke.bounds) for stroke in pieces):

@@ -39,9 +39,9 @@ class FlatSheet:
     texel_mm : float
         Side of a texel.
     behind_mm : float
-        How far behind the place where a chart would hang.
+        Distance behind the position of a chart.
     cover : (rows, columns) float32 or None
-        1 where the sheet is, 0 where one sees past it; None: it goes on beyond its picture, mirrored.
+        1 on the sheet, 0 outside it; None: the sheet continues beyond its picture, mirrored.
     """
 
     reflectance: Frame
@@ -141,10 +141,9 @@ def draw_moving(
     shape: tuple[int, int],
     colours: Mapping[tuple[int, int], str],
 ) -> Frame:
-    """Light on a frame as `draw` has it, from sheets that move against the camera: the mean of all instants.
+    """Light on a frame as by `draw`, from sheets that move relative to the camera: the mean over all instants.
 
-    Each sheet is blurred where `sheets` place it, then seen from where it is at each instant, and hides what it hides
-    then.
+    Each sheet is blurred at its pose in `sheets`, then projected at its pose at each instant, and composited there.
 
     Parameters
     ----------

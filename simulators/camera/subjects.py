@@ -55,9 +55,9 @@ MOTIONS = (
 class Subject:
     """Sheets from back to front; none for the chart.
 
-    `camera`: None is the bench's usual one. `f_number`: the lens is stopped down to it. `slopes`: of the sensor behind
-    the image, in um/mm. `motions`: what the rig's shaker can do; only that turns the camera of such a rig, along which
-    it otherwise shifts. `near_mm`: from it to the camera at the rail's near end; None is where a chart hangs.
+    `camera`: None for the bench's default. `f_number`: aperture of the lens. `slopes`: slopes of the sensor relative to
+    the image, in um/mm. `motions`: vibrations of the rig; only these rotate its camera. `near_mm`: distance from the
+    camera at the rail's near end; None for that of a chart.
     """
 
     sheets: tuple[FlatSheet, ...] = ()
@@ -69,7 +69,7 @@ class Subject:
 
 
 def frame_camera() -> SimulatedCamera:
-    """A monochrome camera whose frame is six charts wide and four high at the s/t that the guide goes to."""
+    """A monochrome camera whose frame is six charts wide and four high at the target s/t of the guide."""
     return SimulatedCamera(Lens(focal_length_mm=24.0), Sensor(rows=480, columns=640, cfa=None), pitch_um=11.88)
 
 
@@ -115,11 +115,11 @@ def edge() -> Subject:
     picture = np.full((round(2 * side), round(2 * side)), 0.8, np.float32)
     corners = cv2.boxPoints(((side, side), (side, side), EDGE_DEG))
     cv2.fillPoly(picture, [np.rint(corners).astype(np.int32)], 0.1)
-    return Subject((Sheet(smooth(picture), EDGE_TEXEL_MM),))
+    return Subject((FlatSheet(smooth(picture), EDGE_TEXEL_MM),))
 
 
 TILT_F_NUMBER, TILT_SLOPES = 2.8, (9.0, -6.0)
-"""Camera with a tilted sensor in front of a chart: f-number, and slopes of the sensor: 68 um from side to side."""
+"""f-number, and slopes in um/mm of a sensor that shall be squared to its lens: 68 um from side to side."""
 
 
 def _cover(inside: npt.NDArray[np.bool_]) -> Frame:

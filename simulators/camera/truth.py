@@ -28,9 +28,9 @@ class TruePsf:
     s : int
         Samples per pixel.
     energy_outside : float
-        1 less the sum of the samples inside the support.
+        1 minus the sum of the samples inside the support.
     floor : float
-        Norm of what lies outside the support, relative to that of all: no estimate of k x k samples comes closer.
+        Relative norm of the part outside the support: a lower bound of the error of k x k samples.
     """
 
     samples: Array
@@ -40,7 +40,7 @@ class TruePsf:
 
     @property
     def h(self) -> Array:
-        """The samples with sum 1, as an estimate states them, (k, k)."""
+        """Samples normalised to sum 1 as those of an estimate, (k, k)."""
         return np.asarray(self.samples / self.samples.sum(), dtype=np.float64)
 
 
@@ -81,9 +81,9 @@ class ChartTruth:
     projection : Projection
         Holds the distortion.
     optics : Optics
-        What blurs, about the chart's points as its colour shows them.
+        Blur, centred on the chart's points in the given colour.
     colour_shift : ColourShift
-        Where the lens shows them in another colour than green.
+        Shift of colours other than green.
     """
 
     H_sensor_pattern: Array

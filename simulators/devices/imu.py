@@ -11,7 +11,7 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from simulators.devices.serial_device import drained
+from simulators.devices.serial_device import SerialDevice, drained
 from simulators.world.world import World
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def digits(values: Array, full_scale: float) -> NDArray[np.int16]:
     return np.clip(np.round(values / full_scale * 32768), -32768, 32767).astype(np.int16)
 
 
-class WitModule:
+class WitModule(SerialDevice):
     """A WitMotion module: registers, and frames `55 TT ... SUM`; a fraction `lose` of its samples is never sent."""
 
     baud = 115200
@@ -75,9 +75,6 @@ class WitModule:
         self._inbox = b""
         self._out = bytearray()
         self._sampler.start(RATES_HZ[self._registers[0x03]], 0.0)
-
-    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """It has no modem lines."""
 
     def receive(self, data: bytes, now_s: float) -> None:
         """`FF AA register low high`."""
@@ -157,7 +154,7 @@ def ccitt(data: bytes) -> int:
     return value
 
 
-class FastModule:
+class FastModule(SerialDevice):
     """A fast accelerometer and gyroscope on a small board with a clock of its own."""
 
     baud = 115200
@@ -171,9 +168,6 @@ class FastModule:
         self._line = bytearray()
         self._out = bytearray()
         self._seq = 0
-
-    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """It has no modem lines."""
 
     def receive(self, data: bytes, now_s: float) -> None:
         """`ID?`, `START hz`, `STOP`."""

@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 
-from simulators.devices.serial_device import drained
+from simulators.devices.serial_device import SerialDevice, drained
 from simulators.world.world import World
 
 NEVER = float("inf")
@@ -20,7 +20,7 @@ def jrt(head: int, register: int, payload: bytes) -> bytes:
     return bytes((head,)) + body + bytes((sum(body) & 0xFF,))
 
 
-class JrtModule:
+class JrtModule(SerialDevice):
     """A JRT/Meskernel module aimed at the chart; a `status` other than 0 makes every reading fail with it."""
 
     baud = 19200
@@ -32,9 +32,6 @@ class JrtModule:
         self._inbox = b""
         self._out = bytearray()
         self._ready_s, self._mode = NEVER, 0
-
-    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """It has no modem lines."""
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Commands; `U` alone is answered by the address, `X` stops."""
@@ -112,7 +109,7 @@ def bosch(body: bytes) -> bytes:
     return body + bytes((value,))
 
 
-class BoschModule:
+class BoschModule(SerialDevice):
     """A Bosch GLM aimed at the chart."""
 
     baud = 115200
@@ -124,9 +121,6 @@ class BoschModule:
         self._inbox = b""
         self._out = bytearray()
         self._ready_s = NEVER
-
-    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """It has no modem lines."""
 
     def receive(self, data: bytes, now_s: float) -> None:
         """`C0 command 00 CRC`."""
@@ -163,7 +157,7 @@ class BoschModule:
         return None if self._ready_s == NEVER else self._ready_s
 
 
-class DmxWidget:
+class DmxWidget(SerialDevice):
     """An Enttec DMX USB Pro with one lamp on a channel."""
 
     baud = 0
@@ -173,9 +167,6 @@ class DmxWidget:
         self._world, self._channel = world, channel
         self._inbox = b""
         self._out = bytearray()
-
-    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """It has no modem lines."""
 
     def receive(self, data: bytes, now_s: float) -> None:
         """`7E label length data E7`."""
@@ -206,7 +197,3 @@ class DmxWidget:
     def advance(self, now_s: float) -> bytes:
         """Its answers."""
         return drained(self._out)
-
-    def next_event_s(self) -> float | None:
-        """It sends nothing by itself."""
-        return None

@@ -26,16 +26,16 @@ class SerialDevice(Protocol):
         ...
 
     def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """Modem lines set by the host; opening the port raises both."""
-        ...
+        """Modem lines set by the host; opening the port raises both. Ignored by devices without modem lines."""
+        return
 
     def advance(self, now_s: float) -> bytes:
         """Advance to now; returns the output since the last call."""
         ...
 
     def next_event_s(self) -> float | None:
-        """When it next sends or does something by itself."""
-        ...
+        """When it next sends or does something by itself; None if never."""
+        return None
 
 
 def drained(out: bytearray) -> bytes:
@@ -112,7 +112,7 @@ class Cable:
             self._pump()
 
     def waiting(self) -> int:
-        """How many bytes can be read now."""
+        """Number of bytes that can be read now."""
         with self._news:
             return len(self._inbox)
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from simulators.devices.serial_device import drained
+from simulators.devices.serial_device import SerialDevice, drained
 
 NEVER = float("inf")
 LONGEST_MS = 3_600_000
@@ -322,7 +322,7 @@ class StrigBox:
         self._send(f"EVT SHAKE {seq} {self._t_us(now_s)}")
 
 
-class RtsLine:
+class RtsLine(SerialDevice):
     """An adapter whose RTS line closes the contact; it sends nothing."""
 
     baud = 0
@@ -345,7 +345,3 @@ class RtsLine:
     def advance(self, now_s: float) -> bytes:
         """Nothing."""
         return b""
-
-    def next_event_s(self) -> float | None:
-        """Never."""
-        return None

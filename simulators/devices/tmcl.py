@@ -12,7 +12,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from simulators.devices.serial_device import drained
+from simulators.devices.serial_device import SerialDevice, drained
 from simulators.world.motion import Axis, brake_line, travel_line
 
 NEVER = float("inf")
@@ -102,7 +102,7 @@ class TmclMotor:
         return known.get(number, self.settings.get(number))
 
 
-class TmclModule:
+class TmclModule(SerialDevice):
     """One module on a line, by its address."""
 
     baud = 9600
@@ -115,9 +115,6 @@ class TmclModule:
         self._received, self._out = bytearray(), bytearray()
         self.restart(0.0)
 
-    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """It has no modem lines."""
-
     def restart(self, now_s: float) -> None:
         """Power cycle: all motors stand, at position 0."""
         self._received.clear()
@@ -128,7 +125,7 @@ class TmclModule:
             motor.searching, motor.busy_until_s = False, NEVER
 
     def receive(self, data: bytes, now_s: float) -> None:
-        """Every nine bytes are an order."""
+        """Commands of nine bytes each."""
         for byte in data:
             self._received.append(byte)
             if len(self._received) == DATAGRAM.size:

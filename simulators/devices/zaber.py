@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from simulators.devices.serial_device import drained
+from simulators.devices.serial_device import SerialDevice, drained
 from simulators.world.motion import Axis, brake_line, travel_line
 
 NEVER = float("inf")
@@ -142,7 +142,7 @@ def lrc(body: bytes) -> bytes:
     return b"%02X" % ((256 - sum(body) % 256) % 256)
 
 
-class ZaberChain:
+class ZaberChain(SerialDevice):
     """Devices on one line."""
 
     baud = 115200
@@ -154,9 +154,6 @@ class ZaberChain:
         }
         self._line = bytearray()
         self._out = bytearray()
-
-    def set_lines(self, rts: bool, dtr: bool, now_s: float) -> None:
-        """It has no modem lines."""
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Lines that begin with a slash; CR, LF or both end them."""

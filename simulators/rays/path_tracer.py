@@ -1,8 +1,7 @@
 """A small path tracer: samples of a scene in depth, with real light falloff, indirect light, defocus and motion.
 
-It hands raw samples over, `receive(rows, columns, colours)`, and knows nothing of what is made of them: a film takes
-them in, and whoever calls decides when there are enough. What has been cast before is not cast again: the count of
-samples per pixel is all that a pause, or a round of adaptive sampling, has to remember.
+Raw samples are passed to a callback, `receive(rows, columns, colours)`, for example of a film. The count of samples per
+pixel is the only state: after a pause, or a round of adaptive sampling, only the missing samples are cast.
 """
 
 from __future__ import annotations
@@ -111,7 +110,7 @@ class ThinLensCamera:
     pitch_um : float
         Pixel pitch of the sensor.
     position_mm, target_mm : (x, y, z)
-        Where the lens is when the shutter opens, and what it is pointed at.
+        Position of the lens when the shutter opens, and the point it is aimed at.
     exposure_s : float
         Time the shutter is open; a moving camera smears.
     velocity_mm_s, spin_rad_s : (x, y, z)
@@ -138,14 +137,14 @@ class ThinLensCamera:
 
 
 def blur_diameter_px(camera: ThinLensCamera, distance_mm: npt.ArrayLike) -> Doubles:
-    """Diameter of the disc, in pixels, in which the camera sees a point at this distance along its axis."""
+    """Diameter of the blur disc, in pixels, of a point at this distance along the axis."""
     aperture_mm = camera.focal_mm / camera.f_number
     astray = np.abs(1.0 - camera.focus_mm / np.asarray(distance_mm, np.float64))
     return np.asarray(astray * aperture_mm / _pixel_at_focus_mm(camera), np.float64)
 
 
 def depth_map(scene: RayScene, camera: ThinLensCamera) -> Doubles:
-    """Distance from the lens along its axis of what is seen at each pixel's centre, (rows, columns), mm.
+    """Distance from the lens along its axis of the surface at each pixel's centre, (rows, columns), mm.
 
     Infinite where there is nothing. With `blur_diameter_px` it is the true defocus of every pixel.
     """
@@ -176,7 +175,7 @@ def cast(
     receive : callable
         Takes rows (n,), columns (n,) and linear colours (n, 3); called from the caller's thread.
     taken : (rows, columns) int, optional
-        Samples each pixel has had already, those that were dropped included.
+        Samples already cast for each pixel, including dropped ones.
     progress : callable, optional
         Called with the numbers of samples cast and to be cast.
 
@@ -279,7 +278,7 @@ def build_world(scene: RayScene) -> SceneArrays:
 
 
 def _texels(material: Material, first: int) -> tuple[tuple[int, int, int, int], Doubles]:
-    """Where the material's texels are to be among all, and they themselves, (n, 3)."""
+    """Position of the material's texels among those of all materials, and the texels (n, 3)."""
     if material.texture is None:
         return (0, 0, 0, 0), np.zeros((0, 3))
     texture = np.asarray(material.texture, np.float64)

@@ -124,7 +124,7 @@ def meet_rectangle(g: Doubles, origin: Vector, direction: Vector) -> float:
 
 @compiled
 def place_on_rectangle(g: Doubles, point: Vector) -> tuple[float, float]:
-    """Where the point is along the two (perpendicular) edges, each from 0 to 1."""
+    """Coordinates of the point along the two (perpendicular) edges, each from 0 to 1."""
     u, v = vector(g, 3), vector(g, 6)
     inside = along(point, -1.0, vector(g, 0))
     return dot(inside, u) / dot(u, u), dot(inside, v) / dot(v, v)

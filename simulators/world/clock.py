@@ -27,12 +27,12 @@ class EventSource(Protocol):
         ...
 
     def settled(self) -> bool:
-        """Whether all of its output was read."""
-        ...
+        """Whether all of its output was read; true of instantaneous changes."""
+        return True
 
     def settle(self, real_s: float) -> None:
-        """Wait until settled, at most `real_s` seconds of real time."""
-        ...
+        """Wait until settled, at most `real_s` seconds of real time; no-op for instantaneous changes."""
+        return
 
 
 class FastClock:

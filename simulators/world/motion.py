@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 LONG_AGO_S = -1e9
+DECAYED = 1e-4
+"""Fraction of a shock below which its vibration is ignored."""
 Shock = tuple[float, float, float]
 
 
@@ -108,12 +110,12 @@ class Axis:
         return min(all_of_them), max(all_of_them)
 
 
-def ramps(length: float, speed: float, acceleration: float, start_speed: float = 0.0) -> list[tuple[float, float]]:
-    """(duration, acceleration) of the segments that cover `length` from `start_speed` to rest: up, steady, down."""
-    top = min(speed, math.sqrt(acceleration * length + start_speed**2 / 2))
-    up, down = (top - start_speed) / acceleration, top / acceleration
-    steady = (length - (top**2 - start_speed**2) / (2 * acceleration) - top**2 / (2 * acceleration)) / top
-    return [(up, acceleration), (max(steady, 0.0), 0.0), (down, -acceleration)]
+def ramps(length: float, speed: float, acceleration: float) -> list[tuple[float, float]]:
+    """(duration, acceleration) of the segments that cover `length` from rest to rest: up, steady, down."""
+    top = min(speed, math.sqrt(acceleration * length))
+    ramp = top**2 / (2 * acceleration)
+    steady = max((length - ramp - ramp) / top, 0.0)
+    return [(top / acceleration, acceleration), (steady, 0.0), (top / acceleration, -acceleration)]
 
 
 def travel_line(axes: Sequence[Axis], target: Sequence[float], t_s: float, speed: float, acceleration: float) -> float:
@@ -184,6 +186,6 @@ class Mode:
             a -= self.gain * da * live
         return x, a - 2 * self.damping * w * v - w**2 * x
 
-    def lasts_s(self, fraction: float = 1e-4) -> float:
-        """Seconds until a shock has decayed to `fraction`."""
-        return -math.log(fraction) / (self.damping * 2 * math.pi * self.frequency_hz)
+    def lasts_s(self) -> float:
+        """Seconds until a shock has decayed to `DECAYED`."""
+        return -math.log(DECAYED) / (self.damping * 2 * math.pi * self.frequency_hz)

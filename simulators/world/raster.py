@@ -48,12 +48,12 @@ class Segments:
         return Segments(start + first[:, None] * step, start + last[:, None] * step, self.weights[source])
 
 
-def outline(vertices: Array, weight: float = 1.0) -> Segments:
-    """The closed outline of a simple polygon (n, 2), directed so that its inside adds `weight`."""
+def outline(vertices: Array) -> Segments:
+    """The closed outline of a simple polygon (n, 2), directed so that its inside adds 1."""
     ends = np.roll(vertices, -1, axis=0)
     twice_area = np.sum(vertices[:, 0] * ends[:, 1] - ends[:, 0] * vertices[:, 1])
     # with y down a positive area is walked clockwise as seen, its left side upwards
-    return Segments(vertices, ends, np.full(len(vertices), -np.sign(twice_area) * weight))
+    return Segments(vertices, ends, np.full(len(vertices), -np.sign(twice_area)))
 
 
 def coverage(segments: Segments, shape: tuple[int, int]) -> Array:

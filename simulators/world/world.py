@@ -132,8 +132,6 @@ class World:
         self._driven: list[tuple[float, tuple[SinusoidalDrive | PathDrive, ...]]] = [(-math.inf, ())]
         self._lock = threading.Lock()
 
-    # --- temperature and light
-
     def temperature_c(self, t_s: float) -> float:
         """Room temperature: warms up and oscillates with the air conditioning."""
         room = self.room
@@ -151,8 +149,6 @@ class World:
         at = max(bisect_right(self._lamp_s, t_s) - 1, 0)
         since_s = t_s - self._lamp_s[at]
         return self._lamp[at] * (1 + self.room.lamp_warm_up * math.exp(-since_s / self.room.lamp_warm_up_s))
-
-    # --- shaking
 
     def shake(self, now_s: float) -> None:
         """Excite the body by the shutter's mechanism."""
@@ -190,8 +186,6 @@ class World:
             for drive in drives if live.any() else ():
                 x, a = drive.response(t_s)
                 moved[drive.axis] = (moved[drive.axis][0] + live * x, moved[drive.axis][1] + live * a)
-
-    # --- where the camera is
 
     def pose(self, t_s: Array) -> CameraPoses:
         """The camera's pose at (n,) times."""

@@ -161,7 +161,7 @@ def _photographs(corrected: Corrected, value: Correction) -> dict[str, Any]:
                 "path": str(frame.path),
                 "moved_px": place.moved_px(value.sensor_shape).tolist(),
                 "light": place.light,
-                "left_over": place.left_over,
+                "left_over": place.residual,
                 "set_aside": place.reason,
             }
             for frame, place in zip(corrected.others, value.places, strict=True)

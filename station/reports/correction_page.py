@@ -83,7 +83,7 @@ def _summary(corrected: Corrected, value: Correction) -> list[Block]:
             f"excluded: {place.reason}"
             if place.reason
             else f"moved by {x:+.2f}, {y:+.2f} pixels, {place.light:.3f} times the light, residual contrast "
-            f"{percent(place.left_over)}"
+            f"{percent(place.residual)}"
         )
         lines.append(f"{frame.path.name}: {words}.")
     return [KeyNumbers(facts), Items(lines)]

@@ -1,4 +1,7 @@
-"""Processor time of finding the chart in large frames on one core, against the mean of every 2 x 2 pixels; memory."""
+"""Processor time of finding the chart in large frames on one core, against the mean of every 2 x 2 pixels; memory.
+
+python -m tests.benchmarks.detection
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,8 @@ from procedures.pattern import X_CORNERS, Chart
 from procedures.pattern_psf.chart_finding.detection import find_charts
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.sensor import Sensor
-from simulators.world.clutter import random_clutter
 from simulators.world.scene import Scene, Wall
+from tests.simulators.clutter import random_clutter
 
 RUNS = 5
 BOUND_S = 0.5

@@ -21,7 +21,7 @@ from alignment import aligned_error  # noqa: E402
 from procedures.pattern import Chart  # noqa: E402
 from procedures.pattern_psf.estimate import estimate_psf  # noqa: E402
 from procedures.raw import Plane  # noqa: E402
-from simulators.bench.random_scenes import Trials, random_camera, random_scene  # noqa: E402
+from tests.simulators.random_scenes import Trials, random_camera, random_scene  # noqa: E402
 
 WRONG = 3.0
 """Errors from this many times the expected on are wrong answers, not unlucky ones."""

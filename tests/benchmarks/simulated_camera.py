@@ -1,4 +1,7 @@
-"""Wall time of simulated photographs, against the Fourier transform of their fine picture, and peak memory."""
+"""Wall time of simulated photographs, against the Fourier transform of their fine picture, and peak memory.
+
+python -m tests.benchmarks.simulated_camera
+"""
 
 from __future__ import annotations
 
@@ -14,10 +17,10 @@ import numpy as np
 from scipy import fft
 
 from procedures.pattern import Chart
-from simulators.bench.random_scenes import Trials, random_camera, random_scene
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
+from tests.simulators.random_scenes import Trials, random_camera, random_scene
 
 RUNS = 5
 CHART = Chart.from_seed()

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.warps import apply_homography
 from procedures.pattern import (
     BLACK_BLOCKS,
     BLOCK,
@@ -33,6 +33,8 @@ SCREEN_SAMPLES = 4
 """Samples of a block along one side when candidates are screened."""
 SCREENED_AT_ONCE = 128
 """Candidates whose samples fit the processor's cache together."""
+MARK_HALF, SEARCH = 5, 6
+"""Half the side of a mark's template, and the greatest offset searched, in rectified pixels."""
 Array = npt.NDArray[np.float64]
 Picture = npt.NDArray[np.float32]
 
@@ -43,13 +45,6 @@ H_CELLS_RECTIFIED: Array = np.array(
         [0, 0, 1],
     ]
 )
-
-
-def transform(H: Array, points: Array) -> Array:
-    """Points (n, 2) through a homography."""
-    q = np.column_stack([points, np.ones(len(points))]) @ H.T
-    out: Array = q[:, :2] / q[:, 2:]
-    return out
 
 
 @cache
@@ -159,7 +154,7 @@ def _screen_samples() -> tuple[Array, Array]:
     rows, columns = (grid.ravel() for grid in np.meshgrid(index, index, indexing="ij"))
     inside = ring()[rows, columns]
     rows, columns = rows[inside], columns[inside]
-    cells = transform(H_CELLS_RECTIFIED, np.column_stack([columns, rows]).astype(np.float64))
+    cells = apply_homography(H_CELLS_RECTIFIED, np.column_stack([columns, rows]).astype(np.float64))
     return cells, np.column_stack([template[rows, columns] for _, template in symmetries()]).astype(np.float64)
 
 
@@ -194,37 +189,25 @@ def _screen_part(image: Picture, maps: Array, hits: npt.NDArray[np.bool_]) -> Ar
     return out
 
 
-@dataclass(frozen=True)
-class LocatedMarks:
-    """Located marks of a rectified picture.
+def locate_marks(rectified: Picture) -> tuple[Array, Array]:
+    """Locate each mark near its expected position by normalised correlation, to a fraction of a rectified pixel.
 
-    Attributes
-    ----------
-    cells : (12, 2) float64
-        Cell coordinates of the x-corners by the present map.
-    likeness : (12,) float64
-        Normalised correlation with the template; 0 where it leaves the photograph or the search window.
+    Returns the cell coordinates (12, 2) of the x-corners by the present map, and the correlations (12,) with the
+    template; 0 where it leaves the photograph or the search window.
     """
-
-    cells: Array
-    likeness: Array
-
-
-def locate_marks(rectified: Picture, *, half: int = 5, search: int = 6) -> LocatedMarks:
-    """Locate each mark near its expected position by normalised correlation, to a fraction of a rectified pixel."""
     offsets = np.zeros((len(X_CORNERS), 2))
     likeness = np.zeros(len(X_CORNERS))
     for n, (column, row) in enumerate(X_CORNER_BLOCKS):
         x, y = ((RIM_BLOCKS + np.array([column, row])) * PIXELS + PIXELS // 2).tolist()
-        mark = expected()[y - half : y + half, x - half : x + half]
-        reach = half + search
+        mark = expected()[y - MARK_HALF : y + MARK_HALF, x - MARK_HALF : x + MARK_HALF]
+        reach = MARK_HALF + SEARCH
         window = rectified[y - reach : y + reach, x - reach : x + reach]
         template = np.isfinite(window)
-        if not template[search:-search, search:-search].all():
+        if not template[SEARCH:-SEARCH, SEARCH:-SEARCH].all():
             continue
         window = np.where(template, window, window[template].mean())
         offsets[n], likeness[n] = _peak(cv2.matchTemplate(window, mark, cv2.TM_CCOEFF_NORMED))
-    return LocatedMarks(X_CORNERS + offsets / PIXELS_PER_CELL, likeness)
+    return X_CORNERS + offsets / PIXELS_PER_CELL, likeness
 
 
 def _peak(likeness: npt.NDArray[np.generic]) -> tuple[Array, float]:

@@ -72,7 +72,7 @@ class Layouts:
 
 
 def _strongest(field: BinnedSaddles, triples: Indices) -> Indices:
-    """The strongest triples, at most MOST_TRIPLES."""
+    """The strongest triples, at most MAX_TRIPLES."""
     if len(triples) <= MAX_TRIPLES:
         return triples
     strengths = field.merits[triples].min(axis=1)
@@ -152,7 +152,7 @@ def _gather(field: BinnedSaddles, hits: Indices, maps: Array, reach: float) -> I
 
 
 def _distinct(field: BinnedSaddles, hits: Indices) -> Indices:
-    """Remove duplicates, and keep at most MOST, those with the most hits and the strongest first."""
+    """Remove duplicates, and keep at most MAX_LAYOUTS, those with the most hits and the strongest first."""
     _, first = np.unique(np.sort(hits, axis=1), axis=0, return_index=True)
     hits = hits[first]
     count = (hits >= 0).sum(axis=1)

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.warps import apply_homography, homography_jacobian
 from procedures.outcome import BadInput, Refused
 from procedures.pattern import BLOCK, CELLS, X_CORNERS
 from procedures.pattern_psf.chart_finding import chart_frame
@@ -46,6 +47,7 @@ ORIENTATION_MARGIN = 0.1
 """Least difference in agreement between the best orientation and any other."""
 SMALLEST_LEVEL = 48
 """Least side of a level of the pyramid."""
+MIDDLE = np.full(2, CELLS / 2)
 Image = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
 
@@ -83,7 +85,7 @@ class ChartSighting:
 
     def predicted(self) -> Array:
         """(x, y) of all twelve x-corners by the homography, (12, 2)."""
-        return chart_frame.transform(self.H_sensor_pattern, X_CORNERS)
+        return apply_homography(self.H_sensor_pattern, X_CORNERS)
 
     def centre(self) -> Array:
         """(x, y) of the noise region's centre."""
@@ -92,9 +94,8 @@ class ChartSighting:
     def widths(self) -> Array:
         """Lengths of the noise region's four sides in pixels, (4,)."""
         square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64) * CELLS
-        corners = chart_frame.transform(self.H_sensor_pattern, square)
-        out: Array = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-        return out
+        corners = apply_homography(self.H_sensor_pattern, square)
+        return np.asarray(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1))
 
     def moved(self, x: float, y: float) -> ChartSighting:
         """Sighting in a plane whose content is shifted by (x, y) pixels."""
@@ -152,18 +153,18 @@ def _homography(pixels: Array, chosen: npt.NDArray[np.bool_], tolerance: float) 
 
 def _verify(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | None:
     """Locate the marks near a homography from cells to pixels, and verify the chart; None for clutter."""
-    block = BLOCK * np.sqrt(abs(np.linalg.det(_jacobian(start))))
+    block = BLOCK * np.sqrt(abs(np.linalg.det(homography_jacobian(start, MIDDLE))))
     factor, level = levels[int(np.clip(np.log2(block / LOCATING_BLOCK_PX), 0, len(levels) - 1))]
     to_level = np.linalg.inv(_to_full(factor))
     tolerance = max(POSITION_TOLERANCE * block, POSITION_NOISE_PX)
     H = start
     for _ in range(LOCATING_STEPS):
-        located = chart_frame.locate_marks(chart_frame.rectify(level, to_level @ H))
-        pixels, visible = chart_frame.transform(H, located.cells), located.likeness > MIN_CORRELATION
+        cells, correlation = chart_frame.locate_marks(chart_frame.rectify(level, to_level @ H))
+        pixels, visible = apply_homography(H, cells), correlation > MIN_CORRELATION
         if (better := _homography(pixels, visible, tolerance)) is None:
             return None
         H = better
-    visible &= np.linalg.norm(chart_frame.transform(H, X_CORNERS) - pixels, axis=1) < tolerance
+    visible &= np.linalg.norm(apply_homography(H, X_CORNERS) - pixels, axis=1) < tolerance
     if (best := _homography(pixels, visible, 0.0)) is None:
         return None
     rectified = chart_frame.rectify(level, to_level @ best)
@@ -171,22 +172,14 @@ def _verify(levels: list[tuple[int, Image]], start: Array) -> ChartSighting | No
     if score < MIN_SCORE:
         return None
     corners = np.where(visible[:, None], pixels, np.nan)
-    flipped = bool(np.linalg.det(_jacobian(best)) < 0)
+    flipped = bool(np.linalg.det(homography_jacobian(best, MIDDLE)) < 0)
     negative = flipped and _frame_scores(-rectified, visible).max() > score
     return ChartSighting(corners, best / best[2, 2], visible, score, flipped and not negative, bool(negative))
 
 
 def _centre(H: Array) -> Array:
     """(x, y) of the noise region's centre."""
-    out: Array = chart_frame.transform(H, np.full((1, 2), CELLS / 2))[0]
-    return out
-
-
-def _jacobian(H: Array) -> Array:
-    """Derivative of the map from cells to pixels at the chart's centre, (2, 2)."""
-    p = H @ np.array([CELLS / 2, CELLS / 2, 1.0])
-    out: Array = (H[:2, :2] - np.outer(p[:2] / p[2], H[2, :2])) / p[2]
-    return out
+    return np.asarray(apply_homography(H, MIDDLE[None])[0])
 
 
 def _oriented_score(rectified: Image, visible: npt.NDArray[np.bool_]) -> float:
@@ -258,9 +251,9 @@ def find_chart(image: npt.NDArray[np.floating]) -> ChartSighting:
         If there is none or more than one, or it is mirrored, negative, cut by the photograph's border, hidden at more
         than two marks, or its noise region is too small or too large.
     """
-    sightings = one_chart(find_charts(image))
-    check_usable(sightings, image.shape)
-    return sightings
+    sighting = one_chart(find_charts(image))
+    check_usable(sighting, image.shape)
+    return sighting
 
 
 def one_chart(sightings: list[ChartSighting]) -> ChartSighting:

@@ -37,9 +37,6 @@ MIN_DETAIL = 0.04
 SHIFT_PX, SMOOTH_PX, FINE = 3, 3.0, 4
 
 
-# --- sizes -------------------------------------------------------------------------------------------------------
-
-
 def measured_scale(looks: Sequence[RangeLook]) -> tuple[float, str] | None:
     """F cell in pixel millimetres by rail or laser, and its source; None without two distinct distances."""
     ways = {
@@ -136,9 +133,6 @@ def probe_mm(look: RangeLook, z: float, closer: bool, known: PatternFacts) -> fl
     if rail is None or rail.at is None or rail.holds(rail.at + move):
         return move
     return -move if rail.holds(rail.at - move) else 0.0
-
-
-# --- cells -------------------------------------------------------------------------------------------------------
 
 
 def seed_contradiction(plane: Plane, sighting: ChartSighting, known: PatternFacts) -> Advice | float | None:

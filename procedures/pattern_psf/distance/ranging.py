@@ -56,8 +56,3 @@ def range_readings(new_facts: Facts) -> tuple[Reading, ...]:
         return ()
     offset_mm = float(new_facts["laser_offset_mm"])
     return (Reading("laser behind lens", offset_mm, "mm", -LASER_REACH_MM, LASER_REACH_MM),)
-
-
-def without_offset(new_facts: Facts) -> Facts:
-    """Facts without the laser's offset, which is implausible."""
-    return {name: value for name, value in new_facts.items() if name != "laser_offset_mm"}

@@ -77,11 +77,11 @@ def f_number_of_tails(psfs: Sequence[tuple[PatternPsf, Diffraction]]) -> Quantit
     return Quantity(mean, "1", uncertainty, "far tail of the PSF over that of f/1", sum(psf.n for psf, _ in psfs))
 
 
-def _f_number_of_tail(psfs: PatternPsf, limit: Diffraction) -> tuple[float, float]:
+def _f_number_of_tail(estimate: PatternPsf, limit: Diffraction) -> tuple[float, float]:
     """Estimate the f-number, the tail's energy over that of f/1, with its standard uncertainty by noise."""
-    psf = psfs.psf
+    psf = estimate.psf
     energy_of_f1 = TailPrior(replace(limit, f_number=1.0).tail_density_px, PUPIL_SPREAD).energy(psf.s, psf.k)
-    u = float(np.sqrt(psf.tail.covariance[0, 0])) * max(psfs.residual_std, 1.0)
+    u = float(np.sqrt(psf.tail.covariance[0, 0])) * max(estimate.residual_std, 1.0)
     return float(psf.tail.amplitudes[0]) / energy_of_f1, u / energy_of_f1
 
 

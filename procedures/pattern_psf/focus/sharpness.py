@@ -91,8 +91,8 @@ def _find_near(plane: Plane, near: ChartSighting | None) -> ChartSighting | None
     if near is None:
         return None
     x, y, part = _crop(plane, near)
-    outcome = find_charts(part.samples) if min(part.samples.shape) > 0 else []
-    return outcome[0].moved(x, y) if len(outcome) == 1 else None
+    sightings = find_charts(part.samples) if min(part.samples.shape) > 0 else []
+    return sightings[0].moved(x, y) if len(sightings) == 1 else None
 
 
 def _crop(plane: Plane, sighting: ChartSighting) -> tuple[int, int, Plane]:

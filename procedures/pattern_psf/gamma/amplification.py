@@ -16,21 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numerics.normal_equations import NormalEquations
-from procedures.numerics.triangular import inverse_lower
 
 Array = npt.NDArray[np.float64]
-
-
-def gamma(gram: Array) -> float:
-    """Trace of the inverse of A'A (n, n), the sum of 1 / sigma_i^2; infinite where A does not determine h.
-
-    Source: thesis, section 2.3.1.
-    """
-    try:
-        factor = np.linalg.cholesky(gram)
-    except np.linalg.LinAlgError:
-        return float("inf")
-    return float(np.sum(inverse_lower(factor) ** 2))
 
 
 def gamma_of_fit(equations: NormalEquations, constant: int, weight: Array) -> float:

@@ -94,7 +94,9 @@ class SlantedEdge(Procedure[EdgeSettings]):
         """With what the camera noted of the photograph."""
         from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
-        frame = replace(measurement.result.frame, path=Path(measurement.head.input[0].path))  # in a session, relative to it
+        frame = replace(
+            measurement.result.frame, path=Path(measurement.head.input[0].path)
+        )  # in a session, relative to it
         return measurement_report(measurement, self.name, title=self.title, frames=(frame,))
 
     def page(self, measurement: Measurement) -> bytes:

@@ -27,10 +27,10 @@ def predictions():
 
 def test_a_smoothed_picture_is_doubtful():
     maps = {"x": np.zeros(1), "y": np.zeros(1), "noise_gain": np.ones((1, 1))}
-    softer = _smoothed(Prediction(before=np.array([[0.31]]), after=np.array([[0.15]]), **maps))
+    softer = _smoothed(Prediction(before=np.array([[0.31]]), after=np.array([[0.15]]), **maps), 1)
     assert softer.fails
     assert "from 0.31 to 0.15" in softer.sentence
-    assert not _smoothed(Prediction(before=np.array([[0.31]]), after=np.array([[0.4]]), **maps)).fails
+    assert not _smoothed(Prediction(before=np.array([[0.31]]), after=np.array([[0.4]]), **maps), 1).fails
 
 
 @pytest.mark.slow

@@ -59,7 +59,9 @@ def test_clipped_light_is_at_least_the_clipping_level():
     light = 0.2 + 1.2 * np.exp(-(x**2 + x[:, None] ** 2) / 60)
     samples = np.minimum(light, 1.0)[None]
     weight = np.where(samples >= 1, -1.0, 1.0)
-    restored = deconvolve(tile_of(samples, weight), samples.astype(np.float32), Prior(), 1e-4, 0.05, Splitting(60))
+    restored = deconvolve(
+        tile_of(samples, weight), samples.astype(np.float32), Prior(), 1e-4, 0.05, Splitting(60, 0.3, 1.0)
+    )
     assert restored[weight < 0].min() > 0.99
     np.testing.assert_allclose(restored[weight > 0], light[None][weight > 0], atol=0.01)
 

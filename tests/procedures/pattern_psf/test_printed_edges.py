@@ -7,7 +7,7 @@ import pytest
 
 from procedures.numerics.loops import convolve_at
 from procedures.pattern_psf.observation import noise_window, observe
-from procedures.pattern_psf.printed_edges import LINES, Edges, edge_columns
+from procedures.pattern_psf.printed_edges import LINES, edge_columns
 from procedures.pattern_psf.radiometry import measure_light
 from procedures.pattern_psf.rasterise import band_limited_chart, whole_chart
 
@@ -47,7 +47,7 @@ def test_offsets_come_back(columns, rng: np.random.Generator) -> None:
     truth = 0.03 * rng.standard_normal(2 * LINES)
     noise = 0.004
     v = (C(np.ones(len(o.y))).apply(truth) + noise * rng.standard_normal(len(o.y))) / noise
-    edges = Edges.of(C(np.full(len(o.y), 1 / noise)))
+    edges = C(np.full(len(o.y), 1 / noise))
     rms, left = edges.widths(v)
     # 514 offsets give their own width to 1 / sqrt(1028) = 3 %, the cells' random signs a few per cent more
     assert rms == pytest.approx(0.03, rel=0.15)
@@ -57,7 +57,7 @@ def test_offsets_come_back(columns, rng: np.random.Generator) -> None:
 
 def test_noise_alone_has_no_offsets(columns, rng: np.random.Generator) -> None:
     _, o, _, C = columns
-    assert Edges.of(C(np.full(len(o.y), 1 / 0.004))).widths(rng.standard_normal(len(o.y)))[0] < 0.006
+    assert C(np.full(len(o.y), 1 / 0.004)).widths(rng.standard_normal(len(o.y)))[0] < 0.006
 
 
 @pytest.mark.slow
@@ -68,4 +68,4 @@ def test_products_are_those_of_one_matrix(columns, rng: np.random.Generator) -> 
     samples, scale = rng.standard_normal(len(o.y)), np.abs(C_whole).sum(axis=0).max()
     # single precision
     assert np.allclose(edges.apply_transposed(samples), C_whole.T @ samples, atol=1e-5 * scale)
-    assert np.allclose(edges.gram(), C_whole.T @ C_whole, atol=1e-5 * scale)
+    assert np.allclose(edges.gram, C_whole.T @ C_whole, atol=1e-5 * scale)

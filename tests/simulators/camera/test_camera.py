@@ -10,14 +10,14 @@ import rawpy
 
 from procedures.pattern import X_CORNERS, Chart
 from procedures.raw import read_frame
-from simulators.bench.random_scenes import Trials, random_camera, random_scene
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at, render_plane
 from simulators.camera.optics import WAVELENGTHS_UM, Optics, PixelAperture
 from simulators.camera.pupil import Wavefront
 from simulators.camera.render import IdealImage, Region, render_region
 from simulators.camera.sensor import Sensor
-from simulators.world.clutter import cover, random_clutter
 from simulators.world.scene import Scene, Shape, Wall
+from tests.simulators.clutter import cover, random_clutter
+from tests.simulators.random_scenes import Trials, random_camera, random_scene
 
 CHART = Chart.from_seed()
 GREY = SimulatedCamera(sensor=Sensor(200, 240, None), pitch_um=7.5)

@@ -9,9 +9,9 @@ from simulators.camera.optics import GaussianBlur, Optics, PixelAperture
 from simulators.camera.pupil import Wavefront
 from simulators.camera.render import IdealImage, Region, render_region
 from simulators.camera.truth import ChartTruth, true_psf
-from simulators.world.clutter import cover
 from simulators.world.projection import ObjectPose, Projection
 from simulators.world.scene import Illumination, PlacedChart, Scene, Shape, Wall
+from tests.simulators.clutter import cover
 
 GREY = {(0, 0): "Y"}
 BAYER = {(0, 0): "R", (1, 0): "G", (0, 1): "G", (1, 1): "B"}

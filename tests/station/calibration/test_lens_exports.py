@@ -20,13 +20,14 @@ from procedures.geometry.conversion import as_radial
 from procedures.outcome import BadInput, BadParameter
 from procedures.psf_field import in_half_diagonals
 from procedures.raw import read_frame
-from procedures.reading.dng_opcodes import OPCODE_LIST_2, GainMap, doubles_of, opcodes_in, with_opcodes
+from procedures.reading.dng_opcodes import OPCODE_LIST_2, with_opcodes
 from procedures.vignetting.formula import LightSurface
 from station.__main__ import main
 from station.calibration.exports.dng import export_dng, farthest
 from station.calibration.exports.geometry import StoredCamera
 from station.calibration.exports.lensfun import GivenNames, LensNames, best_radial, export_lensfun, unit_px
 from station.calibration.vignetting import StoredVignetting
+from tests.station.calibration.opcodes import doubles_of, gain_map, opcodes_in
 
 COLUMNS, ROWS = 600, 400
 CAMERA = CameraModel("OPENCV", np.array([900.0, 900, 306.0, 195.0, -0.10, 0.02, 0.0, 0.0]), COLUMNS, ROWS)
@@ -148,13 +149,13 @@ def test_the_copy_is_the_same_photograph_with_opcodes(photo, tmp_path):
     one, two = read_frame(photo), read_frame(copy)
     np.testing.assert_array_equal(one.planes["G1"].samples, two.planes["G1"].samples)
     assert one.exposure == two.exposure
-    assert [opcode.number for opcode in opcodes_in(made.data, "copy")] == [3, 1]
+    assert [opcode.number for opcode in opcodes_in(made.data)] == [3, 1]
     assert len(made.lost) == 2
 
 
 def test_the_warp_goes_where_the_camera_sees(photo):
     made = export_dng(photo.read_bytes(), "photo", stored(DECENTRED), None, (COLUMNS, ROWS))
-    kr, kt, centre = np.split(np.array(doubles_of(opcodes_in(made.data, "copy")[0])), [4, 6])
+    kr, kt, centre = np.split(np.array(doubles_of(opcodes_in(made.data)[0])), [4, 6])
     middle = centre * [COLUMNS - 1, ROWS - 1]
     m = farthest(middle, (COLUMNS, ROWS))
     focal = as_radial(DECENTRED, REGION, "even", min(COLUMNS, ROWS) / 2, decentring=True).focal_px
@@ -172,7 +173,7 @@ def test_the_warp_goes_where_the_camera_sees(photo):
 def test_the_gain_of_the_opcode_is_one_over_the_light(photo):
     light = StoredVignetting("G1", LIGHT, CENTRE)
     made = export_dng(photo.read_bytes(), "photo", None, light, (COLUMNS, ROWS))
-    *k, cx, cy = doubles_of(opcodes_in(made.data, "copy")[0])
+    *k, cx, cy = doubles_of(opcodes_in(made.data)[0])
     middle = np.array([cx * (COLUMNS - 1), cy * (ROWS - 1)])
     points = CAMERA.frame_grid(9, 7)
     r = np.linalg.norm(points - middle, axis=1) / farthest(middle, (COLUMNS, ROWS))
@@ -189,15 +190,15 @@ def test_gain_maps_make_every_plane_of_the_mosaic_even(photo, tmp_path):
     (tmp_path / "copy.dng").write_bytes(made.data)
     with rawpy.imread(str(photo)) as before, rawpy.imread(str(tmp_path / "copy.dng")) as after:
         np.testing.assert_array_equal(before.raw_image, after.raw_image)
-    opcodes = opcodes_in(made.data, "copy", OPCODE_LIST_2)
+    opcodes = opcodes_in(made.data, OPCODE_LIST_2)
     assert [one.number for one in opcodes] == [9, 9]
     for opcode, (stored_light, origin) in zip(opcodes, lights.values(), strict=True):
-        gain_map = GainMap.of(opcode)
-        assert (gain_map.origin, gain_map.pitch, gain_map.size) == (origin, 2, (COLUMNS, ROWS))
+        stored_map = gain_map(opcode)
+        assert (stored_map.origin, stored_map.pitch, stored_map.size) == (origin, 2, (COLUMNS, ROWS))
         y, x = np.mgrid[origin[1] : ROWS : 38, origin[0] : COLUMNS : 38].reshape(2, -1).astype(float)
         # as the specification's reader: centres at (i + 1/2) / n, bilinear between the points
-        at = np.stack([(y + 0.5) / ROWS, (x + 0.5) / COLUMNS]) * (np.array(gain_map.gains.shape)[:, None] - 1)
-        gain = map_coordinates(gain_map.gains, at, order=1)
+        at = np.stack([(y + 0.5) / ROWS, (x + 0.5) / COLUMNS]) * (np.array(stored_map.gains.shape)[:, None] - 1)
+        gain = map_coordinates(stored_map.gains, at, order=1)
         even = gain * stored_light.light.at((np.column_stack([x, y]) - origin) / 2)
         assert np.abs(even - 1).max() < 5e-4  # 41 points a side, the curvature of the light between them
 
@@ -205,7 +206,7 @@ def test_gain_maps_make_every_plane_of_the_mosaic_even(photo, tmp_path):
 def test_opcodes_take_the_place_of_those_that_were_there(photo):
     once = export_dng(photo.read_bytes(), "photo", stored(), None, (COLUMNS, ROWS)).data
     twice = export_dng(once, "photo", stored(DECENTRED), None, (COLUMNS, ROWS)).data
-    assert len(opcodes_in(twice, "copy")) == 1
+    assert len(opcodes_in(twice)) == 1
 
 
 @pytest.mark.parametrize(
@@ -237,10 +238,10 @@ def test_the_commands_measure_flats_and_export(photo, tmp_path):
     copy = tmp_path / "copy.dng"
     run = CliRunner().invoke(main, ["export", str(tmp_path / "v"), "--to", "dng", "--photo", str(photo), str(copy)])
     assert run.exit_code == 0, run.output
-    assert [one.number for one in opcodes_in(copy.read_bytes(), "copy")] == [3]
+    assert [one.number for one in opcodes_in(copy.read_bytes())] == [3]
     words = ["export", str(tmp_path / "v"), "--to", "dng", "--photo", str(photo), "--gain-map", str(copy)]
     run = CliRunner().invoke(main, words)
     assert run.exit_code == 0, run.output
-    assert [one.number for one in opcodes_in(copy.read_bytes(), "copy", OPCODE_LIST_2)] == [9, 9, 9, 9]
+    assert [one.number for one in opcodes_in(copy.read_bytes(), OPCODE_LIST_2)] == [9, 9, 9, 9]
     run = CliRunner().invoke(main, ["export", str(tmp_path / "v"), "--to", "dng", str(copy)])
     assert run.exit_code == 2

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from procedures.numerics.warps import apply_homography
 from procedures.pattern import CELLS, X_CORNERS
 from procedures.pattern_psf.chart_finding import chart_frame
 
@@ -20,7 +21,7 @@ def test_frame_is_like_none_of_its_own_images() -> None:
 def test_symmetries_map_the_square_and_the_marks_onto_themselves() -> None:
     for g, _ in chart_frame.symmetries():
         for points in (SQUARE, X_CORNERS):
-            distances = np.linalg.norm(chart_frame.transform(g, points)[:, None] - points, axis=2)
+            distances = np.linalg.norm(apply_homography(g, points)[:, None] - points, axis=2)
             assert distances.min(axis=1).max() < 1e-9
 
 
@@ -52,14 +53,14 @@ def test_marks_are_placed_to_a_tenth_of_a_rectified_pixel(shift: tuple[float, fl
     A = np.array([[1, 0, shift[0]], [0, 1, shift[1]]])
     size = (chart_frame.SIDE, chart_frame.SIDE)
     moved = cv2.warpAffine(chart_frame.expected(), A, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    placed = chart_frame.locate_marks(moved)
+    cells, likeness = chart_frame.locate_marks(moved)
     # parabolas through a correlation sampled in whole pixels
-    assert np.abs((placed.cells - X_CORNERS) * chart_frame.PIXELS_PER_CELL - shift).max() < 0.1
+    assert np.abs((cells - X_CORNERS) * chart_frame.PIXELS_PER_CELL - shift).max() < 0.1
     # at most half a pixel from the nearest sample of the correlation
-    assert placed.likeness.min() > 0.94
+    assert likeness.min() > 0.94
 
 
 def test_marks_outside_the_photograph_are_unlike() -> None:
     rectified = chart_frame.expected().copy()
     rectified[: 2 * chart_frame.PIXELS] = np.nan
-    assert np.flatnonzero(chart_frame.locate_marks(rectified).likeness == 0).tolist() == [0, 1, 2, 3]
+    assert np.flatnonzero(chart_frame.locate_marks(rectified)[1] == 0).tolist() == [0, 1, 2, 3]

@@ -11,11 +11,11 @@ import pytest
 from procedures.outcome import BadInput, Refused
 from procedures.pattern import X_CORNERS, Chart
 from procedures.pattern_psf.chart_finding.detection import find_chart, find_charts
-from simulators.bench.random_scenes import Trials, random_camera, random_scene
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.sensor import Sensor
-from simulators.world.clutter import cover
 from simulators.world.scene import PlacedChart, Scene, Wall
+from tests.simulators.clutter import cover
+from tests.simulators.random_scenes import Trials, random_camera, random_scene
 
 CHART = Chart.from_seed()
 Place = Callable[..., PlacedChart]

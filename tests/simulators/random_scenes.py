@@ -10,8 +10,8 @@ from procedures.pattern import Chart
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor
-from simulators.world.clutter import random_clutter
 from simulators.world.scene import Illumination, Scene, Wall
+from tests.simulators.clutter import random_clutter
 
 
 @dataclass(frozen=True)
