@@ -10,6 +10,7 @@ from procedures.numerics.triangular import inverse_lower, solve_factored
 Array = npt.NDArray[np.float64]
 
 SOLVERS = ("ls", "clip", "nnls")
+MOST_EXCHANGES = 200
 
 
 def cholesky_solve(G: Array, b: Array) -> Array:
@@ -35,7 +36,7 @@ def cholesky_inverse(G: Array) -> Array:
     return np.asarray(inverse.T @ inverse, dtype=np.float64)
 
 
-def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) -> Array:
+def non_negative_least_squares(G: Array, b: Array) -> Array:
     """Minimise x'G x / 2 - b'x subject to x >= 0, by block principal pivoting.
 
     Whole blocks of variables are exchanged while that lowers the number of infeasible ones; when it stalls, single
@@ -47,8 +48,6 @@ def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) 
         Symmetric positive definite: A'A of the least squares problem.
     b : (n,) float64
         A'v.
-    max_exchanges : int
-        Upper limit of the pivots.
 
     Raises
     ------
@@ -63,9 +62,9 @@ def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) 
     passive = cholesky_solve(G, b) > 0
     tolerance = 1e-12 * np.abs(b).max()
     fewest, chances = n + 1, 3
-    for _ in range(max_exchanges):
+    for _ in range(MOST_EXCHANGES):
         x = np.zeros(n)
-        x[passive] = cholesky_solve(G[np.ix_(passive, passive)], b[passive]) if passive.any() else 0
+        x[passive] = cholesky_solve(G[np.ix_(passive, passive)], b[passive])
         gradient = G @ x - b
         wrong = (passive & (x < 0)) | (~passive & (gradient < -tolerance))
         count = int(wrong.sum())
@@ -79,7 +78,7 @@ def non_negative_least_squares(G: Array, b: Array, *, max_exchanges: int = 200) 
             last = np.flatnonzero(wrong)[-1]
             wrong = np.arange(n) == last
         passive = passive ^ wrong
-    raise np.linalg.LinAlgError(f"no non-negative solution after {max_exchanges} exchanges: the matrix is singular")
+    raise np.linalg.LinAlgError(f"no non-negative solution after {MOST_EXCHANGES} exchanges: the matrix is singular")
 
 
 def solve_constrained(G: Array, b: Array, solver: str) -> Array:

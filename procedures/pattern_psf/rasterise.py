@@ -49,7 +49,7 @@ class Window:
 
 @lru_cache(maxsize=1)
 def frame_cells() -> Array32:
-    """The whole chart as 320 x 320 cells, the noise region left at 0: white 1, black 0, cells cut by a diagonal 1/2.
+    """The whole chart as 320 x 320 cells, the noise region left white: white 1, black 0, cells cut by a diagonal 1/2.
 
     The edges of the x-corners' triangles run along the cells' diagonals, so that the halves are exact.
     """
@@ -60,7 +60,6 @@ def frame_cells() -> Array32:
     bow_tie = np.where(np.abs(v) > np.abs(u), 0.0, np.where(np.abs(v) == np.abs(u), 0.5, 1.0))
     for column, row in X_CORNER_BLOCKS:
         chart[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK] = bow_tie
-    chart[BLOCK : BLOCK + CELLS, BLOCK : BLOCK + CELLS] = 0
     return chart
 
 

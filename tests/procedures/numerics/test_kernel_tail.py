@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 from procedures.numerics.kernel_tail import (
+    EXCHANGED,
     FAR,
+    KEPT,
+    MIRRORED,
     SHAPES,
     far_light,
     tail_border,
@@ -53,6 +56,35 @@ def test_spectra_of_the_shapes_are_their_transforms() -> None:
     np.testing.assert_allclose(explicit.imag, 0, atol=1e-12)
 
 
+@pytest.mark.parametrize(("k", "reach"), [(9, 64), (33, 66)])  # 64 samples, or twice the support if that is more
+def test_shapes_fall_as_their_names_say_and_vary_with_direction_alone(k: int, reach: int) -> None:
+    kernels = tail_kernels(k)
+    x = np.arange(-reach, reach + 1)
+    r, angle = np.hypot(x, x[:, None]), np.arctan2(x[:, None], x)
+    outside = (np.maximum(abs(x), abs(x[:, None])) > k // 2) & (r <= reach)
+    assert kernels.shape == (len(SHAPES), len(x), len(x))
+    assert not kernels[:, ~outside].any()
+    np.testing.assert_allclose(kernels[:2].sum(axis=(1, 2)), 1)
+    r, angle, (mean, close, *turning) = r[outside], angle[outside], kernels[:, outside]
+    np.testing.assert_allclose(mean, tail_density(k) / r**3)
+    np.testing.assert_allclose(close * r**5, (close * r**5).mean())
+    waves = [np.cos(2 * angle), np.sin(2 * angle), np.cos(4 * angle), np.sin(4 * angle)]
+    np.testing.assert_allclose(turning, mean * waves, atol=1e-15)
+
+
+def test_signs_are_those_of_the_reflected_shapes() -> None:
+    kernels = tail_kernels(K)
+    np.testing.assert_allclose(kernels[:, :, ::-1], MIRRORED[:, None, None] * kernels, atol=1e-15)
+    np.testing.assert_allclose(kernels[:, ::-1], MIRRORED[:, None, None] * kernels, atol=1e-15)
+    np.testing.assert_allclose(kernels.transpose(0, 2, 1), EXCHANGED[:, None, None] * kernels, atol=1e-15)
+
+
+def test_spectra_of_many_frequencies_are_those_of_each(rng: np.random.Generator) -> None:
+    fx, fy = rng.uniform(-0.5, 0.5, (2, KEPT + 1))
+    each = np.vstack([tail_spectra(fx[:9], fy[:9], K), tail_spectra(fx[9 : 9 + KEPT], fy[9 : 9 + KEPT], K)])
+    np.testing.assert_allclose(tail_spectra(fx, fy, K)[: len(each)], each, atol=1e-14)
+
+
 def test_spectrum_starts_at_the_sum() -> None:
     np.testing.assert_allclose(tail_spectra(np.zeros(1), np.zeros(1), K)[0], tail_sums(K), atol=1e-12)
 
@@ -67,6 +99,7 @@ def test_columns_are_the_convolutions(rng: np.random.Generator) -> None:
         seen = [np.sum(kernel[::-1, ::-1] * part) for part in patches(u, s, 2 * border + 1)]
         # single precision
         np.testing.assert_allclose(column, seen, atol=2e-5)
+    np.testing.assert_array_equal(tail_columns(u, rows, columns, s, K, 2), found[:, :2])
 
 
 def test_light_from_far_is_the_sum_over_the_pixels(rng: np.random.Generator) -> None:
@@ -80,6 +113,19 @@ def test_light_from_far_is_the_sum_over_the_pixels(rng: np.random.Generator) -> 
     # all around: a ring from the reach to FAR, by the integral of 2 pi r / r^3
     ring = 2 * np.pi * (s / tail_border(K) - 1 / FAR) * tail_density(K) / s
     assert far_light(picture, (140, 150), (1, 1), s, K)[0, 0] == pytest.approx(ring, rel=0.01)
+    # the picture goes on beyond its edges as it ends there
+    np.testing.assert_allclose(far_light(picture, (0, 290), (10, 20), s, K), ring, rtol=0.01)
+
+
+def test_light_from_far_is_in_units_of_the_levels_and_of_each_pixel(rng: np.random.Generator) -> None:
+    picture = rng.uniform(-0.5, 0.5, (150, 140))
+    whole = far_light(picture, (20, 30), (40, 60), 2, K)
+    raised = far_light(100 + 800 * (picture + 0.5), (20, 30), (40, 60), 2, K, levels=(100, 900))
+    # single precision
+    np.testing.assert_allclose(raised, whole, atol=1e-8)
+    for row, column in ((0, 0), (39, 59), (7, 31)):
+        (pixel,) = far_light(picture, (20 + column, 30 + row), (1, 1), 2, K)[0]
+        assert whole[row, column] == pytest.approx(pixel, abs=1e-8)
 
 
 def patches(u: np.ndarray, s: int, size: int) -> np.ndarray:

@@ -30,6 +30,16 @@ def test_solution_meets_the_conditions_of_karush_kuhn_tucker(rng: np.random.Gene
     assert abs(x @ gradient) < 1e-9 * np.abs(b).max()
 
 
+def test_it_ends_where_exchanges_of_blocks_alone_cycle() -> None:
+    G, b = np.array([[15.0, -7, 16], [-7, 9, -13], [16, -13, 23]]), np.array([4.0, -10, 13])
+    # x = (0, 0, b / G) meets the conditions: G x - b is (116, 61, 0) / 23
+    np.testing.assert_allclose(non_negative_least_squares(G, b), [0, 0, 13 / 23], atol=1e-14)
+
+
+def test_nothing_is_left_where_every_variable_would_be_negative() -> None:
+    assert (non_negative_least_squares(np.eye(2), np.array([-1.0, -2.0])) == 0).all()
+
+
 def test_singular_matrix_is_named() -> None:
     with pytest.raises(np.linalg.LinAlgError):
         cholesky_solve(np.zeros((3, 3)), np.ones(3))

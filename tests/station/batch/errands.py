@@ -26,7 +26,8 @@ def square(item: int, errand: Errand) -> int:
     """The square of a number, unless it is a deadly one."""
     mark = errand.folder / str(item)
     if item in errand.deadly or (item in errand.deadly_once and not mark.exists()):
-        mark.touch()
+        with mark.open("a") as file:
+            file.write("x")
         os.kill(os.getpid(), signal.SIGKILL)
     if item in errand.quits:
         os._exit(7)

@@ -12,13 +12,25 @@ import time
 from dataclasses import replace
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from procedures.outcome import BadParameter, Refused
+from station.batch import process_pool
 from station.batch.allowance import Allowance
 from station.batch.dask_pool import run_on_cluster
-from station.batch.process_pool import DEATHS_IN_A_ROW, NO_LIMIT, TRIES, Lost, Stop, run_in_processes
+from station.batch.process_pool import (
+    DEATHS_IN_A_ROW,
+    NO_LIMIT,
+    ONE_THREAD,
+    TRIES,
+    Lost,
+    Stop,
+    one_thread,
+    run_in_processes,
+    single_threads,
+)
 
 
 def run(errands, tmp_path, count=8, jobs=2, stop=None, allowance=NO_LIMIT, **trouble):
@@ -27,13 +39,51 @@ def run(errands, tmp_path, count=8, jobs=2, stop=None, allowance=NO_LIMIT, **tro
 
 
 def test_every_item_is_worked_on_once(errands, tmp_path):
+    before = dict(os.environ), signal.pthread_sigmask(signal.SIG_BLOCK, ()), threading.enumerate()
     assert run(errands, tmp_path) == {n: n * n for n in range(8)}
+    assert (dict(os.environ), signal.pthread_sigmask(signal.SIG_BLOCK, ()), threading.enumerate()) == before
+
+
+def test_processes_start_with_one_thread_each_and_what_was_set_before_comes_back(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    before = dict(os.environ)
+    with single_threads():
+        assert [os.environ[name] for name in ONE_THREAD] == ["1"] * 4
+    assert dict(os.environ) == before
+
+
+def test_a_process_computes_in_one_thread(monkeypatch):
+    cv2, numba = Mock(), Mock()
+    monkeypatch.setitem(sys.modules, "cv2", cv2)
+    monkeypatch.setitem(sys.modules, "numba", numba)
+    one_thread()
+    cv2.setNumThreads.assert_called_once_with(1)
+    numba.set_num_threads.assert_called_once_with(1)
+    monkeypatch.delitem(sys.modules, "cv2")
+    monkeypatch.delitem(sys.modules, "numba")
+    one_thread()
+    assert not {"cv2", "numba"} & set(sys.modules)  # what is not loaded is not loaded for that
+
+
+def test_pipe_is_closed_only_after_its_sender(errands, tmp_path, monkeypatch):
+    closed, send = [], process_pool._send
+
+    def late(pipe, outgoing):
+        send(pipe, outgoing)
+        threading.Event().wait(0.2)
+        closed.append(pipe.closed)
+
+    monkeypatch.setattr(process_pool, "_send", late)
+    run(errands, tmp_path, count=1)
+    assert closed == [False]
 
 
 def test_item_that_always_ends_its_process_is_named_and_the_rest_is_finished(errands, tmp_path):
     found = run(errands, tmp_path, deadly=(3,))
     assert found.pop(3) == Lost(f"the process that worked on it was ended by the system (SIGKILL), {TRIES} times")
     assert found == {n: n * n for n in range(8) if n != 3}
+    assert len((tmp_path / "3").read_text()) == TRIES
 
 
 def test_item_whose_process_was_killed_once_is_done_again(errands, tmp_path):

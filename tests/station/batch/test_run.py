@@ -23,7 +23,7 @@ from procedures.outcome import BadParameter
 from procedures.raw import read_frame
 from station.__main__ import main
 from station.batch.batch_folder import owned
-from station.batch.item import Job, finished, kept_row, work
+from station.batch.item import ItemRow, Job, finished, kept_row, work
 from station.batch.procedure_file import read_procedure
 from station.batch.run import run_batch
 from station.calibration.folder_photographs import Item, find_frames, singly
@@ -230,6 +230,22 @@ def test_poison_is_named_and_kept_from_nothing_else(tmp_path, chart_photograph, 
     assert "SIGKILL" in batch.rows[1].reason
     assert not batch.rows[1].folder  # nothing is kept of it, so that it is tried again
     assert rows_of(tmp_path / "out")[1]["verdict"] == "lost"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "specification", "usable", "sure"),
+    [
+        ("pass", "", True, True),
+        ("pass", "meets", True, True),
+        ("pass", "undecided", True, False),
+        ("pass", "does not meet", False, False),
+        ("doubtful", "meets", True, False),
+        ("refused", "", False, False),
+    ],
+)
+def test_use_of_a_row_follows_from_both_verdicts(verdict, specification, usable, sure):
+    row = ItemRow(("a",), verdict, specification=specification)
+    assert (row.usable, row.sure) == (usable, sure)
 
 
 def test_two_batches_in_one_folder_are_refused(tmp_path):

@@ -90,18 +90,26 @@ def test_full_at_any_operation_is_a_sentence_and_with_room_again_it_goes_on(tmp_
         check(work.go(FaultyDisk()), work, uninterrupted)
 
 
-def test_disk_that_was_full_takes_the_same_shot_once_there_is_room(tmp_path):
+@pytest.mark.parametrize("opened_again", [False, True])
+def test_disk_that_was_full_takes_the_same_shot_once_there_is_room(tmp_path, opened_again):
     disk = FaultyDisk()
     about = {"plan": "p", "camera": "c", "lens": "l", "config": {}}
     with Session.create(tmp_path, **about, clock=FixedClock(), today=today, disk=disk) as session:
         exposure = Camera(tmp_path / "incoming").expose("frame")
-        disk.at, disk.how = disk.count + 3, "full"
+        disk.at, disk.how = disk.count + 5, "full"  # it is announced: head and line, written and synchronised
         with pytest.raises(ProcedureError, match="No space left"):
             session.adopt(exposure, step="shots", purpose="frame", snapshot={})
         assert exposure.path.is_file()
         assert session.state.shots == ()
         assert list((session.folder / "originals").iterdir()) == []
         disk.full = False
-        shot = session.adopt(exposure, step="shots", purpose="frame", snapshot={})
+        if opened_again:
+            session.close()
+            session = Session.open(session.folder, FixedClock(), today=today)
+            (shot,) = session.state.shots
+            assert session.state.notices == ("shot 1 had been announced but not adopted; it is now in the session",)
+        else:
+            shot = session.adopt(exposure, step="shots", purpose="frame", snapshot={})
         assert session.state.shots == (shot,)
         assert session.original(shot).read_bytes() == exposure.path.read_bytes()
+        session.close()

@@ -149,6 +149,24 @@ def test_cut_at_any_line_it_goes_on_to_its_end(finished, tmp_path):
         verify(folder, read_session(folder).state)
 
 
+@pytest.mark.parametrize(("lines", "more"), [(1, 0), (2, 0), (1, 20)])
+def test_lines_that_were_lost_are_named_and_recorded(finished, tmp_path, lines, more):
+    whole = read_session(finished).contents.lines
+    left = len(whole) - lines
+    folder = cut(finished, tmp_path, ends(finished)[left - 1] + more)
+    torn = (folder / "journal.jsonl").read_bytes()[-more:].decode() if more else ""
+    (said, *_) = take_one(folder, noise="")
+    counts = f"the journal has {left} lines, but journal.head counts {len(whole)}"
+    lost = {
+        1: f"{counts}: line {left + 1} is missing; it was lost, or being written when the program ended",
+        2: f"{counts}: lines {left + 1} to {left + 2} are missing: they were lost",
+    }
+    assert said == ("the last line of the journal was not whole and did not count" if more else lost[lines])
+    after = [(line.event, dict(line.data)) for line in read_session(folder).contents.lines[left:]]
+    assert after[0] == ("cut", {"lines": lines})
+    assert (after[2] == ("torn", {"bytes": more, "text": torn})) is bool(more)
+
+
 def test_cut_inside_the_first_line_leaves_the_folder_as_it_is(finished, tmp_path):
     for length in (0, 40):
         folder = cut(finished, tmp_path, length)

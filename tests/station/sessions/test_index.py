@@ -148,6 +148,7 @@ def test_damaged_session_is_listed_with_what_is_wrong(root):
     with Index(root) as index:
         (entry,) = [entry for entry in index.sessions() if entry.damage]
     assert entry.folder.name == name
+    assert (entry.shots, entry.counting) == (0, 0)
     assert "session.toml cannot be read" in entry.damage
 
 

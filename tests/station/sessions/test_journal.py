@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
 import math
 import os
@@ -101,6 +102,19 @@ def test_lines_taken_out_or_put_in_are_found(three, rearranged):
         parse(b"".join(rearranged(three.splitlines(keepends=True))), FIRST, "journal")
 
 
+def test_lines_and_head_are_chained_as_documented(tmp_path):
+    lines, last = filled(tmp_path).splitlines(), FIRST
+    entries = []
+    for number, line in enumerate(lines, 1):
+        body, _, recorded = line.rpartition(b',"sum":"')
+        last = hashlib.sha256(last.encode() + body).hexdigest()
+        assert recorded == last.encode() + b'"}'
+        assert list(json.loads(line)) == ["seq", "at", "clock_s", "event", "say", "i", "sum"]
+        words = f"{number:010d} {last}"
+        entries.append(f"{words} {hashlib.sha256(words.encode()).hexdigest()[:8]}\n")
+    assert (tmp_path / "journal.head").read_text() == entries[1] + entries[2]  # even numbers first
+
+
 def test_another_configuration_is_found(three):
     with pytest.raises(Damaged, match="line 1"):
         parse(three, "1" * 64, "journal")
@@ -131,6 +145,7 @@ class FullDisk(Disk):
 
     def write(self, descriptor, data):
         if self.room <= 0:
+            self.room = 10**9  # somebody makes room
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         taken = super().write(descriptor, data[: self.room])
         self.room -= taken
@@ -141,13 +156,13 @@ def test_full_disk_is_named_and_leaves_whole_lines(tmp_path):
     disk = FullDisk()
     journal = journal_in(tmp_path, disk)
     journal.append("event", "", 0.0, {})
-    before = journal.path.read_bytes()
-    disk.room = 30
+    files = journal.path, tmp_path / "journal.head"
+    before = [path.read_bytes() for path in files]
+    disk.room = 85 + 30  # an entry of the head, and a part of the line
     with pytest.raises(WriteFailed, match="No space left") as refusal:
         journal.append("event", "", 0.0, {"lost": True})
     assert "make room" in refusal.value.remedy
-    assert journal.path.read_bytes() == before
-    disk.room = 10**9
+    assert [path.read_bytes() for path in files] == before
     journal.append("event", "", 0.0, {"kept": True})
     journal.close()
     assert [line.data for line in read_journal(journal.path, FIRST).lines] == [{}, {"kept": True}]

@@ -11,6 +11,7 @@ import pytest
 
 from procedures.outcome import BadInput
 from station.common.durable_files import ContentChanged, Disk, WriteFailed
+from station.results.result_files import ResultFolder
 from station.sessions.journal import Damaged
 from station.sessions.layout import Busy
 from station.sessions.reader import read_session
@@ -90,6 +91,32 @@ def test_coreutils_check_its_hashes(finished):
     done = subprocess.run(["sha256sum", "--check", "SHA256SUMS"], cwd=finished.folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) == 1 + 3 + 2  # configuration, photographs, files of the result
+
+
+def test_hashes_follow_each_photograph_and_result_and_are_made_anew(session, camera):
+    def listed():
+        return [line.split("  ")[1] for line in (session.folder / "SHA256SUMS").read_text().splitlines()]
+
+    assert listed() == ["session.toml"]
+    shot = take(session, camera)
+    assert listed() == ["session.toml", shot.path]
+    with ResultFolder(session.result_folder()) as files:
+        files.write("psf.npy", b"1")
+        files.publish()
+    session.keep_result(step="estimate", shots=[1], verdict="pass")
+    assert listed() == ["session.toml", shot.path, "derived/1/psf.npy"]
+    (session.folder / "SHA256SUMS").unlink()
+    again(session).close()
+    assert listed() == ["session.toml", shot.path, "derived/1/psf.npy"]
+
+
+def test_result_that_was_never_confirmed_is_removed_without_a_word(session):
+    with ResultFolder(session.result_folder()) as files:
+        files.write("psf.npy", b"1")
+        files.publish()
+    with again(session) as reopened:
+        assert not list((session.folder / "derived").iterdir())
+        assert (reopened.state.notices, reopened.leftovers) == ((), ())
 
 
 def test_opened_again_it_is_what_it_was(session, camera):
@@ -187,6 +214,8 @@ def test_photograph_that_is_missing_or_changed_is_named_and_can_be_given_up(sess
     with again(session, without=[1]) as reopened:
         assert [shot.number for shot in reopened.state.counting()] == [2]
         assert reopened.state.shot(1).lost
+        assert reopened.state.notices == ("shot 1 was given up: its photograph is lost",)
+        assert "0001" not in (session.folder / "SHA256SUMS").read_text()
     with again(reopened) as reopened:
         assert reopened.state.next_number == 3
 
