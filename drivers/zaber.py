@@ -14,6 +14,7 @@ from functools import partial
 from drivers.clock import Clock, SystemClock
 from drivers.errors import (
     Alarm,
+    DeviceError,
     EmergencyStopped,
     MoveFailed,
     NoAnswer,
@@ -252,8 +253,21 @@ class ZaberStage:
         return left_still(partial(self._halt, tuple(axes)), self.emergency_stop, self.trust)
 
     def _halt(self, axes: Iterable[ZaberAxis]) -> None:
-        for axis in axes:
-            self._send(axis.device, axis.axis, "stop", tries=3)
+        failures = [error for axis in axes if (error := self._halt_axis(axis)) is not None]
+        if failures:
+            raise failures[0]
+
+    def _halt_axis(self, axis: ZaberAxis) -> DeviceError | None:
+        """The reason why it may not stop; the order is repeated, as a damaged one may be refused."""
+        failure: DeviceError | None = None
+        for _ in range(2):
+            try:
+                self._send(axis.device, axis.axis, "stop", tries=3)
+            except DeviceError as error:
+                failure = error
+            else:
+                return None
+        return failure
 
     def stop(self) -> None:
         """Decelerate and stay: sent at once without queueing, then confirmed. Raises DeviceError."""

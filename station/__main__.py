@@ -6,6 +6,7 @@ import atexit
 import gc
 import os
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -13,7 +14,7 @@ from station.common.namesakes import check_namesakes
 
 check_namesakes()  # before the imports that would fail in a foreign package
 
-from station.cli.terminal.bench_options import check_shaker, existing_file
+from station.cli.terminal.bench_options import existing_file
 from station.cli.terminal.lazy import LazyGroup
 from station.cli.terminal.numbers import SEED, UNITS
 from station.common.log import quiet_option
@@ -26,26 +27,27 @@ COMMANDS = {
     "geometry": ("procedure_command", "geometry", "Calibrate a camera's geometry: intrinsics, distortion, poses."),
     "rig": ("procedure_command", "rig", "Measure the pose of one camera on a rig by the other."),
     "vignetting": ("procedure_command", "vignetting", "Measure the light lost towards the corners, from flats."),
-    "tilt": ("procedure_command", "tilt", "Find the sensor's tilt, and the turns of its screws that mend it."),
+    "tilt": ("procedure_command", "tilt", "Find the sensor's tilt, and the turns of its screws that correct it."),
     "export": ("export", "export", "Write a result as a file of another program."),
-    "focus": ("focus", "focus", "Tell how sharp every photograph is as it comes, and which way to turn."),
+    "focus": ("focus", "focus", "Report the sharpness of every new photograph, and which way to turn."),
     "mtf": ("mtf.group", "mtf", "Measure a modulation transfer function."),
     "restore": ("procedure_command", "restore", "Restore a sharp picture and depth from blurred photographs."),
     "correct": ("procedure_command", "correct", "Sharpen a photograph by the measured PSF field of its lens."),
     "rays": ("procedure_command", "rays", "Remove the noise of a Monte Carlo render."),
     "batch": ("batch", "batch", "Measure folders of photographs by any procedure."),
     "session": ("session.group", "session", "List, resume, recompute and compare sessions."),
-    "devices": ("bench.devices", "devices", "Show what is configured and what answers."),
+    "devices": ("bench.devices", "devices", "Show the configured devices and their answers."),
+    "conform": ("bench.conform", "conform", "Test the driver of a stage: promises, stops, faults, a soak."),
     "serve": ("bench.serve", "serve", "Serve the bench to other programs: HTTP and JSON, Alpaca, a page for a phone."),
     "simulate": ("bench.simulate", "simulate", "Open the simulated bench for other programs."),
     "demo": ("demo", "demo", "Calibrate a simulated camera, start to end."),
-    "init": ("init", "init", "Write commented files to begin with."),
+    "init": ("init", "init", "Write commented template files."),
     "manual": ("manual", "manual", "Show the manual, or write it as pages for a browser."),
     "reproduce": ("reproduce", "reproduce", "Compute the papers' tables and figures again."),
 }
 
 LARGE_HEAP = 50_000
-"""Containers made between two searches for garbage, Python's own habit being 700: here arrays are large, and few."""
+"""Allocations between two garbage collections instead of Python's 700: here arrays are large, and few."""
 
 
 @click.group(
@@ -64,7 +66,7 @@ LARGE_HEAP = 50_000
 @click.option(
     "--config", type=click.Path(path_type=Path), callback=existing_file,
     help="The bench's devices, and the unit of frequencies.  [default: station.toml where there is one]"
-    "  [also for: psf, focus, mtf, session resume, devices, serve]",
+    "  [also for: psf, focus, mtf, session resume, devices, conform, serve]",
 )  # fmt: skip
 @click.option(
     "--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True,
@@ -72,61 +74,40 @@ LARGE_HEAP = 50_000
 )  # fmt: skip
 @click.option(
     "--seed", type=SEED, default=0,
-    help="Of the simulated bench.  [also for: focus, devices, serve, simulate, demo]",
+    help="Of the simulated bench.  [also for: focus, devices, conform, serve, simulate, demo]",
 )  # fmt: skip
 @quiet_option
 @click.option("--plain", is_flag=True, help="Guide by plain lines on stdin and stdout.")
-@click.option("--plan", help="What to be guided through.  [default: pattern]")
+@click.option("--plan", help="The guided procedure.  [default: pattern]")
 @click.option(
     "--specification", type=click.Path(path_type=Path),
-    help="Limits to hold results to, in TOML.  [also for: psf, sensor, geometry, rig, vignetting, tilt, mtf, restore,"
+    help="Limits for the results, in TOML.  [also for: psf, sensor, geometry, rig, vignetting, tilt, mtf, restore,"
     " correct, rays, serve]",
 )  # fmt: skip
 @click.option(
     "--unit", type=UNITS,
-    help="Of frequencies.  [default: as --config says, else cycles/pixel]  [also for: psf, mtf, serve]",
+    help="Of frequencies.  [default: from --config, else cycles/pixel]  [also for: psf, mtf, serve]",
 )  # fmt: skip
 @click.pass_context
-def main(
-    ctx: click.Context,
-    simulate: bool,
-    shaker: bool,
-    config: Path | None,
-    sessions: Path,
-    seed: int,
-    plain: bool,
-    plan: str | None,
-    specification: Path | None,
-    unit: str | None,
-) -> None:
+def main(ctx: click.Context, /, plain: bool, plan: str | None, **lab: Any) -> None:
     """Camera calibration station: subpixel point spread functions with error bars.
 
-    Without a command it opens the operator's application. An option before a command is handed to it where the
-    option's help names the command ("also for"), and is an error where not; --quiet holds for every command.
+    Without a command it opens the operator's application. An option before a command applies to it where the
+    option's help names the command ("also for"), and is an error otherwise; --quiet applies to every command.
     """
-    # Work runs side by side by planes and frames. BLAS threads beside that wait in turns for each other's cores: four
-    # planes took over four times the processor time. Read when numpy is loaded, which no command does before this.
+    # Planes and frames are processed in parallel; BLAS threads in addition would compete for the cores: four planes
+    # took over four times the processor time. Read when numpy is loaded, which no command does before this.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # What is imported stays: looking through it for garbage, now and then and at the end, takes a tenth of a command.
+    # Imported objects are permanent: collecting garbage among them takes a tenth of the time of a command.
     gc.set_threshold(LARGE_HEAP)
     atexit.register(gc.freeze)
-    if ctx.invoked_subcommand is not None:  # options that apply to it are handed to it: see `inherited`
+    if ctx.invoked_subcommand is not None:  # it inherits the options that apply to it: see `inherited`
         return
-    check_shaker(simulate=simulate, shaker=shaker)
     if plain:
-        from station.cli.guide import run_plain
-
-        run_plain(
-            simulate=simulate, shaker=shaker, config=config, sessions=sessions, seed=seed, plan=plan,
-            specification=specification, unit=unit,
-        )  # fmt: skip
+        from station.cli.guide import run_plain as run
     else:
-        from station.cli.app import run_app
-
-        run_app(
-            simulate=simulate, shaker=shaker, config=config, sessions=sessions, seed=seed, plan=plan,
-            specification=specification, unit=unit,
-        )  # fmt: skip
+        from station.cli.app import run_app as run
+    run(plan, **lab)
 
 
 if __name__ == "__main__":

@@ -79,7 +79,7 @@ class Burst:
     noise, light : by key
     shifts : by key, residual displacement beyond `origin`
     places : of every photograph after the first
-    told : float
+    resolved : float
         Fraction of the frequencies of the finer grid that the photographs' positions resolve.
     """
 
@@ -88,7 +88,7 @@ class Burst:
     light: Mapping[str, float]
     shifts: Mapping[str, Shift]
     places: Sequence[Place]
-    told: float
+    resolved: float
 
 
 def gather(

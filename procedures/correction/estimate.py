@@ -77,7 +77,7 @@ class Correction:
     prediction : gain and cost
     optics, mosaic, prior : as used
     places : registration of every further photograph to the first
-    told : float
+    resolved : float
         Fraction of the frequencies of the finer grid that the photographs' positions resolve.
     scale : int
         Pixels of the picture per pixel of the sensor.
@@ -94,7 +94,7 @@ class Correction:
     mosaic: Mosaic
     prior: Prior
     places: Sequence[Place] = ()
-    told: float = 1.0
+    resolved: float = 1.0
     scale: int = 1
 
     __repr__ = summary
@@ -154,7 +154,7 @@ def correct(
     picture = work.restored(difference, progress)
     tau = work.tau(difference)
     prediction = predict(optics, mosaic, p.prior, tau, difference)
-    inputs = optics, mosaic, p.prior, burst.places, burst.told, p.scale
+    inputs = optics, mosaic, p.prior, burst.places, burst.resolved, p.scale
     correction = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, *inputs)
     return verdict_of([*checks, _smoothed(prediction, p.scale), *_sampled(burst, p.scale)], correction)
 
@@ -166,9 +166,9 @@ def _sampled(burst: Burst, scale: int) -> Sequence[Check]:
     return [
         Check("photographs", 2 * len(aside), len(burst.places), Verdict.DOUBTFUL,
               f"most of the further photographs were set aside: {'; '.join(aside)}", "; ".join(remedies)),
-        Check("sampling", burst.told, LEAST_RESOLVED, Verdict.DOUBTFUL,
-              f"the photographs' positions resolve {burst.told:.0%} of the detail of a grid {scale} times as fine, at "
-              f"least {LEAST_RESOLVED:.0%} are needed: the rest comes from the prior",
+        Check("sampling", burst.resolved, LEAST_RESOLVED, Verdict.DOUBTFUL,
+              f"the photographs' positions resolve {burst.resolved:.0%} of the detail of a grid {scale} times as fine, "
+              f"at least {LEAST_RESOLVED:.0%} are needed: the rest comes from the prior",
               "add photographs that are shifted by fractions of a pixel, or lower --scale",
               least=True, given=scale > 1),
     ]  # fmt: skip

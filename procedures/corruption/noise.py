@@ -15,7 +15,6 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import j0
 
 from procedures.corruption.family import threshold
 from procedures.numerics import transforms
@@ -48,7 +47,7 @@ class Variogram:
     half_square : (l,) float64
     pairs : (l,) float64
         Number of pairs.
-    left : bool
+    residual : bool
         Whether it is of a fit's residual, whose finest detail depends on the model, too.
     """
 
@@ -180,6 +179,8 @@ def _first_order(radius_px: float) -> Array:
 
 def texture_correlation(frequencies: Array, mtf: Array) -> Array:
     """Correlations (l,) of fine texture that a lens images: of the spectrum MTF^2, alike in all directions."""
+    from scipy.special import j0  # a slow import
+
     power = frequencies * mtf**2
     lags = np.hypot(LAG_X, LAG_Y)
     return np.asarray(j0(2 * np.pi * lags[:, None] * frequencies) @ power / power.sum())
@@ -187,6 +188,7 @@ def texture_correlation(frequencies: Array, mtf: Array) -> Array:
 
 def _nuisance_columns(residual: bool) -> Array:
     """Nuisance columns (l, 2 or 3) of the correlations."""
+
     square = LAG_X**2 + LAG_Y**2
     columns = [np.ones(len(square)), square / MAX_LAG**2]
     return np.column_stack([*columns, square == 1] if residual else columns)

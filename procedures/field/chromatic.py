@@ -31,16 +31,11 @@ class LateralColour:
     Attributes
     ----------
     plane, reference : str
-    shape : (int, int)
-        Rows and columns of a plane.
-    positions : (N, 2) float64
-        Positions of the charts, in pixels of the plane.
-    shift : (N, 2) float64, covariance : (N, 2, 2) float64
-        Measured (x, y).
-    surface : Surface
-        The shift as a function of the position in half diagonals.
-    charts : tuple of (str, int)
-        Source and number of the compared nodes; empty where read from a file.
+    shape : rows and columns of a plane
+    positions : (N, 2), positions of the charts, in pixels of the plane
+    shift : (N, 2), covariance : (N, 2, 2); measured (x, y)
+    surface : the shift as a function of the position in half diagonals
+    charts : source and number of the compared nodes; empty where read from a file
     """
 
     plane: str
@@ -79,8 +74,7 @@ def lateral_colour(
 
     Parameters
     ----------
-    pitch : int
-        Sensor pixels per pixel of a plane.
+    pitch : sensor pixels per pixel of a plane
 
     Raises
     ------

@@ -23,14 +23,10 @@ from procedures.psf_field import Node
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane
 
-Limit = Callable[[Plane], Diffraction | None]
-"""Diffraction limit of a plane, None where it is not known."""
-REFERENCE = "G1"
-"""Preferred reference plane of lateral colour."""
-LARGE_ERROR = 0.1
-"""Interpolation error, relative to the PSF's norm, above which a field is doubtful."""
-SMALL_SHARE = 0.3
-"""Share of the frame inside the nodes' hull below which a field is doubtful."""
+Limit = Callable[[Plane], Diffraction | None]  # diffraction limit of a plane, None where it is not known
+REFERENCE = "G1"  # preferred reference plane of lateral colour
+LARGE_ERROR = 0.1  # interpolation error, relative to the PSF's norm, above which a field is doubtful
+SMALL_SHARE = 0.3  # share of the frame inside the nodes' hull below which a field is doubtful
 MAX_DOUBTFUL_SHARE = 0.2
 """Accepted share of doubtful charts: one in a tour of nine, but not two of its four corners, which no other chart
 outweighs."""
@@ -83,10 +79,8 @@ def conclude(
     ----------
     focus : mapping of photograph's name to focus position in mm, optional
         The field is then that of the sharpest position.
-    at : sequence of float
-        Frequencies in cycles per pixel of the plane at which the MTF of the frame's centre is reported.
-    photosite : Photosite, optional
-        Sagittal and meridional MTF50 are also mapped without it.
+    at : frequencies in cycles per pixel of the plane at which the MTF of the frame's centre is reported
+    photosite : sagittal and meridional MTF50 are also mapped without it
 
     Raises
     ------
@@ -160,7 +154,6 @@ def _plane_field(
 
 
 def _checks(interpolation: Interpolation, maps: Sequence[FieldMap]) -> list[Check]:
-    """Checks of coverage and interpolation error."""
     by_name = {one.name: one for one in maps}
     error = by_name[ERROR_INTERPOLATION].median(by_name[ERROR_INTERPOLATION].value)
     enclosed = by_name[ERROR_NOISE].share
@@ -188,7 +181,6 @@ def _doubtful_nodes(nodes: Sequence[Node]) -> Check:
 
 
 def _numbers(interpolation: Interpolation, maps: Sequence[FieldMap]) -> dict[str, Quantity]:
-    """Position of the lens's axis, and the median of each map."""
     n, axis, numbers = len(interpolation.field.nodes), interpolation.axis, {}
     if axis is not None:
         half = float(np.hypot(*interpolation.field.shape)) / 2

@@ -31,14 +31,12 @@ Array = npt.NDArray[np.float64]
 FIELD = PatternParameters(s=4)
 """Default sampling of a field's nodes, which must all have the same s. A small aperture and a corner's aberrations need
 wider supports than the frame's centre, so k is free."""
-BRACKET = PatternParameters(s=4, k=17)
-"""Sampling through focus, where only the sharpness of many charts is needed."""
+BRACKET = PatternParameters(s=4, k=17)  # sampling through focus, where only the sharpness of many charts is needed
 SYSTEMATIC_TERMS, MAX_SYSTEMATIC_SHARE = ("mismatch", "choice"), 0.95
 """Terms of the budgets that are not noise of the samples, and the largest share of a number's variance counted."""
 HEADLINE: tuple[str, ...] = (MTF50_HORIZONTAL, MTF50_VERTICAL, MTF50_RADIAL, FWHM_HORIZONTAL, FWHM_VERTICAL)
 """Numbers reported for every chart."""
-Sensors = Mapping[str, SensorModel]
-"""Models of the planes' sensor; a plane without one is estimated without."""
+Sensors = Mapping[str, SensorModel]  # models of the planes' sensor; a plane without one is estimated without
 NO_SENSORS: Sensors = MappingProxyType({})
 Job = tuple[Plane, int, ChartSighting]
 
@@ -50,16 +48,12 @@ class MeasuredChart:
     Attributes
     ----------
     node : Node
-    numbers : mapping of str to Quantity
-        Those of `HEADLINE` that the PSF has.
-    gradients : mapping of str to (P,) float64
-        Derivatives of the numbers by the PSF's parameters.
+    numbers : those of `HEADLINE` that the PSF has
+    gradients : mapping of str to (P,); derivatives of the numbers by the PSF's parameters
     registration : Registration
-    correspondences : Correspondences
-        In pixels of the plane.
+    correspondences : in pixels of the plane
     shared : SharedErrors
-    budgets : mapping of str to Budget
-        Uncertainty budgets of the numbers.
+    budgets : uncertainty budgets of the numbers
     """
 
     node: Node
@@ -135,10 +129,8 @@ def measure_frame(
 
     Parameters
     ----------
-    each : MapLike
-        How the charts are processed; `map` takes one after the other.
-    sensors : Sensors
-        Their response is inverted, and their noise weights the samples.
+    each : how the charts are processed; `map` takes one after the other
+    sensors : their response is inverted, and their noise weights the samples
 
     Raises
     ------

@@ -11,8 +11,7 @@ from procedures.pattern_psf.facts import SIZES, PatternFacts
 from procedures.plan import Facts
 
 TOUR = "tour_"
-BASE = f"{TOUR}from_"
-"""Prefix of an axis' name: the fact of its position when the chart was in the middle."""
+BASE = f"{TOUR}from_"  # prefix of an axis' name: the fact of its position when the chart was in the middle
 
 
 @dataclass(frozen=True)

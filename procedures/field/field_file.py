@@ -50,13 +50,11 @@ of base_tail and components_tail is the tail's amplitudes.
 PLANE/maps: numbers of the whole PSF and their standard uncertainties; beyond the nodes they grow.
 lateral_colour/PLANE: shift against the reference plane, in pixels of the sensor.
 vignetting/PLANE: log of the light over that at the frame's centre, a polynomial of the place in half diagonals."""
-CAMERA = "camera"
-"""Attribute with the camera's metadata as JSON."""
+CAMERA = "camera"  # attribute with the camera's metadata as JSON
 VIGNETTING = "vignetting"
 TEXTS, NUMBERS = ("camera", "lens"), ("f_number", "focal_length_mm", "subject_distance_mm")
 NOTHING: Mapping[str, Any] = MappingProxyType({})
-COLUMNS = 64
-"""Positions of the rendered field along the frame's longer side."""
+COLUMNS = 64  # positions of the rendered field along the frame's longer side
 
 
 def write_field(
@@ -162,7 +160,7 @@ def _write_plane(plane: h5py.Group, field: PsfField) -> None:
     _put(nodes, "covariance", np.array([n.psf.covariance for n in field.nodes], dtype=np.float32), "1")
     if field.q:
         plane.attrs["tail_shape_names"] = list(SHAPES[: field.q])
-        _put(nodes, "tail", [n.psf.tail.amplitudes for n in field.nodes], "1 (beside a support of sum 1)")
+        _put(nodes, "tail", [n.psf.tail.amplitudes for n in field.nodes], "1 (in addition to a support of sum 1)")
         _put(nodes, "tail_covariance", [n.psf.tail.covariance for n in field.nodes], "1")
         _put(nodes, "tail_cross", np.array([n.psf.tail.cross for n in field.nodes], dtype=np.float32), "1")
         share, uncertainty = np.transpose([n.psf.energy_outside for n in field.nodes])
@@ -210,10 +208,7 @@ def read_field(path: Path | str) -> dict[str, PsfField]:
     PSFs in a file of an older version have no tail (`PsfField.q` is 0): they end with their supports, and their
     numbers describe the support alone.
 
-    Raises
-    ------
-    BadInput
-        If it is not such a file.
+    Raises BadInput if it is not such a file.
     """
     with _opened(path) as file:
         room = Room(str(path))
@@ -296,7 +291,6 @@ def _read_plane(name: str, plane: h5py.Group, room: Room) -> PsfField:
 
 
 def _read_psfs(stored: Stored, s: int) -> Iterator[Psf]:
-    """The nodes' PSFs, with their tails where the file contains them."""
     supports = stored.numbers("psf", (None, "k", "k"))
     n, samples = len(supports), supports.shape[1] ** 2
     covariances = stored.numbers("covariance", (n, samples, samples))

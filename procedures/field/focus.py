@@ -22,20 +22,14 @@ from procedures.psf_field import Node, in_half_diagonals
 from procedures.quality import mtf_along
 
 Array = npt.NDArray[np.float64]
-Bracket = Mapping[float, Sequence[Node]]
-"""Nodes of one plane by focus position."""
-FocusSeries = list[tuple[float, Node]]
-"""Focus position and node, at one place of the frame."""
+Bracket = Mapping[float, Sequence[Node]]  # nodes of one plane by focus position
+FocusSeries = list[tuple[float, Node]]  # focus position and node, at one place of the frame
 
-FREQUENCY = 0.25
-"""Frequency of the followed MTF, in cycles per pixel."""
+FREQUENCY = 0.25  # frequency of the followed MTF, in cycles per pixel
 FEWEST_POSITIONS = 3
-FEWEST_PLACES = 7
-"""A quadratic surface has six coefficients."""
-NEAR_TOP = 0.5
-"""Positions whose MTF is at least this share of the best are fitted."""
-SAME_PLACE = 0.1
-"""Charts at different focus positions nearer than this, in half diagonals, are at the same place."""
+FEWEST_PLACES = 7  # A quadratic surface has six coefficients
+NEAR_TOP = 0.5  # positions whose MTF is at least this share of the best are fitted
+SAME_PLACE = 0.1  # charts at different focus positions nearer than this, in half diagonals, are at the same place
 COMBINATIONS = {"sagittal": (1.0, 0.0), "meridional": (0.0, 1.0), "mean": (0.5, 0.5), "astigmatism": (1.0, -1.0)}
 """Mapped combinations of sagittal and meridional focus."""
 
@@ -47,12 +41,9 @@ class FocusSurface:
     Attributes
     ----------
     shape : (int, int)
-    positions : (N, 2) float64
-        Measured places, in pixels of the plane.
-    best : (N, 2) float64, variance : (N, 2) float64
-        Measured sagittal and meridional focus.
-    surface : Surface
-        Both as quadratic functions of the position in half diagonals.
+    positions : (N, 2), measured places, in pixels of the plane
+    best : (N, 2), variance : (N, 2); measured sagittal and meridional focus
+    surface : both as quadratic functions of the position in half diagonals
     """
 
     shape: tuple[int, int]
@@ -100,10 +91,8 @@ class FocusOptimum:
 
     Attributes
     ----------
-    at, variance : float
-        Focus position, and its variance by the noise of the PSFs.
-    sensitivities : mapping of photograph to float
-        Derivatives of `at` by the positions of the photographs, of sum 1.
+    at, variance : focus position, and its variance by the noise of the PSFs
+    sensitivities : derivatives of `at` by the positions of the photographs, of sum 1
     """
 
     at: float
@@ -122,10 +111,8 @@ class PlaceFocus:
 def focus_surface(bracket: Bracket, shape: tuple[int, int], *, unit: str = "mm") -> FocusSurface:
     """Best focus from nodes at known focus positions.
 
-    Raises
-    ------
-    Refused
-        If there are fewer than three positions, or fewer than seven places with their best focus within the bracket.
+    Raises Refused if there are fewer than three positions, or fewer than seven places with their best focus within the
+    bracket.
     """
     if len(bracket) < FEWEST_POSITIONS:
         raise Refused(
@@ -144,10 +131,7 @@ def focus_surface(bracket: Bracket, shape: tuple[int, int], *, unit: str = "mm")
 def best_focus(bracket: Bracket, shape: tuple[int, int], *, frequency: float = FREQUENCY) -> list[PlaceFocus]:
     """Best focus at every place whose greatest MTF is within the bracket.
 
-    Raises
-    ------
-    Refused
-        If these are fewer than seven.
+    Raises Refused if these are fewer than seven.
     """
     places = []
     for series in _series(bracket, shape):
@@ -184,7 +168,6 @@ def _series(bracket: Bracket, shape: tuple[int, int]) -> list[FocusSeries]:
 
 
 def _nearest(nodes: Sequence[Node], place: Array, reach: float) -> Node | None:
-    """The node nearest to a place, if it is within reach."""
     nearest = min(nodes, key=lambda node: float(np.linalg.norm(node.position - place)), default=None)
     return nearest if nearest is not None and np.linalg.norm(nearest.position - place) < reach else None
 
@@ -226,7 +209,6 @@ def _maximum(c: Array, low: float, high: float) -> float | None:
 
 
 def _mtf(node: Node, angle: float, frequency: float) -> tuple[float, float]:
-    """The MTF of a node along a direction, and its variance."""
     value, slope = mtf_along(node.psf, np.array([frequency]), angle)
     return float(value[0]), float(slope[0] @ node.psf.parameter_covariance @ slope[0])
 

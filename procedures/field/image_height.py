@@ -21,8 +21,7 @@ from procedures.stray_tail import truncation
 Array = npt.NDArray[np.float64]
 
 HEIGHTS = 9
-DIRECTIONS = 8
-"""Sampling of the curves, which are as smooth as the interpolated field."""
+DIRECTIONS = 8  # sampling of the curves, which are as smooth as the interpolated field
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,18 +30,13 @@ class HeightCurve:
 
     Attributes
     ----------
-    frequency : float
-        Cycles per pixel of the plane.
-    heights : (n,) float64
-        Pixels of the plane from the frame's centre.
-    sagittal, meridional : (n,) float64
-        Means over the directions.
+    frequency : cycles per pixel of the plane
+    heights : (n,), pixels of the plane from the frame's centre
+    sagittal, meridional : (n,), means over the directions
     sagittal_uncertainty, meridional_uncertainty : (n,) float64
         Mean standard uncertainties of one position: the correlation between directions is unknown.
-    sagittal_spread, meridional_spread : (n,) float64
-        Standard deviations among the directions.
-    directions : (n,) int64
-        Number of directions inside the hull.
+    sagittal_spread, meridional_spread : (n,), standard deviations among the directions
+    directions : (n,), number of directions inside the hull
     """
 
     frequency: float

@@ -21,19 +21,15 @@ from procedures.psf_field import CoefficientModel, Node, PsfField, in_half_diago
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-FEWEST = 6
-"""Positions from which a PSF is interpolated: a quadratic surface has six coefficients."""
+FEWEST = 6  # positions from which a PSF is interpolated: a quadratic surface has six coefficients
 FEWEST_OF_LENS = 9
 """Nodes from which a symmetric lens is tried and its axis estimated: those of the usual tour determine it to 0.003 half
 diagonals where aberrations are strong."""
-SAME_PLACE = 0.02
-"""Nodes nearer than this, in half diagonals, are at one position."""
-NARROWEST = 0.02
-"""Minimum root mean square distance of the nodes from a line, in half diagonals."""
+SAME_PLACE = 0.02  # nodes nearer than this, in half diagonals, are at one position
+NARROWEST = 0.02  # minimum root mean square distance of the nodes from a line, in half diagonals
 ONE_BY_ONE, GROUPS = 30, 10
 """Up to so many positions cross-validation excludes one at a time; more are excluded in groups."""
-COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, MAX_DIRECTIONS)
-"""InterpolationCandidate numbers of components."""
+COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, MAX_DIRECTIONS)  # candidate numbers of components
 DEGREES = (0, 1, 2, 3, 4, 5, 6)
 STIFFNESS = (0.0, 0.03)
 SYMMETRIC_DEGREES = (2, 3, 4)
@@ -42,12 +38,9 @@ HIGH_DEGREE, MAX_ERROR_RATIO = 6, 0.95
 noise decides, the error of its maps exceeds their uncertainty."""
 FEW = 16
 """Up to so many nodes the components of a symmetric lens are its own: those of the nodes do not span its variation."""
-MAX_SYMMETRIC = 16
-"""Most components of the symmetric lens with more nodes."""
-AXIS_ROUNDS = 2
-"""Iterations that refine the axis estimated from the nodes' components by those of a lens about it."""
-MAX_AXIS_ERROR = 0.25
-"""Standard uncertainty of the axis, in half diagonals, from which it is not reported."""
+MAX_SYMMETRIC = 16  # most components of the symmetric lens with more nodes
+AXIS_ROUNDS = 2  # iterations that refine the axis estimated from the nodes' components by those of a lens about it
+MAX_AXIS_ERROR = 0.25  # standard uncertainty of the axis, in half diagonals, from which it is not reported
 
 
 @dataclass(frozen=True)
@@ -65,12 +58,9 @@ class Recipe:
 
     Attributes
     ----------
-    kind : str
-        "polynomial", "thin plate" or "symmetric lens".
-    setting : float
-        Degree, or stiffness of the plate.
-    axis : (x, y)
-        Axis of the symmetric lens, in half diagonals from the frame's centre.
+    kind : "polynomial", "thin plate" or "symmetric lens"
+    setting : degree, or stiffness of the plate
+    axis : (x, y), axis of the symmetric lens, in half diagonals from the frame's centre
     """
 
     kind: str
@@ -92,12 +82,9 @@ class Interpolation:
     Attributes
     ----------
     field : PsfField
-    recipe : Recipe
-        Of its model; with the number of components it is sufficient to rebuild the field from its nodes.
-    candidates : tuple of InterpolationCandidate
-        All tried interpolations, the best first.
-    axis : SymmetryAxis or None
-        Intersection of the lens's axis of symmetry with the frame; None where the nodes do not determine it.
+    recipe : of its model; with the number of components it is sufficient to rebuild the field from its nodes
+    candidates : all tried interpolations, the best first
+    axis : intersection of the lens's axis of symmetry with the frame; None where the nodes do not determine it
     """
 
     field: PsfField
@@ -111,8 +98,7 @@ def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> In
 
     Parameters
     ----------
-    shape : (int, int)
-        Rows and columns of the plane.
+    shape : rows and columns of the plane
 
     Raises
     ------
@@ -166,8 +152,7 @@ def _place_numbers(places: Array) -> Indices:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.intp)
 
 
-_Folds = Sequence[tuple[Indices, Indices]]
-"""Indices of the kept and excluded nodes."""
+_Folds = Sequence[tuple[Indices, Indices]]  # indices of the kept and excluded nodes
 
 
 def _folds(places: Array) -> _Folds:
@@ -216,8 +201,7 @@ def _few(data: WhitenedNodes) -> bool:
     return len(data.z) <= FEW
 
 
-_Score = tuple[Recipe, int, float]
-"""Recipe, number of components, error."""
+_Score = tuple[Recipe, int, float]  # recipe, number of components, error
 
 
 def _rank(score: _Score) -> tuple[float, int]:
@@ -227,7 +211,6 @@ def _rank(score: _Score) -> tuple[float, int]:
 
 
 def _separate_scores(data: WhitenedNodes, folds: _Folds) -> list[_Score]:
-    """Errors of all polynomials and plates with all numbers of components."""
     recipes = [Recipe("polynomial", d) for d in DEGREES] + [Recipe("thin plate", v) for v in STIFFNESS]
     counts = [r for r in COUNTS if r <= min(len(kept) for kept, _ in folds) - 1]
     total = {recipe: np.zeros(len(counts)) for recipe in recipes}
@@ -321,7 +304,6 @@ def _coordinates(axis: SymmetryAxis) -> tuple[float, float]:
 def _field(
     plane: str, shape: tuple[int, int], nodes: tuple[Node, ...], data: WhitenedNodes, recipe: Recipe, r: int
 ) -> PsfField:
-    """The field by the chosen recipe, from all nodes."""
     everything = np.arange(len(nodes))
     mean, V = _basis(data, everything, recipe)
     V = V[:r]

@@ -13,8 +13,7 @@ from procedures.outcome import BadParameter
 
 Array = npt.NDArray[np.float64]
 
-CANDIDATES = 25
-"""Candidate positions along the longer side."""
+CANDIDATES = 25  # candidate positions along the longer side
 AHEAD: Array = np.array([0.0, 0.0, 1.0])
 
 
@@ -38,8 +37,7 @@ def chosen_locations(n: int, aspect: float = 1.5) -> list[Location]:
 
     Parameters
     ----------
-    aspect : float
-        Width over height of the frame.
+    aspect : width over height of the frame
 
     References
     ----------
@@ -74,10 +72,8 @@ def ray(location: Location, shape: tuple[int, int], principal_px: float) -> Arra
 
     Parameters
     ----------
-    shape : (int, int)
-        Rows and columns of the sensor or of a plane.
-    principal_px : float
-        Distance of the image from the lens in the same pixels: focal length over pitch.
+    shape : rows and columns of the sensor or of a plane
+    principal_px : distance of the image from the lens in the same pixels: focal length over pitch
     """
     x, y = location.in_pixels(shape)
     towards = np.array([x - (shape[1] - 1) / 2, y - (shape[0] - 1) / 2, principal_px])

@@ -32,16 +32,12 @@ from procedures.transfer_function import first_crossing
 
 Array = npt.NDArray[np.float64]
 
-STEP = 0.005
-"""Half the interval around MTF50 over which the curve's slope is taken, in cycles per pixel."""
-COLUMNS = 21
-"""Positions of a map along the frame's longer side."""
-MAPS = (*OF_PLACES, ENERGY_ABOVE_NYQUIST, ENERGY_OUTSIDE_SUPPORT)
-"""Maps of numbers derived from the PSF."""
+STEP = 0.005  # half the interval around MTF50 over which the curve's slope is taken, in cycles per pixel
+COLUMNS = 21  # positions of a map along the frame's longer side
+MAPS = (*OF_PLACES, ENERGY_ABOVE_NYQUIST, ENERGY_OUTSIDE_SUPPORT)  # maps of numbers derived from the PSF
 BEFORE_PHOTOSITES = tuple(without_photosite(name) for name in OF_PLACES)
 """Optional maps without the photosites: lens, filters, and charge diffusion."""
-ERRORS = (ERROR_NOISE, ERROR_INTERPOLATION)
-"""Maps of the field's predicted error: its norm over that of the PSF."""
+ERRORS = (ERROR_NOISE, ERROR_INTERPOLATION)  # maps of the field's predicted error: its norm over that of the PSF
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,12 +47,9 @@ class FieldMap:
     Attributes
     ----------
     name, title, unit : str
-    x : (nx,), y : (ny,) float64
-        Positions in pixels of the plane.
-    value : (ny, nx) float64
-        NaN where the number is undefined.
-    uncertainty : (ny, nx) float64 or None
-        None where the value is itself an uncertainty.
+    x : (nx,), y : (ny,); positions in pixels of the plane
+    value : (ny, nx), NaN where the number is undefined
+    uncertainty : (ny, nx) or None; None where the value is itself an uncertainty
     enclosed : (ny, nx) bool or None
         Mask of the positions inside the hull of the nodes, where the others have a value too; None: the finite values.
     """

@@ -80,16 +80,11 @@ def measure(
 
     Parameters
     ----------
-    names : sequence of str or None
-        The planes; None for all.
-    progress : callable, optional
-        Called with the name of every finished photograph.
-    layout : DumpLayout, optional
-        Layout of photographs without a header.
-    content : callable, optional
-        Reads the files. An exception other than a ProcedureError ends the measurement.
-    sensors : Sensors
-        Models of the planes' sensor from its calibration.
+    names : the planes; None for all
+    progress : called with the name of every finished photograph
+    layout : layout of photographs without a header
+    content : reads the files. An exception other than a ProcedureError ends the measurement.
+    sensors : models of the planes' sensor from its calibration
     """
     measured = MeasuredFrames()
 
@@ -146,6 +141,5 @@ def _in_parallel(
 
 
 def _without_samples(frame: RawFrame) -> RawFrame:
-    """A photograph reduced to its metadata."""
     nothing = np.zeros((0, 0), dtype=np.float32)
     return replace(frame, planes={name: replace(plane, samples=nothing) for name, plane in frame.planes.items()})

@@ -16,20 +16,17 @@ from procedures.numerics.scattered import Smoother
 
 Array = npt.NDArray[np.float64]
 
-RING_SPACING = 1.3
-"""Samples between the radial functions of each harmonic: closer ones are not resolved by the samples."""
+RING_SPACING = 1.3  # samples between the radial functions of each harmonic: closer ones are not resolved by the samples
 RIDGE = 1e-5
 """Inverse prior variance of a ring's amplitude, in units of the noise: limits rings that the components hardly
 contain."""
 ROUNDING_RIDGE = 1e-12
 """The same relative to the trace of the normal equations: bounds rounding where positions and rings differ greatly."""
-FARTHEST_CENTRE = 0.7
-"""The axis is searched for within this distance of the frame's centre, in half diagonals."""
+FARTHEST_CENTRE = 0.7  # the axis is searched for within this distance of the frame's centre, in half diagonals
 EXTRAPOLATION = 0.25
 """Half diagonals beyond its nodes over which the change of a symmetric lens is extrapolated linearly: from the usual
 tour's charts to the frame's corners."""
-OUTERMOST = 4
-"""A symmetric lens is trusted up to the distance from its axis that this many nodes reach."""
+OUTERMOST = 4  # A symmetric lens is trusted up to the distance from its axis that this many nodes reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +56,8 @@ class Optic:
 
     Attributes
     ----------
-    analysis, components : (r, p) float64
-        As in `PsfField`.
-    whiten : (p, p) float64
-        From a PSF's parameters to units of their noise.
+    analysis, components : (r, p), as in `PsfField`
+    whiten : (p, p), from a PSF's parameters to units of their noise
     norms : dict of int to (rings,) float64
         Cache of the norms of each harmonic's rings in these units, shared by optics of one noise.
     """
@@ -135,10 +130,8 @@ class AxialSymmetry:
 
     Attributes
     ----------
-    places : (N, 2) float64, trust : (N,) float64
-        As in `numerics.scattered`.
-    axis : (x, y)
-        Intersection of the axis with the frame, in the units of `places`.
+    places : (N, 2), trust : (N,); as in `numerics.scattered`
+    axis : (x, y), intersection of the axis with the frame, in the units of `places`
 
     References
     ----------

@@ -13,8 +13,7 @@ from procedures.quality import frequencies, mtf_along
 
 Array = npt.NDArray[np.float64]
 
-MIN_MTF = 0.1
-"""Below this MTF of the photosite, division by it amplifies noise and the error of its side."""
+MIN_MTF = 0.1  # below this MTF of the photosite, division by it amplifies noise and the error of its side
 
 
 @dataclass(frozen=True)
@@ -23,12 +22,9 @@ class Photosite:
 
     Attributes
     ----------
-    fill : float
-        Effective area over the pixel's, including the microlens.
-    uncertainty : float
-        Standard uncertainty of `fill`.
-    assumed : bool
-        Whether it was not measured.
+    fill : effective area over the pixel's, including the microlens
+    uncertainty : standard uncertainty of `fill`
+    assumed : whether it was not measured
 
     Raises
     ------
@@ -55,12 +51,9 @@ class Photosite:
 
         Parameters
         ----------
-        f : (n,) float64
-            Cycles per pixel of a plane.
-        angle : float
-            Direction in which the detail repeats, radians from x towards y.
-        pitch : int
-            Sensor pixels per pixel of the plane.
+        f : (n,), cycles per pixel of a plane
+        angle : direction in which the detail repeats, radians from x towards y
+        pitch : sensor pixels per pixel of the plane
         """
         side = float(np.sqrt(self.fill))
         u, v = (f / pitch * turn for turn in (np.cos(angle), np.sin(angle)))
@@ -71,8 +64,7 @@ class Photosite:
         return np.abs(both), np.sign(both) * slope / (2 * self.fill) * self.uncertainty
 
 
-ASSUMED = Photosite(0.9, 0.06, assumed=True)
-"""An unknown sensor with microlenses: uniformly distributed from 0.8 to 1."""
+ASSUMED = Photosite(0.9, 0.06, assumed=True)  # an unknown sensor with microlenses: uniformly distributed from 0.8 to 1
 
 
 @dataclass(frozen=True)

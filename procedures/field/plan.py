@@ -49,18 +49,12 @@ from procedures.raw import Plane, RawFrame
 
 Array = npt.NDArray[np.float64]
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
-BEFORE = ("print", "mount", "distance", "square", "focus")
-"""Steps of the pattern PSF."""
-USUAL, FEWEST, MOST = 9, 6, 400
-"""Numbers of positions: fewer than six do not determine a field."""
-SHEET = 1.3
-"""Side of the chart with its marks and a white rim, over that of its noise region."""
-ROOM = 0.4
-"""Largest half size of the chart, in fractions of the frame, that leaves room to move it."""
-NEAR = 0.03
-"""Accepted distance of the chart from its position, in fractions of the frame's width."""
-LEAST_WHITE = 0.2
-"""Minimum of white on the scale: a lens is darker towards the corners, and noise grows."""
+BEFORE = ("print", "mount", "distance", "square", "focus")  # steps of the pattern PSF
+USUAL, FEWEST, MOST = 9, 6, 400  # numbers of positions: fewer than six do not determine a field
+SHEET = 1.3  # side of the chart with its marks and a white rim, over that of its noise region
+ROOM = 0.4  # largest half size of the chart, in fractions of the frame, that leaves room to move it
+NEAR = 0.03  # accepted distance of the chart from its position, in fractions of the frame's width
+LEAST_WHITE = 0.2  # minimum of white on the scale: a lens is darker towards the corners, and noise grows
 MOST_CLIPPED = 0.005
 REMEDIES = {
     "s/t": "The chart appears too large or too small: bring the camera back to the distance of the start.",

@@ -17,10 +17,8 @@ from procedures.psf_field import PsfField, in_half_diagonals
 
 Array = npt.NDArray[np.float64]
 
-FIT_COLUMNS = 16
-"""Positions along the longer side at which a polynomial is fitted and compared with the field."""
-MAX_DEGREE = 5
-"""(MAX_DEGREE + 1)(MAX_DEGREE + 2) / 2 = 21 images, more than the nodes of a field distinguish."""
+FIT_COLUMNS = 16  # positions along the longer side at which a polynomial is fitted and compared with the field
+MAX_DEGREE = 5  # (MAX_DEGREE + 1)(MAX_DEGREE + 2) / 2 = 21 images, more than the nodes of a field distinguish
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +28,9 @@ class PsfPolynomial:
     Attributes
     ----------
     degree : int
-    images : (c, K, K) float64
-        Coefficients of x^a y^b, a + b <= degree, in the order of `powers`: 1, x, x^2, .., y, x y, ..
-    centre, scale : (x, y) and float
-        x is (column - centre) / scale, in pixels of the plane, likewise y.
-    lost : float
-        Largest norm of the difference from the field over the PSF's norm, inside the nodes' hull.
+    images : (c, K, K), coefficients of x^a y^b, a + b <= degree, in the order of `powers`: 1, x, x^2, .., y, x y, .
+    centre, scale : (x, y) and float; x is (column - centre) / scale, in pixels of the plane, likewise y
+    lost : largest norm of the difference from the field over the PSF's norm, inside the nodes' hull
     """
 
     degree: int

@@ -19,10 +19,8 @@ Array = npt.NDArray[np.float64]
 def with_common_support(nodes: Sequence[Node]) -> tuple[Node, ...]:
     """The nodes with PSFs of one size, that of the widest support.
 
-    Raises
-    ------
-    Refused
-        If their samples per pixel or their tails' shapes differ, or their supports differ and they have no tail.
+    Raises Refused if their samples per pixel or their tails' shapes differ, or their supports differ and they have no
+    tail.
     """
     first = nodes[0]
     for node in nodes[1:]:

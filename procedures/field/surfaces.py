@@ -20,10 +20,8 @@ class Surface:
     Attributes
     ----------
     smoother : Polynomial
-    values : (N, m) float64, covariances : (N, m, m) float64
-        Measured values and covariances of their noise.
-    lack : (m,) float64
-        Upper estimate of the variance of the model error, per position.
+    values : (N, m), covariances : (N, m, m); measured values and covariances of their noise
+    lack : (m,), upper estimate of the variance of the model error, per position
     """
 
     smoother: Polynomial
@@ -65,8 +63,7 @@ def fit_surface(places: Array, values: Array, covariances: Array, degrees: Seque
     Parameters
     ----------
     places : (N, 2), values : (N, m), covariances : (N, m, m)
-    degrees : sequence of int
-        Candidates; those that the places do not determine are skipped.
+    degrees : candidates; those that the places do not determine are skipped
 
     Raises
     ------

@@ -15,12 +15,9 @@ from procedures.psf_field import Node, in_half_diagonals
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-MAX_DIRECTIONS = 24
-"""Most principal directions kept."""
-RANK_TOLERANCE = 1e-6
-"""Smallest singular value of a direction, relative to the largest."""
-FLOOR = 0.05
-"""Minimum noise variance in any direction, relative to the mean: some directions have none by convention."""
+MAX_DIRECTIONS = 24  # most principal directions kept
+RANK_TOLERANCE = 1e-6  # smallest singular value of a direction, relative to the largest
+FLOOR = 0.05  # minimum noise variance in any direction, relative to the mean: some directions have none by convention
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +26,9 @@ class WhitenedNodes:
 
     Attributes
     ----------
-    z : (N, p), places : (N, 2), trust : (N,)
-        `trust` is the inverse variance of the noise, about 1.
-    C : (N, p, p)
-        Covariances of the PSFs' parameters h: k^2 samples and q amplitudes of the tail.
-    to, back : (p, p)
-        z = to h, h = back z.
+    z : (N, p), places : (N, 2), trust : (N,); `trust` is the inverse variance of the noise, about 1
+    C : (N, p, p), covariances of the PSFs' parameters h: k^2 samples and q amplitudes of the tail
+    to, back : (p, p), z = to h, h = back z
     """
 
     z: Array

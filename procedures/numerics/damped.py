@@ -46,7 +46,7 @@ LOWER, RAISE = 0.1, 4.0
 POOR_GAIN = 0.5
 """Share of the predicted decrease below which a step is corrected to second order."""
 ROUNDING = 1e-13
-"""Relative decrease that a sum of squares cannot tell from rounding."""
+"""Relative decrease of a sum of squares that may be rounding."""
 REACH = 0.1
 """Part of the step over which the second derivative is taken: large against rounding, small against third orders."""
 
@@ -78,7 +78,7 @@ class Linearisation(Protocol):
 
 
 class Problem(Protocol[State]):
-    """What is minimised: the sum of squares of `residual`."""
+    """A least-squares problem: the sum of squares of `residual` is minimised."""
 
     def residual(self, state: State) -> Array:
         """Residuals (m,); not finite where the model has none."""
@@ -92,7 +92,7 @@ class Problem(Protocol[State]):
 
 @dataclass(frozen=True, eq=False)
 class Minimum(Generic[State]):
-    """Where the minimisation ended.
+    """Result of the minimisation.
 
     Attributes
     ----------
@@ -178,10 +178,10 @@ def minimise(problem: Problem[State], start: State, *, tolerance: float, limit: 
             rejected += 1
             trial = _trial(problem, state, model, _step(model, damping), damping)
         if not trial.cost < lower:
-            # a minimum at a kink, where no undamped step tells it: the shortest step was no way down either
+            # a minimum at a kink, which no undamped step reveals: even the shortest step was no descent
             return Minimum(state, cost, iteration, decrease, np.isfinite(trial.cost))
         state, decrease = trial.state, 1 - trial.cost / cost
-        # what was just found too little is not tried again at once
+        # a damping that was just too small is not tried again at once
         damping = max(damping * (LOWER if rejected == 0 else 1.0), LEAST_DAMPING)
     return Minimum(state, _sum(problem.residual(state)), iteration, decrease, False)
 
@@ -193,7 +193,7 @@ class _Trial(Generic[State]):
 
 
 def _sum(residual: Array) -> float:
-    """Sum of squares, infinite where it has no value: a start without one never ends well."""
+    """Sum of squares, infinite where the model has no value."""
     total = float(residual @ residual)
     return total if np.isfinite(total) else np.inf
 
@@ -207,7 +207,7 @@ def _step(model: Linearisation, damping: float) -> Array:
 
 
 def _is_small(model: Linearisation, step: Array, damping: float, cost: float, tolerance: float) -> bool:
-    """Whether a step promises next to nothing, or moves the unknowns by next to nothing."""
+    """Whether the predicted decrease or the relative length of a step is negligible."""
     length, size = (float(np.sqrt(model.scale @ one**2)) for one in (step, model.unknowns))
     return _predicted(model, step, damping) <= tolerance * cost or length <= STEP_TOLERANCE * size
 
@@ -218,7 +218,7 @@ def _predicted(model: Linearisation, step: Array, damping: float) -> float:
 
 
 def _trial(problem: Problem[State], state: State, model: Linearisation, step: Array, damping: float) -> _Trial[State]:
-    """Where a damped step leads, corrected to second order where the straight one gains little."""
+    """State after a damped step, corrected to second order where the straight one gains little."""
     if not np.isfinite(step).all():
         return _Trial(state, np.inf)
     cost, straight = _sum(model.residual), problem.moved(state, step)

@@ -1,9 +1,9 @@
-"""What the support cuts off: the far tail of the PSF, a few shapes beside the k x k samples.
+"""Far tail of the PSF beyond the k x k samples of its support, as a sum of a few shapes.
 
-Whatever the aberrations, the mean far tail falls as 1/r^3 and carries some per cent of the energy beyond any support.
-Left out, it is not noise: it is the scene blurred widely, which the outer samples of the support would take for their
-own. The first shape is that tail. The others are how a true one differs from it: an excess close to the support
-(defocus, the rings of a small aperture), and variation with direction (spikes of a polygonal iris, astigmatism).
+For any aberrations the mean far tail falls as 1/r^3 and carries some per cent of the energy beyond any support. If it
+is omitted, the outer samples of the support absorb it, as it is a wide blur of the scene and not noise. The first shape
+is that tail. The others model deviations from it: an excess close to the support (defocus, rings of a small aperture),
+and variation with direction (spikes of a polygonal iris, astigmatism).
 """
 
 from __future__ import annotations
@@ -14,32 +14,31 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics import transforms
+from procedures.numerics import loops, transforms
 from procedures.numerics.bessel import integral_of_j0, j0, j1
-from procedures.numerics.compiled import vectorised
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
 REACH = 64
-"""Samples of the s grid from the centre to where the shapes end, for supports up to half of that. Beyond it the mean
-tail alone goes on. A shorter reach biases it: light from beyond, which varies by itself, would be taken for its own."""
+"""Radius of the shapes in samples of the s grid, for supports up to half of it. Beyond it there is the mean tail only,
+which a shorter reach biases, as varying light from beyond is attributed to it."""
 FAR = 128
-"""Pixels up to which the light from beyond the reach is looked at; what lies further is flat."""
+"""Greatest distance in pixels of light beyond the reach; light from further away is taken as constant."""
 SHAPES = ("1/r^3", "1/r^5", "cos 2", "sin 2", "cos 4", "sin 4")
 """Names of the shapes: the mean tail, an excess close to the support, and the tail times cos and sin of 2 and 4
 times the direction."""
 MIRRORED, EXCHANGED = np.array([1.0, 1, 1, -1, 1, -1]), np.array([1.0, 1, -1, 1, 1, -1])
-"""The shapes' signs where an axis is turned round, and where x and y are exchanged."""
+"""Signs of the shapes after the reversal of an axis, and after the exchange of x and y."""
 DIFFERS = np.array([0.5, 0.2, 0.2, 0.3, 0.3])
-"""How far the shapes beside the mean tail are expected to go, over its energy: an excess close to the support, and
-variation with twice and four times the direction. Without it their noise would rule them."""
+"""Prior standard deviations of the shapes after the mean tail, relative to its energy: an excess close to the support,
+and variation with twice and four times the direction. Without the prior, noise would dominate them."""
 KEPT = 256
-"""Frequencies at most whose spectra are kept."""
+"""Greatest number of frequencies whose spectra are cached."""
 DIGITS = 11
 """Decimals of an argument of the transform beyond the reach, whose slope is at most 1."""
 LEAST_TAIL = 1e-3
-"""Amplitude of the mean tail that this is told of at the least."""
+"""Least amplitude of the mean tail for which deviations are reported."""
 
 
 def tail_border(k: int) -> int:
@@ -75,18 +74,18 @@ def tail_columns(
     k: int,
     shapes: int = len(SHAPES),
 ) -> Array:
-    """An image seen through the first shapes of the tail, at pixels: (m, q).
+    """Convolution of an image with the first shapes of the tail, sampled at pixels: (m, q).
 
     `u` is the image on the s grid with a border of `tail_border`.
     """
-    # only every s-th sample is wanted: along y by folding the spectrum, which is exact
+    # only every s-th sample is needed: along y by folding the spectrum, which is exact
     shape = (s * transforms.next_fast_len(-(-u.shape[0] // s)), transforms.next_fast_len(u.shape[1]))
-    seen = transforms.rfft2(u, shape) * _shift(k, shape[0])
-    found, places = np.empty((len(rows), shapes)), rows * shape[1] + tail_border(k) + s * columns
+    spectrum_u = transforms.rfft2(u, shape) * _shift(k, shape[0])
+    samples, index = np.empty((len(rows), shapes)), rows * shape[1] + tail_border(k) + s * columns
     for j, spectrum in enumerate(_spectra(k, *shape)[:shapes]):
-        folded = _folded(seen, spectrum, s)
-        found[:, j] = transforms.irfft2(folded, (shape[0] // s, shape[1])).ravel()[places]
-    return found / s
+        folded = loops.folded_product(spectrum_u, spectrum, s)
+        samples[:, j] = transforms.irfft2(folded, (shape[0] // s, shape[1])).ravel()[index]
+    return samples / s
 
 
 def far_light(
@@ -97,18 +96,18 @@ def far_light(
     k: int,
     levels: tuple[float, float] = (-0.5, 0.5),
 ) -> Array32:
-    """What comes from beyond the reach by a mean tail of energy 1 within it: a picture through 1/r^3, (rows, columns).
+    """Light from beyond the reach, for a mean tail of energy 1 within it: a picture filtered by 1/r^3, (rows, columns).
 
     Parameters
     ----------
     picture : (rows, columns) float
-        What is seen, at pixels; nothing is sharp from so far away, so that it may be the photograph itself.
+        The scene at pixels. Details do not matter at that distance, so the photograph itself serves.
     corner : (x, y)
-        First pixel of the window that is wanted.
+        First pixel of the window.
     shape : (rows, columns)
         Size of the window.
     levels : (float, float)
-        What counts as -1/2 and as 1/2 in the picture.
+        Levels of the picture that correspond to -1/2 and 1/2.
     """
     x, y = corner
     rows, columns = (
@@ -118,8 +117,8 @@ def far_light(
     around = (picture[np.ix_(rows, columns)] - levels[0]) / (levels[1] - levels[0]) - 0.5
     part = around.astype(np.float32)
     size = tuple(transforms.next_fast_len(n) for n in part.shape)
-    seen = transforms.irfft2(transforms.rfft2(part, size) * _far_spectrum(size[0], size[1], s, k), size)
-    return np.asarray(seen[FAR : FAR + shape[0], FAR : FAR + shape[1]])
+    filtered = transforms.irfft2(transforms.rfft2(part, size) * _far_spectrum(size[0], size[1], s, k), size)
+    return np.asarray(filtered[FAR : FAR + shape[0], FAR : FAR + shape[1]])
 
 
 @lru_cache(maxsize=8)
@@ -132,28 +131,15 @@ def _far_spectrum(rows: int, columns: int, s: int, k: int) -> npt.NDArray[np.com
     return np.asarray(transforms.rfft2(density.astype(np.float32)), dtype=np.complex64)
 
 
-@vectorised
-def _folded(seen: npt.NDArray[np.complex64], spectrum: Array32, s: int) -> npt.NDArray[np.complex64]:
-    """The product (rows, c) of two half planes, its s bands of rows / s added: (rows / s, c)."""
-    rows = len(seen) // s
-    out = np.zeros((rows, seen.shape[1]), np.complex64)
-    for i in range(len(seen)):
-        total, values, factors = out[i % rows], seen[i], spectrum[i]
-        for j in range(len(values)):
-            total[j] += values[j] * factors[j]
-    return out
-
-
 @lru_cache(maxsize=4)
 def _shift(k: int, rows: int) -> npt.NDArray[np.complex64]:
-    """What moves the first row that all shapes reach to the first place, in Fourier, (rows, 1)."""
+    """Phase factors (rows, 1) that move the first row within reach of all shapes to row 0."""
     return np.asarray(np.exp(2j * np.pi * tail_border(k) * transforms.fftfreq(rows)[:, None]), dtype=np.complex64)
 
 
 @lru_cache(maxsize=4)
 def _spectra(k: int, rows: int, columns: int) -> Array32:
-    """Spectra of the shapes about their centres on a grid, (q, rows, columns // 2 + 1): real, as each shape is its own
-    mirror image in its centre."""
+    """Spectra of the shapes about their centres, (q, rows, columns // 2 + 1), real as the shapes are symmetric."""
     half, kernels = tail_border(k), tail_kernels(k).astype(np.float32)
     spectra = np.empty((len(kernels), rows, columns // 2 + 1), np.float32)
     picture = np.zeros((rows, columns), np.float32)
@@ -166,7 +152,7 @@ def _spectra(k: int, rows: int, columns: int) -> Array32:
 
 @lru_cache(maxsize=8)
 def tail_sums(k: int) -> Array:
-    """Energy of each shape (q,): of the first the whole tail's, without an end, over that within the reach."""
+    """Energy of each shape (q,); for the first, that of the infinite tail relative to the part within the reach."""
     sums = np.asarray(tail_kernels(k).sum(axis=(1, 2)))
     sums[0] += _beyond(k)
     sums.flags.writeable = False  # shared by all callers
@@ -182,7 +168,7 @@ def tail_density(k: int) -> float:
 def tail_spectra(fx: Array, fy: Array, k: int) -> Array:
     """Spectra of the shapes at frequencies (n,) in cycles per sample: (n, q), real; `tail_sums` at 0.
 
-    The shapes are symmetric about their centre. The mean tail goes on beyond the reach R: there the Hankel transform
+    The shapes are symmetric about their centre. The mean tail continues beyond the reach R: there the Hankel transform
     of 1/r^3 over its value at 0 is g(x) = x times the integral of J0(t) / t^2 from x = 2 pi f R on, which is
     J0(x) + x (the integral of J0 from 0 to x - 1 - J1(x)).
     """
@@ -192,16 +178,14 @@ def tail_spectra(fx: Array, fy: Array, k: int) -> Array:
 
 @lru_cache(maxsize=4096)
 def _kept_spectra(x_bytes: bytes, y_bytes: bytes, k: int) -> Array:
-    """The same, kept: curves are drawn at the same frequencies again and again, a field's in directions that its planes
-    share."""
+    """`_spectra_at`, cached, as curves are drawn repeatedly at the same frequencies."""
     return _spectra_at(np.frombuffer(x_bytes), np.frombuffer(y_bytes), k)
 
 
 def _spectra_at(fx: Array, fy: Array, k: int) -> Array:
-    """The same, computed."""
     half = tail_border(k)
     quadrants = tail_kernels(k)[:, half:, half:]
-    times = np.where(np.arange(half + 1) > 0, 2.0, 1.0)  # how often a column of the quadrant stands in the whole
+    times = np.where(np.arange(half + 1) > 0, 2.0, 1.0)  # multiplicity of a column of the quadrant in the whole
     x, y = _waves(fx, half), _waves(fy, half)
     even, odd = (x.real * times, y.real * times), (2 * x.imag, -2 * y.imag)
     within = np.empty((len(fx), len(SHAPES)))
@@ -214,7 +198,7 @@ def _spectra_at(fx: Array, fy: Array, k: int) -> Array:
 
 
 def spectrum_beyond(f: Array, k: int) -> Array:
-    """What light from beyond the reach adds to the mean tail's spectrum at frequencies (n,) in cycles per sample."""
+    """Contribution from beyond the reach to the spectrum of the mean tail at frequencies (n,) in cycles per sample."""
     return np.asarray(_beyond(k) * _transform_beyond(2 * np.pi * f * tail_border(k)))
 
 
@@ -225,14 +209,14 @@ def _waves(f: Array, last: int) -> npt.NDArray[np.complex128]:
 
 
 def _transform_beyond(x: Array) -> Array:
-    """Hankel transform g of 1/r^3 beyond the reach at x (n,), found once where several are the same to rounding."""
-    r, places = np.unique(np.round(x, DIGITS), return_inverse=True)
-    return _kept_transform(r.tobytes())[places]
+    """Hankel transform g of 1/r^3 beyond the reach at x (n,), computed once for values equal to rounding."""
+    r, index = np.unique(np.round(x, DIGITS), return_inverse=True)
+    return _kept_transform(r.tobytes())[index]
 
 
 @lru_cache(maxsize=64)
 def _kept_transform(x_bytes: bytes) -> Array:
-    """The same at points that differ, kept: a curve has them in common in all directions."""
+    """`_transform_beyond` at distinct points, cached, as all directions of a curve share them."""
     x = np.frombuffer(x_bytes)
     return np.asarray(j0(x) + x * (integral_of_j0(x) - 1 - j1(x)))
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.compiled import vectorised
+from procedures.numerics import loops
 
 Matrix = npt.NDArray[np.floating[Any]]
 
@@ -20,25 +20,8 @@ LEAF = 80
 def solve_factored(L: Matrix, b: Matrix) -> Matrix:
     """Solution x of L L' x = b for lower triangular L (n, n) and b (n,) or (n, p)."""
     if b.ndim == 1:
-        return _substituted(np.ascontiguousarray(L), b.astype(L.dtype))
+        return loops.substituted(np.ascontiguousarray(L), b.astype(L.dtype))
     return _solve_upper(L.T, solve_lower(L, b))
-
-
-@vectorised
-def _substituted(L: Matrix, b: Matrix) -> Matrix:  # pragma: no cover - compiled
-    """`solve_factored` for one column, element by element; both in one precision."""
-    x = b.copy()
-    for i in range(len(L)):
-        row, total = L[i], x[i]
-        for j in range(i):
-            total -= row[j] * x[j]
-        x[i] = total / row[i]
-    for i in range(len(L) - 1, -1, -1):
-        row = L[i]
-        x[i] /= row[i]
-        for j in range(i):
-            x[j] -= row[j] * x[i]
-    return x
 
 
 def solve_lower(L: Matrix, b: Matrix) -> Matrix:
@@ -62,24 +45,9 @@ def inverse_lower(L: Matrix) -> Matrix:
     """Inverse of a lower triangular matrix, by recursion on its halves."""
     n = len(L)
     if n <= LEAF:
-        return _inverted(np.ascontiguousarray(L))
+        return loops.inverted(np.ascontiguousarray(L))
     half = n // 2
     inverse = np.zeros_like(L)
     inverse[:half, :half], inverse[half:, half:] = inverse_lower(L[:half, :half]), inverse_lower(L[half:, half:])
     inverse[half:, :half] = -inverse[half:, half:] @ (L[half:, :half] @ inverse[:half, :half])
     return inverse
-
-
-@vectorised
-def _inverted(L: Matrix) -> Matrix:  # pragma: no cover - compiled
-    X = np.zeros_like(L)
-    for i in range(len(L)):
-        row = X[i]
-        for m in range(i):
-            factor, above = L[i, m], X[m]
-            for j in range(m + 1):
-                row[j] -= factor * above[j]
-        for j in range(i):
-            row[j] /= L[i, i]
-        row[i] = 1 / L[i, i]
-    return X

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.compiled import vectorised
+from procedures.numerics import loops
 from procedures.numerics.triangular import solve_factored
 from procedures.numerics.warps import inverse
 from procedures.pattern import BLOCK, CELLS
@@ -54,16 +54,16 @@ class EdgeColumns:
     def apply(self, offsets: Array) -> Array:
         """C offsets, (m,)."""
         parts = (self.vertical, self.first_vertical, self.horizontal, self.first_horizontal)
-        return np.asarray(_apply(*parts, offsets.astype(np.float32)), dtype=np.float64)
+        return np.asarray(loops.apply_edges(*parts, offsets.astype(np.float32)), dtype=np.float64)
 
     def apply_transposed(self, samples: Array) -> Array:
         """C' samples, (514,)."""
         parts = (self.vertical, self.first_vertical, self.horizontal, self.first_horizontal)
-        return np.asarray(_apply_transposed(*parts, samples.astype(np.float32)), dtype=np.float64)
+        return np.asarray(loops.apply_edges_transposed(*parts, samples.astype(np.float32), LINES), dtype=np.float64)
 
     def gram(self) -> Array:
         """C'C, (514, 514)."""
-        half = _gram(self.vertical, self.first_vertical, self.horizontal, self.first_horizontal)
+        half = loops.edge_gram(self.vertical, self.first_vertical, self.horizontal, self.first_horizontal, LINES)
         return np.asarray(half + np.tril(half, -1).T, dtype=np.float64)
 
 
@@ -143,15 +143,15 @@ def edge_columns(
     scale = pixels * (s * OVERSAMPLING)
     # a horizontal line is a vertical one of the transposed chart
     return EdgeColumns(
-        *_lines(cells, right, fine, scale, reach, pieces, row_weight),
-        *_lines(*_transposed(cells, lower, fine, scale, reach), pieces, row_weight),
+        *loops.edge_lines(cells, right, fine, scale, reach, pieces, row_weight),
+        *loops.edge_lines(*_transposed(cells, lower, fine, scale, reach), pieces, row_weight),
     )
 
 
 def _transposed(
     cells: Array, steps: Array32, fine: Array32, scale: Array, reach: Array
 ) -> tuple[Array, Array32, Array32, Array, Array]:
-    """Arguments of `_lines` with x and y exchanged."""
+    """Arguments of `edge_lines` with x and y exchanged."""
     flipped = np.ascontiguousarray(scale[::-1, ::-1])
     return np.ascontiguousarray(cells[:, ::-1]), steps, np.ascontiguousarray(fine.T), flipped, reach[::-1].copy()
 
@@ -169,86 +169,3 @@ def _interpolated(h: Array) -> Array32:
     t = (np.arange(n + 1) - n // 2) / OVERSAMPLING + k // 2
     S = np.sinc(t[:, None] - np.arange(k))
     return np.asarray(S @ h @ S.T, dtype=np.float32)
-
-
-@vectorised
-def _apply(
-    vertical: Array32, first_vertical: Indices, horizontal: Array32, first_horizontal: Indices, offsets: Array32
-) -> Array32:
-    out = np.empty(len(vertical), np.float32)
-    for p in range(len(vertical)):
-        total = np.float32(0)
-        for a in range(min(vertical.shape[1], LINES - first_vertical[p])):
-            total += vertical[p, a] * offsets[first_vertical[p] + a]
-        for a in range(min(horizontal.shape[1], LINES - first_horizontal[p])):
-            total += horizontal[p, a] * offsets[LINES + first_horizontal[p] + a]
-        out[p] = total
-    return out
-
-
-@vectorised
-def _apply_transposed(
-    vertical: Array32, first_vertical: Indices, horizontal: Array32, first_horizontal: Indices, samples: Array32
-) -> Array32:
-    out = np.zeros(2 * LINES, np.float32)
-    for p in range(len(vertical)):
-        for a in range(min(vertical.shape[1], LINES - first_vertical[p])):
-            out[first_vertical[p] + a] += vertical[p, a] * samples[p]
-        for a in range(min(horizontal.shape[1], LINES - first_horizontal[p])):
-            out[LINES + first_horizontal[p] + a] += horizontal[p, a] * samples[p]
-    return out
-
-
-@vectorised
-def _gram(vertical: Array32, first_vertical: Indices, horizontal: Array32, first_horizontal: Indices) -> Array32:
-    """Lower half of C'C."""
-    G = np.zeros((2 * LINES, 2 * LINES), np.float32)
-    for p in range(len(vertical)):
-        i, j = first_vertical[p], LINES + first_horizontal[p]
-        across, down = min(vertical.shape[1], LINES - i), min(horizontal.shape[1], 2 * LINES - j)
-        for a in range(across):
-            value, row = vertical[p, a], G[i + a]
-            for b in range(a + 1):
-                row[i + b] += value * vertical[p, b]
-        for a in range(down):
-            value, row = horizontal[p, a], G[j + a]
-            for b in range(across):
-                row[i + b] += value * vertical[p, b]
-            for b in range(a + 1):
-                row[j + b] += value * horizontal[p, b]
-    return G
-
-
-@vectorised
-def _lines(
-    cells: Array, steps: Array32, fine: Array32, scale: Array, reach: Array, pieces: int, weight: Array32
-) -> tuple[Array32, Indices]:
-    """Values (m, width) of the vertical lines around each sample, and the first line of each (m,).
-
-    `steps` (257, 256) is the step of the chart over each line, cell by cell, `scale` takes cells to samples of `fine`.
-    """
-    m = len(cells)
-    n = steps.shape[1]
-    middle = fine.shape[0] // 2
-    last = fine.shape[0]
-    width = 2 * int(np.ceil(reach[0])) + 1
-    values = np.zeros((m, width), np.float32)
-    first = np.empty(m, np.int32)
-    for p in range(m):
-        u, v = cells[p, 0], cells[p, 1]
-        j0 = min(max(int(np.floor(u - reach[0])), 0), n)
-        i0, i1 = max(int(v - reach[1]), 0), min(int(v + reach[1]) + 1, n)
-        first[p] = j0
-        for j in range(j0, min(j0 + width, n + 1)):
-            # the line's points in samples of `fine`, rounded by the half that is added
-            x = scale[0, 0] * (u - j) + scale[0, 1] * (v - i0 - 0.5 / pieces) + middle + 0.5
-            y = scale[1, 0] * (u - j) + scale[1, 1] * (v - i0 - 0.5 / pieces) + middle + 0.5
-            total, line = np.float32(0), steps[j]
-            for i in range(i0, i1):
-                for _ in range(pieces):
-                    if x >= 0 and y >= 0 and x < last and y < last:
-                        total += line[i] * fine[int(y), int(x)]
-                    x -= scale[0, 1] / pieces
-                    y -= scale[1, 1] / pieces
-            values[p, j - j0] = total * weight[p] / pieces
-    return values, first

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics import loops
 from procedures.numerics.kernel_tail import (
     DIFFERS,
     LEAST_TAIL,
@@ -30,7 +31,7 @@ from procedures.numerics.kernel_tail import (
     tail_sums,
 )
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products, products_within
-from procedures.numerics.sampled_convolution import convolve_at, sample_convolution, sums_of_groups
+from procedures.numerics.sampled_convolution import sample_convolution
 from procedures.numerics.warps import displacement_columns
 from procedures.pattern import Chart
 from procedures.pattern_psf.centre import mark_offset
@@ -171,7 +172,7 @@ class _Model:
         o, s = fit.observation, self.raster.s
         outline = self.raster.read_outline(fit.registration, self.window, self.k // 2)
         h = fit.h.reshape(self.k, self.k).astype(np.float32)
-        spread = convolve_at(outline, o.rows, o.columns, h, s)
+        spread = loops.convolve_at(outline, o.rows, o.columns, h, s)
         tail = tail_columns(u, o.rows, o.columns, s, self.k)
         tail[:, 0] += self.far_light[o.rows, o.columns]
         return np.column_stack([spread, tail])
@@ -253,7 +254,7 @@ def _scores(fit: ChartFit, system_matrix: Array32) -> Array:
     """Contribution of every tile to A'r and Z'r, (TILES^2, k^2 + p); A and Z are the system's columns but the last."""
     o = fit.observation
     row, column = (np.minimum(place * TILES // (place.max() + 1), TILES - 1) for place in (o.rows, o.columns))
-    sums = sums_of_groups(system_matrix, row * TILES + column, fit.residual.astype(np.float32), TILES * TILES)
+    sums = loops.sums_of_groups(system_matrix, row * TILES + column, fit.residual.astype(np.float32), TILES * TILES)
     return np.asarray(sums[:, :-1], dtype=np.float64)
 
 

@@ -23,7 +23,6 @@ from procedures.restoration.joint.kernel_sizes import (
     DEFAULT_MAX_W,
     default_max_w,
     fitting_ratios,
-    reach_of_masks,
     stacks_of,
 )
 from procedures.restoration.joint.result import Restoration, with_unit
@@ -151,7 +150,9 @@ class SceneBlur:
         """Picture and depth of photographs, as `restore` takes and judges them; doubtful if the blur is."""
         kernels, shapes = None, None if self.motion is None else self.motion.shapes
         if self.flat_w is not None:
-            parameters = flat_scene_parameters(parameters or RestorationParameters(), self.flat_w)
+            p = parameters or RestorationParameters()
+            least = max(p.least_image_weight, MIN_PICTURE_WEIGHT)
+            parameters = replace(p, flat_w=self.flat_w, least_image_weight=least)
             kernels, shapes = shapes, None
         outcome = restore([*photographs], self.masks, parameters, progress)
         if self.motion is not None and self.motion.others is not None and outcome.value is not None:
@@ -215,13 +216,10 @@ def _ratios(source: KnownShapes, max_w: float, photographs: Sequence[Array]) -> 
     arrays = _arrays(source.shapes)
     if len(arrays) == len(source.shapes) and not any(source.offsets):
         return fitting_ratios(photographs, arrays, max_w)
-    return tuple(_ratio(source.shapes[0], one) for one in source.shapes)
-
-
-def _ratio(first: Shape, other: Shape) -> float:
-    if isinstance(first, MeasuredShape) and isinstance(other, MeasuredShape):
-        return other.half_width_px / first.half_width_px
-    return 1.0
+    if isinstance(first := source.shapes[0], MeasuredShape):
+        each = source.shapes
+        return tuple(one.half_width_px / first.half_width_px if isinstance(one, MeasuredShape) else 1.0 for one in each)
+    return (1.0,) * len(source.shapes)
 
 
 def _masks_of_shapes(
@@ -279,7 +277,7 @@ def _recorded(source: RecordedMotion, max_w: float, shape: Size) -> SceneBlur:
 def _estimated(
     source: UnknownMotion, max_w: float, photographs: Sequence[Array], shape: Size, report: Callable[[Finding], None]
 ) -> SceneBlur:
-    check_extent(reach_of_masks(max_w), shape)
+    check_extent(reach(max_w + BEYOND), shape)
     motion = _motion_in(source, max_w, photographs, report)
     ratios = source.ratios or (1.0,) * len(motion.shapes)
     return replace(_shaped(KnownShapes((*motion.shapes,), ratios), max_w, photographs, shape), motion=motion)
@@ -309,11 +307,6 @@ def judge_with_alternative(restoration: Restoration, kernels: Array, others: Arr
     """A flat scene's picture, judged with its change under the kernels of another search."""
     more = picture_change(restoration.sharp, kernels, others, restoration.history[-1].weights.picture)
     return judge(restoration.with_added_error(more))
-
-
-def flat_scene_parameters(parameters: RestorationParameters, w: float) -> RestorationParameters:
-    """Parameters for photographs with estimated kernels that are constant over the frame."""
-    return replace(parameters, flat_w=w, least_image_weight=max(parameters.least_image_weight, MIN_PICTURE_WEIGHT))
 
 
 def _motion_in(

@@ -63,7 +63,7 @@ def plan(read_shape: ReadShape = named_shape) -> Plan:
         (
             Step(
                 "scene", "Scene", "Set up the scene, the rig and the light.", scene(read_shape),
-                drawings.SCENE, blur_summary,
+                drawings.SCENE, lambda facts: facts_as(RestorationFacts, facts).blur_by,
             ),
             Step(
                 "first", "First", "Take the first photograph.", shots("first", FIRST, check),
@@ -87,11 +87,6 @@ def plan(read_shape: ReadShape = named_shape) -> Plan:
         subject="depth",
         facts=RestorationFacts,
     )  # fmt: skip
-
-
-def blur_summary(facts: Facts) -> str:
-    """Cause of the blur."""
-    return facts_as(RestorationFacts, facts).blur_by
 
 
 def first_summary(facts: Facts) -> str:

@@ -43,14 +43,10 @@ truth_at_rest = where(lambda known: known.ground_truth == YES and known.blur_by 
 truth_of_both = where(lambda known: known.ground_truth == YES and known.blur_by == BOTH)
 
 
-def motions_unrecorded(facts: Facts) -> bool:
-    """Whether motions are known from neither kernels nor shaker nor IMU."""
-    return by_motions_alone(facts) and not (motions_measured(facts) or shaken(facts) or facts.get(HAS_IMU))
-
-
 def only_flat(facts: Facts) -> bool:
-    """Whether the scene must be flat: a flat part does not determine the motion of three photographs."""
-    return with_third(facts) and motions_unrecorded(facts)
+    """Whether the scene must be flat: a flat part does not determine three motions that nothing records."""
+    recorded = motions_measured(facts) or shaken(facts) or facts.get(HAS_IMU)
+    return third_by_motions(facts) and by_motions_alone(facts) and not recorded
 
 
 def check_photographs(answer: Fact, facts: Facts) -> None:

@@ -1,4 +1,4 @@
-"""Whether a recording can tell what it is asked: checks with reason and remedy."""
+"""Checks of a recording, with reason and remedy."""
 
 from __future__ import annotations
 
@@ -14,30 +14,23 @@ from procedures.sensor.stacks import slow_part
 from procedures.sensor.uniformity import unevenness
 
 LEAST_LEVELS, ENOUGH_LEVELS = 8, 20
-"""Levels of light that a ladder needs, and from which on it is not doubted; EMVA asks for 50."""
+"""Minimum number of levels of light, and of an unquestioned ladder; EMVA requires 50."""
 LEAST_FITTED = 4
-LONG_S = 1.0
-"""Exposure from which dark current may count."""
-FLICKER_REFUSED, FLICKER_DOUBTED = 0.03, 0.005
-"""Relative change of the light between two pictures of a level."""
-CRUSHED = 0.005
-"""Share of the dark samples that may be cut off."""
-PAST_THE_TOP = 0.9
-"""Of the largest temporal variance, below which the last level's must have fallen: then it was the largest."""
-UNEVEN_REFUSED, UNEVEN_DOUBTED = 0.2, 0.03
-"""Largest less smallest light over the mean; the standard allows 0.03."""
+LONG_S = 1.0  # exposure from which dark current may be significant
+FLICKER_REFUSED, FLICKER_DOUBTFUL = 0.03, 0.005  # relative change of the light between two pictures of a level
+CLIPPED_BLACK = 0.005  # accepted share of dark samples clipped at the lowest number
+BELOW_MAXIMUM = 0.9  # the last level's temporal variance must have fallen below this share of the maximum
+UNEVEN_REFUSED, UNEVEN_DOUBTFUL = 0.2, 0.03  # largest less smallest light over the mean; the standard allows 0.03
 ENOUGH_PICTURES = 16
-FLAT_RANGE = (0.2, 0.8)
-"""Of saturation, where the flat stack should lie; the standard asks for a half."""
-NOT_LINEAR = 1.0
-"""Per cent of linearity error from which the linear model is doubted."""
+FLAT_RANGE = (0.2, 0.8)  # accepted signal of the flat stack, relative to saturation; the standard requires a half
+NONLINEAR = 1.0  # linearity error in per cent from which the linear model is doubtful
 
 
 REFUSED, DOUBTFUL = Verdict.REFUSED, Verdict.DOUBTFUL
 
 
 def count_checks(recording: SensorRecording) -> list[Check]:
-    """What must be there before anything is computed."""
+    """Checks of the number of levels, before any computation."""
     lights, darks = len(recording.lights), len(recording.darks)
     return [
         Check("darks", darks == 0, 0, REFUSED, "a pair of dark pictures is needed; there is none",
@@ -49,7 +42,7 @@ def count_checks(recording: SensorRecording) -> list[Check]:
 
 
 def ladder_checks(recording: SensorRecording) -> list[Check]:
-    """What the pictures themselves must be like."""
+    """Checks of the ladder's pictures."""
     variance = column(one.variance for one in recording.lights)
     signal = recording.signal
     top = saturation_index(variance)
@@ -58,19 +51,19 @@ def ladder_checks(recording: SensorRecording) -> list[Check]:
     spread = light_spread(recording)
     longest = float(column(one.exposure_s for one in recording.lights).max())
     longest_dark = float(column(one.exposure_s for one in recording.darks).max())
-    crushed = float(np.max(column(one.bottom for one in recording.darks)))
+    clipped = float(np.max(column(one.bottom for one in recording.darks)))
     least_noise = float(column(one.variance for one in recording.darks).min())
     steady = "let the lamp warm up, use direct current, and exposure times of whole periods of the mains"
     return [
-        Check("black", crushed, CRUSHED, REFUSED,
-              f"dark numbers must not be cut off; {crushed:.1%} are piled up at the lowest",
+        Check("black", clipped, CLIPPED_BLACK, REFUSED,
+              f"dark numbers must not be clipped; {clipped:.1%} are at the lowest",
               "raise the camera's black level (offset), and switch its black correction off"),
         Check("flicker", spread, FLICKER_REFUSED, REFUSED,
               f"light must not change between pictures; it does by {spread:.1%}", steady),
         Check("order", bool(np.any(signal <= 0)), 0, REFUSED,
               "every level of light must be brighter than the dark; one is not",
               "check which pictures are dark ones, and begin the ladder at more light"),
-        Check("saturation", bool(variance[-1] >= PAST_THE_TOP * variance[top]), 0, REFUSED,
+        Check("saturation", bool(variance[-1] >= BELOW_MAXIMUM * variance[top]), 0, REFUSED,
               "the ladder must go beyond saturation, where temporal noise falls; it does not",
               "add levels of more light, until the numbers no longer rise"),
         Check("little light", fitted, LEAST_FITTED, REFUSED,
@@ -80,26 +73,26 @@ def ladder_checks(recording: SensorRecording) -> list[Check]:
               f"linearity needs {LEAST_LEVELS_OF_LINE} levels from {RANGE[0]:.0%} to {RANGE[1]:.0%} of saturation; "
               f"there are {judged}", "spread the levels evenly up to saturation", least=True),
         Check("long darks", longest, 1.01 * longest_dark, DOUBTFUL,
-              f"no dark pictures were as long as the ladder's {longest:g} s: their dark current is not taken off",
+              f"no dark pictures were as long as the ladder's {longest:g} s: their dark current is not subtracted",
               "take a pair of dark pictures at the ladder's longest exposure too", given=longest > LONG_S),
-        Check("flicker", spread, FLICKER_DOUBTED, DOUBTFUL,
+        Check("flicker", spread, FLICKER_DOUBTFUL, DOUBTFUL,
               f"light changes by {spread:.2%} between two pictures", steady),
         Check("levels", len(variance), ENOUGH_LEVELS, DOUBTFUL,
-              f"the ladder has {len(variance)} levels; the standard asks for 50",
+              f"the ladder has {len(variance)} levels; the standard requires 50",
               f"take at least {ENOUGH_LEVELS} levels, evenly spaced", least=True),
         Check("rounding", least_noise**0.5, LEAST_DARK_VARIANCE**0.5, DOUBTFUL,
-              "in the dark rounding rules: temporal dark noise is only an upper bound",
+              "rounding dominates in the dark: temporal dark noise is only an upper bound",
               "raise the gain until dark noise exceeds half a digital number", least=True),
     ]  # fmt: skip
 
 
 def stack_checks(recording: SensorRecording, saturation_signal: float) -> list[Check]:
-    """What the stacks must be like, or what is missing without them."""
+    """Checks of the stacks, or the consequence of their absence."""
     dark, flat = recording.dark_stack, recording.flat_stack
     if dark is None or flat is None:
         missing = " and ".join(name for name, one in (("dark", dark), ("flat", flat)) if one is None)
         remedy = f"take {ENOUGH_PICTURES} pictures or more in the dark, and as many at half of saturation"
-        reason = f"without a {missing} stack non-uniformity is not known or not wholly"
+        reason = f"without a {missing} stack non-uniformity is not or not completely known"
         return [Check("stacks", statistic=True, threshold=0, severity=DOUBTFUL, sentence=reason, remedy=remedy)]
     share = (flat.mean - dark.mean) / saturation_signal
     uneven = unevenness(slow_part(flat.mean_picture - dark.mean_picture))
@@ -109,20 +102,18 @@ def stack_checks(recording: SensorRecording, saturation_signal: float) -> list[C
     return [
         Check("evenness", uneven, UNEVEN_REFUSED, REFUSED,
               f"light must be even over the sensor; it differs by {uneven:.0%}", even),
-        Check("evenness", uneven, UNEVEN_DOUBTED, DOUBTFUL,
-              f"light differs by {uneven:.1%} over the sensor, the standard allows 3 %: PRNU holds that, prnu_highpass "
-              "does not", even),
+        Check("evenness", uneven, UNEVEN_DOUBTFUL, DOUBTFUL,
+              f"light differs by {uneven:.1%} over the sensor, the standard allows 3 %: PRNU includes that, "
+              "prnu_highpass does not", even),
         Check("level of the flats", abs(share - (low + high) / 2), (high - low) / 2, DOUBTFUL,
               f"the flat stack lies at {share:.0%} of saturation", "take it at half of saturation"),
         Check("pictures", few, ENOUGH_PICTURES, DOUBTFUL, f"a stack has only {few} pictures",
-              f"take {ENOUGH_PICTURES} or more; the standard asks for 100", least=True),
+              f"take {ENOUGH_PICTURES} or more; the standard requires 100", least=True),
     ]  # fmt: skip
 
 
-def linearity_checks(error: float) -> list[Check]:
-    """Whether the linear model may be used at all."""
-    return [
-        Check("linearity", error, NOT_LINEAR, DOUBTFUL,
-              f"the response is off a line by {error:.1f} % on average; the linear model's numbers carry what that may "
-              "do to them", "prefer the numbers of the general model"),
-    ]  # fmt: skip
+def linearity_check(error: float) -> Check:
+    """Whether the linear model applies."""
+    return Check("linearity", error, NONLINEAR, DOUBTFUL,
+                 f"the response deviates from a line by {error:.1f} % on average; the uncertainties of the linear "
+                 "model's numbers include that", "prefer the numbers of the general model")  # fmt: skip

@@ -1,7 +1,7 @@
-"""Pixels that do not belong to the others: in the dark too bright, or in even light too bright or too dark.
+"""Defect pixels: too bright in the dark, or too bright or too dark in even light.
 
-EMVA 1288 release 4.0 linear, section 8.5, leaves the limit to the application and asks for logarithmic histograms;
-here a pixel is a defect where so large a deviation is not expected once in all pixels of a normal distribution.
+EMVA 1288 release 4.0 linear, section 8.5, leaves the limit to the application and requires logarithmic histograms;
+here a pixel is a defect beyond a deviation that a normal distribution is not expected to reach in all pixels.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 
 from procedures.sensor.measured import IntervalNumber
 from procedures.sensor.stacks import FrameStack, slow_part
@@ -18,26 +18,21 @@ from procedures.sensor.stacks import FrameStack, slow_part
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-EXPECTED = 0.01
-"""Pixels of a sensor without defects that are named all the same."""
-MAD = 1.4826
-"""Standard deviation over median absolute deviation, of a normal distribution."""
+EXPECTED = 0.01  # expected false positives of a sensor without defects
+MAD = 1.4826  # standard deviation over median absolute deviation, of a normal distribution
 BINS = 256
 
 
 @dataclass(frozen=True, eq=False)
 class Histogram:
-    """How many pixels deviate how far from the mean, and how many do so at least.
+    """Histogram of the pixels' deviations from the mean.
 
     Attributes
     ----------
-    centres : (n,) float64
-        Deviations: in digital numbers, or per cent of the signal.
+    centres : (n,), deviations: in digital numbers, or per cent of the signal
     counts : (n,) int64
-    model : (n,) float64
-        Counts of a normal distribution of the same robust deviation.
-    limit : float
-        Deviation from which on a pixel is a defect.
+    model : (n,), counts of a normal distribution of the same robust deviation
+    limit : deviation above which a pixel is a defect
     """
 
     centres: Array
@@ -48,15 +43,13 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False)
 class Defects:
-    """The deviating pixels of a mean picture.
+    """Defect pixels of a mean picture.
 
     Attributes
     ----------
-    places : (n, 2) intp
-        [row, column], the largest deviation first.
+    places : (n, 2) intp; [row, column], the largest deviation first
     deviation : (n,) float64
-    count : IntervalNumber
-        With an interval: pixels near the limit may lie on either side, within their own noise.
+    count : with an interval: pixels near the limit may be on either side, within their noise
     histogram : Histogram
     """
 
@@ -65,16 +58,20 @@ class Defects:
     count: IntervalNumber
     histogram: Histogram
 
+    def mask(self, shape: tuple[int, ...]) -> Mask:
+        """Mask of the defects in a picture of that shape."""
+        mask = np.zeros(shape, dtype=np.bool_)
+        mask[tuple(self.places.T)] = True
+        return mask
+
 
 def find_defects(field: Array, noise: float, scale: float = 1.0) -> Defects:
-    """The pixels of a picture of deviations (rows, columns) that lie too far from 0.
+    """Pixels of a picture of deviations (rows, columns) that are too far from 0.
 
     Parameters
     ----------
-    noise : float
-        Standard deviation of the temporal noise in the picture.
-    scale : float
-        From the picture's unit to that of the answer.
+    noise : standard deviation of the temporal noise in the picture
+    scale : from the picture's unit to that of the result
     """
     spread = MAD * float(np.median(np.abs(field)))
     limit = -float(ndtri(EXPECTED / field.size / 2)) * max(spread, 1e-12)
@@ -86,20 +83,14 @@ def find_defects(field: Array, noise: float, scale: float = 1.0) -> Defects:
 
 
 def _count(size: Array, limit: float, noise: float) -> IntervalNumber:
-    """The number over the limit, between those that are surely and those that are possibly."""
+    """Number of deviations above the limit, with the numbers of certain and possible ones."""
     low, value, high = (int(np.sum(size > limit + k * noise)) for k in (2, 0, -2))
     method = "deviation from the neighbourhood beyond what a normal distribution has once"
-    # at the inner limit the flank of the good pixels comes in: these are known to be none
-    expected = size.size * 2 * float(_beyond((limit - 2 * noise) / max(limit, 1e-12), size.size))
+    # the lower limit includes the flank of the good pixels, whose number is known
+    share = (limit - 2 * noise) / max(limit, 1e-12)
+    expected = size.size * 2 * float(ndtr(share * ndtri(EXPECTED / size.size / 2)))
     high = max(value, round(high - expected))
     return IntervalNumber(value, "pixels", (high - low) / 4, method, size.size, low, high)
-
-
-def _beyond(share: float, n: int) -> float:
-    """Probability of a normal deviation beyond a share of the limit on one side."""
-    from scipy.special import ndtr
-
-    return float(ndtr(share * ndtri(EXPECTED / n / 2)))
 
 
 def _histogram(field: Array, spread: float, limit: float, scale: float) -> Histogram:
@@ -118,17 +109,16 @@ def dark_field(stack: FrameStack) -> Array:
 
 
 def response_field(dark: FrameStack, flat: FrameStack) -> Array:
-    """Deviations of the response in even light, in digital numbers, what is in the dark taken off."""
+    """Deviations of the response in even light without the dark, in digital numbers."""
     return _high_passed(flat.mean_picture - dark.mean_picture)
 
 
 def _high_passed(picture: Array) -> Array:
-    """The picture without what changes slowly and without rows and columns, which are no defects of pixels.
+    """The picture without slow variation, rows and columns.
 
-    Medians first: one hot pixel must not pull its neighbours to the other side.
+    Outliers are clipped first: one hot pixel must not shift its neighbours.
     """
     field = picture - np.median(picture, axis=1)[:, None]
     field = field - np.median(field, axis=0)[None, :]
     spread = MAD * float(np.median(np.abs(field)))
-    tame = np.clip(field, -3 * spread, 3 * spread)
-    return np.asarray(field - slow_part(tame))
+    return np.asarray(field - slow_part(np.clip(field, -3 * spread, 3 * spread)))

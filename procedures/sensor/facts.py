@@ -1,40 +1,32 @@
-"""What a guided sensor measurement knows: the exposure, and with how much light every picture was taken."""
+"""Facts of a guided sensor measurement: the exposure, and the light of every picture."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from procedures.facts import CameraFacts, gathered, number
-from procedures.plan import Facts
+from procedures.facts import CameraFacts, gathered_numbers
 
-LIT = "lit_"
-"""Before a picture's mark (`mark_of`): the fact how much light it had, over all there is."""
-MARK = 16
-"""Letters of a file's hash that tell it from the others."""
+LIT = "lit_"  # prefix of a picture's mark (`mark_of`): the fact of its light, relative to the maximum
+MARK = 16  # characters of a file's hash that identify it
 
 
 def mark_of(sha256: str) -> str:
-    """What a picture is called in the facts."""
+    """Name of a picture in the facts."""
     return sha256[:MARK]
-
-
-def light_of(facts: Facts) -> Mapping[str, float]:
-    """The light of every picture, by its mark. Raises BadParameter."""
-    return {name.removeprefix(LIT): number(facts, name) for name in facts if name.startswith(LIT)}
 
 
 @dataclass(frozen=True)
 class SensorFacts(CameraFacts):
-    """The facts of the plan.
+    """Facts of the plan.
 
     Attributes
     ----------
-    light_level : what the panel is set to; None where there is none: the ladder is of exposure times then
-    ladder_s : the exposure time of the whole ladder, or of its brightest level
-    lit : the light of every picture that counts, by its mark; 0 in the dark
+    light_level : setting of the panel; None without one, where exposure times make the ladder
+    ladder_s : exposure time of the whole ladder, or of its brightest level
+    lit : light of every accepted picture, by its mark; 0 in the dark
     """
 
     light_level: float | None = None
     ladder_s: float | None = None
-    lit: Mapping[str, float] = gathered(light_of, prefix=LIT)
+    lit: Mapping[str, float] = gathered_numbers(LIT)

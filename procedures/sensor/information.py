@@ -1,12 +1,12 @@
-"""What a camera's pictures can tell, whatever is done to them afterwards: NEQ and information capacity.
+"""Information content of a camera's pictures, independent of later processing: NEQ and information capacity.
 
 With the large-area signal S, the modulation transfer function MTF and the noise power NPS of the same linear plane,
 
     NEQ(u, v) = S^2 MTF(u, v)^2 / NPS(u, v)
 
-is the number of quanta per pixel that an ideal counter would need for that signal-to-noise ratio at (u, v). A filter,
-such as sharpening, multiplies MTF^2 and NPS by the same, so that neither NEQ nor what follows from it changes.
-NPS holds what was folded into the band; so does a picture.
+is the number of quanta per pixel that an ideal counter requires for that signal-to-noise ratio at (u, v). A filter,
+such as sharpening, multiplies MTF^2 and NPS by the same factor, so that NEQ and numbers derived from it do not change.
+NPS includes aliasing, as the picture does.
 
 References
 ----------
@@ -28,23 +28,21 @@ from procedures.sensor.noise_power import NEIGHBOURS, NoisePower
 Array = npt.NDArray[np.float64]
 
 SCENE = 1 / 3
-"""Variance of the scene over the square of its mean: levels evenly spread from black to twice the mean, no two pixels
-alike. Less varied scenes carry less."""
+"""Variance of the scene over the square of its mean: independent pixels with uniformly distributed levels from black to
+twice the mean. Less varied scenes contain less information."""
 DRAWS = 200
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Of one plane at one place.
+    """Information content of one plane at one position.
 
     Attributes
     ----------
-    frequencies : (n,) float64
-        Along one axis, cycles per pixel, as `numpy.fft.fftfreq` orders them.
-    mtf, nps, neq, neq_uncertainty : (n, n) float64
-        [fy, fx].
+    frequencies : (n,), along one axis, cycles per pixel, in the order of `numpy.fft.fftfreq`
+    mtf, nps, neq, neq_uncertainty : (n, n), [fy, fx]
     equivalent_mtf, equivalent_mtf_uncertainty : (n, n) float64
-        sqrt(NEQ / NEQ at 0): the MTF of a camera with white noise that is worth the same.
+        sqrt(NEQ / NEQ at 0): the MTF of an equivalent camera with white noise.
     numbers : mapping of str to IntervalNumber
     """
 
@@ -63,10 +61,8 @@ def information(psf: Psf, noise: NoisePower, rng: np.random.Generator) -> Inform
 
     Parameters
     ----------
-    psf : Psf
-        Of the plane that the noise was measured in: in pixels of that plane.
-    rng : Generator
-        Of the draws of the PSF.
+    psf : in pixels of the plane in which the noise was measured
+    rng : for draws of the PSF
     """
     f = noise.frequencies
     mtf = _drawn_mtf(psf, f, rng)
@@ -91,26 +87,24 @@ def _drawn_mtf(psf: Psf, f: Array, rng: np.random.Generator) -> Array:
     steps = vectors * np.sqrt(np.maximum(values, 0))
     drawn = np.vstack([psf.parameters, psf.parameters + rng.standard_normal((DRAWS, len(values))) @ steps.T])
     mtf = np.abs(waves @ drawn.T) / (drawn @ psf.weights)
-    # the modulus of what is only noise is not 0: take the noise's share off
+    # the modulus of noise has a positive mean: subtract it
     lift = np.maximum(np.mean(mtf[:, 1:] ** 2, axis=1) - mtf[:, 0] ** 2, 0)
     mtf = np.sqrt(np.maximum(mtf**2 - lift[:, None], 0))
     return np.asarray(mtf.T.reshape(-1, len(f), len(f)))
 
 
 def _zero_weights() -> tuple[list[tuple[int, int]], Array]:
-    """Places around frequency 0 and their weights: a paraboloid through them tells the value at 0, which changes of the
-    light spoil."""
+    """Places around frequency 0 and the weights of a paraboloid's value at 0, where changes of the light disturb."""
     places = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if i or j]
     design = np.array([[1.0, i * i + j * j] for i, j in places])
     return places, np.asarray(np.linalg.pinv(design)[0])
 
 
 def _numbers(neq: Array, noise: NoisePower, share: float, of_zero: float) -> Mapping[str, IntervalNumber]:
-    """Capacity, quanta at frequency 0, and quanta at half of Nyquist."""
     snr = SCENE * neq
     capacity = np.mean(np.log2(1 + snr), axis=(1, 2)) / 2
     slope = snr[0] / (1 + snr[0]) / (2 * np.log(2) * snr[0].size)
-    # frequencies come in pairs of opposite sign that are the same
+    # frequencies of opposite sign are equal
     from_noise = share * np.sqrt(2 * NEIGHBOURS * np.sum(slope**2))
     n = noise.blocks * noise.power.size
     quarter = len(noise.power) // 4

@@ -1,5 +1,7 @@
-"""A level of light from its pictures: the mean of the digital numbers, their temporal variance, and how well both are
-known. EMVA 1288 release 4.0 linear, section 6.6: two pictures a level suffice, as their difference has no pattern."""
+"""A level of light from its pictures: mean of the digital numbers, temporal variance, and their uncertainties.
+
+EMVA 1288 release 4.0 linear, section 6.6: two pictures per level suffice, as their difference has no fixed pattern.
+"""
 
 from __future__ import annotations
 
@@ -12,38 +14,28 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Numbers = npt.NDArray[np.integer] | npt.NDArray[np.floating]
 
-SEEN = 4.0
-"""Standard errors from which on a correlation of the noise along rows or columns counts."""
-STRAY = 1e-3
-"""Share of the samples, dead pixels, that may lie below the lowest number."""
-LEAST_NUMBERS = 4
-"""Numbers that noise must be spread over to be seen cut off."""
-LOOKED_AT = 500_000
-"""Samples of a picture that are looked at for that."""
+SIGNIFICANT = 4.0  # standard errors from which a correlation of the noise along rows or columns is significant
+STRAY = 1e-3  # accepted share of samples below the lowest number: dead pixels
+LEAST_NUMBERS = 4  # different numbers of the noise required to detect clipping
+SEARCHED = 500_000  # samples of a picture searched for clipping
 
 
 @dataclass(frozen=True)
 class LightLevel:
-    """What pairs of pictures of one exposure tell.
+    """Statistics of pairs of pictures of one exposure.
 
     Attributes
     ----------
     exposure_s : float
-    light : float
-        What the sensor was given: mean photons per pixel where they are known, else any number proportional to them;
-        0 in the dark.
+    light : mean photons per pixel where known, otherwise a number proportional to them; 0 in the dark
     mean, variance : float
-        Of the digital numbers; the variance is temporal, the change of the light between the pictures taken out.
+        Of the digital numbers; the variance is temporal, without the change of the light between the pictures.
     mean_variance, variance_variance : float
-        Squares of their standard uncertainties, noise that rows or columns share allowed for.
-    change : float
-        Mean of the later picture less the earlier, in digital numbers (root mean square of several pairs).
-    change_variance : float
-        What noise alone would make of its square.
-    bottom : float
-        Share of the samples that are piled up at their own lowest number.
-    samples : int
-        Samples of all pairs' differences.
+        Squares of their standard uncertainties, including noise common to rows or columns.
+    change : mean of the later picture less the earlier, in digital numbers (root mean square of several pairs)
+    change_variance : expected square of `change` by noise alone
+    bottom : share of the samples clipped at the lowest number
+    samples : samples of all pairs' differences
     """
 
     exposure_s: float
@@ -82,7 +74,7 @@ def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) 
         mean_variance / len(pairs),
         variance_variance / len(pairs),
         change**0.5,
-        4 * mean_variance,  # of a difference of two pictures, each half of what the mean is of
+        4 * mean_variance,  # difference of two pictures, where the mean has both
         bottom_pile(pictures[0]),
         pictures[0].size * len(pairs),
     )
@@ -104,21 +96,21 @@ def _measure_pair(a: Numbers, b: Numbers) -> tuple[float, float, float, float, f
 
 
 def _shared(difference: Array, axis: int, variance: float) -> tuple[int, float]:
-    """How many samples lie along an axis, and the correlation that all noise along it has; 0 where none is seen."""
+    """Number of samples along an axis, and the correlation of the noise along it; 0 where not significant."""
     length, lines = difference.shape[axis], difference.shape[1 - axis]
     if variance <= 0 or min(length, lines) < 2:
         return length, 0.0
     ratio = float(np.var(difference.mean(axis=axis))) * length / variance  # 1 of independent noise
-    seen = ratio - 1 > SEEN * np.sqrt(2 / lines)
-    return length, (ratio - 1) / (length - 1) if seen else 0.0
+    significant = ratio - 1 > SIGNIFICANT * np.sqrt(2 / lines)
+    return length, (ratio - 1) / (length - 1) if significant else 0.0
 
 
 def bottom_pile(picture: Numbers) -> float:
-    """Share of the samples at the lowest number, where it was cut off there; 0 where the noise runs out by itself.
+    """Share of the samples clipped at the lowest number; 0 without clipping.
 
-    Noise grows rarer towards its end: a last number that is no rarer than the one above it was cut off.
+    The density of noise decreases towards its end: a last number at least as frequent as the next was clipped.
     """
-    values, counts = np.unique(np.asarray(picture).ravel()[:: 1 + picture.size // LOOKED_AT], return_counts=True)
+    values, counts = np.unique(np.asarray(picture).ravel()[:: 1 + picture.size // SEARCHED], return_counts=True)
     share = counts / counts.sum()
     first = int(np.searchsorted(np.cumsum(share), STRAY))
     if len(values) < first + LEAST_NUMBERS or share[first] < share[first + 1]:

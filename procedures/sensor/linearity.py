@@ -1,7 +1,7 @@
-"""Linearity of the response: the standard's error, and a smooth response that other procedures can undo.
+"""Linearity of the response: the standard's error, and a smooth response that other procedures can invert.
 
 EMVA 1288 release 4.0 linear, section 6.7: a line is fitted to the characteristic curve from 5 % to 95 % of saturation
-so that relative deviations are least; the linearity error is the mean of their absolute values.
+by least relative deviations; the linearity error is the mean of their absolute values.
 """
 
 from __future__ import annotations
@@ -18,24 +18,19 @@ from procedures.sensor.measured import CONFIDENT, IntervalNumber, measured
 
 Array = npt.NDArray[np.float64]
 
-RANGE = (0.05, 0.95)
-"""Of the signal at saturation, between which linearity is judged."""
-LEAST_LEVELS = 5
-"""In that range, for a line and what is off it."""
-DEGREE = 2
-"""Of the polynomial that the response over the light is."""
+RANGE = (0.05, 0.95)  # range of the fit, relative to the signal at saturation
+LEAST_LEVELS = 5  # minimum number of levels in that range, for a line and its residual
+DEGREE = 2  # degree of the polynomial signal / light
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """The signal as a polynomial of the light without a constant, of the measured curve and of all draws.
+    """The signal as a polynomial of the light without a constant, for the measured curve and all draws.
 
     Attributes
     ----------
-    coefficients : (1 + draws, degree + 1) float64
-        Of signal / light = c0 + c1 l + c2 l^2 with l the light over `scale`.
-    scale : float
-        Light at saturation.
+    coefficients : (1 + draws, degree + 1), signal / light = c0 + c1 l + c2 l^2 with l the light over `scale`
+    scale : light at saturation
     """
 
     coefficients: Array
@@ -43,21 +38,20 @@ class Response:
 
     @property
     def bend(self) -> Array:
-        """Coefficients of the powers beside light itself, over its own, (1 + draws, degree)."""
+        """Coefficients of higher powers relative to the linear one, (1 + draws, degree)."""
         return np.asarray(self.coefficients[:, 1:] / self.coefficients[:, :1])
 
     @property
     def bend_uncertainty(self) -> float:
-        """Largest standard uncertainty of the departure from a line, over the signal at saturation."""
+        """Largest standard uncertainty of the deviation from a line, relative to the signal at saturation."""
         x = np.linspace(0, 1, 21)
         powers = x[:, None] ** (np.arange(self.bend.shape[1]) + 2)
-        departure = self.bend[1:] @ powers.T
-        # what a line takes away is no departure
-        departure -= departure[:, -1:] * x
-        return float(np.max(np.std(departure, axis=0)))
+        deviation = self.bend[1:] @ powers.T
+        deviation -= deviation[:, -1:] * x  # a line is no deviation
+        return float(np.max(np.std(deviation, axis=0)))
 
     def small_signal(self, light: Array) -> Array:
-        """The signal that light (1 + draws, n) would give if the response went on as it begins."""
+        """Signal at light (1 + draws, n) by linear extrapolation from 0."""
         return np.asarray(self.coefficients[:, :1] * light)
 
     def relative_slope(self, light: Array) -> Array:
@@ -70,15 +64,13 @@ class Response:
 
 @dataclass(frozen=True, eq=False)
 class Linearity:
-    """The line through the characteristic curve and what is left of it.
+    """The line through the characteristic curve, and the deviations from it.
 
     Attributes
     ----------
     slope, offset : (1 + draws,) float64
-    deviation : (1 + draws, levels) float64
-        Of the signal from the line, over the line.
-    used : (levels,) bool
-        Levels from 5 % to 95 % of saturation.
+    deviation : (1 + draws, levels), relative deviation of the signal from the line
+    used : (levels,) bool; levels from 5 % to 95 % of saturation
     """
 
     slope: Array
@@ -92,7 +84,7 @@ def fit_response(curves: Curves, saturation: int) -> Response:
     used = _used(curves, saturation, (0.0, RANGE[1]))
     scale = float(curves.light[0, saturation])
     l, ratio = curves.light[:, used] / scale, curves.signal[:, used] / curves.light[:, used]  # noqa: E741
-    # dim levels say little of signal / light: their noise is divided by little light
+    # dim levels have noisy ratios
     weight = np.sqrt(np.clip(l[0], 0, 1))
     degree = min(DEGREE, int(used.sum()) - 2)
     design = l[..., None] ** np.arange(max(degree, 0) + 1) * weight[:, None]
@@ -116,26 +108,25 @@ def _used(curves: Curves, saturation: int, share: tuple[float, float]) -> npt.ND
 
 
 def _solved(design: Array, values: Array) -> Array:
-    """Least squares of many small systems: design (b, n, p), values (b, n) -> (b, p)."""
+    """Least squares of many systems: design (b, n, p), values (b, n) -> (b, p)."""
     gram = np.einsum("bnp,bnq->bpq", design, design)
     right = np.einsum("bnp,bn->bp", design, values)
     return np.asarray(np.linalg.solve(gram, right[..., None])[..., 0])
 
 
-def linearity_numbers(found: Linearity, beside: Sequence[Linearity], n: int) -> Mapping[str, IntervalNumber]:
+def linearity_numbers(linearity: Linearity, alternatives: Sequence[Linearity], n: int) -> Mapping[str, IntervalNumber]:
     """Linearity error, and the largest deviations to either side, in per cent.
 
     Parameters
     ----------
-    beside : of Linearity
-        What it is where saturation is taken to be at other levels: which of them it is, is not known.
+    alternatives : with saturation at other possible levels
     """
-    deviation = 100 * found.deviation[:, found.used]
+    deviation = 100 * linearity.deviation[:, linearity.used]
     spread = np.std(deviation[1:], axis=0)
-    lift = float(np.mean(spread)) * np.sqrt(2 / np.pi)  # what noise alone would be told as an error
+    lift = float(np.mean(spread)) * np.sqrt(2 / np.pi)  # error expected by noise alone
     error = np.mean(np.abs(deviation), axis=1)
     lowest, highest = deviation.min(axis=1), deviation.max(axis=1)
-    others = [100 * float(np.mean(np.abs(one.deviation[0, one.used]))) for one in beside]
+    others = [100 * float(np.mean(np.abs(one.deviation[0, one.used]))) for one in alternatives]
     away = max((abs(other - error[0]) for other in others), default=0.0)
     spread_of_error = float(np.hypot(np.std(error[1:]), away / np.sqrt(3)))
     method = "relative deviation from the line with the least relative deviations, 5 % to 95 % of saturation"

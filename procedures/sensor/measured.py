@@ -1,4 +1,4 @@
-"""Numbers with a 95 % interval, from draws of what they are computed from, or from a variance."""
+"""Numbers with a 95 % interval, from draws or from a variance."""
 
 from __future__ import annotations
 
@@ -11,13 +11,12 @@ from procedures.outcome import Quantity
 
 Array = npt.NDArray[np.float64]
 
-CONFIDENT = 1.96
-"""Standard uncertainties on either side that hold 95 % of a normal distribution."""
+CONFIDENT = 1.96  # half width of the 95 % interval of a normal distribution, in standard uncertainties
 
 
 @dataclass(frozen=True)
 class IntervalNumber(Quantity):
-    """A number with the 95 % interval in which the true one lies."""
+    """A number with its 95 % interval."""
 
     low: float
     high: float
@@ -26,37 +25,31 @@ class IntervalNumber(Quantity):
 def measured(
     value: float, uncertainty: float, unit: str, method: str, n: int, *, least: float = -np.inf, lower: float = 0.0
 ) -> IntervalNumber:
-    """A number whose error is normal.
+    """A number with a normally distributed error.
 
     Parameters
     ----------
-    least : float
-        What the number cannot be below: the interval ends there.
-    lower : float
-        By how much noise alone may have raised the value: the interval reaches down by so much more.
+    least : lower bound of the number and of its interval
+    lower : possible bias of the value by noise, by which the interval is extended downwards
     """
     low, high = value - CONFIDENT * uncertainty - lower, value + CONFIDENT * uncertainty
     return IntervalNumber(value, unit, uncertainty, method, n, max(low, least), max(high, least))
 
 
-def from_draws(values: Array, unit: str, method: str, n: int, *, beside: float = 0.0) -> IntervalNumber:
-    """The first value, with the spread of the others, which are what it might as well have been.
+def from_draws(values: Array, unit: str, method: str, n: int, *, extra: float = 0.0) -> IntervalNumber:
+    """The first value, with the spread of the others.
 
     Parameters
     ----------
     values : (1 + draws,) float64
-    beside : float
-        A standard uncertainty that the draws do not hold.
+    extra : further standard uncertainty, not included in the draws
     """
-    uncertainty = float(np.hypot(np.std(values[1:]), beside))
+    uncertainty = float(np.hypot(np.std(values[1:]), extra))
     return measured(float(values[0]), uncertainty, unit, method, n)
 
 
 def root(variance: float, uncertainty: float, scale: float, unit: str, method: str, n: int) -> IntervalNumber:
-    """The square root of a variance, times a scale; 0 where noise left the variance negative.
-
-    The interval is that of the variance, through the root: it ends at 0 where the variance may be none.
-    """
+    """The square root of a variance, times a scale; 0 for a negative variance, and the root of its interval."""
     low, high = variance - CONFIDENT * uncertainty, max(variance + CONFIDENT * uncertainty, uncertainty)
     ends = np.sqrt(np.maximum([variance, low, high], 0)) * scale
     value = float(ends[0])
@@ -65,7 +58,7 @@ def root(variance: float, uncertainty: float, scale: float, unit: str, method: s
 
 
 def with_share(number: IntervalNumber, share: float) -> IntervalNumber:
-    """The number with a further relative standard uncertainty, such as that of what it was divided by."""
+    """The number with a further relative standard uncertainty, such as that of a divisor."""
     if not number.value or not share:
         return number
     more = share * number.value

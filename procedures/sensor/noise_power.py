@@ -1,7 +1,7 @@
 """The power spectrum of temporal noise (NPS), from the difference of two pictures of even light.
 
-Blocks of the difference are transformed under a window; the mean of their squares, divided by the window's power, has
-the variance for its mean over the band. IEC 62220-1, in two dimensions and in pixels.
+Blocks of the difference are transformed under a window; the mean of their squared moduli, divided by the window's
+power, has the variance as its mean over the band. IEC 62220-1, in two dimensions and in pixels.
 """
 
 from __future__ import annotations
@@ -16,12 +16,10 @@ from procedures.sensor.levels import Numbers
 
 Array = npt.NDArray[np.float64]
 
-BLOCK = 32
-"""Side of a block, in pixels: the spectrum is told at so many frequencies along each axis."""
-LEAST_SIDE = 5
-"""Of a spectrum, so that two frequencies on each side of 0 differ."""
+BLOCK = 32  # side of a block in pixels: number of frequencies along each axis
+LEAST_SIDE = 5  # minimum side of a spectrum: two different frequencies on each side of 0
 NEIGHBOURS = (35 / 18) ** 2
-"""By how much a sum over frequencies varies more than one of independent ones, under Hann's window along both axes."""
+"""Increase of the variance of sums over frequencies by their correlation, under Hann windows along both axes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +28,9 @@ class NoisePower:
 
     Attributes
     ----------
-    power : (n, n) float64
-        [fy, fx] as `numpy.fft.fftfreq` orders them; DN^2 per (cycle/pixel)^2: its mean is the variance.
-    signal : float
-        Mean less dark at which it was measured, DN.
-    blocks : int
-        Blocks that were averaged: each value has the relative standard uncertainty 1 / sqrt(blocks).
+    power : (n, n), [fy, fx] in the order of `numpy.fft.fftfreq`; DN^2 per (cycle/pixel)^2: its mean is the variance
+    signal : mean less dark of the pictures, DN
+    blocks : averaged blocks: each value has the relative standard uncertainty 1 / sqrt(blocks)
     """
 
     power: Array
@@ -49,12 +44,11 @@ class NoisePower:
 
 
 def measure_noise_power(pictures: Sequence[Numbers], signal: float, block: int = BLOCK) -> NoisePower | None:
-    """The NPS of pictures (rows, columns) taken two by two; None where no block fits into them.
+    """NPS of pairs of pictures (rows, columns); None where no block fits into them.
 
     Parameters
     ----------
-    signal : float
-        Their mean less that in the dark.
+    signal : mean less dark
     """
     window = np.hanning(block + 1)[:-1]
     taper = window[:, None] * window[None, :]
@@ -68,7 +62,6 @@ def measure_noise_power(pictures: Sequence[Numbers], signal: float, block: int =
 
 
 def _blocks(picture: Array, side: int) -> Array:
-    """The whole blocks of a picture, (n, side, side)."""
     down, across = (length // side for length in picture.shape)
     cut = picture[: down * side, : across * side]
     return cut.reshape(down, side, across, side).swapaxes(1, 2).reshape(-1, side, side)

@@ -1,4 +1,5 @@
-"""Gain, noise, saturation and what follows from them. EMVA 1288 release 4.0 linear, sections 2.3, 2.4 and 6.6.
+"""Gain, noise, saturation, dark current and derived numbers. EMVA 1288 release 4.0 linear, sections 2.3, 2.4, 3.1, 6.6
+and 7.1.
 
 mu_y and sigma_y^2 are mean and temporal variance of the digital numbers y, K the gain in digital numbers (DN) per
 electron, eta the quantum efficiency, sigma_d the dark noise in electrons, sigma_q^2 = 1/12 DN^2 that of rounding:
@@ -16,6 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numbers import (
+    DARK_CURRENT,
+    DARK_CURRENT_BY_VARIANCE,
     DYNAMIC_RANGE,
     DYNAMIC_RANGE_DB,
     INVERSE_GAIN,
@@ -39,37 +42,29 @@ from procedures.sensor.measured import IntervalNumber, from_draws, measured
 
 Array = npt.NDArray[np.float64]
 
-REGRESSION = 0.7
-"""Of the signal at saturation, up to which gain and responsivity are fitted."""
-LEAST_DARK_VARIANCE = 0.24
-"""DN^2: below this rounding rules, and dark noise is only known to be less."""
+REGRESSION = 0.7  # upper limit of the fit of gain and responsivity, relative to the signal at saturation
+LEAST_DARK_VARIANCE = 0.24  # DN^2: below this rounding dominates, and dark noise is only bounded
+LEAST_EXPOSURES = 3  # exposure times required for dark current
 
 
 @dataclass(frozen=True, eq=False)
 class Transfer:
-    """What the photon transfer curve tells, over the draws.
+    """Results of the photon transfer curve, over the draws.
 
     Attributes
     ----------
-    gain : (1 + draws,) float64
-        K, as the standard fits it: a line through 0.
-    gain_at_dark : (1 + draws,) float64
-        K of small signals, the response's curvature allowed for.
-    bent : float
-        Standard uncertainty of K from that curvature, where it is seen: the linear model has no place for it.
-    responsivity : (1 + draws,) float64
-        Digital numbers per unit of light.
-    dark_deviation : (1 + draws,) float64
-        Temporal noise in the dark, DN.
-    saturation : int
-        Index of the level at saturation.
-    fitted : (levels,) bool
-        Levels that gain and responsivity are fitted to.
+    gain : (1 + draws,), K by the standard: a line through 0
+    gain_at_dark : (1 + draws,), K of small signals, corrected for the response's curvature
+    gain_bent : standard uncertainty of K by that curvature where it is significant, as the linear model neglects it
+    responsivity : (1 + draws,), digital numbers per unit of light
+    dark_deviation : (1 + draws,), temporal noise in the dark, DN
+    saturation : index of the level at saturation
+    fitted : (levels,) bool; levels used in the fits
     """
 
     gain: Array
     gain_at_dark: Array
-    bent: float
+    gain_bent: float
     responsivity: Array
     dark_deviation: Array
     saturation: int
@@ -77,13 +72,12 @@ class Transfer:
 
 
 def saturation_index(variance: Array) -> int:
-    """The level of the largest temporal variance (levels,): from there on the numbers are cut off."""
+    """The level of the largest temporal variance (levels,), above which the numbers are clipped."""
     return int(np.argmax(variance))
 
 
 def saturation_range(curves: Curves, top: int) -> tuple[int, int]:
-    """First and last level between which the largest temporal variance lies: noise may have raised the one found, and
-    between levels nothing is known."""
+    """First and last level between which the maximum of the temporal variance lies, within noise and spacing."""
     spread = np.std(curves.variance[1:], axis=0)
     might = curves.variance[0] > curves.variance[0, top] - 2 * np.hypot(spread, spread[top])
     near = np.flatnonzero(might)
@@ -91,13 +85,13 @@ def saturation_range(curves: Curves, top: int) -> tuple[int, int]:
 
 
 def fit_transfer(curves: Curves, response: Response) -> Transfer:
-    """Gain, responsivity and dark noise of the measured curves and of all draws."""
+    """Gain, responsivity and dark noise of the measured curves and all draws."""
     top = saturation_index(curves.variance[0])
     fitted = curves.signal[0] <= REGRESSION * curves.signal[0, top]
     gain = _through_zero(curves.signal[:, fitted], curves.excess[:, fitted])
-    # photon noise passes through the slope of the response, so that against slope^2 x light it is a line again
-    seen = response.small_signal(curves.light) * response.relative_slope(curves.light) ** 2
-    gain_at_dark = _through_zero(seen[:, fitted], curves.excess[:, fitted])
+    # photon noise is scaled by the slope of the response: it is linear in slope^2 x light
+    scaled = response.small_signal(curves.light) * response.relative_slope(curves.light) ** 2
+    gain_at_dark = _through_zero(scaled[:, fitted], curves.excess[:, fitted])
     difference = gain - gain_at_dark
     clear = abs(difference[0]) > 2 * np.std(difference[1:])
     return Transfer(
@@ -112,7 +106,7 @@ def fit_transfer(curves: Curves, response: Response) -> Transfer:
 
 
 def dark_variance(curves: Curves) -> Array:
-    """Temporal variance in the dark without dark current, (1 + draws,): at exposure 0 where three exposures tell."""
+    """Temporal variance in the dark, (1 + draws,), extrapolated to exposure 0 from three exposures or more."""
     if len(curves.dark_exposure_s) < 3:
         return curves.dark_variance[:, 0]
     return line(curves.dark_exposure_s, curves.dark_variance)[0]
@@ -126,50 +120,49 @@ def line(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _through_zero(x: Array, y: Array) -> Array:
-    """Slopes of the least-squares lines through the origin, over the last axis."""
     return np.asarray(np.sum(x * y, axis=-1) / np.sum(x * x, axis=-1))
 
 
-def transfer_numbers(curves: Curves, found: Transfer, *, photons_known: bool) -> Mapping[str, IntervalNumber]:
+def transfer_numbers(curves: Curves, transfer: Transfer, *, photons_known: bool) -> Mapping[str, IntervalNumber]:
     """The numbers of sensitivity and noise, by name."""
-    n = curves.samples * int(found.fitted.sum())
-    bent = found.bent / found.gain[0]
-    gain, dark = found.gain, found.dark_deviation
+    n = curves.samples * int(transfer.fitted.sum())
+    bent = transfer.gain_bent / transfer.gain[0]
+    gain, dark = transfer.gain, transfer.dark_deviation
 
-    def told(values: Array, unit: str, method: str, *, share: float = 0.0) -> IntervalNumber:
-        return from_draws(values, unit, method, n, beside=abs(float(values[0])) * share)
+    def number(values: Array, unit: str, method: str, *, share: float = 0.0) -> IntervalNumber:
+        return from_draws(values, unit, method, n, extra=abs(float(values[0])) * share)
 
-    noise_e = _dark_electrons(found)
+    noise_e = _dark_electrons(transfer)
     threshold_e = np.sqrt(dark**2 / gain**2 + 0.25) + 0.5
     numbers: dict[str, IntervalNumber] = {
-        SYSTEM_GAIN: told(gain, "DN/e-", "line through 0 of the photon transfer curve, to 70 % of saturation",
+        SYSTEM_GAIN: number(gain, "DN/e-", "line through 0 of the photon transfer curve, to 70 % of saturation",
                             share=bent),
-        SYSTEM_GAIN_AT_DARK: told(found.gain_at_dark, "DN/e-", "the same, the response's curvature allowed for"),
-        INVERSE_GAIN: told(1 / gain, "e-/DN", "1 / K", share=bent),
-        TEMPORAL_DARK_NOISE: told(noise_e, "e-", "variance in the dark less that of rounding, over K", share=bent),
-        TEMPORAL_DARK_NOISE_DN: told(dark, "DN", "variance in the dark, rounding included"),
-        SENSITIVITY_THRESHOLD: told(threshold_e, "e-", "electrons at which the signal is its own noise", share=bent),
-        RESPONSIVITY: told(found.responsivity, "DN/photon" if photons_known else "DN per unit of light",
+        SYSTEM_GAIN_AT_DARK: number(transfer.gain_at_dark, "DN/e-", "the same, corrected for the response's curvature"),
+        INVERSE_GAIN: number(1 / gain, "e-/DN", "1 / K", share=bent),
+        TEMPORAL_DARK_NOISE: number(noise_e, "e-", "variance in the dark less that of rounding, over K", share=bent),
+        TEMPORAL_DARK_NOISE_DN: number(dark, "DN", "variance in the dark, rounding included"),
+        SENSITIVITY_THRESHOLD: number(threshold_e, "e-", "electrons at which the signal is its own noise", share=bent),
+        RESPONSIVITY: number(transfer.responsivity, "DN/photon" if photons_known else "DN per unit of light",
                              "line through 0 of the characteristic curve, to 70 % of saturation"),
     }  # fmt: skip
     if photons_known:
-        efficiency = found.responsivity / gain
-        numbers[QUANTUM_EFFICIENCY] = told(efficiency, "1", "responsivity over gain", share=bent)
-        numbers[SENSITIVITY_THRESHOLD_PHOTONS] = told(
+        efficiency = transfer.responsivity / gain
+        numbers[QUANTUM_EFFICIENCY] = number(efficiency, "1", "responsivity over gain", share=bent)
+        numbers[SENSITIVITY_THRESHOLD_PHOTONS] = number(
             threshold_e / efficiency, "photons", "photons at which the signal is its own noise", share=bent
         )
-    return {**numbers, **_saturation_numbers(curves, found, threshold_e, bent, n, photons_known=photons_known)}
+    return {**numbers, **_saturation_numbers(curves, transfer, threshold_e, bent, n, photons_known=photons_known)}
 
 
 def _saturation_numbers(
-    curves: Curves, found: Transfer, threshold_e: Array, bent: float, n: int, *, photons_known: bool
+    curves: Curves, transfer: Transfer, threshold_e: Array, bent: float, n: int, *, photons_known: bool
 ) -> Mapping[str, IntervalNumber]:
-    """What follows from the light at saturation: it lies somewhere between the levels beside the one found."""
-    at, light, signal = found.saturation, curves.light[0], curves.signal[0]
+    """Numbers by the light at saturation, which lies between the levels next to that of the maximum."""
+    at, light, signal = transfer.saturation, curves.light[0], curves.signal[0]
     first, last = saturation_range(curves, at)
     low, high = light[first] / light[at], light[last] / light[at]
-    capacity = found.responsivity * curves.light[:, at] / found.gain
-    unit, where = "e-", "light of the largest temporal variance; the levels beside it are the interval"
+    capacity = transfer.responsivity * curves.light[:, at] / transfer.gain
+    unit, where = "e-", "light of the largest temporal variance; the adjacent levels are the interval"
     numbers: dict[str, IntervalNumber] = {
         SATURATION_CAPACITY: _between(capacity, low, high, 1.0, bent, unit, where, n),
         SNR_MAX: _between(np.sqrt(capacity), low, high, 0.5, bent, "1", "root of the saturation capacity", n),
@@ -182,14 +175,14 @@ def _saturation_numbers(
     if photons_known:
         numbers[SATURATION_PHOTONS] = _between(curves.light[:, at], low, high, 1.0, 0.0, "photons", where, n)
     for name, in_db in ((DYNAMIC_RANGE, DYNAMIC_RANGE_DB), (SNR_MAX, SNR_MAX_DB)):
-        numbers[in_db] = _decibels(numbers[name], 20.0)
+        numbers[in_db] = _decibels(numbers[name])
     return numbers
 
 
 def _between(
     values: Array, low: float, high: float, power: float, bent: float, unit: str, method: str, n: int
 ) -> IntervalNumber:
-    """A number that goes with a power of the light at saturation, which lies between two factors of the value."""
+    """A number proportional to a power of the light at saturation, which lies between two factors of the value."""
     value = float(values[0])
     own = float(np.hypot(np.std(values[1:]), value * bent * power))
     number = measured(value, own, unit, method, n)
@@ -198,10 +191,9 @@ def _between(
     return IntervalNumber(value, unit, spread, method, n, *ends)
 
 
-def _decibels(number: IntervalNumber, factor: float) -> IntervalNumber:
-    """A ratio as a level."""
-    value, low, high = (factor * float(np.log10(max(part, 1e-300))) for part in (number.value, number.low, number.high))
-    spread = factor / np.log(10) * number.uncertainty / number.value
+def _decibels(number: IntervalNumber) -> IntervalNumber:
+    value, low, high = (20 * float(np.log10(max(part, 1e-300))) for part in (number.value, number.low, number.high))
+    spread = 20 / np.log(10) * number.uncertainty / number.value
     return IntervalNumber(value, "dB", float(spread), number.method, number.n, low, high)
 
 
@@ -215,16 +207,30 @@ class GainAndNoise:
     covariance: Array
 
 
-def gain_and_noise(found: Transfer) -> GainAndNoise:
-    """Both with what they share, as the second is divided by the first: from the draws that their intervals come of.
-
-    What curvature may do to K is in both.
-    """
-    draws = np.stack([found.gain, _dark_electrons(found)])
-    bent = found.bent / found.gain[0] * np.array([draws[0, 0], -draws[1, 0]])  # dark noise falls as K grows
+def gain_and_noise(transfer: Transfer) -> GainAndNoise:
+    """Both with their covariance, as the second is divided by the first, from the draws; curvature affects both."""
+    draws = np.stack([transfer.gain, _dark_electrons(transfer)])
+    bent = transfer.gain_bent / transfer.gain[0] * np.array([draws[0, 0], -draws[1, 0]])  # dark noise decreases with K
     return GainAndNoise(draws[:, 0], np.cov(draws[:, 1:], ddof=0) + np.outer(bent, bent))
 
 
-def _dark_electrons(found: Transfer) -> Array:
+def _dark_electrons(transfer: Transfer) -> Array:
     """Temporal noise in the dark without that of rounding, (1 + draws,)."""
-    return np.asarray(np.sqrt(np.maximum(found.dark_deviation**2 - 1 / 12, 0)) / found.gain)
+    return np.asarray(np.sqrt(np.maximum(transfer.dark_deviation**2 - 1 / 12, 0)) / transfer.gain)
+
+
+def dark_current_numbers(curves: Curves, transfer: Transfer) -> Mapping[str, IntervalNumber]:
+    """Dark current by mean and by variance, in electrons per second; empty for fewer than three exposures."""
+    times = curves.dark_exposure_s
+    if len(np.unique(times)) < LEAST_EXPOSURES:
+        return {}
+    n, bent = curves.samples * len(times), transfer.gain_bent / transfer.gain[0]
+    by_mean = line(times, curves.dark_mean)[1] / transfer.gain
+    by_variance = line(times, curves.dark_variance)[1] / transfer.gain**2
+    return {
+        DARK_CURRENT: from_draws(by_mean, "e-/s", "slope of the dark mean over exposure, over K", n,
+                                 extra=abs(float(by_mean[0])) * bent),
+        DARK_CURRENT_BY_VARIANCE: from_draws(by_variance, "e-/s",
+                                             "slope of the dark variance over exposure, over K squared", n,
+                                             extra=2 * abs(float(by_variance[0])) * bent),
+    }  # fmt: skip

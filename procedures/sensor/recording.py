@@ -1,4 +1,4 @@
-"""What is recorded of a sensor: dark and bright levels, a dark and a flat stack."""
+"""Recording of a sensor: dark and bright levels, a dark and a flat stack."""
 
 from __future__ import annotations
 
@@ -20,12 +20,9 @@ class SensorRecording:
 
     Attributes
     ----------
-    darks : tuple of LightLevel
-        Without light, by exposure time.
-    lights : tuple of LightLevel
-        By light.
-    photons_known : bool
-        Whether `light` is photons per pixel.
+    darks : without light, by exposure time
+    lights : by light
+    photons_known : whether `light` is photons per pixel
     dark_stack, flat_stack : FrameStack or None
     """
 
@@ -37,14 +34,14 @@ class SensorRecording:
 
     @property
     def dark_weights(self) -> Array:
-        """How each bright level's dark is made of the dark ones, (bright, dark): between exposures, linear."""
+        """Weights (bright, dark) that interpolate the dark levels linearly to each bright level's exposure."""
         known = np.array([level.exposure_s for level in self.darks])
         wanted = np.array([level.exposure_s for level in self.lights])
         return np.column_stack([np.interp(wanted, known, row) for row in np.eye(len(known))])
 
     @property
     def signal(self) -> Array:
-        """Mean of each bright level, less the dark at its exposure."""
+        """Mean of each bright level less the dark at its exposure."""
         return column(one.mean for one in self.lights) - self.dark_weights @ column(one.mean for one in self.darks)
 
 

@@ -1,7 +1,7 @@
-"""Spectrograms of a mean picture along rows and columns, and the periodic patterns that stand out of them.
+"""Spectrograms of a mean picture along rows and columns, and periodic patterns in them.
 
-EMVA 1288 release 4.0 linear, section 8.3: every line is transformed, and the squares of all lines are averaged; the
-root of that, over frequency, is drawn. A pattern that all lines share stands out most in their average.
+EMVA 1288 release 4.0 linear, section 8.3: every line is transformed, and the power of all lines is averaged; its root
+is drawn over frequency. A pattern common to all lines is most significant in their average.
 """
 
 from __future__ import annotations
@@ -17,16 +17,13 @@ from procedures.sensor.stacks import FrameStack
 
 Array = npt.NDArray[np.float64]
 
-FALSE_ALARM = 1e-3
-"""Probability that a line of pure noise is said to hold a period."""
-FLOOR_BINS = 101
-"""Frequencies around one whose median power is the floor there."""
+FALSE_ALARM = 1e-3  # probability of a false detection in a line of pure noise
+FLOOR_BINS = 101  # neighbouring frequencies whose median power is the noise floor
 MEDIAN = np.log(2) ** 2
-"""Values whose mean is known as well as the median of one value, of an exponential law; half of them at the ends, where
-the frequencies around one are mirrored."""
+"""Efficiency of the median relative to the mean for an exponential distribution; half of it at the ends, where the
+neighbouring frequencies are mirrored."""
 MOST = 8
-LEAST_CYCLES = 3
-"""Periods that a pattern needs within the picture: slower ones are uneven light."""
+LEAST_CYCLES = 3  # minimum number of periods within the picture: slower patterns are uneven light
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +32,10 @@ class Spectrogram:
 
     Attributes
     ----------
-    direction : str
-        "horizontal": along rows, or "vertical".
-    frequencies : (n,) float64
-        In cycles per pixel, from 0 to 1/2.
-    amplitude : (n,) float64
-        In digital numbers, or per cent of the signal; its mean square is the variance.
-    floor : float
-        What temporal noise alone would give.
+    direction : "horizontal": along rows, or "vertical"
+    frequencies : (n,), in cycles per pixel, from 0 to 1/2
+    amplitude : (n,), in digital numbers, or per cent of the signal; its mean square is the variance
+    floor : amplitude of temporal noise alone
     """
 
     direction: str
@@ -53,16 +46,13 @@ class Spectrogram:
 
 @dataclass(frozen=True)
 class Period:
-    """A sinusoid that all lines share.
+    """A sinusoid common to all lines.
 
     Attributes
     ----------
-    pattern : str
-        "row": the rows differ, along a column; or "column".
-    frequency : IntervalNumber
-        In cycles per pixel.
-    amplitude : IntervalNumber
-        From the middle to the crest.
+    pattern : "row": the rows differ, along a column; or "column"
+    frequency : in cycles per pixel
+    amplitude : from the mean to the crest
     """
 
     pattern: str
@@ -71,46 +61,44 @@ class Period:
 
 
 def spectrogram(stack: FrameStack, direction: str, scale: float = 1.0) -> Spectrogram:
-    """The spectrogram of a mean picture along one direction, its values times a scale."""
+    """Spectrogram of a mean picture along one direction, times a scale."""
     field = stack.mean_picture - stack.mean
     field = field if direction == "horizontal" else field.T
     length = field.shape[1]
     power = np.mean(np.abs(np.fft.rfft(field, axis=1)) ** 2, axis=0) / length
-    floor = float(np.sqrt(stack.left_over[0])) * scale
+    floor = float(np.sqrt(stack.residual_variance[0])) * scale
     return Spectrogram(direction, np.asarray(np.fft.rfftfreq(length), dtype=np.float64), np.sqrt(power) * scale, floor)
 
 
 def find_periods(picture: Array, pattern: str, unit: str, scale: float = 1.0) -> tuple[Period, ...]:
-    """The sinusoids in which rows, or columns, differ, the strongest first.
+    """Sinusoids of the rows' or columns' averages, the strongest first.
 
     Parameters
     ----------
     picture : (rows, columns) float64
     pattern : "row" or "column"
-    unit : str
-        Of an amplitude, once multiplied by the scale.
+    unit : unit of an amplitude after multiplication by the scale
     """
     profile = picture.mean(axis=1 if pattern == "row" else 0)
-    left = profile - profile.mean()
-    found: list[tuple[float, float]] = []
-    while len(found) < MOST:
-        peak = _highest_peak(left)
-        if peak is None:
-            break
-        frequency, cosine, sine = _refined(left, peak)
-        place = 2 * np.pi * frequency * np.arange(len(left))
-        left = left - cosine * np.cos(place) - sine * np.sin(place)
-        found.append((frequency, float(np.hypot(cosine, sine))))
-    noise = float(np.std(left))
-    told = [_period(pattern, f, a, noise, len(left), unit, scale) for f, a in found]
-    return tuple(sorted(told, key=lambda one: -one.amplitude.value))
+    residual = profile - profile.mean()
+    waves: list[tuple[float, float]] = []
+    while len(waves) < MOST and (peak := _highest_peak(residual)) is not None:
+        frequency, cosine, sine = _refined(residual, peak)
+        phase = 2 * np.pi * frequency * np.arange(len(residual))
+        residual = residual - cosine * np.cos(phase) - sine * np.sin(phase)
+        waves.append((frequency, float(np.hypot(cosine, sine))))
+    noise = float(np.std(residual))
+    periods = [_period(pattern, f, a, noise, len(residual), unit, scale) for f, a in waves]
+    return tuple(sorted(periods, key=lambda one: -one.amplitude.value))
 
 
 def _highest_peak(profile: Array) -> float | None:
-    """Frequency of the highest peak over the floor around it; None where noise alone may have made it."""
+    """Frequency of the highest peak over the floor around it; None where it is consistent with noise."""
     power = np.abs(np.fft.rfft(profile)) ** 2
     width = min(FLOOR_BINS, len(power) // 2 * 2 - 1)
-    floor = median_filter(power[1:], width, mode="reflect") / np.log(2)  # median of an exponential law over its mean
+    floor = median_filter(power[1:], width, mode="reflect") / np.log(
+        2
+    )  # median of an exponential distribution over its mean
     ratio = power[1:] / np.maximum(floor, 1e-300)
     ratio[: LEAST_CYCLES - 1] = 0
     best = int(np.argmax(ratio))
@@ -120,12 +108,12 @@ def _highest_peak(profile: Array) -> float | None:
 
 
 def _limit(chance: float, count: float) -> float:
-    """What an exponential number over the mean of so many others exceeds by chance: (1 + t / n)^-n."""
+    """Quantile of an exponential value over the mean of `count` others: (1 + t / n)^-n."""
     return float(count * (chance ** (-1 / count) - 1))
 
 
 def _refined(profile: Array, start: float) -> tuple[float, float, float]:
-    """Frequency, cosine and sine of the sinusoid that fits best, from a bin's frequency on: Gauss-Newton."""
+    """Frequency, cosine and sine of the best sinusoid near a bin's frequency, by Gauss-Newton iterations."""
     n = np.arange(len(profile), dtype=np.float64) - (len(profile) - 1) / 2
     frequency = _largest(profile, n, start)
     for _ in range(8):
@@ -134,19 +122,19 @@ def _refined(profile: Array, start: float) -> tuple[float, float, float]:
         slope = 2 * np.pi * n * (b * c - a * s)
         *_, step = np.linalg.lstsq(np.column_stack([c, s, slope]), profile - a * c - b * s, rcond=None)[0]
         frequency += float(np.clip(step, -0.2 / len(profile), 0.2 / len(profile)))
-    phase = 2 * np.pi * frequency * n[0]  # told from the first sample on
+    phase = 2 * np.pi * frequency * n[0]  # relative to the first sample
     a, b = a * np.cos(phase) + b * np.sin(phase), b * np.cos(phase) - a * np.sin(phase)
     return frequency, float(a), float(b)
 
 
 def _largest(profile: Array, n: Array, start: float) -> float:
-    """The strongest of frequencies a tenth of a bin apart, around one."""
+    """The strongest of frequencies a tenth of a bin apart."""
     tried = start + np.linspace(-0.6, 0.6, 13) / len(profile)
     return float(tried[np.argmax(np.abs(np.exp(-2j * np.pi * np.outer(tried, n)) @ profile))])
 
 
 def _period(pattern: str, f: float, a: float, noise: float, n: int, unit: str, scale: float) -> Period:
-    """With the least uncertainties that noise of a deviation allows. Kay, Estimation Theory, 1993, example 3.14."""
+    """With the Cramer-Rao bounds as uncertainties. Kay, Estimation Theory, 1993, example 3.14."""
     method = f"sinusoid fitted to the average of each {pattern}"
     of_frequency = np.sqrt(6 / n**3) * noise / (np.pi * a)
     return Period(

@@ -1,5 +1,5 @@
-"""Stacks of pictures of one exposure: the mean picture, in which only the sensor's own pattern is left, and the
-temporal variance that is still in it. EMVA 1288 release 4.0 linear, section 8.2."""
+"""Stacks of pictures of one exposure: the mean picture with the sensor's fixed pattern, and its residual temporal
+variance. EMVA 1288 release 4.0 linear, section 8.2."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from procedures.sensor.levels import Numbers
 Array = npt.NDArray[np.float64]
 
 BOXES = (7, 11)
-"""Sides of the box filters that, with a binomial of 3, tell slow changes of the light from the sensor's pattern."""
+"""Sides of the box filters that, with a binomial of 3, separate slow variation of the light from the pattern."""
 LEAST_PICTURES = 3
 BINOMIAL = np.array([0.25, 0.5, 0.25])
 
@@ -26,18 +26,12 @@ class FrameStack:
 
     Attributes
     ----------
-    mean_picture : (rows, columns) float64
-        In digital numbers.
-    variance : float
-        Temporal variance of one picture, averaged over the pixels; the changes of the light are taken out.
-    row_variance, column_variance : float
-        Temporal variance of the averages of a picture's rows, and of its columns.
-    count : int
-        Pictures.
-    light_spread : float
-        Standard deviation of the pictures' means over their mean.
-    exposure_s, light : float
-        As of a level.
+    mean_picture : (rows, columns), in digital numbers
+    variance : temporal variance of one picture, averaged over the pixels, without changes of the light
+    row_variance, column_variance : temporal variance of the averages of a picture's rows, and of its columns
+    count : number of pictures
+    light_spread : standard deviation of the pictures' means over their mean
+    exposure_s, light : as in `LightLevel`
     """
 
     mean_picture: Array
@@ -51,17 +45,17 @@ class FrameStack:
 
     @property
     def mean(self) -> float:
-        """Of all pixels."""
+        """Mean over all pixels."""
         return float(self.mean_picture.mean())
 
     @property
-    def left_over(self) -> tuple[float, float, float]:
-        """Temporal variance that is left in the mean picture: of its pixels, its rows' averages, its columns'."""
+    def residual_variance(self) -> tuple[float, float, float]:
+        """Temporal variance in the mean picture: of its pixels, its rows' averages, its columns'."""
         return self.variance / self.count, self.row_variance / self.count, self.column_variance / self.count
 
 
 class StackSums:
-    """Sums over the pictures of a stack, which come one after the other and are not kept."""
+    """Running sums over the pictures of a stack, which are not kept."""
 
     def __init__(self) -> None:
         self._zero: Array | None = None
@@ -70,10 +64,10 @@ class StackSums:
         self._columns: list[Array] = []
 
     def add(self, picture: Numbers) -> None:
-        """Count one picture (rows, columns) of digital numbers in."""
+        """Add one picture (rows, columns) of digital numbers."""
         values = np.asarray(picture, dtype=np.float64)
         if self._zero is None:
-            self._zero = values  # sums are of differences from it: no digits are lost
+            self._zero = values  # sums of differences from it keep all digits
             self._total, self._squares = np.zeros_like(values), np.zeros_like(values)
         values = values - self._zero
         self._total += values
@@ -82,13 +76,13 @@ class StackSums:
         self._columns.append(values.mean(axis=0))
 
     def stack(self, exposure_s: float, light: float) -> FrameStack:
-        """The stack of what came. Raises ValueError if that is fewer than three pictures."""
+        """Stack of the added pictures. Raises ValueError for fewer than three."""
         count = len(self._rows)
         if self._zero is None or count < LEAST_PICTURES:
             raise ValueError(f"a stack has {LEAST_PICTURES} pictures or more; got {count}")
         mean_picture = self._zero + self._total / count
         means = np.array([row.mean() for row in self._rows])
-        shared = float(np.var(means, ddof=1))  # what all pixels have in common is a change of the light
+        shared = float(np.var(means, ddof=1))  # common to all pixels: a change of the light
         return FrameStack(
             mean_picture,
             float(np.mean(self._squares - self._total**2 / count)) / (count - 1) - shared,
@@ -102,7 +96,7 @@ class StackSums:
 
 
 def measure_stack(pictures: Iterable[Numbers], exposure_s: float, light: float) -> FrameStack:
-    """The stack of three pictures or more. Raises ValueError if there are fewer."""
+    """Stack of three pictures or more. Raises ValueError for fewer."""
     sums = StackSums()
     for picture in pictures:
         sums.add(picture)
@@ -110,7 +104,7 @@ def measure_stack(pictures: Iterable[Numbers], exposure_s: float, light: float) 
 
 
 def slow_part(picture: Array) -> Array:
-    """What changes slowly over a picture: uneven light more than the sensor. Release 4.0 linear, section 8.1."""
+    """Slow variation over a picture, mainly uneven light. Release 4.0 linear, section 8.1."""
     smooth = picture
     for side in BOXES:
         smooth = uniform_filter(smooth, side, mode="reflect")

@@ -1,7 +1,7 @@
 """Spatial non-uniformity in the dark (DSNU) and of the response (PRNU), split into rows, columns and pixels.
 
-EMVA 1288 release 4.0 linear, sections 4 and 8.2. The numbers are of this sensor, not of its kind: their uncertainty is
-what temporal noise leaves in the mean pictures, not how another sensor of the same make would differ.
+EMVA 1288 release 4.0 linear, sections 4 and 8.2. The numbers describe this sensor, not its type: their uncertainty is
+due to temporal noise in the mean pictures, not to differences between sensors.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ PARTS = ("total", "row", "column", "pixel")
 
 @dataclass(frozen=True)
 class Variances:
-    """Spatial variances of a mean picture, what temporal noise adds subtracted, and their standard uncertainties.
+    """Spatial variances of a mean picture without temporal noise, and their standard uncertainties.
 
     Attributes
     ----------
     value, uncertainty : mapping of each of PARTS to float
-        DN^2; a value may be negative where there is no pattern above the noise.
+        DN^2; a value may be negative where the pattern is below the noise.
     """
 
     value: Mapping[str, float]
@@ -37,33 +37,30 @@ class Variances:
 
 
 def spatial_variances(
-    picture: Array, left_over: tuple[float, float, float], count: int, left_out: Mask | None = None
+    picture: Array, residual_variance: tuple[float, float, float], count: int, excluded: Mask | None = None
 ) -> Variances:
-    """The variance over all pixels, and how rows, columns and pixels share in it.
+    """Variance over all pixels, and its parts by rows, columns and pixels.
 
     Parameters
     ----------
-    picture : (rows, columns) float64
-        A stack's mean picture.
-    left_over : (pixels, rows, columns)
-        Temporal variance that is still in it, DN^2: of pixels, of averages of rows, and of columns. The standard takes
-        the second and third from the first; noise that a whole row shares would then be told as its pattern.
-    count : int
-        Pictures of the stack.
-    left_out : (rows, columns) bool, optional
-        Defect pixels, which then count as what their row and column are on average.
+    picture : (rows, columns), a stack's mean picture
+    residual_variance : (pixels, rows, columns)
+        Temporal variance in it, DN^2: of pixels, of averages of rows, and of columns. The standard derives the second
+        and third from the first; noise common to a row would then appear as its pattern.
+    count : pictures of the stack
+    excluded : (rows, columns) bool, optional; defect pixels, replaced by the averages of their row and column
     """
     field = picture - picture.mean()
     kept = 1.0
-    if left_out is not None and left_out.any():
-        field, kept = _filled(field, left_out), 1 - float(left_out.mean())
+    if excluded is not None and excluded.any():
+        field, kept = _filled(field, excluded), 1 - float(excluded.mean())
     rows, columns = field.shape
     n = rows * columns
     of_rows, of_columns = field.mean(axis=1), field.mean(axis=0)
-    # what is measured: all pixels, averages of rows, averages of columns, each less what noise adds
-    total = float(np.vdot(field, field)) / (n - 1) - left_over[0] * kept
-    row_averages = float(np.mean(of_rows**2)) - left_over[1]
-    column_averages = float(np.mean(of_columns**2)) - left_over[2]
+    # measured: all pixels, averages of rows, averages of columns, each less noise
+    total = float(np.vdot(field, field)) / (n - 1) - residual_variance[0] * kept
+    row_averages = float(np.mean(of_rows**2)) - residual_variance[1]
+    column_averages = float(np.mean(of_columns**2)) - residual_variance[2]
     pixel = n / (n - rows - columns) * (total - row_averages - column_averages) / kept
     value = {
         "total": total + (1 - kept) * pixel,
@@ -71,73 +68,72 @@ def spatial_variances(
         "column": column_averages - pixel / rows,
         "pixel": pixel,
     }
-    noise = {"total": (left_over[0], n), "row": (left_over[1], rows), "column": (left_over[2], columns),
-             "pixel": (left_over[0], n)}  # fmt: skip
+    of_pixels, of_row, of_column = residual_variance
+    noise = {"total": (of_pixels, n), "row": (of_row, rows), "column": (of_column, columns), "pixel": (of_pixels, n)}
     uncertainty = {part: _uncertainty(value[part], of, size, count) for part, (of, size) in noise.items()}
-    # rows and columns whose noise is shared make that of the whole
+    # common noise of rows and columns adds to that of the whole
     uncertainty["total"] = float(np.sqrt(sum(uncertainty[part] ** 2 for part in PARTS[1:])))
     for part, size in (("row", rows), ("column", columns)):
-        # averages of pixels differ by chance, too: that is told from rows and columns no better than this
+        # random differences of the averages of pixels
         by_chance = max(pixel, 0.0) * size / n
         uncertainty[part] = float(np.hypot(uncertainty[part], by_chance * np.sqrt(2 / size)))
     return Variances(value, uncertainty)
 
 
 def _uncertainty(pattern: float, noise: float, size: int, count: int) -> float:
-    """Standard uncertainty of a pattern's variance that was measured in noise of a variance, from so many values.
+    """Standard uncertainty of a pattern's variance, measured with noise from `size` values.
 
-    The pattern is fixed; noise is added to it, so its variance is that of 2 x pattern x noise and of noise^2; that of
-    the noise subtracted was measured in count - 1 pictures.
+    The pattern is fixed: the variance is that of 2 x pattern x noise and of noise^2; the subtracted variance of the
+    noise was measured in count - 1 pictures.
     """
     own = 4 * max(pattern, 0.0) * noise + 2 * noise**2
     return float(np.sqrt(own / size + 2 * noise**2 / (size * max(count - 1, 1))))
 
 
-def _filled(field: Array, left_out: Mask) -> Array:
-    """The field with some pixels replaced by what their row and column are on average, the others' mean taken off."""
-    kept = np.where(left_out, np.nan, field)
+def _filled(field: Array, excluded: Mask) -> Array:
+    """The field with excluded pixels replaced by the averages of their row and column, less the others' mean."""
+    kept = np.where(excluded, np.nan, field)
     kept = kept - np.nanmean(kept)
     of_rows, of_columns = np.nanmean(kept, axis=1), np.nanmean(kept, axis=0)
-    return np.asarray(np.where(left_out, of_rows[:, None] + of_columns[None, :], kept))
+    return np.asarray(np.where(excluded, of_rows[:, None] + of_columns[None, :], kept))
 
 
 def dark_numbers(
-    stack: FrameStack, gain: IntervalNumber, left_out: Mask | None = None, *, suffix: str = ""
+    stack: FrameStack, gain: IntervalNumber, excluded: Mask | None = None, *, suffix: str = ""
 ) -> Mapping[str, IntervalNumber]:
     """DSNU in digital numbers and, by the gain, in electrons: of all pixels, by row, by column, by pixel."""
-    found = spatial_variances(stack.mean_picture, stack.left_over, stack.count, left_out)
+    variances = spatial_variances(stack.mean_picture, stack.residual_variance, stack.count, excluded)
     n = stack.mean_picture.size
     numbers: dict[str, IntervalNumber] = {}
     for part in PARTS:
         name, method = _named(DSNU, part, suffix), f"{_words(part)} of the mean dark picture"
-        in_dn = root(found.value[part], found.uncertainty[part], 1.0, "DN", method, n)
-        in_e = root(found.value[part], found.uncertainty[part], 1 / gain.value, "e-", f"{method}, over K", n)
+        in_dn = root(variances.value[part], variances.uncertainty[part], 1.0, "DN", method, n)
+        in_e = root(variances.value[part], variances.uncertainty[part], 1 / gain.value, "e-", f"{method}, over K", n)
         numbers[f"{name}_dn"], numbers[name] = in_dn, with_share(in_e, gain.uncertainty / gain.value)
     return numbers
 
 
 def response_numbers(
-    dark: FrameStack, flat: FrameStack, bent: float, left_out: Mask | None = None, *, suffix: str = ""
+    dark: FrameStack, flat: FrameStack, curvature: float, excluded: Mask | None = None, *, suffix: str = ""
 ) -> Mapping[str, IntervalNumber]:
     """PRNU in per cent of the signal: of all pixels, by row, by column, by pixel.
 
     Parameters
     ----------
-    bent : float
-        Relative standard uncertainty from the curvature of the response at the flat stack's signal.
+    curvature : relative standard uncertainty by the curvature of the response at the flat stack's signal
     """
-    in_flat = spatial_variances(flat.mean_picture, flat.left_over, flat.count, left_out)
-    in_dark = spatial_variances(dark.mean_picture, dark.left_over, dark.count, left_out)
+    in_flat = spatial_variances(flat.mean_picture, flat.residual_variance, flat.count, excluded)
+    in_dark = spatial_variances(dark.mean_picture, dark.residual_variance, dark.count, excluded)
     signal, n = flat.mean - dark.mean, flat.mean_picture.size
     lines = {"row": flat.mean_picture.shape[0], "column": flat.mean_picture.shape[1]}
     numbers = {}
     for part in PARTS:
         variance = in_flat.value[part] - in_dark.value[part]
-        # patterns of dark and response agree by chance where there are few of them
+        # random correlation of few lines of dark and response
         chance = 4 * max(in_dark.value[part], 0.0) * max(variance, 0.0) / lines.get(part, n)
         spread = float(np.sqrt(in_flat.uncertainty[part] ** 2 + in_dark.uncertainty[part] ** 2 + chance))
-        found = root(variance, spread, 100 / signal, "%", f"{_words(part)} of the mean flat picture, less dark", n)
-        numbers[_named(PRNU, part, suffix)] = with_share(found, bent)
+        number = root(variance, spread, 100 / signal, "%", f"{_words(part)} of the mean flat picture, less dark", n)
+        numbers[_named(PRNU, part, suffix)] = with_share(number, curvature)
     return numbers
 
 

@@ -1,5 +1,5 @@
-"""The sensor's plane against the surface of best focus, from a focus bracket: its tilt, and the screws that mend it.
+"""Tilt of the sensor relative to the surface of best focus, from a focus bracket, and its correction by screws.
 
-Verb: `estimate`. The bracket's PSFs are `procedures.field`'s; the plane through what they say is `plane`, the screws
-that mend it are `screws`; `plan` guides through measuring and turning.
+`estimate` combines the bracket's PSFs (`procedures.field`), the plane (`plane`) and the turns of the screws (`screws`);
+`plan` guides through measurement and correction.
 """

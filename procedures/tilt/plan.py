@@ -1,7 +1,7 @@
-"""The plan of a sensor's tilt: a focus bracket at places of the frame, the turns of the screws, and again.
+"""Plan of a sensor's tilt: a focus bracket at places of the frame, turns of the screws, and verification.
 
-The rail makes the bracket: the focus ring is not touched, and the chart's image moves through the sensor. Where the
-chart then stands along the optical axis follows from rail and head, not from its size, which distortion changes.
+The rail makes the bracket: the focus ring is unchanged, and the chart's image moves through the sensor. The chart's
+distance along the optical axis follows from rail and head, not from its size, which distortion changes.
 """
 
 from __future__ import annotations
@@ -49,26 +49,15 @@ from procedures.plan import (
 from procedures.raw import RawFrame
 from procedures.tilt.estimate import Tilt
 from procedures.tilt.facts import DEPTH, TURN, TiltFacts
-from procedures.tilt.reach import (
-    bracket_mm,
-    check_width,
-    f_number_of,
-    off_reach_mm,
-    width_within_reach,
-    without_laser,
-)
+from procedures.tilt.reach import bracket_mm, check_width, f_number_of, off_reach_mm, width_within_reach, without_laser
 from procedures.tilt.screws import SURE
 
 Array = npt.NDArray[np.float64]
 Estimator = Callable[[Sequence[RawFrame], Facts, Known], Outcomes]
-USUAL, FEWEST, MOST = 9, 7, 25
-"""Places: fewer than seven do not tell a tilt from the lens's own curvature."""
-NEAR = 0.05
-"""How far from its place the chart may appear, in parts of the frame's width."""
-ROUNDS = 6
-"""Of head and rail in turn: each is nearer by a factor of ten or so."""
-MARK = 16
-"""Letters of a file's hash that tell it from the others."""
+USUAL, FEWEST, MOST = 9, 7, 25  # numbers of places: fewer than seven do not separate a tilt from field curvature
+NEAR = 0.05  # accepted distance of the chart from its place, in fractions of the frame's width
+ITERATIONS = 6  # alternating moves of head and rail, each of which reduces the error about tenfold
+MARK = 16  # characters of a file's hash that identify it
 
 
 def plan(estimate: Estimator) -> Plan:
@@ -76,20 +65,26 @@ def plan(estimate: Estimator) -> Plan:
     begin = pattern_plan()
     return Plan(
         "tilt",
-        "The sensor's tilt, and the screws that mend it",
+        "The sensor's tilt, and the screws that correct it",
         (
             Step(
-                "rail", "Rail and lens", "Tell the lens, and home the rail: its reach limits the chart's size.", RAIL,
+                "rail", "Rail and lens", "Enter the lens, and home the rail: its travel limits the chart's size.", RAIL,
                 drawings.DISTANCE,
             ),
             *(replace(step, requests=after_rail(step)) for step in map(begin.step, BEFORE)),
-            Step("screws", "Screws", "Tell what holds the sensor, the chart in the middle.", SCREWS, drawings.TOUR),
-            Step("turn", "Turn", "Turn the screws as they were found to need it.", (TURN_THEM,)),
+            Step(
+                "screws", "Screws", "Enter the screws of the sensor, with the chart in the middle.", SCREWS,
+                drawings.TOUR,
+            ),
+            Step("turn", "Turn", "Turn the screws by the measured amounts.", (TURN_THEM,)),
             Step(
                 "bracket", "Bracket", "The chart at places of the frame, at each of them through the focus.",
                 (Tour(stops),), drawings.TOUR,
             ),
-            Step("estimate", "Estimate", "Find the sensor's plane, and the turns.", (Estimate(estimate, tells),)),
+            Step(
+                "estimate", "Estimate", "Compute the sensor's plane, and the turns.",
+                (Estimate(estimate, result_facts),),
+            ),
             Step(
                 "verdict", "Verdict", "Accept it, or turn the screws and measure again.",
                 (Decide("turn", worth_turning),),
@@ -111,9 +106,9 @@ RAIL: tuple[Request, ...] = (
 
 
 def after_rail(step: Step) -> tuple[Request, ...]:
-    """A step's requests without those that the step `rail` has done; the chart's width is proposed from its facts."""
-    asked = [one.key for one in RAIL if isinstance(one, Ask)]
-    requests = (one for one in step.requests if not isinstance(one, Home) and getattr(one, "key", "") not in asked)
+    """A step's requests without those of the step `rail`; the chart's width is proposed from its facts."""
+    known = [one.key for one in RAIL if isinstance(one, Ask)]
+    requests = (one for one in step.requests if not isinstance(one, Home) and getattr(one, "key", "") not in known)
     return tuple(
         replace(one, proposed=width_within_reach, check=check_width)
         if isinstance(one, Ask) and one.key == "chart_width_mm"
@@ -126,7 +121,7 @@ def after_rail(step: Step) -> tuple[Request, ...]:
 
 
 def check_start(frame: RawFrame, facts: Facts) -> Advice:
-    """As the field's, before a rail that reaches all positions of the bracket."""
+    """`check_start` of the field, and check that the rail reaches all positions of the bracket."""
     advice = field_plan.check_start(frame, facts)
     if not advice.good:
         return advice
@@ -136,7 +131,7 @@ def check_start(frame: RawFrame, facts: Facts) -> Advice:
     if not off_reach_mm(known, bracket_mm(optics, f_number, distance_mm)):
         return advice
     if not off_reach_mm(known, bracket_mm(optics, f_number, aimed_mm)):
-        say = f"Move the camera to {aimed_mm / 1000:.2f} m from the chart: about there the rail reaches the bracket."
+        say = f"Move the camera to {aimed_mm / 1000:.2f} m from the chart: there the rail reaches the bracket."
         return replace(advice, good=False, say=say, moves={"z_mm": aimed_mm - distance_mm})
     depths = bracket_mm(optics, f_number, aimed_mm)
     nearer = off_reach_mm(known, depths)
@@ -163,23 +158,23 @@ SCREWS = (
 
 
 def worth_turning(facts: Facts) -> bool:
-    """Whether the turns that were found help with a probability that they are advised from."""
+    """Whether the probability of improvement is high enough to advise the turns."""
     helps = facts_as(TiltFacts, facts).helps
     return helps is not None and helps >= SURE
 
 
-def tells(found: Mapping[str, Any]) -> Facts:
-    """The turns, and the probability that they help, of the one plane that was measured."""
-    tilts: list[Tilt] = [one for one in found.values() if one is not None]
+def result_facts(results: Mapping[str, Any]) -> Facts:
+    """The turns and their probability of improvement, for the measured plane."""
+    tilts: list[Tilt] = [one for one in results.values() if one is not None]
     if not tilts:
         return {HELPS: 0.0}
     (tilt,) = tilts
-    told: dict[str, Fact] = {f"{TURN}{i}": one.value for i, one in enumerate(tilt.turns.turns, 1)}
-    return {**told, HELPS: tilt.turns.helps, "corner_um": tilt.numbers()[TILT_CORNER].value}
+    turns: dict[str, Fact] = {f"{TURN}{i}": one.value for i, one in enumerate(tilt.turns.turns, 1)}
+    return {**turns, HELPS: tilt.turns.helps, "corner_um": tilt.numbers()[TILT_CORNER].value}
 
 
 def say_turns(facts: Facts) -> str:
-    """Which screw to turn by how much; nothing where it was not measured yet, or would not help."""
+    """Instruction to turn the screws; empty before the measurement, or where it would not help."""
     if not worth_turning(facts):
         return ""
     known = facts_as(TiltFacts, facts)
@@ -192,7 +187,7 @@ def say_turns(facts: Facts) -> str:
 
 
 def turns_by_hand(facts: Facts) -> dict[str, float]:
-    """The same in numbers."""
+    """The turns in numbers."""
     return {f"screw_{i}_turns": turn for i, turn in enumerate(facts_as(TiltFacts, facts).turns, 1)}
 
 
@@ -202,56 +197,56 @@ TURN_THEM = Go(lambda facts: {}, say_turns, turns_by_hand)
 
 
 def stops(facts: Facts) -> list[TourStop]:
-    """Every place with every distance of the bracket."""
+    """All places at all distances of the bracket."""
     known = facts_as(TiltFacts, facts)
     start = known.begun()
     pitch = round(known.optics(1).principal_px(start.distance_mm) / start.principal_px)
     depths = bracket_mm(known.optics(pitch), f_number_of(known), start.distance_mm)
     nearer = start.distance_mm / depths[0]
     as_nearest = {name: half * nearer for name, half in zip(("tour_half_x", "tour_half_y"), start.half, strict=True)}
-    found = field_plan.locations({**facts, **as_nearest})  # so that the chart is not cut where it is largest
+    locations = field_plan.locations({**facts, **as_nearest})  # the chart is not cut where it is largest
     return [
         TourStop(
-            f"place {i} of {len(found)}, {depth:.0f} mm",
+            f"place {i} of {len(locations)}, {depth:.0f} mm",
             Go(partial(to_depth, location, depth), partial(say_depth, location, depth)),
             partial(check_bracket, location),
         )
-        for i, location in enumerate(found, 1)
+        for i, location in enumerate(locations, 1)
         for depth in (depths if i % 2 else depths[::-1])
     ]
 
 
 def chart_mm(start: TourStart, at: Mapping[str, float]) -> Array:
-    """The chart's centre from the lens, in the axes of a head at rest (x right, y down, z ahead), the axes `at` places.
+    """The chart's centre (3,) from the lens, in the axes of a head at rest (x right, y down, z ahead), with axes `at`.
 
-    Straight along the rail, whose places are known better than a chart's size tells its distance.
+    By the positions of the rail, which are more accurate than a distance from the chart's size.
     """
-    seen, base = ray(start.chart_at, start.shape, start.principal_px), start.base
-    chart = direction(seen, base.get("pan_deg", 0.0), base.get("tilt_deg", 0.0)) * start.distance_mm / seen[2]
+    towards, base = ray(start.chart_at, start.shape, start.principal_px), start.base
+    chart = direction(towards, base.get("pan_deg", 0.0), base.get("tilt_deg", 0.0)) * start.distance_mm / towards[2]
     x, y, z = (at.get(name, base.get(name, 0.0)) - base.get(name, 0.0) for name in ("x_mm", "y_mm", "z_mm"))
     return np.asarray(chart + np.array([-x, y, z]))
 
 
 def depth_mm(start: TourStart, at: Mapping[str, float]) -> float:
-    """How far the chart's centre is from the lens, along the optical axis."""
+    """Distance of the chart's centre from the lens along the optical axis."""
     return float(chart_mm(start, at) @ direction(AHEAD, at.get("pan_deg", 0.0), at.get("tilt_deg", 0.0)))
 
 
 def to_depth(location: Location, depth: float, facts: Facts) -> dict[str, float]:
-    """Where head or stage, and the rail go: the chart at its place of the frame, and so far away.
+    """Positions of head or stage, and of the rail, for a place and a distance of the chart.
 
-    It stays there through the bracket: a tilted sensor has another height beside it.
+    The place is constant through the bracket, as the height of a tilted sensor depends on it.
     """
     known = facts_as(TiltFacts, facts)
     start = known.begun()
-    places = headed(location, depth, start) if "pan_deg" in start.base else shifted(location, depth, start)
+    places = with_head(location, depth, start) if "pan_deg" in start.base else with_stage(location, depth, start)
     return {**places, "z_mm": known.axes.get("z_mm", AxisTravel()).nearest(places["z_mm"])}
 
 
-def headed(location: Location, depth: float, start: TourStart) -> dict[str, float]:
-    """Of head and rail, each of which changes what the other has to do."""
+def with_head(location: Location, depth: float, start: TourStart) -> dict[str, float]:
+    """Positions of head and rail, which depend on each other."""
     at = dict(start.base)
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         towards = chart_mm(start, at)
         at["pan_deg"], at["tilt_deg"] = pan_tilt_deg(location, start.shape, start.principal_px, towards)
         axis = direction(AHEAD, at["pan_deg"], at["tilt_deg"])
@@ -259,22 +254,22 @@ def headed(location: Location, depth: float, start: TourStart) -> dict[str, floa
     return {name: at[name] for name in ("pan_deg", "tilt_deg", "z_mm")}
 
 
-def shifted(location: Location, depth: float, start: TourStart) -> dict[str, float]:
-    """Of a stage across the rail, and the rail; of the rail alone where there is no such stage."""
-    seen, base = ray(location, start.shape, start.principal_px), start.base
-    x, y, z = depth * seen / seen[2] - chart_mm(start, base)
+def with_stage(location: Location, depth: float, start: TourStart) -> dict[str, float]:
+    """Positions of a stage across the rail, if there is one, and of the rail."""
+    towards, base = ray(location, start.shape, start.principal_px), start.base
+    x, y, z = depth * towards / towards[2] - chart_mm(start, base)
     moves = {"x_mm": -x, "y_mm": y, "z_mm": z}
     return {name: base[name] + float(move) for name, move in moves.items() if name in base}
 
 
 def say_depth(location: Location, depth: float, facts: Facts) -> str:
-    """Where the chart shall appear, and how far away, for the operator."""
+    """Required place and distance of the chart, for the operator."""
     where = f"{100 * location.x:.0f} % from the left and {100 * location.y:.0f} % from the top of the frame"
     return f"going where the chart appears {where}, {depth:.0f} mm away"
 
 
 def check_bracket(location: Location, frame: RawFrame, facts: Facts) -> Advice:
-    """The chart at its place with the settings of the trial; how far it was becomes known."""
+    """Check place, light and camera settings; record the distance of the chart."""
     plane, known = shown(frame), facts_as(TiltFacts, facts)
     changed = changed_settings(frame.exposure, known)
     if changed:

@@ -1,7 +1,7 @@
-"""The sensor's plane against the surface of best focus, fitted to heights at places of the frame.
+"""The sensor's plane relative to the surface of best focus, fitted to heights at places of the frame.
 
-A height is how far the sensor stands behind the image there, in micrometres. Their smooth part is a quadratic: the
-lens's own curvature, which no screw mends, and the plane that is nearest to the quadratic over the whole frame.
+A height is the distance of the sensor behind the image, in micrometres. The heights are fitted by a quadratic, which
+combines the lens's field curvature with the plane nearest to the quadratic over the whole frame.
 """
 
 from __future__ import annotations
@@ -16,33 +16,25 @@ from procedures.outcome import Refused
 
 Array = npt.NDArray[np.float64]
 
-FEWEST = 7
-"""Places: one more than a quadratic has coefficients, so that something is left over to judge them by."""
-SINGULAR = 1e3
-"""Condition of the design above which the places do not tell the plane from the curvature."""
+FEWEST = 7  # places: one more than the coefficients of a quadratic, for a degree of freedom
+SINGULAR = 1e3  # condition of the design above which plane and curvature are not separated
 
 
 @dataclass(frozen=True, eq=False)
-class SensorPlane:
-    """Height of the sensor behind the surface of best focus: offset + slope . (x, y), and what is left of a quadratic.
+class TiltedPlane:
+    """Height of the sensor behind the surface of best focus: offset + slope . (x, y), and the rest of a quadratic.
 
-    (x, y) are millimetres on the sensor from the frame's centre, to the right and down as the photograph shows them.
+    (x, y) are millimetres on the sensor from the frame's centre, to the right and down in the photograph.
 
     Attributes
     ----------
-    size_mm : (float, float)
-        Width and height of the frame.
-    plane : (3,) float64, covariance : (3, 3) float64
-        Offset in um, slopes in um/mm.
-    curvature : (3,) float64, curvature_covariance : (3, 3) float64
-        Coefficients of x^2, x y and y^2, in um/mm^2.
-    centre : (float, float)
-        Height of the quadratic at the frame's centre in um, and its variance.
+    size_mm : width and height of the frame
+    plane : (3,), covariance : (3, 3); offset in um, slopes in um/mm
+    curvature : (3,), curvature_covariance : (3, 3); coefficients of x^2, x y and y^2, in um/mm^2
+    centre : height of the quadratic at the frame's centre in um, and its variance
     places_mm, heights_um, residuals_um : (N, 2), (N,) and (N,) float64
-    misfit : float
-        Root of chi^2 over the degrees of freedom; where above 1 the covariances are widened by it.
-    chance : float
-        Of a chi^2 as large.
+    misfit : root of chi^2 per degree of freedom; where above 1 the covariances are scaled by its square
+    chance : probability of a larger chi^2
     """
 
     size_mm: tuple[float, float]
@@ -59,7 +51,7 @@ class SensorPlane:
 
     @property
     def corners_mm(self) -> Array:
-        """(4, 2), from the upper left clockwise."""
+        """Corners (4, 2), from the upper left clockwise."""
         return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * self.size_mm / 2
 
     def height_at(self, places_mm: Array) -> Array:
@@ -72,22 +64,19 @@ class SensorPlane:
         """Root mean square height over the frame of planes (n, 3), (n,)."""
         return np.sqrt(planes[:, 0] ** 2 + planes[:, 1:] ** 2 @ (np.square(self.size_mm) / 12))
 
-    def widened(self, slope_variance: float, height_variance: float) -> SensorPlane:
-        """The same with errors common to all places besides: of each slope, (um/mm)^2, and of all heights, um^2."""
+    def widened(self, slope_variance: float, height_variance: float) -> TiltedPlane:
+        """The plane with additional errors common to all places: of each slope, (um/mm)^2, and of the offset, um^2."""
         more = np.diag([height_variance, slope_variance, slope_variance])
         height, variance = self.centre
         return replace(self, covariance=self.covariance + more, centre=(height, variance + height_variance))
 
 
-def fit_plane(places_mm: Array, heights_um: Array, covariance: Array, size_mm: tuple[float, float]) -> SensorPlane:
+def fit_plane(places_mm: Array, heights_um: Array, covariance: Array, size_mm: tuple[float, float]) -> TiltedPlane:
     """The plane through heights (N,) with covariance (N, N) at places (N, 2), by generalised least squares.
 
-    Where the residuals exceed what the covariance allows, the covariance is widened by them (Birge's ratio).
+    Where the residuals exceed the covariance, it is scaled by them (Birge's ratio).
 
-    Raises
-    ------
-    Refused
-        If there are fewer than seven places, or they lie so that they tell no quadratic.
+    Raises Refused if there are fewer than seven places, or they do not determine a quadratic.
     """
     scale = float(np.hypot(*size_mm)) / 2
     x, y = (places_mm / scale).T
@@ -109,7 +98,7 @@ def fit_plane(places_mm: Array, heights_um: Array, covariance: Array, size_mm: t
     to_plane = np.eye(6)[:3]
     to_plane[0, [3, 5]] = np.square(size_mm) / 12  # the mean of x^2 and of y^2 over the frame
     residuals = heights_um - design @ (np.linalg.inv(unit) @ c)
-    return SensorPlane(
+    return TiltedPlane(
         size_mm, to_plane @ c, to_plane @ C @ to_plane.T, c[3:], C[3:, 3:], (float(c[0]), float(C[0, 0])), places_mm,
         heights_um, residuals, misfit, float(stats.chi2.sf(chi2, freedom)),
     )  # fmt: skip

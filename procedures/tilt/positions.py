@@ -1,4 +1,4 @@
-"""What the positions of a focus bracket mean behind the lens: how far from it the sensor stands, in micrometres."""
+"""Distance of the sensor behind the lens for the positions of a focus bracket."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from procedures.outcome import BadParameter
 
 
 class Positions(StrEnum):
-    """What was changed between the photographs, and what the table's millimetres tell.
+    """Meaning of the bracket's positions in millimetres.
 
-    LENS: the lens's distance from the sensor, from any zero. SET: the distance that the lens is set to. CHART: the
-    chart's distance from the lens, which keeps its setting.
+    LENS: distance of the lens from the sensor, with any zero. SET: distance setting of the lens. CHART: distance of the
+    chart from the lens, whose setting is unchanged.
     """
 
     LENS = "lens"
@@ -20,14 +20,12 @@ class Positions(StrEnum):
 
 
 def behind_lens_um(position_mm: float, kind: Positions, focal_length_mm: float | None) -> float:
-    """How far behind the lens the sensor stands, from any zero, at a position of the bracket.
+    """Distance of the sensor behind the lens in um, with any zero, at a position of the bracket.
 
-    Of CHART it is against the chart's image, which moves instead. Thin lens: 1 / image + 1 / object = 1 / focal length.
+    For CHART it is relative to the chart's image, which moves instead. Thin lens: 1 / image + 1 / object = 1 / focal
+    length.
 
-    Raises
-    ------
-    BadParameter
-        If a distance is asked of a lens whose focal length is not known, or of one that is not nearer than it.
+    Raises BadParameter if the focal length of a distance is not known, or not smaller than it.
     """
     if kind is Positions.LENS:
         return 1000 * position_mm
@@ -46,5 +44,5 @@ def behind_lens_um(position_mm: float, kind: Positions, focal_length_mm: float |
 
 
 def magnification(focal_length_mm: float, distance_mm: float) -> float:
-    """Of the image against the chart at a distance from the lens."""
+    """Magnification of a chart at a distance from the lens."""
     return focal_length_mm / (distance_mm - focal_length_mm)

@@ -93,10 +93,7 @@ def check_width(width: Fact, facts: Facts) -> None:
 def width_within_reach(facts: Facts) -> float:
     """Width in whole mm of the largest chart that fits one sheet and whose bracket fits the rail.
 
-    Raises
-    ------
-    BadParameter
-        If there is none.
+    Raises BadParameter if there is none.
     """
     known = replace(facts_as(TiltFacts, facts), chart_width_mm=None)
     for width in range(int(known.size.whole_mm), math.ceil(SMALLEST_WIDTH_MM) - 1, -1):

@@ -1,4 +1,4 @@
-"""Which screws to turn, and how far, so that the sensor's plane meets the surface of best focus; whether it helps."""
+"""Turns of the screws that align the sensor with the surface of best focus, and the probability of improvement."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.outcome import BadParameter, Quantity
-from procedures.tilt.plane import SensorPlane
+from procedures.tilt.plane import TiltedPlane
 
 Array = npt.NDArray[np.float64]
 
 DRAWS = 2000
-SURE = 0.9
-"""Probability of helping from which on a turn is advised."""
-SEED = 20260801
-"""Of the draws that the probability is counted from: the same plane always gets the same one."""
+SURE = 0.9  # probability of improvement from which a turn is advised
+SEED = 20260801  # seed of the draws, so that the result is reproducible
 
 
 @dataclass(frozen=True)
@@ -26,15 +24,11 @@ class Screws:
     Attributes
     ----------
     count : int
-    radius_mm : float
-        Of the circle.
-    pitch_mm : float
-        What a turn moves the sensor by.
+    radius_mm : radius of the circle
+    pitch_mm : move of the sensor per turn
     first_deg : float
-        Where the first is, clockwise from the top, as one sees who stands behind the camera; the others follow
-        clockwise.
-    turn_uncertainty : float
-        Standard uncertainty of a turn as hands make it, in turns.
+        Position of the first screw, clockwise from the top, seen from behind the camera; the others follow clockwise.
+    turn_uncertainty : standard uncertainty of a turn by hand, in turns
     """
 
     count: int = 3
@@ -46,44 +40,41 @@ class Screws:
     def __post_init__(self) -> None:
         if self.count < 3 or min(self.radius_mm, self.pitch_mm) <= 0 or self.turn_uncertainty < 0:
             raise BadParameter(
-                f"three screws or more hold a plane, on a circle, with a pitch; got {self}", "measure the camera's own"
+                f"a plane needs three screws or more, with a positive radius and pitch; got {self}",
+                "measure those of the camera",
             )
 
     @property
     def angles_deg(self) -> Array:
-        """Of each, clockwise from the top, seen from behind the camera."""
+        """Angle of each, clockwise from the top, seen from behind the camera."""
         return (self.first_deg + 360 * np.arange(self.count) / self.count) % 360
 
     @property
     def places_mm(self) -> Array:
-        """Where they are as the photograph counts, (count, 2), right and down.
+        """Positions (count, 2) in the photograph, right and down.
 
-        The image stands on its head on the sensor: what the photograph shows above and to the right lies below and to
-        the left there, for who looks from behind.
+        The image is inverted on the sensor: above and to the right in the photograph is below and to the left on the
+        sensor, seen from behind.
         """
         angle = np.radians(self.angles_deg)
         return self.radius_mm * np.stack([-np.sin(angle), np.cos(angle)], axis=1)
 
     @property
     def heights(self) -> Array:
-        """What makes the heights at the screws from a plane's offset and slopes, (count, 3)."""
+        """Matrix (count, 3) from a plane's offset and slopes to the heights at the screws."""
         return np.column_stack([np.ones(self.count), self.places_mm])
 
 
 @dataclass(frozen=True, eq=False)
 class Turns:
-    """What mends a plane.
+    """Correction of a plane.
 
     Attributes
     ----------
-    moves : tuple of Quantity
-        Of the sensor at each screw, in um, away from the lens; negative is towards it.
-    turns : tuple of Quantity
-        The same in turns of each screw.
-    helps : float
-        Probability that the plane is nearer to the surface of best focus afterwards, over the whole frame.
-    before, after : Quantity
-        Root mean square height over the frame, in um: as it is, and as it is to be expected after the turn.
+    moves : moves of the sensor at each screw, in um, away from the lens; negative is towards it
+    turns : the same in turns of each screw
+    helps : probability that the correction reduces the distance from the surface of best focus over the frame
+    before, after : root mean square height over the frame, in um, before and expected after the correction
     """
 
     moves: tuple[Quantity, ...]
@@ -93,22 +84,23 @@ class Turns:
     after: Quantity
 
 
-def turns_for(found: SensorPlane, screws: Screws, *, with_focus: bool) -> Turns:
-    """The turns that lay the sensor into the surface of best focus, and the probability that they help.
+def turns_for(sensor: TiltedPlane, screws: Screws, *, with_focus: bool) -> Turns:
+    """The turns that align the sensor with the surface of best focus, and the probability of improvement.
 
     Parameters
     ----------
-    with_focus : bool
-        Whether the offset is mended too; otherwise the screws tilt only, and the mean focus over the frame stays.
+    with_focus : whether the offset is corrected too; otherwise the mean focus over the frame is unchanged
 
-    The probability is the share of planes, drawn from what was measured, that come out flatter after turns that are
-    themselves as uncertain as hands are.
+    Notes
+    -----
+    The probability is the share of planes, drawn from the measurement, that are flatter after turns with their own
+    uncertainty.
     """
     kept = np.ones(3) if with_focus else np.array([0.0, 1.0, 1.0])
-    plane, covariance = found.plane * kept, found.covariance * np.outer(kept, kept)
+    plane, covariance = sensor.plane * kept, sensor.covariance * np.outer(kept, kept)
     to_screws = screws.heights
     heights, spread = to_screws @ plane, np.sqrt(np.diag(to_screws @ covariance @ to_screws.T))
-    n = len(found.heights_um)
+    n = len(sensor.heights_um)
     moves = tuple(
         Quantity(float(-h), "um", float(u), "the plane at the screw, away from the lens", n)
         for h, u in zip(heights, spread, strict=True)
@@ -121,11 +113,11 @@ def turns_for(found: SensorPlane, screws: Screws, *, with_focus: bool) -> Turns:
     rng = np.random.default_rng(SEED)
     true = rng.multivariate_normal(plane, covariance, DRAWS, method="eigh")
     slips = screws.turn_uncertainty * per_turn * rng.standard_normal((DRAWS, screws.count))
-    left = true - plane + slips @ np.linalg.pinv(to_screws).T * kept
-    before, after = found.rms(true), found.rms(left)
-    method = "root mean square over the frame, of planes drawn from what was measured"
+    remaining = true - plane + slips @ np.linalg.pinv(to_screws).T * kept
+    before, after = sensor.rms(true), sensor.rms(remaining)
+    method = "root mean square over the frame, of planes drawn from the measurement"
     return Turns(
         moves, turns, float(np.mean(after < before)),
-        Quantity(float(found.rms(plane[None])[0]), "um", float(before.std()), method, n),
+        Quantity(float(sensor.rms(plane[None])[0]), "um", float(before.std()), method, n),
         Quantity(float(np.sqrt(np.mean(after**2))), "um", float(after.std()), method, n),
     )  # fmt: skip

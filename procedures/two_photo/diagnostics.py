@@ -21,10 +21,8 @@ from procedures.two_photo.sharpness import sharpness_ratio
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-TILES = 8
-"""Tiles along each side of the common region whose local shifts are estimated."""
-CLEAR = 0.1
-"""A frequency is determined where the MTF's standard uncertainty is below this."""
+TILES = 8  # tiles along each side of the common region whose local shifts are estimated
+CLEAR = 0.1  # A frequency is determined where the MTF's standard uncertainty is below this
 
 
 @dataclass(frozen=True)
@@ -33,64 +31,41 @@ class PairDiagnostics:
 
     Attributes
     ----------
-    matches : float
-        Matches consistent with the first homography.
-    match_rms_px : float
-        Their scatter, in far pixels.
-    samples : float
-        Far samples used.
-    scale : float
-        Geometric mean zoom: far over near distance.
-    scale_spread : float
-        Largest over smallest local zoom in the common region, minus 1.
-    agreement : float
-        Share of the far photograph's variance that the near one explains.
+    matches : matches consistent with the first homography
+    match_rms_px : their scatter, in far pixels
+    samples : far samples used
+    scale : geometric mean zoom: far over near distance
+    scale_spread : largest over smallest local zoom in the common region, minus 1
+    agreement : share of the far photograph's variance that the near one explains
     residual_std : float
         Pixel noise implied by the residual, over the upper limit of a near pixel's noise; at most 1 for noise alone.
-    whiteness : float
-        Largest correlation of the residual at a lag of one pixel: 0 when white.
-    local_shift_px : float
-        Root mean square shift, in far pixels, of parts of the wall from the map, without noise.
+    whiteness : largest correlation of the residual at a lag of one pixel: 0 when white
+    local_shift_px : root mean square shift, in far pixels, of parts of the wall from the map, without noise
     local_shift_significance : float
         The same shifts as a chi-square per degree of freedom, minus 1, in its standard deviations.
-    relief_px : float
-        Random shift from pixel to pixel that explains the growth of the residual with the gradient.
-    gain : float
-        Contrast of the far photograph over the near one's.
-    light_change : float
-        Root mean square of the gain's variation over the region.
-    passed : float
-        Largest excess of the kernel's transfer over 1, in its standard uncertainties.
-    excess : float
-        Largest such excess beyond three standard uncertainties; 0 if there is none.
+    relief_px : random shift from pixel to pixel that explains the growth of the residual with the gradient
+    gain : contrast of the far photograph over the near one's
+    light_change : root mean square of the gain's variation over the region
+    passed : largest excess of the kernel's transfer over 1, in its standard uncertainties
+    excess : largest such excess beyond three standard uncertainties; 0 if there is none
     relative_uncertainty : float
         sqrt(trace of the covariance) over the norm of the PSF: an upper limit of the expected relative L2 error.
     determined_horizontal, determined_vertical : float
         Frequency in cycles/pixel up to which the MTF along x and y is known to 0.1.
-    near_noise_bias : float
-        Bias of the kernel by the near photograph's noise before its correction, over the kernel's norm.
-    recursion_check : float
-        Distance of the recursion from the direct solution, over the PSF's norm.
-    support_cut : float
-        Share of the kernel beyond its support, by the amplitude of a 1/r^3 tail.
-    sharpness_ratio : float
-        Fine contrast of the near photograph over the far one's; see `sharpness`.
-    saturated : float
-        Larger clipped share of the two photographs.
-    outliers : float
-        Share of the common region's samples excluded as outliers.
-    travelled_px, moved_px : float
-        Moves of the map from the first homography and in the last iteration, in far pixels.
+    near_noise_bias : bias of the kernel by the near photograph's noise before its correction, over the kernel's norm
+    recursion_check : distance of the recursion from the direct solution, over the PSF's norm
+    support_cut : share of the kernel beyond its support, by the amplitude of a 1/r^3 tail
+    sharpness_ratio : fine contrast of the near photograph over the far one's; see `sharpness`
+    saturated : larger clipped share of the two photographs
+    outliers : share of the common region's samples excluded as outliers
+    travelled_px, moved_px : moves of the map from the first homography and in the last iteration, in far pixels
     left_over, colour, smoothing, streaks, detail, light_turned, missing_light, beyond_light : float
         See `pair_consistency.PairConsistency`.
-    softness_x, softness_y, sharpening, turned, wall_power : float
-        See `pair_consistency.NearSpectrum`.
+    softness_x, softness_y, sharpening, turned, wall_power : see `pair_consistency.NearSpectrum`
     near_noise : float
         Upper limit of the near photograph's noise, by its finest detail, over the noise implied by the residual.
-    focus_effect : float
-        Relative change of the MTF at Nyquist if `softness` is due to focus: the larger of x and y.
-    mismatch : float
-        Variance of MTF50 by the scatter of the region's parts, over that by white noise.
+    focus_effect : relative change of the MTF at Nyquist if `softness` is due to focus: the larger of x and y
+    mismatch : variance of MTF50 by the scatter of the region's parts, over that by white noise
     """
 
     matches: float

@@ -22,12 +22,10 @@ Array = npt.NDArray[np.float64]
 COHERENT = 0.5
 """Share of the residual's amplitude at coarse detail that may be an error of the kernel: rotated light on simulated
 relief gave 0.3 to 1.6, another response 0.7 to 1."""
-FACTORS = 4
-"""Factors of the recursion that are affected by another OTF of the near photograph."""
+FACTORS = 4  # factors of the recursion that are affected by another OTF of the near photograph
 LIGHT_GROWTH = 7.0
 """Error of the OTF at finer detail, relative to `light_turned`: 6 to 8 on simulated relief, by 3 to 10 degrees."""
-GAIN_BAND = 0.1
-"""Cycles/pixel below which an error of the kernel is one of the gain, which the recursion divides out."""
+GAIN_BAND = 0.1  # cycles/pixel below which an error of the kernel is one of the gain, which the recursion divides out
 
 
 @dataclass(frozen=True)
@@ -37,8 +35,7 @@ class PairErrorParts:
     Attributes
     ----------
     parts : mapping of str to Budget
-    mismatch : mapping of str to float
-        Variance of the numbers by the scatter of the tiles, over that by white noise.
+    mismatch : variance of the numbers by the scatter of the tiles, over that by white noise
     """
 
     parts: Mapping[str, Budget]
@@ -88,12 +85,9 @@ def error_parts(
 
     Parameters
     ----------
-    free : Psf
-        With the covariance of the photographs' noise alone.
-    quality : Quality
-        Numbers of the PSF, and their gradients.
-    errors : mapping of str to (k^2 + q,) float64
-        From `likely_errors`.
+    free : with the covariance of the photographs' noise alone
+    quality : numbers of the PSF, and their gradients
+    errors : mapping of str to (k^2 + q,); from `likely_errors`
     """
     gradients = np.array(list(quality.gradients.values()))
     noise = np.maximum(np.einsum("ij,jk,ik->i", gradients, free.parameter_covariance, gradients), 0)

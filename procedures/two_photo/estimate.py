@@ -39,8 +39,7 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-START_S = 3
-"""First s that is tried: a finer grid needs detail that few walls have."""
+START_S = 3  # first s that is tried: a finer grid needs detail that few walls have
 
 
 @dataclass(frozen=True)
@@ -63,26 +62,16 @@ class TwoPhotoPsf:
 
     Attributes
     ----------
-    psf : Psf
-        Centred on its centroid under a Gaussian window: two photographs of a wall determine no other centre.
-    quality : Quality
-        MTF and numbers of the PSF, with their uncertainty budgets.
-    inter_image : (k, k) float64
-        The kernel from the near to the far photograph inside its support, sum 1.
-    scale : (lambda_x, lambda_y)
-        Near pixels per far pixel along x and y.
-    swapped : bool
-        Whether the second photograph given is the near one.
-    gain : float
-        Contrast of the far photograph over the near one's.
-    noise : float
-        Standard deviation of a pixel's noise, on the scale from black to white.
-    residual_std : float
-        Residual in units of the upper limit of the far photograph's noise.
-    choice : tuple of Trial
-        Tried s and k; the last one is this.
-    warp : CubicWarp
-        Far pixels -> near pixels.
+    psf : centred on its centroid under a Gaussian window: two photographs of a wall determine no other centre
+    quality : MTF and numbers of the PSF, with their uncertainty budgets
+    inter_image : (k, k), the kernel from the near to the far photograph inside its support, sum 1
+    scale : (lambda_x, lambda_y), near pixels per far pixel along x and y
+    swapped : whether the second photograph given is the near one
+    gain : contrast of the far photograph over the near one's
+    noise : standard deviation of a pixel's noise, on the scale from black to white
+    residual_std : residual in units of the upper limit of the far photograph's noise
+    choice : tried s and k; the last one is this
+    warp : far pixels -> near pixels
     diagnostics : mapping of str to float
     """
 
@@ -174,7 +163,6 @@ class _PairAttempt:
 def _estimate(
     a: Plane, b: Plane, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
-    """The complete estimation. Raises Refused."""
     saturated = check_light(a.samples, b.samples)
     sighting = register(a.samples, b.samples)
     near, far = (b.samples, a.samples) if sighting.swapped else (a.samples, b.samples)

@@ -22,8 +22,8 @@ from procedures.numerics.kernel_tail import DIFFERS, LEAST_TAIL, SHAPES, tail_bo
 from procedures.numerics.normal_equations import NormalEquations, Products, eliminate, gram, products
 from procedures.numerics.sampled_convolution import sample_convolution
 from procedures.numerics.splines import photograph_spline, read_spline
-from procedures.numerics.warps import CubicWarp, displacement_columns, homography_jacobian
-from procedures.two_photo.region import FarSamples, common_region
+from procedures.numerics.warps import CubicWarp, apply_homography, displacement_columns, homography_jacobian
+from procedures.outcome import Refused
 
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
@@ -39,6 +39,28 @@ ALL_SAMPLES_PX = 0.02  # move of the map below which all samples are used
 CONVERGED_PX = 0.04  # the step is exact to first order: at most a tenth of it remains
 OUTLIER_SIGMAS = 6.0  # standard deviations of the residual from which a sample is excluded
 COARSE_SAMPLES = 20  # samples per unknown of the first iterations
+MOST_SAMPLES = 150_000  # a PSF is local: the middle of a larger common region is used
+
+
+@dataclass(frozen=True)
+class FarSamples:
+    """Samples of the far photograph.
+
+    Attributes
+    ----------
+    rows, columns : (m,), pixels, relative to the window's corner
+    points : (m, 2), the same as (x, y) of the far photograph
+    y : (m,) float64
+    """
+
+    rows: Indices
+    columns: Indices
+    points: Array
+    y: Array
+
+    def kept(self, mask: npt.NDArray[np.bool_]) -> FarSamples:
+        """The selected samples."""
+        return FarSamples(self.rows[mask], self.columns[mask], self.points[mask], self.y[mask])
 
 
 @dataclass(frozen=True)
@@ -47,15 +69,11 @@ class NearImage:
 
     Attributes
     ----------
-    coefficients : (rows, columns) float32
-        Cubic spline about the photograph's mean.
-    grid : (3, 3) float64
-        Near pixels (x, y) -> grid points.
+    coefficients : (rows, columns), cubic spline about the photograph's mean
+    grid : (3, 3), near pixels (x, y) -> grid points
     s : int
-    corner : (x, y)
-        First pixel of the window on the far photograph.
-    shape : (rows, columns)
-        Pixels of the window.
+    corner : (x, y), first pixel of the window on the far photograph
+    shape : (rows, columns), pixels of the window
     """
 
     coefficients: Array32
@@ -87,31 +105,21 @@ class PairFit:
 
     Attributes
     ----------
-    warp : CubicWarp
-        Far pixels -> near pixels.
-    kernel : (k^2,) float64
-        Inter-image kernel by plain least squares.
-    tail : (q,) float64
-        tau_j, the kernel beyond its support; the sum of both is the gain from near to far photograph.
-    light : (11,) float64
-        a (6), b without its constant (5).
+    warp : far pixels -> near pixels
+    kernel : (k^2,), inter-image kernel by plain least squares
+    tail : (q,), tau_j, the kernel beyond its support; the sum of both is the gain from near to far photograph
+    light : (11,), a (6), b without its constant (5)
     samples : Samples
     near : NearImage
-    equations : NormalEquations
-        Of the last iteration, for kernel and tail.
-    slopes : (m, 2) float64
-        Change of the prediction per far pixel along x and y.
+    equations : of the last iteration, for kernel and tail
+    slopes : (m, 2), change of the prediction per far pixel along x and y
     prediction : (m,) float64
-    moved_px : float
-        Largest move of the map in the last iteration, in far pixels.
-    travelled_px : float
-        Sum of these moves, without translations.
-    outliers : float
-        Share of the common region's samples that were excluded.
+    moved_px : largest move of the map in the last iteration, in far pixels
+    travelled_px : sum of these moves, without translations
+    outliers : share of the common region's samples that were excluded
     scores : (TILES^2, k^2 + q + p) float64
         Contribution of every tile to A'r, the tail's columns and Z'r, for kernel, tail and nuisance parameters.
-    counts : (TILES^2,) int64
-        Samples of every tile.
+    counts : (TILES^2,), samples of every tile
     """
 
     warp: CubicWarp
@@ -172,12 +180,9 @@ def fit_kernel(
     Parameters
     ----------
     near, far : (rows, columns) float32
-    H_near_far : (3, 3) float64
-        Far -> near pixels, to about half a far pixel.
-    s, k : int
-        Samples per far pixel, and their number along the kernel's side.
-    start : CubicWarp, optional
-        Map of an earlier fit with other s and k.
+    H_near_far : (3, 3), far -> near pixels, to about half a far pixel
+    s, k : samples per far pixel, and their number along the kernel's side
+    start : map of an earlier fit with other s and k
 
     Raises
     ------
@@ -196,6 +201,37 @@ def fit_kernel(
     if len(clean.y) < len(samples.y) - max(10, 1e-3 * len(samples.y)):
         fit = replace(_iterated(fit, clean, k), outliers=1 - len(clean.y) / len(samples.y))
     return fit
+
+
+def common_region(
+    near: Array32, far: Array32, H_near_far: Array, s: int, k: int
+) -> tuple[FarSamples, tuple[int, int], tuple[int, int]]:
+    """The far samples whose kernel lies entirely in the near photograph; corner (x, y) and shape of their window.
+
+    Raises Refused if there are too few for k^2 unknowns.
+    """
+    rows, columns = np.indices(far.shape)
+    points = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64)
+    reach = (k // 2 + 2) / s
+    limit = np.array(near.shape[::-1]) - 3.0
+    inside = np.ones(len(points), dtype=bool)
+    for corner in ((-reach, -reach), (reach, -reach), (reach, reach), (-reach, reach)):
+        mapped = apply_homography(H_near_far, points + corner)
+        inside &= ((mapped >= 2) & (mapped <= limit)).all(axis=1)
+    if inside.sum() > MOST_SAMPLES:  # a square about the middle
+        away = np.abs(points - points[inside].mean(axis=0)).max(axis=1)
+        inside &= away <= np.sort(away[inside])[MOST_SAMPLES]
+    needed = int(1.5 * k * k + 100)
+    if inside.sum() < needed:
+        raise Refused(
+            f"{k * k} kernel values need {needed} far samples of the common region; it has {int(inside.sum())}",
+            "include more of the near photograph's wall in the far one, or lower k",
+        )
+    points = points[inside]
+    low, high = points.min(axis=0).astype(int), points.max(axis=0).astype(int)
+    x, y = points.astype(np.int64).T
+    samples = FarSamples(y - low[1], x - low[0], points, far[y, x].astype(np.float64))
+    return samples, (int(low[0]), int(low[1])), (int(high[1] - low[1] + 1), int(high[0] - low[0] + 1))
 
 
 def _iterated(fit: PairFit, samples: FarSamples, k: int) -> PairFit:

@@ -33,18 +33,12 @@ class InterImageKernel:
 
     Attributes
     ----------
-    total : (n + q,) float64
-        Samples of the kernel, and amplitudes of its tail.
-    covariance : (n + q, n + q) float64
-        By the noise of both photographs, including nuisance parameters.
-    noise : float
-        sigma, in the unit of the samples.
-    bias : float
-        |k - plain least squares| / |k|.
-    inverse : (n + q, n + q) float64
-        Inverse of the corrected normal equations.
-    noise_correction : (n + q,) float64
-        Change of the equations' right-hand side by the correction.
+    total : (n + q,), samples of the kernel, and amplitudes of its tail
+    covariance : (n + q, n + q), by the noise of both photographs, including nuisance parameters
+    noise : sigma, in the unit of the samples
+    bias : |k - plain least squares| / |k|
+    inverse : (n + q, n + q), inverse of the corrected normal equations
+    noise_correction : (n + q,), change of the equations' right-hand side by the correction
     """
 
     total: Array
@@ -76,8 +70,7 @@ def without_near_noise(fit: PairFit, near_noise_limit: float) -> InterImageKerne
     Parameters
     ----------
     fit : PairFit
-    near_noise_limit : float
-        Upper limit of the near pixels' noise: a larger residual is not pixel noise.
+    near_noise_limit : upper limit of the near pixels' noise: a larger residual is not pixel noise
 
     Raises
     ------
@@ -102,7 +95,7 @@ def without_near_noise(fit: PairFit, near_noise_limit: float) -> InterImageKerne
     except np.linalg.LinAlgError as error:
         raise Refused(
             f"the near photograph's noise must stay under the wall's texture at all frequencies that s = {fit.near.s} "
-            "asks for; it does not",
+            "requires; it does not",
             "choose a rougher wall with fine detail, expose longer, focus the near photograph, or lower s",
         ) from error
     inverted = inverse(corrected)

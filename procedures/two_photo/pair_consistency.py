@@ -31,25 +31,18 @@ Array32 = npt.NDArray[np.float32]
 
 COARSE, FINE = (0.03, 0.15), (0.25, 0.5)
 """Bands of the far photograph's frequencies, in cycles/pixel, whose residuals are compared."""
-SMOOTHED = ((0.15, 0.25), (0.35, 0.5))
-"""Bands of middle detail and the finest."""
-FAR_PATCH, NEAR_PATCH = 48, 256
-"""Sides of the patches for spectra."""
+SMOOTHED = ((0.15, 0.25), (0.35, 0.5))  # bands of middle detail and the finest
+FAR_PATCH, NEAR_PATCH = 48, 256  # sides of the patches for spectra
 COARSE_DETAIL = 0.05
 """Frequency in the far photograph, in cycles/pixel, at which the OTF does not vary with the direction."""
 CORRELATED = (35 / 18) ** 2
 """Frequencies of a patch per independent one: a Hann window correlates the power of neighbours by 4/9, and of next
 neighbours by 1/36, along either axis."""
-CLEAR = 3.0
-"""Standard deviations from which a difference is significant."""
-LOWEST = 2.5
-"""Cycles per patch above which the window does not distort the wall's spectrum."""
-FINEST = 0.4
-"""Cycles/pixel along both axes above which the near photograph is closest to noise alone."""
-COARSEST, HIGHEST = 0.01, 0.47
-"""Range of the near photograph's spectrum that is used, in cycles/pixel."""
-MASK_PX = 1.0
-"""Usual width of an unsharp mask, in pixels."""
+CLEAR = 3.0  # standard deviations from which a difference is significant
+LOWEST = 2.5  # cycles per patch above which the window does not distort the wall's spectrum
+FINEST = 0.4  # cycles/pixel along both axes above which the near photograph is closest to noise alone
+COARSEST, HIGHEST = 0.01, 0.47  # range of the near photograph's spectrum that is used, in cycles/pixel
+MASK_PX = 1.0  # usual width of an unsharp mask, in pixels
 MAX_ITERATIONS, CONVERGENCE_TOLERANCE = 25, 3e-5
 """Of the fit to that spectrum; below this change every parameter is within a hundredth of its scatter."""
 
@@ -60,17 +53,12 @@ class NearSpectrum:
 
     Attributes
     ----------
-    softness : (2,) float64
-        Variance of a blur along x and y, in squared near pixels; negative where it is sharper.
-    sharpening : float
-        Amplitude of unsharp masking of width `MASK_PX`.
-    turned : (2,) float64
-        Growth of the spectrum's variation with cos 2 and sin 2 of the direction, per logarithm of the frequency:
-        another light, motion, or a wall whose fine detail has another direction than its coarse one.
-    wall_power : float
-        Exponent of the wall's spectrum.
-    most_noise : float
-        Standard deviation of noise as strong as the finest detail, along the diagonals.
+    softness : (2,), variance of a blur along x and y, in squared near pixels; negative where it is sharper
+    sharpening : amplitude of unsharp masking of width `MASK_PX`
+    turned : (2,), growth of the spectrum's variation with cos 2 and sin 2 of the direction, per logarithm of the
+        frequency: another light, motion, or a wall whose fine detail has another direction than its coarse one
+    wall_power : exponent of the wall's spectrum
+    most_noise : standard deviation of noise as strong as the finest detail, along the diagonals
     """
 
     softness: Array
@@ -93,26 +81,17 @@ class PairConsistency:
 
     Attributes
     ----------
-    left_over : float
-        Amplitude of the residual at coarse detail without noise, over that of the wall there.
-    colour : float
-        Power of the residual at coarse detail over that at fine detail: 1 for noise, within its scatter.
-    smoothing : float
-        The same at middle detail over the finest: a smoothed far photograph has less fine noise, while another light or
-        response leaves a coarse residual.
-    streaks : float
-        Power of the residual at fine detail along x over that along y: 1 for noise.
-    detail : float
-        Power of the residual where the far photograph has detail, over that where it has none: 1 for noise.
-    near : NearSpectrum
-        Fit to the near photograph's spectrum.
-    light_turned : float
-        Amplitude of the OTF's variation with twice the direction at `COARSE_DETAIL`, without the part proportional to
-        the square of the frequency, beyond twice its standard uncertainty.
-    missing_light : float
-        See `sharpening.missing_light`.
-    beyond_light : float
-        Largest excess of 1 - H(2f) over 4 (1 - H(f)) beyond three standard uncertainties; 0 without one.
+    left_over : amplitude of the residual at coarse detail without noise, over that of the wall there
+    colour : power of the residual at coarse detail over that at fine detail: 1 for noise, within its scatter
+    smoothing : the same at middle detail over the finest: a smoothed far photograph has less fine noise, while another
+        light or response leaves a coarse residual
+    streaks : power of the residual at fine detail along x over that along y: 1 for noise
+    detail : power of the residual where the far photograph has detail, over that where it has none: 1 for noise
+    near : fit to the near photograph's spectrum
+    light_turned : amplitude of the OTF's variation with twice the direction at `COARSE_DETAIL`, without the part
+        proportional to the square of the frequency, beyond twice its standard uncertainty
+    missing_light : see `sharpening.missing_light`
+    beyond_light : largest excess of 1 - H(2f) over 4 (1 - H(f)) beyond three standard uncertainties; 0 without one
     """
 
     left_over: float
@@ -158,11 +137,9 @@ def power_ratio(one: Array, other: Array, independent: float) -> float:
 
     Parameters
     ----------
-    one, other : (m,), (n,) float64
-        Power at the frequencies of each band, averaged over patches.
-    independent : float
-        Independent values of a frequency's power. The power of noise is exponentially distributed: its standard
-        deviation is its mean.
+    one, other : (m,), (n,); power at the frequencies of each band, averaged over patches
+    independent : independent values of a frequency's power. The power of noise is exponentially distributed: its
+        standard deviation is its mean.
     """
     ratio = max(float(one.mean()), 1e-15) / max(float(other.mean()), 1e-15)
     scatter = np.sqrt((1 / one.size + 1 / other.size) / independent)

@@ -55,14 +55,10 @@ from procedures.two_photo.trust import check_settings
 
 Array32 = npt.NDArray[np.float32]
 
-TEXTURE = 5.0
-"""Minimum contrast of the wall's detail, relative to the noise."""
-DETAIL_PX = 8.0
-"""Slower variation than this is light, not detail."""
-SAME_LIGHT = 0.25
-"""Accepted relative change of the wall's level between the distances."""
-FRAMES = 2
-"""Photographs at either distance, which are averaged."""
+TEXTURE = 5.0  # minimum contrast of the wall's detail, relative to the noise
+DETAIL_PX = 8.0  # slower variation than this is light, not detail
+SAME_LIGHT = 0.25  # accepted relative change of the wall's level between the distances
+FRAMES = 2  # photographs at either distance, which are averaged
 RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Small turns of the focus ring relative to autofocus or the eye; positive towards infinity."""
 
@@ -203,12 +199,12 @@ def check_near(frame: RawFrame, facts: Facts) -> Advice:
     if not contrast.good:
         say = f"The wall's detail is only {contrast.value:.1f} times the noise: choose a rougher wall."
         return Advice(False, say, readings, by_hand={"rougher_wall": 1.0})
-    found: dict[str, Fact] = {**advice.facts, "near_level": float(np.mean(plane.samples))}
+    new_facts: dict[str, Fact] = {**advice.facts, "near_level": float(np.mean(plane.samples))}
     if known.distance_mm is not None:
-        found["near_laser_mm"] = known.distance_mm
+        new_facts["near_laser_mm"] = known.distance_mm
     if "z_mm" in known.where():
-        found["near_z_mm"] = known.where()["z_mm"]
-    return replace(advice, readings=readings, facts=found)
+        new_facts["near_z_mm"] = known.where()["z_mm"]
+    return replace(advice, readings=readings, facts=new_facts)
 
 
 def check_far(frame: RawFrame, facts: Facts) -> Advice:
@@ -236,10 +232,10 @@ def check_far(frame: RawFrame, facts: Facts) -> Advice:
     if not readings[1].good:
         return Advice(False, f"{clipped:.1%} is clipped: keep bright things out of the frame.", readings)
     gone_mm = way_mm(known)
-    found: dict[str, Fact] = {"far_light_percent": 100 * change}
+    new_facts: dict[str, Fact] = {"far_light_percent": 100 * change}
     if gone_mm is not None:
-        found["far_way_mm"] = gone_mm
-    return Advice(True, "The light is the same.", readings, facts=found)
+        new_facts["far_way_mm"] = gone_mm
+    return Advice(True, "The light is the same.", readings, facts=new_facts)
 
 
 CHECKS = {"near": check_near, "far": check_far}
@@ -284,8 +280,7 @@ def focus(place: str) -> tuple[Any, ...]:
     )
 
 
-NEAR_PLANE = "near plane"
-"""Key of a near photograph of the same run, for comparison with the far ones."""
+NEAR_PLANE = "near plane"  # key of a near photograph of the same run, for comparison with the far ones
 
 
 def shoot(place: str) -> Shoot:

@@ -28,12 +28,9 @@ CONVERGENCE_TOLERANCE = 1e-4
 """The product ends with the first factor that differs from 1 by less everywhere in the band."""
 MAX_FACTORS = 40
 TAIL = len(SHAPES)
-CLOSE, FINER = 4, 4
-"""Range of low frequencies, in steps of their grid, that is sampled more finely, and by what factor."""
-RIM, RIM_WEIGHT = 0.4, 0.05
-"""Cycles per sample from which frequencies have a lower weight, and that weight."""
-EXACT = 1e3
-"""Weight of the equation of the sum: exact compared with the others, which are of order 1."""
+CLOSE, FINER = 4, 4  # range of low frequencies, in steps of their grid, that is sampled more finely, and by what factor
+RIM, RIM_WEIGHT = 0.4, 0.05  # cycles per sample from which frequencies have a lower weight, and that weight
+EXACT = 1e3  # weight of the equation of the sum: exact compared with the others, which are of order 1
 
 
 @dataclass(frozen=True)
@@ -42,10 +39,8 @@ class Recovered:
 
     Attributes
     ----------
-    parameters : (k^2 + q,) float64
-        Samples on the kernel's grid and support, and amplitudes of the tail.
-    derivative : (k^2 + q, k^2 + q) float64
-        Derivatives of the parameters by those of the kernel.
+    parameters : (k^2 + q,), samples on the kernel's grid and support, and amplitudes of the tail
+    derivative : (k^2 + q, k^2 + q), derivatives of the parameters by those of the kernel
     """
 
     parameters: Array
@@ -67,12 +62,9 @@ def otf_by_recursion(total: Array, s: int, J: Array, fx: Array, fy: Array) -> tu
 
     Parameters
     ----------
-    total : (k^2 + q,) float64
-        Inter-image kernel on the s grid, and amplitudes of its tail.
-    s : int
-        Samples per far pixel.
-    J : (2, 2) float64
-        d(near pixels x, y) / d(far pixels x, y); it must enlarge.
+    total : (k^2 + q,), inter-image kernel on the s grid, and amplitudes of its tail
+    s : samples per far pixel
+    J : (2, 2), d(near pixels x, y) / d(far pixels x, y); it must enlarge
 
     Raises
     ------
@@ -157,7 +149,6 @@ def gain_of(total: Array) -> float:
 
 
 def _side(total: Array) -> int:
-    """Side k of k^2 samples with a tail's amplitudes."""
     return math.isqrt(len(total) - TAIL)
 
 
@@ -219,5 +210,4 @@ def _waves(fx: Array, fy: Array, k: int, s: int) -> Complex:
 
 
 def _stacked(rows: Complex) -> Array:
-    """Real and imaginary parts of rows (n, p) as (2n, p)."""
     return np.vstack([rows.real, rows.imag])

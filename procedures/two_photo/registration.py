@@ -22,10 +22,8 @@ QUICK_PIXELS, MOST_PIXELS = 0.16e6, 4e6
 MOST_FEATURES = 3000
 CONTRAST = 0.01  # SIFT's threshold: walls are faint
 RATIO = 0.85  # of the nearest descriptor's distance to the second nearest's
-FEWEST = 12
-"""Matches that must agree on one homography: four determine it, the others confirm it."""
-ENOUGH = 60
-"""Matches from which larger copies are not searched."""
+FEWEST = 12  # matches that must agree on one homography: four determine it, the others confirm it
+ENOUGH = 60  # matches from which larger copies are not searched
 TOLERANCE_PX = 1.5  # distance of a match from the homography, in pixels of the reduced photograph
 
 
@@ -35,14 +33,10 @@ class PairSighting:
 
     Attributes
     ----------
-    swapped : bool
-        Whether the near photograph is the second one.
-    H_near_far : (3, 3) float64
-        Pixels (x, y) of the far photograph -> pixels of the near one.
-    matches : int
-        Matches consistent with the homography.
-    rms_far_px : float
-        Their scatter about it, in pixels of the far photograph.
+    swapped : whether the near photograph is the second one
+    H_near_far : (3, 3), pixels (x, y) of the far photograph -> pixels of the near one
+    matches : matches consistent with the homography
+    rms_far_px : their scatter about it, in pixels of the far photograph
     """
 
     swapped: bool
@@ -99,7 +93,6 @@ def register(a: Array32, b: Array32) -> PairSighting:
 
 
 def _refusal(features: int) -> Refused:
-    """Refusal of photographs that do not match, by the number of features of the poorer one."""
     if features < 5 * FEWEST:
         return Refused(
             f"the wall must have texture to match the photographs by; one shows {features} features",
@@ -119,7 +112,6 @@ def grey_levels(samples: Array32) -> npt.NDArray[np.uint8]:
 
 
 def _reduction(photograph: npt.NDArray[np.uint8], pixels: float) -> int:
-    """Integer factor that reduces a photograph to about that number of pixels."""
     return max(1, int(np.ceil(np.sqrt(photograph.size / pixels) - 0.2)))
 
 

@@ -9,11 +9,9 @@ import scipy.fft
 Array = npt.NDArray[np.float64]
 Array32 = npt.NDArray[np.float32]
 
-PATCH = 64
-"""Side of the patches; a smaller photograph is one patch along that axis."""
+PATCH = 64  # side of the patches; a smaller photograph is one patch along that axis
 MOST_PATCHES = 6  # along either axis
-LOW, HIGH = (0.06, 0.12), (0.27, 0.36)
-"""Bands of frequencies, in cycles per pixel."""
+LOW, HIGH = (0.06, 0.12), (0.27, 0.36)  # bands of frequencies, in cycles per pixel
 
 
 def sharpness_ratio(near: Array32, far: Array32, noise: float) -> float:
@@ -24,10 +22,8 @@ def sharpness_ratio(near: Array32, far: Array32, noise: float) -> float:
 
     Parameters
     ----------
-    near, far : (rows, columns) float32
-        The parts of the same wall.
-    noise : float
-        Standard deviation of a pixel's noise, whose flat spectrum is subtracted.
+    near, far : (rows, columns), the parts of the same wall
+    noise : standard deviation of a pixel's noise, whose flat spectrum is subtracted
     """
     return fineness(near, noise) / fineness(far, noise)
 

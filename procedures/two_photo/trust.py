@@ -15,40 +15,29 @@ from procedures.two_photo.diagnostics import PairDiagnostics, clipped_share
 
 Array = npt.NDArray[np.float64]
 
-ZOOM_MARGIN = 1.02
-"""Minimum of the zoom over a chosen s."""
+ZOOM_MARGIN = 1.02  # minimum of the zoom over a chosen s
 COARSE_RESIDUAL, FINE_RESIDUAL, SMOOTHING, STREAKS = 1.6, 0.8, 1.35, 1.4
 """Limits of the residual's power at coarse over fine detail, at middle over the finest, and along x over along y."""
-LIGHT_TURNED = 0.005
-"""Limit of the variation with the direction at coarse detail: a lens gives 0.001."""
+LIGHT_TURNED = 0.005  # limit of the variation with the direction at coarse detail: a lens gives 0.001
 FAR_SOFTER = 1.8
 """Fine contrast of the near photograph over the far one's above which the focus of the far one is doubtful."""
 PARTS_OFF_PX, PARTS_OFF_SIGMAS = 0.02, 6.0
 """Significant distance of a part of the wall from one plane, in pixels and in standard uncertainties."""
-COARSE_SHARE = 0.05
-"""Accepted difference of the wall's coarse detail, relative to its amplitude."""
+COARSE_SHARE = 0.05  # accepted difference of the wall's coarse detail, relative to its amplitude
 BEYOND_LIGHT, MISSING_LIGHT = 0.02, 4.0
 """Accepted violation of the inequality of cosines, and light missing around the core in standard uncertainties."""
-SMOOTHED = 0.8
-"""Minimum noise of the near photograph, relative to the far one's."""
-AT_DETAIL = 1.5
-"""Limit of the residual's power at the wall's detail over that where it has none."""
-TURNED = 0.1
-"""Limit of the growth of the spectrum's variation with direction, per factor e of the frequency."""
-OTHER_FOCUS = 0.15
-"""Accepted effect of the focus on the MTF at Nyquist."""
-SCATTERED = 9.0
-"""Accepted variance of a number by the region's parts, over that by noise."""
+SMOOTHED = 0.8  # minimum noise of the near photograph, relative to the far one's
+AT_DETAIL = 1.5  # limit of the residual's power at the wall's detail over that where it has none
+TURNED = 0.1  # limit of the growth of the spectrum's variation with direction, per factor e of the frequency
+OTHER_FOCUS = 0.15  # accepted effect of the focus on the MTF at Nyquist
+SCATTERED = 9.0  # accepted variance of a number by the region's parts, over that by noise
 Array32 = npt.NDArray[np.float32]
 
 
 def check_light(near: Array32, far: Array32) -> float:
     """The larger share of clipped samples in either photograph.
 
-    Raises
-    ------
-    Refused
-        If too much of a photograph is clipped, or it is almost black, or narrower than three pixels.
+    Raises Refused if too much of a photograph is clipped, or it is almost black, or narrower than three pixels.
     """
     clipped = []
     for photograph in (near, far):
@@ -116,10 +105,8 @@ def checks_of(
 
     Parameters
     ----------
-    contradicted : list of Check
-        Contradictions to f-number and pitch, where known.
-    raw : bool
-        Whether both photographs are RAW files.
+    contradicted : contradictions to f-number and pitch, where known
+    raw : whether both photographs are RAW files
     """
     return [
         *_refusals(d), *_wall_checks(d, s), *_camera_checks(d), *_light_checks(d, raw), *_processing_checks(d, raw),
@@ -133,7 +120,6 @@ def _shifted(d: PairDiagnostics) -> bool:
 
 
 def _processing(d: PairDiagnostics, raw: bool) -> float:
-    """Prior of processing as the cause."""
     return SYMPTOM if _shifted(d) else UNLIKELY_IN_RAW if raw else 1.0
 
 
@@ -143,7 +129,6 @@ def _as_raw(raw: bool) -> str:
 
 
 def _light_checks(d: PairDiagnostics, raw: bool) -> list[Check]:
-    """Checks for another light or focus, which leave a coarse residual."""
     doubtful = Verdict.DOUBTFUL
     return [
         Check("coarse residual", d.colour, COARSE_RESIDUAL, doubtful,
@@ -163,7 +148,6 @@ def _light_checks(d: PairDiagnostics, raw: bool) -> list[Check]:
 
 
 def _processing_checks(d: PairDiagnostics, raw: bool) -> list[Check]:
-    """Checks for smoothing, sharpening, compression or motion in the residual."""
     doubtful, prior = Verdict.DOUBTFUL, _processing(d, raw)
     files, streaks = unprocessed(raw, "use the RAW files"), max(d.streaks, 1 / max(d.streaks, 1e-12))
     return [
@@ -237,7 +221,6 @@ def _sampling_checks(asked: Sampling, last: Trial, scale: float) -> list[Check]:
 
 
 def _refusals(d: PairDiagnostics) -> list[Check]:
-    """Checks that refuse a PSF."""
     refused = Verdict.REFUSED
     flat = "choose a flat wall without relief, photograph it squarely, and keep everything out of its way"
     return [
@@ -260,7 +243,6 @@ def _refusals(d: PairDiagnostics) -> list[Check]:
 
 
 def _wall_checks(d: PairDiagnostics, s: int) -> list[Check]:
-    """Checks of the wall and its position."""
     doubtful = Verdict.DOUBTFUL
     determined = min(d.determined_horizontal, d.determined_vertical)
     return [
@@ -286,7 +268,6 @@ def _wall_checks(d: PairDiagnostics, s: int) -> list[Check]:
 
 
 def _camera_checks(d: PairDiagnostics) -> list[Check]:
-    """Checks of the two exposures."""
     doubtful = Verdict.DOUBTFUL
     refocus = "focus again at either distance, with nothing else changed"
     softer = "the near photograph is less sharp than the far one: the PSF is too sharp"

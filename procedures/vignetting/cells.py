@@ -1,4 +1,4 @@
-"""A flat as means over cells of the frame, with the noise of each mean."""
+"""Averages of a flat over cells of the frame, with their noise."""
 
 from __future__ import annotations
 
@@ -12,26 +12,20 @@ from procedures.raw import Plane
 
 Array = npt.NDArray[np.float64]
 
-COLUMNS = 32
-"""Cells along the longer side: what a lens does is smooth over many of them."""
-LEAST_SIDE = 4
-"""Samples along a cell's side at the least."""
-CLIPPED, MOST_CLIPPED = 0.98, 1e-3
-"""Of the scale from where a sample is taken for clipped, and the share that may be."""
-DARK = 0.02
-"""Of the scale: a median below it is no flat."""
+COLUMNS = 32  # cells along the longer side: vignetting is smooth over many of them
+LEAST_SIDE = 4  # minimum number of samples along a cell's side
+CLIPPED, MOST_CLIPPED = 0.98, 1e-3  # level of a clipped sample, and the accepted share of them
+DARK = 0.02  # minimum of a flat's median on the scale
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
-    """Means over cells.
+class LightCells:
+    """Averages over cells.
 
     Attributes
     ----------
-    place : (n, 2) float64
-        (x, y) of the cells' centres, in pixels of the plane.
-    level : (n,) float64, sigma : (n,) float64
-        Mean, and its standard deviation by the noise of the samples, fixed pattern included.
+    place : (n, 2), (x, y) of the cells' centres, in pixels of the plane
+    level : (n,), sigma : (n,); mean, and its standard deviation by the noise of the samples, including fixed pattern
     """
 
     place: Array
@@ -39,14 +33,8 @@ class Cells:
     sigma: Array
 
 
-def cells_of(plane: Plane, source: str) -> Cells:
-    """The cells of a flat's plane.
-
-    Raises
-    ------
-    Refused
-        If it is clipped, dark, or too small.
-    """
+def cells_of(plane: Plane, source: str) -> LightCells:
+    """The cells of a flat's plane. Raises Refused if it is clipped, dark, or too small."""
     rows, columns = plane.samples.shape
     side = max(rows, columns) // COLUMNS
     if side < LEAST_SIDE or min(rows, columns) < 6 * side:
@@ -67,7 +55,7 @@ def cells_of(plane: Plane, source: str) -> Cells:
         top + side * np.arange(ny) + (side - 1) / 2, left + side * np.arange(nx) + (side - 1) / 2, indexing="ij"
     )
     place = np.column_stack([x.ravel(), y.ravel()])
-    return Cells(place, level.ravel(), np.sqrt(variance.ravel()) / side)
+    return LightCells(place, level.ravel(), np.sqrt(variance.ravel()) / side)
 
 
 def _check_light(plane: Plane, source: str) -> None:

@@ -20,33 +20,30 @@ from procedures.numbers import (
 )
 from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.raw import FrameLike, Plane, as_frame
-from procedures.vignetting.cells import Cells, cells_of
+from procedures.vignetting.cells import LightCells, cells_of
 from procedures.vignetting.surface import Falloff, RadialFalloff, fit_falloff, fit_radial
 
 Array = npt.NDArray[np.float64]
 
 REFERENCE = "G1"
-GRID = (33, 25)
-"""Columns and rows of the places at which maps are told and formulas compared."""
-LARGE_STRUCTURE = 0.005
-"""Of the light: what flats show beside a smooth surface, and no lens makes."""
-LARGE_SLOPE = 0.02
-"""Of the light over half a diagonal: a slope of one flat's light that is doubted."""
+GRID = (33, 25)  # columns and rows of maps, and of the comparison of formulas
+LARGE_STRUCTURE = 0.005  # structure of the flats beyond a smooth surface, relative to the light, that no lens causes
+LARGE_SLOPE = 0.02  # relative slope of one flat's light over half a diagonal above which it is doubtful
+NAMES = ("centre_x", "centre_y", "k1", "k2", "k3")
+UNITS = ("pixel of the plane", "pixel of the plane", "1", "1", "1")
 
 
 @dataclass(frozen=True, eq=False)
 class PlaneVignetting:
-    """What the flats say of one plane.
+    """Vignetting of one plane.
 
     Attributes
     ----------
     surface : Falloff
     radial : RadialFalloff
     numbers : mapping of name to Quantity
-    places : (n, 2), value : (n,), uncertainty : (n,) float64
-        The map: light over that at the plane's centre.
-    middle : (2,) float64
-        (x, y) of the frame's centre in pixels of the plane: the planes of a mosaic lie half a pixel apart.
+    places : (n, 2), value : (n,), uncertainty : (n,); map of the light relative to the plane's centre
+    middle : (2,), (x, y) of the frame's centre in pixels of the plane: the planes of a mosaic are half a pixel apart
     """
 
     surface: Falloff
@@ -61,19 +58,19 @@ class PlaneVignetting:
 
     @property
     def centre(self) -> Array:
-        """Centre (2,) of the radial formula from the frame's, in pixels of the plane."""
+        """Centre (2,) of the radial formula relative to the frame's, in pixels of the plane."""
         return np.asarray(self.radial.centre - self.middle)
 
 
 def estimate_vignetting(
     flats: Sequence[tuple[str, Mapping[str, Plane]] | FrameLike],
 ) -> dict[str, Outcome[PlaneVignetting]]:
-    """Vignetting of every plane, and colour shading against green.
+    """Vignetting of every plane, and colour shading relative to green.
 
     Parameters
     ----------
     flats : sequence of (name of the photograph, its planes), of RawFrame, or of (rows, columns) arrays
-        One camera, lens, aperture and focus; camera or light turned between them.
+        From one camera, lens, aperture and focus, with camera or light rotated between them.
 
     Returns
     -------
@@ -87,14 +84,17 @@ def estimate_vignetting(
     if not flats:
         raise Refused("vignetting needs photographs of even light; there is none", "give one flat, better four")
     named = [one if isinstance(one, tuple) else _named(one, n) for n, one in enumerate(flats, 1)]
-    found: dict[str, Outcome[PlaneVignetting]] = {}
+    outcomes: dict[str, Outcome[PlaneVignetting]] = {}
     for name, first in named[0][1].items():
         try:
             cells = [cells_of(planes[name], source) for source, planes in named]
-            found[name] = _plane(cells, first)
+            outcomes[name] = _plane(cells, first)
         except Refused as refusal:
-            found[name] = Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    return _with_colour(found)
+            outcomes[name] = Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
+    green = outcomes[REFERENCE].value if REFERENCE in outcomes else None
+    if green is None:
+        return outcomes
+    return {name: one if name == REFERENCE else _with_colour(one, green) for name, one in outcomes.items()}
 
 
 def _named(flat: FrameLike, number: int) -> tuple[str, Mapping[str, Plane]]:
@@ -102,27 +102,21 @@ def _named(flat: FrameLike, number: int) -> tuple[str, Mapping[str, Plane]]:
     return frame.path.name, frame.planes
 
 
-def _plane(cells: Sequence[Cells], plane: Plane) -> Outcome[PlaneVignetting]:
+def _plane(cells: Sequence[LightCells], plane: Plane) -> Outcome[PlaneVignetting]:
     rows, columns = plane.samples.shape
     shape, size = (rows, columns), np.array([columns, rows], dtype=np.float64)
     middle = ((plane.pitch * size - 1) / 2 - plane.origin) / plane.pitch
     surface = fit_falloff(cells, shape)
     places = frame_places(shape)
     radial = fit_radial(surface, places)
-    answer = PlaneVignetting(
-        surface,
-        radial,
-        _numbers(surface, radial, middle, len(cells)),
-        places,
-        surface.light.at(places),
-        surface.uncertainty(places),
-        middle,
-    )
-    return verdict_of(_checks(surface, len(cells)), answer)
+    numbers = _numbers(surface, radial, middle, len(cells))
+    light, uncertainty = surface.light.at(places), surface.uncertainty(places)
+    result = PlaneVignetting(surface, radial, numbers, places, light, uncertainty, middle)
+    return verdict_of(_checks(surface, len(cells)), result)
 
 
 def frame_places(shape: tuple[int, int]) -> Array:
-    """Places (n, 2) spread over a plane, rims included, row by row."""
+    """Places (n, 2) of a grid over a plane, including its rim, row by row."""
     rows, columns = shape
     x, y = np.meshgrid(np.linspace(0, columns - 1, GRID[0]), np.linspace(0, rows - 1, GRID[1]))
     return np.column_stack([x.ravel(), y.ravel()])
@@ -150,45 +144,79 @@ def _numbers(surface: Falloff, radial: RadialFalloff, middle: Array, count: int)
 
 
 def _checks(surface: Falloff, count: int) -> list[Check]:
-    """What makes vignetting doubtful."""
     doubtful, steepest = Verdict.DOUBTFUL, float(np.linalg.norm(surface.slopes, axis=1).max())
     return [
         Check("flats", count, 2, doubtful,
-              "one flat cannot tell a slope of the light from the lens: the centre and the difference of the corners "
-              "may be the light's",
-              "photograph a second flat with the camera or the light turned by 180 degrees about the axis, better four",
+              "one flat does not separate a slope of the light from the lens: the centre and the difference of the "
+              "corners may be due to the light",
+              "photograph a second flat with camera or light rotated by 180 degrees about the axis, better four",
               least=True),
         Check("structure", surface.structure, LARGE_STRUCTURE, doubtful,
-              f"the flats show structure of {surface.structure:.1%} rms that no lens makes",
+              f"the flats show structure of {surface.structure:.1%} rms that no lens causes",
               "photograph evenly lit, structureless light: a diffuser before the lens, out of focus"),
         Check("slope", steepest, LARGE_SLOPE, doubtful,
               f"the flats' light differs by {steepest:.1%} over half a diagonal from one to the next",
-              "make the light more even: it is known no better than its slopes average out", given=count >= 2),
+              "make the light more even: its slopes average out only in part", given=count >= 2),
     ]  # fmt: skip
 
 
-def _with_colour(found: dict[str, Outcome[PlaneVignetting]]) -> dict[str, Outcome[PlaneVignetting]]:
-    """Colour shading beside the numbers: how far a plane's light over green's is from that at the centre."""
-    green = found[REFERENCE].value if REFERENCE in found else None
-    if green is None:
-        return found
-    told = {}
-    for name, outcome in found.items():
-        one = outcome.value
-        if one is not None and name != REFERENCE:
-            light = [which.surface.light.at(one.places + (which.middle - one.middle)) for which in (one, green)]
-            ratio = light[0] / light[1] - 1
-            # the light's slope is common to the planes and drops out
-            spread = float(np.sqrt(np.mean(_noise(one) ** 2 + _noise(green) ** 2)))
-            value = float(np.sqrt(np.mean(ratio**2)))
-            method = f"rms over the frame of light over that of {REFERENCE}, less 1"
-            colour = Quantity(value, "1", spread, method, one.numbers[CORNER_LIGHT].n)
-            answer = replace(one, numbers={**one.numbers, COLOUR_SHADING: colour})
-            told[name] = outcome.of_value(answer)
-        else:
-            told[name] = outcome
-    return told
+def _with_colour(outcome: Outcome[PlaneVignetting], green: PlaneVignetting) -> Outcome[PlaneVignetting]:
+    """Add colour shading: variation of a plane's light over green's, relative to the centre."""
+    one = outcome.value
+    if one is None:
+        return outcome
+    own, reference = (plane.surface.light.at(one.places + (plane.middle - one.middle)) for plane in (one, green))
+    value = float(np.sqrt(np.mean((own / reference - 1) ** 2)))
+    # the slope of the light is common to the planes and cancels
+    spread = float(np.sqrt(np.mean(_noise(one) ** 2 + _noise(green) ** 2)))
+    method = f"rms over the frame of light over that of {REFERENCE}, less 1"
+    colour = Quantity(value, "1", spread, method, one.numbers[CORNER_LIGHT].n)
+    return outcome.of_value(replace(one, numbers={**one.numbers, COLOUR_SHADING: colour}))
 
 
 def _noise(one: PlaneVignetting) -> Array:
+    """Relative uncertainty of the map by noise alone."""
     return replace(one.surface, slope_covariance=np.zeros((2, 2))).uncertainty(one.places) / one.value
+
+
+# --- the formulas of all planes -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class JointFormula:
+    """Centre, relative to the frame's, and coefficients of every plane.
+
+    Attributes
+    ----------
+    planes : tuple of str
+    values : (5 planes,), in the order of `NAMES`, plane by plane
+    covariance : (5 planes, 5 planes) float64
+    """
+
+    planes: tuple[str, ...]
+    values: Array
+    covariance: Array
+
+
+def joint_formula(planes: Mapping[str, PlaneVignetting]) -> JointFormula:
+    """The formulas of the planes.
+
+    The noise of different planes is independent, but the slope of the light, with an uncertainty by the scatter of the
+    flats, is common to all.
+    """
+    size = len(NAMES)
+    values = np.concatenate([np.zeros(0), *(np.append(one.centre, one.radial.coefficients) for one in planes.values())])
+    covariance = np.zeros((len(values), len(values)))
+    for i, a in enumerate(planes.values()):
+        for j, b in enumerate(planes.values()):
+            block = a.radial.covariance if i == j else a.radial.by_slope @ _common(a, b) @ b.radial.by_slope.T
+            covariance[i * size : (i + 1) * size, j * size : (j + 1) * size] = block
+    return JointFormula(tuple(planes), values, covariance)
+
+
+def _common(a: PlaneVignetting, b: PlaneVignetting) -> Array:
+    """Covariance (2, 2) of the mean slopes of two planes' flats."""
+    count = len(a.surface.slopes)
+    if count < 2 or len(b.surface.slopes) != count:
+        return np.zeros((2, 2))
+    return np.asarray(a.surface.slopes.T @ b.surface.slopes / ((count - 1) * count))

@@ -1,4 +1,4 @@
-"""All numbers of a camera and their one covariance as an HDF5 file that explains itself, and back."""
+"""All numbers of a camera and their covariance in one self-describing HDF5 file, written and read."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from procedures.outcome import BadInput
 from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 from procedures.reading.hdf5 import Stored, check_ends
 from procedures.whole_camera.from_field import WholeCamera
-from procedures.whole_camera.joint import Block
+from procedures.whole_camera.joint import CovarianceBlock
 
 if TYPE_CHECKING:
     import h5py
@@ -24,51 +24,49 @@ Array = npt.NDArray[np.float64]
 
 SCHEMA = "station/camera/1"
 CONVENTIONS = """\
-`values`, `names`, `units` and `covariance` go together, number by number; a name is that of its part, a dot, and the
-number's in it. Pixels have their centres at integers, x right, y down.
+`values`, `names`, `units` and `covariance` have the same order; a name consists of the part, a dot, and the number's
+name in it. Pixels have their centres at integers, x right, y down.
 geometry.NAME: parameters of COLMAP's camera `model` (an attribute of the group geometry), in pixels of the sensor;
 COLMAP's own cx and cy have 0.5 more. Of a model BASE+SPLINE_NXxNY those of BASE, then spline_AXIS_COLUMN_ROW: control
-points of a cubic B-spline over the frame, in pixels, which is added to where BASE puts a point.
+points of a cubic B-spline over the frame, in pixels, which is added to the projection by BASE.
 psf.PLANE.N.NAME: of the PSF at place N of that plane, see `places`; lengths and frequencies are in pixels of the plane.
 lateral_colour.PLANE.AXIS.TERM: the shift along an axis against the reference plane, in pixels of the sensor, is the sum
 of coefficient times term; x and y in the terms are the place in half diagonals from the frame's centre.
 vignetting.PLANE.NAME: light = 1 + k1 r^2 + k2 r^4 + k3 r^6, r from (centre_x, centre_y), which are pixels of the plane
 from the frame's centre, in half diagonals.
 sensor.PLANE.NAME: gain K in digital numbers per electron, dark noise in electrons.
-`blocks`: for each pair of parts whether what they share was computed, or is zero, and why. Covariances are of noise and
-of what is stated beside it; where an error is common to all photographs and is not known, as that of a print, no block
-has it."""
+`blocks`: for each pair of parts whether their covariance was computed, or is zero, and why. Covariances are those of
+noise and of other stated uncertainties; an unknown error common to all photographs, as that of a print, is in no
+block."""
 GIVE = "give the camera.h5 of a field's result"
 
 
 @dataclass(frozen=True, eq=False)
 class CameraNumbers:
-    """A camera as its file tells it.
+    """Contents of a camera's file.
 
     Attributes
     ----------
     names, units : tuple of str
     values : (n,) float64
     covariance : (n, n) float64
-    blocks : tuple of Block
-    model : str
-        Of the geometry; "" where there is none.
-    size : (columns, rows)
-        Of the frame in sensor pixels, (0, 0) without a geometry.
+    blocks : tuple of CovarianceBlock
+    model : model of the geometry; "" without one
+    size : (columns, rows), size of the frame in sensor pixels, (0, 0) without a geometry
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     values: Array
     covariance: Array
-    blocks: tuple[Block, ...]
+    blocks: tuple[CovarianceBlock, ...]
     model: str = ""
     size: tuple[int, int] = (0, 0)
 
     __repr__ = summary
 
     def places(self, beginning: str) -> list[int]:
-        """Which numbers have names that begin so: "geometry.", "psf.G1."."""
+        """Indices of the numbers with a prefix of their names: "geometry.", "psf.G1."."""
         return [i for i, name in enumerate(self.names) if name.startswith(beginning)]
 
     def numbers(self, beginning: str = "") -> dict[str, tuple[float, float]]:
@@ -77,12 +75,12 @@ class CameraNumbers:
         return {self.names[i]: (float(self.values[i]), float(sigma[i])) for i in self.places(beginning)}
 
     def block(self, first: str, second: str) -> Array:
-        """Covariance of the numbers whose names begin so with those that begin otherwise."""
+        """Covariance between the numbers of two prefixes."""
         return self.covariance[np.ix_(self.places(first), self.places(second))]
 
 
 def write_camera_numbers(path: Path, camera: WholeCamera, provenance: Mapping[str, str]) -> None:
-    """Write a camera; `provenance` are texts that say where all comes from."""
+    """Write a camera, with provenance as text."""
     import h5py
 
     numbers = camera.numbers
@@ -112,13 +110,12 @@ def _write_geometry(group: h5py.Group, camera: WholeCamera) -> None:
 
 
 def _write_places(group: h5py.Group, camera: WholeCamera) -> None:
-    """Where the PSF's numbers are told, plane by plane, in the order of N."""
     for plane in dict.fromkeys(name for name, _ in camera.places):
         nodes = [one.node for name, one in camera.places if name == plane]
-        of = group.create_group(plane)
-        of.create_dataset("position", data=[one.position for one in nodes]).attrs["unit"] = "pixel of the plane"
-        _put_texts(of, "source", [one.source for one in nodes])
-        of.create_dataset("number", data=[one.number for one in nodes])
+        places = group.create_group(plane)
+        places.create_dataset("position", data=[one.position for one in nodes]).attrs["unit"] = "pixel of the plane"
+        _put_texts(places, "source", [one.source for one in nodes])
+        places.create_dataset("number", data=[one.number for one in nodes])
 
 
 def _put_texts(group: h5py.Group, name: str, texts: Any) -> None:
@@ -126,13 +123,7 @@ def _put_texts(group: h5py.Group, name: str, texts: Any) -> None:
 
 
 def read_camera_numbers(path: Path | str) -> CameraNumbers:
-    """A camera as it was written.
-
-    Raises
-    ------
-    BadInput
-        If it is no such file, or its parts do not belong together.
-    """
+    """Read a camera's file. Raises BadInput if it is not such a file, or its parts are inconsistent."""
     import h5py
 
     open_file(Path(path), "camera").close()
@@ -144,23 +135,20 @@ def read_camera_numbers(path: Path | str) -> CameraNumbers:
             room = Room(str(path))
             stored, blocks = Stored(file, room), Stored(file["blocks"], room)
             texts = [blocks.texts(name) for name in ("first", "second", "how", "why")]
-            told = file["geometry"].attrs
-            found = CameraNumbers(
+            geometry = file["geometry"].attrs
+            camera = CameraNumbers(
                 tuple(stored.texts("names")), tuple(stored.texts("units")), stored.numbers("values"),
-                stored.numbers("covariance"), tuple(Block(*one) for one in zip(*texts, strict=True)),
-                str(told.get("model", "")), (int(told.get("columns", 0)), int(told.get("rows", 0))),
+                stored.numbers("covariance"), tuple(CovarianceBlock(*one) for one in zip(*texts, strict=True)),
+                str(geometry.get("model", "")), (int(geometry.get("columns", 0)), int(geometry.get("rows", 0))),
             )  # fmt: skip
-        _check(found)
-        return found
+        _check(camera)
+        return camera
 
 
-def _check(found: CameraNumbers) -> None:
-    """Raises ValueError where numbers and covariance do not belong together."""
-    count = len(found.names)
-    if len(found.units) != count or found.values.shape != (count,) or found.covariance.shape != (count, count):
-        raise ValueError("names, units, values and covariance are of as many numbers")
-    if (
-        not np.allclose(found.covariance, found.covariance.T, rtol=1e-9, atol=0)
-        or (np.diag(found.covariance) < 0).any()
-    ):
-        raise ValueError("a covariance is symmetric, its variances are not below 0")
+def _check(camera: CameraNumbers) -> None:
+    """Raise ValueError where numbers and covariance are inconsistent."""
+    count, C = len(camera.names), camera.covariance
+    if len(camera.units) != count or camera.values.shape != (count,) or C.shape != (count, count):
+        raise ValueError("names, units, values and covariance must have the same length")
+    if not np.allclose(C, C.T, rtol=1e-9, atol=0) or (np.diag(C) < 0).any():
+        raise ValueError("a covariance must be symmetric, with variances of 0 or more")

@@ -1,4 +1,4 @@
-"""The parts of a camera that a field's charts tell: the PSF's numbers at every place, lateral colour, geometry."""
+"""Parts of a camera from a field's charts: the PSF's numbers at every place, lateral colour, geometry."""
 
 from __future__ import annotations
 
@@ -17,29 +17,24 @@ from procedures.geometry.uncertainty import camera_response
 from procedures.geometry.views import ChartView
 from procedures.outcome import Outcome, Verdict
 from procedures.psf_field import Node, prior_sensitivity
-from procedures.whole_camera.joint import ChartKey, JointNumbers, Part, join
+from procedures.whole_camera.joint import CameraPart, ChartKey, JointNumbers, join
 
 Array = npt.NDArray[np.float64]
 
-CHARTS = "the charts"
-"""Where these parts come from."""
-SENSOR = "sensor"
-"""What the part of the sensor's numbers is called, and the term of a budget that its response adds."""
+CHARTS = "the charts"  # origin of these parts
+SENSOR = "sensor"  # name of the part of the sensor's numbers, and of the term of its response in a budget
 
 
 @dataclass(frozen=True, eq=False)
 class WholeCamera:
-    """What one session tells of a camera.
+    """Results of one session with a camera.
 
     Attributes
     ----------
     numbers : JointNumbers
-    places : tuple of (str, MeasuredChart)
-        Plane and chart of every place at which the PSF's numbers are told, in their order.
+    places : plane and chart of every place of the PSF's numbers, in their order
     colours : tuple of LateralColour
-        Whose polynomials' coefficients are told.
-    geometry : Outcome[Geometry]
-        Refused where the charts do not tell it.
+    geometry : refused where the charts do not determine it
     """
 
     numbers: JointNumbers
@@ -49,42 +44,39 @@ class WholeCamera:
 
 
 def whole_camera(
-    found: FieldResult, cell_mm: float, others: Sequence[Part] = (), views: Sequence[ChartView] = ()
+    result: FieldResult, cell_mm: float, others: Sequence[CameraPart] = (), views: Sequence[ChartView] = ()
 ) -> WholeCamera:
     """The camera of a field.
 
     Parameters
     ----------
-    found : FieldResult
-    cell_mm : float
-        Side of a printed cell: distances hang on it, the camera does not.
-    others : sequence of Part
-        What other photographs tell.
-    views : sequence of ChartView
-        The same chart in photographs for the geometry alone, turned away or elsewhere.
+    result : FieldResult
+    cell_mm : side of a printed cell: scale of the distances, without effect on the camera
+    others : from other photographs
+    views : further views of the chart, for the geometry alone
     """
-    charts = charts_of(found)
-    geometry = field_geometry(found, charts[found.reference], cell_mm, views)
+    charts = charts_of(result)
+    geometry = field_geometry(result, charts[result.reference], cell_mm, views)
     parts = []
     if geometry.value is not None:
-        parts.append(geometry_part(found, geometry.value, charts[found.reference]))
-    parts += [psf_part(name, seen) for name, seen in charts.items() if seen]
-    parts += [colour_part(colour, found.measured.planes[colour.plane].pitch, charts) for colour in found.colours]
-    parts = [resting(one, charts) for one in parts]
-    known = {_key(name, one.node): one.joint_covariance for name, seen in charts.items() for one in seen}
-    places = tuple((name, one) for name, seen in charts.items() for one in seen)
-    return WholeCamera(join([*parts, *others], known), places, found.colours, geometry)
+        parts.append(geometry_part(result, geometry.value, charts[result.reference]))
+    parts += [psf_part(name, measured) for name, measured in charts.items() if measured]
+    parts += [colour_part(colour, result.measured.planes[colour.plane].pitch, charts) for colour in result.colours]
+    parts = [with_sensor_reason(part, charts) for part in parts]
+    places = tuple((name, chart) for name, measured in charts.items() for chart in measured)
+    covariances = {_key(name, chart.node): chart.joint_covariance for name, chart in places}
+    return WholeCamera(join([*parts, *others], covariances), places, result.colours, geometry)
 
 
-def charts_of(found: FieldResult) -> dict[str, list[MeasuredChart]]:
-    """By plane the charts that its field is made of; none where it was refused.
+def charts_of(result: FieldResult) -> dict[str, list[MeasuredChart]]:
+    """The charts of each plane's field; empty where it was refused.
 
-    They are known by photograph and number: the field's nodes are others where supports were widened to one size.
+    They are identified by photograph and number, as the field's nodes may have wider supports.
     """
     kept = {}
-    for name, outcome in found.planes.items():
+    for name, outcome in result.planes.items():
         nodes = () if outcome.value is None else outcome.value.interpolation.field.nodes
-        known = {_key(name, one.node): one for one in found.measured.charts.get(name, ())}
+        known = {_key(name, one.node): one for one in result.measured.charts.get(name, ())}
         kept[name] = [known[key] for node in nodes if (key := _key(name, node)) in known]
     return kept
 
@@ -93,16 +85,16 @@ def _key(plane: str, node: Node) -> ChartKey:
     return plane, node.source, node.number
 
 
-def resting(part: Part, charts: Mapping[str, Sequence[MeasuredChart]]) -> Part:
-    """The same; where its charts were estimated with the sensor's own result, with what that means for their blocks.
+def with_sensor_reason(part: CameraPart, charts: Mapping[str, Sequence[MeasuredChart]]) -> CameraPart:
+    """The part; if the sensor's model was used for its charts, with the reason why their covariance is neglected.
 
-    Weights move no expected value. The response's error does: of a number's variance that is the square of the budget's
-    term, and so a correlation with whatever the ladder tells of as much of its uncertainty at the most.
+    Weights do not change expected values. The response's error does: its share of a number's variance is the square of
+    the budget's term, and bounds the correlation with the ladder's numbers.
     """
-    seen = [one for plane, charted in charts.items() for one in charted if _key(plane, one.node) in part.charts]
+    used = [one for plane, charted in charts.items() for one in charted if _key(plane, one.node) in part.charts]
     terms = [
         (one.budgets[name][SENSOR], number.uncertainty)
-        for one in seen
+        for one in used
         for name, number in one.numbers.items()
         if one.budgets.get(name, {}).get(SENSOR, 0.0) > 0
     ]
@@ -110,49 +102,49 @@ def resting(part: Part, charts: Mapping[str, Sequence[MeasuredChart]]) -> Part:
         return part
     most = max(term / max(whole, 1e-300) for term, whole in terms)
     why = (
-        "other photographs, though the charts were straightened and weighed by what the ladder tells: weights move no "
-        f"expected value, and the response's error is {most:.2g} of an uncertainty of the PSF's at the most"
+        "other photographs; the ladder's response and noise were used for the charts, but weights change no expected "
+        f"value, and the response's error is at most {most:.2g} times an uncertainty of the PSF"
     )
-    return replace(part, rests_on={SENSOR: why})
+    return replace(part, independent_of={SENSOR: why})
 
 
 # --- PSF ---------------------------------------------------------------------------------------------------------
 
 
-def psf_part(plane: str, charts: Sequence[MeasuredChart]) -> Part:
-    """The headline numbers of a plane at all its places, with what noise and priors have in common among them."""
-    names, units, values, slopes, moves = [], [], [], [], []
+def psf_part(plane: str, charts: Sequence[MeasuredChart]) -> CameraPart:
+    """The headline numbers of a plane at all its places, with their covariance by noise and priors."""
+    names, units, values, slopes, by_priors = [], [], [], [], []
     for i, one in enumerate(charts, 1):
         names += [f"{i}.{name}" for name in one.numbers]
         units += [number.unit for number in one.numbers.values()]
         values += [number.value for number in one.numbers.values()]
         slope = _slopes(one)
         slopes.append(slope)
-        moves.append(slope @ prior_sensitivity(one.node.psf))
+        by_priors.append(slope @ prior_sensitivity(one.node.psf))
     ends = np.cumsum([0, *(len(slope) for slope in slopes)])
     covariance, by_charts = np.zeros((ends[-1], ends[-1])), {}
     for i, one in enumerate(charts):
         own = slice(ends[i], ends[i + 1])
         for j in range(i):
-            common = moves[i] @ moves[j].T
+            common = by_priors[i] @ by_priors[j].T
             covariance[own, ends[j] : ends[j + 1]], covariance[ends[j] : ends[j + 1], own] = common, common.T
         covariance[own, own] = _own_covariance(one, slopes[i])
         rows = np.zeros((ends[-1], slopes[i].shape[1] + 2))
         rows[own, :-2] = slopes[i]
         by_charts[_key(plane, one.node)] = rows
-    return Part(f"psf.{plane}", tuple(names), tuple(units), np.array(values), covariance, CHARTS, by_charts)
+    return CameraPart(f"psf.{plane}", tuple(names), tuple(units), np.array(values), covariance, CHARTS, by_charts)
 
 
 def _slopes(one: MeasuredChart) -> Array:
-    """Derivatives (m, P) of a chart's numbers, shortened where a number is known better than its covariance says."""
+    """Derivatives (m, P) of a chart's numbers, reduced where they imply more than the stated uncertainty."""
     slope = np.array([one.gradients[name] for name in one.numbers]).reshape(len(one.numbers), -1)
-    carried = np.sqrt(np.einsum("ij,jk,ik->i", slope, one.node.psf.parameter_covariance, slope))
+    propagated = np.sqrt(np.einsum("ij,jk,ik->i", slope, one.node.psf.parameter_covariance, slope))
     stated = np.array([number.uncertainty for number in one.numbers.values()])
-    return np.asarray(slope * np.minimum(1.0, stated / np.maximum(carried, 1e-300))[:, None])
+    return np.asarray(slope * np.minimum(1.0, stated / np.maximum(propagated, 1e-300))[:, None])
 
 
 def _own_covariance(one: MeasuredChart, slope: Array) -> Array:
-    """Covariance of one chart's numbers: what is stated of each beside the PSF's covariance is its own."""
+    """Covariance of one chart's numbers; further stated uncertainties are independent."""
     covariance = slope @ one.node.psf.parameter_covariance @ slope.T
     stated = np.array([number.uncertainty**2 for number in one.numbers.values()])
     return np.asarray(covariance + np.diag(np.maximum(stated - np.diag(covariance), 0)))
@@ -161,10 +153,10 @@ def _own_covariance(one: MeasuredChart, slope: Array) -> Array:
 # --- lateral colour ----------------------------------------------------------------------------------------------
 
 
-def colour_part(colour: LateralColour, pitch: int, charts: dict[str, list[MeasuredChart]]) -> Part:
-    """The coefficients of a plane's lateral colour: first all of the shift along x, then along y.
+def colour_part(colour: LateralColour, pitch: int, charts: dict[str, list[MeasuredChart]]) -> CameraPart:
+    """The coefficients of a plane's lateral colour: first of the shift along x, then along y.
 
-    The places of the reference plane are in the lateral colour of all others: so are their errors.
+    Errors of the reference plane's positions are common to the lateral colour of all others.
     """
     S, surface = colour.surface.solution(), colour.surface
     count = len(S)
@@ -181,15 +173,13 @@ def colour_part(colour: LateralColour, pitch: int, charts: dict[str, list[Measur
     terms = monomial_names(surface.degree)
     names = tuple(f"{axis}.{term}" for axis in "xy" for term in terms)
     values = np.asarray((S @ surface.values).T.ravel())
-    return Part(f"lateral_colour.{colour.plane}", names, ("pixel of the sensor",) * len(names), values, covariance,
-                CHARTS, by_charts)  # fmt: skip
+    units = ("pixel of the sensor",) * len(names)
+    return CameraPart(f"lateral_colour.{colour.plane}", names, units, values, covariance, CHARTS, by_charts)
 
 
 def monomial_names(degree: int) -> list[str]:
-    """What the polynomial's terms are called, in the order of `numerics.scattered.monomials`: x2y is x^2 y."""
-    return [
-        (_power("x", d - b) + _power("y", b)) or "1" for d in range(degree + 1) for b in range(d + 1)
-    ]  # fmt: skip
+    """Names of the polynomial's terms in the order of `numerics.scattered.monomials`: x2y is x^2 y."""
+    return [(_power("x", d - b) + _power("y", b)) or "1" for d in range(degree + 1) for b in range(d + 1)]
 
 
 def _power(letter: str, exponent: int) -> str:
@@ -200,30 +190,32 @@ def _power(letter: str, exponent: int) -> str:
 
 
 def field_geometry(
-    found: FieldResult, charts: Sequence[MeasuredChart], cell_mm: float, more: Sequence[ChartView] = ()
+    result: FieldResult, charts: Sequence[MeasuredChart], cell_mm: float, more: Sequence[ChartView] = ()
 ) -> Outcome[Geometry]:
-    """The camera from the bins of the charts of the reference plane, each photograph a view, and from more views."""
+    """The geometry from the charts of the reference plane, one view per photograph, and from more views."""
     sources = [one.node.source for one in charts]
     if len(set(sources)) < len(sources):
-        reason = "photographs with several charts tell no geometry: every print has a shape of its own"
+        reason = "photographs with several charts give no geometry: every print has a different shape"
         return Outcome(None, Verdict.REFUSED, reason, "photograph one chart in many poses, see the plan geometry")
-    plane = found.measured.planes[found.reference]
+    plane = result.measured.planes[result.reference]
     rows, columns = plane.samples.shape
     views = [*(on_sensor(one.correspondences, plane, one.node.source) for one in charts), *more]
     return calibrate_geometry(views, (columns * plane.pitch, rows * plane.pitch), GeometryParameters(cell_mm))
 
 
-def geometry_part(found: FieldResult, geometry: Geometry, charts: Sequence[MeasuredChart]) -> Part:
-    """Intrinsics and distortion, with what they share with PSF and centre of the charts whose bins they come of."""
-    plane = found.measured.planes[found.reference]
-    seen = {one.node.source: one for one in charts}
+def geometry_part(result: FieldResult, geometry: Geometry, charts: Sequence[MeasuredChart]) -> CameraPart:
+    """Intrinsics and distortion, with their covariance with PSF and centre of the charts."""
+    plane = result.measured.planes[result.reference]
+    by_source = {one.node.source: one for one in charts}
     with_charts = {}
     views = (one.view for one in geometry.views)
     for view, response in zip(views, camera_response(geometry.adjustment), strict=True):
-        if (one := seen.get(view.source)) is None:
+        if (one := by_source.get(view.source)) is None:
             continue
         points = plane.pitch * one.shared.of_points(one.registration, one.correspondences.points)
         shared = geometry.residual_scale * np.einsum("pna,nac->pc", response, points)
-        with_charts[_key(found.reference, one.node)] = shared
+        with_charts[_key(result.reference, one.node)] = shared
     camera = geometry.camera
-    return Part("geometry", camera.names, camera.units, camera.params, geometry.covariance, CHARTS, {}, with_charts)
+    return CameraPart(
+        "geometry", camera.names, camera.units, camera.params, geometry.covariance, CHARTS, {}, with_charts
+    )

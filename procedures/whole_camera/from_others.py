@@ -1,4 +1,4 @@
-"""The parts of a camera that other photographs tell: vignetting from flats, gain and noise from the sensor's ladder."""
+"""Parts of a camera from other photographs: vignetting from flats, gain and noise from the sensor's ladder."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.sensor.photon_transfer import GainAndNoise
-from procedures.vignetting.joint import NAMES, UNITS, JointFormula
-from procedures.whole_camera.joint import Part
+from procedures.vignetting.estimate import NAMES, UNITS, JointFormula
+from procedures.whole_camera.joint import CameraPart
 
 Array = npt.NDArray[np.float64]
 
 FLATS, LADDER = "the flats", "the sensor's ladder of light"
 
 
-def vignetting_parts(found: JointFormula) -> list[Part]:
-    """The radial formulas of all planes, which share the slope of the flats' light."""
-    if not found.planes:
+def vignetting_parts(formula: JointFormula) -> list[CameraPart]:
+    """The radial formulas of all planes, correlated by the slope of the flats' light."""
+    if not formula.planes:
         return []
-    names = tuple(f"{plane}.{name}" for plane in found.planes for name in NAMES)
-    return [Part("vignetting", names, UNITS * len(found.planes), found.values, found.covariance, FLATS)]
+    names = tuple(f"{plane}.{name}" for plane in formula.planes for name in NAMES)
+    return [CameraPart("vignetting", names, UNITS * len(formula.planes), formula.values, formula.covariance, FLATS)]
 
 
-def sensor_parts(planes: Mapping[str, GainAndNoise]) -> list[Part]:
-    """Gain and dark noise of all planes; the samples of one plane are not those of another."""
+def sensor_parts(planes: Mapping[str, GainAndNoise]) -> list[CameraPart]:
+    """Gain and dark noise of all planes, independent between planes."""
     if not planes:
         return []
     names = tuple(f"{plane}.{name}" for plane in planes for name in GainAndNoise.NAMES)
@@ -33,4 +33,4 @@ def sensor_parts(planes: Mapping[str, GainAndNoise]) -> list[Part]:
     covariance = np.zeros((len(values), len(values)))
     for i, one in enumerate(planes.values()):
         covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = one.covariance
-    return [Part("sensor", names, GainAndNoise.UNITS * len(planes), values, covariance, LADDER)]
+    return [CameraPart("sensor", names, GainAndNoise.UNITS * len(planes), values, covariance, LADDER)]

@@ -1,8 +1,8 @@
-"""The plan of the whole camera: sensor and flats before a light panel, the chart over the frame, the turned chart.
+"""Plan of the whole camera: sensor and flats with a light panel, the chart over the frame, the turned chart.
 
-Its steps are those of the plans of sensor, field and geometry. The sensor comes first, so that places may be taken
-again when the chart hangs already. Each place is a view of the geometry too; which turned view is next follows from all
-before it.
+Its steps are those of the plans of sensor, field and geometry. The sensor comes first, so that the places can be
+repeated with the chart in place. Each place is also a view of the geometry; the next turned view follows from all
+earlier ones.
 """
 
 from __future__ import annotations
@@ -41,38 +41,33 @@ from procedures.sensor import plan as sensor_plan
 from procedures.sensor.facts import mark_of
 from procedures.whole_camera.facts import FLAT, NO_PANEL, PANEL, PANEL_TURNED, TURNED, WholeCameraFacts
 
-USUAL, MOST = 6, 30
-"""Views of the turned chart."""
-QUARTERS = 4
-"""Ways round that the panel is photographed, so that its own slope averages out."""
-TRIES = 4
-"""Pictures taken for a flat until one counts."""
-FORESEEN = (0, 2, 4, 6, 8)
-"""Numbers of turned views for which it is told beforehand how well the projection will be known."""
+USUAL, MOST = 6, 30  # views of the turned chart
+QUARTERS = 4  # orientations of the panel, which average its slope
+TRIES = 4  # attempts per flat
+PREDICTED = (0, 2, 4, 6, 8)  # numbers of turned views for which the uncertainty of the projection is predicted
 
 
 def plan(estimate: Estimator, levels: int = sensor_plan.LEVELS, pictures: int = sensor_plan.PICTURES) -> Plan:
-    """The guided calibration of everything that one mounting tells.
+    """The guided calibration of a camera in one mounting.
 
     Parameters
     ----------
-    levels, pictures : int
-        Of the sensor's ladder, and in each of its stacks.
+    levels, pictures : levels of the sensor's ladder, pictures in each stack
     """
     sensor, field = sensor_plan.plan(estimate, levels, pictures), field_plan.plan(estimate)
-    of_light = (panel_step(sensor.step("panel")), *(sensor.step(name) for name in ("dark", "ladder", "flat")), FLATS)
+    light_steps = (panel_step(sensor.step("panel")), *(sensor.step(name) for name in ("dark", "ladder", "flat")), FLATS)
     places = field.step("tour")
     return Plan(
         "camera",
         "The whole camera: PSF, geometry, lateral colour, vignetting, sensor",
         (
             Step("parts", "Parts", "Choose what to measure.", (LIGHT,), drawings.PANEL),
-            *(replace(one, when=with_panel) for one in of_light),
+            *(replace(one, when=with_panel) for one in light_steps),
             *(field.step(name) for name in (*field_plan.BEFORE, "places")),
             replace(places, requests=(Tour(stops),)),
             Step(
-                "views", "Turned views", "The chart turned to all sides: the geometry needs that beside the places.",
-                (Show(foreseen), VIEWS, Tour(turned_stops)), drawings.VIEWS, gave_views,
+                "views", "Turned views", "The chart turned to all sides, for the geometry.",
+                (Show(predicted), VIEWS, Tour(turned_stops)), drawings.VIEWS, views_summary,
             ),
             Step("estimate", "Estimate", "Put the camera together from all photographs.", (Estimate(estimate),)),
             Step("verdict", "Verdict", "Accept the result, or take the chart's places again.", (Decide("places"),)),
@@ -96,8 +91,8 @@ def with_panel(facts: Facts) -> bool:
 
 
 def panel_step(step: Step) -> Step:
-    """The sensor's step with the lens on: its vignetting is measured in the same light."""
-    question = "Put the light panel close before the lens, so that it fills the frame, at the chart's aperture."
+    """The sensor's step with the lens on, whose vignetting is measured in the same light."""
+    question = "Put the light panel close to the lens, so that it fills the frame, at the chart's aperture."
     requests = (
         replace(one, question=question) if isinstance(one, Ask) and one.key == "panel" else one for one in step.requests
     )
@@ -105,25 +100,25 @@ def panel_step(step: Step) -> Step:
 
 
 def flats() -> tuple[Request, ...]:
-    """A picture of the panel each way round."""
-    found: list[Request] = []
+    """A picture of the panel in each orientation."""
+    requests: list[Request] = []
     for quarters in range(QUARTERS):
         if quarters:
-            found.append(Ask(f"{PANEL_TURNED}{quarters}", "Turn the panel by a quarter, about the lens's axis."))
+            requests.append(Ask(f"{PANEL_TURNED}{quarters}", "Turn the panel by a quarter, about the lens's axis."))
         check = partial(check_flat, quarters)
         name, enough = f"flat {quarters + 1} of {QUARTERS}", partial(sensor_plan.enough, 1)
-        found.append(Shoot(name, check, sensor_plan.estimate_none, enough, TRIES))
-    return tuple(found)
+        requests.append(Shoot(name, check, sensor_plan.estimate_none, enough, TRIES))
+    return tuple(requests)
 
 
 def check_flat(quarters: int, frame: RawFrame, facts: Facts) -> Advice:
-    """A flat that counts has the light and the settings of the sensor's flats."""
-    advice = sensor_plan.check_picture(sensor_plan.trial_level(), frame, facts)
+    """Check light and settings of a flat."""
+    advice = sensor_plan.check_picture(sensor_plan.TRIAL_LEVEL, frame, facts)
     return replace(advice, facts={FLAT + mark_of(frame.sha256): float(quarters)}) if advice.good else advice
 
 
 FLATS = Step(
-    "flats", "Panel turned", "The panel four ways round, so that its own slope is not taken for the lens's.", flats(),
+    "flats", "Panel turned", "The panel in four orientations, so that its slope averages out.", flats(),
     drawings.PANEL,
 )  # fmt: skip
 
@@ -131,14 +126,14 @@ FLATS = Step(
 
 
 def stops(facts: Facts) -> list[TourStop]:
-    """The places of the field, whose poses are kept."""
+    """The places of the field, with recorded poses."""
     return [
         replace(one, check=partial(check_place, number, one)) for number, one in enumerate(field_plan.stops(facts), 1)
     ]
 
 
 def check_place(number: int, stop: TourStop, frame: RawFrame, facts: Facts) -> Advice:
-    """As the field's; how the chart stands in a place that counts becomes known."""
+    """The field's check; records the pose of the chart."""
     advice = stop.check(frame, facts)
     if not advice.good:
         return advice
@@ -151,7 +146,7 @@ def check_place(number: int, stop: TourStop, frame: RawFrame, facts: Facts) -> A
 
 
 def turned_stops(facts: Facts) -> list[TourStop]:
-    """The views of the turned chart, which are counted on from the places."""
+    """The views of the turned chart, numbered after the places."""
     known = facts_as(WholeCameraFacts, facts)
     first = len(field_plan.locations(facts))
     count = USUAL if known.views is None else int(known.views)
@@ -162,7 +157,7 @@ def turned_stops(facts: Facts) -> list[TourStop]:
 
 
 def check_turned(number: int, frame: RawFrame, facts: Facts) -> Advice:
-    """As the geometry's; the photograph is known for one of the turned chart."""
+    """The geometry's check; records that the photograph shows the turned chart."""
     advice = geometry_plan.check_view(number, frame, facts)
     if not advice.good:
         return advice
@@ -170,38 +165,38 @@ def check_turned(number: int, frame: RawFrame, facts: Facts) -> Advice:
 
 
 VIEWS = Ask(
-    "views", "How many views of the turned chart? Without them the geometry may not be told.", "number", "", USUAL,
+    "views", "How many views of the turned chart? Without them the geometry may be undetermined.", "number", "", USUAL,
     low=0, high=MOST,
 )  # fmt: skip
 
 
-def gave_views(facts: Facts) -> str:
-    """How many were taken."""
+def views_summary(facts: Facts) -> str:
+    """Number of views taken."""
     count = len(facts_as(WholeCameraFacts, facts).turned)
     return f"{count} views" if count else ""
 
 
-def foreseen(facts: Facts) -> Diagram | None:
-    """How well the projection will be known over the frame, without turned views and with them."""
+def predicted(facts: Facts) -> Diagram | None:
+    """Predicted uncertainty of the projection over the frame, without and with turned views."""
     known, places = facts_as(WholeCameraFacts, facts), len(field_plan.locations(facts))
-    errors = foreseen_px(known, places, FORESEEN[-1])
-    told = [(count, errors[count]) for count in FORESEEN if count < len(errors)]
-    if len(told) < 2:
+    errors = predicted_px(known, places, PREDICTED[-1])
+    predictions = [(count, errors[count]) for count in PREDICTED if count < len(errors)]
+    if len(predictions) < 2:
         return None
-    (_, without), (most, least) = told[0], told[-1]
+    (_, without), (most, least) = predictions[0], predictions[-1]
     say = (
         f"Without turned views the projection will be known to {without:.2g} pixels over the frame, with {most} of "
         f"them to {least:.2g}."
     )
-    rows = (("turned views", "uncertainty in pixels"), *((str(count), f"{error:.2g}") for count, error in told))
-    counts, sizes = zip(*told, strict=True)
+    rows = (("turned views", "uncertainty in pixels"), *((str(count), f"{error:.2g}") for count, error in predictions))
+    counts, sizes = zip(*predictions, strict=True)
     return Diagram("projection uncertainty in pixels over turned views", tuple(map(float, counts)), sizes, say, rows)
 
 
-def foreseen_px(known: WholeCameraFacts, places: int, most: int) -> Sequence[float]:
+def predicted_px(known: WholeCameraFacts, places: int, most: int) -> Sequence[float]:
     """Uncertainty of the projection after the places and 0, 1, ... turned views, in pixels of the plane.
 
-    The camera is the data sheet's; a view that comes next is the one that helps most.
+    The camera is that of the data sheet; each next view is the most informative one.
     """
     start = known.begun()
     camera = geometry_plan.nominal_camera(start.shape, start.principal_px)

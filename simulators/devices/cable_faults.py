@@ -12,7 +12,8 @@ import numpy as np
 class Faults:
     """Faults of one cable. Probabilities are per byte, except `duplicate`, which is per chunk.
 
-    `silent`: spans of seconds in which nothing passes; `delay_s`: delay of every reply;
+    `silent`: spans of seconds in which nothing passes; `delay_s`: delay of every reply; `slip`: a reply comes only when
+    the next one is due;
     `unplugged_at_s`, `replugged_at_s`: when the cable is disconnected and reconnected; `wrong_baud`: all is noise.
     """
 
@@ -21,12 +22,14 @@ class Faults:
     garbage: float = 0.0
     duplicate: float = 0.0
     delay_s: float = 0.0
+    slip: bool = False
     silent: tuple[tuple[float, float], ...] = ()
     unplugged_at_s: float = float("inf")
     replugged_at_s: float = float("inf")
     wrong_baud: bool = False
     begin_s: float = 0.0
     _late: deque[tuple[float, bytes]] = field(default_factory=deque)
+    _held: bytes = b""
 
     def unplugged(self, now_s: float) -> bool:
         """Whether the cable is disconnected."""
@@ -60,6 +63,8 @@ class Faults:
     def spoil_reply(self, data: bytes, now_s: float) -> bytes:
         """The part of a reply that arrives now; nothing if replies are delayed."""
         spoilt = self.spoil(data, now_s)
+        if spoilt and self.slip:
+            self._held, spoilt = spoilt, self._held
         if self.delay_s and spoilt and now_s >= self.begin_s:
             self._late.append((now_s + self.delay_s, spoilt))
             return b""

@@ -259,7 +259,7 @@ def noted(exposure: Exposure) -> dict[str, float | str]:
 
 def plane_row(record: PlaneResult) -> PlaneRow:
     """The row of a plane."""
-    compared = (record.specification or Comparison()).told()
+    compared = (record.specification or Comparison()).to_record()
     numbers: dict[str, Mapping[str, Any]] = {
         name: {"value": value} for name, value in record.values.items() if isinstance(value, int | float)
     }

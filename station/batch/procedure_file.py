@@ -87,7 +87,7 @@ class BatchProcedure:
     def fingerprint(self) -> dict[str, Any]:
         """All that a result depends on besides its files, as plain data."""
         at = [one.value for one in self.terms.at]
-        limits = {name: value for name, value in self.terms.specification.told().items() if name != "path"}
+        limits = {name: value for name, value in self.terms.specification.to_record().items() if name != "path"}
         return {"procedure": self.name, "specification": limits, "at": at, **self.parameters()}
 
 
@@ -125,6 +125,8 @@ def _settings(table: Table, model: type[Settings]) -> Settings:
     def take(source: Table, keys: Collection[str], where: str = "") -> None:
         for key in keys:
             if source.has(key):
+                if key in given:
+                    raise source.wrong(key, f"and {shown[key]} are both given", "give one of them")
                 given[key], shown[key] = source.peek(key), f"{where}{key}"
 
     if "plane" in known and (planes := _planes(table)):

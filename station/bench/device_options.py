@@ -368,10 +368,13 @@ class DriverEntry:
         Makes the device: `make(name, parts, **options)`, `parts` as `station.bench.device_makers.Parts`.
     options : Options
         The keys of its table in station.toml.
+    twin : callable, optional
+        Makes its simulation for `station conform`, see `station.bench.conform.Twin`.
     """
 
     make: Callable[..., Any]
     options: Options
+    twin: Callable[[], Any] | None = None
 
 
 GROUP = "station.drivers"

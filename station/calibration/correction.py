@@ -70,7 +70,8 @@ def correct_photographs(
     fields, camera = read_field(field), read_camera(field)
     unknown = ["--insist was given"] if insisted else _unknown([frame, *others], camera)
     shifts = {name: colour.shift_at for name, colour in read_colours(field).items() if name in frame.planes}
-    lights = {name: light.at for name, light in read_lights(field).items() if name in frame.planes}
+    known = read_lights(field)
+    lights = {name: known[name].at for name in frame.planes if name in known}
     outcome = correct(frame, fields, shifts, parameters, progress, others)
     if lights and outcome.value is not None:
         outcome = replace(outcome, value=evened(outcome.value, outcome.value.mosaic.planes, lights))
@@ -154,7 +155,7 @@ def _photographs(corrected: Corrected, value: Correction) -> dict[str, Any]:
         return {}
     return {
         "scale": value.scale,
-        "detail_told": value.told,
+        "detail_told": value.resolved,
         "further_photographs": [
             {
                 "path": str(frame.path),

@@ -19,7 +19,7 @@ from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, verdict_entry
 from station.results.terms import USUAL, Terms
-from station.results.units import Pixels, pixels_of, told_numbers
+from station.results.units import Pixels, convert_numbers, pixels_of
 
 SCHEMA = "station/mtf/1"
 
@@ -90,7 +90,7 @@ def measure_edges(
     for plane in frame.planes.values():
         known, at = limit(plane), terms.frequencies(pixels[plane.name])
         outcomes = [estimate_edge(plane, roi, known)] if roi else estimate_edges(plane, known)
-        result = terms.told(_result(plane, outcomes[0], at), pixels[plane.name])
+        result = terms.apply(_result(plane, outcomes[0], at), pixels[plane.name])
         yield EdgeRecord(plane.name, tuple(outcomes), result, at, known)
 
 
@@ -153,7 +153,7 @@ def _edge_entry(outcome: EdgeOutcome, record: EdgeRecord) -> dict[str, Any]:
     }
     if edge is None:
         return entry
-    numbers = told_numbers(_numbers(edge, record.at), result.unit, result.factor)
+    numbers = convert_numbers(_numbers(edge, record.at), result.unit, result.factor)
     return entry | {
         **{name: asdict(number) | _budget(edge, name, result.factor) for name, number in numbers.items()},
         "normal_deg": edge.normal_deg,

@@ -41,4 +41,4 @@ def field_results(found: FieldResult, terms: Terms, pixels: Mapping[str, Pixels]
 def _in_terms(name: str, found: FieldResult, terms: Terms, pixels: Pixels, limit: Limit) -> PlaneResult:
     outcome, plane = found.planes[name], found.measured.planes[name]
     spots = field_spots(outcome.value, terms.specification, terms.frequencies(pixels), limit(plane))
-    return terms.told(centre_result(name, outcome, plane.pitch), pixels, spots)
+    return terms.apply(centre_result(name, outcome, plane.pitch), pixels, spots)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -14,8 +14,7 @@ from procedures.cross_check.estimate import check_edges
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
-from procedures.psf import Psf
-from procedures.quality import CAMERA, OPERATOR, WAVELENGTHS_NM, Diffraction, Quality
+from procedures.quality import CAMERA, OPERATOR, WAVELENGTHS_NM, Diffraction
 from procedures.raw import Exposure, Plane, RawFrame
 from station.calibration.sensor_models import NO_SENSOR, StoredSensor
 from station.common.threads import threads
@@ -23,54 +22,11 @@ from station.results.limits import place_of
 from station.results.plane_result import PlaneResult
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
-    from procedures.choice import Trial
-    from procedures.pattern_psf.error_parts import Variation
+    from procedures.pattern_psf.combine import CombinedPsf
     from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
 
 
-class EstimatedPsf(Protocol):
-    """Common interface of PSF estimates."""
-
-    @property
-    def psf(self) -> Psf:
-        """The PSF."""
-
-    @property
-    def quality(self) -> Quality:
-        """Its sharpness metrics."""
-
-    @property
-    def values(self) -> Mapping[str, float | tuple[float, float]]:
-        """The numbers without uncertainty."""
-
-    @property
-    def diagnostics(self) -> Mapping[str, float]:
-        """The numbers behind the verdict."""
-
-    @property
-    def diffraction(self) -> Diffraction | None:
-        """The diffraction limit of the plane, where it is known."""
-
-    @property
-    def choice(self) -> tuple[Trial, ...]:
-        """The trials of s and k."""
-
-    @property
-    def charts(self) -> tuple[PatternPsf, ...]:
-        """The estimates from single photographs of a chart that it combines."""
-
-    @property
-    def variations(self) -> tuple[Variation, ...]:
-        """Variations within the frame."""
-
-    @property
-    def inter_image(self) -> npt.NDArray[np.float64] | None:
-        """The kernel between two photographs."""
-
-
-F = TypeVar("F", bound=EstimatedPsf)
+F = TypeVar("F", bound="PatternPsf | CombinedPsf | TwoPhotoPsf")
 Limit = Callable[[Plane], Diffraction | None]
 """The diffraction limit of a plane, None where it is not known."""
 
@@ -170,8 +126,8 @@ def _side_by_side(estimate: Callable[[Plane], PlaneResult], planes: Sequence[Pla
         yield from pool.map(estimate, planes)
 
 
-def plane_result(plane: Plane, outcome: Outcome[F], exposure: Exposure | None = None) -> PlaneResult:
-    """The result of an estimate; `exposure` is from the photograph's metadata."""
+def plane_result(plane: Plane, outcome: Outcome[Any], exposure: Exposure | None = None) -> PlaneResult:
+    """The result of an estimate (`PatternPsf` or `TwoPhotoPsf`); `exposure` is from the photograph's metadata."""
     estimate = outcome.value
     if estimate is None:
         return PlaneResult.of_outcome(plane.name, outcome, pitch=plane.pitch)
@@ -196,7 +152,7 @@ def plane_result(plane: Plane, outcome: Outcome[F], exposure: Exposure | None = 
     )
 
 
-def _place(plane: Plane, estimate: EstimatedPsf) -> str:
+def _place(plane: Plane, estimate: PatternPsf | CombinedPsf | TwoPhotoPsf) -> str:
     """Position of the chart in the frame; "" without a chart."""
     if not estimate.charts:
         return ""

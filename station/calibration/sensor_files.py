@@ -23,11 +23,11 @@ from procedures.numbers import (
     SYSTEM_GAIN,
     TEMPORAL_DARK_NOISE,
 )
-from procedures.sensor.estimate import Pattern, SensorResult, sensor_model
-from procedures.sensor.general import input_snr
+from procedures.reading.exposure import Exposure
+from procedures.sensor.estimate import FixedPattern, SensorResult, sensor_model
 from procedures.sensor.measured import IntervalNumber
-from procedures.sensor.noise import linear_snr, total_snr
 from procedures.sensor.photon_transfer import gain_and_noise
+from procedures.sensor.signal_to_noise import input_snr, linear_snr, total_snr
 from station.calibration.sensor import SensorFiles, SensorPlane
 from station.results.exports import csv_bytes, csv_columns
 from station.results.measurement import Measurement
@@ -60,7 +60,8 @@ def sensor_measurement(found: SensorFiles, head: RecordHead) -> Measurement:
                 files[f"nps_{plane.name}.npy"] = npy(plane.noise.power)
     return Measurement(
         SCHEMA, head, tuple(map(_plane, found.planes)), {"camera": found.camera, "iso": found.iso},
-        {**files, "emva1288.xml": summary_xml(found)}, tuple(found.missed), found=found,
+        {**files, "emva1288.xml": summary_xml(found)}, tuple(found.missed),
+        Exposure(camera=found.camera, iso=found.iso), found=found,
     )  # fmt: skip
 
 
@@ -78,7 +79,7 @@ def _plane(plane: SensorPlane) -> PlaneResult:
         },
         "rows": plane.shape[0],
         "columns": plane.shape[1],
-        "diagnostics": {"light_spread": found.curves.light_spread, "gain_bent": found.transfer.bent},
+        "diagnostics": {"light_spread": found.curves.light_spread, "gain_bent": found.transfer.gain_bent},
     }  # fmt: skip
     if plane.noise is not None:
         # digital numbers of the result, squared, per (cycle/pixel)^2
@@ -139,24 +140,24 @@ def transfer_columns(found: SensorResult) -> dict[str, Array]:
         "deviation_percent": 100 * found.linearity.deviation[0],
         "snr": signal / np.sqrt(np.maximum(curves.variance[0], 1 / 12)),
         "snr_of_light": input_snr(curves)[0],
-        "snr_linear_model": linear_snr(found, curves.light[0]),
-        "snr_total": total_snr(found, curves.light[0]),
+        "snr_linear_model": linear_snr(found.transfer, curves.light[0]),
+        "snr_total": total_snr(found.transfer, found.numbers, curves.light[0]),
     }
 
 
-def _spectra(which: str, pattern: Pattern) -> Iterator[list[str]]:
+def _spectra(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
     for one in pattern.spectrograms:
         for frequency, amplitude in zip(one.frequencies, one.amplitude, strict=True):
             yield [which, one.direction, f"{frequency:.6g}", f"{amplitude:.6g}", pattern.unit]
 
 
-def _histogram(which: str, pattern: Pattern) -> Iterator[list[str]]:
+def _histogram(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
     shown = pattern.defects.histogram
     for centre, count, model in zip(shown.centres, shown.counts, shown.model, strict=True):
         yield [which, f"{centre:.6g}", pattern.unit, str(int(count)), f"{model:.6g}"]
 
 
-def _defects(which: str, pattern: Pattern) -> Iterator[list[str]]:
+def _defects(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
     for (row, column), deviation in zip(pattern.defects.places, pattern.defects.deviation, strict=True):
         yield [which, str(int(row)), str(int(column)), f"{deviation:.6g}", pattern.unit]
 

@@ -12,10 +12,9 @@ from procedures.outcome import BadParameter, Miss, Outcome, Refused, Verdict
 from procedures.psf_field import Node
 from procedures.reading.exposure import read_exposure
 from procedures.reading.guard import open_file
-from procedures.tilt.estimate import Tilt, TiltParameters, chart_slope, estimate_tilt
+from procedures.tilt.estimate import Tilt, TiltParameters, chart_slope, estimate_tilt, shim_words
 from procedures.tilt.positions import behind_lens_um
 from procedures.tilt.screws import SURE
-from procedures.tilt.shim import shim_words
 from station.results.exports import csv_columns
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult

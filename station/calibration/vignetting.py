@@ -10,9 +10,8 @@ from typing import Any
 from procedures.outcome import BadInput, BadParameter, Miss, Outcome
 from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.arrays import LONGEST, checked_array, checked_number, read_npy
-from procedures.vignetting.estimate import PlaneVignetting, estimate_vignetting
+from procedures.vignetting.estimate import NAMES, JointFormula, PlaneVignetting, estimate_vignetting, joint_formula
 from procedures.vignetting.formula import LightSurface
-from procedures.vignetting.joint import NAMES, JointFormula, joint_formula
 from station.calibration.folder_photographs import check_any, for_want, readable
 from station.calibration.stored_results import stored_record
 from station.common.progress import Progress, silent
@@ -117,7 +116,7 @@ def _plane(name: str, outcome: Outcome[PlaneVignetting]) -> PlaneResult:
                   "coefficients": light.coefficients.tolist()},
         "centre": one.radial.centre.tolist(),
         "diagnostics": {"scatter": one.surface.scatter, "structure": one.surface.structure,
-                        "left_out": one.surface.left_out, "slopes": one.surface.slopes.tolist()},
+                        "left_out": one.surface.excluded, "slopes": one.surface.slopes.tolist()},
     }  # fmt: skip
     return PlaneResult.of_outcome(name, outcome, numbers=one.numbers, found=one, pitch=0, details=details)
 

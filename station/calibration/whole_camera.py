@@ -8,7 +8,7 @@ from procedures.outcome import BadInput
 from procedures.reading.arrays import checked_array
 from procedures.sensor.photon_transfer import GainAndNoise
 from procedures.whole_camera.from_others import sensor_parts, vignetting_parts
-from procedures.whole_camera.joint import Part
+from procedures.whole_camera.joint import CameraPart
 from station.calibration.sensor_models import sensor_record
 from station.calibration.vignetting import read_joint_formula
 
@@ -16,7 +16,7 @@ _GIVE = "measure it again: results of older versions have no joint covariance"
 SHAPES = {"values": (2,), "covariance": (2, 2)}
 
 
-def other_parts(vignetting: Path | None, sensor: Path | None) -> list[Part]:
+def other_parts(vignetting: Path | None, sensor: Path | None) -> list[CameraPart]:
     """The parts; `vignetting` and `sensor` are results of those commands.
 
     Raises

@@ -1,1 +1,1 @@
-"""The commands, one file each, loaded only when called: they parse, delegate, and write what came back."""
+"""The commands, one file each, loaded when called: they parse, delegate, and write the result."""

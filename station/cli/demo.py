@@ -1,4 +1,4 @@
-"""`station demo`: a whole simulated calibration, without a terminal."""
+"""`station demo`: a complete simulated calibration."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from station.drawing.colours import TERMINAL_COLOURS
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from station.demo.demonstration import ComparedPlane, Demonstration, Summary
+    from station.demo.demo import ComparedPlane, Demonstration, Summary
     from station.guide.frontend import Result
 
 HEADINGS = {"horizontal": "MTF50, rows", "vertical": "MTF50, columns"}
 WIDE = 100
-"""Columns of a terminal from which on the table shows both directions."""
+"""Least width of a terminal at which the table shows both directions, columns."""
 
 
 @click.command("demo")
 @click.option(
-    "--out", type=click.Path(path_type=Path), default="demo", show_default=True, help="Folder for everything it makes."
+    "--out", type=click.Path(path_type=Path), default="demo", show_default=True, help="Folder for the results."
 )
-@inherited("--seed", type=SEED, default=1, show_default=True, help="Of the camera's noise.")
+@inherited("--seed", type=SEED, default=1, show_default=True, help="Seed of the camera's noise.")
 @click.option("--rendered", is_flag=True, help="Also trace light through scenes in depth, filter and photograph them.")
 @click.option("--guided", is_flag=True, help="Go through the guide on the simulated bench, into a session in --out.")
 @click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
@@ -40,32 +40,31 @@ def demo(out: Path, seed: int, rendered: bool, guided: bool, as_json: bool) -> N
     """Photograph the chart with a simulated camera, estimate the PSFs from its files, and compare with the truth."""
     if guided:
         raise click.exceptions.Exit(_guide(out, seed, as_json=as_json))
-    from station.demo.demo import run_demo, steps
-    from station.demo.demonstration import summary
+    from station.demo.demo import run_demo, steps, summary
 
     with progress_shown(steps()) as progress:
-        found, text = run_demo(out, seed, progress=progress)
+        demonstration, text = run_demo(out, seed, progress=progress)
     if as_json:
         click.echo(text, nl=False)
     else:
-        _show(found, summary(found))
+        _show(demonstration, summary(demonstration))
     log("written", f"wrote {out / 'index.html'}", path=str(out / "index.html"))
     if rendered:
         _render(out / "rendered", seed)
-    if found.refused:
+    if demonstration.refused:
         raise click.exceptions.Exit(REFUSED)
 
 
 def _guide(out: Path, seed: int, *, as_json: bool) -> int:
-    """A whole session by a scripted operator; what the program is to return."""
+    """A whole session by a scripted operator; returns the exit code."""
     from station.cli.guide import exit_code
     from station.demo.guided_demo import run_guided
     from station.results.result_files import RECORD
 
-    def tell(sentence: str, remedy: str) -> None:
+    def report(sentence: str, remedy: str) -> None:
         log("step", sentence, level="warning" if remedy else "info", remedy=remedy)
 
-    ended, result = run_guided(out, seed, tell)
+    ended, result = run_guided(out, seed, report)
     if as_json and result is not None:
         click.echo((result.folder / RECORD).read_text(encoding="utf-8"), nl=False)
     elif result is not None:
@@ -76,19 +75,19 @@ def _guide(out: Path, seed: int, *, as_json: bool) -> int:
 
 
 def plane_lines(result: Result) -> list[str]:
-    """Each plane's verdict, with its MTF50 where there is one."""
+    """Verdict of each plane, with its MTF50 if there is one."""
     from station.common.uncertainty_text import stated
 
     lines = []
     for name, plane in result.planes.items():
-        told = {heading: plane.numbers.get(f"mtf50_{way}") for way, heading in HEADINGS.items()}
-        parts = [f"{heading} {stated(one.value, one.uncertainty)} {one.unit}" for heading, one in told.items() if one]
+        mtf50 = {heading: plane.numbers.get(f"mtf50_{way}") for way, heading in HEADINGS.items()}
+        parts = [f"{heading} {stated(one.value, one.uncertainty)} {one.unit}" for heading, one in mtf50.items() if one]
         lines.append("; ".join([f"{name}: {plane.verdict}", *parts]))
     return lines
 
 
 def _render(out: Path, seed: int) -> None:
-    """The scenes in depth, into a folder of their own; what was rendered there before is used again."""
+    """Render the scenes in depth into their own folder; films there are reused."""
     from station.demo.rendered import PAGE, RenderPlan, rendered_demo, steps
 
     plan = RenderPlan(seed=seed)
@@ -104,12 +103,12 @@ def _render(out: Path, seed: int) -> None:
     log("written", f"wrote {out / PAGE}", path=str(out / PAGE))
 
 
-def _show(found: Demonstration, summary: Summary) -> None:
-    """The table and its conclusion, on stdout."""
+def _show(demonstration: Demonstration, summary: Summary) -> None:
+    """Print the table and its conclusion."""
     from rich.console import Console
 
     console = Console(highlight=False)
-    console.print(_table(found, console.width))
+    console.print(_table(demonstration, console.width))
     console.print("MTF50 in cycles per pixel of the plane, ± one standard uncertainty.", style="dim")
     if summary.refused < summary.planes:
         console.print(
@@ -119,8 +118,8 @@ def _show(found: Demonstration, summary: Summary) -> None:
         )
 
 
-def _table(found: Demonstration, width: int) -> Table:
-    """Measured, true, error and bound of every plane; both directions where the terminal is wide enough."""
+def _table(demonstration: Demonstration, width: int) -> Table:
+    """Measured and true MTF50, error and bound of every plane; both directions if the terminal is wide enough."""
     from rich import box
     from rich.table import Table
 
@@ -133,7 +132,7 @@ def _table(found: Demonstration, width: int) -> Table:
     table.add_column("PSF error", justify="right", no_wrap=True)
     table.add_column("bound", justify="right", no_wrap=True)
     table.add_column("verdict", no_wrap=True)
-    for number, shot in enumerate(found.shots, 1):
+    for number, shot in enumerate(demonstration.shots, 1):
         table.add_row(f"[bold]{number} {shot.setup.title}[/]")
         for plane in shot.planes:
             table.add_row(*_cells(plane, directions))

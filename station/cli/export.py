@@ -1,9 +1,10 @@
-"""`station export`: a result as a file of another program."""
+"""`station export`: a result as a file for another program."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,22 +12,27 @@ from station.cli.psf.terms import plane_name
 from station.cli.terminal.numbers import Number
 from station.common.log import log, log_json_option
 
+if TYPE_CHECKING:
+    from station.calibration.exports.lensfun import GivenNames
+
 CAMERAS = ("opencv", "ros", "kalibr", "colmap", "mrcal")
-"""Formats that hold a camera's geometry."""
+"""Formats of a camera's geometry."""
 PSFS = ("stdpsf", "psfex", "deepinv")
-"""Formats that hold the PSF over the frame."""
+"""Formats of the PSF over the frame."""
 LENSES = ("lensfun", "dng")
-"""Formats that hold distortion and vignetting, lensfun lateral colour too."""
+"""Formats of distortion and vignetting; lensfun also of lateral colour."""
 
 
 @click.command("export")
 @click.argument("result", type=click.Path(path_type=Path))
-@click.option("--to", "form", type=click.Choice((*CAMERAS, *PSFS, *LENSES)), required=True, help="Of which program.")
-@click.option("--plane", callback=plane_name, help="Of the result.  [default: G1, or the first there is]")
-@click.option("--field", type=click.Path(path_type=Path), help="lensfun: a field's result, for lateral colour.")
+@click.option("--to", "form", type=click.Choice((*CAMERAS, *PSFS, *LENSES)), required=True, help="The format.")
+@click.option("--plane", callback=plane_name, help="Of the result.  [default: G1, or the first plane]")
+@click.option(
+    "--field", type=click.Path(path_type=Path), help="lensfun: a result of station psf field, for lateral colour."
+)
 @click.option("--vignetting", type=click.Path(path_type=Path), help="lensfun, dng: a result of station vignetting.")
-@click.option("--gain-map", is_flag=True, help="dng: vignetting as a map of gains for each plane, colour shading too.")
-@click.option("--photo", type=click.Path(path_type=Path), help="dng: the photograph that is copied.")
+@click.option("--gain-map", is_flag=True, help="dng: vignetting as a gain map for each plane, with colour shading.")
+@click.option("--photo", type=click.Path(path_type=Path), help="dng: the photograph to copy.")
 @click.option("--maker", default="unknown", show_default=True, help="lensfun: of camera and lens.")
 @click.option("--camera", help="lensfun: its model.  [default: from the field]")
 @click.option("--lens", help="lensfun: its name.  [default: from the field]")
@@ -36,27 +42,16 @@ LENSES = ("lensfun", "dng")
 @click.argument("out", type=click.Path(path_type=Path))
 @log_json_option
 def export(
-    result: Path,
-    form: str,
-    plane: str | None,
-    field: Path | None,
-    vignetting: Path | None,
-    gain_map: bool,
-    photo: Path | None,
-    maker: str,
-    camera: str | None,
-    lens: str | None,
-    focal_length_mm: float | None,
-    f_number: float | None,
-    pixel_pitch_um: float | None,
-    out: Path,
-) -> None:
-    """Write RESULT, a folder or the file in it, as the file OUT of another program.
+    result: Path, form: str, plane: str | None, field: Path | None, vignetting: Path | None, gain_map: bool,
+    photo: Path | None, maker: str, camera: str | None, lens: str | None, focal_length_mm: float | None,
+    f_number: float | None, pixel_pitch_um: float | None, out: Path,
+) -> None:  # fmt: skip
+    """Write RESULT, a folder or the file in it, as the file OUT for another program.
 
     Cameras of `station geometry` (result.json) go to opencv, ros, kalibr, colmap and mrcal, with --field and
     --vignetting to lensfun, with --photo into the copy of a DNG; fields of `station psf field` (field.h5) to stdpsf
-    (photutils), psfex and deepinv. What the format cannot hold is told: of a camera in pixels over the part of the
-    frame that was measured, of light and PSF as a share.
+    (photutils), psfex and deepinv. The error of the conversion is reported: for a camera in pixels over the measured
+    part of the frame, for light and PSF as a fraction.
     """
     from station.calibration.exports.lensfun import GivenNames
 
@@ -76,13 +71,11 @@ def _export_camera(result: Path, form: str, plane: str | None, out: Path) -> Non
     from station.calibration.exports.geometry import export_camera, read_camera
     from station.common.atomic_files import write_whole
 
-    made = export_camera(read_camera(result, plane), form)
-    write_whole(out, made.text.encode())
-    lost = made.difference
+    export = export_camera(read_camera(result, plane), form)
+    write_whole(out, export.text.encode())
+    lost = export.difference
     if lost is not None:
-        words = (
-            f"{form} cannot hold all of this camera: {lost.rms_px:.4f} pixel rms, {lost.max_px:.4f} at most, are lost"
-        )
+        words = f"{form} does not represent this camera exactly: {lost.rms_px:.4f} pixel rms, {lost.max_px:.4f} at most"
         log("lost", words, level="warning", rms_px=lost.rms_px, max_px=lost.max_px)
 
 
@@ -91,32 +84,31 @@ def _export_field(result: Path, form: str, plane: str | None, out: Path) -> None
     from station.common.atomic_files import write_whole
 
     field = read_plane(result, plane)
-    made = export_field(field, form)
-    write_whole(out, made.data)
-    _tell_lost([f"{form}, plane {field.plane}: {made.lost}"] if made.lost else [])
+    export = export_field(field, form)
+    write_whole(out, export.data)
+    _log_errors([f"{form}, plane {field.plane}: {export.lost}"] if export.lost else [])
 
 
 def _export_lensfun(
-    result: Path, plane: str | None, field: Path | None, vignetting: Path | None, given: object, out: Path
+    result: Path, plane: str | None, field: Path | None, vignetting: Path | None, given: GivenNames, out: Path
 ) -> None:
-    from procedures.field.field_file import read_camera as read_noted
+    from procedures.field.field_file import read_camera as read_exposure
     from procedures.field.field_file import read_colours
     from station.calibration.exports.geometry import read_camera
-    from station.calibration.exports.lensfun import GivenNames, export_lensfun
+    from station.calibration.exports.lensfun import export_lensfun
     from station.calibration.exports.psf import field_path
     from station.calibration.vignetting import green_of, read_vignetting
     from station.common.atomic_files import write_whole
 
-    assert isinstance(given, GivenNames)
     stored = read_camera(result, plane)
     path = field_path(field) if field is not None else None
-    noted = read_noted(path) if path is not None else None
-    names = given.completed(noted, stored.camera.focal_px[0], with_light=vignetting is not None)
+    exposure = read_exposure(path) if path is not None else None
+    names = given.completed(exposure, stored.camera.focal_px[0], with_light=vignetting is not None)
     colours = read_colours(path) if path is not None else None
     light = green_of(read_vignetting(vignetting)).light if vignetting is not None else None
-    made = export_lensfun(stored, names, colours, light)
-    write_whole(out, made.text.encode())
-    _tell_lost(made.lost)
+    export = export_lensfun(stored, names, colours, light)
+    write_whole(out, export.text.encode())
+    _log_errors(export.lost)
 
 
 def _export_dng(
@@ -132,9 +124,11 @@ def _export_dng(
     from station.common.atomic_files import write_whole
 
     if photo is None:
-        raise BadParameter("a DNG's opcodes are written into a copy of a photograph; none was named", "give --photo")
+        raise BadParameter(
+            "a DNG's opcodes are written into a copy of a photograph, which was not given", "give --photo"
+        )
     if out.exists() and out.samefile(photo):
-        raise BadParameter(f"{out} is the photograph itself, which is not changed", "name another file for the copy")
+        raise BadParameter(f"the copy must be another file than the photograph; got {out}", "name another file")
     of_light = procedure_of(result, "name a result of station geometry or station vignetting") == "vignetting"
     stored = None if of_light else read_camera(result, plane)
     light = result if of_light else vignetting
@@ -149,15 +143,15 @@ def _export_dng(
         missing = [name for name in frame.planes if name not in lights]
         if missing:
             raise BadParameter(
-                f"a map of gains is needed for every plane; the flats have none of {', '.join(missing)}",
+                f"a gain map is required for every plane; the flats have none of {', '.join(missing)}",
                 "give the result of station vignetting, of RAW files of this camera",
             )
         shading = {name: (lights[name], one.origin) for name, one in frame.planes.items()}
-    made = export_dng(data, photo.name, stored, green, (columns, rows), shading)
-    write_whole(out, made.data)
-    _tell_lost(made.lost)
+    export = export_dng(data, photo.name, stored, green, (columns, rows), shading)
+    write_whole(out, export.data)
+    _log_errors(export.lost)
 
 
-def _tell_lost(sentences: Sequence[str]) -> None:
+def _log_errors(sentences: Sequence[str]) -> None:
     for one in sentences:
         log("lost", one)

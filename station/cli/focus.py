@@ -1,4 +1,4 @@
-"""`station focus`: how sharp every photograph is that comes, and which way to turn the ring."""
+"""`station focus`: sharpness of every new photograph, and which way to turn the ring."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,11 +24,11 @@ if TYPE_CHECKING:
     from station.guide.focus.live import FocusReading, LiveFrame, PhotographSource
 
 BAR = 30
-"""Characters of the bar of the sharpest."""
+"""Characters of the longest bar."""
 
 
 @click.command()
-@click.option("--watch", "folder", type=click.Path(path_type=Path), help="The folder in which photographs arrive.")
+@click.option("--watch", "folder", type=click.Path(path_type=Path), help="Folder in which photographs arrive.")
 @inherited(
     "--config", type=click.Path(path_type=Path), callback=existing_file,
     help="Expose with the camera of this station.toml.",
@@ -41,9 +42,9 @@ BAR = 30
 @click.option("-s", "s", type=click.IntRange(2, 16), default=4, show_default=True, help="PSF samples per pixel.")
 @click.option("-k", "k", type=click.IntRange(3, 101), default=17, show_default=True, help="PSF samples along a side.")
 @click.option("--plane", callback=plane_name, help="R, G1, G2, B or Y.  [default: G1 of a RAW file, Y of a grey image]")
-@click.option("--equal-steps", is_flag=True, help="The ring is turned by one equal step from frame to frame.")
-@click.option("--frames", type=click.IntRange(min=1), help="End after so many photographs.  [default: on Ctrl-C]")
-@click.option("--json", "as_json", is_flag=True, help="Write one JSON object a photograph to stdout.")
+@click.option("--equal-steps", is_flag=True, help="The ring is turned by equal steps between photographs.")
+@click.option("--frames", type=click.IntRange(min=1), help="Number of photographs.  [default: until Ctrl-C]")
+@click.option("--json", "as_json", is_flag=True, help="Write one JSON object per photograph to stdout.")
 def focus(
     folder: Path | None,
     config: Path | None,
@@ -58,11 +59,11 @@ def focus(
     frames: int | None,
     as_json: bool,
 ) -> None:
-    """Tell the sharpness of every photograph of the chart as it comes, the best so far, and which way to turn the ring.
+    """Report the sharpness of every new photograph of the chart, the best so far, and which way to turn the ring.
 
     MTF50 in cycles per pixel of the plane, along its rows and columns; their difference is the astigmatism. Where the
-    settings are known (--simulate, --equal-steps) the top of a parabola through them is told with its error bar. No
-    stage is moved; photographs stay where they are. Ends on Ctrl-C.
+    settings are known (--simulate, --equal-steps) the maximum of a fitted parabola is given with its error bar. No
+    stage is moved, no photograph is moved or deleted. Ends on Ctrl-C.
     """
     if sum(one is not None and one is not False for one in (folder, config, simulate)) != 1:
         raise click.UsageError("photographs come from --watch, --config or --simulate; give one of them")
@@ -75,16 +76,16 @@ def focus(
     ended = threading.Event()
     live = LiveFocus(chart_source(bits, seed).chart, PatternParameters(s, k, chosen=True), equal_steps)
     source = PhotographSource(ended.is_set, plane)
-    seen = None
-    with _frames(source, ended, folder, config, simulated_seed) as coming:
-        for frame in coming:
-            seen = live.measure(frame)
-            click.echo(json.dumps(entry(seen)) if as_json else line(seen))
-            if seen.number == frames:
+    reading = None
+    with _frames(source, ended, folder, config, simulated_seed) as arriving:
+        for frame in arriving:
+            reading = live.measure(frame)
+            click.echo(json.dumps(entry(reading)) if as_json else line(reading))
+            if reading.number == frames:
                 break
-    if seen is not None:
-        click.echo(summary(seen), err=True)
-    if seen is None or seen.best is None:
+    if reading is not None:
+        click.echo(summary(reading), err=True)
+    if reading is None or reading.best is None:
         raise click.exceptions.Exit(REFUSED)
 
 
@@ -92,7 +93,7 @@ def focus(
 def _frames(
     source: PhotographSource, ended: threading.Event, folder: Path | None, config: Path | None, seed: int
 ) -> Iterator[Iterator[LiveFrame]]:
-    """The photographs; within, Ctrl-C ends them, after the one that is at work."""
+    """The photographs; within the context, Ctrl-C ends them after the current one."""
     from station.bench.opening import make_bench, read_config, simulated_bench
     from station.common.leftovers import temporary_folder
     from station.common.stop_signals import guarded
@@ -112,60 +113,59 @@ def _frames(
         yield source.tethered(bench) if config is not None else source.simulated(bench)
 
 
-def line(seen: FocusReading) -> str:
-    """A photograph for people: its number, its sharpness with a bar, and what to do."""
+def line(reading: FocusReading) -> str:
+    """A photograph as text: number, sharpness with a bar, and advice."""
     from station.common.sanitise import printable
 
-    found = seen.sharpness.value
-    name = printable(seen.frame.path.name)
-    if found is None:
-        return f"{seen.number:3}  {name}: {seen.sharpness.reason}; {seen.sharpness.remedy}"
-    one, (difference, error) = found.mtf50, found.astigmatism
-    bar = "#" * round(BAR * one.value / max(score for score in seen.scores if score == score))
-    return (
-        f"{seen.number:3}  {name}  MTF50 {one.value:.3f} +- {one.uncertainty:.3f} cycles/pixel of the plane, rows "
-        f"{found.along_rows.value:.3f}, columns {found.along_columns.value:.3f}, astigmatism {difference:+.3f} +- "
-        f"{error:.3f}, s/t {found.s_over_t:.2f}, {seen.took_s:.2f} s\n     {bar:<{BAR}}  {seen.say}"
-    )
+    one = reading.sharpness.value
+    head = f"{reading.number:3}  {printable(reading.frame.path.name)}"
+    if one is None:
+        return f"{head}: {reading.sharpness.reason}; {reading.sharpness.remedy}"
+    mtf50, (difference, error) = one.mtf50, one.astigmatism
+    bar = "#" * round(BAR * mtf50.value / max(score for score in reading.scores if score == score))
+    parts = (
+        f"{head}  MTF50 {mtf50.value:.3f} +- {mtf50.uncertainty:.3f} cycles/pixel of the plane",
+        f"rows {one.along_rows.value:.3f}", f"columns {one.along_columns.value:.3f}",
+        f"astigmatism {difference:+.3f} +- {error:.3f}", f"s/t {one.s_over_t:.2f}", f"{reading.took_s:.2f} s",
+    )  # fmt: skip
+    return f"{', '.join(parts)}\n     {bar:<{BAR}}  {reading.say}"
 
 
-def summary(seen: FocusReading) -> str:
-    """The best of all."""
-    if seen.best is None:
-        return f"none of {seen.number} photographs could be measured"
-    told = f"sharpest: photograph {seen.best} of {seen.number}, MTF50 {seen.scores[seen.best - 1]:.3f}"
-    peak = seen.peak
+def summary(reading: FocusReading) -> str:
+    """The sharpest photograph, and the maximum of the sweep."""
+    if reading.best is None:
+        return f"none of {reading.number} photographs could be measured"
+    score, peak = reading.scores[reading.best - 1], reading.peak
+    words = f"sharpest: photograph {reading.best} of {reading.number}, MTF50 {score:.3f}"
     if peak is None:
-        return told
-    beyond = "" if peak.inside else "; that is beyond what was tried: go on that way"
-    return (
-        f"{told}; the top is at {peak.place:+.2f} +- {peak.place_uncertainty:.2f} steps, MTF50 {peak.score:.3f} +- "
-        f"{peak.score_uncertainty:.3f}{beyond}"
-    )
+        return words
+    beyond = "" if peak.inside else "; that is beyond the settings so far: continue in that direction"
+    place = f"the maximum is at {peak.place:+.2f} +- {peak.place_uncertainty:.2f} steps"
+    return f"{words}; {place}, MTF50 {peak.score:.3f} +- {peak.score_uncertainty:.3f}{beyond}"
 
 
-def entry(seen: FocusReading) -> dict[str, Any]:
-    """A photograph for programs."""
-    found, peak = seen.sharpness.value, seen.peak
-    numbers = (
-        {EDGE_MTF50: found.mtf50, "mtf50_rows": found.along_rows, "mtf50_columns": found.along_columns} if found else {}
-    )
-    told = {
-        name: {"value": one.value, "unit": one.unit, "uncertainty": one.uncertainty, "method": one.method, "n": one.n}
-        for name, one in numbers.items()
-    }
+def entry(reading: FocusReading) -> dict[str, Any]:
+    """A photograph as JSON."""
+    sharpness, peak = reading.sharpness.value, reading.peak
+    numbers = {}
+    if sharpness is not None:
+        numbers = {
+            EDGE_MTF50: asdict(sharpness.mtf50),
+            "mtf50_rows": asdict(sharpness.along_rows),
+            "mtf50_columns": asdict(sharpness.along_columns),
+        }
     return {
-        "number": seen.number,
-        "path": str(seen.frame.path),
-        "verdict": str(seen.sharpness.verdict),
-        "reason": seen.sharpness.reason,
-        "remedy": seen.sharpness.remedy,
-        **other_causes_entry(seen.sharpness),
-        **told,
-        S_OVER_T: found.s_over_t if found else None,
-        "best": seen.best,
+        "number": reading.number,
+        "path": str(reading.frame.path),
+        "verdict": str(reading.sharpness.verdict),
+        "reason": reading.sharpness.reason,
+        "remedy": reading.sharpness.remedy,
+        **other_causes_entry(reading.sharpness),
+        **numbers,
+        S_OVER_T: sharpness.s_over_t if sharpness else None,
+        "best": reading.best,
         "best_place": None if peak is None else {"value": peak.place, "uncertainty": peak.place_uncertainty},
         "best_mtf50": None if peak is None else {"value": peak.score, "uncertainty": peak.score_uncertainty},
-        "say": seen.say,
-        "took_s": round(seen.took_s, 3),
+        "say": reading.say,
+        "took_s": round(reading.took_s, 3),
     }

@@ -5,60 +5,44 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from procedures.outcome import Verdict
 from procedures.plan import Ask
 from station.app.background import at_once
-from station.cli.app import check_plan, check_specification, frozen_unit
-from station.cli.terminal.bench_options import usual_config
+from station.cli.app import check_plan
+from station.cli.terminal.bench_options import make_lab
 from station.common.errors import INTERRUPTED, REFUSED
 from station.common.stop_signals import EXIT_DEVICE, guarded
 from station.guide.frontend import Event, Result, RunEnded, Stopped
 from station.guide.line_frontend import LineOperator
-from station.guide.workspace import StationLab
 from station.results.comparison import Judged
 from station.results.terms import specification_verdict
 
 if TYPE_CHECKING:
     from station.guide.run import Run
+    from station.guide.workspace import StationLab
 
 
-def run_plain(
-    *,
-    simulate: bool,
-    config: Path | None,
-    sessions: Path,
-    seed: int,
-    shaker: bool = False,
-    plan: str | None,
-    specification: Path | None = None,
-    unit: str | None = None,
-) -> None:
-    """Guide the operator through a plan in a new session; exits with the contract's codes."""
+def run_plain(plan: str | None, **options: Any) -> None:
+    """Guide the operator through a plan in a new session. `options` are those of `make_lab`; exits with a code."""
     from station.guide.catalogue import DEFAULT
 
-    if specification is not None:
-        check_specification(specification)
-    lab = StationLab(
-        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification,
-        shaker=shaker, unit=frozen_unit(unit, config),
-    )  # fmt: skip
-    lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
+    lab = make_lab(**options)
+    lab.virtual_time = True  # simulated time need not be real: nobody watches the bench
     operator = Watched(sys.stdin, sys.stdout)
     raise click.exceptions.Exit(conduct(lab, operator, lambda: _begin(lab, plan or DEFAULT, operator)))
 
 
 def conduct(lab: StationLab, operator: Watched, begin: Callable[[], Run]) -> int:
-    """Begin a run and carry it out; signals and faults stop the bench. What the program is to return."""
-    stop = StopBefore(lab, operator)
+    """Begin a run and carry it out; signals and faults stop the bench. Gives the exit code."""
+    stop = PlainStop(lab, operator)
     try:
         with guarded(stop.now, stop.interrupted):
             running = begin()
-            gc.freeze()  # what was loaded for the bench and the plan, too: see `guarded`
+            gc.freeze()  # also what was loaded for bench and plan: see `guarded`
             return exit_code(running.go(), operator.result)
     except Stopped:  # before there was a run
         return INTERRUPTED
@@ -66,20 +50,20 @@ def conduct(lab: StationLab, operator: Watched, begin: Callable[[], Run]) -> int
         lab.close()
 
 
-class StopBefore:
-    """What a signal does before a plain operator: everything stops; a question that was open ends the run in peace."""
+class PlainStop:
+    """Signals with a plain operator: all devices stop; at a question the run ends normally."""
 
     def __init__(self, lab: StationLab, operator: LineOperator) -> None:
         self._lab, self._operator = lab, operator
         self._at_question = False
 
     def now(self) -> None:
-        """Stop the bench, and say so; from the thread that hears signals."""
-        if self._operator.asking or self._at_question:  # nothing is moving that the program knows of
+        """Stop the bench, and report it; from the thread that handles signals."""
+        if self._operator.asking or self._at_question:  # no known movement
             self._lab.emergency_stop()
             return
         self._lab.stop_run()
-        at_once(self._operator.say_stopped)  # a thread of its own: a pipe that nobody reads must not hold the next stop
+        at_once(self._operator.say_stopped)  # in a thread: an unread pipe must not block the next stop
 
     def interrupted(self) -> None:
         """After the first Ctrl-C, in the main thread. Raises Stopped at a question and before there is a run."""
@@ -89,7 +73,7 @@ class StopBefore:
 
 
 def _begin(lab: StationLab, plan: str, operator: LineOperator) -> Run:
-    """A new session, named after camera and lens. Raises Stopped."""
+    """A new session of a camera and lens. Raises Stopped."""
     check_plan(plan)
     camera, lens = (
         str(operator.answer(Ask(key, f"Which {key} is it?", "text", default=name)))
@@ -104,14 +88,14 @@ class Watched(LineOperator):
     result: Result | None = None
 
     def notify(self, event: Event) -> None:
-        """Write it down, and keep the result."""
+        """Write the event, and keep the result."""
         if isinstance(event, Result):
             self.result = event
         super().notify(event)
 
 
 def exit_code(ended: RunEnded, result: Result | None) -> int:
-    """What the program returns.
+    """The exit code.
 
     0 finished, 1 does not meet its specification, 5 refused by the quality gate, 130 stopped, 3 emergency stop.
     """

@@ -1,4 +1,4 @@
-"""`station init`: commented files to begin with, of the bench, of a batch's procedure, of a lens's specification."""
+"""`station init`: commented template files."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ EXAMPLES = {
     "procedure.toml": "station.batch",
     "specification.toml": "station.results",
 }
-"""The files that are written, and the packages whose `example.toml` they are."""
+"""The files, and the packages with their `example.toml`."""
 
 
 @click.command("init")
 @click.argument("folder", type=click.Path(path_type=Path), default=Path())
 def init(folder: Path) -> None:
-    """Write commented files into FOLDER, the current one by default, of the bench, a batch and a specification.
+    """Write commented templates of station.toml, procedure.toml and specification.toml into FOLDER.
 
-    They are station.toml, procedure.toml and specification.toml. Nothing that is there already is touched.
+    FOLDER is the current one by default. Existing files are not overwritten.
     """
     from importlib.resources import files
 
     from procedures.outcome import BadParameter
     from station.common.atomic_files import write_whole
 
-    there = [name for name in EXAMPLES if (folder / name).exists()]
-    if there:
-        raise BadParameter(f"{folder} has {' and '.join(there)} already", "name another folder, or move them away")
+    existing = [name for name in EXAMPLES if (folder / name).exists()]
+    if existing:
+        raise BadParameter(f"{folder} has {' and '.join(existing)} already", "name another folder, or move them away")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

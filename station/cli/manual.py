@@ -1,4 +1,4 @@
-"""`station manual`: the manual, a page at a time in the terminal, or all of it as pages for a browser."""
+"""`station manual`: single pages in the terminal, or all pages for a browser."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 NARROWEST, WIDEST = 40, 100
-"""Columns between which a page is laid out."""
+"""Limits of the width of a page, in columns."""
 
 
 @click.command("manual")
@@ -33,10 +33,10 @@ def manual(context: click.Context, topic: str | None, folder: Path | None, schem
         return
     from station.manual.pages import find_page, for_terminal, index_text, read_pages
 
-    pages = read_pages(_drawn_from_the_program(context, topic if folder is None else None))
+    pages = read_pages(_generated(context, topic if folder is None else None))
     text = find_page(pages, topic).text if topic else index_text(pages)
     if folder is None:
-        click.echo_via_pager(_laid_out(for_terminal(text)))
+        click.echo_via_pager(_formatted(for_terminal(text)))
         return
     from station.manual.browser_pages import write_manual
 
@@ -44,7 +44,7 @@ def manual(context: click.Context, topic: str | None, folder: Path | None, schem
 
 
 def _write_schemas(folder: Path) -> None:
-    """One file a procedure: NAME.schema.json."""
+    """Write NAME.schema.json for each procedure."""
     import json
 
     from station.common.atomic_files import write_whole
@@ -58,10 +58,10 @@ def _write_schemas(folder: Path) -> None:
         click.echo(path)
 
 
-def _drawn_from_the_program(context: click.Context, topic: str | None) -> dict[str, str]:
-    """What pages say that is drawn from the program itself: all of it, or that of the one topic."""
-    drawn = {"commands": _commands, "numbers": _numbers}
-    return {name: draw(context) for name, draw in drawn.items() if topic in (None, name)}
+def _generated(context: click.Context, topic: str | None) -> dict[str, str]:
+    """Generated parts of pages: all of them, or those of one topic."""
+    makers = {"commands": _commands, "numbers": _numbers}
+    return {name: make(context) for name, make in makers.items() if topic in (None, name)}
 
 
 def _commands(context: click.Context) -> str:
@@ -87,8 +87,8 @@ def _numbers(context: click.Context) -> str:
     return f"{reference_text()}\n{diagnostics}"
 
 
-def _laid_out(markdown: str) -> str:
-    """The page as a terminal shows it: coloured where stdout is one, plain where it is piped."""
+def _formatted(markdown: str) -> str:
+    """The page as text, coloured on a terminal."""
     from rich.console import Console
     from rich.markdown import Markdown
 

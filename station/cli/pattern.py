@@ -19,26 +19,32 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("out", type=click.Path(path_type=Path), metavar="OUT.{pdf,svg,png,pgm}")
 @click.option(
-    "--paper", type=click.Choice(list(PAPERS), case_sensitive=False), help="The printer's; by default the locale's."
+    "--paper",
+    type=click.Choice(list(PAPERS), case_sensitive=False),
+    help="Of the printer.  [default: that of the locale]",
 )
 @click.option("--tile", is_flag=True, help="Print over several sheets of the paper, to be joined; PDF only.")
 @click.option(
     "--width-mm",
     type=Number(),
-    help="Width of the whole chart, ten blocks, in mm: by default what the paper holds; with --tile 300. Without "
-    "--paper it chooses the paper.",
+    help="Width of the whole chart, ten blocks, in mm. Without --paper it determines the paper.  [default: as the "
+    "paper allows; with --tile 300]",
 )
-@click.option("--seed", type=SEED, help="Cells from this seed; 1 if neither this nor --bits is given.")
+@click.option("--seed", type=SEED, help="Cells from this seed.  [default: 1 without --bits]")
 @click.option(
     "--bits", type=click.Path(path_type=Path), metavar="FILE.pgm", help="Cells from a black and white 256x256 image."
 )
-@click.option("--edges", is_flag=True, help="Two slanted edges beside the chart: each calibration is cross-checked.")
+@click.option(
+    "--edges", is_flag=True, help="Two slanted edges next to the chart, for a cross-check of each calibration."
+)
 @click.option(
     "--cell-pixels", type=int, default=8, show_default=True, help="Pixels along a cell, for PNG and PGM: 1 to 32."
 )
-@click.option("--focal-length-mm", type=Number(min=1), help="Of the lens: lists the noise at each distance.")
-@click.option("--pixel-pitch-um", type=Number(min=0.1), help="Your sensor's, with --focal-length-mm.")
-@click.option("--f-number", type=Number(min=0.1), help="Your aperture, with the two.")
+@click.option(
+    "--focal-length-mm", type=Number(min=1), help="Of the lens: lists the noise amplification at each distance."
+)
+@click.option("--pixel-pitch-um", type=Number(min=0.1), help="Of the sensor, with --focal-length-mm.")
+@click.option("--f-number", type=Number(min=0.1), help="Of the aperture, with both.")
 @click.option("--monochrome", is_flag=True, help="The sensor has no colour mosaic.")
 def pattern(
     out: Path,
@@ -56,15 +62,17 @@ def pattern(
 ) -> None:
     """Write the noise chart to OUT.
 
-    PDF and SVG are a page with rulers, advice and distances, to be printed at 100 %; PNG and PGM are the chart alone
-    in its white margin. With --tile the PDF begins with an assembly drawing. Given a lens, stderr shows how much each
-    distance amplifies the noise.
+    PDF and SVG are pages with rulers, advice and distances, for printing at 100 %; PNG and PGM are the chart alone
+    with a white margin. With --tile the PDF begins with an assembly drawing. Given a lens, stderr shows the noise
+    amplification at each distance.
     """
     if seed is not None and bits is not None:
-        raise click.UsageError("--seed and --bits both choose the cells; give one of them")
+        raise click.UsageError("--seed and --bits both define the cells; give one of them")
     if (focal_length_mm is None) != (pixel_pitch_um is None) or (f_number is not None and focal_length_mm is None):
-        raise click.UsageError("distances need --focal-length-mm and --pixel-pitch-um together; --f-number needs both")
-    # imported here: the help of all commands must not wait for reportlab
+        raise click.UsageError(
+            "distances require --focal-length-mm and --pixel-pitch-um together; --f-number requires both"
+        )
+    # imported here: reportlab is slow to import
     from procedures.pattern import DEFAULT_SEED
     from procedures.pattern_print.distance import PHOTOSITES_PER_PIXEL
     from procedures.pattern_print.formats import check_ending, encode
@@ -93,7 +101,7 @@ def pattern(
 
 
 def _explain(optics: Optics, f_number: float | None) -> None:
-    """What each distance does to the noise, on stderr."""
+    """Write the noise amplification by distance to stderr."""
     from procedures.choice import START_K, START_S
     from procedures.pattern_psf.facts import RATIO
     from procedures.pattern_psf.gamma.words import gamma_diagram

@@ -146,14 +146,11 @@ def _type(one: SettingField) -> click.ParamType[Any]:
     if one.choices:
         return click.Choice(one.choices, case_sensitive=False)
     if one.kind is int:
-        return click.IntRange(_whole(one.least), _whole(one.most))
+        least, most = (None if bound is None else int(bound) for bound in (one.least, one.most))
+        return click.IntRange(least, most)
     if one.kind is float:
         return Number(min=one.least, max=one.most)
     return click.Path(path_type=Path) if one.kind is Path else click.STRING
-
-
-def _whole(bound: float | None) -> int | None:
-    return None if bound is None else int(bound)
 
 
 def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]) -> None:
@@ -195,30 +192,26 @@ def _results(
         for place in procedure.places(paths):
             start = time.perf_counter()
             with ResultFolder(out / place, force=forced()) as folder:
-                found = next(results)
-                head = replace(found.head, duration_s=round(time.perf_counter() - start, 3))
-                found = replace(found, head=head, overlays=overlays)
-                if (given.get("report") or overlays) and procedure.draws(found):
-                    folder.write(procedure.page_name, procedure.page(found))
+                measurement = next(results)
+                head = replace(measurement.head, duration_s=round(time.perf_counter() - start, 3))
+                measurement = replace(measurement, head=head, overlays=overlays)
+                if (given.get("report") or overlays) and procedure.draws(measurement):
+                    folder.write(procedure.page_name, procedure.page(measurement))
                 if given["certificate"]:
-                    _certify(folder, procedure, found)
-                text = write_measurement(folder, found)
-            report(procedure, found, out / place / "result.json")
-            yield found.planes, text, bool(procedure.missed(found))
+                    from station.reports.certificate_print import write_certificate
+
+                    write_certificate(folder, procedure.report(measurement))
+                text = write_measurement(folder, measurement)
+            report(procedure, measurement, out / place / "result.json")
+            yield measurement.planes, text, bool(procedure.missed(measurement))
 
 
-def _certify(folder: Any, procedure: Procedure[Any], found: Measurement) -> None:
-    from station.reports.certificate_print import write_certificate
-
-    write_certificate(folder, procedure.report(found))
-
-
-def report(procedure: Procedure[Any], found: Measurement, written: Path) -> None:
+def report(procedure: Procedure[Any], measurement: Measurement, written: Path) -> None:
     """Log unusable photographs, every plane with its numbers, and the files written."""
-    for miss in procedure.missed(found):
+    for miss in procedure.missed(measurement):
         log("missed", str(miss), level="warning", remedy=miss.remedy)
-    for one in found.planes:
+    for one in measurement.planes:
         log_result(one)
-    for line in procedure.lines(found):
+    for line in procedure.lines(measurement):
         log(procedure.name, line)
     log("written", f"wrote {written}", path=str(written))

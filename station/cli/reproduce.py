@@ -15,71 +15,68 @@ from station.drawing.colours import TERMINAL_COLOURS
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from station.demo.reproduce.reproduction import Reproduction
+    from station.demo.reproduce.runner import Reproduction
 
 DISAGREES = 1
 
 
 @click.command("reproduce")
 @click.argument("name", required=False)
-@click.option("--full", is_flag=True, help="Also compute the rows that take long.")
+@click.option("--full", is_flag=True, help="Include the slow rows.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")
 @click.option(
     "--data",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
     envvar="STATION_SHARED_DATA",
     show_envvar=True,
-    help="Folder of published photographs and films; rows that need it are left out without.",
+    help="Folder of published photographs and films; without it the rows that need it are not computed.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout in place of the table.")
+@click.option("--json", "as_json", is_flag=True, help="Write result.json to stdout instead of the table.")
 @log_json_option
 def reproduce(name: str | None, full: bool, out: Path, data: Path | None, as_json: bool) -> None:
-    """Compute the papers' tables and figures again: all, or the row or chapter NAME; an unknown NAME lists them.
+    """Reproduce the papers' tables and figures: all, or the row or chapter NAME; an unknown NAME lists them.
 
-    Returns 0 when something was computed and all of it agrees with what was published, 1 otherwise.
+    A row is "reproduced" (every value is within the paper's own claim), has the "same direction" (the order that the
+    paper states holds, values differ) or is "not reproduced". Returns 1 when a row is not reproduced or none was
+    computed, 0 otherwise.
     """
     from station.demo.reproduce.catalogue import ROWS
     from station.demo.reproduce.row import Setting
-    from station.demo.reproduce.runner import PAGE, chosen
+    from station.demo.reproduce.runner import PAGE, select
     from station.demo.reproduce.runner import reproduce as run
 
     setting = Setting(data, full, os.cpu_count() or 1)
-    with progress_shown(len(chosen(ROWS, name))) as progress:
-        found, text = run(out, ROWS, setting, name=name, progress=progress)
+    with progress_shown(len(select(ROWS, name))) as progress:
+        result, text = run(out, ROWS, setting, name=name, progress=progress)
     if as_json:
         click.echo(text, nl=False)
     else:
-        _show(found)
+        from rich.console import Console
+
+        Console().print(_table(result))
+        click.echo(f"It took {result.seconds:.0f} s, and {result.processor_s:.0f} s of processor.")
     log("written", f"wrote {out / PAGE}", path=str(out / PAGE))
-    if not found.agrees:
+    if not result.agrees:
         raise click.exceptions.Exit(DISAGREES)
 
 
-def _show(found: Reproduction) -> None:
-    from rich.console import Console
-
-    Console().print(_table(found))
-    click.echo(f"It took {found.seconds:.0f} s, and {found.processor_s:.0f} s of processor.")
-
-
-def _table(found: Reproduction) -> Table:
-    """One line for each row; what does not pass is told below it."""
+def _table(result: Reproduction) -> Table:
+    """One line for each row, and below it each value that is outside the paper's claim."""
     from rich.table import Table
     from rich.text import Text
 
-    from station.demo.reproduce.page import shown
+    from station.demo.reproduce.row import shown
 
     table = Table(box=None, pad_edge=False)
     for heading in ("row", "published in", "numbers", "result"):
         table.add_column(heading)
-    for one in found.done:
-        passed = sum(line.passes for line in one.lines)
-        numbers = f"{passed} of {len(one.lines)}" if one.lines else "-"
+    for one in result.rows:
+        lines, deviating = len(one.lines), one.deviating
+        numbers = f"{lines - len(deviating)} of {lines}" if lines else "-"
         table.add_row(one.row.name, one.row.place, numbers, Text(str(one.state), TERMINAL_COLOURS[one.state]))
         if one.reason:
             table.add_row("", Text(one.reason, "dim"), "", "")
-        for line in one.lines:
-            if not line.passes:
-                told = f"{line.check.quantity}: {line.check.published}; ours {shown(line.ours)}"
-                table.add_row("", Text(told, "dim"), "", "")
+        for check, value in deviating:
+            line = f"{check.quantity}: {check.published}; ours {shown(value)}, {check.deviation(value)}"
+            table.add_row("", Text(line, "dim"), "", "")
     return table

@@ -29,7 +29,7 @@ def log_result(record: PlaneResult) -> None:
         "plane", _sentence(record), level=LEVELS[str(record.verdict)], remedy=record.remedy,
         other_causes=record.other_causes, verdict=str(record.verdict), plane=record.name, **took,
     )  # fmt: skip
-    for sentence in record.untold:
+    for sentence in record.unavailable:
         log("untold", f"{record.name}: {sentence}", level="warning", plane=record.name)
 
 

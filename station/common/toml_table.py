@@ -64,16 +64,6 @@ class Table:
             raise self.wrong(key, f"must be {_WORDS[kind]}; it is {printable(value)!r}")
         return value
 
-    def number_or(self, key: str, word: str, default: int | None) -> int | None:
-        """An integer, or None for a word that stands for none. Raises BadParameter."""
-        self._known.append(key)
-        value = self._content.get(key, default)
-        if value is None or value == word:
-            return None
-        if type(value) is not int:
-            raise self.wrong(key, f'must be a whole number or "{word}"; it is {printable(value)!r}')
-        return value
-
     def has(self, key: str) -> bool:
         """Whether the key exists."""
         self._known.append(key)

@@ -1,1 +1,1 @@
-"""What needs simulators and known truth: the demonstration, the papers' tables, rendered scenes."""
+"""Applications of simulators with known truth: the demonstration, the papers' tables, rendered scenes."""

@@ -1,16 +1,19 @@
-"""The demonstration: a simulated camera photographs the chart, and what is found in its files is held to the truth."""
+"""The demonstration: photographs of the chart by a simulated camera; PSFs of its files are compared with the truth."""
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Iterator
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from procedures.numbers import Group, in_group
+from procedures.outcome import Verdict
 from procedures.pattern_print.formats import encode
 from procedures.pattern_print.sheet import Size
 from procedures.pattern_print.source import Source
@@ -21,8 +24,11 @@ from simulators.camera.camera import Photograph
 from station.calibration.planes import calibrate, diffraction_limit
 from station.common.progress import Progress, silent
 from station.common.versions import software
-from station.demo.demonstration import ComparedPlane, Demonstration, DemoPhotograph, summary
-from station.demo.truth_comparison import compare
+from station.demo.truth_comparison import TruthComparison, compare
+from station.reports import otf_figures, psf_figures
+from station.reports.page import exposure_words, render
+from station.reports.psf_page import chart_figures, edge_rows
+from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.record_head import InputFile, RecordHead, verdict_entry
 from station.results.result_files import RECORD, ResultFolder, write_record
@@ -30,26 +36,111 @@ from station.results.result_files import RECORD, ResultFolder, write_record
 SCHEMA = "station/demo/1"
 CHART = "chart.pdf"
 PAGE = "index.html"
+SHOWN_PLANE = "G1"
+"""Plane whose photograph and residual are drawn."""
 STEPS_PER_PHOTOGRAPH = 5
 """The photograph, then its four planes."""
 
 
+@dataclass(frozen=True, eq=False)
+class ComparedPlane:
+    """A plane's result and its comparison with the truth, None if it was refused."""
+
+    result: PlaneResult
+    comparison: TruthComparison | None
+
+    @property
+    def name(self) -> str:
+        """Name of the plane."""
+        return self.result.name
+
+
+@dataclass(frozen=True, eq=False)
+class DemoPhotograph:
+    """One photograph read from its file, and its planes. path : of the DNG, relative to the demonstration's folder."""
+
+    setup: Staging
+    path: Path
+    frame: RawFrame
+    planes: tuple[ComparedPlane, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """All photographs of a demonstration."""
+
+    seed: int
+    chart: Source
+    parameters: PatternParameters
+    shots: tuple[DemoPhotograph, ...]
+
+    @property
+    def planes(self) -> tuple[ComparedPlane, ...]:
+        """Planes of all photographs."""
+        return tuple(plane for shot in self.shots for plane in shot.planes)
+
+    @property
+    def refused(self) -> tuple[ComparedPlane, ...]:
+        """Planes without a PSF."""
+        return tuple(plane for plane in self.planes if plane.comparison is None)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Agreement of all planes with the truth.
+
+    `ratio_*` are errors of PSFs over the expected errors, `centre_px` is the largest error of a centre, `mtf50_within`
+    the number of MTF50 within 2.5 standard uncertainties of the truth.
+    """
+
+    planes: int
+    passed: int
+    doubtful: int
+    refused: int
+    ratio_mean: float
+    ratio_least: float
+    ratio_most: float
+    centre_px: float
+    mtf50_n: int
+    mtf50_within: int
+
+
+def summary(demonstration: Demonstration) -> Summary:
+    """Summary of a demonstration; NaN if every plane was refused."""
+    verdicts = [plane.result.verdict for plane in demonstration.planes]
+    compared = [plane.comparison for plane in demonstration.planes if plane.comparison is not None]
+    ratios = [one.ratio for one in compared] or [math.nan]
+    sigmas = [against.sigmas for one in compared for against in one.mtf50.values()]
+    return Summary(
+        planes=len(verdicts),
+        passed=verdicts.count(Verdict.PASS),
+        doubtful=verdicts.count(Verdict.DOUBTFUL),
+        refused=verdicts.count(Verdict.REFUSED),
+        ratio_mean=float(np.mean(ratios)),
+        ratio_least=min(ratios),
+        ratio_most=max(ratios),
+        centre_px=max((one.centre_error_px for one in compared), default=math.nan),
+        mtf50_n=len(sigmas),
+        mtf50_within=sum(abs(sigma) <= 2.5 for sigma in sigmas),
+    )
+
+
 def steps(setups: tuple[Staging, ...] = SETUPS) -> int:
-    """How many steps of progress a demonstration reports: also the chart and the page."""
+    """Number of progress steps: photographs with their planes, chart and page."""
     return STEPS_PER_PHOTOGRAPH * len(setups) + 2
 
 
 def run_demo(
     out: Path, seed: int = 1, *, setups: tuple[Staging, ...] = SETUPS, progress: Progress = silent
 ) -> tuple[Demonstration, str]:
-    """Print, photograph, read, estimate, compare, report; returns what was found, and the record's text.
+    """Print, photograph, read, estimate, compare, report; returns the demonstration and the record's text.
 
     Parameters
     ----------
     out : Path
-        Receives chart, photographs, results, record and page, all at once when everything is done.
+        Receives chart, photographs, results, record and page, all at once at the end.
     seed : int
-        Of the camera's noise.
+        Seed of the camera's noise.
     """
     start = time.perf_counter()
     chart, parameters = Source.from_seed().with_edges(), PatternParameters()
@@ -60,17 +151,11 @@ def run_demo(
             _shoot(folder.staging, setup, chart, parameters, np.random.default_rng([seed, i]), progress)
             for i, setup in enumerate(setups)
         )
-        found = Demonstration(seed, chart, parameters, shots)
-        folder.write(PAGE, _page(found).encode())
+        demonstration = Demonstration(seed, chart, parameters, shots)
+        folder.write(PAGE, demonstration_page(demonstration).encode())
         progress("wrote the page")
-        text = write_record(folder, _record(found, time.perf_counter() - start))
-    return found, text
-
-
-def _page(found: Demonstration) -> str:
-    from station.demo.demo_page import demonstration_page  # here: it draws, and that import is slow
-
-    return demonstration_page(found, summary(found))
+        text = write_record(folder, _record(demonstration, time.perf_counter() - start))
+    return demonstration, text
 
 
 def _shoot(
@@ -81,7 +166,7 @@ def _shoot(
     rng: np.random.Generator,
     progress: Progress,
 ) -> DemoPhotograph:
-    """One photograph, from the light to the files of its planes."""
+    """One photograph, from the scene to the result files of its planes."""
     start = time.perf_counter()
     path = Path("photographs", f"{setup.name}.dng")
     (root / path).parent.mkdir(exist_ok=True)
@@ -108,7 +193,7 @@ def _check(
     setup: Staging,
     progress: Progress,
 ) -> Iterator[ComparedPlane]:
-    """Every plane estimated from the file, and compared with the PSF that made it."""
+    """Every plane estimated from the file and compared with the true PSF."""
     limit = partial(diffraction_limit, frame.exposure, pixel_pitch_um=PITCH_UM)
     for one in calibrate(frame, chart.chart, parameters, limit):
         progress(f"{setup.title}: {one.name} {one.verdict}")
@@ -120,14 +205,17 @@ def _check(
             yield ComparedPlane(one, compare(one.found, true.h, true.floor, partial(truth.true_otf, one.name)))
 
 
-def _record(found: Demonstration, duration_s: float) -> dict[str, Any]:
-    """The record of the whole demonstration."""
+def _record(demonstration: Demonstration, duration_s: float) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "procedure": "demo",
-        "parameters": {"seed": found.seed, **found.parameters.to_record(), "chart": found.chart.origin},
-        "summary": asdict(summary(found)),
-        "photographs": [_shot_entry(shot) for shot in found.shots],
+        "parameters": {
+            "seed": demonstration.seed,
+            **demonstration.parameters.to_record(),
+            "chart": demonstration.chart.origin,
+        },
+        "summary": asdict(summary(demonstration)),
+        "photographs": [_shot_entry(shot) for shot in demonstration.shots],
         "software": software(),
         "duration_s": round(duration_s, 3),
     }
@@ -151,3 +239,61 @@ def _plane_entry(plane: ComparedPlane) -> dict[str, Any]:
         for name, mtf50 in against.mtf50.items():
             entry[f"mtf50_{name}"] = {**asdict(mtf50.measured), "true": mtf50.true, "sigmas": mtf50.sigmas}
     return entry
+
+
+def demonstration_page(demonstration: Demonstration) -> str:
+    """The demonstration's report."""
+    return render(
+        "demo.html",
+        found=demonstration,
+        summary=summary(demonstration),
+        size=Size(WIDTH_MM),
+        compared=[
+            psf_figures.ratios_figure(_compared(demonstration, lambda one: [one.ratio]), "ratios"),
+            psf_figures.sigmas_figure(
+                _compared(demonstration, lambda one: [against.sigmas for against in one.mtf50.values()]), "sigmas"
+            ),
+            psf_figures.places_figure(_places(demonstration), "places"),
+        ],
+        titles=in_group(Group.HEADLINE),
+        edge_rows=edge_rows,
+        pictures={shot.setup.name: _pictures(shot, f"p{i}") for i, shot in enumerate(demonstration.shots, 1)},
+        exposure=exposure_words,
+        software=software(),
+    )
+
+
+def _compared(demonstration: Demonstration, numbers: Callable[[TruthComparison], Sequence[float]]) -> psf_figures.Rows:
+    """Numbers of every compared plane, by photograph."""
+    return [
+        (shot.setup.title, {one.name: numbers(one.comparison) for one in shot.planes if one.comparison is not None})
+        for shot in demonstration.shots
+    ]
+
+
+def _places(demonstration: Demonstration) -> list[Any]:
+    """Outlines of the charts in fractions of the frame."""
+    outlines = []
+    for shot in demonstration.shots:
+        for plane in shot.planes[:1]:
+            if plane.result.found is not None:
+                rows, columns = shot.frame.planes[plane.name].samples.shape
+                outlines.append(psf_figures.chart_outline(plane.result.found) / (columns, rows))
+    return outlines
+
+
+def _pictures(shot: DemoPhotograph, name: str) -> Mapping[str, Any]:
+    """Figures of one photograph: of its shown plane, and of every plane."""
+    pictures: dict[str, Any] = {"planes": {}}
+    for plane in shot.planes:
+        estimate, against = plane.result.found, plane.comparison
+        if estimate is None or against is None:
+            continue
+        here = f"{name}-{plane.name}"
+        pictures["planes"][plane.name] = {
+            "psf": psf_figures.psf_figure(estimate.psf, against.aligned, f"{here}-psf"),
+            "mtf": otf_figures.mtf_figure(estimate.quality, against.otf, f"{here}-mtf", estimate.diffraction),
+        }
+        if plane.name == SHOWN_PLANE:
+            pictures["chart"] = chart_figures(shot.frame.planes[plane.name], estimate, here)
+    return pictures

@@ -1,4 +1,4 @@
-"""The guided demonstration: a calibration on the simulated bench by an operator who does what he is asked."""
+"""The guided demonstration: a calibration on the simulated bench by a scripted operator."""
 
 from __future__ import annotations
 
@@ -12,50 +12,47 @@ from station.guide.scripted import ScriptedOperator
 from station.guide.workspace import StationLab
 
 PLAN = "pattern"
-Tell = Callable[[str, str], None]
-"""Hears of a sentence, and of its remedy where it is a trouble."""
+Report = Callable[[str, str], None]
+"""Receives a sentence and, for a problem, its remedy."""
 
 
 @dataclass
-class Teller:
-    """Says what happens in a run, what is done again and again in a step only once; keeps the result."""
+class EventReporter:
+    """Reports the events of a run, repeated ones once per step; keeps the result."""
 
-    tell: Tell
+    report: Report
     result: Result | None = None
-    _said: set[str] = field(default_factory=set)
+    _reported: set[str] = field(default_factory=set)
 
     def notify(self, event: Event) -> None:
-        """Say it."""
+        """Report one event."""
         match event:
             case StepBegan(step):
-                self._said.clear()
-                self.tell(f"{step.title}: {step.instruction}", "")
-            case ProgressEvent(say):
-                self._once(say)
+                self._reported.clear()
+                self.report(f"{step.title}: {step.instruction}", "")
+            case ProgressEvent(sentence):
+                self._once(sentence)
             case FrameEvent(_, advice) if advice.say:
                 self._once(advice.say)
             case ProblemEvent(reason, remedy):
-                self.tell(reason, remedy)
+                self.report(reason, remedy)
             case Result():
                 self.result = event
-                self.tell(f"{event.verdict}: {event.folder}", event.remedy)
+                self.report(f"{event.verdict}: {event.folder}", event.remedy)
 
     def _once(self, sentence: str) -> None:
-        if sentence not in self._said:
-            self._said.add(sentence)
-            self.tell(f"  {sentence}", "")
+        if sentence not in self._reported:
+            self._reported.add(sentence)
+            self.report(f"  {sentence}", "")
 
 
-def run_guided(out: Path, seed: int, tell: Tell) -> tuple[RunEnded, Result | None]:
-    """Go through the pattern's plan in a new session in `out`; how it ended, and its result.
-
-    The bench's time jumps where it is waited for. Ctrl-C stops the bench and ends the run.
-    """
+def run_guided(out: Path, seed: int, report: Report) -> tuple[RunEnded, Result | None]:
+    """Run the pattern's plan in a new session in `out`, in virtual time; Ctrl-C stops the bench and ends the run."""
     lab = StationLab(sessions=out, config=None, simulate=True, seed=seed)
     lab.virtual_time = True
-    teller = Teller(tell)
+    reporter = EventReporter(report)
     try:
         with guarded(lab.stop_run, lab.ask_run_to_stop):
-            return lab.begin(PLAN, *lab.names, ScriptedOperator(listen=teller.notify)).go(), teller.result
+            return lab.begin(PLAN, *lab.names, ScriptedOperator(listen=reporter.notify)).go(), reporter.result
     finally:
         lab.close()

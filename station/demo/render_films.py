@@ -1,4 +1,4 @@
-"""Films of the station's own renders, kept in files as they grow: a render that was interrupted goes on from there."""
+"""Films of rendered scenes, saved as they grow: an interrupted render continues from its file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from simulators.rays.path_tracer import Scene, ThinLensCamera, cast
 from station.common.progress import Progress, silent
 
 PASS = 32
-"""Samples per pixel between two savings of a film."""
+"""Samples per pixel after which a film is saved."""
 
 
 def render_film(
@@ -25,9 +25,9 @@ def render_film(
     threads: int = 1,
     progress: Progress = silent,
 ) -> Film:
-    """The film of a scene with so many samples per pixel; what `path` holds already is not rendered again.
+    """The film of a scene with `samples` samples per pixel, continuing the film in `path`.
 
-    The file must be of the same scene, camera and seed: name it after them.
+    That file must have the same scene, camera and seed: name it after them.
     """
     film = read_film(path) if path.exists() else Film.blank(camera.rows, camera.columns)
     taken = film.count.astype(np.int64) + film.dropped
@@ -43,5 +43,5 @@ def render_film(
 
 
 def passes(samples: int) -> int:
-    """How many steps `render_film` tells when nothing was rendered before."""
+    """Number of progress steps of `render_film` without an earlier film."""
     return -(-samples // PASS)

@@ -1,6 +1,6 @@
 """The simulated bench, rendered: light traced through scenes in depth, filtered, photographed and shown.
 
-Films are kept as they grow, in `films` beside the results: a render that was interrupted goes on where it stopped.
+Films are saved in `films` next to the results as they grow: an interrupted render continues where it stopped.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from station.results.result_files import ResultFolder, write_record
 SCHEMA = "station/rendered/1"
 PAGE = "rays.html"
 REFERENCE_SEED = 1 << 32
-"""Added to the seed of the converged renders: their noise must not be that of the filtered ones."""
+"""Added to the seed of converged renders, so that their noise is independent."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class RenderPlan:
     Attributes
     ----------
     columns : int
-        Of pictures 4 : 3; a multiple of 8, so that mosaics have whole tiles.
+        Width of the 4 : 3 pictures; a multiple of 8, so that mosaics have whole tiles.
     samples, converged : int
-        Per pixel, of what is filtered and of what it is compared with.
+        Samples per pixel of the filtered film and of its reference.
     restored : bool
-        Whether a scene in depth is photographed at two apertures too, and restored.
+        Whether a scene in depth is photographed at two apertures and restored.
     """
 
     columns: int = 320
@@ -71,13 +71,13 @@ class RenderPlan:
 
     @property
     def rows(self) -> int:
-        """Three quarters of the columns."""
+        """Height of the pictures."""
         return 3 * self.columns // 4
 
 
 @dataclass(frozen=True, eq=False)
 class Rendered:
-    """One scene: as rendered, filtered, converged, and the SHA-256 of its photograph, `NAME.dng`."""
+    """One scene: rendered, filtered, converged, and the SHA-256 of its photograph, `NAME.dng`."""
 
     name: str
     film: Film
@@ -87,7 +87,7 @@ class Rendered:
 
     @property
     def psnr_db(self) -> dict[str, float]:
-        """Against the converged render, its noise apart."""
+        """PSNR with respect to the converged render, corrected for its noise."""
         pictures = (("rendered", self.film.mean), ("filtered", self.filtered.picture))
         return {name: decibels(shown_error(picture, self.reference)) for name, picture in pictures}
 
@@ -95,12 +95,12 @@ class Rendered:
 def rendered_demo(
     out: Path, plan: RenderPlan | None = None, *, threads: int = 1, progress: Progress = silent
 ) -> tuple[tuple[Rendered, ...], RestoredDepth | None, str]:
-    """Render, filter, photograph, restore and show; returns the scenes, the one restored, and the record's text.
+    """Render, filter, photograph, restore and show; returns the scenes, the restoration and the record's text.
 
     Parameters
     ----------
     out : Path
-        Receives `films` as they grow, and pictures, photographs, page and record all at once when everything is done.
+        Receives `films` as they grow, and pictures, photographs, page and record all at once at the end.
     """
     start = time.perf_counter()
     plan = plan or RenderPlan()
@@ -127,7 +127,7 @@ def rendered_demo(
 def _render(
     folder: ResultFolder, films: Path, name: str, plan: RenderPlan, threads: int, progress: Progress
 ) -> Rendered:
-    """One scene from its light to its files."""
+    """Render one scene and write its files."""
     scene, camera = SCENES[name](plan.rows, plan.columns)
     stem = f"{name}-{plan.columns}x{plan.rows}-seed{plan.seed}"
     film, reference = (
@@ -143,7 +143,7 @@ def _render(
 
 
 def _photograph(name: str, filtered: FilteredFilm, camera: ThinLensCamera, plan: RenderPlan, path: Path) -> None:
-    """The filtered picture through a typical lens on a sensor of the bench, as a DNG."""
+    """Photograph the filtered picture through a typical lens on a sensor of the bench, as a DNG."""
     sensor = Sensor(rows=plan.rows, columns=plan.columns)
     rng = np.random.default_rng([plan.seed, *name.encode()])
     shot = Shot(f_number=5.6, focal_length_mm=camera.focal_mm, subject_distance_mm=camera.focus_mm, comment=name)
@@ -160,7 +160,7 @@ def _row(one: Rendered) -> RenderRow:
     gain = one.psnr_db["filtered"] - one.psnr_db["rendered"]
     fact = (
         f"PSNR {one.psnr_db['rendered']:.2f} dB as rendered, {one.psnr_db['filtered']:.2f} dB filtered:"
-        f" the quality of {10 ** (gain / 10):.0f} times the samples."
+        f" the quality of {10 ** (gain / 10):.0f} times as many samples."
     )
     return RenderRow(one.name, pictures, one.filtered.similar, (fact,))
 
@@ -175,6 +175,6 @@ def _entry(one: Rendered) -> dict[str, Any]:
 
 
 def steps(plan: RenderPlan) -> int:
-    """How many steps are told when nothing was rendered before."""
+    """Number of progress steps without earlier films."""
     films = passes(plan.samples) + passes(plan.converged)
     return len(plan.scenes) * (films + 1) + (depth_steps(plan.samples) if plan.restored else 0)

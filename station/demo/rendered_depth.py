@@ -1,6 +1,6 @@
-"""A rendered scene in depth, photographed at two apertures and restored; what is found beside what the renderer knows.
+"""A rendered scene in depth, photographed at two apertures and restored; compared with the renderer's truth.
 
-Exposure times make up for the apertures: both photographs are of the same mean.
+Exposure times compensate for the apertures, so that both photographs have the same mean.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ APERTURES = (1.4, 1.0)
 RATIO = APERTURES[0] / APERTURES[1]
 PLANE = "G1"
 PITCH = 2
-"""Sensor pixels from one sample of a plane of the mosaic to the next."""
+"""Pitch of a plane of the mosaic, sensor pixels."""
 WHITE_E = 25e3
 EXPOSURE_S = 0.02
 
 
 @dataclass(frozen=True)
 class DepthPlan:
-    """Size of the photographs, samples per pixel of each render, seed, and how to restore."""
+    """Size of the photographs, samples per pixel of each render, seed, and parameters of the restoration."""
 
     rows: int
     columns: int
@@ -58,31 +58,31 @@ class DepthPlan:
 
     @property
     def sensor(self) -> Sensor:
-        """The one of the bench."""
+        """Sensor of the bench."""
         return Sensor(rows=self.rows, columns=self.columns)
 
     def camera(self, f_number: float) -> ThinLensCamera:
-        """At one aperture."""
+        """Camera at one aperture."""
         return leaves_in_depth(self.rows, self.columns, f_number)[1]
 
     @property
     def max_w(self) -> float:
-        """The half-width of blur of infinity in the first photograph, in samples of a plane: the most there is."""
+        """Largest half-width of blur in the first photograph, that of infinity, in samples of a plane."""
         return float(blur_diameter_px(self.camera(APERTURES[0]), np.inf)) / 2 / PITCH
 
 
 @dataclass(frozen=True, eq=False)
 class RestoredDepth:
-    """A restoration beside the truth.
+    """A restoration and its truth.
 
     Attributes
     ----------
     photographs : two of (rows, columns)
-        The plane of the two files, 1 = saturation.
+        The plane of both files, 1 = saturation.
     sharp, w : (rows, columns)
-        What a pinhole sees through the same optics, on the same scale, and the true half-width of blur in samples of
-        the first photograph's plane.
-    sha256 : of the files, by name.
+        The picture of a pinhole camera through the same optics, on the same scale, and the true half-width of blur in
+        samples of the first photograph's plane.
+    sha256 : mapping of file name to hash.
     """
 
     plan: DepthPlan
@@ -93,25 +93,25 @@ class RestoredDepth:
     sha256: dict[str, str]
 
     @property
-    def found(self) -> Restoration:
-        """What the restoration gave."""
+    def restoration(self) -> Restoration:
+        """The restoration. Raises ValueError if it was refused."""
         if self.outcome.value is None:
             raise ValueError("a restoration without a value has nothing to compare")
         return self.outcome.value
 
     @cached_property
     def rim(self) -> int:
-        """Samples at the edges that light from beyond the frame reaches: left out of every figure."""
-        return _reach(self.plan)
+        """Rim that light from beyond the frame reaches, samples; excluded from all figures."""
+        return int(np.ceil(self.plan.max_w * RATIO + 0.5))
 
     @property
     def figures(self) -> dict[str, Any]:
-        """Errors of w (samples), of distance, and of the picture (grey levels of 255), the rim left out."""
+        """Errors of w (samples), of distance, and of the picture (grey levels of 255), without the rim."""
         inside = np.s_[self.rim : -self.rim, self.rim : -self.rim]
-        error = (self.found.w - self.w)[inside]
+        error = (self.restoration.w - self.w)[inside]
         setting = _setting(self.plan)
-        near, true = (setting.distance_mm(-np.asarray(w[inside], np.float64)) for w in (self.found.w, self.w))
-        pictures = {"photographs": self.photographs, "restored": (self.found.sharp[0],)}
+        near, true = (setting.distance_mm(-np.asarray(w[inside], np.float64)) for w in (self.restoration.w, self.w))
+        pictures = {"photographs": self.photographs, "restored": (self.restoration.sharp[0],)}
         levels = {name: [_rms((one - self.sharp)[inside] / _white(self.plan)) * 255 for one in several]
                   for name, several in pictures.items()}  # fmt: skip
         return {
@@ -119,7 +119,7 @@ class RestoredDepth:
                 "rms_error": _rms(error),
                 "median_error": float(np.median(np.abs(error))),
                 "mean_error": float(error.mean()),
-                "rms_error_of_start": _rms((self.found.start.w - self.w)[inside]),
+                "rms_error_of_start": _rms((self.restoration.start.w - self.w)[inside]),
                 "true": [float(self.w[inside].min()), float(self.w[inside].max())],
             },
             "distance_median_relative_error": float(np.median(np.abs(near / true - 1))),
@@ -131,7 +131,7 @@ class RestoredDepth:
 def restored_depth(
     folder: ResultFolder, films: Path, plan: DepthPlan, *, threads: int = 1, progress: Progress = silent
 ) -> RestoredDepth:
-    """Render, filter, photograph at two apertures, restore from the two files; writes them and `NAME-w.npy`."""
+    """Render, filter, photograph at two apertures and restore from the files; writes them and `NAME-w.npy`."""
     sharp = _picture(films, plan, np.inf, threads, progress)
     names = tuple(f"{NAME}-f{f_number:g}.dng" for f_number in APERTURES)
     for name, f_number in zip(names, APERTURES, strict=True):
@@ -142,21 +142,21 @@ def restored_depth(
     stacks = stacks_of([pillbox()] * 2, (1.0, RATIO), plan.max_w, first.shape)
     outcome = restore([first[None], second[None]], stacks, plan.parameters)
     sha256 = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
-    result = RestoredDepth(plan, (first, second), outcome, _seen(sharp, plan), true_w(plan), sha256)
-    folder.write(f"{NAME}-w.npy", npy(result.found.w, np.float32))
-    folder.write(f"{NAME}-restored.png", display_png(result.found.sharp[0] / _white(plan)))
+    result = RestoredDepth(plan, (first, second), outcome, _noiseless(sharp, plan), true_w(plan), sha256)
+    folder.write(f"{NAME}-w.npy", npy(result.restoration.w, np.float32))
+    folder.write(f"{NAME}-restored.png", display_png(result.restoration.sharp[0] / _white(plan)))
     progress(f"{NAME}: restored")
     return result
 
 
 def true_w(plan: DepthPlan) -> Array:
-    """Half-width of blur of what each sample of the first photograph's plane sees along its middle ray, in samples."""
+    """Half-width of blur along the middle ray of each sample of the first photograph's plane, in samples."""
     scene, camera = leaves_in_depth(plan.rows, plan.columns, APERTURES[0])
     return _plane(blur_diameter_px(camera, depth_map(scene, camera)) / 2 / PITCH, plan)
 
 
 def steps(samples: int) -> int:
-    """How many steps are told when nothing was rendered before."""
+    """Number of progress steps without earlier films."""
     return 3 * passes(samples) + 1
 
 
@@ -167,9 +167,9 @@ def depth_row(one: RestoredDepth) -> StripRow:
     before = tuple(
         (f"f/{n:g}, plane {PLANE}", photo / white) for n, photo in zip(APERTURES, one.photographs, strict=True)
     )
-    after = (("restored", one.found.sharp[0] / white), ("through a pinhole", one.sharp / white))
+    after = (("restored", one.restoration.sharp[0] / white), ("through a pinhole", one.sharp / white))
     depth = (
-        ("w found", _spread(one, one.found.w)),
+        ("w estimated", _spread(one, one.restoration.w)),
         ("true w", _spread(one, one.w)),
         ("error of w; grey is none", _error(one)),
     )
@@ -181,7 +181,7 @@ def depth_row(one: RestoredDepth) -> StripRow:
         f"{figures['distance_median_relative_error']:.1%} of the distance.",
         f"Grey levels of 255 from the pinhole's picture: {levels['restored'][0]:.1f} restored; the photographs "
         f"{levels['photographs'][0]:.1f} and {levels['photographs'][1]:.1f}.",
-        f"The same from the files: {command} --max-w {one.plan.max_w} --out FOLDER",
+        f"The same restoration from the files: {command} --max-w {one.plan.max_w} --out FOLDER",
     )
     return StripRow(f"{NAME}, restored from two apertures", (before + after, depth), facts)
 
@@ -196,12 +196,12 @@ def depth_entry(one: RestoredDepth) -> dict[str, Any]:
         "plane": PLANE,
         "parameters": {"blur": "defocus", "shape": "pillbox", "ratio": RATIO, "max_w": one.plan.max_w},
         **one.figures,
-        "diagnostics": asdict(one.found.diagnostics),
+        "diagnostics": asdict(one.restoration.diagnostics),
     }
 
 
 def _picture(films: Path, plan: DepthPlan, f_number: float, threads: int, progress: Progress) -> Array:
-    """The filtered render at one aperture; no two share their noise."""
+    """The filtered render at one aperture, with its own noise."""
     scene, camera = leaves_in_depth(plan.rows, plan.columns, f_number)
     stem = f"{NAME}-f{f_number:g}-{plan.columns}x{plan.rows}-seed{plan.seed}-{plan.samples}"
     seed = int.from_bytes(hashlib.sha256(stem.encode()).digest()[:8])
@@ -222,8 +222,8 @@ def _photograph(picture: Array, plan: DepthPlan, f_number: float, path: Path) ->
     photograph_render(picture, Optics.typical(f_number=f_number), plan.sensor, rng, path, white_e=WHITE_E, shot=shot)
 
 
-def _seen(picture: Array, plan: DepthPlan) -> Array:
-    """A picture on the plane without noise, through the first photograph's optics, 1 = saturation."""
+def _noiseless(picture: Array, plan: DepthPlan) -> Array:
+    """A picture on the plane, without noise, through the first photograph's optics, 1 = saturation."""
     light = blur_and_sample(picture[..., 1], Optics.typical(f_number=APERTURES[0]), "G", 1)
     return _plane(light, plan) * _white(plan)
 
@@ -234,14 +234,9 @@ def _plane(values: Array, plan: DepthPlan) -> Array:
 
 
 def _white(plan: DepthPlan) -> float:
-    """A white sheet in green, 1 = saturation."""
+    """Level of white in green, 1 = saturation."""
     sensor = plan.sensor
     return WHITE_E / sensor.gain_e_per_dn / (sensor.white - min(sensor.black))
-
-
-def _reach(plan: DepthPlan) -> int:
-    """Half-size of the masks, samples."""
-    return int(np.ceil(plan.max_w * RATIO + 0.5))
 
 
 def _setting(plan: DepthPlan) -> CameraSetting:
@@ -251,13 +246,13 @@ def _setting(plan: DepthPlan) -> CameraSetting:
 
 
 def _spread(one: RestoredDepth, w: npt.NDArray[np.floating[Any]]) -> Array:
-    """w with the least true one black and the greatest white."""
+    """w scaled so that the range of the true w is black to white."""
     return np.asarray((w - one.w.min()) / np.ptp(one.w), np.float64)
 
 
 def _error(one: RestoredDepth) -> Array:
-    """Half white where w is right, brighter where it is too large."""
-    return np.asarray(0.5 + (one.found.w - one.w) / np.ptp(one.w), np.float64)
+    """Error of w: mid-grey for none, brighter where w is too large."""
+    return np.asarray(0.5 + (one.restoration.w - one.w) / np.ptp(one.w), np.float64)
 
 
 def _rms(error: npt.NDArray[np.floating[Any]]) -> float:

@@ -1,4 +1,4 @@
-"""How near an estimated PSF comes to a known one, beside what its error bars promise."""
+"""Comparison of an estimated PSF with the true one and with its stated uncertainty."""
 
 from __future__ import annotations
 
@@ -17,40 +17,40 @@ from procedures.transfer_function import Otf
 Array = npt.NDArray[np.float64]
 
 FINE_STEP = 0.001
-"""Step, in cycles per pixel, of the curve on which the truth's MTF50 is read."""
+"""Step of the curve from which the true MTF50 is read, cycles per pixel."""
 DIRECTIONS = ("horizontal", "vertical")
 
 
 @dataclass(frozen=True)
-class Against:
-    """A measured number against the true one."""
+class ComparedNumber:
+    """A measured number and its true value."""
 
     measured: Quantity
     true: float
 
     @property
     def sigmas(self) -> float:
-        """Measured less true, in standard uncertainties."""
+        """Measured minus true, in standard uncertainties."""
         return (self.measured.value - self.true) / self.measured.uncertainty
 
 
 @dataclass(frozen=True, eq=False)
 class TruthComparison:
-    """An estimate beside the truth.
+    """An estimate compared with the truth.
 
     Attributes
     ----------
     otf : callable
-        The true transfer function, of all light, at frequencies (fx, fy) in cycles per pixel of the plane.
+        The true transfer function of the whole PSF at frequencies (fx, fy) in cycles per pixel of the plane.
     aligned : (k, k) float64
-        The truth after the subpixel shift that brings it nearest.
+        The true PSF after the best subpixel shift.
     error : float
-        Relative L2 distance from that.
+        Relative L2 distance from it.
     expected : float
-        What error the estimate's covariance and the support's truncation give: root of the sum of their squares.
+        Expected error: root sum of squares of the covariance's and the truncation's.
     centre_px : (float, float)
-        (x, y) from where the truth shows the chart's marks to the estimate's centre, in pixels of the plane.
-    mtf50 : mapping of direction to Against
+        (x, y) from the chart's marks in the true image to the estimate's centre, in pixels of the plane.
+    mtf50 : mapping of direction to ComparedNumber
     """
 
     otf: Otf
@@ -58,50 +58,50 @@ class TruthComparison:
     error: float
     expected: float
     centre_px: tuple[float, float]
-    mtf50: Mapping[str, Against]
+    mtf50: Mapping[str, ComparedNumber]
 
     @property
     def ratio(self) -> float:
-        """Error over what was expected: near 1 when the error bars are true."""
+        """Error over expected error."""
         return self.error / self.expected
 
     @property
     def centre_error_px(self) -> float:
-        """Distance of the centre from where it should be, in pixels of the plane."""
+        """Error of the centre, in pixels of the plane."""
         return math.hypot(*self.centre_px)
 
 
-def compare(found: PatternPsf, samples: Array, floor: float, otf: Otf) -> TruthComparison:
-    """An estimate against the PSF that made its photograph.
+def compare(estimate: PatternPsf, samples: Array, floor: float, otf: Otf) -> TruthComparison:
+    """Compare an estimate with the PSF that blurred its photograph.
 
     Parameters
     ----------
-    found : PatternPsf
+    estimate : PatternPsf
     samples : (k, k) float64
         The true PSF on the estimate's grid, of sum 1, its centre sample the geometric centre.
     floor : float
-        Norm of what lies outside the support, relative to that of the whole PSF.
+        Norm of the PSF outside the support, relative to that of the whole PSF.
     otf : callable
         The true transfer function of the whole PSF.
     """
-    s = found.psf.s
-    aligned, shift = align(samples, found.psf.h)
-    # the estimate's origin lies where the marks are seen, so a PSF that shows them further right is drawn further left
-    centre = shift / s + mark_offset(samples, s, found.registration.jacobian())
+    s = estimate.psf.s
+    aligned, shift = align(samples, estimate.psf.h)
+    # the estimate's origin is the image of the marks: a PSF that displaces them to the right is itself displaced left
+    centre = shift / s + mark_offset(samples, s, estimate.registration.jacobian())
     return TruthComparison(
         otf=otf,
         aligned=aligned,
-        error=float(np.linalg.norm(found.psf.h - aligned) / np.linalg.norm(samples)),
-        expected=math.hypot(found.diagnostics["relative_uncertainty"], floor),
+        error=float(np.linalg.norm(estimate.psf.h - aligned) / np.linalg.norm(samples)),
+        expected=math.hypot(estimate.diagnostics["relative_uncertainty"], floor),
         centre_px=(float(centre[0]), float(centre[1])),
-        mtf50=_mtf50(found, otf),
+        mtf50=_mtf50(estimate, otf),
     )
 
 
 def align(truth: Array, h: Array) -> tuple[Array, Array]:
-    """The truth (k, k) shifted to where it is nearest to h, and that shift (x, y) in samples.
+    """The truth (k, k) after the subpixel shift that minimises its distance from h, and the shift (x, y) in samples.
 
-    It is shifted in the Fourier domain, zero beyond its support, by Gauss-Newton steps.
+    Gauss-Newton on a Fourier shift, with zeros beyond the support.
     """
     k = len(truth)
     spectrum = np.fft.fft2(np.pad(truth, k))
@@ -121,13 +121,13 @@ def align(truth: Array, h: Array) -> tuple[Array, Array]:
     return cut(moved), shift
 
 
-def _mtf50(found: PatternPsf, otf: Otf) -> dict[str, Against]:
-    """MTF50 of both, in the directions where both have one."""
-    f = np.arange(0.0, found.psf.s / 2, FINE_STEP)
+def _mtf50(estimate: PatternPsf, otf: Otf) -> dict[str, ComparedNumber]:
+    """Measured and true MTF50, in the directions in which both exist."""
+    f = np.arange(0.0, estimate.psf.s / 2, FINE_STEP)
     pairs = {}
     for name, (x, y) in zip(DIRECTIONS, ((f, 0 * f), (0 * f, f)), strict=True):
-        measured = found.quality.numbers.get(f"mtf50_{name}")
+        measured = estimate.quality.numbers.get(f"mtf50_{name}")
         below = np.flatnonzero(np.abs(otf(x, y)) < 0.5)
         if measured is not None and len(below):
-            pairs[name] = Against(measured, float(f[below[0]]) - FINE_STEP / 2)
+            pairs[name] = ComparedNumber(measured, float(f[below[0]]) - FINE_STEP / 2)
     return pairs

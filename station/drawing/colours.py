@@ -1,6 +1,6 @@
-"""All colours of figures, pages, certificates and terminals.
+"""Every colour that is drawn or printed: in figures, on pages and certificates, in terminals.
 
-The ink of figures is softer than that of text, which is smaller.
+Figures have a softer ink than text, which is read at smaller sizes.
 """
 
 from __future__ import annotations
@@ -9,21 +9,21 @@ from __future__ import annotations
 
 INK, FAINT = "#2b3036", "#9aa3ad"
 MARK = "#ff8c1a"
-"""Of detected features in a picture."""
+"""What was found in a picture."""
 ALONG = {"horizontal": "#1f5fa8", "vertical": "#c4541a"}
 LIMIT_COLOUR = "#6b4c9a"
-"""Of the diffraction limit."""
+"""The diffraction limit."""
 PLANE_COLOURS = {"R": "#c0392b", "G1": "#1e8449", "G2": "#7dbb42", "B": "#2e6fbf", "Y": "#444444"}
 SERIES = (INK, *ALONG.values(), PLANE_COLOURS["G1"], "#8e44ad", "#b8860b")
-"""Of the curves of one frame, in order."""
+"""Curves of one frame, the first of which is drawn first."""
 
 # --- text --------------------------------------------------------------------------------------------------------
 
 TEXT, SOFT = "#1d2329", "#59636e"
 RULE, FAINT_RULE = "#dfe3e8", "#eef0f2"
-"""Of rules, and of those between the rows of a table."""
+"""Of lines, and of those between the rows of a table."""
 PAPER, GROUND = "#ffffff", "#f4f6f8"
-"""Of pages, and of their background."""
+"""Of pages, and of what they lie on."""
 LINK = ALONG["horizontal"]
 PASS, DOUBTFUL, REFUSED = "#1a7f4b", "#a86400", "#b3261e"
 VERDICT_COLOURS = {
@@ -31,11 +31,15 @@ VERDICT_COLOURS = {
     **dict.fromkeys(("doubtful", "undecided"), DOUBTFUL),
     **dict.fromkeys(("refused", "fail", "does not meet"), REFUSED),
 }
-"""Of the verdicts on measurements and specifications."""
+"""Of both kinds of verdict."""
 
 # --- terminals ---------------------------------------------------------------------------------------------------
 
-TERMINAL_COLOURS = {"pass": "green", "doubtful": "yellow", "left out": "yellow", "refused": "red", "fail": "red"}
+TERMINAL_COLOURS = {
+    **dict.fromkeys(("pass", "reproduced"), "green"),
+    **dict.fromkeys(("doubtful", "same direction", "not computed"), "yellow"),
+    **dict.fromkeys(("refused", "fail", "not reproduced"), "red"),
+}
 """Names of terminal colours by verdict."""
 MARK_TEXT, MARK_GROUND = "black", "yellow"
 """Of a mark in a thumbnail, and of its background."""

@@ -109,10 +109,10 @@ def axes_grid(
         return figure, figure.subplots(rows, columns, gridspec_kw={**place, **grid}, squeeze=False)
 
 
-def colour_bar(figure: Figure, axes: Axes, image: Any, place: tuple[float, float, float, float], **options: Any) -> Any:
+def colour_bar(axes: Axes, image: Any, place: tuple[float, float, float, float], **options: Any) -> Any:
     """A colour bar at a place (x, y, width, height) in fractions of the axes."""
     with matplotlib.rc_context(STYLE):
-        bar = figure.colorbar(image, cax=axes.inset_axes(place), **options)
+        bar = axes.figure.colorbar(image, cax=axes.inset_axes(place), **options)
     bar.outline.set_visible(False)
     bar.ax.tick_params(length=0)
     return bar

@@ -18,7 +18,8 @@ from station.common.sanitise import printable
 from station.guide.catalogue import plan_named
 from station.guide.session_result import SessionResult, compute
 from station.reports.page import exposure_words
-from station.reports.pattern_report import METHODS, PlaneSheet, Report, ReportLine, ReportShot, calibration_page
+from station.reports.psf_page import psf_page
+from station.reports.report import METHODS, Report, ReportLine, ReportShot
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.sessions.reader import SessionRecord, read_session, verify, verify_results
@@ -49,7 +50,7 @@ def session_page(folder: Path, result: SessionResult | None = None) -> str:
         return (folder / last.folder / PAGE).read_text(encoding="utf-8")
     if (page := _kept_page(folder, record)) is not None:
         return page
-    return calibration_page(session_report(folder, result))
+    return psf_page(session_report(folder, result))
 
 
 def _with_result(folder: Path) -> SessionRecord:
@@ -62,7 +63,7 @@ def _with_result(folder: Path) -> SessionRecord:
 
 def overlaid_page(folder: Path, overlays: Sequence[Overlay]) -> str:
     """The report with the MTF of other results as overlays. Raises as `session_report`, and where units differ."""
-    return calibration_page(replace(session_report(folder), overlays=overlays))
+    return psf_page(replace(session_report(folder), overlays=overlays))
 
 
 def session_report(folder: Path, result: SessionResult | None = None) -> Report:
@@ -113,15 +114,17 @@ def _report(record: SessionRecord, state: SessionState, result: SessionResult) -
     return Report(
         subject=f"{printable(state.camera)}, {printable(state.lens)}",
         procedure=state.plan,
-        planes=[PlaneSheet(_of_frame(one), result.frames[0].planes[name]) for name, one in result.planes.items()],
+        planes=[_of_frame(one) for one in result.planes.values()],
+        frames=result.frames,
         shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in result.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
         conditions=[*_operator_inputs(state, result), *_conditions(state)],
         devices=list(_devices(record)),
-        specification=terms_of_session(record.folder).specification,
+        specification=terms_of_session(record.folder).specification.title,
         made=last.at[:16].replace("T", " ") + " UTC",
         software=last.about["machine"]["software"],
-        beside=f"{last.folder}/",
+        files=[f"{last.folder}/{name}" for name in last.files],
+        method=METHODS.get(state.plan, ""),
     )
 
 

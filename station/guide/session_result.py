@@ -57,7 +57,7 @@ class Frames(Sequence[RawFrame]):
     """
 
     def __init__(self, folder: Path, shots: Sequence[SessionShot], progress: Progress = no_progress) -> None:
-        self._folder, self._shots, self._progress = folder, shots, progress
+        self._folder, self._shots, self.progress = folder, shots, progress
         self._paths = [inside(folder, shot.path) for shot in shots]
         largest = max((path.stat().st_size for path in self._paths), default=1)
         self._read = lru_cache(max(1, int(CACHE_BYTES / (4 * largest))))(read_frame)
@@ -69,7 +69,7 @@ class Frames(Sequence[RawFrame]):
         if isinstance(index, slice):
             return Frames(self._folder, self._shots[index])
         shot, frame = self._shots[index], self._read(self._paths[index])
-        self._progress(index, len(self))
+        self.progress(index, len(self))
         if frame.sha256 != shot.sha256:
             raise Damaged(f"{frame.path} has changed since it was taken", "restore it from a copy")
         return replace(frame, imu=imu_during(shot), shaker_path=shaker_path_during(shot))
@@ -145,6 +145,7 @@ def compute(
     frames = Frames(folder, shots, progress)
     with same_bits():
         outcomes = estimate_of(plan).estimate(frames, state.facts, {} if known is None else known)
+        frames.progress = no_progress  # results read single photographs again
         terms = terms_of_session(folder)
         results = entry.results(frames, outcomes, terms, state.facts)
         if into is not None:

@@ -1,4 +1,4 @@
-"""The manual as HTML pages that need nothing else: no script, no network, one style with the reports."""
+"""The manual as self-contained HTML pages in the style of the reports."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ def _html(page: Page, pages: Sequence[Page]) -> str:
 
 
 def html_of(markdown: str) -> str:
-    """The body of a page: links lead to pages beside it, headings have names that links can end in."""
+    """The body of a page, with links to the other HTML pages and ids of headings."""
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
     tokens = reader.parse(markdown)
     for token, following in zip(tokens, [*tokens[1:], None], strict=True):
         if token.type == "heading_open" and following is not None:
             token.attrSet("id", section_name(following.content))
         for child in token.children or ():
-            _lead_beside(child)
+            _link_to_html(child)
     return str(reader.renderer.render(tokens, reader.options, {}))
 
 
-def _lead_beside(token: Token) -> None:
+def _link_to_html(token: Token) -> None:
     """Turn a link to another page's Markdown into one to its HTML in the same folder."""
     href = str(token.attrGet("href") or "")
     page, mark, section = href.partition("#")
@@ -64,5 +64,5 @@ def _lead_beside(token: Token) -> None:
 
 
 def section_name(heading: str) -> str:
-    """What a link to a heading ends in: its words in small letters with hyphens."""
+    """Id of a heading: its words in lower case with hyphens."""
     return re.sub(r"[^\w-]", "", heading.lower().replace(" ", "-"))

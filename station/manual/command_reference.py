@@ -1,4 +1,4 @@
-"""The reference of all commands, drawn from the commands themselves."""
+"""The reference of all commands, generated from the commands."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def commands_text(program: click.Group) -> str:
 
 
 def _commands(command: click.Command, context: click.Context) -> Iterator[tuple[click.Command, click.Context]]:
-    """The command and all below it that do something, in the order in which the help lists them."""
+    """The command and all its subcommands, in the order of the help."""
     if not isinstance(command, click.Group) or command.invoke_without_command:
         yield command, context
     if isinstance(command, click.Group):
@@ -38,10 +38,10 @@ def _section(command: click.Command, context: click.Context) -> Iterator[str]:
         yield ""
         yield "| option | |"
         yield "|---|---|"
-        yield from (f"| `{_cell(names)}` | {_cell(told)} |" for names, told in records)
+        yield from (f"| `{_cell(names)}` | {_cell(help_text)} |" for names, help_text in records)
     yield ""
 
 
 def _cell(text: str) -> str:
-    """A text that does not end its cell of a table."""
+    """Text with `|` escaped for a table cell."""
     return " ".join(text.split()).replace("|", "\\|")

@@ -1,4 +1,4 @@
-"""The manual's pages as they stand in this package, and the one that a reader means."""
+"""The manual's pages, and the page of a topic."""
 
 from __future__ import annotations
 
@@ -11,28 +11,29 @@ from importlib.resources import files
 from procedures.outcome import BadParameter
 
 PARTS = {"tutorial": "Tutorial", "how-to": "How to", "reference": "Reference", "explanation": "Explanation"}
-"""Folders of this package, and what they are called, in their order."""
+"""Folders of this package and their titles, in order."""
 WELCOME = """\
-The tutorials go through a first calibration step by step. The how-to pages do one thing each. The reference lists every
-command, number, file and option. The explanations say what the numbers mean and how far they can be trusted."""
+The tutorials go through a first calibration step by step. Each how-to page has one task. The reference lists every
+command, number, file and option. The explanations define the numbers and their reliability."""
 FIRST = (
     "without-a-camera", "with-a-camera",
     "chart", "focus", "two-photographs", "edge", "field", "batch", "sessions", "devices", "serve", "correct", "restore",
     "camera", "geometry", "vignetting", "tilt", "export", "sensor", "sensor-dumps", "rays", "library", "reproduce",
-    "commands", "numbers", "files", "station-toml", "exit-codes", "environment", "evidence", "dependencies",
+    "commands", "numbers", "files", "station-toml", "exit-codes", "environment",
+    "evidence", "evidence-cameras", "evidence-restoration", "evidence-robustness", "dependencies",
     "glossary",
     "psf", "sampling-and-gamma", "whole-psf", "uncertainty", "verdicts", "limits", "reproducibility",
 )  # fmt: skip
-"""Pages in the order in which one comes to need them; others follow by their titles."""
+"""Order of the pages; others follow by title."""
 GENERATED = "<!-- drawn from the program -->"
-"""Where a page has what is drawn from the program itself."""
+"""Placeholder for text generated from the program."""
 PAGE_LINK = re.compile(r"\[([^\]]*)\]\((?:\.\./)?(?:[\w-]+/)?([\w-]+)\.md(#[\w-]+)?\)")
-"""A link from page to page: its words, the page's name, its section."""
+"""A link between pages: text, page name, section."""
 
 
 @dataclass(frozen=True)
 class Page:
-    """One page: the folder of its part, its name, which is the topic, and its Markdown."""
+    """One page: folder, name (the topic), and Markdown."""
 
     part: str
     name: str
@@ -45,12 +46,12 @@ class Page:
 
 
 def read_pages(generated: Mapping[str, str] | None = None) -> list[Page]:
-    """All pages, part by part, in the order of reading.
+    """All pages, part by part.
 
     Parameters
     ----------
     generated : mapping of a page's name to Markdown, optional
-        What takes the place of `GENERATED` in that page.
+        Replacement of `GENERATED` in that page.
     """
     found = []
     for part in PARTS:
@@ -69,7 +70,7 @@ def _place(page: Page) -> tuple[int, str]:
 
 
 def find_page(pages: Sequence[Page], topic: str) -> Page:
-    """The page of a topic. Raises BadParameter, with the nearest topics, where there is none."""
+    """The page of a topic. Raises BadParameter, with the nearest topics, if there is none."""
     for page in pages:
         if page.name == topic.lower():
             return page

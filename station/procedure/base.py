@@ -24,7 +24,7 @@ from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
-    from station.reports.pattern_report import Report
+    from station.reports.report import Report
 
 
 class Inputs(StrEnum):
@@ -228,9 +228,9 @@ class Procedure(ABC, Generic[S]):
 
     def report(self, found: Measurement) -> Report:
         """Contents of the certificate of a measurement."""
-        from station.reports.measurement_page import measurement_report  # here: it draws, which is slow to load
+        from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
-        return measurement_report(found, self.title, self.method)
+        return measurement_report(found, self.name, title=self.title, method=self.method)
 
     def draws(self, found: Measurement) -> bool:
         """Whether a measurement has a page."""
@@ -238,9 +238,9 @@ class Procedure(ABC, Generic[S]):
 
     def page(self, found: Measurement) -> bytes:
         """The HTML page: by default verdict, numbers, limits, curves and provenance."""
-        from station.reports.measurement_page import measurement_page  # here: it draws, which is slow to load
+        from station.reports.report_page import measurement_page  # here: it draws, which is slow to load
 
-        return measurement_page(found, self.title).encode()
+        return measurement_page(self.report(found)).encode()
 
 
 class Numbered(Protocol):

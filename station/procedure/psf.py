@@ -19,7 +19,7 @@ from station.results.record_head import RecordHead, files_read
 from station.results.terms import Terms
 
 if TYPE_CHECKING:
-    from station.reports.pattern_report import Report
+    from station.reports.report import Report
 
 
 class PsfSettings(OpticsReading, frozen=True, kw_only=True):
@@ -83,10 +83,11 @@ class PsfProcedure(Procedure[P]):
     ) -> Measurement:  # fmt: skip
         """The results in the requested terms; `asked` are the parameters of the estimate."""
         pixels = settings.pixels(frames[0])
-        planes = [terms.told(one, pixels[one.name]) for one in results]
-        told = {**asked, **settings.given()}
-        head = RecordHead(self.record_name, files_read(frames), {**told, **terms.parameters()}, terms.specified(planes))
-        found = PsfPhotographs(tuple(frames), told)
+        planes = [terms.apply(one, pixels[one.name]) for one in results]
+        given = {**asked, **settings.given()}
+        parameters = {**given, **terms.parameters()}
+        head = RecordHead(self.record_name, files_read(frames), parameters, terms.specified(planes))
+        found = PsfPhotographs(tuple(frames), given)
         return replace(psf_measurement(planes, head), exposure=frames[0].exposure, terms=terms, found=found)
 
     def draws(self, found: Measurement) -> bool:
@@ -95,15 +96,13 @@ class PsfProcedure(Procedure[P]):
 
     def report(self, found: Measurement) -> Report:
         """Contents of the page, with photographs and detected marks."""
-        from station.reports.pattern_report import report_of_files  # here: it draws, which is slow to load
+        from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
         whole: PsfPhotographs = found.found
-        return report_of_files(
-            self.name, whole.frames, found.planes, whole.asked, found.terms.specification, found.overlays
-        )
+        return measurement_report(found, self.name, title=self.title, frames=whole.frames)
 
     def page(self, found: Measurement) -> bytes:
         """The HTML page with PSF, MTF, uncertainties and diagnostics."""
-        from station.reports.pattern_report import calibration_page  # here: it draws, which is slow to load
+        from station.reports.psf_page import psf_page  # here: it draws, which is slow to load
 
-        return calibration_page(self.report(found)).encode()
+        return psf_page(self.report(found)).encode()

@@ -7,6 +7,7 @@ a table of TOML by `read_settings`; the command line reads its options from `fie
 from __future__ import annotations
 
 import difflib
+import math
 import re
 import types
 import typing
@@ -136,16 +137,21 @@ def read_settings(model: type[S], given: Mapping[str, Any], shown: Mapping[str, 
     BadParameter
         If a key is not known (the nearest one is named), a value is not valid, or a required one is missing.
     """
-    known = {one.name: one for one in fields_of(model)}
+    known, shown = {one.name: one for one in fields_of(model)}, shown or {}
     for key in given:
         if key not in known:
             near = difflib.get_close_matches(key, known, 1)
             remedy = f"write {near[0]}" if near else f"use one of {', '.join(known)}" if known else "leave it out"
             raise BadParameter(f"{printable(key)} is not known", remedy)
+    values = {key: _listed(known[key], one) for key, one in given.items()}
+    for key, value in values.items():
+        parts = value if isinstance(value, list | tuple) else [value]
+        if any(isinstance(one, float) and not math.isfinite(one) for one in parts):
+            raise BadParameter(f"{shown.get(key, key)} must be finite; it is {value}", "correct it")
     try:
-        return msgspec.convert({key: _listed(known[key], one) for key, one in given.items()}, model, dec_hook=_path)
+        return msgspec.convert(values, model, dec_hook=_path)
     except msgspec.ValidationError as error:
-        raise _explained(str(error), known, given, shown or {}) from error
+        raise _explained(str(error), known, given, shown) from error
 
 
 def _listed(one: SettingField, value: Any) -> Any:

@@ -1,128 +1,104 @@
 """A certificate: one printed page with camera and lens, conditions, numbers, both verdicts, method and hashes.
 
-Uncertainties on it are expanded: two standard uncertainties, which hold about 95 % (ISO/IEC Guide 98-3, section 6.2).
+Uncertainties on it are expanded: two standard uncertainties, about 95 % (ISO/IEC Guide 98-3, section 6.2).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from procedures.numbers import RADIAL, Group, in_group, label
 from station.common.uncertainty_text import stated
-from station.reports.page import render
-from station.reports.pattern_report import METHODS, PlaneSheet, Report, ReportLine
+from station.reports.page import Block, Items, Note, Section, Table, html, render, sentence, small
+from station.reports.report import METHODS, Report, comparison
+from station.results.plane_result import PlaneResult
+from station.results.units import Pixels, Unit
 from station.results.verdict_words import MEASUREMENT, SPECIFICATION
 
 PAGE, PRINT = "certificate.html", "certificate.pdf"
-COVERAGE = 2
-"""Standard uncertainties that the expanded one has."""
-NUMBERS = in_group(Group.CERTIFIED)
-"""What is certified, besides the MTF at frequencies that were asked for."""
+COVERAGE_FACTOR = 2
 VALIDITY = {
     "edge": "The numbers are of the MTF across each plane's best edge, photosite included, at its place of the frame",
     "field": "The numbers are of the whole PSF, photosite included, at the frame's centre or over the frame",
 }
-"""What the numbers of a procedure hold of."""
+"""Validity of the numbers of a procedure."""
 HERE = "The numbers are of the whole PSF, photosite included, at this place of the frame"
-MOST_LIMITS = 10
-MOST_SHOTS = 6
+MAX_LIMITS = 10
+MAX_SHOTS = 6
 
 
-@dataclass(frozen=True)
-class NumberRow:
-    """One number in all planes: its words with the unit, and a value with its expanded uncertainty for each plane."""
-
-    words: str
-    values: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Certificate:
-    """All that stands on the page, in words."""
-
-    subject: str
-    made: str
-    measurement: str
-    reasons: tuple[str, ...]
-    specification: str
-    title: str
-    limits: tuple[str, ...]
-    planes: tuple[str, ...]
-    verdicts: tuple[str, ...]
-    rows: tuple[NumberRow, ...]
-    pixel: str
-    conditions: tuple[ReportLine, ...]
-    shots: tuple[ReportLine, ...]
-    method: str
-    settings: str
-    validity: str
-
-
-def certificate_of(report: Report) -> Certificate:
-    """What a report's certificate says."""
-    planes = report.planes
-    first = planes[0].record if planes else None
-    version = report.software.get("version") or "not installed"
+def certificate_sections(report: Report) -> list[Section]:
+    """Subject and verdicts, numbers, conditions, method and provenance."""
+    made = report.made or next((line.words for line in report.conditions if line.name == "Taken"), "")
+    judged = report.against_specification or "none was given: what the lens should be is not judged"
+    verdicts = [
+        ["Measurement", _coloured(report.verdict, report.measurement)],
+        [small("Specification", report.specification), _coloured(str(report.judged or ""), judged)],
+    ]
+    reasons = [Note(f"{one.name}: {one.reason}") for one in report.planes if one.reason]
+    subject = Section("", [", ".join(one for one in (report.subject, made) if one)])
+    lines = [[line.name, line.words] for line in (*report.conditions, *report.devices)]
     given = ", ".join(f"{name} = {value}" for name, value in report.parameters.items() if value is not None)
-    return Certificate(
-        subject=report.subject,
-        made=report.made or next((line.words for line in report.conditions if line.name == "Taken"), ""),
-        measurement=report.measurement,
-        reasons=tuple(f"{one.record.name}: {one.record.reason}" for one in planes if one.record.reason),
-        specification=report.against_specification or "none was given: what the lens should be is not judged",
-        title=report.specification.title,
-        limits=_limits(planes),
-        planes=tuple(one.record.name for one in planes),
-        verdicts=tuple(_verdicts(one) for one in planes),
-        rows=tuple(_rows(planes)),
-        pixel=f"{first.unit} {planes[0].pixel_words}" if first and first.unit == "cycles/pixel" else "",
-        conditions=tuple(line for line in (*report.conditions, *report.devices)),
-        shots=tuple(_shots(report)),
-        method=METHODS.get(report.procedure, report.procedure),
-        settings=f"{given}; calibration-station {version}",
-        validity=f"{VALIDITY.get(report.procedure, HERE)}, this focus and this aperture."
-        if report.procedure in METHODS
-        else "",
-    )
+    version = report.software.get("version") or "not installed"
+    method = Note(f"{report.method or report.procedure}. {given}; calibration-station {version}.")
+    return [
+        subject,
+        Section("Verdicts", [Table(verdicts, style="verdicts"), *reasons, *_limits(report.planes)]),
+        Section("Numbers", [number_table(report.planes), Note(_footnote(report))]),
+        *([Section("Conditions", [Table(lines)])] if lines else []),
+        Section("Method and provenance", [method, Table(_shots(report))]),
+    ]
 
 
-def _verdicts(sheet: PlaneSheet) -> str:
-    judged = sheet.specification.judged
-    return MEASUREMENT[sheet.verdict] + (f", {judged}" if judged else "")
+def _coloured(verdict: str, words: str) -> str:
+    return html('<span class="{}">{}</span>', verdict.replace(" ", "-"), sentence(words))
 
 
-def _limits(planes: Sequence[PlaneSheet]) -> tuple[str, ...]:
-    """Limits with what they are judged by, those that are not met first; what has no room is counted."""
-    told = [(sheet.record.name, one) for sheet in planes for one in sheet.specification.in_short]
-    told.sort(key=lambda one: list(SPECIFICATION).index(str(one[1].judged)), reverse=True)
-    words = [f"{name}: {one.words}" for name, one in told[:MOST_LIMITS]]
-    rest = len(told) - MOST_LIMITS
-    return (*words, f"and {rest} more, in result.json") if rest > 0 else tuple(words)
+def _limits(planes: Sequence[PlaneResult]) -> list[Block]:
+    """Limits and judgements, those that are not met first; what exceeds the room is counted."""
+    limits = [(plane.name, one) for plane in planes for one in comparison(plane).in_short]
+    limits.sort(key=lambda one: list(SPECIFICATION).index(str(one[1].judged)), reverse=True)
+    words = [f"{name}: {one.words}" for name, one in limits[:MAX_LIMITS]]
+    rest = len(limits) - MAX_LIMITS
+    words += [f"and {rest} more, in result.json"] if rest > 0 else []
+    return [Note("Against the limits, ± one standard uncertainty:"), Items(words)] if words else []
 
 
-def _rows(planes: Sequence[PlaneSheet]) -> list[NumberRow]:
+def number_table(planes: Sequence[PlaneResult]) -> Table:
+    """Certified numbers in all planes, and the MTF at requested frequencies, with expanded uncertainties."""
+    asked = [name for one in planes for name in one.numbers if name.startswith("mtf_at_") and not name.endswith(RADIAL)]
     rows = []
-    asked = [name for one in planes for name in one.record.numbers if name.startswith("mtf_at_")]
-    for name in (*NUMBERS, *(one for one in dict.fromkeys(asked) if not one.endswith(RADIAL))):
-        found = [one.record.quantity(name) for one in planes]
+    for name in (*in_group(Group.CERTIFIED), *dict.fromkeys(asked)):
+        found = [one.quantity(name) for one in planes]
         known = next((one for one in found if one is not None), None)
-        if known is None:
-            continue
-        unit = "" if known.unit == "1" else f", {known.unit}"
-        values = tuple("—" if one is None else stated(one.value, COVERAGE * one.uncertainty) for one in found)
-        rows.append(NumberRow(label(name, planes[0].record.unit) + unit, values))
-    return rows
+        if known is not None:
+            unit = "" if known.unit == "1" else f", {known.unit}"
+            values = ["—" if one is None else stated(one.value, COVERAGE_FACTOR * one.uncertainty) for one in found]
+            rows.append([label(name, planes[0].unit) + unit, *values])
+    heads = []
+    for one in planes:
+        judged = comparison(one).judged
+        heads.append(small(one.name, MEASUREMENT[str(one.verdict)] + (f", {judged}" if judged else "")))
+    return Table(rows, ["", *heads], style="few" if len(planes) < 3 else "numbers")
 
 
-def _shots(report: Report) -> list[ReportLine]:
-    """Photographs with their hashes; what has no room is counted."""
-    rest = len(report.shots) - MOST_SHOTS
-    lines = [ReportLine(one.file.rpartition("/")[2], one.sha256) for one in report.shots[:MOST_SHOTS]]
-    return [*lines, ReportLine(f"and {rest} more", "in result.json")] if rest > 0 else lines
+def _footnote(report: Report) -> str:
+    first = report.planes[0] if report.planes else None
+    pixel = ""
+    if first is not None and first.unit is Unit.CYCLES and first.pitch:
+        pixel = f" Frequencies in {first.unit} {Pixels(first.pitch).words}."
+    known = report.procedure in METHODS
+    validity = f" {VALIDITY.get(report.procedure, HERE)}, this focus and this aperture." if known else ""
+    return f"± expanded uncertainty, coverage factor {COVERAGE_FACTOR} (about 95 %).{pixel}{validity}"
+
+
+def _shots(report: Report) -> list[list[str]]:
+    """Photographs with their hashes; what exceeds the room is counted."""
+    rest = len(report.shots) - MAX_SHOTS
+    rows = [[one.file.rpartition("/")[2], f"SHA-256 {one.sha256}"] for one in report.shots[:MAX_SHOTS]]
+    return [*rows, [f"and {rest} more", "in result.json"]] if rest > 0 else rows
 
 
 def certificate_page(report: Report) -> str:
     """The certificate as HTML that prints on one page."""
-    told = certificate_of(report)
-    return render("certificate.html", told=told, verdict=report.verdict, judged=str(report.judged or ""))
+    return render("certificate.html", subject=report.subject, sections=certificate_sections(report))

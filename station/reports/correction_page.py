@@ -1,53 +1,92 @@
-"""A correction's report: before and after, whole and in parts, what was gained over the frame and what it cost."""
+"""The page of a correction: before and after, whole and in parts, gain over the frame and cost."""
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from markupsafe import Markup
 
 from procedures.correction.estimate import Correction
 from procedures.raw import RawFrame
-from station.calibration.correction import Corrected, correction_numbers
-from station.common.versions import software
+from station.calibration.correction import Corrected
 from station.drawing.pictures import display_png
-from station.reports import psf_figures
-from station.reports.page import exposure_words, render
-from station.results.record_head import RecordHead
+from station.drawing.plots import Figure
+from station.reports.page import (
+    Block,
+    Facts,
+    Figures,
+    Heading,
+    Items,
+    Note,
+    Section,
+    image,
+    percent,
+)
+from station.reports.psf_figures import map_figure
+from station.reports.report import Report
+from station.reports.report_page import report_page
 
 Single = npt.NDArray[np.float32]
 
-WIDEST_PX, PART_PX = 720, 180
+MAX_SIDE_PX, PART_PX = 720, 180
 """Of the pictures on the page: whole, and the parts that are shown at twice their size."""
 PLACES = ((0.5, 0.5, "In the middle"), (0.06, 0.06, "Near the upper left corner"), (0.94, 0.94, "Near the lower right"))
 
 
-def correction_page(found: Corrected, head: RecordHead) -> bytes:
-    """The page, UTF-8, with its pictures inside; `found` has a value."""
-    value = found.outcome.value
+def correction_page(report: Report, corrected: Corrected) -> bytes:
+    """The page, UTF-8, with embedded pictures. Raises ValueError without a value."""
+    value = corrected.outcome.value
     if value is None:
         raise ValueError("a correction without a value has no page")
-    before, after = _finer(_before(found.frame), value.scale), np.moveaxis(value.picture, 0, -1)
+    before, after = _finer(_before(corrected.frame), value.scale), np.moveaxis(value.picture, 0, -1)
     balance = _balance(after)
-    return render(
-        "correction.html",
-        outcome=found.outcome,
-        head=head,
-        found=value,
-        undone=found.undone,
-        exposure=exposure_words(found.frame.exposure),
-        medians=correction_numbers(value),
-        others=list(zip(found.others, value.places, strict=True)),
-        noise=_noise(value),
-        whole=[_uri(_small(one) * balance) for one in (before, after)],
-        parts=_parts(before, after, balance),
-        **_maps(value),
-        software=software(),
-    ).encode()
+
+    def pair(part: Callable[[Single], Single], captions: tuple[str, str], words: str) -> Figures:
+        shown = (
+            image(_png(part(one) * balance), f"{words}: {c}") for one, c in zip((before, after), captions, strict=True)
+        )
+        return Figures([Figure(*one) for one in zip(shown, captions, strict=True)])
+
+    captions = (
+        "Before: colours of the mosaic spread linearly.",
+        "After: `corrected.dng`, `corrected.tiff`. Balanced to grey here, not in the files.",
+    )
+    compared: list[Block] = [pair(_small, captions, "the whole frame")]
+    for x, y, words in PLACES:
+        part = pair(lambda one, x=x, y=y: _part(one, x, y), ("Before.", "After."), words)  # type: ignore[misc]
+        compared += [Heading(f"{words}, twice its size"), part]
+    sections = [
+        Section("Before and after", compared),
+        Section("Gain and cost", [_maps(value), Note("The same numbers are in `gain.csv`.")]),
+    ]
+    return report_page(report, summary=_summary(corrected, value), closing=sections).encode()
+
+
+def _summary(corrected: Corrected, value: Correction) -> list[Block]:
+    noise = {name: float(one.variance_at(np.array([0.5]))[0] ** 0.5) for name, one in value.noise.items()}
+    facts = [
+        *((percent(sigma), f"noise of {name} at half of white, of white") for name, sigma in noise.items()),
+        (percent(value.clipped), "of the samples clipped: they are lower bounds of the light"),
+        (f"{value.side} pixels", "side of a tile"),
+    ]
+    if value.scale > 1:
+        words = "its detail, determined by the photographs’ places"
+        facts.append(
+            (percent(value.resolved), f"{value.scale} pixels of the picture per pixel of the sensor: share of {words}")
+        )
+    lines = [f"Lateral colour corrected: {', '.join(corrected.undone) or 'none, the field has none'}."]
+    for frame, place in zip(corrected.others, value.places, strict=True):
+        x, y = place.moved_px(value.sensor_shape)
+        words = (
+            f"excluded: {place.reason}"
+            if place.reason
+            else f"moved by {x:+.2f}, {y:+.2f} pixels, {place.light:.3f} times the light, residual contrast "
+            f"{percent(place.left_over)}"
+        )
+        lines.append(f"{frame.path.name}: {words}.")
+    return [Facts(facts), Items(lines)]
 
 
 def _before(frame: RawFrame) -> Single:
@@ -80,11 +119,6 @@ def _balance(picture: Single) -> Single:
     return np.asarray(gains / max(white, 1e-6), dtype=np.float32)
 
 
-def _parts(before: Single, after: Single, balance: Single) -> Sequence[tuple[str, str, str]]:
-    """Places of the frame with both pictures of them."""
-    return [(words, _uri(_part(before, x, y) * balance), _uri(_part(after, x, y) * balance)) for x, y, words in PLACES]
-
-
 def _part(picture: Single, x: float, y: float) -> Single:
     rows, columns = picture.shape[:2]
     top, left = (
@@ -95,16 +129,15 @@ def _part(picture: Single, x: float, y: float) -> Single:
 
 
 def _small(picture: Single) -> Single:
-    factor = WIDEST_PX / max(picture.shape[:2])
+    factor = MAX_SIDE_PX / max(picture.shape[:2])
     if factor >= 1:
         return picture
     small = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
     return np.asarray(small.reshape(*small.shape[:2], picture.shape[2]), dtype=np.float32)
 
 
-def _uri(picture: Single) -> str:
-    shown = picture[..., 0] if picture.shape[-1] == 1 else picture
-    return "data:image/png;base64," + base64.b64encode(display_png(shown)).decode()
+def _png(picture: Single) -> bytes:
+    return display_png(picture[..., 0] if picture.shape[-1] == 1 else picture)
 
 
 def _finer(picture: Single, scale: int) -> Single:
@@ -118,20 +151,16 @@ def _finer(picture: Single, scale: int) -> Single:
     return np.asarray(finer.reshape(rows, columns, picture.shape[2]), dtype=np.float32)
 
 
-def _noise(value: Correction) -> list[tuple[str, float]]:
-    """Standard deviation of each plane's samples at half of white, of white."""
-    half = np.array([0.5])
-    return [(name, float(one.variance_at(half)[0] ** 0.5)) for name, one in value.noise.items()]
-
-
-def _maps(value: Correction) -> dict[str, Markup]:
-    told, scale = value.prediction, value.scale
-
-    def drawn(values: npt.NDArray[np.float64], unit: str, name: str, limits: tuple[float, float]) -> Markup:
-        return psf_figures.map_figure(values, unit, name, colours="viridis", limits=limits)
-
-    return {
-        "before": drawn(scale * told.before, "MTF50 before, cycles/pixel", "before", (0, 0.5 * scale)),
-        "after": drawn(scale * told.after, "MTF50 after, cycles/pixel", "after", (0, 0.5 * scale)),
-        "gain": drawn(told.noise_gain, "noise after over before", "gain", (0, max(float(told.noise_gain.max()), 1))),
-    }
+def _maps(value: Correction) -> Figures:
+    predicted, scale = value.prediction, value.scale
+    top, nyquist = max(float(predicted.noise_gain.max()), 1), 0.5 * scale
+    maps = (
+        ("before", scale * predicted.before, "MTF50 before, cycles/pixel", nyquist, "Of green or grey."),
+        ("after", scale * predicted.after, "MTF50 after, cycles/pixel", nyquist,
+         "At edges, where differences are ten times the picture’s mean."),
+        ("gain", predicted.noise_gain, "noise after over before", top,
+         "Where differences are as the picture’s mean; less where it is flatter."),
+    )  # fmt: skip
+    return Figures(
+        [map_figure(values, unit, name, caption, limits=(0, most)) for name, values, unit, most, caption in maps]
+    )

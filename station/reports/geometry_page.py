@@ -1,65 +1,93 @@
-"""The page of a geometry: the camera's numbers, how well the frame is known, what is left over, chart and views."""
+"""The page of a geometry: uncertainty of the projection, lens, residuals, chart and views."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
-import numpy as np
-
-from procedures.geometry.cameras import distortion
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.next_view import next_view_words
-from station.calibration.geometry import PlaneGeometry
-from station.common.versions import software
+from station.common.uncertainty_text import stated
+from station.drawing.plots import Figure
 from station.reports import geometry_figures as figures
-from station.reports.page import render
-from station.results.record_head import RecordHead
+from station.reports.page import Block, Figures, Heading, Table, quantity
+from station.reports.report import Report
+from station.reports.report_page import report_page
+from station.results.plane_result import PlaneResult
 
-PAIRS = "grid-template-columns: repeat(auto-fit, minmax(min(100%, 420px), 1fr))"
-RESIDUALS_SHOWN = 6
-"""Views whose residuals are drawn: those that leave most."""
+MAX_RESIDUAL_VIEWS = 6
+"""Views whose residuals are drawn: those with the largest."""
 
 
-def geometry_page(planes: Sequence[PlaneGeometry], head: RecordHead) -> str:
-    """The page of all planes, with why one has no camera; raises ValueError where all were refused."""
-    if all(one.outcome.value is None for one in planes):
-        raise ValueError("a refused geometry has no page")
-    return render(
-        "geometry.html",
-        planes=[_of_plane(one, "" if len(planes) == 1 else f"{one.shoot.plane}-") for one in planes],
-        head=head,
-        pairs=PAIRS,
-        software=software(),
+def geometry_page(report: Report) -> str:
+    """The page of all planes."""
+    summary = (
+        "Camera, poses and the chart’s own shape are adjusted together to points with covariances, so that every "
+        "number below includes the uncertainty of all. Pixel centres lie at integers."
     )
+    prefix = "{}-" if len(report.planes) > 1 else ""
+    return report_page(
+        report, summary=[summary], plane_blocks=lambda plane: _plane_blocks(plane, prefix.format(plane.name))
+    )  # fmt: skip
 
 
-def _of_plane(plane: PlaneGeometry, prefix: str) -> dict[str, Any]:
-    """What the page shows of a plane; `prefix` keeps its figures' names apart from those of others."""
-    shown = {"plane": plane.shoot.plane, "outcome": plane.outcome, "missed": plane.shoot.missed}
-    found = plane.outcome.value
-    return {**shown, "found": found, **({} if found is None else _figures(found, prefix))}
+def _plane_blocks(plane: PlaneResult, prefix: str) -> list[Block]:
+    """The blocks of a plane; `prefix` distinguishes its figures from those of other planes."""
+    geometry: Geometry | None = plane.found
+    if geometry is None:
+        return []
+    maps = [
+        figures.uncertainty_figure(geometry, one, f"{prefix}uncertainty{i}") for i, one in enumerate(geometry.maps)
+    ]  # fmt: skip
+    blocks: list[Block] = [
+        f"{geometry.camera.model} from {len(geometry.views)} views, "
+        f"{geometry.points // len(geometry.views)} points each on average.",
+        Heading("Uncertainty of the projection: of a point fixed to the charts, from the points’ own errors"),
+        Figures([figures.coverage_figure(geometry, f"{prefix}coverage"), *maps], wide=True),
+    ]
+    if (proposed := geometry.next_view) is not None:
+        blocks.append(
+            f"One more photograph would help most of the chart in {next_view_words(proposed)}: over the whole frame, "
+            f"turns of the camera apart, the error at infinity would fall from {proposed.before_px:.4f} to "
+            f"{proposed.after_px:.4f} pixel."
+        )
+    return [
+        *blocks,
+        Heading("The lens, and the residuals of its model"),
+        Figures(_lens(geometry, prefix), wide=True),
+        Heading("The chart as it hangs"),
+        Figures(_chart(geometry, prefix), wide=True),
+        Heading("The views"),
+        *_views(geometry, prefix),
+    ]
 
 
-def _figures(found: Geometry, prefix: str) -> dict[str, Any]:
-    places = found.camera.frame_grid(*figures.ARROWS)
-    moved = distortion(found.camera, places)
-    known = np.isfinite(moved).all(axis=1)
-    worst = sorted(range(len(found.views)), key=lambda i: -found.views[i].rms_px)[:RESIDUALS_SHOWN]
-    views = [(i, found.views[i]) for i in sorted(worst)]
-    return {
-        "next_view": next_view_words(found.next_view) if found.next_view else "",
-        "coverage": figures.coverage_figure(found, f"{prefix}coverage"),
-        "uncertainties": [
-            (_far(one.distance_mm), figures.uncertainty_figure(found, one, f"{prefix}uncertainty{i}"))
-            for i, one in enumerate(found.maps)
-        ],
-        "drawn_distortion": figures.distortion_figure(found, places[known], moved[known], f"{prefix}distortion"),
-        "misfit": figures.misfit_figure(found, f"{prefix}misfit"),
-        "chart": figures.chart_figure(found, f"{prefix}chart"),
-        "residuals": [(one, figures.residual_figure(found, one, f"{prefix}residual{i}")) for i, one in views],
-    }
+def _lens(geometry: Geometry, prefix: str) -> list[Figure]:
+    trials = [[f"{one.model}, {one.parameters}", f"{one.left_over:.4g}"] for one in geometry.trials]
+    return [
+        figures.distortion_figure(geometry, f"{prefix}distortion"),
+        figures.misfit_figure(geometry, f"{prefix}misfit"),
+        Figure(
+            Table(trials, ["model, numbers", "error in views not fitted"], style="plain"),
+            "Each model fitted to half of the views and asked for the other half: mean square in units of the points’ "
+            "covariances. The first is used; a richer one must do better by more than half a per cent.",
+        ),
+    ]
 
 
-def _far(distance_mm: float) -> str:
-    return f"{distance_mm:.0f} mm away" if np.isfinite(distance_mm) else "at infinity"
+def _chart(geometry: Geometry, prefix: str) -> list[Figure]:
+    shape = geometry.shape
+    rows = [[name.replace("_", " "), quantity(one)] for name, one in shape.terms.items()]
+    rows += [["own error of a node, in the plane", f"{shape.node_mm[0]:.4f} mm"],
+             ["own error of a node, out of it", f"{shape.node_mm[2]:.4f} mm"]]  # fmt: skip
+    caption = "Its smooth part, at the chart’s rim; and the scatter of single nodes."
+    return [figures.chart_figure(geometry, f"{prefix}chart"), Figure(Table(rows, style="plain"), caption)]
+
+
+def _views(geometry: Geometry, prefix: str) -> list[Block]:
+    rows = [
+        [one.view.source, str(len(one.view)), stated(one.distance.value, one.distance.uncertainty),
+         f"{one.tilt_deg:.1f}", f"{one.rms_px:.4f}"]
+        for one in geometry.views
+    ]  # fmt: skip
+    worst = sorted(range(len(rows)), key=lambda i: -geometry.views[i].rms_px)[:MAX_RESIDUAL_VIEWS]
+    drawn = [figures.residual_figure(geometry, geometry.views[i], f"{prefix}residual{i}") for i in sorted(worst)]
+    head = ["photograph", "points", "distance, mm", "tilt, °", "residual, pixel rms"]
+    return [Table(rows, head), Figures(drawn, wide=True)]

@@ -1,43 +1,126 @@
-"""Pages in general: one HTML file each that needs nothing else, no script and no network; and how they say numbers."""
+"""Pages: lists of sections, drawn by one template into one HTML file without scripts and without a network."""
 
 from __future__ import annotations
 
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 import jinja2
+from markupsafe import Markup, escape
 
-from procedures.numbers import RESIDUAL_STD, Group, in_group
+from procedures.outcome import Cause, Judged, Miss, Quantity
 from procedures.raw import Exposure
 from station.common.uncertainty_text import stated
 from station.drawing import colours
 from station.drawing.colours import PLANE_COLOURS
-from station.results.verdict_words import measurement_words, specification_words
+from station.drawing.plots import Figure
+from station.results.record_head import PartBeside
+from station.results.verdict_words import measurement_words
 
-HEADLINE = tuple((one, one.label) for one in in_group(Group.HEADLINE))
-"""The numbers that a page tells of every plane, in their order."""
-DIAGNOSTICS = (
-    ("agreement", "Variance of the noise region that the chart explains", "percent"),
-    ("unexplained", "Neither explained nor noise", "percent"),
-    (RESIDUAL_STD, "Residual, in units of the noise on the blocks", "plain"),
-    ("whiteness", "Correlation of neighbouring residuals", "plain"),
-    ("relative_uncertainty", "Uncertainty of the PSF over its norm", "percent"),
-    ("support_cut", "Energy outside the support", "percent"),
-    ("marks_rms_px", "Scatter of the marks about the map, in pixels", "plain"),
-    ("moved_px", "Largest correction of the marks' map, in pixels", "plain"),
-    ("outliers", "Samples left out, several side by side", "percent"),
-    ("stray_samples", "Single samples left out, hot or dead ones of the sensor", "plain"),
-    ("contrast", "White less black, of the sensor's scale", "percent"),
-    ("noise", "Noise on white over that", "percent"),
-    ("flatness", "Darkest white over the brightest", "percent"),
-    ("saturated", "Clipped white", "percent"),
-    ("response_curvature", "Curvature of the response", "plain"),
-)
-"""What the verdict is drawn from: name, words, and how it is written."""
+Text = str
+"""Text of a page, as a block a paragraph. It is escaped unless it is Markup; between backticks it is set as code."""
+
+
+@dataclass(frozen=True)
+class Note:
+    """A paragraph in small print."""
+
+    text: Text
+    kind: ClassVar[str] = "note"
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A heading within a section."""
+
+    text: Text
+    kind: ClassVar[str] = "heading"
+
+
+@dataclass(frozen=True)
+class Items:
+    """A list of texts; in small print if they are `small`."""
+
+    texts: Sequence[Text]
+    small: bool = False
+    kind: ClassVar[str] = "items"
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The most important numbers, large: (value, label)."""
+
+    values: Sequence[tuple[Text, Text]]
+    kind: ClassVar[str] = "facts"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes
+    ----------
+    rows, head : cells
+    columns : one letter per column: w word, n number, u unit, r long text; without a letter, number
+    style : "" a table of data; "numbers" and "conditions", each row with a heading; "plain" the same in small print
+    boxed : on its own ground, and scrolled where it is wider than the page
+    """
+
+    rows: Sequence[Sequence[Text]]
+    head: Sequence[Text] = ()
+    columns: str = "w"
+    style: str = ""
+    boxed: bool = True
+    kind: ClassVar[str] = "table"
+
+    def column(self, index: int) -> str:
+        """The class of a column's cells."""
+        letter = self.columns[index] if index < len(self.columns) else "n"
+        return {"w": "word", "n": "", "u": "unit", "r": "word reason"}[letter]
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures side by side; `wide` ones have at least half of the page each."""
+
+    figures: Sequence[Figure]
+    wide: bool = False
+    kind: ClassVar[str] = "figures"
+
+
+Block = Text | Markup | Markup | Note | Heading | Items | Facts | Table | Figures
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page.
+
+    Attributes
+    ----------
+    heading : may be empty
+    verdict : of a section that states one: it is drawn with the colour of the verdict
+    kicker : line above the heading of such a section
+    new_page : in print
+    """
+
+    heading: Text
+    blocks: Sequence[Block]
+    verdict: str = ""
+    kicker: Text = ""
+    new_page: bool = False
+    anchor: str = ""
+
+
+def page(title: str, sections: Iterable[Section]) -> str:
+    """The page of sections."""
+    return render("page.html", title=title, sections=list(sections))
 
 
 def render(template: str, **context: Any) -> str:
-    """A page from a template of this package; what it is given is text and is escaped, unless it is markup."""
+    """A page from a template of this package; its values are escaped unless they are Markup."""
     return _environment().get_template(template).render(context)
 
 
@@ -50,22 +133,55 @@ def _environment() -> jinja2.Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(stated=stated, percent=percent, signed=signed, sentence=sentence)
-    environment.filters.update(measurement=measurement_words, specified=specification_words)
-    environment.globals.update(titles=HEADLINE, diagnostics=DIAGNOSTICS, colours=PLANE_COLOURS, palette=colours)
+    environment.filters.update(stated=stated, percent=percent, signed=signed, sentence=sentence, text=marked)
+    environment.globals.update(palette=colours, plane_name=plane_name, tag=tag, causes=causes)
     return environment
 
 
-def exposure_words(exposure: Exposure) -> str:
-    """What the camera noted, for people: f/2.8, 1/50 s, ISO 400, 50 mm."""
-    seconds = exposure.exposure_s
-    words = [
-        f"f/{exposure.f_number:g}" if exposure.f_number else "",
-        "" if not seconds else f"{seconds:g} s" if seconds >= 0.3 else f"1/{round(1 / seconds)} s",
-        f"ISO {exposure.iso:g}" if exposure.iso else "",
-        f"{exposure.focal_length_mm:g} mm" if exposure.focal_length_mm else "",
-    ]
-    return ", ".join(word for word in words if word)
+# --- texts -------------------------------------------------------------------------------------------------------
+
+
+def marked(text: Text) -> Markup:
+    """A text as HTML: escaped unless it is Markup, and code between backticks."""
+    if isinstance(text, Markup):
+        return text
+    parts = str(escape(text)).split("`")
+    if len(parts) % 2 == 0:
+        return escape(text)
+    return Markup("".join(f"<code>{part}</code>" if i % 2 else part for i, part in enumerate(parts)))
+
+
+def html(template: str, *values: object) -> Markup:
+    """HTML with each {} replaced by a value, escaped."""
+    return Markup(template).format(*values)
+
+
+def small(text: Text, more: Text) -> Markup:
+    """A text with small print below it."""
+    return html("{}<small>{}</small>", text, more) if more else escape(text)
+
+
+def tag(verdict: str, words: str | None = None) -> Markup:
+    """A verdict in its colour, as `words` or as of a measurement; nothing without a verdict."""
+    shown = measurement_words(verdict) if words is None else words
+    return html('<span class="tag {}">{}</span>', verdict.replace(" ", "-"), shown) if verdict else Markup()
+
+
+def plane_name(name: str, *verdicts: Markup) -> Markup:
+    """The name of a plane with its colour, and verdicts on it."""
+    colour = PLANE_COLOURS.get(name)
+    swatch = html('<span class="swatch" style="background: {}"></span>', colour) if colour else ""
+    return Markup(" ").join([html("{}{}", swatch, name), *(one for one in verdicts if one)])
+
+
+def quantity(number: Quantity) -> str:
+    """A number with its uncertainty and its unit."""
+    return f"{stated(number.value, number.uncertainty)} {unit_of(number)}".rstrip()
+
+
+def unit_of(number: Quantity) -> str:
+    """The unit of a number; nothing if it has none."""
+    return "" if number.unit == "1" else number.unit
 
 
 def percent(share: float) -> str:
@@ -80,5 +196,56 @@ def signed(value: float) -> str:
 
 
 def sentence(words: str) -> str:
-    """Words as a sentence: a capital first, a full stop last."""
+    """Words as a sentence: capitalised, with a full stop."""
     return f"{words[:1].upper()}{words[1:]}." if words else ""
+
+
+def reason_words(judged: Judged | Miss | Cause | PartBeside) -> str:
+    """Reason and remedy as sentences; nothing without a reason."""
+    return f"{sentence(judged.reason)} {sentence(judged.remedy)}".strip() if judged.reason else ""
+
+
+def exposure_words(exposure: Exposure) -> str:
+    """Settings recorded by the camera: f/2.8, 1/50 s, ISO 400, 50 mm."""
+    seconds = exposure.exposure_s
+    words = [
+        f"f/{exposure.f_number:g}" if exposure.f_number else "",
+        "" if not seconds else f"{seconds:g} s" if seconds >= 0.3 else f"1/{round(1 / seconds)} s",
+        f"ISO {exposure.iso:g}" if exposure.iso else "",
+        f"{exposure.focal_length_mm:g} mm" if exposure.focal_length_mm else "",
+    ]
+    return ", ".join(word for word in words if word)
+
+
+# --- blocks of several pages -------------------------------------------------------------------------------------
+
+
+def causes(judged: Judged, before: Text = "") -> list[Block]:
+    """The most likely cause of a verdict with its remedy, then other possible ones."""
+    blocks: list[Block] = [html("<p>{}{}</p>", before, reason_words(judged))] if judged.reason else []
+    if judged.other_causes:
+        blocks += [
+            Note("Other possible causes:"),
+            Items([reason_words(one) for one in judged.other_causes], small=True),
+        ]
+    return blocks
+
+
+def number_rows(numbers: Mapping[str, Quantity], *, methods: bool = False) -> Table:
+    """Numbers by name in small print, with their methods."""
+    rows = [
+        [name.replace("_", " "), small(quantity(one), one.method if methods else "")] for name, one in numbers.items()
+    ]
+    return Table(rows, columns="wr", style="plain", boxed=False)
+
+
+def image(data: bytes, alternative: str, *, enlarged: bool = False) -> Markup:
+    """A PNG as an element of the page; an enlarged one shows its pixels as squares."""
+    uri = "data:image/png;base64," + base64.b64encode(data).decode()
+    return html('<img{} src="{}" alt="{}">', Markup(' class="enlarged"' if enlarged else ""), uri, alternative)
+
+
+def exclusions(heading: str, missed: Sequence[Miss], what: str) -> list[Section]:
+    """The inputs that were not used, with reasons; no section if there are none."""
+    rows = [[one.source, reason_words(one)] for one in missed]
+    return [Section(heading, [Table(rows, [what, "why, and what helps"], "wr")])] if rows else []

@@ -1,16 +1,16 @@
-"""A page that shows a render as it was, filtered, and converged where that is known, side by side and close up."""
+"""The page of filtered renders: as rendered, filtered, and converged if known, side by side and close up."""
 
 from __future__ import annotations
 
-import base64
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from station.drawing import colours
 from station.drawing.pictures import display_png
+from station.drawing.plots import Figure
+from station.reports.page import Figures, Section, image, page
 
 Linear = npt.NDArray[np.floating]
 
@@ -25,9 +25,9 @@ class RenderRow:
     Attributes
     ----------
     title : str
-        What is seen.
+        Heading.
     pictures : tuple of (caption, (rows, columns, 3))
-        Linear pictures of one size, in the order in which they are shown.
+        Linear pictures of one size.
     similar : (rows, columns)
         Similar patches found per pixel.
     facts : tuple of str
@@ -50,39 +50,36 @@ class StripRow:
 
 
 def ray_page(title: str, rows: tuple[RenderRow | StripRow, ...]) -> bytes:
-    """The page, UTF-8, with its pictures inside."""
-    from jinja2 import Environment
-
-    template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(_PAGE)
-    shown = [_shown(row) for row in rows]
-    return template.render(title=title, rows=shown, palette=colours).encode()
+    """The page, UTF-8, with embedded pictures."""
+    sections = [Section(row.title, [*map(_strip, _strips(row)), *row.facts, *_similar(row)]) for row in rows]
+    return page(title, [Section(title, [], verdict="pass", kicker="ray histogram fusion"), *sections]).encode()
 
 
-def _shown(row: RenderRow | StripRow) -> dict[str, Any]:
-    """A row as the template takes it."""
+def _strip(pictures: Sequence[tuple[str, Linear]]) -> Figures:
+    return Figures([Figure(image(display_png(one), caption, enlarged=True), caption) for caption, one in pictures])
+
+
+def _strips(row: RenderRow | StripRow) -> Iterator[Sequence[tuple[str, Linear]]]:
+    """The strips of a row; of a render the whole picture, then the same pictures close up."""
     if isinstance(row, StripRow):
-        strips = [_strip(strip) for strip in row.strips]
-        return {"title": row.title, "facts": row.facts, "strips": strips}
-    similar = _uri(row.similar / max(float(row.similar.max()), 1.0))
-    strips = [_strip(row.pictures), *_details(row)]
-    return {"title": row.title, "facts": row.facts, "strips": strips, "similar": similar}
-
-
-def _strip(pictures: tuple[tuple[str, Linear], ...]) -> list[tuple[str, str]]:
-    return [(caption, _uri(picture)) for caption, picture in pictures]
-
-
-def _details(row: RenderRow) -> list[list[tuple[str, str]]]:
-    """The same pictures close up."""
-    strips = []
-    for what, top, left in close_ups(row.pictures[0][1], row.pictures[1][1], row.similar):
+        yield from row.strips
+        return
+    yield row.pictures
+    for words, top, left in close_ups(row.pictures[0][1], row.pictures[1][1], row.similar):
         window = np.s_[top : top + CLOSE_UP_PX, left : left + CLOSE_UP_PX]
-        strips.append([(f"{caption}, {what}", _uri(picture[window])) for caption, picture in row.pictures])
-    return strips
+        yield [(f"{caption}, {words}", picture[window]) for caption, picture in row.pictures]
+
+
+def _similar(row: RenderRow | StripRow) -> list[Figures]:
+    if isinstance(row, StripRow):
+        return []
+    caption = "Similar patches found for each pixel; where it is dark, more samples are needed."
+    shown = row.similar / max(float(row.similar.max()), 1.0)
+    return [Figures([Figure(image(display_png(shown), "similar patches per pixel", enlarged=True), caption)])]
 
 
 def close_ups(noisy: Linear, filtered: Linear, similar: Linear) -> list[tuple[str, int, int]]:
-    """What each detail shows, and its first row and column."""
+    """Caption, first row and first column of each detail."""
     change = np.abs(np.clip(noisy, 0, 1) - np.clip(filtered, 0, 1)).mean(-1)
     return [
         ("where most was removed", *_peak(change)),
@@ -97,39 +94,3 @@ def _peak(values: npt.NDArray[np.floating]) -> tuple[int, int]:
     windows = sums[side[0] :, side[1] :] - sums[: -side[0], side[1] :] - sums[side[0] :, : -side[1]]
     row, column = np.unravel_index(np.argmax(windows + sums[: -side[0], : -side[1]]), windows.shape)
     return int(row), int(column)
-
-
-def _uri(picture: Linear) -> str:
-    return "data:image/png;base64," + base64.b64encode(display_png(picture)).decode()
-
-
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{{ title }}</title>
-<style>
-body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem; color: {{ palette.TEXT }}; background: {{ palette.GROUND }} }
-.strip { display: flex; gap: 1rem; margin: 1rem 0 }
-figure { margin: 0; flex: 1; min-width: 0 }
-img { width: 100%; image-rendering: pixelated }
-figcaption { color: {{ palette.SOFT }} }
-details img { max-width: 33% }
-</style></head><body>
-<h1>{{ title }}</h1>
-{% for row in rows %}
-<h2>{{ row.title }}</h2>
-{% for strip in row.strips %}
-<div class="strip">
-{% for caption, uri in strip %}
-<figure><img src="{{ uri }}" alt="{{ caption }}"><figcaption>{{ caption }}</figcaption></figure>
-{% endfor %}
-</div>
-{% endfor %}
-{% for fact in row.facts %}
-<p>{{ fact }}</p>
-{% endfor %}
-{% if row.similar %}
-<details><summary>Similar patches found for each pixel; where it is dark, more samples are needed</summary>
-<img src="{{ row.similar }}" alt="similar patches per pixel"></details>
-{% endif %}
-{% endfor %}
-</body></html>
-"""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,22 +11,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.facts import facts_as
 from procedures.numbers import W_GREATEST, W_LEAST, W_MEDIAN
 from procedures.outcome import Outcome, Quantity
-from procedures.raw import RawFrame
-from procedures.restoration.facts import RestorationFacts
 from procedures.restoration.joint.result import GroundTruth, Restoration
-from procedures.restoration.known_blur import planes_of, rig_poses, split_ground_truth, stacked
 from procedures.restoration.metres import Distances
 from station.common.versions import software
 from station.drawing.pictures import described_tiff, encoded, false_colours, float_tiff, levels, picture
 from station.results.exports import kernel_fits
-from station.results.measurement import Measurement, write_measurement
+from station.results.measurement import RESTORATION, Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, verdict_entry
-from station.results.restored import RESTORATION
-from station.results.result_files import ResultFolder, npy
+from station.results.result_files import npy
 
 SHARP_WORDS = "restored picture, linear, 1 = white, first row uppermost; calibration-station"
 """Description in the picture's file."""
@@ -141,14 +136,6 @@ def _tiff(array: Array, words: str) -> Callable[[Path], None]:
     return _file(lambda: described_tiff(float_tiff(array), words))
 
 
-def page_of_restoration(found: Measurement) -> bytes:
-    """The page of a measurement that was not refused."""
-    from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
-
-    whole: Restored = found.found
-    return restoration_page(whole.outcome, whole.photographs, found.head, whole.distances)
-
-
 def _truth_entries(truth: GroundTruth) -> dict[str, Any]:
     keys = {entry.name: entry.name for entry in fields(truth) if entry.name != "difference"}
     keys |= {"stated_error": "told", "compared": "seen"}
@@ -168,27 +155,3 @@ def _distance_entries(distances: Distances) -> dict[str, Any]:
         "told": distances.determined,
         "side": distances.side,
     }
-
-
-def write_plane(folder: ResultFolder, result: PlaneResult, frames: Sequence[RawFrame], head: RecordHead) -> str:
-    """Write the result of a guided restoration, or the record of its refusal; returns the record's text."""
-    from station.calibration.restoration.inputs import imu_table, poses_table
-
-    restoration: Restoration | None = result.found
-    outcome = result.outcome(restoration)
-    if restoration is None:
-        return write_measurement(folder, restoration_measurement(result.name, Restored(outcome, ()), head))
-    facts = facts_as(RestorationFacts, head.parameters)
-    blurred, _ = split_ground_truth(frames, facts)
-    for n, frame in enumerate(blurred, start=1):
-        if frame.imu is not None:
-            folder.write(f"imu_{n}.csv", imu_table(frame.imu))
-        poses, exposure_s = rig_poses(frame), frame.exposure.exposure_s
-        if frame.shaker_path is not None and poses is not None and exposure_s is not None:
-            folder.write(f"poses_{n}.csv", poses_table(poses, exposure_s))
-    timeless = replace(restoration, history=tuple(replace(r, seconds=0.0) for r in restoration.history))
-    photographs = [stacked(planes_of(frame, facts)) for frame in blurred]
-    whole = Restored(replace(outcome, value=timeless), photographs)  # makes the files reproducible
-    found = restoration_measurement(result.name, whole, head)
-    folder.write("report.html", page_of_restoration(found))
-    return write_measurement(folder, found)

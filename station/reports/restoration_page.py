@@ -1,148 +1,175 @@
-"""Report page of a restoration: before, after, depth, residual, and the refocused picture."""
+"""The page of a restoration: before, after, depth, residual, and the refocused picture."""
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from markupsafe import Markup
 
-from procedures.outcome import Outcome
 from procedures.restoration.joint.result import Restoration, refocused
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.metres import Distances
-from station.common.versions import software
 from station.drawing.pictures import encoded, levels, picture
-from station.reports import psf_figures
-from station.reports.page import render
-from station.results.record_head import RecordHead
+from station.drawing.plots import Figure
+from station.reports.page import Facts, Figures, Note, Section, image, percent
+from station.reports.psf_figures import RESIDUAL_LIMIT, course_figure, map_figure
+from station.reports.report import Report
+from station.reports.report_page import report_page
+from station.reports.restoration_files import Restored
 
 Array = npt.NDArray[np.floating[Any]]
 
-WIDEST_PX = 720
+MAX_SIDE_PX = 720
 """Larger pictures are drawn smaller on the page; the files keep every pixel."""
 KERNEL_PX = 240
 """Largest side of a kernel on the page."""
-SPREAD_PX = 0.5
+MAX_STD_PX = 0.5
 """Standard deviation of w above which depth is undetermined."""
-FOCUS_AT = (("near", 90), ("in the middle", 50), ("far", 10))
-"""Depths of focus of the refocused pictures: percentiles of w."""
+MIN_SPAN_PX, MIN_BLUR_PX = 0.5, 0.2
+"""Span of w and blur of the ground truth below which they are not shown."""
+FOCUS_AT = (("Sharp where w is large.", 90), ("Sharp where w is in its middle.", 50), ("Sharp where w is small.", 10))
+"""Captions of the refocused pictures, and percentiles of w in focus."""
 
 
-def restoration_page(
-    outcome: Outcome[Restoration],
-    photographs: Sequence[Array],
-    head: RecordHead,
-    distances: Distances | None = None,
-) -> bytes:
-    """The page, UTF-8, with embedded pictures.
-
-    outcome : with a value; photographs : (C, H, W) each, 1 = white
-    """
-    restoration = outcome.value
+def restoration_page(report: Report, restored: Restored) -> str:
+    """The page. Raises ValueError without a value."""
+    restoration, photographs = restored.outcome.value, restored.photographs
     if restoration is None:
         raise ValueError("a restoration without a value has no page")
     white = float(np.percentile(photographs[0], 99.5))
 
-    def shown(image: Array) -> str:
-        return _uri(levels(_small(picture(image)), 0, white))
+    def shown(picture_: Array, caption: str) -> Figure:
+        return Figure(image(encoded(".png", levels(_small(picture(picture_)), 0, white)), caption), caption)
 
-    return render(
-        "restoration.html",
-        outcome=outcome,
-        head=head,
-        diagnostics=restoration.diagnostics,
-        w=tuple(float(each) * restoration.unit.per_pixel for each in (restoration.w.min(), restoration.w.max())),
-        unit=restoration.unit.name,
-        shifts=restoration.shifts[1:].tolist() if restoration.shifts.any() else [],
-        turns=_turns(restoration),
-        before=[shown(image) for image in photographs],
-        after=shown(restoration.sharp),
-        refocused=[(where, shown(image)) for where, image in _refocused(restoration)],
-        **_maps(restoration),
-        distances=_in_metres(distances),
-        truth=restoration.ground_truth,
-        difference=_difference(restoration),
-        kernels=[_kernel(each) for each in (() if restoration.kernels is None else restoration.kernels)],
-        course=psf_figures.course_figure(
-            [r.n for r in restoration.history],
-            [r.cost for r in restoration.history],
-            [255 * r.residual for r in restoration.history],
-            "course",
-        ),
-        software=software(),
-    ).encode()
+    before = [shown(one, f"Photograph {n}.") for n, one in enumerate(photographs, 1)]
+    after = shown(restoration.sharp, "Restored: `sharp.tiff` keeps the photographs’ scale.")
+    kernels = [
+        Figure(_kernel(one, n), f"Photograph {n}: `kernel_{n}.npy`, one square per pixel.")
+        for n, one in enumerate(() if restoration.kernels is None else restoration.kernels, 1)
+    ]
+    refocused_ = [shown(one, caption) for caption, one in _refocused(restoration)]
+    note = Note("Computed from picture and depth: a blur circle that grows with the distance from the chosen depth.")
+    sections = [
+        Section("Before and after", [Figures([*before, after])]),
+        *([Section("Estimated motion", [Figures(kernels)])] if kernels else []),
+        Section("Depth and its uncertainty", [Figures(_depth(restoration))]),
+        *_metres(restored.distances),
+        *_truth(restoration, after),
+        Section("Residual", [Figures(_residual(restoration))]),
+        *([Section("Refocused", [Figures(refocused_), note])] if refocused_ else []),
+    ]
+    return report_page(report, summary=[_facts(restoration)], closing=sections)
 
 
-def _maps(restoration: Restoration) -> dict[str, Markup]:
-    limit = psf_figures.RESIDUAL_LIMIT
-    residual = restoration.residual[0].mean(axis=0) / max(restoration.diagnostics.noise, 1e-9)
+def _facts(restoration: Restoration) -> Facts:
+    found, unit = restoration.diagnostics, restoration.unit
+    low, high = (float(one) * unit.per_pixel for one in (restoration.w.min(), restoration.w.max()))
+    facts = [
+        (f"{255 * found.noise:.2f}", "noise of the photographs, grey levels of 255"),
+        (f"{found.residual_over_noise:.2f}", "residual over that noise; up to 1 for the right shape of blur"),
+        (percent(found.picture_std), "of white: expected error of the restored picture; that of the blurred photograph "
+         f"is {found.gained:.1f} times as large"),
+    ]  # fmt: skip
+    for n, (x, y) in enumerate(restoration.shifts[1:] if restoration.shifts.any() else (), 2):
+        facts.append((f"{x:.1f}, {y:.1f}", f"shift of photograph {n} beyond its blur, corrected; x, y in pixels"))
+    turns = zip(np.rad2deg(restoration.turns[1:]), restoration.zooms[1:], strict=True)
+    for n, (angle, zoom) in enumerate(turns if restoration.turns.any() else (), 2):
+        facts.append((f"{angle:.2f}°, {zoom:.4f}", f"rotation and zoom of photograph {n}, corrected"))
+    if unit.name == "pixel":
+        facts.append((f"{low:.1f} to {high:.1f}", "w, half-width of the blur in photograph 1, pixels"))
+    else:
+        facts.append((f"{low:.3f} to {high:.3f}", f"w, inverse depth, {unit.name}"))
+    facts.append((percent(found.undetermined), "of the frame with undetermined depth"))
+    if found.occlusion:
+        words = "of the frame at depth edges, where a near object occludes the background: w may belong to either side"
+        facts.append((percent(found.occlusion), words))
+    return Facts(facts)
+
+
+def _map(
+    values: Array, unit: str, name: str, caption: str, limits: tuple[float, float], colours: str = "magma"
+) -> Figure:
+    return map_figure(_small(values), unit, name, caption, limits=limits, colours=colours)
+
+
+def _depth(restoration: Restoration) -> list[Figure]:
     unit = restoration.unit
+    w, std = restoration.w * unit.per_pixel, restoration.w_std * unit.per_pixel
+    words = (
+        "The wider the blur, the farther the scene is from the plane of focus"
+        if unit.name == "pixel"
+        else "One divided by the distance from the camera"
+    )
     name = "pixels" if unit.name == "pixel" else unit.name
-    w = _small(restoration.w * unit.per_pixel)
-    return {
-        "depth": psf_figures.map_figure(
-            w, f"w in {name}", "depth", colours="viridis", limits=(float(w.min()), float(w.max()))
-        ),
-        "spread": psf_figures.map_figure(
-            _small(restoration.w_std * unit.per_pixel),
-            f"standard deviation of w in {name}",
-            "spread",
-            colours="magma",
-            limits=(0.0, SPREAD_PX * unit.per_pixel),
-        ),
-        "uncertain": psf_figures.map_figure(
-            _small(restoration.sharp_std),
-            "standard deviation of the picture, white = 1",
-            "uncertain",
-            colours="magma",
-            limits=(0.0, float(np.percentile(restoration.sharp_std, 99))),
-        ),
-        "residual": psf_figures.map_figure(
-            _small(residual),
-            "photograph 1 less prediction, in σ of the noise",
-            "residual",
-            colours="RdBu_r",
-            limits=(-limit, limit),
-        ),
-    }
+    bound = "Lower bound of the standard deviation due to noise and texture: `w_std.npy`. Bright areas lack texture."
+    return [
+        _map(w, f"w in {name}", "depth", f"{words}: `w.npy`.", (float(w.min()), float(w.max())), "viridis"),
+        _map(std, f"standard deviation of w in {name}", "spread", bound, (0.0, MAX_STD_PX * unit.per_pixel)),
+    ]
 
 
-def _difference(restoration: Restoration) -> Markup | None:
-    if restoration.ground_truth is None:
-        return None
-    off = _small(restoration.ground_truth.difference.mean(axis=0))
-    limit = 3 * max(restoration.ground_truth.stated_error, 1e-6)
-    words = "picture less ground truth, white = 1"
-    return psf_figures.map_figure(off, words, "difference", colours="RdBu_r", limits=(-limit, limit))
+def _residual(restoration: Restoration) -> list[Figure]:
+    noise = max(restoration.diagnostics.noise, 1e-9)
+    std, history = restoration.sharp_std, restoration.history
+    error = "The picture’s expected error, with noise and residual: `sharp_std.tiff`."
+    contours = "Visible contours indicate misplaced depth edges, or a wrong shape of blur."
+    rounds = [r.n for r in history], [r.cost for r in history], [255 * r.residual for r in history]
+    top, limits = float(np.percentile(std, 99)), (-RESIDUAL_LIMIT, RESIDUAL_LIMIT)
+    scaled, words = restoration.residual[0].mean(axis=0) / noise, "photograph 1 less prediction, in σ of the noise"
+    return [
+        _map(std, "standard deviation of the picture, white = 1", "uncertain", error, (0.0, top)),
+        _map(scaled, words, "residual", contours, limits, "RdBu_r"),
+        course_figure(*rounds, "course"),
+    ]
 
 
-def _turns(restoration: Restoration) -> list[tuple[float, float]]:
-    """Rotation in degrees and zoom of each photograph after the first; none if none was corrected."""
-    if not restoration.turns.any():
+def _truth(restoration: Restoration, after: Figure) -> list[Section]:
+    truth = restoration.ground_truth
+    if truth is None:
         return []
-    return [(float(np.rad2deg(a)), float(b)) for a, b in zip(restoration.turns[1:], restoration.zooms[1:], strict=True)]
+    limit = 3 * max(truth.stated_error, 1e-6)
+    before = ", ".join(
+        f"photograph {n} {f'{db:.1f} dB' if np.isfinite(db) else 'not alignable'}"
+        for n, db in enumerate(truth.before_db, 1)
+    )
+    softer = (
+        f" The ground truth is as soft as the picture after a Gaussian blur of {truth.softer_px:.2f} pixels; after "
+        f"this blur the error is {100 * truth.error_as_soft:.2f} %."
+        if truth.softer_px > MIN_BLUR_PX
+        else ""
+    )
+    words = (
+        f"PSNR relative to the ground truth (white = 1): restored picture {truth.psnr_db:.1f} dB, {before}. The error "
+        f"is {100 * truth.error:.2f} % of white, without the ground truth’s noise; the estimated error is "
+        f"{100 * truth.stated_error:.2f} %.{softer} The comparison covers {percent(truth.compared)} of the frame; the "
+        f"ground truth is {truth.light:.2f} times as bright."
+    )
+    caption = "Picture less ground truth: `difference.tiff`. Colours end at three times the estimated error."
+    off = truth.difference.mean(axis=0)
+    drawn = _map(off, "picture less ground truth, white = 1", "difference", caption, (-limit, limit), "RdBu_r")
+    return [Section("Comparison with the ground truth", [words, Figures([after, drawn])])]
 
 
-def _in_metres(restoration: Distances | None) -> dict[str, Any] | None:
-    if restoration is None or not restoration.determined:
-        return None
-    least, greatest = (float(each) for each in np.nanpercentile(restoration.metres, (0.5, 99.5)))
-    most = float(np.nanpercentile(restoration.std, 95))
-    return {
-        "range": (least, greatest),
-        "std": float(np.nanmedian(restoration.std)),
-        "determined": restoration.determined,
-        "map": psf_figures.map_figure(
-            _small(restoration.metres), "distance in m", "distance", colours="viridis", limits=(least, greatest)
-        ),
-        "spread": psf_figures.map_figure(
-            _small(restoration.std), "standard uncertainty in m", "distance_std", colours="magma", limits=(0.0, most)
-        ),
-    }
+def _metres(found: Distances | None) -> list[Section]:
+    if found is None or not found.determined:
+        return []
+    low, high = (float(each) for each in np.nanpercentile(found.metres, (0.5, 99.5)))
+    most = float(np.nanpercentile(found.std, 95))
+    words = (
+        f"{low:.2f} to {high:.2f} m from the lens, with a standard uncertainty of {float(np.nanmedian(found.std)):.3f} "
+        f"m in the median; determined for {percent(found.determined)} of the frame."
+    )
+    texts = (
+        "From the blur’s radius and the camera’s data: `distance.npy`. Empty at weak texture and at depth edges.",
+        "From noise, from other depths that fit as well, and from the camera’s data: `distance_std.npy`.",
+    )
+    maps = [
+        _map(found.metres, "distance in m", "distance", texts[0], (low, high), "viridis"),
+        _map(found.std, "standard uncertainty in m", "distance_std", texts[1], (0.0, most)),
+    ]
+    return [Section("Distance in metres", [words, Figures(maps)])]
 
 
 def _refocused(restoration: Restoration) -> list[tuple[str, Array]]:
@@ -150,26 +177,23 @@ def _refocused(restoration: Restoration) -> list[tuple[str, Array]]:
 
     Blur grows with the distance from the plane of focus; it is a blur circle, whatever blurred the photographs.
     """
-    reach = float(restoration.w.max() - restoration.w.min())
-    if reach < 0.5:
+    span = float(restoration.w.max() - restoration.w.min())
+    if span < MIN_SPAN_PX:
         return []
-    stack = mask_stack(pillbox(), reach)
-    return [(where, refocused(restoration, stack, float(np.percentile(restoration.w, p)))) for where, p in FOCUS_AT]
+    stack = mask_stack(pillbox(), span)
+    return [(words, refocused(restoration, stack, float(np.percentile(restoration.w, p)))) for words, p in FOCUS_AT]
 
 
-def _kernel(kernel: Array) -> str:
+def _kernel(kernel: Array, n: int) -> Markup:
     side = max(1, KERNEL_PX // len(kernel))
-    return _uri(levels(np.kron(kernel, np.ones((side, side))), 0, float(kernel.max())))
+    enlarged = np.kron(kernel, np.ones((side, side)))
+    return image(encoded(".png", levels(enlarged, 0, float(kernel.max()))), f"kernel of photograph {n}")
 
 
-def _small(image: Array) -> Array:
+def _small(image_: Array) -> Array:
     import cv2
 
-    factor = WIDEST_PX / max(image.shape[:2])
+    factor = MAX_SIDE_PX / max(image_.shape[:2])
     if factor >= 1:
-        return image
-    return np.asarray(cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA))
-
-
-def _uri(image: npt.NDArray[np.uint8]) -> str:
-    return "data:image/png;base64," + base64.b64encode(encoded(".png", image)).decode()
+        return image_
+    return np.asarray(cv2.resize(image_, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA))

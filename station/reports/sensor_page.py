@@ -1,92 +1,59 @@
-"""A sensor's report: every number with its interval, and the plots that EMVA 1288 asks for, on one page."""
+"""The page of a sensor: the plots of EMVA 1288, periodic patterns and defect pixels."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
-from markupsafe import Markup
-
-from procedures.numbers import Group, in_group
-from procedures.sensor.estimate import Pattern, SensorResult
-from procedures.sensor.measured import IntervalNumber
+from procedures.sensor.estimate import FixedPattern, SensorResult
 from procedures.sensor.spectrograms import Period
-from station.calibration.sensor import SensorFiles, SensorPlane
-from station.common.versions import software
-from station.reports import sensor_figures as figures
-from station.reports.page import render
+from station.common.uncertainty_text import stated
+from station.reports.page import Block, Figures, Heading, Items, Note, Table, quantity
+from station.reports.report import Report
+from station.reports.report_page import report_page
+from station.reports.sensor_figures import sensor_figures
+from station.results.plane_result import PlaneResult
 
-MOST_DEFECTS = 40
-
-
-@dataclass(frozen=True)
-class PlaneView:
-    """What the page shows of a plane."""
-
-    name: str
-    plane: SensorPlane
-    rows: list[tuple[str, IntervalNumber]]
-    figures: list[tuple[Markup, str]]
-    periods: list[tuple[str, Period]]
-    defects: list[tuple[str, int, int, float, str]]
-    untold: int
+MAX_DEFECTS = 40
+INTERVALS = Note(
+    "95 % intervals of temporal numbers: draws of every level’s mean and variance; of spatial numbers: residual "
+    "temporal noise of the mean pictures. They are this sensor’s, not its model’s. By the standard’s sections: "
+    "`emva1288.xml`."
+)
 
 
-def sensor_page(found: SensorFiles) -> bytes:
-    """The page, UTF-8, with its figures inside."""
-    return render(
-        "sensor.html",
-        camera=found.camera,
-        inputs=found.files,
-        missed=found.missed,
-        planes=[_view(plane) for plane in found.planes],
-        software=software(),
-    ).encode()
+def sensor_page(report: Report) -> str:
+    """The page of all planes."""
+    return report_page(report, plane_blocks=_plane_blocks)
 
 
-def _view(plane: SensorPlane) -> PlaneView:
-    found = plane.outcome.value
-    if found is None:
-        return PlaneView(plane.name, plane, [], [], [], [], 0)
-    rows = [(one.label, found.numbers[one]) for one in in_group(Group.HEADLINE, found.numbers)]
-    patterns = {which: one for which, one in (("dark", found.dark), ("light", found.light)) if one is not None}
-    defects = [
-        (which, int(row), int(column), float(deviation), one.unit)
+def _plane_blocks(plane: PlaneResult) -> list[Block]:
+    result: SensorResult | None = plane.found
+    if result is None:
+        return []
+    patterns = {which: one for which, one in (("dark", result.dark), ("light", result.light)) if one is not None}
+    blocks: list[Block] = [Figures(sensor_figures(result, patterns, plane.name))]
+    if periods := [_period_words(one) for pattern in patterns.values() for one in pattern.periods]:
+        blocks += [Heading("Periodic patterns"), Items(periods)]
+    if defects := _defects(patterns):
+        blocks += [Heading("Defect pixels"), Table(defects[:MAX_DEFECTS], ["picture", "row", "column", "deviation"])]
+        if (rest := len(defects) - MAX_DEFECTS) > 0:
+            blocks.append(Note(f"and {rest} more: `defects_{plane.name}.csv`."))
+    return [*blocks, INTERVALS]
+
+
+def _defects(patterns: Mapping[str, FixedPattern]) -> list[list[str]]:
+    """Picture, row, column and deviation of the defect pixels."""
+    return [
+        [which, str(row), str(column), f"{deviation:.4g} {one.unit}".replace("-", "−")]
         for which, one in patterns.items()
         for (row, column), deviation in zip(one.defects.places, one.defects.deviation, strict=True)
     ]
-    periods = [(figures.period_words(period), period) for one in patterns.values() for period in one.periods]
-    drawn = [*_temporal(found, plane.name), *_spatial(patterns, plane.name)]
-    return PlaneView(
-        plane.name, plane, rows, drawn, periods, defects[:MOST_DEFECTS], max(0, len(defects) - MOST_DEFECTS)
+
+
+def _period_words(period: Period) -> str:
+    kind = "Rows" if period.pattern == "row" else "Columns"
+    frequency = stated(period.frequency.value, period.frequency.uncertainty)
+    return (
+        f"{kind} differ with a period of {1 / period.frequency.value:.3f} pixels. Frequency {frequency} cycles/pixel, "
+        f"amplitude {quantity(period.amplitude)}."
     )
-
-
-def _temporal(found: SensorResult, name: str) -> list[tuple[Markup, str]]:
-    drawn = [
-        (figures.transfer_figure(found, f"transfer-{name}"), "Photon transfer: the slope is K."),
-        (figures.response_figure(found, f"response-{name}"), "Characteristic curve."),
-        (figures.linearity_figure(found, f"linearity-{name}"), "Deviation from the line, with 95 % bars."),
-        (figures.snr_figure(found, f"snr-{name}"), "Signal-to-noise ratio."),
-    ]
-    dark = figures.dark_figure(found, f"dark-{name}")
-    return drawn if dark is None else [*drawn, (dark, "In the dark, over exposure, with 95 % bars.")]
-
-
-def _spatial(patterns: Mapping[str, Pattern], name: str) -> list[tuple[Markup, str]]:
-    words = {"dark": "Dark", "light": "Response"}
-    drawn = []
-    for which, one in patterns.items():
-        place = f"{which}-{name}"
-        drawn += [
-            (
-                figures.spectrogram_figure(one, f"spectrogram-{place}"),
-                f"{words[which]}: spectrograms; dotted, periods.",
-            ),
-            (
-                figures.histogram_figure(one, f"histogram-{place}"),
-                f"{words[which]}: histogram; orange, limit of defects.",
-            ),
-            (figures.accumulated_figure(one, f"accumulated-{place}"), f"{words[which]}: accumulated histogram."),
-        ]
-    return drawn

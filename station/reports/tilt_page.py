@@ -2,74 +2,71 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from markupsafe import Markup
 from matplotlib.patches import Circle, Rectangle
 
-from procedures.outcome import Outcome
 from procedures.tilt.estimate import Tilt
-from procedures.tilt.screws import SURE, Screws
-from procedures.tilt.shim import shim_words
+from station.calibration.tilt import screw_lines
 from station.drawing.colours import FAINT, INK, MARK
-from station.drawing.style import axes_grid, colour_bar, svg
-from station.reports.page import render
+from station.drawing.plots import BAR_RIGHT, Figure, bare, finished, plot_axes
+from station.drawing.style import colour_bar
+from station.reports.page import Figures, Items, Note, sentence
+from station.reports.report import Report
+from station.reports.report_page import report_page
 
 STEPS = 40
-"""Along each side of the drawn surface."""
+"""Points along each side of the drawn surface."""
 
 
-def tilt_page(plane: str, count: int, outcome: Outcome[Tilt]) -> str:
-    """The page of one plane, of so many photographs."""
-    found = outcome.value
-    if found is None:
-        return render("tilt.html", plane=plane, count=count, outcome=outcome, found=None)
-    return render(
-        "tilt.html",
-        plane=plane,
-        count=count,
-        outcome=outcome,
-        found=found,
-        advised=found.turns.helps >= SURE,
-        shim=shim_words(found),
-        surface=surface_figure(found),
-        screws=screws_figure(found),
-        turns=list(zip(found.screws.angles_deg, found.turns.moves, found.turns.turns, strict=True)),
-    )
+def tilt_page(report: Report) -> str:
+    """The page of one plane."""
+    tilt: Tilt | None = report.planes[0].found
+    if tilt is None:
+        return report_page(report)
+    moves = Items([sentence(line.replace(" um", " µm")) for line in screw_lines(tilt)])
+    note = Note("The direction in which a screw is turned for its move depends on the camera.")
+    figures = [Figures([_surface_figure(tilt), _screws_figure(tilt)])]
+    return report_page(report, summary=[moves, note], plane_blocks=lambda plane: figures)
 
 
-def surface_figure(found: Tilt) -> Markup:
-    """Heights over the frame: what was measured, and the surface through it."""
-    sensor, (width, height) = found.sensor, found.sensor.size_mm
+def _surface_figure(tilt: Tilt) -> Figure:
+    """Measured heights over the frame, and the fitted surface."""
+    sensor, (width, height) = tilt.sensor, tilt.sensor.size_mm
     x, y = np.meshgrid(np.linspace(-width / 2, width / 2, STEPS), np.linspace(-height / 2, height / 2, STEPS))
     fitted = sensor.height_at(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
     most = max(float(np.abs(fitted).max()), float(np.abs(sensor.heights_um).max()), 1e-3)
-    figure, ((axes,),) = axes_grid(4.4, 3.6 * min(height / width, 1.5) + 0.5, rim_in=(0.08, 0.75, 0.42, 0.08))
-    lines = axes.contour(x, y, fitted, 9, cmap="RdBu_r", vmin=-most, vmax=most, linewidths=1.0)
+    axes = plot_axes(4.4, 3.6 * min(height / width, 1.5) + 0.5, (0.08, 0.75, 0.42, 0.08))
+    looks: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
+    lines = axes.contour(x, y, fitted, 9, linewidths=1.0, **looks)
     axes.clabel(lines, fontsize=7, fmt="%.0f")
-    dots = axes.scatter(*sensor.places_mm.T, c=sensor.heights_um, cmap="RdBu_r", vmin=-most, vmax=most, s=36,
-                        edgecolors=INK, linewidths=0.5, zorder=3)  # fmt: skip
+    dots: dict[str, Any] = {"s": 36, "edgecolors": INK, "linewidths": 0.5, "zorder": 3}
+    x, y = sensor.places_mm.T
+    heights = axes.scatter(x, y, c=sensor.heights_um, **dots, **looks)
     axes.add_patch(Rectangle((-width / 2, -height / 2), width, height, fill=False, ec=FAINT, lw=0.8))
-    axes.set(xlim=(-0.52 * width, 0.52 * width), ylim=(0.52 * height, -0.52 * height), xticks=[], yticks=[],
-             aspect="equal")  # fmt: skip
-    axes.spines[:].set_visible(False)
-    colour_bar(figure, axes, dots, (1.03, 0.05, 0.04, 0.9))
-    axes.set_xlabel("µm behind best focus")
-    return svg(figure, "surface", "height of the sensor behind the surface of best focus")
+    bare(axes, xlim=(-0.52 * width, 0.52 * width), ylim=(0.52 * height, -0.52 * height), aspect="equal")
+    colour_bar(axes, heights, BAR_RIGHT)
+    caption = (
+        "Height of the sensor behind best focus, as the photograph shows the frame: dots are measured, their colour is "
+        "the value; lines are the plane with the lens’s curvature."
+    )
+    return finished(axes, "surface", caption, xlabel="µm behind best focus")
 
 
-def screws_figure(found: Tilt) -> Markup:
-    """The screws from behind the camera, the move of the sensor beside each."""
-    screws: Screws = found.screws
-    reach = 1.7 * screws.radius_mm
-    figure, ((axes,),) = axes_grid(3.4, 3.4, rim_in=(0.05, 0.05, 0.05, 0.05))
-    width, height = found.sensor.size_mm
+def _screws_figure(tilt: Tilt) -> Figure:
+    """The screws from behind the camera, with the move of the sensor at each."""
+    radius, axes = tilt.screws.radius_mm, plot_axes(3.4, 3.4, (0.05, 0.05, 0.05, 0.05))
+    (width, height), end = tilt.sensor.size_mm, 1.7 * radius
     axes.add_patch(Rectangle((-width / 2, -height / 2), width, height, fill=False, ec=FAINT, lw=0.8))
-    axes.add_patch(Circle((0, 0), screws.radius_mm, fill=False, ec=FAINT, lw=0.6, ls=":"))
-    for number, (angle, move) in enumerate(zip(np.radians(screws.angles_deg), found.turns.moves, strict=True), 1):
-        towards = np.array([np.sin(angle), np.cos(angle)])
-        axes.plot(*(screws.radius_mm * towards), "o", ms=9, mfc="white", mec=MARK, mew=1.4)
-        axes.annotate(str(number), screws.radius_mm * towards, ha="center", va="center", fontsize=7)
-        axes.annotate(f"{move.value:+.0f} µm", 1.35 * screws.radius_mm * towards, ha="center", va="center", fontsize=8)
-    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), xticks=[], yticks=[], aspect="equal")
-    axes.spines[:].set_visible(False)
-    return svg(figure, "screws", "the screws from behind the camera; positive moves are away from the lens")
+    axes.add_patch(Circle((0, 0), radius, fill=False, ec=FAINT, lw=0.6, ls=":"))
+    for number, (angle, move) in enumerate(zip(np.radians(tilt.screws.angles_deg), tilt.turns.moves, strict=True), 1):
+        x, y = radius * np.sin(angle), radius * np.cos(angle)
+        axes.plot(x, y, "o", ms=9, mfc="white", mec=MARK, mew=1.4)
+        axes.annotate(str(number), (x, y), ha="center", va="center", fontsize=7)
+        axes.annotate(f"{move.value:+.0f} µm", (1.35 * x, 1.35 * y), ha="center", va="center", fontsize=8)
+    bare(axes, xlim=(-end, end), ylim=(-end, end), aspect="equal")
+    caption = (
+        "The screws seen from behind the camera, and the move of the sensor at each; away from the lens is positive."
+    )
+    return finished(axes, "screws", caption)

@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 QUANTITIES = (MTF50_HORIZONTAL, MTF50_VERTICAL)
 YEAR_S = 365.25 * 86400.0
 FEWEST = 3
-"""Sessions from which a drift can be told: with two, scatter and drift are one."""
+"""Sessions that are needed to distinguish drift from scatter."""
 SIGNIFICANT = 0.01
 """Probability of a slope as steep by chance, below which it is called a drift."""
 
@@ -50,7 +50,7 @@ class Trend:
 
     @property
     def drifts(self) -> bool | None:
-        """Whether the slope is significant; None where it cannot be told."""
+        """Whether the slope is significant; None with too few sessions."""
         if self.line is None or self.line.n < FEWEST:
             return None
         return self.line.p_value < SIGNIFICANT
@@ -62,7 +62,7 @@ class Trend:
             return f"needs {FEWEST} sessions at different times"
         if self.drifts:
             return "falls" if self.line.slope < 0 else "rises"
-        return "no drift seen"
+        return "no significant drift"
 
 
 def years_of(points: Sequence[IndexedNumber]) -> Array:

@@ -53,7 +53,7 @@ def trend_picture(camera: str, found: Sequence[Trend], path: Path) -> bytes:
 
 
 def _draw(axes: Axes, several: Sequence[Trend], origin: str) -> None:
-    """The planes of one quantity: told apart by colour, by marker and in the legend."""
+    """The planes of one quantity, distinguished by colour, marker and legend."""
     for one in several:
         start = years_between(origin, one.points[0].began)
         colour = PLANE_COLOURS.get(one.plane, INK)

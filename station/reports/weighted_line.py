@@ -69,16 +69,14 @@ def weighted_line(x: Array, y: Array, uncertainty: Array) -> WeightedLine:
     if not np.all(u > 0):
         raise ValueError("each point needs an uncertainty above 0")
     w = u**-2
-    centre = float(np.sum(w * x) / np.sum(w))
-    spread = float(np.sum(w * (x - centre) ** 2))
-    mean = float(np.sum(w * y) / np.sum(w))
-    slope = float(np.sum(w * (x - centre) * y) / spread)
-    freedom = len(x) - 2
+    centre, freedom = float(np.average(x, weights=w)), len(x) - 2
+    (slope, mean), covariance = np.polyfit(x - centre, y, 1, w=1 / u, cov="unscaled")
     chi2 = float(np.sum(w * (y - mean - slope * (x - centre)) ** 2))
     birge = (chi2 / freedom) ** 0.5 if freedom else float("nan")
-    factor = birge if birge > 1 else 1.0
-    slope_uncertainty = factor * spread**-0.5
+    slope_uncertainty, mean_uncertainty = (birge if birge > 1 else 1.0) * np.sqrt(np.diag(covariance))
     score = abs(slope) / slope_uncertainty
     tail = stats.t.sf(score, freedom) if birge > 1 else stats.norm.sf(score)
-    mean_uncertainty = factor * float(np.sum(w)) ** -0.5
-    return WeightedLine(slope, slope_uncertainty, mean, mean_uncertainty, centre, birge, float(2 * tail), len(x))
+    return WeightedLine(
+        float(slope), float(slope_uncertainty), float(mean), float(mean_uncertainty), centre, birge, float(2 * tail),
+        len(x),
+    )  # fmt: skip

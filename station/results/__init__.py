@@ -1,1 +1,1 @@
-"""Result folders: records, numbers, exports, limits, and whether they are still what was written."""
+"""Result folders: records, numbers, exports, limits, integrity."""

@@ -21,7 +21,7 @@ class Judged(StrEnum):
 
 @dataclass(frozen=True)
 class Judgement:
-    """One number of one plane against its limit: the bounds and the value, None where there is none, and a sentence."""
+    """One number of one plane compared with its limit; bounds and value are None if there is none."""
 
     number: str
     judged: Judged
@@ -49,7 +49,7 @@ class Comparison:
 
     @property
     def in_short(self) -> tuple[Judgement, ...]:
-        """The judgements, all of what was not measured as one: limits at every place are many."""
+        """The judgements, with all unmeasured places as one."""
         unseen = [one for one in self.judgements if one.words.endswith(UNMEASURED)]
         if len(unseen) < 2:
             return self.judgements
@@ -60,19 +60,31 @@ class Comparison:
 
     @property
     def against(self) -> tuple[str, ...]:
-        """What is not met, in sentences."""
+        """Sentences on the limits that are not met."""
         return tuple(one.words for one in self.in_short if one.judged is not Judged.MEETS)
 
-    def told(self) -> dict[str, Any]:
-        """As a record tells it."""
-        return {"verdict": self.judged and str(self.judged), "limits": [_told(one) for one in self.judgements]}
+    def to_record(self) -> dict[str, Any]:
+        """Entry of a plane in a record."""
+        limits = [{key: getattr(one, name) for name, key in _ENTRIES.items()} for one in self.judgements]
+        return {"verdict": self.judged and str(self.judged), "limits": limits}
+
+    @classmethod
+    def from_record(cls, entry: object) -> Comparison | None:
+        """The comparison in a record; None without a valid one."""
+        try:
+            limits = [{name: one[key] for name, key in _ENTRIES.items()} for one in entry["limits"]]  # type: ignore[index]
+            judgements = tuple(Judgement(**{**one, "judged": Judged(one["judged"])}) for one in limits)
+            judged = entry.get("verdict")  # type: ignore[attr-defined]
+            return cls(Judged(judged) if judged else None, judgements)
+        except (AttributeError, KeyError, TypeError, ValueError):
+            return None
 
 
-def _told(one: Judgement) -> dict[str, Any]:
-    return {
-        "number": one.number, "verdict": str(one.judged), "value": one.value, "uncertainty": one.uncertainty,
-        "min": one.least, "max": one.most, "unit": one.unit, "place": one.place, "words": one.words,
-    }  # fmt: skip
+_ENTRIES = {
+    "number": "number", "judged": "verdict", "value": "value", "uncertainty": "uncertainty", "least": "min",
+    "most": "max", "unit": "unit", "place": "place", "words": "words",
+}  # fmt: skip
+"""Attributes of a judgement, and their names in records."""
 
 
 def worst(judged: Iterable[Judged]) -> Judged:

@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 
 
 def psf_tiff(psf: Psf, plane: str = "", exposure: Exposure | None = None) -> bytes:
-    """The support's samples as a TIFF, (k, k) float32, sum 1; its description tells what they are, and of which camera.
+    """The support's samples as a TIFF, (k, k) float32, sum 1; with a description and the camera's metadata.
 
     The first row is the photograph's upper one.
     """
@@ -46,7 +46,7 @@ def psf_fits(psf: Psf, plane: str, version: str | None, exposure: Exposure | Non
     Beside the samples, of sum 1, stand EOUTSIDE, the share of all light outside them, and EOUTUNC, its standard
     uncertainty; TAILDENS is A of the mean far tail A / r^3 per square pixel, r in pixels, where all light is 1. The
     first row of the data is the photograph's upper one; the world coordinates are pixels of the plane from the PSF's
-    centre, x to the right and y down. What the camera noted stands under the names of astronomy: DATE-OBS, INSTRUME,
+    centre, x to the right and y down. What the camera recorded has the keywords of astronomy: DATE-OBS, INSTRUME,
     TELESCOP (the lens), FILTER (the plane), APERTURE (the f-number), FOCALLEN in mm, EXPTIME in s, ISOSPEED.
     Source: FITS standard 4.0, sections 3, 4 and 8.
     """
@@ -90,7 +90,7 @@ def kernel_fits(kernel: Array, photograph: int, version: str | None) -> bytes:
 
 
 def _noted(exposure: Exposure) -> dict[str, str | float]:
-    """What the camera noted, by the names of FITS; what it did not is left out."""
+    """What the camera recorded, by keywords of FITS."""
     found = {
         "DATE-OBS": exposure.captured_at,
         "INSTRUME": exposure.camera,

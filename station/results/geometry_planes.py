@@ -20,9 +20,9 @@ def plane_entry(planes: Mapping[str, Any], plane: str | None, record: Path) -> t
     Raises
     ------
     BadInput
-        If the record tells of none.
+        If the record has no plane.
     BadParameter
-        If it does not tell of that one.
+        If it has not this plane.
     """
     if not planes:
         raise BadInput(f"{record} contains no plane", "name the folder that station geometry wrote")

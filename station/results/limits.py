@@ -1,4 +1,4 @@
-"""What is good enough: limits of a result's numbers, with guard bands as wide as the numbers are uncertain.
+"""Limits of a result's numbers, with guard bands from their uncertainties.
 
 A number meets its limit when even its uncertainty keeps it inside, and does not when even its uncertainty does not
 bring it inside: JCGM 106:2012, guarded acceptance and guarded rejection. Between the two it is undecided. That is
@@ -17,7 +17,7 @@ from procedures.numbers import CYCLES, FAMILIES, HORIZONTAL, MTF, NUMBERS, VERTI
 from procedures.outcome import Quantity
 from station.results.comparison import UNMEASURED, Comparison, Judged, Judgement, worst
 from station.results.plane_result import PlaneResult
-from station.results.units import Frequency, Pixels, Unit, told_name, told_quantity
+from station.results.units import Frequency, Pixels, Unit, convert_name, convert_quantity
 
 BOTH = (HORIZONTAL, VERTICAL)
 MIDDLE = 0.4
@@ -41,7 +41,7 @@ class Limit:
     ----------
     number : one of `limited_numbers`
     least, most : float
-        Infinite where there is no such bound; frequencies in `unit`.
+        Infinite without a bound; frequencies in `unit`.
     coverage : float
         Standard uncertainties on either side of the number that must lie inside too.
     planes : sequence of str
@@ -65,16 +65,13 @@ class Limit:
     place: Place = Place.ANYWHERE
     unit: Unit = Unit.CYCLES
 
-    def told(self) -> dict[str, Any]:
-        """As a record tells it: numbers as numbers, null where there is no bound."""
-        told: dict[str, Any] = {
-            "number": self.number,
-            "min": _bound(self.least),
-            "max": _bound(self.most),
-            "coverage": self.coverage,
-        }
-        told |= {"planes": list(self.planes), "place": str(self.place), "unit": str(self.unit)}
-        return told | ({"at": self.at, "directions": list(self.directions)} if self.at is not None else {})
+    def to_record(self) -> dict[str, Any]:
+        """Entry of a record; null without a bound."""
+        entry: dict[str, Any] = {
+            "number": self.number, "min": _bound(self.least), "max": _bound(self.most), "coverage": self.coverage,
+            "planes": list(self.planes), "place": str(self.place), "unit": str(self.unit),
+        }  # fmt: skip
+        return entry | ({"at": self.at, "directions": list(self.directions)} if self.at is not None else {})
 
     def names(self, pixels: Pixels) -> list[str]:
         """The names of the numbers that are meant, best guess first: along directions, and without."""
@@ -86,14 +83,14 @@ class Limit:
 
 @dataclass(frozen=True)
 class Specification:
-    """All limits that a lens, or a camera, is held to.
+    """All limits of a lens or a camera.
 
     Attributes
     ----------
     title : str
         Of what it is the specification.
     source : str
-        The file that it stands in, and sha256 of its content; "" where it is a part of something else.
+        Its file, and sha256 of the content; empty for a part of another file.
     """
 
     limits: tuple[Limit, ...] = ()
@@ -111,9 +108,9 @@ class Specification:
         """Those that are named."""
         return tuple(dict.fromkeys(one.place for one in self.limits))
 
-    def told(self) -> dict[str, Any]:
-        """As a record tells it."""
-        limits = [one.told() for one in self.limits]
+    def to_record(self) -> dict[str, Any]:
+        """Entry of a record."""
+        limits = [one.to_record() for one in self.limits]
         return {"title": self.title, "path": self.source, "sha256": self.sha256, "limits": limits}
 
 
@@ -124,7 +121,7 @@ class Spot:
     Attributes
     ----------
     name : str
-        In words: "upper left corner"; "" where nobody said.
+        In words: "upper left corner"; empty if unknown.
     places : sequence of Place
         What it counts as.
     numbers : mapping of str to Quantity
@@ -156,7 +153,7 @@ def compare(
     Raises
     ------
     BadParameter
-        If the limits' unit needs what is not known of the pixels.
+        If the unit of the limits needs unknown properties of the pixels.
     """
     limits = [one for one in specification.limits if not one.planes or record.name in one.planes]
     if not limits:
@@ -199,13 +196,13 @@ def _present(limit: Limit, numbers: Mapping[str, Quantity], pixels: Pixels) -> l
 def _of_number(record: PlaneResult, limit: Limit, spot: Spot, name: str, pixels: Pixels) -> Judgement:
     factor = pixels.factor(limit.unit)
     quantity = _number(record, spot, name)
-    told = None if quantity is None else told_quantity(quantity, limit.unit, factor)
-    value, uncertainty = (None, 0.0) if told is None else (told.value, told.uncertainty)
+    shown = None if quantity is None else convert_quantity(quantity, limit.unit, factor)
+    value, uncertainty = (None, 0.0) if shown is None else (shown.value, shown.uncertainty)
     judged = _judged(value, limit.coverage * uncertainty, limit)
-    words = _words(limit, told_name(name, factor), spot, judged, value, uncertainty)
-    unit = told.unit if told is not None else ""
+    words = _words(limit, convert_name(name, factor), spot, judged, value, uncertainty)
+    unit = shown.unit if shown is not None else ""
     return Judgement(
-        told_name(name, factor), judged, value, uncertainty, _bound(limit.least), _bound(limit.most), unit,
+        convert_name(name, factor), judged, value, uncertainty, _bound(limit.least), _bound(limit.most), unit,
         spot.name, words,
     )  # fmt: skip
 

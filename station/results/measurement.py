@@ -19,6 +19,8 @@ from station.results.terms import USUAL, Terms
 from station.results.units import Pixels
 
 NUMBERS = "numbers.csv"
+RESTORATION = "station/restore/1"
+"""Schema of restorations."""
 BY_PLANE = "planes"
 """Entry of a record with results by plane."""
 
@@ -55,6 +57,11 @@ class Measurement:
     overlays: Sequence[Any] = ()
 
     @property
+    def by_name(self) -> dict[str, PlaneResult]:
+        """The planes by name."""
+        return {one.name: one for one in self.planes}
+
+    @property
     def refused(self) -> bool:
         """Whether all planes are refused."""
         return all(one.verdict is Verdict.REFUSED for one in self.planes)
@@ -75,7 +82,7 @@ class Measurement:
         records = {one.name: plane_record(one) for one in self.planes}
         return {
             "schema": self.schema,
-            **self.head.told(),
+            **self.head.to_record(),
             **self.entries,
             self.results_key: records if self.results_key == BY_PLANE else next(iter(records.values())),
             **self._left_out(),

@@ -5,7 +5,7 @@ A field's result has two: the MTF at the frame's centre over frequency, and at s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from procedures.outcome import BadParameter
 from procedures.reading.text import read_rows
 from station.common.sanitise import printable
 from station.results.result_files import RECORD
-from station.results.units import Unit
+from station.results.units import Unit, unit_in
 
 Array = npt.NDArray[np.float64]
 REMEDY = "name the folder of a result of station psf or station mtf, or a session with one"
@@ -28,113 +28,79 @@ class Overlay:
 
     Attributes
     ----------
-    name : what a legend calls it
+    name : for a legend
     unit : of its frequencies
-    planes : by name of the plane, columns of (n,): frequency, and horizontal and vertical, or mtf across an edge
+    planes : columns of (n,) by plane: frequency, and horizontal and vertical, or mtf across an edge; over image height
+        image_height, frequency, sagittal and meridional, a row for each height and frequency
+    length : "mm" or "pixel", the unit of image heights; empty for an MTF over frequency
     """
 
     name: str
     unit: Unit
     planes: Mapping[str, Mapping[str, Array]]
+    length: str = ""
 
-    def of(self, plane: str, unit: Unit) -> Mapping[str, Array]:
-        """The curves of a plane; none where it has not that plane. Raises BadParameter where its unit is another."""
-        _check_unit(self.name, self.unit, unit)
-        return self.planes.get(plane, {})
-
-
-@dataclass(frozen=True, eq=False)
-class HeightOverlay:
-    """The curves over image height of another field.
-
-    Attributes
-    ----------
-    name : what a legend calls it
-    unit : of its frequencies
-    length : "mm" or "pixel", of its heights
-    planes : by name of the plane, columns of (n,): image_height, frequency, sagittal, meridional and what is told of
-        these; a row for each height and frequency
-    """
-
-    name: str
-    unit: Unit
-    length: str
-    planes: Mapping[str, Mapping[str, Array]]
-
-    def of(self, plane: str, length: str) -> Mapping[str, Array]:
-        """The curves of a plane; none where it has not that plane, or tells heights in another unit."""
+    def of(self, plane: str, unit: Unit, length: str = "") -> Mapping[str, Array]:
+        """The curves of a plane; none without this plane or with heights in another unit. Raises as `check`."""
+        self.check(unit)
         return self.planes.get(plane, {}) if self.length == length else {}
 
-
-def _check_unit(name: str, theirs: Unit, own: Unit) -> None:
-    if theirs != own:
-        raise BadParameter(f"{name} gives its MTF in {theirs}, and this result in {own}", f"add --unit {theirs}")
+    def check(self, unit: Unit) -> None:
+        """Raise BadParameter if its frequencies are in another unit."""
+        if self.unit != unit:
+            raise BadParameter(f"{self.name} gives its MTF in {self.unit}, and this result in {unit}",
+                               f"add --unit {self.unit}")  # fmt: skip
 
 
 def read_overlay(path: Path) -> Overlay:
-    """The curves of the result in a folder; of a session's, those of its newest result.
-
-    Raises
-    ------
-    BadParameter
-        If there is no such result, or it has no table of an MTF.
-    """
-    read = _tables(path, "mtf", "frequency", "an MTF")
-    (unit,) = _units(path, (heads[0] for heads, _ in read.values()))
-    return Overlay(printable(path.name or path), unit, {name: columns for name, (_, columns) in read.items()})
+    """The MTF over frequency of the result in a folder, or of the newest result of a session. Raises BadParameter."""
+    return _read(path, "mtf", ("frequency",), "an MTF")
 
 
-def read_height_overlay(path: Path) -> HeightOverlay:
-    """The curves over image height of the field in a folder; of a session's, those of its newest result.
-
-    Raises
-    ------
-    BadParameter
-        If there is no such result, or it is none of a field.
-    """
-    read = _tables(path, "heights", "image_height", "an MTF over image height")
-    (unit,) = _units(path, (heads[1] for heads, _ in read.values()))
-    lengths = {heads[0].partition("[")[2].rstrip("]") for heads, _ in read.values()}
-    if len(lengths) > 1:
-        raise BadParameter(f"{printable(path)} gives its planes in several units", REMEDY)
-    columns = {name: columns for name, (_, columns) in read.items()}
-    return HeightOverlay(printable(path.name or path), unit, lengths.pop(), columns)
+def read_height_overlay(path: Path) -> Overlay:
+    """The MTF over image height of the field in a folder, or of the newest of a session. Raises BadParameter."""
+    return _read(path, "heights", ("image_height", "frequency"), "an MTF over image height")
 
 
-def read_height_overlays(paths: Iterable[Path], unit: Unit) -> list[HeightOverlay]:
-    """Several, before the work that they are drawn over. Raises BadParameter, also of frequencies in another unit."""
+def read_height_overlays(paths: Iterable[Path], unit: Unit) -> list[Overlay]:
+    """Several of the same unit of frequencies. Raises BadParameter."""
     found = [read_height_overlay(path) for path in paths]
     for one in found:
-        _check_unit(one.name, one.unit, unit)
+        one.check(unit)
     return found
 
 
-def _tables(path: Path, stem: str, first: str, words: str) -> dict[str, tuple[list[str], dict[str, Array]]]:
-    """By plane the headings and columns of a result's tables of one kind. Raises BadParameter where there is none."""
+def _read(path: Path, stem: str, first: Sequence[str], words: str) -> Overlay:
+    """The tables of one kind of a result; `first` are the columns they begin with."""
     results = sorted(path.glob(f"derived/*/{RECORD}"), key=lambda one: (len(one.parent.name), one.parent.name))
     folder = results[-1].parent if results else path
-    tables = {table.stem.removeprefix(f"{stem}_"): table for table in sorted(folder.glob(f"{stem}_*.csv"))}
+    tables = sorted(folder.glob(f"{stem}_*.csv"))
     if not (folder / RECORD).is_file() or not tables:
         raise BadParameter(f"{printable(path)} has no result with {words} to draw over this one's", REMEDY)
-    return {name: _columns(table, first, words) for name, table in tables.items()}
-
-
-def _units(path: Path, heads: Iterable[str]) -> set[Unit]:
-    """The one unit that the headings tell. Raises BadParameter where there are several."""
-    units = {next((one for one in Unit if f"[{one}]" in head), Unit.CYCLES) for head in heads}
-    if len(units) > 1:
+    heads, planes = set(), {}
+    for table in tables:
+        try:
+            units, planes[table.stem.removeprefix(f"{stem}_")] = table_columns(read_rows(table, REMEDY), first)
+        except ValueError as error:
+            raise BadParameter(f"{printable(table)} is no table of {words}", REMEDY) from error
+        heads.add(tuple(units[: len(first)]))
+    if len(heads) > 1:
         raise BadParameter(f"{printable(path)} gives its planes in several units", REMEDY)
-    return units
+    (*lengths, frequency) = heads.pop()
+    return Overlay(printable(path.name or path), unit_in(frequency), planes, "".join(lengths))
 
 
-def _columns(table: Path, first: str, words: str) -> tuple[list[str], dict[str, Array]]:
-    """The headings, and the columns by the words before their units. Raises BadParameter."""
-    head, *rows = read_rows(table, REMEDY) or [[]]
-    try:
-        values = np.array([[float(cell) for cell in row] for row in rows], dtype=np.float64)
-        columns = dict(zip((name.partition(" [")[0] for name in head), values.T, strict=True))
-    except ValueError as error:
-        raise BadParameter(f"{printable(table)} is no table of {words}", REMEDY) from error
-    if not {first, "frequency"} <= columns.keys() or not np.isfinite(values).all():
-        raise BadParameter(f"{printable(table)} is no table of {words}", REMEDY)
-    return list(head), columns
+def table_columns(rows: Sequence[Sequence[str]], first: Sequence[str]) -> tuple[list[str], dict[str, Array]]:
+    """Units and columns (n,) of a table, from its headings `name [unit]`.
+
+    Raises
+    ------
+    ValueError
+        If it does not begin with the columns `first`, or has a cell that is not a finite number.
+    """
+    head, *cells = rows or [[]]
+    names, units = [one.partition(" [")[0] for one in head], [one.partition("[")[2].rstrip("]") for one in head]
+    values = np.array([[float(cell) for cell in row] for row in cells], dtype=np.float64)
+    if names[: len(first)] != list(first) or not len(values) or not np.isfinite(values).all():
+        raise ValueError(f"columns {', '.join(first)} of finite numbers are required")
+    return units, dict(zip(names, values.T, strict=True))

@@ -1,4 +1,4 @@
-"""What is known of one plane: the one result that travels from the estimate to files, report, screen and index."""
+"""Result of one plane, from which files, page, screen and index are made."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality
 from procedures.reading.exposure import Exposure
 from station.results.exports import gaussian_radius
-from station.results.units import Pixels, Unit, told_name, told_numbers, told_quantity
+from station.results.units import Pixels, Unit, convert_name, convert_numbers, convert_quantity
 
 if TYPE_CHECKING:
     from procedures.choice import Trial
@@ -30,35 +30,34 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PlaneResult:
-    """One plane's answer, whatever made it: files, report, screen and index are made from this.
+    """Result of one plane.
 
-    A refused one has a reason and a remedy, and no PSF. One that was read back from a result's files has what those
-    hold: verdict, numbers, curves and samples.
+    A refused one has a reason, a remedy and no PSF. One read from files has verdict, numbers, curves and samples.
 
     Attributes
     ----------
-    reason, remedy : the most likely cause of a doubt or a refusal; `other_causes` are less likely ones
+    reason, remedy : the most likely cause of the verdict; `other_causes` are less likely ones
     numbers : every number with its unit and standard uncertainty, by name
     curves : the MTF as columns of (n,): frequency, and by direction the value and its uncertainty
     samples : (k, k) of the PSF's support, sum 1
-    values : numbers without an uncertainty: gamma, residual_std, scale, ...
-    diagnostics : further numbers for those who look into a verdict
-    pitch : sensor pixels per pixel of the plane; 0 where nothing is counted in pixels of the plane
-    found : the estimate itself, for figures that need its marks, residual or map
-    psf, quality : the PSF with its covariance, and what it says with the budget of every number
-    inter_image : the kernel between two photographs, where the PSF comes from two
-    choice : what was tried of s and k, the last one chosen
+    values : numbers without an uncertainty
+    diagnostics : numbers on which the verdict is based
+    pitch : sensor pixels per pixel of the plane; 0 if no number is in pixels of the plane
+    found : the complete estimate, for figures
+    psf, quality : the PSF with its covariance, and its numbers with budgets
+    inter_image : the kernel between two photographs
+    choice : tried values of s and k, the last one chosen
     variations : numbers that differ in the halves of the chart
-    edges : the chart's slanted edges beside the PSF, where the photograph shows some
-    diffraction : what limits the plane, where f-number and pitch are known
-    physics : the model of sensor and lens that explains the PSF, where one was asked for
-    information : what pictures can tell, where the sensor's own calibration tells its noise
-    exposure : what the camera noted, where it is known
-    place : where in the frame it was measured, as limits name places; "" where that is not known
-    unit, factor : of frequencies, and what one cycle per pixel of the plane is in it
-    specification : how the numbers stand to their limits, where there are some
-    details : further entries of the plane in a record, of its procedure alone
-    untold : sentences, one for each frequency asked for at which there is no MTF
+    edges : the chart's slanted edges, for comparison with the PSF
+    diffraction : the diffraction limit, if f-number and pitch are known
+    physics : the physical model of the PSF, if requested
+    information : NPS and NEQ, if the noise of the sensor is known
+    exposure : settings recorded by the camera
+    place : place in the frame, as named by limits; empty if unknown
+    unit, factor : unit of frequencies, and one cycle per pixel of the plane in it
+    specification : comparison with limits; None without limits
+    details : further entries of the plane in the record
+    unavailable : a sentence for each requested frequency without an MTF
     """
 
     name: str
@@ -86,7 +85,7 @@ class PlaneResult:
     unit: Unit = Unit.CYCLES
     factor: float = 1.0
     specification: Comparison | None = None
-    untold: tuple[str, ...] = ()
+    unavailable: tuple[str, ...] = ()
     duration_s: float = 0.0
     details: Mapping[str, Any] = field(default_factory=dict)
     other_causes: tuple[Cause, ...] = ()
@@ -103,7 +102,7 @@ class PlaneResult:
 
     @classmethod
     def of(cls, name: str, verdict: Verdict, psf: Psf, quality: Quality | None = None, **more: Any) -> PlaneResult:
-        """The result of a PSF and what it says; `more` are further attributes."""
+        """The result of a PSF and its numbers; `more` are further attributes."""
         pitch = more.get("pitch", 1)
         numbers, curves = ({}, {}) if quality is None else (dict(numbers_of(quality, pitch)), curves_of(quality))
         return cls(name, verdict, numbers=numbers, curves=curves, samples=psf.h, psf=psf, quality=quality, **more)
@@ -116,7 +115,7 @@ class PlaneResult:
         return Quantity(float(plain), NUMBERS[name].unit if name in NUMBERS else "1", 0.0, "", 0)
 
     def in_unit(self, unit: Unit, pixels: Pixels) -> PlaneResult:
-        """The same with its frequencies told in a unit. Raises BadParameter where what that needs is not known."""
+        """The same with frequencies in another unit. Raises BadParameter as `Pixels.factor`."""
         factor = pixels.factor(unit)
         if factor == 1:
             return self
@@ -124,7 +123,7 @@ class PlaneResult:
         variations = (replace(one, values=(one.values[0] * factor, one.values[1] * factor)) for one in self.variations)
         return replace(
             self,
-            numbers=told_numbers(self.numbers, unit, factor),
+            numbers=convert_numbers(self.numbers, unit, factor),
             curves=curves,
             quality=self.quality and _quality_in(self.quality, unit, factor),
             variations=tuple(variations),
@@ -138,14 +137,14 @@ def _quality_in(quality: Quality, unit: Unit, factor: float) -> Quality:
     """Numbers and budgets in a unit; the curves stay as they were estimated."""
     scaled = {name for name, one in quality.numbers.items() if one.unit == Unit.CYCLES}
     budgets = {
-        told_name(name, factor): {term: u * (factor if name in scaled else 1) for term, u in terms.items()}
+        convert_name(name, factor): {term: u * (factor if name in scaled else 1) for term, u in terms.items()}
         for name, terms in quality.budgets.items()
     }
-    return replace(quality, numbers=told_numbers(quality.numbers, unit, factor), budgets=budgets)
+    return replace(quality, numbers=convert_numbers(quality.numbers, unit, factor), budgets=budgets)
 
 
 def _edge_in(check: EdgeCheck, unit: Unit, factor: float) -> EdgeCheck:
-    by_edge, by_psf = (told_quantity(one, unit, factor) for one in (check.by_edge, check.by_psf))
+    by_edge, by_psf = (convert_quantity(one, unit, factor) for one in (check.by_edge, check.by_psf))
     return replace(check, by_edge=by_edge, by_psf=by_psf)
 
 

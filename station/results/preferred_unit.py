@@ -1,4 +1,4 @@
-"""The unit of frequencies that a station's own file asks for, where neither a command nor a procedure tells one.
+"""The unit of frequencies from station.toml, used if neither a command nor a procedure states one.
 
 ```toml
 unit = "lp/mm"                  # station.toml, above its devices; or "cycles/pixel" (of the plane), "lw/ph"

@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.numbers import SAMPLES_PER_PIXEL, SUPPORT
+from station.common.sanitise import cell
 from station.common.versions import software
 from station.drawing.psf_picture import psf_picture
-from station.results.budget_table import budget_csv
 from station.results.exports import csv_bytes, profile_table, psf_fits, psf_tiff
-from station.results.measurement import NUMBERS, Measurement, write_measurement
+from station.results.measurement import Measurement, write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
-from station.results.result_files import RECORD, ResultFolder, npy
+from station.results.result_files import ResultFolder, npy
 
 if TYPE_CHECKING:
     from procedures.sensor.information import Information
@@ -40,11 +40,6 @@ def psf_measurement(planes: Sequence[PlaneResult], head: RecordHead) -> Measurem
 def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
     """Write the files of every plane and the record; returns the record's text."""
     return write_measurement(folder, psf_measurement(planes, head))
-
-
-def file_names(planes: Sequence[PlaneResult]) -> list[str]:
-    """The names of the files that `write_psf_result` writes, the record first."""
-    return [RECORD, *([NUMBERS] if any(plane.numbers for plane in planes) else []), *_files(planes)]
 
 
 def _files(planes: Sequence[PlaneResult]) -> dict[str, Write]:
@@ -73,6 +68,19 @@ def _plane_files(plane: PlaneResult) -> dict[str, Write]:
     if plane.inter_image is not None:
         found[f"inter_image_{name}.npy"] = _made(npy, plane.inter_image)
     return found
+
+
+def budget_csv(planes: Sequence[PlaneResult]) -> bytes:
+    """Every term that contributes to a number of a plane, as CSV."""
+    rows = [
+        [plane.name, name, term, f"{uncertainty:.9g}", cell(number.unit)]
+        for plane in planes
+        if plane.quality is not None
+        for name, number in plane.quality.numbers.items()
+        for term, uncertainty in plane.quality.budgets.get(name, {}).items()
+        if uncertainty > 0
+    ]
+    return csv_bytes([["plane", "number", "term", "uncertainty", "unit"], *rows])
 
 
 def _made(make: Callable[..., bytes], *given: Any) -> Write:

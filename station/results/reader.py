@@ -1,55 +1,64 @@
-"""Results read back from their folders: verdicts, numbers, PSF and MTF of each plane, and two beside each other."""
+"""Results read back from their folders as the measurements that were written, and two compared."""
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from procedures.outcome import BadInput, Quantity, Verdict
+from procedures.numbers import NUMBERS
+from procedures.outcome import BadInput, Miss, Quantity, Verdict
 from procedures.reading.arrays import checked_array, parse_npy
 from procedures.reading.text import parse_json
 from station.common.durable_files import read_own
+from station.results.comparison import Comparison
+from station.results.measurement import BY_PLANE, Measurement
+from station.results.overlay import table_columns
 from station.results.plane_result import PlaneResult
-from station.results.record_head import read_other_causes
-from station.results.restored import RESTORATION, Restored, read_restored
-from station.results.result_files import RECORD
-from station.results.terms import comparison_of
-from station.results.units import Unit
+from station.results.record_head import InputFile, RecordHead, read_other_causes
+from station.results.result_files import RECORD, SEAL, plain
+from station.results.units import Unit, unit_in
 
 Array = npt.NDArray[np.float64]
 
-DIRECTIONS = ("horizontal", "vertical", "radial")
 _AGAIN = "recompute the session"
-PLANE_LETTERS = 8
-"""Plane names longer than this are of no camera; they would also be file names."""
+MAX_BYTES = 400_000_000
+MAX_PLANE_NAME = 8
+"""Longer names are of no plane; they would also be file names."""
+RESULT_KEYS = ("result", "rig")
+"""Entries of records with one result instead of planes."""
+OF_HEAD = ("specification", "batch", "field", "duration_s")
+NOT_ENTRIES = ("schema", "procedure", "input", "parameters", "software", "files", "left_out", SEAL, *OF_HEAD)
+PARSED = ("verdict", "reason", "remedy", "other_causes", "specification", "untold")
+"""Entries of a plane that are attributes of its result."""
 
 
-@dataclass(frozen=True, eq=False)
-class ReadResult:
-    """A result as its folder tells it: its planes, or what was restored."""
-
-    folder: Path
-    procedure: str
-    planes: Mapping[str, PlaneResult]
-    restored: Restored | None = None
-
-
-def read_result(folder: Path) -> ReadResult:
-    """The result in a folder. Raises BadInput, naming what is missing or damaged."""
-    record = _record(folder / RECORD)
-    if record.get("schema") == RESTORATION:
-        return ReadResult(folder, str(record.get("procedure", "")), {}, read_restored(folder, record))
-    entries = record.get("planes")
-    if not isinstance(entries, dict) or not all(_is_plane(name, entry) for name, entry in entries.items()):
+def read_result(folder: Path) -> Measurement:
+    """The measurement in a folder, with the MTF and the samples of PSFs. Raises BadInput if it is damaged."""
+    record = parse_json(_own(folder / RECORD), str(folder / RECORD), _AGAIN)
+    if not isinstance(record, dict):
+        raise BadInput(f"{folder / RECORD} is no record of a result", _AGAIN)
+    key = next((one for one in (BY_PLANE, *RESULT_KEYS) if one in record), BY_PLANE)
+    entries = record.get(key, {}) if key == BY_PLANE else {key: record[key]}
+    if BY_PLANE not in record and "verdict" in record:  # a refusal, or a record of an earlier version
+        key, entries = "result", {"result": {**_mapping(record.get(key)), "verdict": record["verdict"]}}
+        entries["result"] |= {one: record[one] for one in PARSED if one in record}
+    if not entries or not isinstance(entries, dict) or not all(_is_plane(*one) for one in entries.items()):
         raise BadInput(f"{folder / RECORD} names no planes", _AGAIN)
-    planes = {name: _plane(folder, name, entry) for name, entry in entries.items()}
-    return ReadResult(folder, str(record.get("procedure", "")), planes)
+    planes = tuple(_plane(folder, name, entry) for name, entry in entries.items())
+    more = {name: value for name, value in record.items() if name not in (*NOT_ENTRIES, key)}
+    missed = [one for one in _list(record.get("left_out")) if isinstance(one, dict)]
+    return Measurement(
+        str(record.get("schema", "")), _head(record), planes, entries=more, results_key=key,
+        missed=tuple(Miss(*(str(one.get(name, "")) for name in ("source", "reason", "remedy"))) for one in missed)
+        if "left_out" in record else None,
+    )  # fmt: skip
 
 
 def find_results(sessions: Path) -> list[Path]:
@@ -58,15 +67,23 @@ def find_results(sessions: Path) -> list[Path]:
     return sorted(found, key=lambda folder: (folder / RECORD).lstat().st_mtime, reverse=True)
 
 
-def _record(path: Path) -> dict[str, Any]:
-    record = parse_json(_own(path), str(path), _AGAIN)
-    if not isinstance(record, dict):
-        raise BadInput(f"{path} is no record of a result", _AGAIN)
-    return record
+def _head(record: Mapping[str, Any]) -> RecordHead:
+    files = [one for one in _list(record.get("input")) if isinstance(one, dict)]
+    inputs = tuple(InputFile(str(one.get("path", "")), str(one.get("sha256", ""))) for one in files)
+    optional = {name: record.get(name) for name in OF_HEAD}
+    return RecordHead(str(record.get("procedure", "")), inputs, _mapping(record.get("parameters")), **optional)
+
+
+def _mapping(value: object) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _list(value: object) -> list[Any]:
+    return value if isinstance(value, list) else []
 
 
 def _is_plane(name: str, entry: object) -> bool:
-    return name.isalnum() and len(name) <= PLANE_LETTERS and isinstance(entry, dict)
+    return name.isalnum() and len(name) <= MAX_PLANE_NAME and isinstance(entry, dict)
 
 
 def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> PlaneResult:
@@ -75,27 +92,27 @@ def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> PlaneResult:
     except ValueError as error:
         raise BadInput(f"{folder / RECORD}: plane {name} has no verdict", _AGAIN) from error
     numbers = {key: found for key, value in entry.items() if (found := _quantity(value)) is not None}
-    reason, remedy = str(entry.get("reason", "")), str(entry.get("remedy", ""))
-    refused = verdict is Verdict.REFUSED
-    h = None if refused else _samples(folder / f"psf_{name}.npy")
-    mtf = {} if refused else _columns(folder / f"mtf_{name}.csv")
+    values = {key: float(value) for key, value in entry.items() if key in NUMBERS and isinstance(value, int | float)}
+    rest = {key: value for key, value in entry.items()
+            if key not in PARSED and not (key in numbers and plain(asdict(numbers[key])) == value)}  # fmt: skip
+    unit, curves = Unit.CYCLES, dict[str, Array]()
+    if verdict is not Verdict.REFUSED and (table := folder / f"mtf_{name}.csv").is_file():
+        unit, curves = _curves(table)
+    samples = folder / f"psf_{name}.npy"
     return PlaneResult(
-        name, verdict, reason, remedy, numbers, mtf, h, unit=_unit(folder / f"mtf_{name}.csv", mtf),
-        specification=comparison_of(entry), other_causes=read_other_causes(entry),
+        name, verdict, str(entry.get("reason", "")), str(entry.get("remedy", "")), numbers, curves,
+        _samples(samples) if verdict is not Verdict.REFUSED and samples.is_file() else None,
+        values=values, unit=unit, pitch=0, specification=Comparison.from_record(entry.get("specification")),
+        unavailable=tuple(map(str, _list(entry.get("untold")))), details=rest, other_causes=read_other_causes(entry),
     )  # fmt: skip
-
-
-def _unit(path: Path, curves: Mapping[str, Array]) -> Unit:
-    """The unit that a table of an MTF tells in its heading; that of earlier tables, which told none."""
-    head = read_own(path).decode().partition("\n")[0] if curves else ""
-    return next((one for one in Unit if f"[{one}]" in head), Unit.CYCLES)
 
 
 def _quantity(value: object) -> Quantity | None:
     if not isinstance(value, dict) or not {"value", "unit", "uncertainty"} <= value.keys():
         return None
-    number, uncertainty = (_number(value[key]) for key in ("value", "uncertainty"))
-    return Quantity(number, str(value["unit"]), uncertainty, str(value.get("method", "")), _count(value.get("n", 0)))
+    number, uncertainty, n = (_number(value.get(key, 0)) for key in ("value", "uncertainty", "n"))
+    count = int(n) if math.isfinite(n) else 0
+    return Quantity(number, str(value["unit"]), uncertainty, str(value.get("method", "")), count)
 
 
 def _number(value: object) -> float:
@@ -105,33 +122,39 @@ def _number(value: object) -> float:
         return math.nan
 
 
-def _count(value: object) -> int:
-    number = _number(value)
-    return int(number) if math.isfinite(number) else 0
-
-
 def _samples(path: Path) -> Array:
     return checked_array(parse_npy(_own(path), str(path), _AGAIN), f"the PSF {path}", ("k", "k"), remedy=_AGAIN)
 
 
 def _own(path: Path) -> bytes:
     try:
+        if path.lstat().st_size > MAX_BYTES:
+            raise BadInput(f"{path} is larger than {MAX_BYTES} bytes", _AGAIN)
         return read_own(path)
     except OSError as error:
         raise BadInput(f"{path} cannot be read: {error}", _AGAIN) from error
 
 
-def _columns(path: Path) -> dict[str, Array]:
+def _curves(path: Path) -> tuple[Unit, dict[str, Array]]:
+    """The MTF of a plane and the unit of its frequencies."""
     try:
-        names, *rows = read_own(path).decode().replace(" [", "[").split()
-        table = np.array([[float(word) for word in row.split(",")] for row in rows], dtype=np.float64)
-        columns = dict(zip((name.partition("[")[0] for name in names.split(",")), table.T, strict=True))
-    except (OSError, ValueError) as error:
-        raise BadInput(f"{path} cannot be read: {error}", _AGAIN) from error
-    shown = [columns.get(name, np.array([np.nan])) for name in ("frequency", *DIRECTIONS)]
-    if not all(column.size and np.isfinite(column).all() for column in shown) or shown[0].max() <= 0:
+        units, columns = table_columns(list(csv.reader(_own(path).decode().splitlines())), ("frequency",))
+    except ValueError as error:
+        raise BadInput(f"{path} is no table of an MTF: {error}", _AGAIN) from error
+    if columns["frequency"].max() <= 0 or not {"radial", "mtf"} & columns.keys():
         raise BadInput(f"{path} is no table of an MTF", _AGAIN)
-    return columns
+    return unit_in(units[0]), columns
+
+
+def read_picture(path: Path) -> npt.NDArray[np.uint8]:
+    """Brightness (rows, columns) of a picture. Raises BadInput."""
+    import cv2  # here: it is slow to load
+
+    data = _own(path)
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
+    if picture is None:
+        raise BadInput(f"{path} is no picture", _AGAIN)
+    return np.asarray(picture, dtype=np.uint8)
 
 
 # --- two results side by side ------------------------------------------------------------------------------------
@@ -147,7 +170,7 @@ class Change:
 
     @property
     def sigmas(self) -> float:
-        """Other less one, in standard uncertainties of the difference; NaN where both are exact."""
+        """Other less one, in standard uncertainties of the difference; NaN if both are exact."""
         spread = math.hypot(self.one.uncertainty, self.other.uncertainty)
         return (self.other.value - self.one.value) / spread if spread > 0 else math.nan
 

@@ -1,4 +1,4 @@
-"""What a record says besides its results: what was done, to which files, how, and the verdict with its causes."""
+"""Entries of records besides results: procedure, inputs, parameters, verdict with its causes."""
 
 from __future__ import annotations
 
@@ -55,18 +55,18 @@ class RecordHead:
     field: Mapping[str, Any] | None = None
     duration_s: float | None = None
 
-    def told(self, **more: Any) -> dict[str, Any]:
-        """Its entries; `more` are parameters that were left open and found."""
-        told = {
+    def to_record(self) -> dict[str, Any]:
+        """Its entries."""
+        entries = {
             "procedure": self.procedure,
             "input": [asdict(one) for one in self.input],
-            "parameters": {**self.parameters, **more},
+            "parameters": dict(self.parameters),
             "specification": self.specification,
             "batch": self.batch,
             "field": self.field,
             "duration_s": self.duration_s,
         }
-        return {name: value for name, value in told.items() if value is not None}
+        return {name: value for name, value in entries.items() if value is not None}
 
 
 @dataclass(frozen=True)

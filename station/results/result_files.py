@@ -33,12 +33,12 @@ if TYPE_CHECKING:
 
 RECORD = "result.json"
 PUBLISHING = ".publishing.json"
-"""What is this program's in a folder, while its files are replaced."""
+"""Names of the program's own files while they are replaced."""
 UNFINISHED = ".unfinished-"
 """How the name of a folder begins that receives a result."""
 SEAL = "sha256"
 CANDIDATES = 5
-"""Physical models told of, the best first."""
+"""Physical models in a record, the best first."""
 
 Array = npt.NDArray[np.float64]
 
@@ -49,8 +49,8 @@ class ResultFolder:
     Files are written into a hidden folder inside it, `staging`, and renamed by `publish`, the record last: whoever
     finds a record finds every file it speaks of, on the disk. Folders inside it are kept. Entering proves that the
     folder can be written, before any work is done, and that nothing in it has the name of a file of results that this
-    program has not written as it is. `sealed` has the record tell the hashes of all files and its own; `force` writes
-    over what is somebody else's, and removes what would pass for a part of this result.
+    program has not written as it is. `sealed` adds the hashes of all files and of the record itself; `force` writes
+    foreign files over, and removes those that would pass for a part of this result.
 
     Raises
     ------
@@ -133,21 +133,21 @@ class ResultFolder:
             disk.sync_folder(folder)
         (self.path / PUBLISHING).unlink(missing_ok=True)
 
-    # --- what is this program's in the folder, and what is not ---
+    # --- own and foreign files ---
 
     def _named(self) -> list[str]:
         """Files with the name of one of a result's."""
         return [old.name for old in self.path.iterdir() if _RESULT_FILE.fullmatch(old.name)]
 
     def _check(self, names: Sequence[str]) -> None:
-        """Raise BadParameter where one of these files is there, and somebody else's."""
+        """Raise BadParameter if one of these files exists and is foreign."""
         if self.force:
             return
         older = self._written()
         foreign = [name for name in sorted(names) if (self.path / name).exists() and not self._is_own(name, older)]
         if foreign:
             raise BadParameter(
-                f"{self.path} holds {', '.join(foreign[:5])}, which the program has not written as it is now",
+                f"{self.path} holds {', '.join(foreign[:5])}, which the program has not written in this form",
                 "name a new folder with --out, move the file away, or add --force to write over it",
             )
 
@@ -168,12 +168,12 @@ class ResultFolder:
         return found
 
     def _note(self, files: Mapping[str, Sequence[str]]) -> None:
-        """Keep, while files are replaced, which are this program's: whoever comes after a crash has no record."""
+        """Store the names of own files while they are replaced: after a crash there is no record."""
         (self.path / PUBLISHING).write_text(json_text({"files": {name: list(one) for name, one in files.items()}}))
 
 
 def _json(path: Path) -> dict[str, Any]:
-    """The object in a file; an empty one where there is none that can be read."""
+    """The object in a file; empty if it cannot be read."""
     try:
         found = json.loads(read_own(path))
     except (OSError, ValueError, RecursionError):
@@ -194,7 +194,7 @@ _RESULT_FILE = re.compile(
     r"|(w|w_std|moved|occlusion|similar)\.npy|imu_[12]\.csv"
     r"|sharp_std\.tiff|kernel_\d+\.(npy|fits|tiff)|depth\.png|rays\.html|result\.json"
 )
-"""Files that results have: none of somebody else's is written over."""
+"""Names of files of results: foreign ones are not overwritten."""
 
 
 def write_record(folder: ResultFolder, record: Mapping[str, Any]) -> str:
@@ -221,9 +221,9 @@ def plane_record(plane: PlaneResult) -> dict[str, Any]:
     """A plane as a record holds it: verdict, numbers with their budgets, and what belongs to its procedure alone."""
     entry: dict[str, Any] = verdict_entry(plane)
     if plane.specification is not None:
-        entry["specification"] = plane.specification.told()
-    if plane.untold:
-        entry["untold"] = list(plane.untold)
+        entry["specification"] = plane.specification.to_record()
+    if plane.unavailable:
+        entry["untold"] = list(plane.unavailable)
     if plane.verdict is not Verdict.REFUSED and plane.pitch:
         entry["sensor_pixels_per_pixel"] = plane.pitch
     entry.update(plane.values)
@@ -254,15 +254,15 @@ def plane_record(plane: PlaneResult) -> dict[str, Any]:
 
 
 def number_record(number: Quantity) -> dict[str, Any]:
-    """A number as a record holds it; with its 95 % interval where it has one."""
+    """Entry of a number, with its 95 % interval if it has one."""
     return interval_entry(number) if hasattr(number, "low") else asdict(number)
 
 
 def interval_entry(number: Quantity) -> dict[str, Any]:
     """A number with its 95 % interval."""
-    told = asdict(number)
-    interval = [told.pop("low"), told.pop("high")]
-    return {**told, "interval": interval}
+    entry = asdict(number)
+    interval = [entry.pop("low"), entry.pop("high")]
+    return {**entry, "interval": interval}
 
 
 def _edge_entry(check: EdgeCheck) -> dict[str, Any]:

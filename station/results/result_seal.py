@@ -1,6 +1,6 @@
-"""Whether a result is still what was written, by the hashes that its record tells of the files beside it and of itself.
+"""Integrity of a result, by the hashes in its record of all files and of the record itself.
 
-What an error of the disk or an editor changed is found; whoever wants to deceive can sum up again.
+This detects errors of the disk and edited files, not forgery.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from station.results.result_files import RECORD, SEAL, sealed_text
 
 
 def is_sealed(folder: Path) -> bool:
-    """Whether the record in a folder tells hashes; those of earlier versions do not. One that cannot be read does."""
+    """Whether the record in a folder has hashes, which earlier versions lack; True if it cannot be read."""
     try:
         return SEAL in json.loads(read_own(folder / RECORD))
     except (OSError, ValueError, TypeError, RecursionError):
@@ -22,7 +22,7 @@ def is_sealed(folder: Path) -> bool:
 
 
 def damage(folder: Path) -> tuple[str, ...]:
-    """The files of a sealed result that are missing or not what was written; its record alone where that is not."""
+    """The missing or changed files of a sealed result; the record alone if it has changed."""
     record = _record(folder)
     if record is None:
         return (RECORD,)
@@ -30,7 +30,7 @@ def damage(folder: Path) -> tuple[str, ...]:
 
 
 def _record(folder: Path) -> dict[str, Any] | None:
-    """The record, None where it is not what was written."""
+    """The record; None if it has changed."""
     try:
         data = read_own(folder / RECORD)
         record: dict[str, Any] = json.loads(data)

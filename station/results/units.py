@@ -1,7 +1,7 @@
-"""The units in which frequencies are told, and what one cycle per pixel of a plane is in them.
+"""Units of frequencies.
 
-Everything is computed in cycles per pixel of the plane. A result is told in another unit by `in_unit`, once, before it
-is written: files, page and terminal then say the same.
+Everything is computed in cycles per pixel of the plane. `PlaneResult.in_unit` converts a result once, before it is
+written, so that files, page and terminal agree.
 """
 
 from __future__ import annotations
@@ -28,6 +28,11 @@ class Unit(StrEnum):
     LINE_WIDTHS = "lw/ph"
 
 
+def unit_in(text: str) -> Unit:
+    """The unit named in the heading of a table; cycles per pixel without one."""
+    return next((one for one in Unit if one in text), Unit.CYCLES)
+
+
 @dataclass(frozen=True)
 class Pixels:
     """The pixels in which the frequencies of a plane are counted.
@@ -37,7 +42,7 @@ class Pixels:
     pitch : int
         Pixels of the sensor per pixel of the plane.
     pitch_um : float or None
-        Of the sensor's pixels, where it is known.
+        Pitch of the sensor's pixels, if known.
     height : int or None
         Pixels of the plane along the frame's shorter side.
     """
@@ -89,25 +94,25 @@ class Frequency:
         return float(f"{self.value / pixels.factor(self.unit):.6g}")
 
 
-def told_quantity(one: Quantity, unit: Unit, factor: float) -> Quantity:
+def convert_quantity(one: Quantity, unit: Unit, factor: float) -> Quantity:
     """A number in a unit; those that are no frequencies stay."""
     if one.unit != Unit.CYCLES:
         return one
     return replace(one, value=one.value * factor, uncertainty=one.uncertainty * factor, unit=str(unit))
 
 
-def told_name(name: str, factor: float) -> str:
+def convert_name(name: str, factor: float) -> str:
     """The name of a number with the frequency in it, where it has one, in the unit."""
     found = frequency_of(name)
     return name if found is None else name_at(found[0] * factor, found[1])
 
 
-def told_numbers(numbers: Mapping[str, Quantity], unit: Unit, factor: float) -> dict[str, Quantity]:
+def convert_numbers(numbers: Mapping[str, Quantity], unit: Unit, factor: float) -> dict[str, Quantity]:
     """All numbers in a unit: their names, values, uncertainties and methods."""
     found = {}
     for name, one in numbers.items():
-        own = told_quantity(one, unit, factor)
+        own = convert_quantity(one, unit, factor)
         if at := frequency_of(name):
             own = replace(own, method=own.method.replace(f"{at[0]:.6g} cycles/pixel", f"{at[0] * factor:.6g} {unit}"))
-        found[told_name(name, factor)] = own
+        found[convert_name(name, factor)] = own
     return found

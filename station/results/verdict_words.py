@@ -1,4 +1,4 @@
-"""The two verdicts in words: whether the measurement can be trusted, and whether what was measured meets its limits."""
+"""The two verdicts in words: on the measurement, and on the lens against its limits."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ MEASUREMENT = {
     "lost": "lost",
     "fault": "fault",
 }
-"""Of the measurement; records keep the words on the left."""
+"""Verdicts on the measurement; records have the words on the left."""
 SPECIFICATION = {
     "meets": "meets the specification",
     "undecided": "undecided against the specification",
     "does not meet": "does not meet the specification",
 }
-"""Of what was measured, against its specification."""
+"""Verdicts against the specification."""
 
 
 def measurement_words(verdict: str) -> str:
-    """The measurement's verdict for people."""
+    """A verdict on the measurement."""
     return MEASUREMENT.get(verdict, verdict)
 
 
 def specification_words(verdict: str | None) -> str:
-    """The specification's verdict for people; "" where there is none."""
+    """A verdict against the specification; empty without one."""
     return SPECIFICATION.get(verdict or "", "")

@@ -51,9 +51,9 @@ def in_terms(result: PlaneResult, terms: Terms, pixels: Pixels) -> PlaneResult:
     If the limits' unit requires an unknown quantity, they stay undecided and the verdict gives the reason; if
     the session's unit does, cycles per pixel are used.
     """
-    terms = terms.tellable(pixels)
+    terms = terms.with_known_unit(pixels)
     if not terms.specification.limits:
-        return terms.told(result, pixels)
+        return terms.apply(result, pixels)
     try:
         at = terms.frequencies(pixels)
     except ProcedureError as error:
@@ -62,4 +62,4 @@ def in_terms(result: PlaneResult, terms: Terms, pixels: Pixels) -> PlaneResult:
         quality = with_frequencies(result.quality, result.psf, at)
         numbers = dict(numbers_of(quality, result.pitch))
         result = replace(result, quality=quality, numbers=numbers, curves=curves_of(quality))
-    return terms.told(result, pixels)
+    return terms.apply(result, pixels)

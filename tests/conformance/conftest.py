@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import shutil
 import subprocess
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -109,6 +110,7 @@ def simavr_port(simavr_box: tuple[Path, Path]) -> Iterator[str]:
 
 
 Wire = Callable[..., SerialTransport[Any]]
+sys.path.append(str(HERE.parent / "station" / "bench" / "toy_package"))
 
 
 def _stage(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> GrblStage:
@@ -124,6 +126,16 @@ def _tmcl(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> Tm
         bench.cables["stage"] = cable
         plug(f"{bench.name}/stage", cable)
     return TmclStage(wire("stage", TmclParser, baud=9600), TMCL_AXES, clock=clock, poll_s=0.2)
+
+
+def _toy(wire: Wire, clock: Clock, bench: SimulatedBench | None, _: Path) -> Any:
+    """The stage of a package outside."""
+    from toy_stage import ToyParser, ToyStage, ToyTwin
+
+    if bench is not None:
+        bench.cables["stage"] = cable = Cable(ToyTwin(bench.world.axes["x_mm"]), bench.clock)
+        plug(f"{bench.name}/stage", cable)
+    return ToyStage(wire("stage", ToyParser), clock)
 
 
 def _variant(variant: str) -> Callable[..., GrblStage]:
@@ -172,6 +184,7 @@ STAGES: dict[str, Callable[..., Any]] = {
     "FluidNC": _variant("FluidNC"),
     "zaber": lambda wire, clock, *_: ZaberStage(wire("head", ZaberParser), ZABER_AXES, clock=clock),
     "tmcl": _tmcl,
+    "toy-stage": _toy,
 }
 GRBLS = {name: STAGES[name] for name in ("grbl", "grblHAL", "FluidNC")}
 SHUTTERS: dict[str, Callable[..., Any]] = {

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from simulators.bench.bench import SimulatedBench
-from simulators.world.clock import VirtualClock
+from station.bench.conform import StageRig
 
 
 class Machine(Protocol):
@@ -49,19 +48,4 @@ class Rig:
 
     def together(self, *works: Callable[[], object]) -> list[object]:
         """Do these at the same time; outcomes."""
-        if isinstance(self.clock, VirtualClock):
-            return self.clock.together(*works)
-        outcomes: list[object] = [None] * len(works)
-
-        def run(i: int) -> None:
-            try:
-                outcomes[i] = works[i]()
-            except Exception as error:
-                outcomes[i] = error
-
-        threads = [threading.Thread(target=run, args=(i,)) for i in range(len(works))]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        return outcomes
+        return StageRig(self.device, self.clock).together(*works)

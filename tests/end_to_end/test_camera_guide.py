@@ -243,7 +243,7 @@ def test_page_record_and_covariance_state_the_use_of_the_sensor(done):
     assert 0 < budget["sensor"] < budget["noise"]
     assert "the sensor’s response" in page or "the sensor&#39;s response" in page
     why = {one.why for one in read_camera_numbers(folder / "camera.h5").blocks if "sensor" in (one.first, one.second)}
-    assert any("weighed by what the ladder tells" in one for one in why)
+    assert any("response and noise were used" in one for one in why)
 
 
 def test_one_page_leads_to_all_parts(done):

@@ -54,7 +54,7 @@ def test_the_tone_curve_of_a_processed_picture_comes_first(processed: np.ndarray
     assert said.index(plane["reason"]) < said.index("other possible causes:") < said.index(others[0]["reason"])
     plain = re.sub(r"<[^>]*>", "", page)
     assert plain.index("The response is not linear") < plain.index("Other possible causes:")
-    assert [(one.reason, one.remedy) for one in read_result(out).planes["Y"].other_causes] == [
+    assert [(one.reason, one.remedy) for one in read_result(out).by_name["Y"].other_causes] == [
         (one["reason"], one["remedy"]) for one in others
     ]
 

@@ -19,8 +19,6 @@ from procedures.raw import read_frame
 from simulators.bench.demonstration import SETUPS, Staging
 from station.__main__ import main
 from station.demo import demo
-from station.demo.demo_page import demonstration_page
-from station.demo.demonstration import summary
 
 pytestmark = pytest.mark.slow
 
@@ -182,7 +180,7 @@ def test_same_seed_gives_the_same_bytes_and_another_does_not(demonstration, tmp_
     fixed = [name for name in names if name.name not in ("result.json", demo.PAGE)]
     assert len(fixed) > 4 * len(PLANES)
     assert all((out / name).read_bytes() == (demonstration.out / name).read_bytes() for name in fixed)
-    assert demonstration_page(found, summary(found)) == (out / demo.PAGE).read_text(encoding="utf-8")
+    assert demo.demonstration_page(found) == (out / demo.PAGE).read_text(encoding="utf-8")
     other = []
 
     def enough(path):

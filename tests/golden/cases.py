@@ -26,7 +26,7 @@ from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclu
 from station.calibration.geometry_files import geometry_measurement
 from station.calibration.tilt import tilt_measurement
 from station.procedure.builtin.geometry import PROCEDURE as GEOMETRY
-from station.reports.tilt_page import tilt_page
+from station.procedure.registry import procedure_named
 from station.results.measurement import write_measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder
@@ -154,8 +154,9 @@ def tilt(folder: Path) -> None:
     """The known tilt."""
     found = Outcome(known_tilt())
     with ResultFolder(folder / OUT) as results:
-        results.write("report.html", tilt_page("G1", 5, found).encode())
-        write_measurement(results, tilt_measurement(RecordHead("tilt"), "G1", found))
+        measured = tilt_measurement(RecordHead("tilt"), "G1", found)
+        results.write("report.html", procedure_named("tilt").page(measured))
+        write_measurement(results, measured)
 
 
 def vignetting(folder: Path) -> Words:

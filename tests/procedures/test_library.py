@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import os
 import re
-import shutil
 import subprocess
 import sys
 import zipfile
@@ -109,10 +108,6 @@ def site_of_wheel(folder: Path) -> Path:
 @pytest.mark.slow
 def test_a_wheel_gives_the_five_lines(photograph, tmp_path):
     site = site_of_wheel(tmp_path)
-    for kept in (ROOT / "procedures").rglob("*.kernel"):  # machine code of the same sources is not made anew
-        there = site / kept.relative_to(ROOT)
-        there.parent.mkdir(exist_ok=True)
-        shutil.copy(kept, there)
     code = f"import procedures; print(procedures.__file__)\n{five_lines(PAGES[0])}"
     done = in_python(code, photograph[0], PYTHONPATH=str(site))
     assert done.stdout.startswith(str(site)), done.stderr

@@ -11,31 +11,25 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numerics.compiled import compiled, vectorised
+from procedures.numerics import loops
+from procedures.numerics.spatial_bins import Field, LayoutRules, field_of
 from procedures.pattern import BLOCK
 from procedures.pattern_psf.chart_finding.marks import SAME_AXIS, Saddles
-from procedures.pattern_psf.chart_finding.spatial_bins import Field, alike, all_nearest, bins_within, field_of, nearest
 
-MIN_STEP, MAX_STEP = 16.5, 38.0
-"""Range of lattice steps at one level of the pyramid, in its pixels (three blocks of the chart)."""
-ALONG_AXIS = np.cos(2 * np.deg2rad(11))
-"""Tolerance of the lattice's direction relative to the axes, for shear by tilt and errors of the axes."""
-SAME_STRENGTH = 2.5
-"""Greatest ratio of strengths within one side: light gradient, noise, focus."""
-COLLINEAR = 0.15
-"""Greatest distance of a third x-corner from its extrapolation by two, in steps: perspective, distortion."""
-MIDDLE_RADIUS = 0.2
-"""Radius about the middle of a step, in steps; a finer lattice has a similar saddle there in every step."""
-MIN_NEAR, MIN_NEAR_CROWDED = 2, 4
-"""Least number of hits of the five x-corners nearest to a triple, without and with a saddle in the middle of one of its
-steps, which is common in textures."""
-LEVEL_SLOPE = 0.3
-"""Slope below which a line is tested in both directions: more than COLLINEAR can turn a step."""
+RULES = LayoutRules(
+    min_step=16.5, max_step=38.0,  # at one level of the pyramid; a step is three blocks of the chart
+    along_axis=float(np.cos(2 * np.deg2rad(11))),  # shear by tilt and errors of the axes
+    same_axis=SAME_AXIS,
+    same_merit=2.5,  # ratio of strengths within one side: light gradient, noise, focus
+    collinear=0.15,  # perspective, distortion
+    middle_radius=0.2,
+    square=0.3,  # tilt
+    level_slope=0.3,  # more than `collinear` can turn a step
+    min_near=2, min_near_crowded=4,
+)  # fmt: skip
 MAX_TRIPLES = 20_000
 BIN_SIDE = 12.0
 """Side of the bins of the spatial index, in pixels."""
-SQUARE = 0.3
-"""Greatest distance of an x-corner from its prediction by a side of a square, in steps: tilt."""
 AFFINE = 0.25
 PROJECTIVE = 0.15
 """Greatest distances from the predictions by affine and projective lattices, in steps."""
@@ -77,126 +71,12 @@ class Layouts:
     hits: npt.NDArray[np.bool_]
 
 
-@compiled
-def _is_step(field: Field, i: int, j: int) -> bool:
-    """Whether two similar saddles lie one lattice step apart, parallel or perpendicular to their axis."""
-    d = field.points[j] - field.points[i]
-    square = d.real * d.real + d.imag * d.imag
-    if square <= MIN_STEP * MIN_STEP or square >= MAX_STEP * MAX_STEP:
-        return False
-    if not alike(field, i, j, SAME_AXIS, SAME_STRENGTH):
-        return False
-    axis = field.axes[i] + field.axes[j]
-    return bool(abs((d * d * axis.conjugate()).real) > ALONG_AXIS * square * abs(axis))
-
-
-@vectorised
-def _may_be_steps(field: Field, i: int, first: int, last: int, fit: npt.NDArray[np.bool_]) -> None:
-    """Mask of the saddles in a range that are similar to one, a lattice step away and not backwards.
-
-    A vectorised pre-test of `_is_step` without the direction. Each line is tested in one direction, or in both where it
-    is nearly horizontal, as the second step may turn a little.
-    """
-    x, y = field.points[i].real, field.points[i].imag
-    u, v, merit = field.axes[i].real, field.axes[i].imag, field.merits[i]
-    points, axes, merits = field.points[first:last], field.axes[first:last], field.merits[first:last]
-    for n in range(last - first):
-        dx, dy = points[n].real - x, points[n].imag - y
-        square = dx * dx + dy * dy
-        near = (square > MIN_STEP * MIN_STEP) & (square < MAX_STEP * MAX_STEP) & (dy >= -LEVEL_SLOPE * abs(dx))
-        like = (merits[n] < SAME_STRENGTH * merit) & (merit < SAME_STRENGTH * merits[n])
-        fit[n] = near & like & (axes[n].real * u + axes[n].imag * v > SAME_AXIS)
-
-
-@compiled
-def _is_free(field: Field, i: int, j: int) -> bool:
-    """Whether no similar saddle lies midway between two."""
-    a, b = field.points[i], field.points[j]
-    return nearest(field, (a + b) / 2, MIDDLE_RADIUS * abs(a - b), i, SAME_AXIS, SAME_STRENGTH) < 0
-
-
-@compiled
-def _double_capacity(triples: Indices) -> Indices:
-    """Copy of the triples with the capacity doubled."""
-    out = np.empty((2 * len(triples), 3), np.int64)
-    for n in range(len(triples)):
-        for m in range(3):
-            out[n, m] = triples[n, m]
-    return out
-
-
-@compiled
-def _triples(field: Field) -> Indices:
-    """Triples (n, 3) of similar saddles, equally spaced on a line, in one or both directions."""
-    out = np.empty((1024, 3), np.int64)
-    count = 0
-    fit = np.empty(len(field.points), np.bool_)
-    for i in range(len(field.points)):
-        place = field.points[i]
-        top, bottom, first, last = bins_within(field, place, MAX_STEP)
-        highest = int((place.imag - LEVEL_SLOPE * MAX_STEP - field.top) / field.side)
-        for row in range(max(top, highest), bottom + 1):
-            start, end = field.starts[row * field.columns + first], field.starts[row * field.columns + last + 1]
-            _may_be_steps(field, i, start, end, fit)
-            for j in range(start, end):
-                if not fit[j - start] or not _is_step(field, i, j):
-                    continue
-                step = field.points[j] - place
-                k = nearest(field, field.points[j] + step, COLLINEAR * abs(step), j, SAME_AXIS, SAME_STRENGTH)
-                if k >= 0 and _is_step(field, j, k) and (_is_free(field, i, j) or _is_free(field, j, k)):
-                    if count == len(out):
-                        out = _double_capacity(out)
-                    out[count, 0], out[count, 1], out[count, 2] = i, j, k
-                    count += 1
-    return out[:count]
-
-
 def _strongest(field: Field, triples: Indices) -> Indices:
     """The strongest triples, at most MOST_TRIPLES."""
     if len(triples) <= MAX_TRIPLES:
         return triples
     strengths = field.merits[triples].min(axis=1)
     return triples[np.argpartition(-strengths, MAX_TRIPLES)[:MAX_TRIPLES]]
-
-
-@compiled
-def _sides(field: Field, triples: Indices) -> Indices:
-    """Hypotheses that triples start at s = 0 or 1 of the side t = 0, with the chart on one side of it or the other.
-
-    Returns the hits (n, 12) in the order of RIM, -1 for none, of the hypotheses with enough of the five nearest other
-    x-corners, one of them off the side, and without both inner neighbours, which only a lattice of saddles has.
-    """
-    out = np.empty((4 * len(triples), 12), np.int64)
-    count = 0
-    for n in range(len(triples)):
-        i, j, k = triples[n, 0], triples[n, 1], triples[n, 2]
-        u = (field.points[k] - field.points[i]) / 2
-        reach, near = COLLINEAR * abs(u), SQUARE * abs(u)
-        least = MIN_NEAR if _is_free(field, i, j) and _is_free(field, j, k) else MIN_NEAR_CROWDED
-        for which in range(4):
-            first, v = which % 2, u * (1j if which < 2 else -1j)
-            origin = field.points[i] - first * u
-            if (
-                nearest(field, origin + u + v, reach, j, SAME_AXIS, SAME_STRENGTH) >= 0
-                and nearest(field, origin + 2 * u + v, reach, j, SAME_AXIS, SAME_STRENGTH) >= 0
-            ):
-                continue
-            hits = out[count]
-            for m in range(12):
-                hits[m] = -1
-            found = 0
-            for t in range(1, 3):
-                for s in range(0, 4, 3):
-                    place = 4 + 2 * (t - 1) + s // 3  # of (s, t) in RIM
-                    hits[place] = nearest(field, origin + s * u + t * v, near, j, SAME_AXIS, SAME_STRENGTH)
-                    found += hits[place] >= 0
-            if found == 0:
-                continue
-            hits[3 - 3 * first] = nearest(field, origin + (3 - 3 * first) * u, near, j, SAME_AXIS, SAME_STRENGTH)
-            found += hits[3 - 3 * first] >= 0
-            hits[first], hits[first + 1], hits[first + 2] = i, j, k
-            count += found >= least
-    return out[:count]
 
 
 def _normalised(field: Field, hits: Indices) -> tuple[Complex, Complex, Array]:
@@ -258,17 +138,15 @@ def _gather(field: Field, hits: Indices, maps: Array, reach: float) -> Indices:
     step = np.abs(predicted[:, 3] - predicted[:, 0]) / 3
     like = np.take_along_axis(hits, np.argmax(hits >= 0, axis=1)[:, None], 1)[:, 0]
     good = (
-        (step > MIN_STEP / 2)
-        & (step < 2 * MAX_STEP)
+        (step > RULES.min_step / 2)
+        & (step < 2 * RULES.max_step)
         & np.isfinite(predicted).all(axis=1)
         & np.isfinite(inner).all(axis=1)
     )
     predicted, inner, step, like = predicted[good], inner[good], step[good], like[good]
-    lattice = (all_nearest(field, inner, PROJECTIVE * step, like, SAME_AXIS, SAME_STRENGTH) >= 0).sum(
-        axis=1
-    ) >= MOST_INSIDE
+    lattice = (loops.all_nearest(field, inner, PROJECTIVE * step, like, RULES) >= 0).sum(axis=1) >= MOST_INSIDE
     predicted, step, like = predicted[~lattice], step[~lattice], like[~lattice]
-    found = all_nearest(field, predicted, reach * step, like, SAME_AXIS, SAME_STRENGTH)
+    found = loops.all_nearest(field, predicted, reach * step, like, RULES)
     enough: Indices = found[(found >= 0).sum(axis=1) >= MIN_HITS]
     return enough
 
@@ -288,13 +166,13 @@ def find_layouts(saddles: Saddles) -> Layouts:
     Parameters
     ----------
     saddles : Saddles
-        Saddles of one level of the pyramid, where the lattice step is MIN_STEP to MAX_STEP pixels.
+        Saddles of one level of the pyramid, where the lattice step is RULES.min_step to RULES.max_step pixels.
     """
     none = Layouts(np.zeros((0, 3, 3)), np.zeros((0, len(RIM)), dtype=np.bool_))
     if len(saddles.points) < MIN_HITS:
         return none
     field, _ = field_of(saddles.points, saddles.axes, saddles.strengths, BIN_SIDE)
-    hits = _sides(field, _strongest(field, _triples(field)))
+    hits = loops.square_sides(field, _strongest(field, loops.collinear_triples(field, RULES)), RULES)
     if not len(hits):
         return none
     hits = _distinct(field, _gather(field, hits, _affine(field, hits), AFFINE))

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics import loops
 from procedures.numerics.ordered import quantile
-from procedures.pattern_psf.chart_finding.saddle_kernels import best_of_tiles, ring_purity, saddles
-from procedures.pattern_psf.chart_finding.spatial_bins import field_of, non_maximum_suppression
+from procedures.numerics.spatial_bins import field_of
 
 SCALE = 1.25
 """Standard deviation of the Gaussian whose second derivatives are taken, in pixels of the level."""
@@ -122,13 +122,13 @@ def find_saddles(image: Picture) -> Saddles:
     """
     most = int(min(MAX_SADDLES, np.sqrt(MAX_SQUARE_PER_PIXEL * image.size)))
     weakest = ABOVE_NOISE * _noise_gain() * _noise(image)
-    index, half, xy = saddles(image, _kernels(), ISOTROPY, weakest)
+    index, half, xy = loops.saddle_points(image, _kernels(), ISOTROPY, weakest)
     z = np.asarray(-half - 1j * xy, dtype=np.complex128)
-    kept = best_of_tiles(index, image.shape, np.abs(z), TILE, PRESELECTION_FACTOR * most)
+    kept = loops.best_of_tiles(index, image.shape, np.abs(z), TILE, PRESELECTION_FACTOR * most)
     index, z = index[kept], z[kept]
-    purity = ring_purity(image, index, RING_RADIUS, OFF_CENTRE)
+    purity = loops.ring_purity(image, index, RING_RADIUS, OFF_CENTRE)
     merits = np.abs(z) * np.where(purity > MIN_PURITY, purity, 0) ** 2
-    kept = best_of_tiles(index, image.shape, merits, TILE, most)
+    kept = loops.best_of_tiles(index, image.shape, merits, TILE, most)
     kept = kept[merits[kept] > 0]
     strengths = np.abs(z[kept])
     candidates = Saddles(
@@ -137,4 +137,4 @@ def find_saddles(image: Picture) -> Saddles:
     if not len(kept):
         return candidates
     field, order = field_of(candidates.points, candidates.axes, merits[kept], SUPPRESSION_RADIUS)
-    return candidates.take(order[non_maximum_suppression(field, SUPPRESSION_RADIUS, SAME_AXIS)])
+    return candidates.take(order[loops.non_maximum_suppression(field, SUPPRESSION_RADIUS, SAME_AXIS)])

@@ -56,7 +56,9 @@ def in_colour(
     else:  # w of a flat scene is known
         joint = 0
     u, w = descended(term, u, w, sigma, joint)
-    error = _rgb(mosaic, error_of(term, u, _wide(w, term), sigma, _rms_residual(term, u)), term.R)
+    residual = term.residual(u)
+    rms = float(np.sqrt(np.sum(residual**2) / max(1, int(np.count_nonzero(term.trust)))))
+    error = _rgb(mosaic, error_of(term, u, _wide(w, term), sigma, rms), term.R)
     moved, occlusion = _on_sensor(restoration.moved), _on_sensor(restoration.occlusion)
     sharp, std = _rgb(mosaic, u, term.R), spread_out(error, 2 * term.R + 1)
     whole, d = float(np.sqrt(np.mean(std**2))), restoration.diagnostics
@@ -64,7 +66,7 @@ def in_colour(
     return replace(
         restoration, sharp=sharp, sharp_std=np.where(moved, np.maximum(std, sharp.std()), std), w=w,
         w_std=np.hypot(_on_sensor(2 * restoration.w_std), off), moved=moved, occlusion=occlusion,
-        residual=term.residual(u).sum(axis=1, keepdims=True),
+        residual=residual.sum(axis=1, keepdims=True),
         diagnostics=replace(d, picture_std=whole, gained=d.gained * d.picture_std / max(whole, 1e-9)),
         unit=DepthUnit(restoration.unit.name, restoration.unit.per_pixel / 2),
     )  # fmt: skip
@@ -102,10 +104,6 @@ def _wide(w: Array, term: MosaicTerm) -> Array:
 def _rgb(mosaic: Mosaics, u: Array, R: int) -> Array:
     picture = np.tensordot(np.linalg.inv(mixing().astype(u.dtype)), u[:, R:-R, R:-R], axes=1)
     return np.asarray((picture * mosaic.gains[:, None, None]).astype(u.dtype))
-
-
-def _rms_residual(term: MosaicTerm, u: Array) -> float:
-    return float(np.sqrt(np.sum(term.residual(u) ** 2) / max(1, int(np.count_nonzero(term.trust)))))
 
 
 def shifted(masks: Sequence[Masks], shifts: Array) -> list[Masks]:

@@ -26,7 +26,7 @@ from scipy.ndimage import (
 from procedures.restoration.first_depth.semi_global_matching import semi_global
 from procedures.restoration.masks.array_loops import most_threads
 from procedures.restoration.masks.blur_operator import Array, MaskStack
-from procedures.restoration.masks.mask_fields import Masks, over_frame
+from procedures.restoration.masks.mask_fields import Masks, half_size_at, over_frame
 
 F32 = NDArray[np.float32]
 
@@ -214,7 +214,7 @@ def cost_volume(
 
 
 def _windows(stacks: Sequence[MaskStack], levels: Array, window: int, even: float) -> list[int]:
-    reach = [sum(int(s.supports()[min(int(w / s.step) + 1, len(s.masks) - 1)]) for s in stacks) for w in levels]
+    reach = [sum(half_size_at(one, float(w)) for one in stacks) for w in levels]
     return [window + 2 * round(even * (reach[-1] - r) / 2) for r in reach]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.numerics.kernel_cache import jitted
+from procedures.numerics.compiled import jitted
 
 
 @jitted(fastmath=True)

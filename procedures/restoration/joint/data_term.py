@@ -33,6 +33,11 @@ class DataTerm:
         """The term for a part of the photographs, not focused yet."""
         return DataTerm(self.z[..., y, x], [blur.windowed(y, x) for blur in self.blurs], self.trust[..., y, x])
 
+    def mean(self) -> Array:
+        """Mean of the photographs' trusted samples, (C, H + 2R, W + 2R), constant beyond the frame."""
+        mean = (self.z * self.trust).sum(axis=0) / np.maximum(self.trust.sum(axis=0), 1e-6)
+        return np.pad(mean, ((0, 0), (self.R, self.R), (self.R, self.R)), mode="edge")
+
     def _weighted(self, e: Array) -> Array:
         return e if self._all_trusted else e * self.trust
 

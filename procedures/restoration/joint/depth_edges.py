@@ -79,7 +79,7 @@ def layers_of(
     if where is not None:
         band &= where
     if not band.any():
-        return _no_layers(w, labels)
+        return Layers(w, w, np.zeros(w.shape, bool), np.zeros_like(w), labels, labels)
     # undecided where the rough map was wrong: a share that starts at 0 or 1 changes slowly
     share = gaussian_filter(np.where(up, 1.0, 0.0), reach / 3 if doubt > 4 else 1.0)
     share = np.where(band, share, up)
@@ -87,10 +87,6 @@ def layers_of(
         np.where(band, high, w), np.where(band, low, w), band, share,
         np.where(rises, labels, pair.other_label), np.where(rises, pair.other_label, labels),
     )  # fmt: skip
-
-
-def _no_layers(w: Array, labels: Labels) -> Layers:
-    return Layers(w, w, np.zeros(w.shape, bool), np.zeros_like(w), labels, labels)
 
 
 def shared(

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, uniform_filter
 
 from procedures.outcome import SYMPTOM, BadParameter, Check, Outcome, Verdict, verdict_of
@@ -23,7 +22,7 @@ from procedures.restoration.joint.result import Restoration, RestorationDiagnost
 from procedures.restoration.joint.schedule import Schedule, Scheme
 from procedures.restoration.masks import checks
 from procedures.restoration.masks.blur_operator import Array
-from procedures.restoration.masks.mask_fields import MaskField, Masks, one_grid
+from procedures.restoration.masks.mask_fields import MaskField, Masks, half_size_at, one_grid
 
 STARTS = ("matched", "blur", "symmetric")
 AXES = ("both", "x", "y")
@@ -153,7 +152,7 @@ def restoration_of(
         reach_of(start.w, stacks),
         p.total_variation,
         p.depth_total_variation,
-        misfit_of(start.trusted, data.R),
+        ~binary_erosion(np.pad(start.trusted, data.R), iterations=2, border_value=1),  # with a margin
     )
     descend = joint_descent.run if p.flat_w is None else joint_descent.picture_alone
     state = descend(problem, joint_descent.begin(problem, start.w), progress)
@@ -163,13 +162,7 @@ def restoration_of(
 def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
     """Pixels about a depth edge where windowed matching mixes both sides: half-widths of both masks and the window."""
     w75 = float(np.percentile(w, 75))
-    widths = [wide[min(int(w75 / s.step) + 1, len(wide) - 1)] for s, wide in ((s, s.supports()) for s in stacks)]
-    return int(sum(sorted(widths)[-2:])) + 5
-
-
-def misfit_of(trusted: NDArray[np.bool_], R: int) -> NDArray[np.bool_]:
-    """Where a first depth is unreliable, with a margin of two pixels, on the extended frame."""
-    return np.asarray(~binary_erosion(np.pad(trusted, R), iterations=2, border_value=1))
+    return sum(sorted(half_size_at(one, w75) for one in stacks)[-2:]) + 5
 
 
 def _restoration(

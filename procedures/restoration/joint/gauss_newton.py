@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from procedures.restoration.joint.data_term import DataTerm, conjugate_gradients
-from procedures.restoration.joint.priors import bending, roughness
 from procedures.restoration.masks.array_loops import add_bending, add_diffusion
 from procedures.restoration.masks.blur_operator import Array
 
@@ -36,10 +35,6 @@ class PriorWeights:
     step: float = 0.15
     tilt: float = 0.03
     bend: float = 0.75
-
-    def depth_cost(self, w: Array, down: Array, across: Array) -> float:
-        """Cost of the prior of w; down, across : its weights on differences."""
-        return self.depth * (self.tilt * roughness(w, down, across) + self.bend * bending(w, down, across))
 
 
 def joint_step(

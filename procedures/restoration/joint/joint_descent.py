@@ -25,7 +25,7 @@ from procedures.restoration.joint.noise_and_contrast import (
     gradient_powers,
     moments,
 )
-from procedures.restoration.joint.priors import depth_variation, roughness, steps_allowed, total_variation
+from procedures.restoration.joint.priors import bending, depth_variation, roughness, steps_allowed, total_variation
 from procedures.restoration.joint.restart_regions import DOUBT, RegionAttempt, relative_residual, restart
 from procedures.restoration.joint.schedule import (
     DEPTH_SLOPE,
@@ -113,8 +113,7 @@ def begin(problem: Problem, w: Array) -> DescentState:
     data = problem.data
     R, dtype = data.R, data.z.dtype
     wide = np.pad(w, R, mode="edge").astype(dtype)
-    mean = (data.z * data.trust).sum(axis=0) / np.maximum(data.trust.sum(axis=0), 1e-6)
-    u = np.pad(mean, ((0, 0), (R, R), (R, R)), mode="edge").astype(dtype)
+    u = data.mean().astype(dtype)
     data.focus(wide)
     statistics = Statistics(problem.sigma, problem.sigma, CONTRAST)
     weight = max(1e-3, problem.schedule.final(statistics).picture)
@@ -126,7 +125,8 @@ def cost(problem: Problem, u: Array, w: Array, weights: PriorWeights) -> tuple[f
     problem.data.focus(w)
     e = problem.data.residual(u)
     prior = weights.picture * roughness(u, *_diffusion(problem, u))
-    prior += weights.depth_cost(w, *_edges(problem, e, w, weights, None))
+    edges = _edges(problem, e, w, weights, None)
+    prior += weights.depth * (weights.tilt * roughness(w, *edges) + weights.bend * bending(w, *edges))
     return 0.5 * float(np.sum(e**2)) + prior, float(np.median(np.abs(e)) / 0.6745)
 
 

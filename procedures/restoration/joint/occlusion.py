@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from procedures.restoration.masks.blur_operator import Array
-from procedures.restoration.masks.mask_fields import Masks
+from procedures.restoration.masks.mask_fields import Masks, half_size_at
 
 Mask = NDArray[np.bool_]
 
@@ -51,8 +51,7 @@ class Occlusion:
 def occlusion_of(w: Array, stacks: Sequence[Masks]) -> Occlusion:
     """Regions of possible occlusion at the edges of a depth w (H, W), from the photographs' masks."""
     widest = float(np.quantile(w, QUANTILE))
-    supports = [(one.supports(), one.step) for one in stacks]
-    reach = max(int(wide[min(int(widest / step) + 1, len(wide) - 1)]) for wide, step in supports) + BEYOND
+    reach = max(half_size_at(one, widest) for one in stacks) + BEYOND
     step = _span(w, reach)
     return Occlusion((step > LEAST_STEP) & (step > STEEP * _span(w, 2 * reach)), step)
 

@@ -55,7 +55,11 @@ def picture_error(
     the power of one photograph's residual from masks and noise, X that of the picture. The residual holds P - 1 of P
     parts of N, and the part suppressed by the prior; X is taken as restored.
     """
-    power, slopes, rings = band_powers(residual.astype(np.float64)), gradient_powers(sharp.astype(np.float64)), _bands()
+    power, slopes, rings = (
+        band_powers(residual.astype(np.float64)),
+        gradient_powers(sharp.astype(np.float64)),
+        rings_of((SIZE, SIZE)),
+    )
     parts = np.zeros(3)
     for w in depths:
         S, L = responses(stacks, float(w))
@@ -78,10 +82,6 @@ def responses_of_best(stacks: list[MaskStack], w: float) -> Array:
     """Squared transfer function of the mask that blurs least."""
     each = [responses([one], w)[0] for one in stacks]
     return np.minimum(max(each, key=lambda one: float(one.mean())), 1.0)
-
-
-def _bands() -> Array:
-    return np.asarray(rings_of((SIZE, SIZE)))
 
 
 def error_map(std: float, residual: Array, window: int) -> Array:
@@ -107,12 +107,6 @@ def residual_noise(z: Array, residual: Array, sharp: Array, R: int) -> float:
 
     Noise of processed photographs exceeds that at their highest frequencies; it is estimated from the residual where
     there is no texture, which holds P - 1 of P parts of it.
-    """
-    return smooth_noise(z, residual, sharp, R) * float(np.sqrt(len(z) / (len(z) - 1)))
-
-
-def smooth_noise(z: Array, residual: Array, sharp: Array, R: int) -> float:
-    """Standard deviation of the residual in parts without texture, scaled to the frame's mean light.
 
     z, residual : (P, C, H, W); sharp : (C, H, W); R : half-size of the masks. Noise grows with light, errors of the
     masks with texture within their reach: local variances are regressed on both. 0 where no place is smooth.
@@ -130,4 +124,4 @@ def smooth_noise(z: Array, residual: Array, sharp: Array, R: int) -> float:
     for _ in range(4):
         coefficients = nnls(design * trust[:, None], power * trust)[0]
         trust = 1 / np.maximum(design @ coefficients, 1e-3 * power.mean() + 1e-30)
-    return float(np.sqrt(np.mean(design[:, :2] @ coefficients[:2])))
+    return float(np.sqrt(np.mean(design[:, :2] @ coefficients[:2]))) * float(np.sqrt(len(z) / (len(z) - 1)))

@@ -86,15 +86,13 @@ def restarted(
 
     reach : pixels within which edges are localised; weight : of the picture's prior; iterations : of `Effort`.
     """
-    R, soft = data.R, max(weight, SOFT)
+    soft = max(weight, SOFT)
     labels = reliable_segments(old.labels, wrong)
     w = np.where(wrong, surfaces(old.w, labels, 0, DOUBT, valid=~wrong).surface, old.w).astype(old.w.dtype)
     layers = layers_of(w, labels, reach, DOUBT, where=wrong, valid=~wrong)
     layers = replace(layers, share=np.where(layers.band, 0.5, layers.share))
-    mean = (data.z * data.trust).sum(axis=0) / np.maximum(data.trust.sum(axis=0), 1e-6)
-    blurred = np.pad(mean, ((0, 0), (R, R), (R, R)), mode="edge")
     data.focus(w)
-    u = restore_picture(data, np.where(wrong, blurred, old.u).astype(old.u.dtype), soft, 15)
+    u = restore_picture(data, np.where(wrong, data.mean(), old.u).astype(old.u.dtype), soft, 15)
     return RegionAttempt(*place_steps(data, other, u, w, labels, layers, soft, effort=Effort(ROUNDS, iterations)))
 
 

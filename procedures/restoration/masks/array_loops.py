@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.numerics.kernel_cache import jitted
+from procedures.numerics.compiled import jitted
 
 Array = NDArray[np.floating[Any]]
 

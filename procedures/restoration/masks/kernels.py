@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.numerics.kernel_cache import jitted
+from procedures.numerics.compiled import jitted
 from procedures.restoration.masks.simd_vectors import LANES, entry, filled, load, multiply_add, store, total
 
 Array = NDArray[np.floating[Any]]

@@ -13,7 +13,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.numerics.kernel_cache import jitted
+from procedures.numerics.compiled import jitted
 from procedures.restoration.masks.blur_models import SAMPLES
 
 Array = NDArray[np.floating[Any]]

@@ -110,6 +110,12 @@ class MaskField:
 Masks = MaskStack | MaskField
 
 
+def half_size_at(masks: Masks, w: float) -> int:
+    """Half-size of the square outside which the mask of one w is zero everywhere in the frame, pixels."""
+    supports = masks.supports()
+    return int(supports[min(int(w / masks.step) + 1, len(supports) - 1)])
+
+
 def positions(grid: tuple[int, int], shape: tuple[int, int], R: int) -> tuple[Array, Array]:
     """Rows y and columns x of a grid's nodes in pixels of the photograph; one node lies in the middle."""
     y, x = (

@@ -12,7 +12,6 @@ from typing import Any
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, models, register_model
-from numba.np.arrayobj import make_array
 
 LANES = 16
 """Numbers in a vector: two registers of AVX, one of AVX-512; 8 took 14 to 40 % longer for masks 9 to 13 wide."""
@@ -41,7 +40,7 @@ def _emitted(function: Callable[..., Any]) -> Any:
 
 def _place(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
     """Address of LANES entries of a flat array from index `at` on."""
-    data = make_array(kind)(context, builder, array).data  # type: ignore[no-untyped-call]  # numba's own
+    data = context.make_array(kind)(context, builder, array).data
     vector = ir.VectorType(context.get_value_type(kind.dtype), LANES)
     return builder.bitcast(builder.gep(data, [at]), vector.as_pointer())
 
@@ -113,7 +112,7 @@ def entry(_: Any, array: Any, at: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         kind = signature.args[0]
-        data = make_array(kind)(context, builder, values[0]).data  # type: ignore[no-untyped-call]  # numba's own
+        data = context.make_array(kind)(context, builder, values[0]).data
         return builder.load(builder.gep(data, [values[1]]))
 
     return array.dtype(array, types.intp), generate

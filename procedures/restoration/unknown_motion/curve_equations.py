@@ -11,7 +11,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.numerics.kernel_cache import jitted
+from procedures.numerics.compiled import jitted
 from procedures.restoration.masks.line_rasterisation import line_mask, line_mask_change
 
 Array = NDArray[np.floating[Any]]

@@ -52,10 +52,6 @@ class KernelStart:
     last_edges: float = 1e-3
     least: float = 0.03
 
-    def with_edge_weight(self, times: float) -> KernelStart:
-        """With the weights of edges multiplied by a factor."""
-        return replace(self, edges=times * self.edges, last_edges=times * self.last_edges)
-
 
 SHRINK, SMALLEST = 0.5**0.5, 1.5
 """Factor between scales, and half-size of kernels at the coarsest, pixels."""
@@ -162,7 +158,8 @@ def _searched(sparse: SparseGradients, z: Pictures, edges: float, s: KernelEffor
     def refined(kernels: Kernels) -> SparseFit:
         return sparse.fit(about_middle(kernels), s.settled, s.picture_iterations, LEAST)
 
-    starts = [_initial_kernels(z, sparse.R, start.with_edge_weight(edges), s) for start in s.starts]
+    scaled_starts = (replace(one, edges=edges * one.edges, last_edges=edges * one.last_edges) for one in s.starts)
+    starts = [_initial_kernels(z, sparse.R, start, s) for start in scaled_starts]
     fits = sorted(
         (sparse.fit(start, s.compared, s.picture_iterations, LEAST) for start in starts), key=lambda fit: fit.cost
     )
@@ -207,7 +204,7 @@ def _doubt(fit: SparseFit, agreement: float) -> str | None:
 
 def _initial_kernels(z: Pictures, R: int, start: KernelStart, s: KernelEffort) -> Kernels:
     """Kernels by sharp edges, from the coarsest scale to the finest."""
-    scale, finest = _coarsest(R), R
+    scale, finest = SHRINK ** max(0, int(np.floor(np.log(SMALLEST / R) / np.log(SHRINK)))), R
     R = max(1, int(np.ceil(scale * finest)))
     kernels = np.zeros((len(z), 2 * R + 1, 2 * R + 1), np.float32)
     kernels[:, R - 1 : R + 2, R - 1 : R + 2] = 1 / 9
@@ -224,11 +221,6 @@ def _initial_kernels(z: Pictures, R: int, start: KernelStart, s: KernelEffort) -
         finer = 1.0 if scale > SHRINK**1.5 else scale / SHRINK
         R = int(np.ceil(finer * finest))
         kernels, scale = scaled(kernels, finer / scale, R), finer
-
-
-def _coarsest(R: int) -> float:
-    steps = max(0, int(np.floor(np.log(SMALLEST / R) / np.log(SHRINK))))
-    return float(SHRINK**steps)
 
 
 def _shrunk(z: Pictures, scale: float) -> Pictures:

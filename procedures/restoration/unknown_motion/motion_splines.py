@@ -68,16 +68,6 @@ def spline_mask(points: Array, R: int, sigma: float, instants: int = INSTANTS) -
     return line_mask(basis(instants) @ points, R, sigma)
 
 
-def spline_mask_change(
-    points: Array, R: int, sigma: float, instants: int = INSTANTS
-) -> tuple[Array, NDArray[np.int64], Array]:
-    """The mask, flat indices (n,) of its pixels that depend on the points, and derivatives (n, 2 POINTS) by x, then y.
-
-    Sampling effects are neglected.
-    """
-    return line_mask_change(basis(instants) @ points, R, sigma, *moving(instants), POINTS)
-
-
 def path_stack(points: Array, half: float, max_w: float, R: int) -> MaskStack:
     """Masks of the curve of half-width `half` at every w: the curve stretched about the masks' centre (5.3)."""
     levels = np.maximum(np.arange(int(np.ceil(max_w / STEP)) + 2) * STEP, 0.02)
@@ -105,7 +95,7 @@ def fit_spline(points: Array, target: Array, sigma: float, steady: float, instan
     cost, damping = _cost(points, target, sigma, steady, instants), 1e-3
     stiff = np.kron(np.eye(2), steady * third_derivative_penalty())
     for _ in range(25):
-        mask, at, J = spline_mask_change(points, len(target) // 2, sigma, instants)
+        mask, at, J = line_mask_change(basis(instants) @ points, len(target) // 2, sigma, *moving(instants), POINTS)
         H = J.T @ J + stiff
         gradient = J.T @ (mask - target).ravel()[at] + stiff @ points.T.ravel()
         step, before = np.trace(J.T @ J) / len(H), cost

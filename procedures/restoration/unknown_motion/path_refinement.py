@@ -335,7 +335,10 @@ def _matched(view: _View, points: Array) -> _Fit:
         edges = steps_allowed(wide, weights.step)
         u, wide = joint_step(data, u, wide, weights, JOINT_ITERATIONS, (1.0, 1.0), edges)
         wide[inside] = view.pinned(wide[inside])
-    return _judged(view, replace(fit, u=u, w=wide[inside].astype(np.float64)), stacks)
+    w = wide[inside].astype(np.float64)
+    u, e = _errors(view, stacks, w, u)
+    errors = [float(r @ r) / (TILE * view.sigma) ** 2 for _, r in _unexplained(view, stacks, w, e)]
+    return replace(fit, u=u, w=w, energy=_energy(errors))
 
 
 def _restored(view: _View, points: Array, start: _Fit, done: float) -> _Fit:
@@ -414,9 +417,3 @@ def _unexplained(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> It
 def _energy(errors: list[float]) -> float:
     """Mean of the tiles' mean squares, relative to the noise, with reduced weight of those with a depth edge."""
     return float(np.mean(DOUBT * np.log1p(np.array(errors) / DOUBT)))
-
-
-def _judged(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
-    u, e = _errors(view, stacks, fit.w, fit.u)
-    errors = [float(r @ r) / (TILE * view.sigma) ** 2 for _, r in _unexplained(view, stacks, fit.w, e)]
-    return replace(fit, u=u, energy=_energy(errors))

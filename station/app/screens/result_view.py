@@ -12,9 +12,9 @@ from station.app.widgets import verdict_words
 from station.common.uncertainty_text import stated
 from station.drawing.glyphs import Glyphs
 from station.drawing.terminal_plots import TerminalCurve, TerminalFrame, plot
+from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.reader import Change
-from station.results.restored import Restored
 from station.results.terms import specification_verdict
 from station.results.verdict_words import specification_words
 
@@ -27,15 +27,14 @@ LETTERS = "*o"
 
 
 def mtf_plot(planes: Sequence[PlaneResult]) -> Plotted | None:
-    """The radial MTF of each plane with its 95 % band, the second one dashed; None where no plane has one."""
+    """The MTF of each plane, radial or across an edge, with 95 % bands, the second dashed; None without one."""
     curves: list[TerminalCurve] = []
     for plane, letter in zip([one for one in planes if one.curves], LETTERS, strict=False):
-        band = plane.curves.get("radial_uncertainty")
+        name = "radial" if "radial" in plane.curves else "mtf"
+        band = plane.curves.get(f"{name}_uncertainty")
         dashed = bool(curves)
         wide = None if band is None else COVERAGE * band
-        curves.append(
-            TerminalCurve(plane.curves["frequency"], plane.curves["radial"], wide, letter=letter, dashed=dashed)
-        )
+        curves.append(TerminalCurve(plane.curves["frequency"], plane.curves[name], wide, letter=letter, dashed=dashed))
     if not curves:
         return None
     highest = max(float(np.max(curve.x)) for curve in curves)
@@ -72,11 +71,14 @@ def _causes_in_words(judged: Judged) -> list[str]:
     return lines + (["Other possible causes:", *others] if others else [])
 
 
-def restored_in_words(found: Restored, glyphs: Glyphs) -> list[str]:
+def restored_in_words(restoration: Measurement, glyphs: Glyphs) -> list[str]:
     """Verdict and causes of a restoration, and the range of its depth map."""
-    lines = [f"Restoration: {verdict_words(found.verdict, glyphs)}"]
-    lines += _causes_in_words(found)
-    return lines + ([f"w of the depth map: {found.w}"] if found.w else [])
+    (plane,), w = restoration.planes, restoration.entries.get("w", {})
+    lines = [f"Restoration: {verdict_words(plane.verdict, glyphs)}", *_causes_in_words(plane)]
+    try:
+        return [*lines, f"w of the depth map: {w['least']:.4g} to {w['greatest']:.4g} {w.get('unit', '')}".rstrip()]
+    except (AttributeError, KeyError, TypeError, ValueError):  # a refusal, or a damaged record
+        return lines
 
 
 def changes_in_words(found: Sequence[Change], glyphs: Glyphs) -> list[str]:

@@ -20,9 +20,9 @@ from station.app.screens.result_view import changes_in_words, mtf_plot, plane_in
 from station.app.terminal_images import picture_thumbnail, psf_thumbnail
 from station.app.widgets import CurveView, Part, Picture, lines_of
 from station.drawing.glyphs import Glyphs
+from station.results.measurement import RESTORATION, Measurement
 from station.results.plane_result import PlaneResult
-from station.results.reader import ReadResult, changes, find_results, read_result
-from station.results.restored import Restored
+from station.results.reader import changes, find_results, read_picture, read_result
 
 EMPTY = "-empty"
 NONE_YET = "There is no result yet: start a measurement with the guide (F2)."
@@ -33,7 +33,7 @@ class ResultEntry:
     """A result folder with its contents, or why it cannot be shown."""
 
     folder: Path
-    result: ReadResult | None = None
+    result: Measurement | None = None
     wrong: str = ""
 
     def name(self) -> str:
@@ -123,7 +123,7 @@ class ResultsScreen(StationScreen):
     def next_plane(self) -> None:
         """Show the next plane."""
         result = self._chosen.result if self._chosen else None
-        names = list(result.planes) if result else []
+        names = list(result.by_name) if result else []
         if names:
             self._plane = names[(names.index(self._shown_plane(names)) + 1) % len(names)]
             self._show()
@@ -146,13 +146,13 @@ class ResultsScreen(StationScreen):
     def _plane_of(self, entry: ResultEntry | None) -> PlaneResult | None:
         if entry is None or entry.result is None or not entry.result.planes:
             return None
-        return entry.result.planes[self._shown_plane(list(entry.result.planes))]
+        return entry.result.by_name[self._shown_plane(list(entry.result.by_name))]
 
     def _show(self) -> None:
         one, other = self._plane_of(self._chosen), self._plane_of(self._compared)
-        restored = self._chosen.result.restored if self._chosen and self._chosen.result else None
-        if restored is not None:
-            self._show_restored(restored)
+        result = self._chosen.result if self._chosen else None
+        if self._chosen is not None and result is not None and result.schema == RESTORATION:
+            self._show_restoration(self._chosen.folder, result)
             return
         if self._chosen is not None and one is None:
             self.query_one("#words", Part).update(lines_of(self._chosen.wrong or "the result has no planes"))
@@ -167,12 +167,16 @@ class ResultsScreen(StationScreen):
             head = f"Plane {one.name}: kept (solid) | chosen (dashed)"
             self.query_one("#words", Part).update(lines_of(head, *(lines or ["the results have no number in common"])))
 
-    def _show_restored(self, restored: Restored) -> None:
+    def _show_restoration(self, folder: Path, restoration: Measurement) -> None:
         """Show a restored image without curves."""
         self._draw(None, ())
-        if restored.sharp is not None:
-            self.query_one(Picture).show(picture_thumbnail(restored.sharp, "restored image"))
-        self.query_one("#words", Part).update(lines_of(*restored_in_words(restored, self._glyphs)))
+        lines = restored_in_words(restoration, self._glyphs)
+        try:
+            if not restoration.refused:
+                self.query_one(Picture).show(picture_thumbnail(read_picture(folder / "sharp.png"), "restored image"))
+        except ProcedureError as error:
+            lines.append(str(error))
+        self.query_one("#words", Part).update(lines_of(*lines))
 
     def _draw(self, one: PlaneResult | None, curves: Sequence[PlaneResult]) -> None:
         h = None if one is None else one.samples

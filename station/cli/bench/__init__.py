@@ -1,1 +1,1 @@
-"""What is done with a bench from the command line: its devices shown, simulated for others, served to others."""
+"""Commands for a bench: show its devices, simulate it, serve it."""

@@ -1,4 +1,4 @@
-"""`station devices`: what is configured, what answers, and what is wrong with it."""
+"""`station devices`: the configured devices, their answers and problems."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ FAILED = 3
 @simulate_option
 @shaker_option
 @seed_option
-@click.option("--faults", is_flag=True, help="Let the simulated bench fail now and then.")
+@click.option("--faults", is_flag=True, help="Inject faults into the simulated bench.")
 @click.option("--wire-log", type=click.Path(path_type=Path), help="Write every byte on the wires to this folder.")
 @click.option("--json", "as_json", is_flag=True, help="Write the rows as JSON to stdout.")
 @click.option(
     "--commission", is_flag=True,
-    help="Take the stages into service: read their controllers, drive them with your consent, say what to change.",
+    help="Commission the stages: read their controllers, move them with your consent, report necessary changes.",
 )  # fmt: skip
 @click.option("--output", type=click.Path(path_type=Path), help="Write the commissioned stages' tables to this file.")
 @log_json_option
@@ -46,7 +46,7 @@ def devices(
     config: Path | None, simulate: bool, shaker: bool, seed: int, faults: bool, wire_log: Path | None, as_json: bool,
     commission: bool, output: Path | None,
 ) -> None:  # fmt: skip
-    """Show each device: driver, address, what answered, its state, and what to do where something is wrong."""
+    """Show each device: driver, address, identity, state, and the remedy for problems."""
     from station.bench.opening import make_bench, read_config, simulated_bench, simulated_tables
     from station.common.leftovers import temporary_folder
     from station.common.stop_signals import guarded
@@ -82,18 +82,18 @@ def devices(
 
 
 class AtTheTerminal:
-    """The operator beside the stage, asked on the terminal; remarks go to stderr."""
+    """The operator at the stage, questioned on the terminal; remarks go to stderr."""
 
     def show(self, words: str) -> None:
-        """A line."""
+        """Write a line."""
         click.echo(words, err=True)
 
     def agrees(self, question: str) -> bool:
-        """Yes or no; no where nothing is typed."""
+        """Yes or no; no by default."""
         return click.confirm(question, default=False, err=True)
 
     def measures(self, question: str) -> float | None:
-        """A number above 0, asked until it is one; nothing for None."""
+        """A number above 0, asked until it is valid; None for an empty answer."""
         while text := click.prompt(question, default="", show_default=False, err=True).strip():
             try:
                 value = float(text.replace(",", "."))
@@ -106,25 +106,26 @@ class AtTheTerminal:
 
 
 def _commission(bench: Bench, rows: list[DeviceRow], tables: Mapping[str, Any], output: Path | None) -> None:
-    """Each stage that answered, one after another."""
+    """Commission each stage that answered."""
     from station.bench.commission import commission
 
     stages = [row.name for row in rows if row.error is None and hasattr(bench.devices[row.name], "move_to")]
-    written = []
-    for name in stages:
-        written.append(commission(name, cast("Stage", bench.devices[name]), tables[name], AtTheTerminal(), bench.clock))
+    written = [
+        commission(name, cast("Stage", bench.devices[name]), tables[name], AtTheTerminal(), bench.clock)
+        for name in stages
+    ]
     if output is not None and written:
         output.write_text("\n".join(written), encoding="utf-8")
         log("written", f"the tables of {', '.join(stages)} are in {output}")
 
 
 def interrupt() -> None:
-    """Nothing is finished first: nothing moves here."""
+    """End at once: nothing moves here."""
     raise KeyboardInterrupt
 
 
 def entry(row: DeviceRow) -> dict[str, Any]:
-    """One row for programs."""
+    """A row for JSON."""
     who, error = row.identity, row.error
     return {
         "name": row.name,
@@ -142,10 +143,10 @@ def entry(row: DeviceRow) -> dict[str, Any]:
 
 
 def table(rows: list[DeviceRow]) -> str:
-    """The rows for people: aligned columns; where a device may not be used yet, what to do."""
+    """The rows as aligned columns, with remedies for devices that are not usable yet."""
     cells = [["device", "driver", "answers as", "firmware", "serial", "state", "what to do"]]
     for row in rows:
-        told = entry(row)
-        words = [str(told[key] or "-") for key in ("model", "firmware", "serial", "state", "remedy")]
+        values = entry(row)
+        words = [str(values[key] or "-") for key in ("model", "firmware", "serial", "state", "remedy")]
         cells.append([row.name, row.driver, *(words if row.error is None else ["-", "-", "-", "absent", "see below"])])
     return columns(cells)

@@ -8,17 +8,16 @@ import socket
 import threading
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from station.cli.terminal.bench_options import (
-    check_shaker,
     config_option,
+    make_lab,
     seed_option,
     shaker_option,
     simulate_option,
-    usual_config,
 )
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import UNITS, Number
@@ -30,10 +29,10 @@ if TYPE_CHECKING:
     from station.service.hosting import Hosting
 
 PORT = 11111
-"""What Alpaca's programs try first."""
+"""The default of Alpaca."""
 TOKEN = "STATION_TOKEN"
 PATIENCE_S = 3.0
-"""How long a run may take to write its last line."""
+"""Timeout for a run to write its last line."""
 
 
 @click.command()
@@ -42,35 +41,30 @@ PATIENCE_S = 3.0
 @simulate_option
 @shaker_option
 @seed_option
-@inherited("--specification", type=click.Path(path_type=Path), help="Limits to hold new sessions' results to, in TOML.")
-@inherited("--unit", type=UNITS, help="Of new sessions' frequencies.  [default: as station.toml says]")
+@inherited("--specification", type=click.Path(path_type=Path), help="Limits for the results of new sessions, in TOML.")
+@inherited("--unit", type=UNITS, help="Of frequencies in new sessions.  [default: from station.toml]")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Where to listen; 0.0.0.0 for the local network.")
-@click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0 takes a free one.")
+@click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0 selects a free one.")
 @click.option("--token", help=f"Required from clients.  [default: {TOKEN} of the environment, or a new one]")
-@click.option("--no-token", is_flag=True, help="Let everybody in who reaches the port.")
-@click.option("--discovery", is_flag=True, help="Answer Alpaca's programs that look for servers (UDP 32227).")
+@click.option("--no-token", is_flag=True, help="Accept every client that reaches the port.")
+@click.option("--discovery", is_flag=True, help="Answer Alpaca's discovery (UDP 32227).")
 @click.option("--for-s", type=Number(min=0, max=1e9), help="End after so many seconds.  [default: on Ctrl-C]")
 @click.option("--json", "as_json", is_flag=True, help="Write address and token as one JSON object.")
 @log_json_option
 def serve(
-    config: Path | None, sessions: Path, simulate: bool, shaker: bool, seed: int, specification: Path | None,
-    unit: str | None, host: str, port: int, token: str | None, no_token: bool, discovery: bool, for_s: float | None,
-    as_json: bool,
+    host: str, port: int, token: str | None, no_token: bool, discovery: bool, for_s: float | None, as_json: bool,
+    **options: Any,
 ) -> None:  # fmt: skip
     """Serve bench, sessions and runs to other programs until Ctrl-C: JSON over HTTP, Alpaca, a page for a phone.
 
-    Everybody may stop the bench, without a token.
+    Stopping the bench requires no token.
     """
     from procedures.outcome import BadParameter
-    from station.cli.app import check_specification, frozen_unit
     from station.common.stop_signals import guarded
-    from station.guide.workspace import StationLab
 
-    check_shaker(simulate=simulate, shaker=shaker)
-    if specification is not None:
-        check_specification(specification)
+    lab = make_lab(**options)
     if token is not None and no_token:
-        raise BadParameter("--token and --no-token contradict each other", "leave one of them out")
+        raise BadParameter("--token and --no-token contradict each other", "omit one of them")
     try:
         from station.service.access import check_token, new_token
         from station.service.hosting import listen
@@ -79,10 +73,6 @@ def serve(
         raise BadParameter(reason, "install it: pip install 'calibration-station[serve]'") from error
     given = token if token is not None else os.environ.get(TOKEN)
     key = None if no_token else new_token() if given is None else check_token(given)
-    lab = StationLab(
-        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification,
-        shaker=shaker, unit=frozen_unit(unit, config),
-    )  # fmt: skip
     ended = threading.Event()
     with listen(host, port) as listening, ExitStack() as besides:
         if discovery:
@@ -100,11 +90,11 @@ def serve(
                     served.close(PATIENCE_S)
         finally:
             lab.close()
-    log("ended", "the server has ended, and everything stands still")
+    log("ended", "the server has ended, and all devices have stopped")
 
 
 def _begin(lab: StationLab, listening: socket.socket, host: str, token: str | None) -> tuple[ServedBench, Hosting]:
-    """Open the bench, and answer from now on. Raises DeviceError where the bench cannot be meant."""
+    """Open the bench and start to serve. Raises DeviceError for an invalid bench."""
     from station.service.bench_state import ServedBench
     from station.service.hosting import Hosting
     from station.service.site import site
@@ -117,30 +107,30 @@ def _begin(lab: StationLab, listening: socket.socket, host: str, token: str | No
 
 
 def _announce(host: str, port: int, token: str | None, as_json: bool, served: ServedBench) -> None:
-    """Where it is, and what is wrong with the bench."""
+    """Write the address, and report problems of the bench."""
     from station.service.access import is_loopback
 
     address = f"http://{_reached_at(host)}:{port}"
     page = f"{address}/?token={token}" if token else f"{address}/"
-    told = {"address": address, "token": token, "page": page}
-    click.echo(json.dumps(told) if as_json else f"{address}\ntoken   {token or 'none'}\npage    {page}")
+    access = {"address": address, "token": token, "page": page}
+    click.echo(json.dumps(access) if as_json else f"{address}\ntoken   {token or 'none'}\npage    {page}")
     for row in served.rows:
         if row.error is not None:
             log("device", f"{row.name}: {row.error.reason}", level="error", remedy=row.error.remedy)
     if served.bench is None:
         log("no_bench", "there is no station.toml: only sessions are served, and runs by hand", level="warning")
     if token is None and not is_loopback(host):
-        words = f"whoever reaches {address} can move the bench"
-        log("open", words, level="warning", remedy="leave --no-token out")
+        words = f"any client that reaches {address} can move the bench"
+        log("open", words, level="warning", remedy="omit --no-token")
 
 
 def _reached_at(host: str) -> str:
-    """The address to tell: of a server that listens everywhere, the one that this machine has in its network."""
+    """The address for clients: for a server on all interfaces, that of this machine in its network."""
     if host not in ("0.0.0.0", "::"):
         return f"[{host}]" if ":" in host else host
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect(("192.0.2.1", 9))  # an address of documentation: nothing is sent
+            probe.connect(("192.0.2.1", 9))  # an address reserved for documentation: nothing is sent
         except OSError:
             return "127.0.0.1"
         return str(probe.getsockname()[0])

@@ -14,14 +14,14 @@ from station.cli.terminal.numbers import SEED, Number
 
 @click.command()
 @inherited("--seed", type=SEED, default=0, show_default=True, help="Of all noise, and of the faults.")
-@click.option("--faults", is_flag=True, help="Lose, change and double bytes now and then, and fall silent.")
+@click.option("--faults", is_flag=True, help="Lose, change and duplicate bytes at random, and stop answering.")
 @click.option(
     "--folder", type=click.Path(path_type=Path), default=Path("incoming"), show_default=True, help="Where RAW files go."
 )
 @click.option("--json", "as_json", is_flag=True, help="Write the addresses as one JSON object.")
 @click.option("--for-s", type=Number(min=0, max=1e9), help="End after so many seconds.  [default: on Ctrl-C]")
 def simulate(seed: int, faults: bool, folder: Path, as_json: bool, for_s: float | None) -> None:
-    """Open the simulated bench and print where each device answers, until Ctrl-C."""
+    """Open the simulated bench and print the address of each device, until Ctrl-C."""
     from station.bench.opening import simulated_bench
     from station.common.stop_signals import guarded
 
@@ -31,8 +31,8 @@ def simulate(seed: int, faults: bool, folder: Path, as_json: bool, for_s: float 
     try:
         with guarded(bench.emergency_stop, ended.set, terminated=0):
             ports = bench.simulated.open_ports()
-            told = {name: list(two) for name, two in ports.items()}
-            click.echo(json.dumps(told) if as_json else listing(ports, folder))
+            addresses = {name: list(two) for name, two in ports.items()}
+            click.echo(json.dumps(addresses) if as_json else listing(ports, folder))
             ended.wait(for_s)
     finally:
         bench.close()
@@ -41,6 +41,6 @@ def simulate(seed: int, faults: bool, folder: Path, as_json: bool, for_s: float 
 
 
 def listing(ports: dict[str, tuple[str, str]], folder: Path) -> str:
-    """The addresses for people."""
+    """The addresses as lines."""
     lines = [f"{name:12} {pty:14} {tcp}" for name, (pty, tcp) in ports.items()]
     return "\n".join([*lines, f"{'camera':12} RAW files appear in {folder} when the shutter is fired"])

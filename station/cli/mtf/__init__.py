@@ -1,1 +1,1 @@
-"""`station mtf ...`, one file a command."""
+"""`station mtf ...`."""

@@ -1,4 +1,4 @@
-"""`station mtf ...`: the ways to measure an MTF alone, one file each."""
+"""`station mtf ...`: measurements of the MTF alone."""
 
 from __future__ import annotations
 

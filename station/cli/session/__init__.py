@@ -1,1 +1,1 @@
-"""`station session ...`, one file a command."""
+"""`station session ...`."""

@@ -1,4 +1,4 @@
-"""`station session ...`: what is done with sessions, one file each; and how a command finds a session."""
+"""`station session ...`: the commands, and options that select a session."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from station.cli.terminal.lazy import LazyGroup
 
 # name -> (module under station.cli, function, help line)
 SESSION_COMMANDS = {
-    "list": ("session.list", "session_list", "All sessions, or those of a camera, lens, plan or verdict."),
-    "show": ("session.show", "session_show", "What a session holds, and whether it is still as it was written."),
-    "resume": ("session.resume", "session_resume", "Go on with a session where it stopped."),
+    "list": ("session.list", "session_list", "List all sessions, or those of a camera, lens, plan or verdict."),
+    "show": ("session.show", "session_show", "Show the content of a session, and verify it."),
+    "resume": ("session.resume", "session_resume", "Continue a session where it stopped."),
     "delete": ("session.delete", "session_delete", "Delete a session with its photographs."),
-    "recompute": ("session.recompute", "session_recompute", "Compute its results again and compare every byte."),
+    "recompute": ("session.recompute", "session_recompute", "Recompute results and compare every byte."),
     "report": ("session.report", "session_report", "Write its report again."),
-    "trend": ("session.trend", "session_trend", "How a camera's numbers change over its sessions."),
-    "index": ("session.index", "session_index", "The index over the sessions, rebuilt if wanted."),
+    "trend": ("session.trend", "session_trend", "Report the change of a camera's numbers over its sessions."),
+    "index": ("session.index", "session_index", "Update or rebuild the index of the sessions."),
 }
 
 Command = Callable[..., Any]
@@ -41,22 +41,22 @@ def session() -> None:
 
 
 def session_argument(command: Command) -> Command:
-    """Give a command the argument SESSION, and --sessions, in which a bare name is looked for."""
+    """Give a command the argument SESSION, and --sessions, the folder of bare names."""
     return click.argument("name", metavar="SESSION")(sessions_option(command))
 
 
 def newest_unfinished(root: Path) -> Path:
-    """The folder of the session that began last and is not finished. Raises BadParameter where there is none."""
+    """The folder of the newest unfinished session. Raises BadParameter where there is none."""
     from procedures.outcome import BadParameter
     from station.guide.workspace import kept_in
 
     for one in kept_in(root):
         if one.ended != "finished":
             return one.folder
-    raise BadParameter(f"no session in {root} is unfinished", "name the session that is to be gone on with")
+    raise BadParameter(f"no session in {root} is unfinished", "name the session to continue")
 
 
 def find_session(name: str, root: Path) -> Path:
-    """The folder of a session that was named by its path, or by its name in the folder of sessions."""
+    """The folder of a session, given by its path or its name in the folder of sessions."""
     here = Path(name)
     return here if here.exists() or here.name != name else root / name

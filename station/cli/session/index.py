@@ -1,4 +1,4 @@
-"""`station session index`: what the index knows, made anew if wanted."""
+"""`station session index`: update or rebuild the index."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from station.common.log import log, log_json_option
 
 @click.command("index")
 @sessions_option
-@click.option("--rebuild", is_flag=True, help="Throw it away and read every session.")
+@click.option("--rebuild", is_flag=True, help="Discard it and read every session.")
 @log_json_option
 def session_index(root: Path, rebuild: bool) -> None:
-    """Bring the index over the sessions up to date. It is only an index: the folders are the sessions."""
+    """Update the index of the sessions. It is derived from their folders and may be rebuilt."""
     from station.sessions.index import Index
 
     with Index(root, rebuild=rebuild) as index:

@@ -23,8 +23,8 @@ def filter_options(command: Command) -> Command:
     """The options that choose sessions."""
     options = (
         click.option("--lens", help="Only sessions with this lens."),
-        click.option("--plan", help="Only sessions by this plan."),
-        click.option("--since", metavar="DATE", help="Only sessions begun on this day or after: 2026-03-14."),
+        click.option("--plan", help="Only sessions of this plan."),
+        click.option("--since", metavar="DATE", help="Only sessions since this date: 2026-03-14."),
     )
     for option in reversed(options):
         command = option(command)
@@ -32,7 +32,7 @@ def filter_options(command: Command) -> Command:
 
 
 def chosen(since: str | None, **others: str | None) -> Filter:
-    """The filter of these options. Raises BadParameter where `since` is no date."""
+    """The filter of these options. Raises BadParameter for an invalid date."""
     from procedures.outcome import BadParameter
     from station.common.sanitise import encodable
     from station.sessions.index import Filter
@@ -41,7 +41,7 @@ def chosen(since: str | None, **others: str | None) -> Filter:
         try:
             moment = datetime.fromisoformat(since)
         except ValueError as error:
-            raise BadParameter(f"--since needs a date, not {since!r}", "write it as 2026-03-14") from error
+            raise BadParameter(f"--since requires a date; got {since!r}", "write it as 2026-03-14") from error
         since = (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).astimezone(UTC).isoformat()
     wanted = {name: None if value is None else encodable(value) for name, value in others.items()}
     return Filter(since=since, **wanted)
@@ -55,7 +55,7 @@ def chosen(since: str | None, **others: str | None) -> Filter:
 @click.option("--json", "as_json", is_flag=True, help="Write the rows as JSON to stdout.")
 @log_json_option
 def session_list(root: Path, as_json: bool, **wanted: Any) -> None:
-    """All sessions, newest first."""
+    """List the sessions, newest first."""
     from station.sessions.index import Index
 
     with Index(root) as index:

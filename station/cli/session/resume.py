@@ -1,4 +1,4 @@
-"""`station session resume`: a session goes on where it stopped, as plain lines on stdin and stdout."""
+"""`station session resume`: continue a session, as plain lines on stdin and stdout."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from station.common.log import log_json_option
 @click.argument("name", metavar="[SESSION]", required=False)
 @sessions_option
 @config_option
-@inherited("--simulate", is_flag=True, help="Use the simulated bench, as a session that began on it does.")
-@click.option("--without", type=click.IntRange(min=1), multiple=True, help="Give up a shot whose photograph is lost.")
-@click.option("--back-to", metavar="STEP", help="Do this step and those after it again.")
+@inherited("--simulate", is_flag=True, help="Use the simulated bench; the default for a session that began on it.")
+@click.option("--without", type=click.IntRange(min=1), multiple=True, help="Discard a shot whose photograph is lost.")
+@click.option("--back-to", metavar="STEP", help="Repeat this step and the following ones.")
 @log_json_option
 def session_resume(
     name: str | None, root: Path, config: Path | None, simulate: bool, without: tuple[int, ...], back_to: str | None
 ) -> None:
-    """Go on with SESSION, or the newest unfinished one, at the first step that is not done; stages home again first."""
+    """Continue SESSION, or the newest unfinished one, at the first incomplete step; stages home first."""
     from station.cli.guide import Watched, conduct
     from station.guide.workspace import StationLab
     from station.sessions.reader import read_session
@@ -32,21 +32,21 @@ def session_resume(
     record = read_session(folder := find_session(name, root) if name else newest_unfinished(root))
     if back_to is not None:
         _check_step(record.state.plan, back_to)
-    began_with = record.config.get("config", {})
+    settings = record.config.get("config", {})
     lab = StationLab(
         sessions=folder.parent,
         config=config or usual_config(),
-        simulate=simulate or began_with.get("simulate") is True,
+        simulate=simulate or settings.get("simulate") is True,
         seed=record.state.seed,
     )
-    lab.virtual_time = True  # a simulated bench's time may jump: nobody watches it move
+    lab.virtual_time = True  # simulated time need not be real: nobody watches the bench
     operator = Watched(sys.stdin, sys.stdout)
     code = conduct(lab, operator, lambda: lab.resume(folder, operator, back_to=back_to, without=without))
     raise click.exceptions.Exit(code)
 
 
 def _check_step(plan: str, name: str) -> None:
-    """Raises BadParameter where the plan has no step of that name."""
+    """Raises BadParameter where the plan has no such step."""
     from procedures.outcome import BadParameter
     from station.guide.catalogue import plan_named
 

@@ -1,4 +1,4 @@
-"""`station session show`: one session, checked."""
+"""`station session show`: content of a session, verified."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 @click.command("show")
 @session_argument
 @click.option("--check/--no-check", default=True, help="Hash photographs and results.  [default: check]")
-@click.option("--json", "as_json", is_flag=True, help="Write what the journal says as JSON to stdout.")
+@click.option("--json", "as_json", is_flag=True, help="Write the content of the journal as JSON to stdout.")
 @log_json_option
 def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
-    """Show what SESSION, a folder or a name in --sessions, holds."""
+    """Show the content of SESSION, a folder or a name in --sessions."""
     from station.common.durable_files import holds
     from station.common.sanitise import printable
     from station.sessions.layout import SUMS
@@ -35,7 +35,7 @@ def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
     for words in record.oddities:
         log("odd", words, level="warning")
     for file in unknown_files(record.folder, record.state):
-        log("unknown", f"the journal does not speak of {printable(file)}", level="warning")
+        log("unknown", f"{printable(file)} is not in the journal", level="warning")
     if check:
         if not holds(record.folder / SUMS, hashlib.sha256(sums(record.folder, record.state)).hexdigest()):
             log("unlike", f"{SUMS} differs from the journal; it is rewritten on resume", level="warning")
@@ -43,7 +43,7 @@ def session_show(name: str, root: Path, check: bool, as_json: bool) -> None:
         verify_results(record)
         check_whole(record)
         count = sum(not shot.lost for shot in record.state.shots)
-        log("checked", f"all {count} photographs are as they were taken, all results as written", photographs=count)
+        log("checked", f"all {count} photographs and all results are unchanged", photographs=count)
 
 
 def _words(record: SessionRecord) -> str:

@@ -1,4 +1,4 @@
-"""`station session trend`: whether a camera drifts."""
+"""`station session trend`: drift of a camera."""
 
 from __future__ import annotations
 
@@ -24,43 +24,43 @@ if TYPE_CHECKING:
 @click.argument("camera")
 @sessions_option
 @filter_options
-@click.option("--quantity", "quantities", multiple=True, help="By default mtf50_horizontal and mtf50_vertical.")
+@click.option("--quantity", "quantities", multiple=True, help="[default: mtf50_horizontal and mtf50_vertical]")
 @click.option("--out", type=click.Path(path_type=Path), help="Draw it into this file, .svg or .png.")
 @click.option("--json", "as_json", is_flag=True, help="Write points and lines as JSON to stdout.")
 @log_json_option
 def session_trend(
     camera: str, root: Path, quantities: tuple[str, ...], out: Path | None, as_json: bool, **wanted: Any
 ) -> None:
-    """How the numbers of CAMERA, as its sessions call it, change over time."""
+    """Report the change over time of the numbers of CAMERA, as named in its sessions."""
     from station.reports.trend import QUANTITIES, trends
     from station.sessions.index import Index
 
     with Index(root) as index:
-        found = trends(index.measured(chosen(camera=camera, **wanted), quantities or QUANTITIES))
+        lines = trends(index.measured(chosen(camera=camera, **wanted), quantities or QUANTITIES))
         known = index.names("cameras")
     if as_json:
-        click.echo(json.dumps(_plain(camera, found), indent=1))
-    elif found:
-        click.echo(_table(found))
+        click.echo(json.dumps(_record(camera, lines), indent=1))
+    elif lines:
+        click.echo(_table(lines))
     else:
         log(
             "trend", f"no session of {camera} has such a number; cameras: {', '.join(known) or 'none'}", level="warning"
         )
     if out is not None:
-        _draw(camera, found, out)
+        _draw(camera, lines, out)
 
 
 HEADING = ("plane", "quantity", "sessions", "last", "change per year", "by chance", "finding")
 
 
 LEAST_CHANCE = 1e-3
-"""Smaller ones are told as smaller."""
+"""Smallest probability that is given as a number."""
 
 
-def _table(found: list[Trend]) -> str:
-    """A part for each lens and plan."""
+def _table(lines: list[Trend]) -> str:
+    """A table for each lens and plan."""
     parts = []
-    for (lens, plan), several in itertools.groupby(found, lambda one: (one.lens, one.plan)):
+    for (lens, plan), several in itertools.groupby(lines, lambda one: (one.lens, one.plan)):
         rows = list(several)
         units = ", ".join(sorted({one.unit for one in rows}))
         title = printable(f"{lens}, plan {plan}, in {units}")
@@ -77,15 +77,15 @@ def _row(one: Trend) -> tuple[str, ...]:
     return one.plane, one.quantity, str(len(one.points)), last, slope, chance, one.finding
 
 
-def _draw(camera: str, found: list[Trend], out: Path) -> None:
+def _draw(camera: str, lines: list[Trend], out: Path) -> None:
     from station.common.atomic_files import write_whole
     from station.reports.trend_figure import trend_picture
 
-    write_whole(out, trend_picture(camera, found, out))
+    write_whole(out, trend_picture(camera, lines, out))
     log("written", f"wrote {out}", path=str(out))
 
 
-def _plain(camera: str, found: list[Trend]) -> dict[str, Any]:
+def _record(camera: str, lines: list[Trend]) -> dict[str, Any]:
     from dataclasses import asdict
 
     from station.results.result_files import plain
@@ -96,19 +96,10 @@ def _plain(camera: str, found: list[Trend]) -> dict[str, Any]:
             {"session": p.folder.name, "began": p.began, "value": p.value, "uncertainty": p.uncertainty}
             for p in one.points
         ]
-        return {
-            "lens": one.lens,
-            "plan": one.plan,
-            "plane": one.plane,
-            "quantity": one.quantity,
-            "unit": one.unit,
-            "drifts": one.drifts,
-            "finding": one.finding,
-            "points": points,
-            "line": line,
-        }
+        names = ("lens", "plan", "plane", "quantity", "unit", "drifts", "finding")
+        return {**{name: getattr(one, name) for name in names}, "points": points, "line": line}
 
-    told: dict[str, Any] = plain(
-        {"schema": "station/trend/1", "camera": camera, "trends": [entry(one) for one in found]}
+    record: dict[str, Any] = plain(
+        {"schema": "station/trend/1", "camera": camera, "trends": [entry(one) for one in lines]}
     )
-    return told
+    return record

@@ -1,1 +1,1 @@
-"""What the commands share: columns, progress, and groups that import a command when it is called."""
+"""Common parts of commands: columns, progress, and groups that import a command when it is called."""

@@ -1,29 +1,31 @@
-"""Options of the bench that commands inherit from the program: its configuration, or the simulated one."""
+"""Options of bench and sessions that commands inherit from the program."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.numbers import SEED
 
+if TYPE_CHECKING:
+    from station.guide.workspace import StationLab
+
 CONFIG = Path("station.toml")
-"""Read where no other file is named."""
+"""The default configuration."""
 
 
 def usual_config() -> Path | None:
-    """station.toml, where there is one."""
+    """station.toml, if it exists."""
     return CONFIG if CONFIG.is_file() else None
 
 
 def existing_file(context: click.Context, option: click.Parameter, path: Path | None) -> Path | None:
-    """The file of an option, which must be there: no other is read in its place."""
+    """The file of an option, which must exist."""
     if path is not None and not path.exists():
-        raise click.BadParameter(
-            f"there is no {path}; name a file that exists, or leave the option out", context, option
-        )
+        raise click.BadParameter(f"there is no {path}; name an existing file, or omit the option", context, option)
     return path
 
 
@@ -37,6 +39,38 @@ shaker_option = inherited("--shaker", is_flag=True, help="With --simulate: the b
 
 
 def check_shaker(*, simulate: bool, shaker: bool) -> None:
-    """Raises UsageError where a real bench is asked for a simulated shaker."""
+    """Raises UsageError for the simulated shaker on a real bench."""
     if shaker and not simulate:
-        raise click.UsageError("--shaker is of the simulated bench: give --simulate, or write [devices.shaker]")
+        raise click.UsageError("--shaker is for the simulated bench: give --simulate, or write [devices.shaker]")
+
+
+def make_lab(
+    *,
+    simulate: bool,
+    shaker: bool,
+    config: Path | None,
+    sessions: Path,
+    seed: int,
+    specification: Path | None,
+    unit: str | None,
+) -> StationLab:
+    """Bench and sessions by a command's options. Raises UsageError, and BadParameter for an invalid specification."""
+    from station.guide.workspace import StationLab
+    from station.results.specification_file import read_specification
+
+    check_shaker(simulate=simulate, shaker=shaker)
+    if specification is not None:
+        read_specification(specification)
+    return StationLab(
+        sessions=sessions, config=config or usual_config(), simulate=simulate, seed=seed, specification=specification,
+        shaker=shaker, unit=frozen_unit(unit, config),
+    )  # fmt: skip
+
+
+def frozen_unit(name: str | None, config: Path | None) -> str | None:
+    """The unit of frequencies in new sessions, by option or station.toml; None for the default one."""
+    from station.results.preferred_unit import preferred_unit
+    from station.results.units import Unit
+
+    unit = Unit(name.lower()) if name else preferred_unit(config)
+    return None if unit is Unit.CYCLES else str(unit)

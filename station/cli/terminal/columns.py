@@ -1,4 +1,4 @@
-"""Rows of words in columns, for people; whatever a camera or a file is called, the terminal only shows it."""
+"""Rows of words in columns, with control characters escaped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The option `--force`: write over what this program has not written."""
+"""The option `--force`: overwrite files of other programs."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def force_option(command: Callable[..., Any]) -> Callable[..., Any]:
         is_flag=True,
         expose_value=False,
         callback=lambda context, _, chosen: context.meta.__setitem__(_FORCE, chosen),
-        help="Write over files in --out that this program has not written.",
+        help="Overwrite files in --out that this program has not written.",
     )
     return option(command)
 
 
 def forced() -> bool:
-    """Whether the running command may."""
+    """Whether the running command has --force."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(_FORCE))

@@ -37,33 +37,30 @@ class LazyGroup(click.Group):
             return []
         return [one.name for one in entry_points(group=ADDED) if one.name not in self.table]
 
-    def _added(self, name: str) -> click.Command | None:
-        return _attribute(PROCEDURES, name) if name in self._procedures() else None
-
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command itself, imported now."""
         if cmd_name not in self.table:
-            return self._added(cmd_name)
+            return _attribute(PROCEDURES, cmd_name) if cmd_name in self._procedures() else None
         module, function, _ = self.table[cmd_name]
         return _attribute(module, function)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that the words name. Raises UsageError where an option before it does not apply to it."""
+        """The named command. Raises UsageError where an option before it does not apply to it."""
         name, command, rest = super().resolve_command(ctx, args)
         if name and command and not isinstance(command, click.Group) and not ctx.resilient_parsing:
             check_inherited(ctx, name, command)
         return name, command, rest
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Help lines from the table, without importing anything."""
+        """Help lines from the table, without imports."""
         with formatter.section("Commands"):
             added = [(name, "A procedure of another package.") for name in self._procedures()]
             formatter.write_dl([*((name, line) for name, (_, _, line) in self.table.items()), *added])
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; what it raises becomes a sentence and an exit code."""
+        """Run the command; errors become a message and an exit code."""
         with reporting_errors():
             return super().invoke(ctx)
 

@@ -1,4 +1,4 @@
-"""Numbers on the command line: finite, and within bounds. NaN is in no order with any bound, so click lets it pass."""
+"""Numbers on the command line: finite, and within bounds. click accepts NaN, which compares with no bound."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ import click
 
 
 class Number(click.FloatRange):
-    """A finite number, within bounds where they are given."""
+    """A finite number, within optional bounds."""
 
     name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The number."""
+        """Convert to a number."""
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
 
     def _describe_range(self) -> str:
-        """Its bounds as the help tells them; click's own words for none of them are x<=None."""
+        """The bounds in the help; without bounds click would write x<=None."""
         return "" if self.min is None and self.max is None else super()._describe_range()
 
 

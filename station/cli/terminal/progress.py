@@ -1,4 +1,4 @@
-"""How far a command is, as the terminal or the log takes it."""
+"""Progress of a command, on the terminal or in the log."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def progress(total: int) -> Iterator[Progress]:
-    """A bar where a person watches, lines otherwise."""
+    """A bar on a terminal, lines otherwise."""
     from station.common.progress import bar
 
     if sys.stderr.isatty() and not logs_json():

@@ -1,8 +1,7 @@
-"""The papers' tables and figures, computed again: each one row of one page, what was published beside what we get.
+"""The papers' tables and figures, computed again: each is one row of a page, the published values next to ours.
 
-`row` says what a row is, `runner` computes them, `page` shows them, `catalogue` lists them; the modules `*_rows` hold
-one chapter each, with what exists only for them: `patterns` (calibration patterns as functions, and their gamma),
-`rivals` (the methods that the papers compare with), `cameras` and `scenes` (what was photographed).
-A further row is a `Row` in the tuple at the end of its chapter's module.
-May import simulators, procedures and the station's pages; nothing but the command imports it.
+`row` defines a row, `runner` computes rows, writes page and record, `catalogue` lists them. The modules `*_rows` hold
+one chapter each; `patterns`, `cameras` and `scenes` are used by them only. To add a row, decorate a function with its
+chapter's `row`: name and docstring are the row's.
+May import simulators, procedures and the station's pages; imported by the command only.
 """

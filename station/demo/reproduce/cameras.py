@@ -1,17 +1,18 @@
-"""The thesis's camera, simulated: what its green pixels see of the chart and of a wall, and the PSF found there.
+"""The thesis's camera, simulated: photographs of the chart and of a wall, and their PSF.
 
-Canon EOS 400D with a lens of 50 mm: pixels of 5.7 micrometres, a low-pass filter, photosites with a border. One green
-plane of its mosaic is a grey sensor with twice the pitch, drawn in a quarter of the time; its filter and photosites
+Canon EOS 400D with a lens of 50 mm: pixels of 5.7 micrometres, a low-pass filter, photosites with a border. A green
+plane of its mosaic is a grey sensor with twice the pitch, rendered in a quarter of the time; its filter and photosites
 are half as wide in pixels of that plane.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
+from markupsafe import Markup
 
 from procedures.outcome import Refused
 from procedures.pattern import Chart
@@ -23,6 +24,7 @@ from simulators.camera.sensor import Sensor
 from simulators.camera.sheets import PlacedSheet, Sheet, draw, leaves
 from simulators.world.projection import Pose
 from simulators.world.scene import Scene
+from station.demo.reproduce.figures import Curve, curves
 
 Array = npt.NDArray[np.float64]
 
@@ -39,7 +41,7 @@ WALL_TEXEL_MM = 0.1
 
 
 def optics(f_number: float, plane: int = 2) -> Optics:
-    """What blurs; `plane` sensor pixels are a pixel of the grey sensor that stands for a plane."""
+    """Blurs of a grey sensor whose pixel is `plane` sensor pixels wide."""
     blurs = (
         CircularPupil(f_number),
         PixelAperture(PHOTOSITE_PX / plane, PHOTOSITE_PX / plane),
@@ -53,7 +55,7 @@ def _sensor(rows: int, columns: int, cfa: str | None) -> Sensor:
 
 
 def green_camera(f_number: float = 5.6, side: int = 160, **lens: float) -> SimulatedCamera:
-    """A camera that sees what one green plane sees, side x side pixels; `lens` are aberrations, as of `Lens`."""
+    """A grey camera equivalent to one green plane, side x side pixels; `lens` are aberrations of `Lens`."""
     return SimulatedCamera(
         Lens(f_number=f_number, **lens),  # type: ignore[arg-type]
         _sensor(side, side, None),
@@ -64,7 +66,7 @@ def green_camera(f_number: float = 5.6, side: int = 160, **lens: float) -> Simul
 
 
 def mosaic_camera(f_number: float = 5.6, side: int = 320) -> SimulatedCamera:
-    """The whole mosaic, with photosites that lack a corner: in red and blue ones another than in green."""
+    """The whole mosaic, with photosites that lack a corner, another one in red and blue than in green."""
     blurs = (CircularPupil(f_number), LShapedAperture(), FourSpots(FILTER_PX))
     camera = green_camera(f_number, side)
     return replace(
@@ -73,27 +75,27 @@ def mosaic_camera(f_number: float = 5.6, side: int = 320) -> SimulatedCamera:
 
 
 def exposure_s(camera: SimulatedCamera) -> float:
-    """That which gives white WHITE_E electrons."""
+    """Exposure at which white has WHITE_E electrons."""
     return 0.02 * (camera.lens.f_number / 5.6) ** 2
 
 
 def photograph_chart(
     camera: SimulatedCamera, chart: Chart, seed: int, *, pixels: float = 100.0, **placed: float
 ) -> Photograph:
-    """The chart, its noise region so many pixels of a plane wide; `placed` are `at` and angles."""
+    """The chart with its noise region `pixels` pixels of a plane wide; `placed` are `at` and angles."""
     where = camera.place(chart, pixels=pixels, **placed)  # type: ignore[arg-type]
     return camera.photograph(Scene((where,)), np.random.default_rng(seed), exposure_s=exposure_s(camera))
 
 
 def plane_of(photograph: Photograph, name: str = "Y") -> Plane:
-    """One plane as a RAW reader would give it."""
+    """One plane as a RAW reader returns it."""
     sensor = photograph.sensor
     step = 1 / (sensor.white - min(sensor.black))
     return Plane(name, photograph.plane(name).astype(np.float32), step, photograph.pitch)
 
 
 def photograph_wall(camera: SimulatedCamera, distance_mm: float, seed: int, noise_seed: int) -> Plane:
-    """The wall of a seed, frontal at a distance, in focus: discs over discs of all sizes."""
+    """A wall of dead leaves, frontal, in focus."""
     side = camera.sensor.rows
     wall = leaves((WALL_TEXELS, WALL_TEXELS), np.random.default_rng(seed), largest=300.0)
     placed = PlacedSheet(Sheet(wall, WALL_TEXEL_MM), Pose((0.0, 0.0, distance_mm), roll_deg=0.7), camera.sharp_optics())
@@ -113,7 +115,7 @@ def wall_pair(camera_of: Callable[[int], SimulatedCamera], ratio: float, seed: i
 
 
 def estimated(plane: Plane, chart: Chart, s: int = S, k: int = 17, solver: str = "ls") -> PatternPsf:
-    """The PSF found from a photograph of the chart. Raises Refused where there is none."""
+    """The PSF from a photograph of the chart. Raises Refused if there is none."""
     outcome = estimate_psf(plane, chart, PatternParameters(s=s, k=k, solver=solver))
     if outcome.value is None:
         raise Refused(f"a simulated or published photograph was refused: {outcome.reason}", outcome.remedy)
@@ -121,10 +123,7 @@ def estimated(plane: Plane, chart: Chart, s: int = S, k: int = 17, solver: str =
 
 
 def spectrum(h: Array, s: int, fx: npt.ArrayLike, fy: npt.ArrayLike) -> npt.NDArray[np.complex128]:
-    """The transfer function of samples (k, k), s to a pixel, at n frequencies in cycles per pixel.
-
-    It is of the support alone, as the papers draw it.
-    """
+    """Transfer function of the support (k, k), s samples per pixel, at n frequencies in cycles per pixel."""
     x = (np.arange(len(h)) - len(h) // 2) / s
     across = np.exp(-2j * np.pi * np.multiply.outer(np.atleast_1d(fx), x))
     down = np.exp(-2j * np.pi * np.multiply.outer(np.atleast_1d(fy), x))
@@ -149,3 +148,10 @@ def mtf_down_uncertainty(h: Array, covariance: Array, s: int = S, f: Array = FRE
     mtf = np.abs(of_h)
     slopes = ((waves * (of_h.conj() / mtf)[:, None]).real - mtf[:, None] / h.sum()) / h.sum()
     return np.asarray(np.sqrt(np.einsum("fi,ij,fj->f", slopes, covariance, slopes, optimize=True)))
+
+
+def mtf_curves(name: str, direction: str, mtfs: Mapping[str, Array], true: Array | None = None) -> Markup:
+    """MTFs over `FREQUENCIES` in one plot."""
+    drawn = [Curve(label, FREQUENCIES, mtf) for label, mtf in mtfs.items()]
+    published = None if true is None else Curve("true", FREQUENCIES, true)
+    return curves(name, drawn, x="cycles per pixel of the plane", y=f"MTF, {direction}", published=published)

@@ -1,4 +1,4 @@
-"""All rows, and what of the papers cannot be computed here."""
+"""All rows, and the parts of the papers that cannot be computed here."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ROWS: tuple[Row, ...] = (
 NOT_HERE: tuple[tuple[str, str], ...] = (
     (
         "Thesis, Figures 2.10 to 2.20 and 3.5 to 3.10, as numbers of the Canon EOS 400D",
-        "Its photographs are not published, but one of the chart and one pair of a wall. Other rows simulate it.",
+        "Of its photographs one of the chart and one pair of a wall are published. Other rows simulate the camera.",
     ),
     (
         "Thesis, Figure 2.14",
@@ -36,7 +36,7 @@ NOT_HERE: tuple[tuple[str, str], ...] = (
     ),
     (
         "Thesis, Figures 1.3, 2.20 and 3.10, the curve of Imatest",
-        "A commercial program; our ISO 12233 slanted edge stands in its place.",
+        "A commercial program; our ISO 12233 slanted edge replaces it.",
     ),
     (
         "Thesis, Figures 3.7 and 3.8, the photographs of a concrete wall and of a magazine",
@@ -44,8 +44,8 @@ NOT_HERE: tuple[tuple[str, str], ...] = (
     ),
     (
         "Thesis, Tables 4.1 to 4.3 and Figures 4.3 to 4.19 but the Cornell box",
-        "Films with histograms of these scenes are not published; histograms of other numbers of bins need the samples"
-        " themselves, and ASR is another group's program.",
+        "Films with histograms of these scenes are not published, other numbers of bins need the samples themselves,"
+        " and ASR is another group's program.",
     ),
     (
         "Sorel 2007, chapter 11",

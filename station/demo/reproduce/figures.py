@@ -18,7 +18,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """y over x, both (n,); `band` is the half-width of its error band; `style` as matplotlib has it."""
+    """y over x, both (n,); `band` is the half-width of its error band; `style` is matplotlib's."""
 
     label: str
     x: npt.ArrayLike
@@ -30,14 +30,14 @@ class Curve:
 def curves(
     name: str, curves: Sequence[Curve], *, x: str, y: str, log: str = "", published: Curve | None = None, **limits: Any
 ) -> Markup:
-    """Curves in one frame.
+    """Curves in one plot.
 
     Parameters
     ----------
     log : str
         "x", "y" or "xy": the axes that are logarithmic.
     published : Curve, optional
-        Drawn faint, under the others.
+        Drawn faint, below the others.
     limits
         `xlim`, `ylim`.
     """

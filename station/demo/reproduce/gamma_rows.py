@@ -1,11 +1,9 @@
-"""Chapter 2 of the thesis, theory: how much a pattern amplifies noise, and how little any pattern could.
+"""Chapter 2 of the thesis, theory: noise amplification of patterns, and its lower bound.
 
-gamma is the thesis's own, sum of 1 / sigma_i^2, as everywhere in the station.
+gamma is the sum of 1 / sigma_i^2, as in the thesis.
 """
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +11,11 @@ import numpy.typing as npt
 from procedures.pattern_psf.gamma.amplification import gamma_bound
 from station.demo.reproduce import patterns
 from station.demo.reproduce.figures import Curve, curves, pictures
-from station.demo.reproduce.row import Check, Found, Row, Setting
+from station.demo.reproduce.row import Check, Order, Row, RowValues, Setting, register
 
 Array = npt.NDArray[np.float64]
+ROWS: list[Row] = []
+row = register(ROWS, "gamma")
 
 S = 4
 SUPPORTS = (9, 17, 25, 33)
@@ -23,14 +23,13 @@ JOSHI_PUBLISHED = ("99.44", "1133.05", "6445.87", "58419.08")
 BERNOULLI_PUBLISHED = ("0.19", "0.69", "1.54", "2.98")
 BOUND_PUBLISHED = ("0.10", "0.35", "0.70", "1.15")
 REGION = (53, 54)
-"""Pixels of the noise region in Table 2.2, which does not tell them: see `table_window`."""
+"""Pixels of the noise region in Table 2.2, derived from its bounds: see `table_window`."""
 DISC_PX = 20.0
 """Radius of the circle that stands for the pattern of Joshi et al."""
-ROUNDING = 0.005
 
 
 def table_window(r: int) -> patterns.Window:
-    """The window of Table 2.2: the noise region, and what a PSF of r samples throws light on around it.
+    """Window of Table 2.2: the noise region and the pixels around it that a PSF of r samples reaches.
 
     Proposition 1 gives the table's four bounds, to their last digit, for 53 x 54 pixels grown by (r - 1) / s.
     """
@@ -47,7 +46,7 @@ def _bernoulli(r: int, window: patterns.Window, seed: int, samples_per_cell: flo
 
 
 def _mean_gamma(r: int, window: patterns.Window, seeds: range, samples_per_cell: float = 1.0) -> float:
-    """Of some realisations of the noise pattern."""
+    """Mean over realisations of the noise pattern."""
     views = (_bernoulli(r, window, seed, samples_per_cell) for seed in seeds)
     return float(np.mean([patterns.gamma_of(view, S, r, window) for view in views]))
 
@@ -63,12 +62,46 @@ OTHERS: dict[str, patterns.Drawing] = {
     "star": patterns.star(36),
     "single square": patterns.square(20.0),
 }
-"""Patterns that are made of step edges."""
-
-# --- Tables 1.1 and 2.2 --------------------------------------------------------------------------------------------
+"""Patterns made of step edges."""
 
 
-def _table(setting: Setting) -> Found:
+def _sized(name: str, published: tuple[str, ...]) -> tuple[Check, ...]:
+    """A check for each support."""
+    return tuple(Check.printed(f"{name}, {r} × {r}", value) for r, value in zip(SUPPORTS, published, strict=True))
+
+
+def _table_order(values: tuple[float, ...]) -> bool:
+    bounds, noise, joshi = (np.array(values[n : n + 4]) for n in (0, 4, 8))
+    return bool(
+        np.all(bounds < noise)
+        and np.all(np.diff(noise) > 0)
+        and np.all(np.diff(joshi / noise) > 0)
+        and np.all(joshi > 10 * noise)
+    )
+
+
+# --- Tables 1.1 and 2.2 ---
+
+
+@row(
+    place="Thesis, Tables 1.1 and 2.2",
+    checks=(
+        *_sized("bound", BOUND_PUBLISHED),
+        *_sized("noise pattern", BERNOULLI_PUBLISHED),
+        *_sized("Joshi et al.", JOSHI_PUBLISHED),
+    ),
+    order=Order(
+        "bound < noise pattern < a tenth of Joshi's γ, and the ratio of the two patterns grows with the support",
+        _table_order,
+    ),
+    setup=(
+        "The table does not state its window and its s/t: the bounds give the window, and within s/t = 1 to 1.1 γ"
+        " changes by 3 %. The pattern of Joshi et al. is not published as data. A disc of arcs with a radius of 20"
+        " pixels replaces it; its γ varies by a factor of ten with the radius."
+    ),
+)
+def gamma_table(setting: Setting) -> RowValues:
+    """γ of the noise pattern, of the pattern of Joshi et al., and the theoretical bound, s = 4."""
     windows = [table_window(r) for r in SUPPORTS]
     bounds = [gamma_bound(m * n, r * r) for r, (m, n) in zip(SUPPORTS, windows, strict=True)]
     noise = [_mean_gamma(r, w, _seeds(setting)) for r, w in zip(SUPPORTS, windows, strict=True)]
@@ -86,45 +119,23 @@ def _table(setting: Setting) -> Found:
         published=Curve("published noise pattern", SUPPORTS, [float(v) for v in BERNOULLI_PUBLISHED], "--"),
     )
     farther = _mean_gamma(17, table_window(17), range(1), 1.1)
-    remark = (
-        "γ is the sum of 1/σ². The windows are those of 53 × 54 pixels grown by the"
-        f" PSF, whose bounds are the published ones. At s/t = 1.1 the noise pattern has {farther:.2f} for 17 × 17."
-        " The pattern of Joshi et al. is not published as data: a disc of arcs, radius 20 pixels, stands for it."
-    )
-    return Found((*bounds, *noise, *joshi), (figure,), remark)
+    remark = f"γ is the sum of 1/σ². At s/t = 1.1 the noise pattern has {farther:.2f} for 17 × 17."
+    return RowValues((*bounds, *noise, *joshi), (figure,), remark)
 
 
-def _sized(name: str, check: Callable[[str, str], Check], published: tuple[str, ...]) -> tuple[Check, ...]:
-    """A check for each support."""
-    return tuple(check(f"{name}, {r} × {r}", value) for r, value in zip(SUPPORTS, published, strict=True))
+# --- other patterns ---
 
 
-def _rounded(quantity: str, published: str) -> Check:
-    return Check(quantity, published, float(published) - ROUNDING, float(published) + ROUNDING)
-
-
-TABLE = Row(
-    name="gamma-table",
-    chapter="gamma",
-    place="Thesis, Tables 1.1 and 2.2",
-    title="γ of the noise pattern, of the pattern of Joshi et al., and the theoretical bound, s = 4",
-    checks=(
-        *_sized("bound", _rounded, BOUND_PUBLISHED),
-        *_sized("noise pattern", lambda name, value: Check.near(name, value, 0.1), BERNOULLI_PUBLISHED),
-        *_sized("Joshi et al.", lambda name, value: Check.within_factor(name, value, 10), JOSHI_PUBLISHED),
+@row(
+    place="Thesis, sections 1 and 2.3.4",
+    checks=tuple(Check(f"γ of a {name} over the noise pattern's", "significantly larger", low=5.0) for name in OTHERS),
+    setup=(
+        "The thesis has numbers for the pattern of Joshi et al. only; the others belong to the claim that step edges"
+        " leave the problem ill-posed. Significantly larger is read as five times the variance."
     ),
-    tolerance=(
-        "The bound to its last printed digit. The noise pattern to 10 %: window and s/t of the table are not told, and"
-        " within s/t = 1 to 1.1 γ changes by 3 %. The disc to a factor of ten: its γ spans that with the disc's radius."
-    ),
-    compute=_table,
 )
-
-
-# --- other patterns ------------------------------------------------------------------------------------------------
-
-
-def _other_patterns(setting: Setting) -> Found:
+def gamma_patterns(setting: Setting) -> RowValues:
+    """Patterns made of step edges have far larger γ than the noise pattern (17 × 17, s = 4)."""
     r = 17
     window = table_window(r)
     samples = patterns.side(window, S, r)
@@ -133,29 +144,24 @@ def _other_patterns(setting: Setting) -> Found:
     best = patterns.gamma_of(noise, S, r, window)
     ratios = [patterns.gamma_of(view, S, r, window) / best for view in views.values()]
     figure = pictures("gamma-patterns", [("noise pattern", noise), *views.items()], columns=3)
-    return Found(tuple(ratios), (figure,), f"The noise pattern's γ is {best:.3f}.")
+    return RowValues(tuple(ratios), (figure,), f"γ of the noise pattern is {best:.3f}.")
 
 
-PATTERNS = Row(
-    name="gamma-patterns",
-    chapter="gamma",
-    place="Thesis, sections 1 and 2.3.4",
-    title="Patterns made of step edges have far larger γ than the noise pattern (17 × 17, s = 4)",
-    checks=tuple(Check(f"γ of a {name} over the noise pattern's", "significantly larger", low=5.0) for name in OTHERS),
-    tolerance=(
-        "The thesis has numbers for the pattern of Joshi et al. only; the others belong to the claim that step edges"
-        " leave the problem ill-posed. Five times the variance is taken for significant."
-    ),
-    compute=_other_patterns,
-)
-
-
-# --- Figures 2.2 to 2.4: the bounds --------------------------------------------------------------------------------
+# --- Figures 2.2 to 2.4: the bounds ---
 
 WINDOW_SIDES = (20, 30, 40, 60, 80, 100, 140, 200)
 
 
-def _bound_solved(setting: Setting) -> Found:
+@row(
+    place="Thesis, Lemma 3, Remark 3 and Figure 2.2",
+    checks=(
+        Check("greatest relative difference", "extremely close", high=1e-3),
+        Check("least difference, exact solution minus Lemma 3", "not negative", low=0.0),
+    ),
+    setup="The difference is 3 / (M N), the bound 4 N / M: one part in 4 N² / 3.",
+)
+def bound_solved(setting: Setting) -> RowValues:
+    """The bound of Lemma 3 and the exact solution of its constrained minimum."""
     N = 17 * 17
     M = np.array(WINDOW_SIDES) ** 2
     plain = np.array([gamma_bound(int(m), N) for m in M])
@@ -170,24 +176,19 @@ def _bound_solved(setting: Setting) -> Found:
     apart = curves(
         "bound-apart", [Curve("difference", M, solved - plain, "o-")], x="samples M", y="difference", log="xy"
     )
-    return Found((float(np.max((solved - plain) / plain)), float(np.min(solved - plain))), (both, apart))
+    return RowValues((float(np.max((solved - plain) / plain)), float(np.min(solved - plain))), (both, apart))
 
 
-BOUND_SOLVED = Row(
-    name="bound-solved",
-    chapter="gamma",
-    place="Thesis, Lemma 3, Remark 3 and Figure 2.2",
-    title="The bound of Lemma 3 and the one that solves the constrained minimum whole",
+@row(
+    place="Thesis, Proposition 1 and Figure 2.3",
     checks=(
-        Check("greatest relative difference", "extremely close", high=1e-3),
-        Check("least difference, solved less Lemma 3", "not negative", low=0.0),
+        Check("least difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
+        Check("greatest difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
     ),
-    tolerance="The difference is 3 / (M N) where the bound is 4 N / M: one part in 4 N² / 3, rounding apart.",
-    compute=_bound_solved,
+    setup="It is 1 − 1 / N + 1 / (N + 1) − 1 / (4 N), 0.9991 for N = 289; the thesis says ≈.",
 )
-
-
-def _bound_expected(setting: Setting) -> Found:
+def bound_expected(setting: Setting) -> RowValues:
+    """γ of the expected Bernoulli operator lies above the bound by 4 / M."""
     N = 17 * 17
     M = np.array(WINDOW_SIDES) ** 2
     bound = np.array([gamma_bound(int(m), N) for m in M])
@@ -200,25 +201,24 @@ def _bound_expected(setting: Setting) -> Found:
         log="xy",
     )
     share = (expected - bound) / (4 / M)
-    return Found((float(share.min()), float(share.max())), (figure,))
+    return RowValues((float(share.min()), float(share.max())), (figure,))
 
 
-BOUND_EXPECTED = Row(
-    name="bound-expected",
-    chapter="gamma",
-    place="Thesis, Proposition 1 and Figure 2.3",
-    title="γ of the expected Bernoulli operator lies above the bound by 4 / M",
+@row(
+    place="Thesis, Figure 2.4",
     checks=(
-        Check("least difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
-        Check("greatest difference over 4 / M", "≈ 1 for N ≫ 1", 0.99, 1.01),
+        Check("γ over the bound, 17 × 17, 100 × 100 pixels", "very close", 1.0, 1.1),
+        Check("greatest γ over the bound, 9 × 9 to 33 × 33", "proximity", 1.0, 1.25),
+        Check("least γ over the bound of any", "never below it", low=1.0),
     ),
-    tolerance="It is 1 − 1 / N + 1 / (N + 1) − 1 / (4 N), 0.9991 for N = 289; the thesis says ≈.",
-    compute=_bound_expected,
+    setup=(
+        "Random matrices of M rows and N columns with independent entries have M / (M − N − 1) times the expected γ:"
+        " 1.03 for 17 × 17 and 1.12 for 33 × 33 in 100 × 100 pixels. Here neighbouring rows share entries."
+    ),
 )
-
-
-def _realised(setting: Setting) -> Found:
-    """Random zeros and ones as samples, without cells and their low-pass."""
+def bound_realised(setting: Setting) -> RowValues:
+    """Random zeros and ones as samples approach the bound at finite windows and supports, s = 4."""
+    """Random zeros and ones as samples, without cells and their low-pass filter."""
 
     def over_bound(r: int, m: int) -> float:
         samples = patterns.side((m, m), S, r)
@@ -233,33 +233,26 @@ def _realised(setting: Setting) -> Found:
         curves("realised-m", [Curve("17 × 17", sides, by_window, "o-")], x="side of the window", y="γ / bound"),
         curves("realised-r", [Curve("100 × 100", SUPPORTS, by_support, "o-")], x="side of the PSF", y="γ / bound"),
     )  # fmt: skip
-    return Found((by_window[-1], max(by_support), min(by_window + by_support)), figures)
+    return RowValues((by_window[-1], max(by_support), min(by_window + by_support)), figures)
 
 
-REALISED = Row(
-    name="bound-realised",
-    chapter="gamma",
-    place="Thesis, Figure 2.4",
-    title="Random zeros and ones as samples come near the bound at finite windows and supports, s = 4",
-    checks=(
-        Check("γ over the bound, 17 × 17, 100 × 100 pixels", "very close", 1.0, 1.1),
-        Check("greatest γ over the bound, 9 × 9 to 33 × 33", "proximity", 1.0, 1.25),
-        Check("least γ over the bound of any", "never below it", low=1.0),
-    ),
-    tolerance=(
-        "Random matrices of M rows and N columns have M / (M − N − 1) times the expected γ: 1.03 for 17 × 17, 1.12 for"
-        " 33 × 33 in 100 × 100 pixels, if their entries were independent; neighbouring rows share entries."
-    ),
-    compute=_realised,
-)
-
-
-# --- Figure 2.5 ----------------------------------------------------------------------------------------------------
+# --- Figure 2.5 ---
 
 CELLS_PER_SAMPLE = (0.4, 0.55, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0)
 
 
-def _zoom(setting: Setting) -> Found:
+@row(
+    place="Thesis, section 2.3.3 and Figure 2.5 (b)",
+    checks=(
+        Check("t/s with the least γ", "close to one", 0.7, 1.3),
+        Check("γ at t/s = 0.7 over the least", "close to its optimal value", high=3.0),
+        Check("γ at t/s = 2 over the least", "close to its optimal value", high=3.0),
+        Check("γ at t/s = 0.4 over the least", "higher: looks like step edges", low=3.0),
+    ),
+    setup="The figure has a logarithmic scale of decades: close is read as a factor of three.",
+)
+def gamma_zoom(setting: Setting) -> RowValues:
+    """γ over the zoom: near its least between 0.7 and 2, growing when the chart is seen from too near or too far."""
     r, window = 17, (60, 60)
     values = np.array([_mean_gamma(r, window, range(1), 1 / t_over_s) for t_over_s in CELLS_PER_SAMPLE])
     at = dict(zip(CELLS_PER_SAMPLE, values, strict=True))
@@ -279,44 +272,40 @@ def _zoom(setting: Setting) -> Found:
     chart = curves("gamma-chart", [Curve("256 × 256 cells", *whole, "o-")], x="s/t: samples in a cell", y="γ", log="y")
     best = float(whole[0][np.argmin(whole[1])])
     remark = (
-        "The range 0.7 to 2 holds for t/s, cells in a sample, as the caption's “t/s zoom factor (b)” and its words on"
-        " near and far say; its “s/t” is the other way round. For s/t, samples in a cell, the same range is 0.5 to 1.4."
-        " Where two samples fill a cell, s/t = 2, the cell's own low-pass has its zero at the band's edge. The second"
-        f" figure is of a whole chart, seen larger from nearer: best at s/t = {best:.2f}."
+        "The range 0.7 to 2 holds for t/s, cells per sample, as in the caption's “t/s zoom factor (b)”; its “s/t” is"
+        " the inverse. At s/t = 2 the low-pass filter of a cell has its zero at the edge of the band. The second"
+        f" figure shows a whole chart, larger from nearer: the minimum is at s/t = {best:.2f}."
     )
     measured = (CELLS_PER_SAMPLE[int(np.argmin(values))], at[0.7] / least, at[2.0] / least, at[0.4] / least)
-    return Found(measured, (fixed, chart), remark)
+    return RowValues(measured, (fixed, chart), remark)
 
 
 def _whole_chart(r: int) -> tuple[Array, Array]:
-    """s/t, and gamma of all pixels that see only the noise region of one chart."""
+    """s/t, and gamma of the pixels that receive light from the noise region only."""
     ratios = np.array([0.7, 0.85, 1.0, 1.15, 1.3, 1.4, 1.5, 1.6, 1.75])
-    found = []
+    gammas = []
     for ratio in ratios:
         side = int((256 * ratio - r) / S)
         samples = patterns.side((side, side), S, r)
         view = patterns.bernoulli(samples, float(ratio), np.random.default_rng(0), cells=256)
-        found.append(patterns.gamma_of(view, S, r, (side, side)))
-    return ratios, np.array(found)
+        gammas.append(patterns.gamma_of(view, S, r, (side, side)))
+    return ratios, np.array(gammas)
 
 
-ZOOM = Row(
-    name="gamma-zoom",
-    chapter="gamma",
-    place="Thesis, section 2.3.3 and Figure 2.5 (b)",
-    title="γ over the zoom: near its least between 0.7 and 2, growing when the chart is seen from too near or too far",
+@row(
+    place="Thesis, Figure 2.5 (a)",
     checks=(
-        Check("t/s with the least γ", "close to one", 0.7, 1.3),
-        Check("γ at t/s = 0.7 over the least", "close to its optimal value", high=3.0),
-        Check("γ at t/s = 2 over the least", "close to its optimal value", high=3.0),
-        Check("γ at t/s = 0.4 over the least", "higher: looks like step edges", low=3.0),
+        Check("least step of γ from one support to the next", "grows", low=0.0),
+        Check("least γ over the bound", "1.9 at 9 × 9 in Table 2.2", 1.7, 2.1),
+        Check("greatest γ over the bound", "2.6 at 33 × 33 in Table 2.2", 2.3, 2.9),
     ),
-    tolerance="The figure is drawn on a scale of decades: a factor of three is taken for close.",
-    compute=_zoom,
+    setup=(
+        "The low-pass filter of cells of one sample costs a factor of (2 ln 2)² = 1.92 in the mean over the band;"
+        " finite windows add M / (M − N − 1). The table's ratios are rounded to 5 %."
+    ),
 )
-
-
-def _by_support(setting: Setting) -> Found:
+def gamma_support(setting: Setting) -> RowValues:
+    """γ of the noise pattern grows with the PSF's support, s/t = 1."""
     supports, window = (5, 9, 13, 17, 21, 25, 29, 33), (60, 60)
     values = [_mean_gamma(r, window, range(2)) for r in supports]
     bounds = [gamma_bound(window[0] * window[1], r * r) for r in supports]
@@ -329,31 +318,25 @@ def _by_support(setting: Setting) -> Found:
     )
     steps = np.diff(values)
     ratios = np.array(values) / bounds
-    return Found((float(steps.min()), float(ratios.min()), float(ratios.max())), (figure,))
+    return RowValues((float(steps.min()), float(ratios.min()), float(ratios.max())), (figure,))
 
 
-SUPPORT = Row(
-    name="gamma-support",
-    chapter="gamma",
-    place="Thesis, Figure 2.5 (a)",
-    title="γ of the noise pattern grows with the PSF's support, s/t = 1",
+# --- Figure 2.7 ---
+
+
+@row(
+    place="Thesis, Figure 2.7",
     checks=(
-        Check("least step of γ from one support to the next", "grows", low=0.0),
-        Check("least γ over the bound", "1.9 at 9 × 9 in Table 2.2", 1.7, 2.1),
-        Check("greatest γ over the bound", "2.6 at 33 × 33 in Table 2.2", 2.3, 2.9),
+        Check("second over last eigenvalue, noise pattern", "very similar", high=40.0),
+        Check("this ratio of a disc of arcs, over the noise pattern's", "fast decay", low=1e3),
     ),
-    tolerance=(
-        "Cells of one sample lose (2 ln 2)² = 1.92 against samples that are free, which their low-pass costs in the"
-        " mean over the band; finite windows add M / (M − N − 1). The table's ratios are rounded to 5 %."
+    setup=(
+        "Cells of one sample attenuate the band's corner by 1 / sinc(1/2)⁴ = 6.1 in power, and eigenvalues of random"
+        " matrices spread by (1 + √(N/M))² / (1 − √(N/M))² = 3.6: 22 in total, read as 40 because rows share samples."
     ),
-    compute=_by_support,
 )
-
-
-# --- Figure 2.7 ----------------------------------------------------------------------------------------------------
-
-
-def _eigenvalues(setting: Setting) -> Found:
+def eigenvalues(setting: Setting) -> RowValues:
+    """Eigenvalues after the first are similar for the noise pattern and decay fast for Joshi's (81 × 81, 25 × 25)."""
     r, window = 25, (81, 81)
     views = {
         "noise pattern": _bernoulli(r, window, 0),
@@ -369,23 +352,4 @@ def _eigenvalues(setting: Setting) -> Found:
         log="y",
     )
     spread = {name: float(one[1] / one[-1]) for name, one in values.items()}
-    return Found((spread["noise pattern"], spread["disc of arcs"] / spread["noise pattern"]), (figure,))
-
-
-EIGENVALUES = Row(
-    name="eigenvalues",
-    chapter="gamma",
-    place="Thesis, Figure 2.7",
-    title="Eigenvalues of the noise pattern after the first are alike, those of Joshi's fall fast (81 × 81, 25 × 25)",
-    checks=(
-        Check("second eigenvalue over the last, noise pattern", "very similar", high=40.0),
-        Check("the same of a disc of arcs, over that", "fast decay", low=1e3),
-    ),
-    tolerance=(
-        "Cells of one sample weaken the band's corner 6.1 times in power, 1 / sinc(1/2)⁴; the eigenvalues of random"
-        " matrices spread by (1 + √(N/M))² / (1 − √(N/M))² = 3.6: 22 in all, and 40 as neighbours share samples."
-    ),
-    compute=_eigenvalues,
-)
-
-ROWS = (TABLE, PATTERNS, BOUND_SOLVED, BOUND_EXPECTED, REALISED, ZOOM, SUPPORT, EIGENVALUES)
+    return RowValues((spread["noise pattern"], spread["disc of arcs"] / spread["noise pattern"]), (figure,))

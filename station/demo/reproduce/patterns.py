@@ -1,9 +1,9 @@
-"""Calibration patterns as functions, and how much their photograph amplifies noise: gamma as the thesis defines it.
+"""Calibration patterns as functions, and the noise amplification gamma of their photographs.
 
-A pattern is known band-limited, on a grid of s samples per pixel: `u`. A photograph of it has a window of m x n
-pixels; each pixel is a weighted sum of r x r samples, the weights being the PSF. That linear system has the M x N
-matrix S_s C[u], M = m n and N = r^2, and gamma is the sum of 1 / sigma_i^2 over its singular values: the variance of
-all PSF samples together for noise of unit variance (thesis, section 2.3.1).
+A pattern u is band-limited, with s samples per pixel. In a photograph of m x n pixels each pixel is a sum of r x r
+samples weighted by the PSF: a linear system with the M x N matrix S_s C[u], M = m n, N = r^2. gamma is the sum of
+1 / sigma_i^2 over its singular values, the total variance of the PSF samples for noise of unit variance (thesis,
+section 2.3.1).
 """
 
 from __future__ import annotations
@@ -20,24 +20,21 @@ Drawing = Callable[[Array, Array], Array]
 """Reflectance, 0 to 1, at points (x, y) in pixels from the middle of the picture."""
 
 FINE = 8
-"""Fine samples per sample, along each axis, that patterns are drawn on before they are band-limited."""
+"""Oversampling along each axis with which patterns are drawn before they are band-limited."""
 BEYOND = 16
-"""Cells or samples of the pattern around what is seen: a band-limited picture reaches over its edges."""
+"""Cells or samples around the picture that are drawn too: a band-limited picture extends over its edges."""
 
 
 def side(window: Window, s: int, r: int) -> int:
-    """Samples along one side of the smallest square picture in which the window sees only the pattern."""
+    """Side in samples of the smallest square picture that determines all pixels of the window."""
     return s * (max(window) - 1) + r
 
 
-# --- pictures ------------------------------------------------------------------------------------------------------
-
-
 def of_cells(cells: Array, samples_per_cell: float, samples: int) -> Array:
-    """A pattern of square cells, band-limited exactly, (samples, samples), its middle that of the cells.
+    """A centred pattern of square cells on black, exactly band-limited, (samples, samples).
 
-    Each cell contributes the integral of the ideal low-pass over it: the filter c of the thesis, section 2.3.3.
-    Around the cells all is black. `samples_per_cell` is s/t.
+    Each cell contributes the integral of the ideal low-pass filter over it: the filter c of the thesis, section 2.3.3.
+    `samples_per_cell` is s/t.
     """
     across, down = (_cell_filter(n, samples_per_cell, samples) for n in reversed(cells.shape))
     return np.asarray(down @ cells @ across.T)
@@ -52,13 +49,13 @@ def _cell_filter(cells: int, samples_per_cell: float, samples: int) -> Array:
 
 
 def bernoulli(samples: int, samples_per_cell: float, rng: np.random.Generator, cells: int | None = None) -> Array:
-    """The noise pattern: black and white cells, each by the toss of a coin; so many along a side, or well enough."""
+    """The noise pattern: random black and white cells; `cells` along a side, by default enough for the picture."""
     n = cells or int(np.ceil(samples / samples_per_cell)) + BEYOND
     return of_cells(rng.integers(0, 2, (n, n)).astype(np.float64), samples_per_cell, samples)
 
 
 def of_drawing(draw: Drawing, samples: int, s: int) -> Array:
-    """A drawn pattern, band-limited to half a cycle per sample, (samples, samples), s to a pixel."""
+    """A drawn pattern, band-limited to half a cycle per sample, (samples, samples), s samples per pixel."""
     n = samples + 2 * BEYOND
     x = ((np.arange(n * FINE) + 0.5) / FINE - n / 2) / s
     fine = draw(x[None, :], x[:, None])
@@ -74,12 +71,12 @@ def slanted_edge(x: Array, y: Array) -> Array:
 
 
 def disc(radius_px: float) -> Drawing:
-    """The pattern of Joshi et al. as it is seen locally: arcs of 120 degrees that close to a circle."""
+    """The pattern of Joshi et al. locally: arcs of 120 degrees that form a circle."""
     return lambda x, y: np.where(np.hypot(x, y) < radius_px, 0.0, 1.0)
 
 
 def checkerboard(side_px: float, angle_deg: float = 5.0) -> Drawing:
-    """Squares, turned a little so that edges cross the pixels everywhere."""
+    """Squares, rotated slightly so that edges cross pixels at all positions."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
 
     def draw(x: Array, y: Array) -> Array:
@@ -95,12 +92,9 @@ def star(spokes: int) -> Drawing:
 
 
 def square(side_px: float) -> Drawing:
-    """One white square on black, turned as the checkerboard is."""
+    """One white square on black, rotated as the checkerboard."""
     c, s = np.cos(np.radians(5.0)), np.sin(np.radians(5.0))
     return lambda x, y: np.where(np.maximum(abs(c * x + s * y), abs(c * y - s * x)) < side_px / 2, 1.0, 0.0)
-
-
-# --- the linear system ---------------------------------------------------------------------------------------------
 
 
 def system(u: Array, s: int, r: int, window: Window) -> Array:
@@ -114,28 +108,25 @@ def system(u: Array, s: int, r: int, window: Window) -> Array:
 
 
 def singular_values(u: Array, s: int, r: int, window: Window) -> Array:
-    """Of S_s C[u], the greatest first, (r^2,)."""
+    """Singular values of S_s C[u] in descending order, (r^2,)."""
     return np.asarray(np.linalg.svd(system(u, s, r, window), compute_uv=False))
 
 
 def gamma(sigma: Array) -> float:
-    """The thesis's quality of a view, sum of 1 / sigma_i^2: smaller is better, infinite where nothing is determined."""
+    """Sum of 1 / sigma_i^2, infinite for a singular system."""
     with np.errstate(divide="ignore"):
         return float(np.sum(1.0 / sigma**2))
 
 
 def gamma_of(u: Array, s: int, r: int, window: Window) -> float:
-    """Gamma of a window on a pattern."""
+    """gamma of a window on a pattern."""
     return gamma(singular_values(u, s, r, window))
 
 
-# --- what theory says ----------------------------------------------------------------------------------------------
-
-
 def gamma_bound_solved(M: int, N: int) -> float:
-    """The bound with its constrained minimum solved whole (Remark 3, Karush-Kuhn-Tucker), a = 0, b = 1.
+    """The bound with the exact solution of its constrained minimum (Remark 3, Karush-Kuhn-Tucker), a = 0, b = 1.
 
-    With sigma_1 = t sqrt(M N) the constraint leaves (N - 1) sigma_2^2 = M N t (1 - t), and one variable.
+    With sigma_1 = t sqrt(M N) the constraint is (N - 1) sigma_2^2 = M N t (1 - t); one variable remains.
     """
     least = optimize.minimize_scalar(
         lambda t: 1 / t**2 + (N - 1) ** 2 / (t * (1 - t)), bounds=(0.01, 0.99), method="bounded",

@@ -1,36 +1,31 @@
-"""What a row is: something published, what is computed for it, and how near the two must be."""
+"""A row: something published, the values computed for it, and what the paper claims of them as ranges of values."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from markupsafe import Markup
 
 from procedures.outcome import BadParameter
 
+Values = tuple[float, ...]
+
 
 @dataclass(frozen=True)
 class Setting:
-    """What rows may use.
-
-    Attributes
-    ----------
-    data : Path or None
-        The folder of photographs and films with known truth.
-    full : bool
-        Whether there is time for more cases than a first look needs.
-    threads : int
-    """
+    """Folder of published photographs and films, whether to compute more than the quick cases, and threads."""
 
     data: Path | None = None
     full: bool = False
     threads: int = 1
 
     def path(self, name: str) -> Path:
-        """A file of the data folder. Raises BadParameter where there is none."""
+        """A file of the data folder. Raises BadParameter if it does not exist."""
         if self.data is None or not (self.data / name).exists():
             where = "no data folder" if self.data is None else f"no {name} in {self.data}"
             raise BadParameter(f"the row needs {name}; {where}", "name the data folder with --data")
@@ -39,9 +34,14 @@ class Setting:
 
 @dataclass(frozen=True)
 class Check:
-    """One number: what it is, what the paper prints, and the least and the most that agrees with it.
+    """One quantity and the paper's claim about it.
 
-    `published` is a number as printed, or what the text claims in words.
+    Attributes
+    ----------
+    published : str
+        A number as printed, or the paper's words.
+    low, high : float
+        The claim as a range of values: a printed number with its rounding, or how the words are read.
     """
 
     quantity: str
@@ -51,36 +51,84 @@ class Check:
     unit: str = ""
 
     @classmethod
-    def near(cls, quantity: str, published: str, share: float, unit: str = "") -> Check:
-        """Passes within a share of the printed number."""
-        value = float(published)
-        return cls(quantity, published, value * (1 - share), value * (1 + share), unit)
+    def printed(cls, quantity: str, published: str, unit: str = "") -> Check:
+        """A printed number: the values that round to its last digit."""
+        value, half = float(published), half_digit(published)
+        return cls(quantity, published, value - half, value + half, unit)
 
     @classmethod
-    def within_factor(cls, quantity: str, published: str, factor: float, unit: str = "") -> Check:
-        """Passes within a factor of the printed number."""
-        value = float(published)
-        return cls(quantity, published, value / factor, value * factor, unit)
+    def at_most(cls, quantity: str, published: str, unit: str = "") -> Check:
+        """A printed number of which smaller values are as good: an error."""
+        return cls(quantity, published, -math.inf, float(published) + half_digit(published), unit)
 
-    def agrees(self, ours: float) -> bool:
-        """Whether our number passes; one that is not finite does not."""
-        return math.isfinite(ours) and self.low <= ours <= self.high
+    @classmethod
+    def at_least(cls, quantity: str, published: str, unit: str = "") -> Check:
+        """A printed number of which larger values are as good: a gain."""
+        return cls(quantity, published, float(published) - half_digit(published), math.inf, unit)
+
+    def agrees(self, value: float) -> bool:
+        """Whether the value is within the claim; a value that is not finite is not."""
+        return math.isfinite(value) and self.low <= value <= self.high
 
     @property
-    def range_words(self) -> str:
-        """What passes, in words."""
+    def claim(self) -> str:
+        """The claim's range in words."""
         if math.isinf(self.low):
             return f"at most {self.high:.4g}"
         return f"at least {self.low:.4g}" if math.isinf(self.high) else f"{self.low:.4g} to {self.high:.4g}"
 
+    def deviation(self, value: float) -> str:
+        """Distance of the value from the claim, empty within it: "0.105 pixels above, 1.41 times"."""
+        if self.agrees(value) or not math.isfinite(value):
+            return "" if math.isfinite(value) else "not finite"
+        bound, side = (self.high, "above") if value > self.high else (self.low, "below")
+        ratio = f", {value / bound:.3g} times" if value * bound > 0 else ""
+        return f"{abs(value - bound):.3g}{' ' * bool(self.unit)}{self.unit} {side}{ratio}"
+
+
+PLAIN_FROM, PLAIN_TO = 1e-3, 1e5
+"""Numbers outside this range are written with a power of ten."""
+
+
+def shown(value: float) -> str:
+    """A number to four digits: 0.1961, 31806, 2.1×10¹²."""
+    if not math.isfinite(value):
+        return "none"
+    if value and not PLAIN_FROM <= abs(value) < PLAIN_TO:
+        mantissa, power = f"{value:.2e}".split("e")
+        return f"{mantissa}×10^{int(power)}".replace("-", "−")
+    digits = max(0, 3 - (math.floor(math.log10(abs(value))) if value else 0))
+    return f"{value:.{digits}f}".replace("-", "−")
+
+
+def half_digit(printed: str) -> float:
+    """Half a unit of the last digit of a printed number."""
+    return 0.5 * 10.0 ** -len(printed.partition(".")[2])
+
+
+@dataclass(frozen=True)
+class Order:
+    """A comparison that the paper draws from its numbers; it can hold where the numbers differ."""
+
+    statement: str
+    holds: Callable[[Values], bool]
+
+
+def increases(statement: str, *ranges: tuple[int, int]) -> Order:
+    """The values of each range of positions increase."""
+    return Order(statement, lambda v: all(a < b for start, stop in ranges for a, b in pairwise(v[start:stop])))
+
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """What a row computed: one number for each check, in their order; figures; and what is to be said about them."""
+class RowValues:
+    """One value for each check of a row, in their order; figures, and a remark on this computation."""
 
-    values: tuple[float, ...]
+    values: Values
     figures: tuple[Markup, ...] = ()
     remark: str = ""
+
+
+Compute = Callable[[Setting], RowValues]
 
 
 @dataclass(frozen=True)
@@ -89,22 +137,19 @@ class Row:
 
     Attributes
     ----------
-    name : str
-        For the command line.
-    chapter : str
-        A group of rows that is computed by its name too.
-    place : str
-        Where it was published.
-    title : str
-        What was published, in a sentence.
+    name, chapter : str
+        Either selects the row on the command line.
+    place, title : str
+        Where and what was published.
     checks : tuple of Check
-    tolerance : str
-        Why the checks are as wide as they are.
-    compute : callable
+    setup : str
+        Difference between the paper's set-up and this one, the reason for values that deviate.
+    order : Order, optional
+        What must hold for a row whose values deviate to have the same direction.
     needs : tuple of str
         Files of the data folder.
     long : bool
-        Computed with --full, or when it is named.
+        Computed with --full, or by its name.
     """
 
     name: str
@@ -112,7 +157,22 @@ class Row:
     place: str
     title: str
     checks: tuple[Check, ...]
-    tolerance: str
-    compute: Callable[[Setting], Found]
+    setup: str
+    compute: Compute
+    order: Order | None = None
     needs: tuple[str, ...] = ()
     long: bool = False
+
+
+def register(rows: list[Row], chapter: str) -> Callable[..., Callable[[Compute], Compute]]:
+    """A decorator that appends a row to `rows`: its arguments, name and docstring are the row's."""
+
+    def row(**fields: Any) -> Callable[[Compute], Compute]:
+        def append(compute: Compute) -> Compute:
+            title = (compute.__doc__ or "").removesuffix(".")
+            rows.append(Row(compute.__name__.replace("_", "-"), chapter, title=title, compute=compute, **fields))
+            return compute
+
+        return append
+
+    return row

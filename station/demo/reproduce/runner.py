@@ -1,91 +1,155 @@
-"""Rows computed one after the other; none stops the others."""
+"""Rows computed one after the other; an error in one does not stop the others."""
 
 from __future__ import annotations
 
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadParameter, ProcedureError
 from station.common.progress import Progress, silent
 from station.common.versions import software
-from station.demo.reproduce.reproduction import CheckedFigure, Done, Reproduction, RowState
-from station.demo.reproduce.row import Row, Setting
+from station.demo.reproduce.row import Check, Row, RowValues, Setting, shown
 from station.results.result_files import ResultFolder, write_record
 
-SCHEMA = "station/reproduce/1"
+SCHEMA = "station/reproduce/2"
 PAGE = "index.html"
+NO_VALUES = RowValues(())
 
 
-def chosen(rows: Sequence[Row], name: str | None) -> tuple[Row, ...]:
-    """The rows of that name or chapter, all without one. Raises BadParameter, with the names, if there is none."""
-    found = tuple(row for row in rows if name in (None, row.name, row.chapter))
-    if not found:
+class RowState(StrEnum):
+    """Outcome of a row.
+
+    REPRODUCED: every value is within the paper's own claim. SAME_DIRECTION: the order that the paper states holds,
+    values differ. NOT_REPRODUCED: neither, or the row could not be computed to its end. NOT_COMPUTED: not tried.
+    """
+
+    REPRODUCED = "reproduced"
+    SAME_DIRECTION = "same direction"
+    NOT_REPRODUCED = "not reproduced"
+    NOT_COMPUTED = "not computed"
+
+
+@dataclass(frozen=True, eq=False)
+class RowResult:
+    """A row with its outcome; without values there is a reason. `processor_s` counts all threads of this process."""
+
+    row: Row
+    state: RowState
+    computed: RowValues = NO_VALUES
+    reason: str = ""
+    seconds: float = 0.0
+    processor_s: float = 0.0
+
+    @property
+    def lines(self) -> list[tuple[Check, float]]:
+        """Every check with its value."""
+        return list(zip(self.row.checks, self.computed.values, strict=False))
+
+    @property
+    def deviating(self) -> list[tuple[Check, float]]:
+        """Checks whose values are outside the claim."""
+        return [(check, value) for check, value in self.lines if not check.agrees(value)]
+
+
+@dataclass(frozen=True, eq=False)
+class Reproduction:
+    """The selected rows."""
+
+    rows: tuple[RowResult, ...]
+    full: bool
+    seconds: float
+
+    @property
+    def processor_s(self) -> float:
+        """Processor time of all rows, seconds."""
+        return sum(one.processor_s for one in self.rows)
+
+    def count(self, state: RowState) -> int:
+        """Number of rows in a state."""
+        return sum(one.state is state for one in self.rows)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether a row was computed and none is *not reproduced*."""
+        return self.count(RowState.NOT_COMPUTED) < len(self.rows) and not self.count(RowState.NOT_REPRODUCED)
+
+
+def select(rows: Sequence[Row], name: str | None) -> tuple[Row, ...]:
+    """The rows of that name or chapter, all for None. Raises BadParameter, with the names, if there is none."""
+    selected = tuple(row for row in rows if name in (None, row.name, row.chapter))
+    if not selected:
         names = ", ".join(row.name for row in rows)
         chapters = ", ".join(dict.fromkeys(row.chapter for row in rows))
         raise BadParameter(f"no row {name!r}", f"name a row ({names}) or a chapter ({chapters})")
-    return found
+    return selected
 
 
 def reproduce(
     out: Path, rows: Sequence[Row], setting: Setting, *, name: str | None = None, progress: Progress = silent
 ) -> tuple[Reproduction, str]:
-    """Compute the rows, write page and record; returns what became of them, and the record's text.
+    """Compute rows, write `index.html` and `result.json` to `out`; returns the results and the record's text.
 
-    Parameters
-    ----------
-    out : Path
-        Receives `index.html` and `result.json`.
-    name : str, optional
-        A row or a chapter; without one all rows are computed, the long ones only where the setting is full.
+    name : a row or a chapter; without one all rows are computed, the long ones only with `setting.full`.
     """
     start = time.perf_counter()
-    asked = chosen(rows, name)
+    selected = select(rows, name)
     with ResultFolder(out) as folder:
-        done = []
-        for row in asked:
-            one = computed(row, setting, named=row.name == name)
-            done.append(one)
-            progress(_sentence(one))
-        found = Reproduction(tuple(done), setting.full, time.perf_counter() - start)
-        folder.write(PAGE, _page(found).encode())
-        return found, write_record(folder, _record(found, setting))
+        results = []
+        for row in selected:
+            results.append(compute(row, setting, by_name=row.name == name))
+            progress(_sentence(results[-1]))
+        result = Reproduction(tuple(results), setting.full, time.perf_counter() - start)
+        folder.write(PAGE, _page(result).encode())
+        return result, write_record(folder, _record(result, setting))
 
 
-def computed(row: Row, setting: Setting, *, named: bool = False) -> Done:
-    """A row's numbers held to the published ones, or why there are none.
+def _page(result: Reproduction) -> str:
+    from station.demo.reproduce.catalogue import NOT_HERE  # here: rows and templates are slow to load
+    from station.reports.page import render
 
-    A row that breaks fails with its error, so that the others are kept; with STATION_TRACEBACK it shows where.
+    return render(
+        "reproduce.html", found=result, State=RowState, shown=shown, not_here=NOT_HERE, software=software(),
+    )  # fmt: skip
+
+
+def compute(row: Row, setting: Setting, *, by_name: bool = False) -> RowResult:
+    """A row's values compared with the published ones, or the reason why there are none.
+
+    An unexpected error is the row's reason; with STATION_TRACEBACK it is raised.
     """
-    missing = _missing(row, setting, named=named)
-    if missing:
-        return Done(row, RowState.LEFT_OUT, reason=missing)
+    if missing := _missing(row, setting, by_name=by_name):
+        return RowResult(row, RowState.NOT_COMPUTED, reason=missing)
     start, worked = time.perf_counter(), time.process_time()
-    done = _judged(row, setting)
-    return replace(done, seconds=time.perf_counter() - start, processor_s=time.process_time() - worked)
+    result = _compared(row, setting)
+    return replace(result, seconds=time.perf_counter() - start, processor_s=time.process_time() - worked)
 
 
-def _judged(row: Row, setting: Setting) -> Done:
+def _compared(row: Row, setting: Setting) -> RowResult:
     try:
-        found = row.compute(setting)
-        lines = tuple(CheckedFigure(check, value) for check, value in zip(row.checks, found.values, strict=True))
+        computed = row.compute(setting)
+        if len(computed.values) != len(row.checks):
+            raise ValueError(f"{len(row.checks)} checks need as many values; got {len(computed.values)}")
     except ProcedureError as error:
-        return Done(row, RowState.FAIL, reason=error.reason)
+        return RowResult(row, RowState.NOT_REPRODUCED, reason=error.reason)
     except Exception as error:
         if os.environ.get("STATION_TRACEBACK"):
             raise
-        reason = f"the row stopped on something it did not foresee: {type(error).__name__}: {error}"
-        return Done(row, RowState.FAIL, reason=reason)
-    state = RowState.PASS if all(line.passes for line in lines) else RowState.FAIL
-    return Done(row, state, lines, found.figures, found.remark)
+        reason = f"the row stopped with an unexpected error: {type(error).__name__}: {error}"
+        return RowResult(row, RowState.NOT_REPRODUCED, reason=reason)
+    if all(check.agrees(value) for check, value in zip(row.checks, computed.values, strict=True)):
+        return RowResult(row, RowState.REPRODUCED, computed)
+    ordered = row.order is not None and row.order.holds(computed.values)
+    return RowResult(row, RowState.SAME_DIRECTION if ordered else RowState.NOT_REPRODUCED, computed)
 
 
-def _missing(row: Row, setting: Setting, *, named: bool) -> str:
-    """Why a row is left out; nothing where it can be computed."""
-    if row.long and not (setting.full or named):
+def _missing(row: Row, setting: Setting, *, by_name: bool) -> str:
+    """The reason not to compute a row; empty if there is none."""
+    if row.long and not (setting.full or by_name):
         return "it takes long; compute it with --full, or by its name"
     try:
         for name in row.needs:
@@ -95,31 +159,25 @@ def _missing(row: Row, setting: Setting, *, named: bool) -> str:
     return ""
 
 
-def _sentence(one: Done) -> str:
+def _sentence(one: RowResult) -> str:
     reason = f": {one.reason}" if one.reason else ""
     return f"{one.row.name}: {one.state}{reason} ({one.seconds:.1f} s, {one.processor_s:.1f} s of processor)"
 
 
-def _page(found: Reproduction) -> str:
-    from station.demo.reproduce.page import reproduction_page  # here: templates are slow to load
-
-    return reproduction_page(found)
-
-
-def _record(found: Reproduction, setting: Setting) -> dict[str, Any]:
+def _record(result: Reproduction, setting: Setting) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "procedure": "reproduce",
         "parameters": {"full": setting.full, "data": None if setting.data is None else str(setting.data)},
-        "summary": {state.value.replace(" ", "_"): found.count(state) for state in RowState},
-        "rows": [_entry(one) for one in found.done],
+        "summary": {state.value.replace(" ", "_"): result.count(state) for state in RowState},
+        "rows": [_entry(one) for one in result.rows],
         "software": software(),
-        "duration_s": round(found.seconds, 3),
-        "processor_s": round(found.processor_s, 3),
+        "duration_s": round(result.seconds, 3),
+        "processor_s": round(result.processor_s, 3),
     }
 
 
-def _entry(one: Done) -> dict[str, Any]:
+def _entry(one: RowResult) -> dict[str, Any]:
     row = one.row
     return {
         "name": row.name,
@@ -128,15 +186,22 @@ def _entry(one: Done) -> dict[str, Any]:
         "title": row.title,
         "state": str(one.state),
         "reason": one.reason,
-        "remark": one.remark,
-        "tolerance": row.tolerance,
-        "checks": [_line_entry(line) for line in one.lines],
+        "remark": one.computed.remark,
+        "order": row.order.statement if row.order else "",
+        "setup": row.setup,
+        "checks": [
+            {
+                "quantity": check.quantity,
+                "unit": check.unit,
+                "published": check.published,
+                "ours": value,
+                "low": check.low,
+                "high": check.high,
+                "agrees": check.agrees(value),
+                "deviation": check.deviation(value),
+            }
+            for check, value in one.lines
+        ],
         "duration_s": round(one.seconds, 3),
         "processor_s": round(one.processor_s, 3),
     }
-
-
-def _line_entry(line: CheckedFigure) -> dict[str, Any]:
-    check = line.check
-    told = {"quantity": check.quantity, "unit": check.unit, "published": check.published}
-    return {**told, "ours": line.ours, "low": check.low, "high": check.high, "pass": line.passes}

@@ -21,18 +21,18 @@ RATIO = 1.2
 LARGEST_W = 5.5
 """Half the largest PSF of the first photograph, pixels: about 11 x 11."""
 RIM = 16
-"""Left out of the errors: what lies there was blurred from beyond the frame."""
+"""Rim excluded from errors, pixels: it was blurred from beyond the frame."""
 REACH = 8
 GREY_LEVELS = 255
-STEP, BESIDE = 0.5, 12
-"""Change of w from pixel to pixel that is a step, and how far about it windows see both sides, pixels."""
+STEP, NEAR_STEP = 0.5, 12
+"""Change of w from pixel to pixel at a step, and distance within which windows contain both sides, pixels."""
 CONTRAST = 0.122
-"""Standard deviation of the texture, white = 1: blurred, it errs by as much as the thesis's map."""
+"""Standard deviation of the texture, white = 1: blurred, it has the error of the thesis's map."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two photographs (2, 1, H, W), white = 1, and what is true of them, (H, W)."""
+    """Two photographs (2, 1, H, W), white = 1, and their true picture and w, (H, W)."""
 
     z: Array
     sharp: Array
@@ -47,9 +47,9 @@ class Pair:
         return float(np.sqrt(np.mean(_inside(w - self.w) ** 2)))
 
     def away_from_steps(self, w: npt.NDArray[np.floating]) -> float:
-        """The same where no step of the depth lies within `BESIDE` pixels."""
+        """The same error where no step of the depth lies within `NEAR_STEP` pixels."""
         steps = np.hypot(*np.gradient(self.w)) > STEP
-        away = np.logical_not(_inside(maximum_filter(steps, 2 * BESIDE + 1)))
+        away = np.logical_not(_inside(maximum_filter(steps, 2 * NEAR_STEP + 1)))
         return float(np.sqrt(np.mean(_inside(w - self.w)[away] ** 2)))
 
 
@@ -58,7 +58,7 @@ def _inside(a: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
 
 
 def map_drawing(shape: tuple[int, int], rng: np.random.Generator) -> Array:
-    """Thin lines, dots and houses on paper, dense here and nearly bare there, white = 1."""
+    """Thin lines, dots and houses on paper, of varying density, white = 1."""
     rows, columns = shape
     density = gaussian_filter(rng.standard_normal(shape), 30)
     density = np.clip(0.6 + 0.5 * density / density.std(), 0.25, 1)
@@ -82,7 +82,7 @@ def map_drawing(shape: tuple[int, int], rng: np.random.Generator) -> Array:
 
 
 def texture(shape: tuple[int, int], rng: np.random.Generator) -> Array:
-    """Detail everywhere, of amplitude 1/f as a scanned map's hatching and paper have it, white = 1."""
+    """Detail everywhere with amplitude 1/f, like a scanned map's hatching and paper, white = 1."""
     frequency = np.hypot(np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1]))
     frequency[0, 0] = np.inf
     u = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape)) / frequency, shape)
@@ -90,7 +90,7 @@ def texture(shape: tuple[int, int], rng: np.random.Generator) -> Array:
 
 
 def depth(shape: tuple[int, int]) -> Array:
-    """Half the PSF's size, pixels: flat above and below, a slope between, a quarter of a sphere standing out of it."""
+    """Half the PSF's size, pixels: flat above and below, a slope between, and a quarter of a sphere."""
     y, x = np.mgrid[0 : shape[0], 0 : shape[1]]
     y, x = y / (shape[0] - 1), x / (shape[1] - 1)
     slope = 1.5 + (LARGEST_W - 1.5) * np.clip((y - 0.2) / 0.6, 0, 1)
@@ -100,7 +100,7 @@ def depth(shape: tuple[int, int]) -> Array:
 
 
 def comatic() -> Array:
-    """A prototype of coma and spherical aberration: a bright point that opens into a fan, with a halo around."""
+    """Prototype with coma and spherical aberration: a bright point that opens into a fan, with a halo."""
     t = np.linspace(-1, 1, 129)
     x, y = np.meshgrid(t, t)
     shape = 0.15 * ((x**2 + y**2) < 0.9).astype(np.float64)
@@ -115,7 +115,7 @@ def stacks(shape: Array) -> list[MaskStack]:
 
 
 def gaussian_stacks() -> list[MaskStack]:
-    """Masks of the wrong, Gaussian shape, of the right size."""
+    """Masks of Gaussian shape and the right size."""
     return stacks(gaussian())
 
 
@@ -125,12 +125,12 @@ def pair(
     size: tuple[int, int] = SHAPE,
     seed: int = 1,
     picture: Callable[[tuple[int, int], np.random.Generator], Array] = map_drawing,
-    drawn: int = 7,
+    picture_seed: int = 7,
 ) -> Pair:
-    """Both photographs; noise so many decibels below their contrast, None: without. `drawn`: the picture's seed."""
+    """Both photographs; noise in decibels below their contrast, None for none."""
     rng = np.random.default_rng(seed)
     wide = (size[0] + 2 * REACH, size[1] + 2 * REACH)
-    u, w = picture(wide, np.random.default_rng(drawn)), depth(wide)
+    u, w = picture(wide, np.random.default_rng(picture_seed)), depth(wide)
     photographs = []
     for stack in stacks(shape):
         blur = Blur(stack, size)

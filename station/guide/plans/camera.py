@@ -20,16 +20,17 @@ from procedures.sensor.estimate import sensor_model
 from procedures.sensor.facts import LIT, mark_of
 from procedures.sensor.photon_transfer import gain_and_noise
 from procedures.sensor_model import SensorModel
-from procedures.vignetting.joint import joint_formula
+from procedures.vignetting.estimate import joint_formula
 from procedures.whole_camera import plan as guide
 from procedures.whole_camera.facts import FLAT, PANEL_TURNED, TURNED, WholeCameraFacts
 from procedures.whole_camera.from_field import whole_camera
 from procedures.whole_camera.from_others import sensor_parts, vignetting_parts
-from procedures.whole_camera.joint import Part
+from procedures.whole_camera.joint import CameraPart
 from station.calibration.sensor import SensorFiles
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.vignetting import Flats, flats_of, vignetting_measurement
 from station.guide.plans import field, geometry, sensor
+from station.procedure.registry import procedure_named
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import PartBeside, RecordHead
@@ -151,7 +152,7 @@ def vignetting_of(frames: Sequence[RawFrame], whole: FieldResult) -> Outcome[Fla
                       "take both at one aperture, since vignetting depends on it")  # fmt: skip
 
 
-def joint_parts(parts: Mapping[str, Outcome[Any]]) -> list[Part]:
+def joint_parts(parts: Mapping[str, Outcome[Any]]) -> list[CameraPart]:
     """Numbers of vignetting and sensor in the joint covariance."""
     flats: Flats | None = parts[VIGNETTING].value if VIGNETTING in parts else None
     files: SensorFiles | None = parts[SENSOR].value if SENSOR in parts else None
@@ -217,11 +218,10 @@ def _written(
 def _write_sensor(
     folder: ResultFolder, one: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
 ) -> str:
-    from station.reports.sensor_page import sensor_page  # it draws, a slow import
-
     files: SensorFiles = one.result()
-    folder.write("report.html", sensor_page(files))
-    write_measurement(folder, sensor_measurement(files, _of_inputs(head, {one.sha256 for one in files.files})))
+    measured = sensor_measurement(files, _of_inputs(head, {one.sha256 for one in files.files}))
+    folder.write("report.html", procedure_named("sensor").page(measured))
+    write_measurement(folder, measured)
     return "report.html"
 
 

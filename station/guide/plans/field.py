@@ -20,6 +20,7 @@ from procedures.vignetting.formula import LightSurface
 from procedures.whole_camera.from_field import WholeCamera, whole_camera
 from station.calibration.field import centre_result, field_pixels, field_results
 from station.calibration.planes import diffraction_limit
+from station.procedure.registry import procedure_named
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
@@ -99,7 +100,7 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
     if whole is None:
         return [PlaneResult.of_outcome(name, one) for name, one in outcomes.items()]
     pixels = field_pixels(whole.measured, facts_as(FieldFacts, facts).pixel_pitch_um)
-    terms = terms.tellable(next(iter(pixels.values())))
+    terms = terms.with_known_unit(next(iter(pixels.values())))
     try:
         planes = field_results(whole, terms, pixels, lambda plane: None)
     except BadParameter as error:
@@ -121,11 +122,11 @@ def write(
     lights : vignetting by plane; beside : results of other parts of the session
     """
     # imported here: it draws, a slow import
-    from station.reports.field.field_files import FieldParts, field_measurement, page_of_field
+    from station.reports.field.field_files import FieldParts, field_measurement
 
     whole: SessionField | None = next((one.found for one in planes if one.found is not None), None)
     if whole is None:
         return write_psf_result(folder, planes, head)
     found = field_measurement(FieldParts(whole, whole.camera, lights or {}, beside or {}), planes, head)
-    folder.write("report.html", page_of_field(found))
+    folder.write("report.html", procedure_named("field").page(found))
     return write_measurement(folder, found)

@@ -8,6 +8,7 @@ from procedures.geometry.plan import plan as plan
 from procedures.plan import Facts, Outcomes
 from procedures.raw import RawFrame
 from station.calibration.geometry_files import geometry_measurement, session_plane
+from station.procedure.registry import procedure_named
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
@@ -28,7 +29,5 @@ def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[
     (plane,) = planes
     measurement = geometry_measurement([session_plane(plane, frames)], head)
     if not measurement.refused:
-        from station.reports.geometry_page import geometry_page  # it draws, a slow import
-
-        folder.write("report.html", geometry_page(measurement.found, head).encode())
+        folder.write("report.html", procedure_named("geometry").page(measurement))
     return write_measurement(folder, measurement)

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
+from procedures.facts import facts_as
 from procedures.plan import Facts, Outcomes, Plan
 from procedures.raw import RawFrame
+from procedures.restoration.facts import RestorationFacts
+from procedures.restoration.joint.result import Restoration
+from procedures.restoration.known_blur import planes_of, rig_poses, split_ground_truth, stacked
 from procedures.restoration.photograph_blur import Shape
 from procedures.restoration.plan import plan as restoration_plan
-from station.calibration.restoration.inputs import files_in, read_blur_shape, with_files
+from station.calibration.restoration.inputs import files_in, imu_table, poses_table, read_blur_shape, with_files
+from station.procedure.registry import procedure_named
+from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder
@@ -37,8 +44,25 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
-    """Write the files of `station restore` for a session."""
-    from station.reports.restoration_files import write_plane  # it draws, a slow import
+    """Write the files of `station restore` for a session; the record alone for a refused result."""
+    from station.reports.restoration_files import Restored, restoration_measurement  # it draws, a slow import
 
     (picture,) = planes
-    return write_plane(folder, picture, frames, head)
+    restoration: Restoration | None = picture.found
+    outcome = picture.outcome(restoration)
+    if restoration is None:
+        return write_measurement(folder, restoration_measurement(picture.name, Restored(outcome, ()), head))
+    facts = facts_as(RestorationFacts, head.parameters)
+    blurred, _ = split_ground_truth(frames, facts)
+    for n, frame in enumerate(blurred, start=1):
+        if frame.imu is not None:
+            folder.write(f"imu_{n}.csv", imu_table(frame.imu))
+        poses, exposure_s = rig_poses(frame), frame.exposure.exposure_s
+        if frame.shaker_path is not None and poses is not None and exposure_s is not None:
+            folder.write(f"poses_{n}.csv", poses_table(poses, exposure_s))
+    timeless = replace(restoration, history=tuple(replace(r, seconds=0.0) for r in restoration.history))
+    photographs = [stacked(planes_of(frame, facts)) for frame in blurred]
+    whole = Restored(replace(outcome, value=timeless), photographs)  # makes the files reproducible
+    measurement = restoration_measurement(picture.name, whole, head)
+    folder.write("report.html", procedure_named("restore").page(measurement))
+    return write_measurement(folder, measurement)

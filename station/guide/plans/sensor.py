@@ -13,6 +13,7 @@ from procedures.sensor.facts import SensorFacts, mark_of
 from station.calibration.sensor import SensorFiles, SensorPlane, measure_sensor
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.sensor_folder import DARK, LIGHT, Shots
+from station.procedure.registry import procedure_named
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
@@ -68,7 +69,6 @@ def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[
     if whole is None:
         refused = [SensorPlane(one.name, one.outcome(None), (), 1.0, None) for one in planes]
         return write_measurement(folder, sensor_measurement(SensorFiles((), None, None, refused), head))
-    from station.reports.sensor_page import sensor_page  # it draws, a slow import
-
-    folder.write("report.html", sensor_page(whole))
-    return write_measurement(folder, sensor_measurement(whole, head))
+    measured = sensor_measurement(whole, head)
+    folder.write("report.html", procedure_named("sensor").page(measured))
+    return write_measurement(folder, measured)

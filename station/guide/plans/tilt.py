@@ -18,6 +18,7 @@ from procedures.tilt.plan import MARK
 from procedures.tilt.positions import Positions
 from station.calibration.tilt import measure_tilt, tilt_measurement
 from station.guide.plans.geometry import results as results
+from station.procedure.registry import procedure_named
 from station.results.measurement import write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
@@ -58,10 +59,9 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
     """Write the files of `station tilt` for a session."""
-    from station.reports.tilt_page import tilt_page  # it draws, a slow import
-
     (plane,) = planes
     outcome = plane.outcome(plane.found)
     parameters = {name: value for name, value in head.parameters.items() if not name.startswith(DEPTH)}
-    folder.write("report.html", tilt_page(plane.name, len(frames), outcome).encode())
-    return write_measurement(folder, tilt_measurement(replace(head, parameters=parameters), plane.name, outcome))
+    measured = tilt_measurement(replace(head, parameters=parameters), plane.name, outcome)
+    folder.write("report.html", procedure_named("tilt").page(measured))
+    return write_measurement(folder, measured)

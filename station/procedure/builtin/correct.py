@@ -103,7 +103,7 @@ class Correct(Procedure[CorrectSettings]):
         """Before and after."""
         from station.reports.correction_page import correction_page  # here: it draws, which is slow to load
 
-        return correction_page(found.found, found.head)
+        return correction_page(self.report(found), found.found)
 
     def lines(self, found: Measurement) -> list[str]:
         """The photographs that were not used."""

@@ -19,11 +19,11 @@ from station.procedure.settings import setting
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
-from station.results.units import told_quantity
+from station.results.units import convert_quantity
 from station.results.verdict_words import measurement_words
 
 if TYPE_CHECKING:
-    from station.reports.pattern_report import Report
+    from station.reports.report import Report
 
 
 class EdgeSettings(OpticsReading, frozen=True, kw_only=True):
@@ -90,16 +90,15 @@ class SlantedEdge(Procedure[EdgeSettings]):
 
     def report(self, found: Measurement) -> Report:
         """With what the camera noted of the photograph."""
-        from station.reports.edges.edge_page import edge_report  # here: it draws, which is slow to load
+        from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
-        frame, records = found.found.frame, found.found.records
-        return edge_report(frame, records, found.head.parameters, found.terms, found.overlays)
+        return measurement_report(found, self.name, title=self.title, frames=(found.found.frame,))
 
     def page(self, found: Measurement) -> bytes:
         """Every edge with its place, its spread and its MTF."""
         from station.reports.edges.edge_page import edge_page  # here: it draws, which is slow to load
 
-        return edge_page(self.report(found), found.found.frame, found.found.records).encode()
+        return edge_page(self.report(found), found.found).encode()
 
     def lines(self, found: Measurement) -> list[str]:
         """Every edge that has a place, and how many have which verdict."""
@@ -110,12 +109,12 @@ class SlantedEdge(Procedure[EdgeSettings]):
 
 def _words(record: EdgeRecord, outcome: EdgeOutcome) -> str:
     """Place, verdict, direction and MTF50 of an edge."""
-    roi, edge, told = outcome.roi, outcome.value, record.result
+    roi, edge, result = outcome.roi, outcome.value, record.result
     place = "" if roi is None else f" at {roi.x},{roi.y},{roi.width},{roi.height}"
     words = f"{record.name}{place}: {measurement_words(outcome.verdict)}, {orientation(outcome.turned)}"
     if edge is None or EDGE_MTF50 not in edge.numbers:
         return f"{words}; {outcome.reason}"
-    mtf50 = told_quantity(edge.numbers[EDGE_MTF50], told.unit, told.factor)
+    mtf50 = convert_quantity(edge.numbers[EDGE_MTF50], result.unit, result.factor)
     angle = edge.numbers[EDGE_ANGLE].value
     return f"{words}, {angle:.2f} degrees; MTF50 {stated(mtf50.value, mtf50.uncertainty)} {mtf50.unit}"
 

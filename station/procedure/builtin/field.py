@@ -26,13 +26,13 @@ from station.procedure.optics import INSIST
 from station.procedure.psf import ChartPsfSettings, PsfProcedure
 from station.procedure.settings import setting
 from station.results.measurement import Measurement
-from station.results.overlay import HeightOverlay, read_height_overlays
+from station.results.overlay import Overlay, read_height_overlays
 from station.results.record_head import InputFile, RecordHead
 from station.results.terms import USUAL, Terms
 from station.results.units import Pixels
 
 if TYPE_CHECKING:
-    from station.reports.pattern_report import Report
+    from station.reports.report import Report
 
 ASSUMED_WORD = "assumed"
 """Word for a fill factor that was not measured."""
@@ -150,21 +150,24 @@ class Field(PsfProcedure[FieldSettings]):
         measured = found.found.result.measured
         return [str(one) for one in measured.misses if one.source not in measured.failed]
 
-    def read_overlays(self, paths: Sequence[Path], terms: Terms) -> Sequence[HeightOverlay]:
+    def read_overlays(self, paths: Sequence[Path], terms: Terms) -> Sequence[Overlay]:
         """Fields whose MTF over image height is drawn over this one's. Raises BadParameter."""
         return read_height_overlays(paths, terms.unit)
 
     def report(self, found: Measurement) -> Report:
         """Contents of the certificate: the frame's centre, and the medians over the frame."""
-        from station.reports.field.field_files import field_report  # here: it draws, which is slow to load
+        from station.reports.field.field_files import with_medians  # here: it draws, which is slow to load
+        from station.reports.report import measurement_report
 
-        return field_report(found)
+        result = found.found.result
+        report = measurement_report(found, self.name, title=self.title, frames=result.measured.exposures)
+        return replace(report, planes=[with_medians(one, result) for one in found.planes])
 
     def page(self, found: Measurement) -> bytes:
         """Maps, PSFs and curves over the frame."""
-        from station.reports.field.field_files import page_of_field  # here: it draws, which is slow to load
+        from station.reports.field.field_page import field_page  # here: it draws, which is slow to load
 
-        return page_of_field(found)
+        return field_page(self.report(found), found).encode()
 
 
 PROCEDURE = Field()

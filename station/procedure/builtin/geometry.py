@@ -82,7 +82,7 @@ class CameraGeometry(Procedure[GeometrySettings]):
         """How well the frame is known, the lens, the chart, the views."""
         from station.reports.geometry_page import geometry_page  # here: it draws, which is slow to load
 
-        return geometry_page(found.found, found.head).encode()
+        return geometry_page(self.report(found)).encode()
 
     def lines(self, found: Measurement) -> list[str]:
         """Which camera model each plane has, and from how many views."""

@@ -51,9 +51,8 @@ from station.common.progress import Progress, silent
 from station.common.sanitise import encodable
 from station.procedure.base import Inputs, Procedure
 from station.procedure.restore_settings import RestoreSettings
-from station.results.measurement import Measurement
+from station.results.measurement import RESTORATION, Measurement
 from station.results.record_head import RecordHead, files_read
-from station.results.restored import RESTORATION
 from station.results.terms import USUAL, Terms
 
 MIN_DETERMINED = 0.3
@@ -123,9 +122,9 @@ class Restore(Procedure[RestoreSettings]):
 
     def page(self, found: Measurement) -> bytes:
         """Before, after, depth, residual, and the picture refocused."""
-        from station.reports.restoration_files import page_of_restoration  # here: it draws, which is slow to load
+        from station.reports.restoration_page import restoration_page  # here: it draws, which is slow to load
 
-        return page_of_restoration(found)
+        return restoration_page(self.report(found), found.found).encode()
 
     def lines(self, found: Measurement) -> list[str]:
         """The comparison with the ground truth."""

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from procedures.outcome import Miss
 from station.calibration.folder_photographs import PHOTOGRAPHS
-from station.calibration.sensor import SensorFiles, measure_sensor
+from station.calibration.sensor import measure_sensor
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.sensor_folder import find_shots
 from station.common.progress import Progress, silent
@@ -67,12 +67,12 @@ class Sensor(Procedure[SensorSettings]):
         missed: list[Miss] = []
         shots, plane = find_shots(paths[0], missed.append), upper_plane(settings.plane)
 
-        def heard(pictures: Iterator[Path]) -> Iterator[Path]:
+        def reported(pictures: Iterator[Path]) -> Iterator[Path]:
             for path in pictures:
                 yield path
                 progress(f"read {path}")
 
-        found = measure_sensor(shots, plane, heard, missed=missed)
+        found = measure_sensor(shots, plane, reported, missed=missed)
         head = RecordHead(self.name, tuple(found.files), {"folder": str(paths[0]), "plane": plane or "all"})
         return sensor_measurement(found, head).compared(terms)
 
@@ -80,8 +80,7 @@ class Sensor(Procedure[SensorSettings]):
         """With the plots that the standard asks for."""
         from station.reports.sensor_page import sensor_page  # here: it draws, which is slow to load
 
-        whole: SensorFiles = found.found
-        return sensor_page(whole)
+        return sensor_page(self.report(found)).encode()
 
 
 PROCEDURE = Sensor()

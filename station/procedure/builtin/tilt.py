@@ -113,8 +113,7 @@ class TiltOfSensor(Procedure[TiltSettings]):
         """The surface of best focus, the screws and their turns."""
         from station.reports.tilt_page import tilt_page  # here: it draws, which is slow to load
 
-        (plane,) = found.planes
-        return tilt_page(plane.name, len(found.head.input), plane.outcome(plane.found)).encode()
+        return tilt_page(self.report(found)).encode()
 
     def lines(self, found: Measurement) -> list[str]:
         """Each screw, the shim, and whether to turn at all."""

@@ -3,43 +3,81 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-from markupsafe import Markup
+from typing import Any
 
 from station.calibration.series import Best, Point
-from station.drawing.colours import PLANE_COLOURS
-from station.drawing.style import CONFIDENT, axes_grid, svg
-from station.reports.page import render
+from station.common.uncertainty_text import stated
+from station.drawing.colours import INK, PLANE_COLOURS
+from station.drawing.plots import Figure, finished, plot_axes, points
+from station.reports.page import Figures, Note, Section, Table, html, page, plane_name, sentence
+
+NO_BEST = "No best aperture is reported: it needs photographs at two f-numbers at least, as recorded by the camera."
+CONFIDENCE = (
+    "The confidence is the probability, by the points’ uncertainties, that no other aperture of the series is better; "
+    "at each aperture the best focus and ISO count."
+)
+FILES = (
+    'All points are in <a href="series.csv">series.csv</a>; both verdicts of every photograph in '
+    '<a href="summary.csv">summary.csv</a>.'
+)
+DASHES = ("-", "--", ":", "-.")
 
 
-def series_page(points: Sequence[Point], best: Sequence[Best]) -> str:
-    """The page; what the camera noted no f-number of is in its table alone."""
-    titles = dict.fromkeys(one.title for one in points)
-    figures = [(title, _figure([one for one in points if one.title == title], f"series{i}"))
-               for i, title in enumerate(titles)]  # fmt: skip
-    return render("series.html", points=points, best=best, figures=[one for one in figures if one[1]])
+def series_page(measured: Sequence[Point], best: Sequence[Best]) -> str:
+    """The page; photographs without an f-number are only in its table."""
+    titles = dict.fromkeys(one.title for one in measured if one.setting.f_number is not None)
+    figures = [_figure([one for one in measured if one.title == title], f"series{i}") for i, title in enumerate(titles)]
+    rows = [
+        [plane_name(one.plane), one.title, *_settings(one), stated(one.value, one.uncertainty),
+         "" if one.unit == "1" else one.unit, str(one.photographs)]
+        for one in measured
+    ]  # fmt: skip
+    head = [
+        "plane",
+        "number",
+        "f-number",
+        "focus distance, mm",
+        "ISO",
+        "value ± standard uncertainty",
+        "unit",
+        "photographs",
+    ]
+    words = [sentence(one.words) for one in best] or [NO_BEST]
+    title = "Numbers over aperture, focus and ISO"
+    sections = [
+        Section(title, [*words, Note(CONFIDENCE)], verdict="pass", kicker="series"),
+        *([Section("", [Figures(figures)])] if figures else []),
+        Section("All points", [Table(rows, head, "wwnnnnwn"), Note(html(FILES))]),
+    ]
+    return page(title, sections)
 
 
-def _figure(points: Sequence[Point], name: str) -> Markup | None:
+def _settings(one: Point) -> list[str]:
+    values = (one.setting.f_number, one.setting.focus_mm, one.setting.iso)
+    return ["—" if value is None else f"{value:g}" for value in values]
+
+
+def _figure(measured: Sequence[Point], name: str) -> Figure:
     """One number over the f-number, a line for each plane, focus and ISO, with 95 % bars."""
     lines: dict[tuple[str, float | None, float | None], list[Point]] = {}
-    for one in points:
+    for one in measured:
         if one.setting.f_number is not None:
             lines.setdefault((one.plane, one.setting.focus_mm, one.setting.iso), []).append(one)
-    if not lines:
-        return None
-    figure, ((axes,),) = axes_grid(4.6, 2.9, rim_in=(0.6, 0.2, 0.45, 0.12))
-    stops: set[float] = set()
+    axes, stops = plot_axes(4.6, 2.9, (0.6, 0.2, 0.45, 0.12)), set[float]()
     for number, ((plane, _, _), line) in enumerate(lines.items()):
         x = [one.setting.f_number or 0.0 for one in line]
-        bars = [CONFIDENT * one.uncertainty for one in line]
-        dashes = ("-", "--", ":", "-.")[number // max(len(PLANE_COLOURS), 1) % 4]
-        style = {"color": PLANE_COLOURS.get(plane), "marker": "o", "ms": 3, "lw": 1.1, "ls": dashes, "capsize": 2}
-        axes.errorbar(x, [one.value for one in line], bars, label=plane, **style)
+        looks: dict[str, Any] = {
+            "ls": DASHES[number // len(PLANE_COLOURS) % len(DASHES)],
+            "lw": 1.1,
+            "capsize": 2,
+            "label": plane,
+        }
+        values, uncertainties = [one.value for one in line], [one.uncertainty for one in line]
+        points(axes, x, values, uncertainties, colour=PLANE_COLOURS.get(plane, INK), **looks)
         stops |= set(x)
     axes.set_xscale("log")
     axes.set_xticks(sorted(stops), [f"{one:g}" for one in sorted(stops)])
     axes.minorticks_off()
-    unit = points[0].unit
-    axes.set(xlabel="f-number", ylabel=points[0].title.split(",")[0] + ("" if unit == "1" else f", {unit}"))
-    return svg(figure, name, f"{points[0].title} over the f-number with 95 % bars")
+    title, unit = measured[0].title, measured[0].unit
+    label = title.split(",")[0] + ("" if unit == "1" else f", {unit}")
+    return finished(axes, name, f"{title} over the f-number; the bars hold 95 %.", xlabel="f-number", ylabel=label)

@@ -1,72 +1,59 @@
-"""The page of a photograph's slanted edges: verdict first, every edge with its own, its place, spread and MTF."""
+"""The page of a photograph's slanted edges: places, spread functions and MTF of every plane, every edge's numbers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from markupsafe import Markup
 
 from procedures.numbers import label
-from procedures.outcome import Quantity
-from procedures.raw import Plane, RawFrame
-from procedures.slanted_edge.estimate import orientation
-from station.calibration.edges import EdgeRecord
+from procedures.slanted_edge.estimate import EdgeOutcome, orientation
+from station.calibration.edges import EdgeRecord, PhotographEdges
 from station.reports.edges.edge_figures import edges_mtf_figure, places_figure, spread_figure
 from station.reports.otf_figures import FrequencyAxis
-from station.reports.page import render
-from station.reports.pattern_report import Report, curves_over, report_of_files
-from station.results.measurement import NUMBERS
-from station.results.overlay import Overlay
-from station.results.result_files import RECORD
-from station.results.terms import Terms
-from station.results.units import told_numbers
+from station.reports.page import Block, Figures, Note, Section, Table, quantity, reason_words, render, tag
+from station.reports.report import Report
+from station.reports.report_page import curves_over, report_page
+from station.results.units import convert_numbers
 
-SHOWN = 6
-"""Edges of a plane that are drawn; its table tells all."""
+MAX_DRAWN = 6
+"""Edges of a plane that are drawn; its table has all."""
 
 
-def edge_report(
-    frame: RawFrame, records: Sequence[EdgeRecord], parameters: Mapping[str, object], terms: Terms,
-    overlays: Sequence[Overlay] = (),
-) -> Report:  # fmt: skip
-    """What page and certificate tell of a photograph's edges."""
-    results = [one.result for one in records]
-    return report_of_files("edge", [frame], results, parameters, terms.specification, overlays)
+def edge_page(report: Report, photograph: PhotographEdges) -> str:
+    """The page as HTML with embedded figures."""
+    records = {one.name: (one, f"p{i}") for i, one in enumerate(photograph.records, 1)}
+    counts = [f"{one.name}: {one.count}" for one in photograph.records if one.count]
+    best = "A plane’s numbers are those of its best edge. " + "; ".join(counts)
+    return report_page(
+        report,
+        summary=[Note(best)],
+        plane_blocks=lambda plane: _plane_blocks(report, photograph, *records[plane.name]),
+        closing=[Section("Terms and their limits", [Markup(render("edge_words.html"))], anchor="words", new_page=True)],
+    )
 
 
-def edge_page(report: Report, frame: RawFrame, records: Sequence[EdgeRecord]) -> str:
-    """The page as HTML, its pictures inside; everything in it that came from outside is escaped."""
-    sheets = [
-        (sheet, record, _edges(record), _pictures(record, frame.planes[record.name], report, f"p{i}"))
-        for i, (sheet, record) in enumerate(zip(report.planes, records, strict=True), 1)
-    ]
-    files = [RECORD, *([NUMBERS] if any(one.result.numbers for one in records) else [])]
-    for one in records:
-        files += [f"mtf_{one.name}.csv", f"edge_{one.name}.png"] if one.edges else []
-    return render("edge.html", report=report, sheets=sheets, shown=SHOWN, files=files)
-
-
-def _edges(record: EdgeRecord) -> list[dict[str, Any]]:
-    """Every edge that has a place: its number, verdict, where it lies, and its numbers in the result's unit."""
-    found = []
-    for number, one in enumerate((one for one in record.outcomes if one.roi is not None), 1):
-        told = {} if one.value is None else told_numbers(one.value.numbers, record.result.unit, record.result.factor)
-        found.append({"number": number, "outcome": one, "way": orientation(one.turned), "numbers": _worded(told)})
-    return found
-
-
-def _worded(numbers: Mapping[str, Quantity]) -> list[tuple[str, Quantity]]:
-    return [(label(name), one) for name, one in numbers.items()]
-
-
-def _pictures(record: EdgeRecord, plane: Plane, report: Report, name: str) -> dict[str, Any]:
-    """The figures of a plane: where its edges lie, and of those that were measured spread and MTF."""
+def _plane_blocks(report: Report, photograph: PhotographEdges, record: EdgeRecord, name: str) -> list[Block]:
     placed = [one for one in record.outcomes if one.roi is not None]
-    pictures: dict[str, Any] = {"places": places_figure(plane, placed, f"{name}-places")} if placed else {}
-    shown = [(number, one.value) for number, one in enumerate(placed, 1) if one.value is not None][:SHOWN]
-    if shown:
-        others = curves_over(report.overlays, record.result)
-        axis = FrequencyAxis(str(record.result.unit), record.result.factor)
-        pictures["spread"] = spread_figure(shown, f"{name}-spread")
-        pictures["mtf"] = edges_mtf_figure(shown, axis, f"{name}-mtf", record.limit, others)
-        pictures["others"] = list(others)
-    return pictures
+    if not placed:
+        return []
+    figures = [places_figure(photograph.frame.planes[record.name], placed, f"{name}-places")]
+    drawn = [(number, one.value) for number, one in enumerate(placed, 1) if one.value is not None][:MAX_DRAWN]
+    if drawn:
+        result = record.result
+        axis, others = FrequencyAxis(str(result.unit), result.factor), curves_over(report.overlays, result)
+        words = f"the first {MAX_DRAWN} edges" if len(placed) > MAX_DRAWN else "the edges"
+        figures.append(edges_mtf_figure(drawn, axis, f"{name}-mtf", record.limit, others, words))
+        figures.append(spread_figure(drawn, f"{name}-spread"))
+    head = ["edge", "measurement", "direction", "x, y, width, height", "numbers", "why"]
+    rows = [[str(number), *_cells(record, one)] for number, one in enumerate(placed, 1)]
+    return [Figures(figures), Table(rows, head, "nwwnrr")]
+
+
+def _cells(record: EdgeRecord, one: EdgeOutcome) -> list[str]:
+    """Verdict, direction, region and numbers of an edge in the result's unit."""
+    roi, result = one.roi, record.result
+    numbers = {} if one.value is None else convert_numbers(one.value.numbers, result.unit, result.factor)
+    words = [f"{label(name).replace(' across the edge', '').replace(' of the edge', '')} {quantity(number)}"
+             for name, number in numbers.items()]  # fmt: skip
+    region = "" if roi is None else f"{roi.x}, {roi.y}, {roi.width}, {roi.height}"
+    lines = Markup("<br>").join(words)
+    return [tag(one.verdict), orientation(one.turned), region, lines, reason_words(one)]

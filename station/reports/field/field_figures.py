@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import matplotlib
 import numpy as np
 import numpy.typing as npt
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse, Polygon, Rectangle
 
@@ -19,7 +17,19 @@ from procedures.numbers import ASTIGMATISM, COLOUR_SHADING, FOCUS, without_photo
 from procedures.numerics.scattered import Hull
 from procedures.psf_field import PsfField
 from station.drawing.colours import FAINT, INK, MARK, PLANE_COLOURS
-from station.drawing.style import STYLE, axes_grid, colour_bar, few_ticks, svg
+from station.drawing.plots import (
+    BAR_RIGHT,
+    Figure,
+    arrows,
+    bare,
+    drawn,
+    finished,
+    frame_axes,
+    legend,
+    picture,
+    plot_axes,
+)
+from station.drawing.style import axes_grid, few_ticks
 
 Array = npt.NDArray[np.float64]
 
@@ -46,22 +56,23 @@ class _Panel:
 
 
 def field_map_figure(
-    one: FieldMap, nodes: Array, shape: tuple[int, int], name: str, mm_per_pixel: float | None = None
-) -> Markup:
-    """A map and its standard uncertainty side by side, the nodes as dots; axes in mm of image height where known."""
+    one: FieldMap, nodes: Array, shape: tuple[int, int], name: str, caption: str, mm_per_pixel: float | None = None
+) -> Figure:
+    """A map and its standard uncertainty side by side, the nodes as dots; axes in mm of image height if known."""
     unit = "" if one.unit == "1" else one.unit
     panels = [_Panel(one.title, one.value, _limits(one), "RdBu_r" if one.name in SIGNED else "viridis", unit)]
     if one.uncertainty is not None:
         panels.append(_Panel("standard uncertainty", one.uncertainty, _from_zero(one.uncertainty), ERRORS, unit))
-    return _panels(panels, one, nodes, shape, name, mm_per_pixel)
+    return _panels(panels, one, nodes, shape, name, caption, mm_per_pixel)
 
 
 def errors_figure(
     maps: Sequence[FieldMap], nodes: Array, shape: tuple[int, int], name: str, mm_per_pixel: float | None = None
-) -> Markup:
+) -> Figure:
     """The predicted errors side by side, each in its own scale."""
     panels = [_Panel(one.title, one.value, _from_zero(one.value), ERRORS, one.unit) for one in maps]
-    return _panels(panels, maps[0], nodes, shape, name, mm_per_pixel)
+    caption = "Predicted error of the PSF over its norm: from noise, and from interpolation between the nodes."
+    return _panels(panels, maps[0], nodes, shape, name, caption, mm_per_pixel)
 
 
 def _panels(
@@ -70,8 +81,9 @@ def _panels(
     nodes: Array,
     shape: tuple[int, int],
     name: str,
+    caption: str,
     mm_per_pixel: float | None,
-) -> Markup:
+) -> Figure:
     (rows, columns), width = shape, 3.2
     top_in = 0.3 if not any("\n" in _title(one) for one in panels) else 0.45
     figure, axes_of = axes_grid(
@@ -81,10 +93,12 @@ def _panels(
     x, y = places.x, places.y
     extent = (x[0] - _step(x), x[-1] + _step(x), y[-1] + _step(y), y[0] - _step(y))
     for axes, panel in zip(axes_of[0], panels, strict=True):
-        low, high = panel.limits
-        image = axes.imshow(
-            panel.values, cmap=panel.colours, vmin=low, vmax=high, interpolation="none", extent=extent
+        ticks = few_ticks(*panel.limits)
+        bar = picture(
+            axes, panel.values, extent=extent, colours=panel.colours, limits=panel.limits, bar=BAR_RIGHT,
+            bar_options={"ticks": ticks},
         )  # fmt: skip
+        bar.ax.set_yticklabels([f"{one:.3g}".replace("-", "−") for one in ticks])
         axes.plot(*nodes.T, ".", color=INK, ms=2)
         if places.enclosed is not None:
             axes.add_patch(Polygon(Hull(nodes).rim, fill=False, ec=INK, lw=0.5, ls=":"))
@@ -94,12 +108,8 @@ def _panels(
             _heights(axes, shape, mm_per_pixel)
         else:
             axes.set(xticks=[], yticks=[])
-        axes.spines[:].set_visible(False)
         axes.set_title(_title(panel), fontsize=9)
-        ticks = few_ticks(low, high)
-        bar = colour_bar(figure, axes, image, (1.03, 0.05, 0.04, 0.9), ticks=ticks)
-        bar.ax.set_yticklabels([f"{one:.3g}".replace("-", "−") for one in ticks])
-    return svg(figure, name, "; ".join(f"{panel.title} {panel.unit}" for panel in panels) + ", over the frame")
+    return drawn(figure, name, caption)
 
 
 def _title(panel: _Panel) -> str:
@@ -143,7 +153,7 @@ def _limits(one: FieldMap) -> tuple[float, float]:
     return float(np.nanmin(one.value)), _most(one.value)
 
 
-def mosaic_figure(field: PsfField, name: str) -> Markup:
+def mosaic_figure(field: PsfField, name: str) -> Figure:
     """The PSF at equally spaced places between the nodes, all in one scale."""
     (x0, y0), (x1, y1) = field.positions.min(axis=0), field.positions.max(axis=0)
     rows = int(np.clip(round(MOSAIC * (y1 - y0) / max(x1 - x0, 1e-9)), 2, 2 * MOSAIC))
@@ -151,22 +161,23 @@ def mosaic_figure(field: PsfField, name: str) -> Markup:
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     tiles = np.pad(field.samples(points), ((0, 0), (0, 1), (0, 1)), constant_values=np.nan)
     side = field.k + 1
-    picture = tiles.reshape(rows, MOSAIC, side, side).transpose(0, 2, 1, 3).reshape(rows * side, MOSAIC * side)
-    figure, ((axes,),) = axes_grid(6.0, 6.0 * rows / MOSAIC + 0.1, rim_in=(0.05, 0.05, 0.05, 0.05))
-    # the root shows the faint flare that tells coma from blur
-    axes.imshow(np.sqrt(np.maximum(picture, 0))[:-1, :-1], cmap="viridis", interpolation="none")
-    axes.set(xticks=[], yticks=[])
-    axes.spines[:].set_visible(False)
-    return svg(figure, name, f"the PSF of {field.plane} at {len(points)} places")
+    mosaic = tiles.reshape(rows, MOSAIC, side, side).transpose(0, 2, 1, 3).reshape(rows * side, MOSAIC * side)
+    axes = plot_axes(6.0, 6.0 * rows / MOSAIC + 0.1, (0.05, 0.05, 0.05, 0.05))
+    picture(axes, np.sqrt(np.maximum(mosaic, 0))[:-1, :-1])  # the root shows faint flare, which distinguishes coma
+    bare(axes)
+    caption = (
+        f"The PSF of {field.plane} from the first nodes to the last: the square root of the samples, which shows faint "
+        "flare, all in one scale. Maps and numbers are of the whole PSF, with the light outside the support."
+    )
+    return finished(axes, name, caption)
 
 
-def places_figure(field: PsfField, axis: SymmetryAxis | None, name: str) -> Markup:
-    """The frame, its nodes and what they enclose, and the axis of the lens with its 95 % ellipse."""
-    rows, columns = field.shape
-    figure, ((axes,),) = axes_grid(4.4, 4.1 * min(rows / columns, 1.5) + 0.5, rim_in=(0.08, 0.08, 0.4, 0.08))
-    axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
-    axes.fill(*field.hull.rim.T, fc=PLANE_COLOURS[field.plane], alpha=0.1, lw=0)
-    axes.plot(*field.positions.T, ".", color=PLANE_COLOURS[field.plane], ms=5, label="nodes")
+def places_figure(field: PsfField, axis: SymmetryAxis | None, name: str) -> Figure:
+    """The frame, the nodes and their hull, and the axis of the lens with its 95 % ellipse."""
+    (rows, columns), colour = field.shape, PLANE_COLOURS[field.plane]
+    axes = frame_axes(4.4, field.shape, (0.08, 0.08, 0.4, 0.08))
+    axes.fill(*field.hull.rim.T, fc=colour, alpha=0.1, lw=0)
+    axes.plot(*field.positions.T, ".", color=colour, ms=5, label="nodes")
     centre = np.array([columns - 1, rows - 1]) / 2
     axes.plot(*centre, "+", color=FAINT, ms=10, label="frame's centre")
     if axis is not None:
@@ -177,25 +188,21 @@ def places_figure(field: PsfField, axis: SymmetryAxis | None, name: str) -> Mark
         turn = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
         axes.add_patch(Ellipse((at[0], at[1]), width, height, angle=turn, fill=False, ec=MARK, lw=1.2))
         axes.plot(*at, "x", color=MARK, ms=6, label="lens's axis, 95 %")
-    axes.set(xlim=(-2, columns + 1), ylim=(rows + 1, -2), xticks=[], yticks=[], aspect="equal")
-    axes.spines[:].set_visible(False)
-    with matplotlib.rc_context(STYLE):
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=3, fontsize=7.5, handletextpad=0.3)
-    return svg(figure, name, "the frame, the nodes, and where the lens's axis meets it")
+    legend(axes, "upper center", bbox_to_anchor=(0.5, 0.0), ncols=3, fontsize=7.5, handletextpad=0.3, handlelength=2)
+    caption = (
+        "Where it was measured. The axis is the centre of symmetry of the PSFs: off the frame’s centre if the lens is "
+        "decentred."
+    )
+    return finished(axes, name, caption)
 
 
-def colour_figure(colour: LateralColour, name: str) -> Markup:
-    """Lateral colour as arrows at the charts: measured, with the fitted surface's beside them."""
-    rows, columns = colour.shape
-    figure, ((axes,),) = axes_grid(3.6, 3.3 * min(rows / columns, 1.5) + 0.5, rim_in=(0.08, 0.08, 0.25, 0.08))
-    axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
-    fitted, _ = colour.at(colour.positions)
+def colour_figure(colour: LateralColour, name: str) -> Figure:
+    """Lateral colour as arrows at the charts: measured, and of the fitted surface in grey."""
+    axes, (fitted, _) = frame_axes(3.6, colour.shape, (0.08, 0.08, 0.25, 0.08)), colour.at(colour.positions)
     longest = float(np.linalg.norm(colour.shift, axis=1).max())
-    scale = longest / (0.1 * columns) if longest else 1.0
-    options = {"angles": "xy", "scale_units": "xy", "scale": scale, "width": 0.006}
-    axes.quiver(*colour.positions.T, *fitted.T, color=FAINT, **options)
-    axes.quiver(*colour.positions.T, *colour.shift.T, color=PLANE_COLOURS[colour.plane], **options)
-    axes.set(xlim=(-2, columns + 1), ylim=(rows + 1, -2), xticks=[], yticks=[], aspect="equal")
-    axes.spines[:].set_visible(False)
-    axes.set_xlabel(f"longest arrow: {longest:.3f} sensor pixel")
-    return svg(figure, name, f"shift of {colour.plane} against {colour.reference} over the frame")
+    for moves, shade in ((fitted, FAINT), (colour.shift, PLANE_COLOURS[colour.plane])):
+        length = 0.1 * colour.shape[1]
+        arrows(axes, colour.positions, moves, longest=longest, length=length, width=0.006, color=shade)
+    degree = colour.surface.degree
+    caption = f"{colour.plane} against {colour.reference}: measured, and in grey the fitted surface of degree {degree}."
+    return finished(axes, name, caption, xlabel=f"longest arrow: {longest:.3f} sensor pixel")

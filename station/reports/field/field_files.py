@@ -1,4 +1,4 @@
-"""Measurement of a field: the PSF at the frame's centre, `field.h5`, `camera.h5`, tables, the page."""
+"""Measurement of a field: the PSF at the frame's centre, `field.h5`, `camera.h5`, tables."""
 
 from __future__ import annotations
 
@@ -23,16 +23,14 @@ from procedures.whole_camera.camera_file import write_camera_numbers
 from procedures.whole_camera.from_field import WholeCamera
 from station.calibration.camera_metadata import exposure_of
 from station.common.versions import software
-from station.reports.field.field_page import field_page, mm_per_pixel
 from station.reports.field.height_curves import FREQUENCIES, HEIGHTS, WITHOUT_PHOTOSITE, heights_table
 from station.reports.otf_figures import FrequencyAxis
-from station.reports.pattern_report import Report, report_of_files
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import psf_measurement
 from station.results.record_head import PartBeside, RecordHead, verdict_entry
 from station.results.result_files import json_text
-from station.results.units import told_quantity
+from station.results.units import convert_quantity
 
 FILE, CAMERA = "field.h5", "camera.h5"
 MAX_CANDIDATES = 8
@@ -116,21 +114,11 @@ def field_measurement(whole: FieldParts, planes: Sequence[PlaneResult], head: Re
     return replace(psf, files={**files, **psf.files}, exposure=exposure, found=whole)
 
 
-def page_of_field(found: Measurement) -> bytes:
-    """The page of a field's measurement."""
-    whole: FieldParts = found.found
-    return field_page(
-        whole.result, found.planes, found.head, software(), whole.heights, found.overlays, whole.lights,
-        whole.camera if whole.fitted else None, whole.beside,
-    ).encode()  # fmt: skip
-
-
-def field_report(found: Measurement) -> Report:
-    """Contents of a field's certificate: the frame's centre, and the medians over the frame."""
-    result: FieldResult = found.found.result
-    planes = [with_medians(one, result) for one in found.planes]
-    exposures = result.measured.exposures
-    return report_of_files("field", exposures, planes, found.head.parameters, found.terms.specification)
+def mm_per_pixel(found: FieldResult, plane: str, parameters: Mapping[str, Any]) -> float | None:
+    """The pitch of a plane's pixels in mm, as given or recorded by the camera; None if it is unknown."""
+    given = parameters.get("pixel_pitch_um")
+    known = given or next((one.exposure.pixel_pitch_um for one in found.measured.exposures), None)
+    return None if not known else found.measured.planes[plane].pitch * float(known) / 1000
 
 
 def with_medians(one: PlaneResult, found: FieldResult) -> PlaneResult:
@@ -138,7 +126,7 @@ def with_medians(one: PlaneResult, found: FieldResult) -> PlaneResult:
     outcome = found.planes.get(one.name)
     if outcome is None or outcome.value is None:
         return one
-    medians = {name: told_quantity(number, one.unit, one.factor) for name, number in outcome.value.numbers.items()}
+    medians = {name: convert_quantity(number, one.unit, one.factor) for name, number in outcome.value.numbers.items()}
     return replace(one, numbers={**one.numbers, **medians})
 
 
@@ -178,7 +166,7 @@ def _maps(found: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...
 
 def _provenance(head: RecordHead) -> dict[str, str]:
     """Texts for the file's attributes."""
-    entries = head.told()
+    entries = head.to_record()
     kept = {name: entries[name] for name in ("procedure", "input", "parameters")}
     return {**{name: json_text({name: value}) for name, value in kept.items()}, "software": json_text(software())}
 

@@ -1,28 +1,44 @@
-"""The page of a field: what was measured, one picture per map, the mosaic of PSFs, and how to read the file."""
+"""The page of a field: maps, the mosaic of PSFs, lateral colour, best focus, vignetting, and how to read the file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from functools import partial
+
+from markupsafe import Markup
 
 from procedures.budget import FREQUENCIES, TERMS
+from procedures.field.chromatic import LateralColour
 from procedures.field.conclusion import FieldResult, PlaneField
-from procedures.field.image_height import HeightCurve
 from procedures.field.maps import FieldMap
-from procedures.outcome import Verdict
-from procedures.vignetting.formula import LightSurface
-from procedures.whole_camera.from_field import WholeCamera
+from procedures.field.photosite import Photosite
+from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE, MTF50_MERIDIONAL, MTF50_SAGITTAL
+from station.drawing.plots import Figure
 from station.reports.field import field_figures
 from station.reports.field.camera_section import camera_section, light_figures
+from station.reports.field.field_files import FieldParts, mm_per_pixel
 from station.reports.field.height_curves import HEIGHTS, WITHOUT_PHOTOSITE, heights_figure
 from station.reports.otf_figures import FrequencyAxis
-from station.reports.page import render
-from station.results.overlay import HeightOverlay
+from station.reports.page import (
+    Block,
+    Facts,
+    Figures,
+    Section,
+    Table,
+    html,
+    number_rows,
+    percent,
+    reason_words,
+    sentence,
+    small,
+    tag,
+)
+from station.reports.report import Report
+from station.reports.report_page import report_page
+from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
-from station.results.record_head import PartBeside, RecordHead
-from station.results.terms import specification_verdict
-from station.results.units import Unit, told_quantity
+from station.results.units import Unit
 
 READER = """\
 import h5py, numpy as np
@@ -32,121 +48,132 @@ with h5py.File("field.h5") as file:
     psf = field["base"][:] + np.tensordot(field["coefficients"][i, j], field["components"][:], axes=1)
 """
 """Five lines that read the PSF at (X, Y) of a plane."""
+MAX_CANDIDATES = 7
+FULL_SHARE = 0.995
+"""Share of the frame from which a map is said to cover it."""
+SUMMARY = (
+    "Every chart in every photograph gives the point spread function of its place. Between them it is interpolated by "
+    "the model that predicts excluded charts best; each value below includes the error of both."
+)
 
 
-PAIRS = "grid-template-columns: repeat(auto-fit, minmax(min(100%, 480px), 1fr))"
-"""Figures of two panels need more than a third of the page each."""
+def field_page(report: Report, found: Measurement) -> str:
+    """The page; curves of other fields are drawn over these if they are in the same units."""
+    whole: FieldParts = found.found
+    result, lights, camera = whole.result, whole.lights, whole.camera
+    closing = [
+        *_colour_sections(result.colours),
+        *_focus_section(result),
+        *([Section("Vignetting", [Figures(light_figures(lights), wide=True)])] if lights else []),
+        *([camera_section(camera)] if camera and whole.fitted else []),
+        *_misses(result),
+        *_file_section(whole.fitted),
+    ]
+    blocks = partial(_plane_blocks, whole, found)
+    return report_page(report, summary=_summary(whole), plane_blocks=blocks, closing=closing)
 
 
-def field_page(
-    found: FieldResult,
-    results: Sequence[PlaneResult],
-    head: RecordHead,
-    software: Mapping[str, Any],
-    heights: Mapping[str, Mapping[str, Sequence[HeightCurve]]],
-    overlays: Sequence[HeightOverlay] = (),
-    lights: Mapping[str, LightSurface] | None = None,
-    camera: WholeCamera | None = None,
-    beside: Mapping[str, PartBeside] | None = None,
-) -> str:
-    """The page; `results` are the planes' answers at the frame's centre, in the terms that were asked for.
+def _summary(whole: FieldParts) -> list[Block]:
+    blocks: list[Block] = [SUMMARY]
+    if whole.fitted:
+        name = whole.result.reference if whole.result.reference in whole.fitted else next(iter(whole.fitted))
+        one = whole.fitted[name]
+        errors = {m.name: m.median(m.value) for m in one.maps if m.uncertainty is None}
+        words = (
+            (str(len(one.interpolation.field.nodes)), f"nodes in {name}"),
+            (percent(errors[ERROR_NOISE]), "error of the PSF from noise, median over the field"),
+            (percent(errors[ERROR_INTERPOLATION]), "error from interpolation, median over the field"),
+        )
+        blocks.append(Facts(words))
+    rows = [
+        [html('<a href="{}">{}</a>', one.look, name) if one.look else name, tag(one.verdict),
+         f"{sentence(one.used)} {reason_words(one)}".strip()]
+        for name, one in whole.beside.items()
+    ]  # fmt: skip
+    return [*blocks, *([Table(rows, ["beside the PSF", "measurement", "why"], "wwr")] if rows else [])]
 
-    heights : by the stem of its table's name and by plane, the MTF over image height
-    overlays : other fields, whose MTF is drawn over these where they tell it in the same units
-    lights : by plane, its vignetting, where that was measured
-    camera : all else that the charts tell, where that was asked for
-    beside : by name, the results of other parts of the same session
-    """
-    judged = specification_verdict(results)
-    verdicts = [one.verdict for one in results]
-    worst = next(v for v in (Verdict.REFUSED, Verdict.DOUBTFUL, Verdict.PASS) if v in verdicts)
-    fitted = [(one, field) for one in results if (field := found.planes[one.name].value) is not None]
-    return render(
-        "field.html",
-        found=found,
-        results=results,
-        judged=judged and str(judged),
-        head=head,
-        worst=worst,
-        planes=[
-            _plane(
-                *one,
-                {stem: curves[one[0].name] for stem, curves in heights.items() if one[0].name in curves},
-                mm_per_pixel(found, one[0].name, head.parameters),
-                overlays,
-            )
-            for one in fitted
-        ],
-        shown=next((i for i, (one, _) in enumerate(fitted) if one.name == found.reference), 0),
-        pairs=PAIRS,
-        refused=[one for one in results if one.psf is None],
-        colours=[_colour(colour, i) for i, colour in enumerate(found.colours)],
-        focus=_focus(found),
-        lights=light_figures(lights or {}),
-        camera=camera and camera_section(camera),
-        beside=beside or {},
-        reader=_reader(*fitted[0]) if fitted else "",
-        software=software,
+
+# --- one plane ---------------------------------------------------------------------------------------------------
+
+
+def _plane_blocks(whole: FieldParts, found: Measurement, plane: PlaneResult) -> list[Block]:
+    """Figures and tables of a plane."""
+    one, photosite, name = whole.fitted.get(plane.name), whole.result.photosite, plane.name
+    if one is None:
+        return []
+    curves = {stem: by_plane[name] for stem, by_plane in whole.heights.items() if name in by_plane}
+    mm = mm_per_pixel(whole.result, name, found.head.parameters)
+    field = one.interpolation.field
+    frame = field.positions, field.shape
+    figures = [field_figures.mosaic_figure(field, f"{name}-mosaic"),
+               field_figures.places_figure(field, one.interpolation.axis, f"{name}-places")]  # fmt: skip
+    axis = FrequencyAxis(str(plane.unit), plane.factor)
+    if heights := curves.get(HEIGHTS):
+        columns = {other.name: other.of(name, plane.unit, "mm" if mm else "pixel") for other in found.overlays}
+        figures.append(heights_figure(heights, f"{name}-heights", axis, mm, columns))
+    if photosite is not None and (before := curves.get(WITHOUT_PHOTOSITE)):
+        caption = f"The same without the photosite: {_division(photosite)} The bands include the fill factor’s error."
+        figures.append(heights_figure(before, f"{name}-heights-before", axis, mm, caption=caption))
+    figures += [
+        field_figures.field_map_figure(
+            in_unit(m, plane), *frame, f"{name}-{m.name}", _map_caption(m, photosite), mm_per_pixel=mm
+        )
+        for m in one.maps
+        if m.uncertainty is not None
+    ]
+    figures.append(
+        field_figures.errors_figure([m for m in one.maps if m.uncertainty is None], *frame, f"{name}-errors", mm)
+    )
+    return [Figures(figures, wide=True), Figures(_tables(plane, one), wide=True)]
+
+
+def _map_caption(one: FieldMap, photosite: Photosite | None) -> str:
+    caption = one.title
+    if one.share < FULL_SHARE:
+        caption += (
+            f"; dotted: enclosed by the charts, {percent(one.share)} of the frame. Beyond it the uncertainty grows"
+        )
+    caption += "."
+    if one.name in (MTF50_SAGITTAL, MTF50_MERIDIONAL):
+        remedy = "below it is removed" if photosite else "--without-photosite removes it"
+        caption += (
+            " A square photosite alone passes up to 4 % higher frequencies along its diagonals than along rows and "
+            f"columns: a faint cross about the centre is the sensor’s, not the lens’s ({remedy})."
+        )
+    if one.name.endswith(WITHOUT_PHOTOSITE) and photosite is not None:
+        caption += f" Not the camera’s: {_division(photosite)}"
+    return caption
+
+
+def _division(photosite: Photosite) -> str:
+    """How the photosite was removed."""
+    source = "assumed, not measured" if photosite.assumed else "as given"
+    return (
+        f"its MTF, divided by that of a square photosite of fill factor {photosite.fill:g} ± {photosite.uncertainty:g} "
+        f"({source}), which leaves lens, filters and diffusion in the sensor."
     )
 
 
-def _reader(record: PlaneResult, one: PlaneField) -> str:
-    """The five lines, for a place in the middle of a plane."""
-    rows, columns = one.maps[0].y[-1], one.maps[0].x[-1]
-    return READER.replace("PLANE", record.name).replace("X, Y", f"{columns / 2:.1f}, {rows / 2:.1f}")
-
-
-def mm_per_pixel(found: FieldResult, plane: str, parameters: Mapping[str, Any]) -> float | None:
-    """The pitch of a plane's pixels in mm, as it was given or the camera noted it; None where it is not known."""
-    given = parameters.get("pixel_pitch_um")
-    known = given or next((one.exposure.pixel_pitch_um for one in found.measured.exposures), None)
-    return None if not known else found.measured.planes[plane].pitch * float(known) / 1000
-
-
-def _plane(
-    record: PlaneResult,
-    one: PlaneField,
-    heights: Mapping[str, Sequence[HeightCurve]],
-    mm: float | None,
-    overlays: Sequence[HeightOverlay],
-) -> dict[str, Any]:
-    """What the template shows of a plane; mm : of its pixels."""
-    curves, before = heights.get(HEIGHTS, ()), heights.get(WITHOUT_PHOTOSITE, ())
-    found, name = one.interpolation, record.name
-    field = found.field
-    frame = field.positions, field.shape
-    drawn = [in_unit(m, record) for m in one.maps if m.uncertainty is not None]
-    errors = [m for m in one.maps if m.uncertainty is None]
-    pictures = [(m, m.share, field_figures.field_map_figure(m, *frame, f"{name}-{m.name}", mm)) for m in drawn]
-    axis = FrequencyAxis(str(record.unit), record.factor)
-    others = {other.name: other.of(name, "mm" if mm else "pixel") for other in overlays}
-    drawn_over = {other: columns for other, columns in others.items() if columns}
-    return {
-        "record": record,
-        "found": found,
-        "numbers": {key: told_quantity(number, record.unit, record.factor) for key, number in one.numbers.items()},
-        "budgets": _budgets(record, one),
-        "error": _medians(one),
-        "maps": pictures,
-        "errors": field_figures.errors_figure(errors, *frame, f"{name}-errors", mm),
-        "heights": heights_figure(curves, f"{name}-heights", axis, mm, drawn_over) if curves else None,
-        "heights_before": heights_figure(before, f"{name}-heights-before", axis, mm) if before else None,
-        "others": list(drawn_over),
-        "not_drawn": [other for other in others if other not in drawn_over],
-        "directions": max((int(one.directions.max()) for one in curves), default=0),
-        "mosaic": field_figures.mosaic_figure(field, f"{name}-mosaic"),
-        "places": field_figures.places_figure(field, found.axis, f"{name}-places"),
-    }
-
-
-def _budgets(record: PlaneResult, one: PlaneField) -> dict[str, list[tuple[str, str]]]:
-    """By number the terms of its uncertainty at one chart, the largest first, in the unit of the plane's result."""
-    told = {}
+def _tables(plane: PlaneResult, one: PlaneField) -> list[Figure]:
+    rows = [
+        [f"{candidate.name}, {candidate.components}", f"{candidate.error:.3f}"]
+        for candidate in one.interpolation.candidates[:MAX_CANDIDATES]
+    ]
+    candidates = Table(rows, ["model, components", "error at excluded nodes"], style="plain")
+    caption = (
+        "The best models of interpolation; the first is used. Mean square in units of the noise: 1 would be the noise "
+        "of the nodes alone."
+    )
+    figures = [Figure(candidates, caption)]
+    budget = []
     for name, terms in one.budgets.items():
-        factor = record.factor if name.startswith(FREQUENCIES) else 1.0
+        factor = plane.factor if name.startswith(FREQUENCIES) else 1.0
         sizes = sorted(((factor * size, TERMS[term]) for term, size in terms.items()), reverse=True)
-        told[name] = [(f"{size:.2g}", words) for size, words in sizes]
-    return told
+        budget.append([name.replace("_", " "), Markup(" ").join(small(f"{size:.2g}", words) for size, words in sizes)])
+    if budget:
+        caption = "Uncertainty at one chart by source: standard uncertainties, root mean squares over the charts."
+        figures.append(Figure(Table(budget, columns="wr", style="plain"), caption))
+    return figures
 
 
 def in_unit(one: FieldMap, record: PlaneResult) -> FieldMap:
@@ -157,23 +184,47 @@ def in_unit(one: FieldMap, record: PlaneResult) -> FieldMap:
     return replace(one, value=one.value * factor, uncertainty=one.uncertainty * factor, unit=str(record.unit))
 
 
-def _medians(one: PlaneField) -> dict[str, float]:
-    return {m.name: m.median(m.value) for m in one.maps if m.uncertainty is None}
+# --- the whole field ---------------------------------------------------------------------------------------------
 
 
-def _colour(colour: Any, number: int) -> dict[str, Any]:
+def _colour_sections(colours: Sequence[LateralColour]) -> list[Section]:
+    figures = []
+    for i, one in enumerate(colours):
+        captions = ("Along the radius, outwards positive.", "Across it, clockwise as seen positive.")
+        figures.append(field_figures.colour_figure(one, f"colour{i}"))
+        figures += [
+            field_figures.field_map_figure(m, one.positions, one.shape, f"colour{i}-{m.name}", caption)
+            for m, caption in zip(one.maps(), captions, strict=True)
+        ]
+    words = "Position of the charts in a plane, less that in {}, in pixels of the sensor: from the maps of the charts."
+    text = words.format(colours[0].reference) if colours else ""
+    return [Section("Lateral colour", [text, Figures(figures, wide=True)])] if colours else []
+
+
+def _focus_section(found: FieldResult) -> list[Section]:
+    if (surface := found.focus) is None:
+        return [Section("Best focus", [sentence(found.focus_refusal)])] if found.focus_refusal else []
     maps = [
-        field_figures.field_map_figure(m, colour.positions, colour.shape, f"colour{number}-{m.name}")
-        for m in colour.maps()
+        field_figures.field_map_figure(m, surface.positions, surface.shape, f"focus-{m.name}", m.title)
+        for m in surface.maps()
     ]
-    return {"colour": colour, "arrows": field_figures.colour_figure(colour, f"colour{number}"), "maps": maps}
+    numbers = number_rows(surface.numbers(), methods=True)
+    table = Figure(numbers, "A quadratic surface through the best focus at every chart.")
+    return [Section("Best focus", [Figures([*maps, table], wide=True)])]
 
 
-def _focus(found: FieldResult) -> dict[str, Any] | None:
-    surface = found.focus
-    if surface is None:
-        return None
-    maps = [
-        field_figures.field_map_figure(m, surface.positions, surface.shape, f"focus-{m.name}") for m in surface.maps()
-    ]
-    return {"numbers": surface.numbers(), "maps": maps}
+def _misses(found: FieldResult) -> list[Section]:
+    rows = [[one.source, one.plane, one.place, reason_words(one)] for one in found.measured.misses]
+    table = Table(rows, ["photograph", "plane", "chart at", "why, and what helps"], "wwwr")
+    return [Section("Charts without a PSF", [table])] if rows else []
+
+
+def _file_section(fitted: Mapping[str, PlaneField]) -> list[Section]:
+    """The file, and the five lines that read it, for a place in the middle of a plane."""
+    if not fitted:
+        return []
+    name, one = next(iter(fitted.items()))
+    place = f"{one.maps[0].x[-1] / 2:.1f}, {one.maps[0].y[-1] / 2:.1f}"
+    code = html("<pre class='card'><code>{}</code></pre>", READER.replace("PLANE", name).replace("X, Y", place))
+    words = "`field.h5` holds nodes, covariances, maps, units and conventions. Five lines give the PSF at a place:"
+    return [Section("The file", [words, code])]

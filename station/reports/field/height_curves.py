@@ -5,28 +5,26 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 
-import matplotlib
 import numpy as np
 import numpy.typing as npt
-from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from procedures.field.image_height import HeightCurve
 from station.drawing.hover import title_along
-from station.drawing.style import CONFIDENT, STYLE, axes_grid, svg
-from station.reports.otf_figures import LONGEST_NAME, FrequencyAxis
+from station.drawing.plots import Figure, curve, finished, legend, plot_axes
+from station.reports.otf_figures import MAX_NAME, FrequencyAxis
 from station.results.exports import csv_bytes
 
 FREQUENCIES = (0.125, 0.25)
 """Cycles per pixel of the plane: a quarter and half of the Nyquist frequency."""
 HEIGHTS, WITHOUT_PHOTOSITE = "heights", "without_photosite"
-"""Stems of the tables' names: of the camera, and of what comes before its photosites."""
+"""Stems of the tables' names: with and without the photosite."""
 COLOURS = ("#1f5fa8", "#c4541a", "#1e8449", "#6b4c9a")
 KINDS = (("sagittal", "-"), ("meridional", (0, (4, 2))))
 MARKERS = "os^vD"
-"""Of other fields, one after the other."""
+"""Markers of other fields, in turn."""
 SAME = 0.01
-"""Difference of two frequencies, over one of them, that is none."""
+"""Relative difference up to which two frequencies are the same."""
 HeightColumns = Mapping[str, npt.NDArray[np.float64]]
 
 
@@ -36,41 +34,50 @@ def heights_figure(
     axis: FrequencyAxis,
     mm_per_pixel: float | None,
     others: Mapping[str, HeightColumns] | None = None,
-) -> Markup:
+    caption: str = "",
+) -> Figure:
     """The MTF at each frequency over image height with its 95 % band: sagittal solid, meridional dashed.
 
-    Without mm_per_pixel heights are told in pixels. `others` are columns of other fields by their names, in the same
-    units, drawn thin, with a mark at each height.
+    Without mm_per_pixel heights are in pixels. `others` are columns of other fields by name in the same units, drawn
+    thin with markers.
     """
-    figure, ((axes,),) = axes_grid(4.4, 3.0, rim_in=(0.55, 0.14, 0.42, 0.1))
-    scale, words = mm_per_pixel or 1.0, f"image height, {'mm' if mm_per_pixel else 'pixels of the plane'}"
-    told: list[list[str]] = [[] for _ in curves[0].heights]
-    for curve, colour in zip(curves, COLOURS, strict=False):
-        at = f"{curve.frequency * axis.factor:.3g} {axis.unit}"
+    axes, scale = plot_axes(4.4, 3.0, (0.55, 0.14, 0.42, 0.1)), mm_per_pixel or 1.0
+    heights, unit = curves[0].heights * scale, "mm" if mm_per_pixel else "pixels of the plane"
+    values: list[list[str]] = [[] for _ in heights]
+    for one, colour in zip(curves, COLOURS, strict=False):
+        at = f"{one.frequency * axis.factor:.3g} {axis.unit}"
         for kind, dashes in KINDS:
-            value, spread = getattr(curve, kind), CONFIDENT * getattr(curve, f"{kind}_uncertainty")
-            axes.fill_between(curve.heights * scale, value - spread, value + spread, color=colour, alpha=0.15, lw=0)
-            axes.plot(curve.heights * scale, value, color=colour, ls=dashes, lw=1.4, label=f"{kind}, {at}")
-            for i, words_at in enumerate(told):
-                words_at.append(f"{kind} at {at} {value[i]:.3f} ± {spread[i] / CONFIDENT:.3f}")
-    heights = curves[0].heights * scale
+            y, uncertainty, label = getattr(one, kind), getattr(one, f"{kind}_uncertainty"), f"{kind}, {at}"
+            curve(axes, one.heights * scale, y, uncertainty, colour=colour, shade=0.15, ls=dashes, label=label)
+            for i, words in enumerate(values):
+                words.append(f"{kind} at {at} {y[i]:.3f} ± {uncertainty[i]:.3f}")
     if len(heights) > 1:
-        title_along(axes, heights, [f"{h:.3g}: {'; '.join(one)}" for h, one in zip(heights, told, strict=True)])
-    own = [curve.frequency * axis.factor for curve in curves]
-    for (other, columns), marker in zip((others or {}).items(), itertools.cycle(MARKERS), strict=False):
+        title_along(axes, heights, [f"{h:.3g}: {'; '.join(one)}" for h, one in zip(heights, values, strict=True)])
+    shown = {other: columns for other, columns in (others or {}).items() if columns}
+    own = [one.frequency * axis.factor for one in curves]
+    for (other, columns), marker in zip(shown.items(), itertools.cycle(MARKERS), strict=False):
         _draw_other(axes, other, columns, marker, own, str(axis.unit))
-    axes.set(ylim=(0, 1.04), xlim=(0, max(float(heights[-1]), 1e-9)), xlabel=words, ylabel="MTF")
-    with matplotlib.rc_context(STYLE):
-        axes.legend(loc="lower left", handlelength=2.4, fontsize=7.5)
-    return svg(figure, name, "sagittal and meridional MTF over image height with their 95 % bands")
+    legend(axes, "lower left", handlelength=2.4, fontsize=7.5)
+    directions = max(int(one.directions.max()) for one in curves)
+    usual = (
+        f"Sagittal (solid) and meridional MTF (dashed) over image height, means over up to {directions} directions "
+        "from the centre; the bands hold 95 % of one place; where the pointer rests the values are shown."
+    )
+    usual += f" Thin, with markers: {', '.join(shown)}." if shown else ""
+    if hidden := [other for other in others or {} if other not in shown]:
+        usual += f" Not drawn, for lack of this plane or of heights in the same unit: {', '.join(hidden)}."
+    return finished(
+        axes, name, caption or usual, ylim=(0, 1.04),
+        xlim=(0, max(float(heights[-1]), 1e-9)), xlabel=f"image height, {unit}", ylabel="MTF",
+    )  # fmt: skip
 
 
 def _draw_other(axes: Axes, name: str, columns: HeightColumns, marker: str, own: Sequence[float], unit: str) -> None:
-    """Another field's curves in the colours of this one's, named once, with their frequencies where they are others."""
+    """Curves of another field, named once, with their frequencies if they differ."""
     frequencies = np.unique(columns["frequency"])
     same = len(frequencies) == len(own) and np.allclose(frequencies, own, rtol=SAME)
     at = "" if same else f", at {', '.join(f'{one:.3g}' for one in frequencies)} {unit}"
-    label = f"{name[:LONGEST_NAME]}{at}"
+    label = f"{name[:MAX_NAME]}{at}"
     for frequency, colour in zip(frequencies, COLOURS, strict=False):
         rows = columns["frequency"] == frequency
         for kind, dashes in KINDS:
@@ -87,11 +94,11 @@ def heights_table(curves: Sequence[HeightCurve], axis: FrequencyAxis, mm_per_pix
     head = [f"image_height [{length}]", f"frequency [{axis.unit}]"]
     head += [f"{kind}{what}" for kind, _ in KINDS for what in ("", "_uncertainty", "_spread")] + ["directions"]
     rows = []
-    for curve in curves:
-        columns = [getattr(curve, f"{kind}{what}") for kind, _ in KINDS for what in ("", "_uncertainty", "_spread")]
-        heights = curve.heights * (mm_per_pixel or 1.0)
-        for height, count, *row in zip(heights, curve.directions, *columns, strict=True):
+    for one in curves:
+        columns = [getattr(one, f"{kind}{what}") for kind, _ in KINDS for what in ("", "_uncertainty", "_spread")]
+        heights = one.heights * (mm_per_pixel or 1.0)
+        for height, count, *row in zip(heights, one.directions, *columns, strict=True):
             rows.append(
-                [f"{height:.6g}", f"{curve.frequency * axis.factor:.6g}", *(f"{one:.6g}" for one in row), str(count)]
+                [f"{height:.6g}", f"{one.frequency * axis.factor:.6g}", *(f"{value:.6g}" for value in row), str(count)]
             )
     return csv_bytes([head, *rows])

@@ -19,12 +19,7 @@ S, K = 4, 17
 SHAPE = (500, 750)  # rows, columns of a plane
 WAVELENGTHS_UM = {"R": 0.6, "G1": 0.53, "G2": 0.53, "B": 0.46}
 LENS = Lens(
-    f_number=2.8,
-    coma_um=0.10,
-    astigmatism_um=0.12,
-    field_curvature_um=0.10,
-    axis=(0.08, -0.05),
-    lateral_colour=0.006,
+    f_number=2.8, coma_um=0.10, astigmatism_um=0.12, field_curvature_um=0.10, axis=(0.08, -0.05), lateral_colour=0.006
 )
 PERIOD = 72
 """Period of the whole PSF in pixels of the plane: the energy beyond is a thousandth."""

@@ -18,8 +18,8 @@ from procedures.psf_field import Node
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from station.calibration.field import centre_result
-from station.common.versions import software
-from station.reports.field.field_page import field_page
+from station.procedure.registry import procedure_named
+from station.reports.field.field_files import FieldParts, field_measurement
 from station.results.record_head import RecordHead
 
 S, K, SHAPE = 4, 13, (300, 450)
@@ -73,7 +73,8 @@ def test_a_bracket_gives_the_tilt_and_the_field_of_the_sharpest_position(bracket
 @pytest.mark.slow
 def test_the_page_shows_the_best_focus_and_lateral_colour(bracket):
     results = [centre_result(name, outcome) for name, outcome in bracket.planes.items()]
-    page = field_page(bracket, results, RecordHead("field", duration_s=1.0), software(), {})
+    measurement = field_measurement(FieldParts(bracket), results, RecordHead("field"))
+    page = procedure_named("field").page(measurement).decode()
     for words in ("Best focus", "focus tilt x", "Lateral colour", "R against G1"):
         assert words in page
 

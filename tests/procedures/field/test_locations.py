@@ -26,6 +26,12 @@ def test_chosen_places_are_distinct_and_determine_a_surface(n):
     assert np.linalg.cond(monomials(2 * points - 1, 2)) < 10
 
 
+def test_places_are_visited_in_bands_of_alternating_direction():
+    bands = chosen(9).reshape(3, 3, 2)
+    assert bands[0, :, 1].max() <= bands[1, :, 1].min()
+    assert [np.sign(band[-1, 0] - band[0, 0]) for band in bands] == [1, -1, 1]
+
+
 def test_fifteen_chosen_places_determine_a_quartic_and_a_grid_does_not():
     grid = np.array([(x, y) for x in np.linspace(-1, 1, 5) for y in np.linspace(-1, 1, 3)])
     assert np.linalg.matrix_rank(monomials(grid, 4)) < 15

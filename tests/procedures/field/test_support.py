@@ -50,6 +50,15 @@ def test_its_covariance_is_that_of_repeated_widening(rng):
     np.testing.assert_allclose(np.var(drawn, axis=0), expected, rtol=0.3)
 
 
+def test_normalisation_propagates_the_covariance(rng):
+    root = rng.standard_normal((15, 15))
+    p, C = rng.uniform(0.5, 1, 15), root @ root.T
+    step = 1e-6 * np.eye(15)
+    unit = [Psf.of_unit_sum(p + d, C, 3, S).parameters for d in (*step, *-step)]
+    J = (np.array(unit[:15]) - unit[15:]).T / 2e-6
+    np.testing.assert_allclose(Psf.of_unit_sum(p, C, 3, S).parameter_covariance, J @ C @ J.T, atol=1e-6)
+
+
 def test_nodes_of_different_supports_get_the_widest():
     assert [node.psf.k for node in with_common_support(nodes(psf(9), psf(13)))] == [13, 13]
 

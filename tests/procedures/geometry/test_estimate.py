@@ -119,7 +119,7 @@ def test_two_views_are_refused(taken):
     assert "needs 3 views of the chart and better 12; there are 2" in found.reason
 
 
-def test_few_views_are_doubted(taken):
+def test_few_views_are_doubtful(taken):
     parameters = GeometryParameters(CELL_MM, model="OPENCV")
     found = calibrate_geometry(taken.views[:5], PLAIN.size, parameters, nodes=taken.nodes)
     assert "5 views are too few" in found.reason
@@ -135,7 +135,7 @@ def test_charts_square_to_the_camera_are_refused_for_that():
 
 
 @pytest.mark.parametrize("tilt_deg", [0, 25, 40])
-def test_foreshortening_tells_how_far_a_chart_is_turned(tilt_deg):
+def test_foreshortening_gives_the_tilt_of_a_chart(tilt_deg):
     # seen from far away: no perspective; the tolerance is the cosine's rounding at 0 degrees
     turn = np.array([[1, 0], [0, np.cos(np.radians(tilt_deg))]])
     nodes = chart_nodes(CELL_MM)

@@ -14,7 +14,7 @@ from procedures.geometry.uncertainty import (
 )
 
 
-def test_projection_moves_as_its_derivative_says(geometry):
+def test_projection_agrees_with_its_derivative(geometry):
     fit, rng = geometry.adjustment, np.random.default_rng(8)
     pixels, distance = geometry.camera.frame_grid(4, 3), 500.0
     change = 1e-2 * np.sqrt(np.diag(fit.covariance)) * rng.standard_normal(len(fit.covariance))

@@ -1,10 +1,18 @@
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from procedures.numerics import compiled as procedures_compiled
 from simulators.world import compiled as simulators_compiled
+
+ROOT = Path(__file__).resolve().parents[3]
 
 DECORATORS = {
     "compiled": procedures_compiled.compiled,
@@ -30,3 +38,47 @@ def test_strict_kernels_keep_nan():
     assert not finite(np.nan)
     assert not finite(np.inf)
     assert finite(1.0)
+
+
+PROGRAM = """
+import numpy as np
+from procedures.restoration.masks.line_rasterisation import line_mask
+from procedures.ray_histogram.film import film_of_samples
+
+assert film_of_samples(np.ones((2, 2, 3, 3), np.float32)).count.tolist() == [[3, 3], [3, 3]]
+mask = line_mask(np.array([[0.25, 0.0]]), 2, 0.5)
+assert abs(mask.sum() - 1) < 1e-3, mask  # a narrow line in the middle
+"""
+
+
+@pytest.fixture
+def read_only(tmp_path):
+    """The procedures in a folder that cannot be written, and the words before a command that may not do so as root."""
+    words = []
+    if os.geteuid() == 0:
+        if shutil.which("setpriv") is None:
+            pytest.skip("root writes everywhere, and there is no setpriv to give that up")
+        words = ["setpriv", "--bounding-set=-dac_override,-dac_read_search,-fowner"]
+    place = tmp_path / "installed"
+    shutil.copytree(ROOT / "procedures", place / "procedures", ignore=shutil.ignore_patterns("__pycache__"))
+    folders = [path for path in (place, *place.rglob("*")) if path.is_dir()]
+    for folder in folders:
+        folder.chmod(0o555)
+    yield place, words
+    for folder in folders:
+        folder.chmod(0o755)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="folders there have no such permissions")
+def test_read_only_installation_without_a_cache_computes_and_says_so_once(read_only):
+    place, words = read_only
+    unset = ("HOME", "NUMBA_CACHE_DIR", "PYTHONDONTWRITEBYTECODE")
+    environment = {name: value for name, value in os.environ.items() if name not in unset}
+    environment |= {"XDG_CACHE_HOME": "/dev/null/none", "PYTHONPATH": str(place)}
+    command = [*words, sys.executable, "-W", "error", "-c", PROGRAM]
+    done = subprocess.run(command, env=environment, cwd=place, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("compiled code cannot be kept") == 1
+    assert "set NUMBA_CACHE_DIR" in done.stderr
+    assert list(place.rglob("__pycache__")) == []

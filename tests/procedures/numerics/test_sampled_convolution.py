@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from procedures.numerics.sampled_convolution import convolve_at, sample_convolution, sums_of_groups
+from procedures.numerics.loops import convolve_at, sums_of_groups
+from procedures.numerics.sampled_convolution import sample_convolution
 
 S, K, ROWS, COLUMNS = 3, 5, 20, 24
 

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from procedures.numerics.sampled_convolution import convolve_at
+from procedures.numerics.loops import convolve_at
 from procedures.pattern_psf.observation import noise_window, observe
 from procedures.pattern_psf.printed_edges import LINES, Edges, edge_columns
 from procedures.pattern_psf.radiometry import measure_light

@@ -1,6 +1,6 @@
-"""A sensor of which everything is known, and its pictures: shares nothing with the method nor with the bench's sensor.
+"""A simulated sensor with known parameters, independent of the method and of the bench's sensor.
 
-Electrons are counted (Poisson), bend the response, get noise and offset, are amplified, rounded and cut off.
+Electrons are Poisson distributed; response, noise, offset, gain, rounding and clipping follow.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ SHARES = np.linspace(0.02, 1.2, 60)
 
 @dataclass(frozen=True)
 class KnownSensor:
-    """One sensor; see the attributes' names, patterns have exactly the deviations told.
+    """Parameters of a sensor; the patterns have exactly the given deviations.
 
-    row_wave, column_wave : (amplitude in DN, cycles per pixel), of offsets
-    bend : e electrons act as e (1 - bend e / full scale)
+    row_wave, column_wave : amplitude in DN and cycles per pixel of sinusoidal offsets
+    bend : the response to e electrons is e (1 - bend e / full scale)
     """
 
     rows: int = 256
@@ -84,7 +84,7 @@ class KnownSensor:
         return np.clip(np.rint(self.offset + offset + self.gain * electrons), 0, self.top).astype(np.uint16)
 
     def photons_at(self, share: float) -> float:
-        """Light that fills a share of the scale."""
+        """Light for a share of the scale."""
         return share * self.full_scale_e() / self.efficiency
 
     def record(
@@ -114,7 +114,7 @@ class KnownSensor:
         )
 
     def linearity_error(self, shares: Array, saturation_share: float) -> float:
-        """Of the noise-free response, in per cent, by numerical minimisation."""
+        """Linearity error of the noise-free response, in per cent, by numerical minimisation."""
         from scipy.optimize import minimize
 
         light = np.array([self.photons_at(s) for s in shares])

@@ -1,4 +1,4 @@
-"""A camera whose response bends by 5 %: calibrated by even light, then photographing the chart."""
+"""A camera with a nonlinearity of 5 %, calibrated by even light, then used with the chart."""
 
 from __future__ import annotations
 
@@ -21,9 +21,8 @@ SENSOR = KnownSensor(rows=176, columns=176, bend=0.05, dark_noise_e=10.0, dsnu_d
 
 @pytest.mark.slow
 def test_psf_with_the_sensors_own_result_is_the_cameras():
-    found = characterise(SENSOR.record(1, np.linspace(0.03, 1.25, 30), 20), np.random.default_rng(0)).value
-    assert found is not None
-    model = sensor_model(found)
+    recording = SENSOR.record(1, np.linspace(0.03, 1.25, 30), 20)
+    model = sensor_model(characterise(recording, np.random.default_rng(0)).result())
     photons = SENSOR.photons_at(1) * (0.02 + 0.7 * light(OPTICS, CHART, View()))
     numbers = SENSOR.picture(np.maximum(photons, 0), 0.01, np.random.default_rng(2))
     plane = Plane("Y", ((numbers - 64.0) / 4031).astype(np.float32), 1 / 4031, black=64.0, white=4095.0)
@@ -33,8 +32,8 @@ def test_psf_with_the_sensors_own_result_is_the_cameras():
     for outcome in (with_it, without):
         number = outcome.value.quality.numbers["mtf50_horizontal"]
         assert abs(number.value - truth) < 3 * number.uncertainty
-    # the bend is gone, and what is not known of it is less than what the chart tells
+    # the nonlinearity is removed, to better than the chart alone determines it
     curvatures = [one.value.diagnostics["response_curvature"] for one in (with_it, without)]
     assert abs(curvatures[0]) < 0.2 * abs(curvatures[1])
-    # the chart as it is drawn leaves some per cent of its own beside the noise
+    # the printed chart adds some per cent to the noise
     assert with_it.value.residual_std == pytest.approx(1, abs=0.15)

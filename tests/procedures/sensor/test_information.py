@@ -1,4 +1,4 @@
-"""Quanta of a known sensor behind a known PSF; neither sharpening nor smoothing changes what a picture can tell."""
+"""NEQ of a known sensor with a known PSF; sharpening and smoothing do not change it."""
 
 from __future__ import annotations
 
@@ -66,16 +66,16 @@ def test_filters_change_neither_quanta_nor_capacity(pictures, name):
     signal = SENSOR.gain * ELECTRONS
     before = information(plain, measure_noise_power(pictures, signal), np.random.default_rng(0))
     after = information(psf, measure_noise_power(filtered, signal), np.random.default_rng(0))
-    assert np.abs(after.mtf / before.mtf - 1).max() > 0.5  # MTF itself is no measure of what can be told
-    # the window smooths the spectrum over two of 32 frequencies: per cents where the filter bends it most
+    assert np.abs(after.mtf / before.mtf - 1).max() > 0.5  # the MTF itself does change
+    # the window smooths the spectrum over two of 32 frequencies: per cents where the filter's curvature is largest
     assert np.abs(after.neq / before.neq - 1).max() < 0.08
     assert np.abs(after.equivalent_mtf / before.equivalent_mtf - 1).max() < 0.05
     capacities = [one.numbers["information_capacity"] for one in (before, after)]
     assert capacities[1].value == pytest.approx(capacities[0].value, rel=0.002)
 
 
-def test_capacity_is_that_of_the_formula_and_its_error_bar_that_of_draws():
-    # a point-like PSF keeps all frequencies: 1/2 log2(1 + NEQ / 3) everywhere
+def test_capacity_follows_the_formula_and_its_uncertainty_the_draws():
+    # a point-like PSF transmits all frequencies: 1/2 log2(1 + NEQ / 3) everywhere
     point = Psf(np.ones((1, 1)), 4, np.zeros((1, 1)))
     small = KnownSensor(rows=64, columns=64, prnu=0.0, dsnu_dn=0.0)
     rng = np.random.default_rng(2)
@@ -96,5 +96,5 @@ def test_uncertain_psf_widens_the_capacity(pictures, rng):
     assert unsure.uncertainty > 2 * sure.uncertainty
 
 
-def test_pictures_smaller_than_a_block_tell_none():
+def test_pictures_smaller_than_a_block_give_none():
     assert measure_noise_power([np.zeros((20, 100))] * 2, 1.0) is None

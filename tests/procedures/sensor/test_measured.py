@@ -1,4 +1,4 @@
-"""Intervals hold what they say, in draws."""
+"""Coverage of the intervals, in draws."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from procedures.sensor.stacks import measure_stack
 from procedures.sensor.uniformity import spatial_variances
 
 
-def test_level_knows_its_own_variance(rng):
+def test_the_variance_of_a_level_is_realistic(rng):
     # 400 pairs of 32 x 32 samples of variance 9: the stated variances against the spread, known to 1 / sqrt(800)
     levels = [measure_level(rng.normal(100, 3, (2, 32, 32)), 1.0, 1.0) for _ in range(400)]
     for name in ("mean", "variance"):
@@ -22,7 +22,7 @@ def test_level_knows_its_own_variance(rng):
     assert np.mean([one.variance for one in levels]) == pytest.approx(9, abs=4 * (2 / 1023) ** 0.5 * 9 / 20)
 
 
-def test_noise_that_rows_share_widens_the_variance(rng):
+def test_common_noise_of_rows_enlarges_the_variance(rng):
     def pair() -> np.ndarray:
         return rng.normal(0, 1, (2, 64, 64)) + rng.normal(0, 1, (2, 64, 1))
 
@@ -31,14 +31,14 @@ def test_noise_that_rows_share_widens_the_variance(rng):
     assert np.var([one.variance for one in levels]) == pytest.approx(stated, rel=0.35)
 
 
-def test_change_of_the_light_is_no_noise(rng):
+def test_a_change_of_the_light_is_not_noise(rng):
     first = rng.normal(1000, 5, (100, 100))
     level = measure_level([first, rng.normal(1100, 5, (100, 100))], 1.0, 1.0)
     assert level.variance == pytest.approx(25, rel=4 * (2 / 10000) ** 0.5)
     assert level.change == pytest.approx(100, abs=0.5)
 
 
-def test_single_picture_is_no_level(rng):
+def test_a_single_picture_is_refused(rng):
     with pytest.raises(ValueError, match="two pictures"):
         measure_level([rng.normal(0, 1, (4, 4))], 1.0, 1.0)
 
@@ -49,34 +49,34 @@ def test_stack_of_two_is_refused(rng):
 
 
 @pytest.mark.parametrize(("offset", "crushed"), [(20, False), (0, True), (3, True)])
-def test_numbers_that_pile_up_at_the_lowest_are_seen(rng, offset, crushed):
+def test_clipping_at_the_lowest_number_is_detected(rng, offset, crushed):
     picture = np.clip(np.rint(rng.normal(offset, 3, (200, 200))), 0, None)
     assert (bottom_pile(picture) > 0.005) == crushed
 
 
-def test_pile_is_seen_at_any_number(rng):
+def test_clipping_is_detected_at_any_number(rng):
     assert bottom_pile(np.clip(np.rint(rng.normal(512, 3, (200, 200))), 512, None)) == pytest.approx(0.57, abs=0.02)
 
 
-def test_rows_columns_and_pixels_are_told_apart(rng):
+def test_rows_columns_and_pixels_are_separated(rng):
     rows, columns = 0.7 * rng.standard_normal((90, 1)), 0.4 * rng.standard_normal((1, 120))
     pixels = rng.standard_normal((90, 120))
     found = spatial_variances(rows + columns + pixels, (0.0, 0.0, 0.0), 100)
     for part, truth in (("row", rows), ("column", columns), ("pixel", pixels)):
-        # rows and columns of independent pixels vary by chance, which is stated
-        # and their covariance with the pixels' averages is twice the product over the root of their number
+        # averages of independent pixels vary by chance, which the uncertainty includes; their covariance with rows and
+        # columns is twice the product over the root of their number
         assert found.value[part] == pytest.approx(np.var(truth), rel=0.06, abs=3 * found.uncertainty[part])
     assert sum(found.value[part] for part in ("row", "column", "pixel")) == pytest.approx(
         found.value["total"], rel=1e-3
     )
 
 
-def test_temporal_noise_is_taken_out_of_the_pattern(rng):
+def test_temporal_noise_is_subtracted_from_the_pattern(rng):
     pattern = rng.standard_normal((50, 60))
     inside = 0
     for _ in range(200):
         stack = measure_stack((pattern + rng.normal(0, 4, pattern.shape) for _ in range(10)), 1.0, 0.0)
-        found = spatial_variances(stack.mean_picture, stack.left_over, stack.count)
+        found = spatial_variances(stack.mean_picture, stack.residual_variance, stack.count)
         truth = float(np.var(pattern, ddof=1))
         inside += abs(found.value["total"] - truth) < 1.96 * found.uncertainty["total"]
     assert inside / 200 == pytest.approx(0.95, abs=3 * (0.95 * 0.05 / 200) ** 0.5)
@@ -95,18 +95,18 @@ def test_frequency_and_amplitude_of_a_sinusoid_lie_in_their_intervals(rng):
     assert inside / 100 == pytest.approx(0.95, abs=3 * 0.022)
 
 
-def test_pure_noise_holds_no_period(rng):
+def test_pure_noise_has_no_period(rng):
     alarms = sum(len(find_periods(rng.standard_normal((128, 16)), "row", "DN")) for _ in range(300))
     assert alarms <= 3  # 1e-3 each: 0.3 are expected
 
 
-def test_root_of_nothing_reaches_down_to_none():
+def test_the_root_of_a_negative_variance_is_zero():
     number = root(-0.1, 0.2, 1.0, "DN", "", 1)
     assert (number.value, number.low) == (0.0, 0.0)
     assert number.high > 0.5
 
 
-def test_divisor_widens_the_interval():
+def test_the_uncertainty_of_a_divisor_widens_the_interval():
     number = with_share(root(4.0, 0.4, 1.0, "DN", "", 1), 0.1)
     assert number.uncertainty == pytest.approx((0.1**2 + 0.2**2) ** 0.5)
     assert number.low < 1.62 < number.value < 2.38 < number.high

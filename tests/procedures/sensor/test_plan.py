@@ -1,4 +1,4 @@
-"""What the guided sensor measurement makes of a picture, with a panel that the station sets and without one."""
+"""Checks of a picture by the guided sensor measurement, with and without a controlled panel."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from procedures.facts import facts_as
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
-from procedures.sensor.facts import LIT
-from procedures.sensor.plan import check_panel, check_picture, ladder, trial_level
+from procedures.sensor.facts import LIT, SensorFacts
+from procedures.sensor.plan import TRIAL_LEVEL, check_panel, check_picture, ladder
 
 HASH = "abcdef0123456789" * 4
 BY_PANEL = {"light_level": 0.5, "exposure_s": 0.02, "iso": 100.0}
@@ -25,29 +26,30 @@ def frame(level, seconds=0.02, slope=0.0):
     )
 
 
-def test_levels_are_whole_steps_of_a_channel_up_to_all_of_its_light():
+def test_levels_are_integer_steps_up_to_the_full_light():
     steps = np.array(ladder(24)) * 255
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
     assert len(steps) == 24
     assert steps[-1] == 255
 
 
-def test_the_exposure_is_set_so_that_all_the_light_saturates():
-    dark = check_panel(frame(0.1), {"light_level": trial_level()})
+def test_the_exposure_is_set_so_that_the_full_light_saturates():
+    dark = check_panel(frame(0.1), {"light_level": TRIAL_LEVEL})
     assert not dark.good
     assert 2 ** dark.by_hand["exposure_ev"] * 0.1 == pytest.approx(0.51, rel=0.13)  # thirds of a stop
-    assert check_panel(frame(1.0), {"light_level": trial_level()}).by_hand["exposure_ev"] == pytest.approx(-1, abs=0.1)
-    assert check_panel(frame(0.5), {"light_level": trial_level()}).facts["exposure_s"] == 0.02
+    assert check_panel(frame(1.0), {"light_level": TRIAL_LEVEL}).by_hand["exposure_ev"] == pytest.approx(-1, abs=0.1)
+    assert check_panel(frame(0.5), {"light_level": TRIAL_LEVEL}).facts["exposure_s"] == 0.02
 
 
-def test_light_that_is_not_even_does_not_do():
-    assert "differs by" in check_panel(frame(0.5, slope=0.3), {"light_level": trial_level()}).say
+def test_uneven_light_is_refused():
+    assert "differs by" in check_panel(frame(0.5, slope=0.3), {"light_level": TRIAL_LEVEL}).say
 
 
-def test_a_picture_bears_its_light():
+def test_the_light_of_a_picture_is_recorded():
     advice = check_picture(0.5, frame(0.3), BY_PANEL)
     assert advice.good
     assert advice.facts == {LIT + HASH[:16]: 0.5}
+    assert facts_as(SensorFacts, advice.facts).lit == {HASH[:16]: 0.5}
 
 
 @pytest.mark.parametrize(
@@ -58,7 +60,7 @@ def test_a_picture_bears_its_light():
         (0.0, 0.3, 0.02, {**BY_PANEL, "light_level": 0.0}, "light in a dark picture"),
     ],
 )
-def test_another_light_or_time_does_not_count(light, level, seconds, known, words):
+def test_another_light_or_time_is_refused(light, level, seconds, known, words):
     advice = check_picture(light, frame(level, seconds), known)
     assert not advice.good
     assert words in advice.say

@@ -1,4 +1,4 @@
-"""The guided tilt's own reckoning: how far the chart is, through which distances it goes, and what is turned."""
+"""Computations of the guided tilt: distance of the chart, distances of the bracket, and turns."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ FOUND = {"turn_1": 0.05, "turn_2": -0.1, "turn_3": 0.05, "helps": 0.99, "screw_c
 
 
 def seen_from(at: dict, chart_mm: np.ndarray) -> np.ndarray:
-    """The chart before a camera that was turned and moved: x to the right, y up, z away from it."""
+    """The chart relative to a rotated and moved camera: x to the right, y up, z away from it."""
     x, y, z = (at[name] - BASE[name] for name in ("x_mm", "y_mm", "z_mm"))
     turn = Rotation.from_euler("YX", [at.get("pan_deg", 0.0), at.get("tilt_deg", 0.0)], degrees=True)
     return turn.inv().apply(chart_mm + np.array([-x, y, z]))
 
 
 def begun(chart_mm: np.ndarray) -> TourStart:
-    """Where a tour began that saw a chart at this place of the camera's room, (x, y, z) from the rail at its base."""
+    """Start of a tour with a chart at (x, y, z) from the rail at its base."""
     x, y, z = seen_from(BASE, chart_mm)
     rows, columns = SHAPE
     at = Location(0.5 + PRINCIPAL_PX * x / z / columns, 0.5 + PRINCIPAL_PX * y / z / rows)
@@ -43,12 +43,12 @@ def test_the_chart_s_distance_follows_from_rail_and_head():
 
 
 def facts_of(start: TourStart) -> dict:
-    told = {"rows": 480.0, "columns": 640.0, "principal_px": PRINCIPAL_PX, "distance_mm": start.distance_mm,
+    start_facts = {"rows": 480.0, "columns": 640.0, "principal_px": PRINCIPAL_PX, "distance_mm": start.distance_mm,
             "x": start.chart_at.x, "y": start.chart_at.y, "half_x": 0.1, "half_y": 0.13}  # fmt: skip
     lens = {"focal_length_mm": 24.0, "pixel_pitch_um": 11.88, "f_number": 2.8, "chart_width_mm": 48.0}
     at = {f"at_{name}": place for name, place in BASE.items()}
     begun = {f"tour_from_{name}": place for name, place in BASE.items()}
-    return {f"tour_{name}": one for name, one in told.items()} | lens | at | begun
+    return {f"tour_{name}": one for name, one in start_facts.items()} | lens | at | begun
 
 
 def test_a_bracket_steps_the_image_by_depths_of_focus():
@@ -118,19 +118,19 @@ def test_a_chart_too_wide_for_the_rail_is_refused_before_it_is_printed():
         check_width(96.0, {**LENS, **RAIL, **LASER})
 
 
-def test_a_rail_too_short_for_any_chart_is_told_with_what_shortens_the_bracket():
+def test_a_rail_too_short_for_any_chart_is_refused_with_a_remedy():
     with pytest.raises(BadParameter, match="no chart that can be printed") as raised:
         width_within_reach({**LENS, "typed_f_number": 22.0, **RAIL, **LASER})
     assert "wider aperture" in raised.value.remedy
 
 
-def test_a_bench_without_a_rail_is_told_how_to_go_on_before_anything_is_printed():
+def test_a_bench_without_a_rail_is_refused_before_printing():
     with pytest.raises(BadParameter, match="the axis z_mm") as raised:
         width_within_reach(LENS)
     assert raised.value.remedy == BY_HAND
 
 
-def test_lens_and_rail_are_known_before_the_chart_is_printed_and_asked_for_once():
+def test_lens_and_rail_are_requested_once_and_before_printing():
     requests = [request for step in plan(lambda frames, facts, known: {}).steps for request in step.requests]
     printed = next(i for i, one in enumerate(requests) if isinstance(one, Give))
     asked = [one.key for one in requests if isinstance(one, Ask)]

@@ -1,4 +1,4 @@
-"""Simulated sensors whose tilt, backfocus and screws are known, and brackets of a simulated lens before one."""
+"""Simulated sensors with known tilt, backfocus and screws, and brackets of a simulated lens."""
 
 from __future__ import annotations
 
@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 
 from procedures.outcome import BadParameter, Refused, Verdict
-from procedures.tilt.estimate import Tilt, TiltParameters, estimate_tilt, nominal_um
+from procedures.tilt.estimate import Tilt, TiltParameters, estimate_tilt, nominal_um, shim_words
 from procedures.tilt.plane import fit_plane
 from procedures.tilt.positions import Positions, behind_lens_um
 from procedures.tilt.screws import Screws, turns_for
-from procedures.tilt.shim import shim_words
 from tests.procedures.field.lens import LENS, SHAPE, FieldCamera, grid, nodes
 
 FRAME = (36.0, 24.0)
 NINE = np.array([(x, y) for y in (-10.0, 0.0, 10.0) for x in (-15.0, 0.0, 15.0)])
 PLACE_UM, POSITION_UM = 1.0, 0.5
-NOISE = PLACE_UM**2 * np.eye(9) + POSITION_UM**2  # of each place, and of the rail, which all places share
+NOISE = PLACE_UM**2 * np.eye(9) + POSITION_UM**2  # of each place, and of the rail, common to all places
 SCREWS = Screws(count=3, radius_mm=25.0, pitch_mm=0.35, first_deg=30.0, turn_uncertainty=0.003)  # a degree
 
 
@@ -28,22 +27,22 @@ def corners(plane):
 
 
 def random_sensor(rng):
-    """Offset and slopes of a sensor whose highest corner stands up to 100 um out, and the lens's own curvature."""
+    """Offset and slopes of a sensor with corners up to 100 um out, and the field curvature."""
     slopes = rng.standard_normal(2)
     slopes *= rng.uniform(0, 100) / np.abs(corners(np.array([0.0, *slopes]))).max()
     return np.array([rng.uniform(-50, 50), *slopes]), rng.uniform(-0.1, 0.1, 3)
 
 
 def heights(plane, bend, rng):
-    """As they are measured at nine places; the offset is that of the plane nearest to the curved whole."""
+    """Measured heights at nine places; the offset is that of the plane nearest to the curved surface."""
     x, y = NINE.T
     middle = bend[0] * FRAME[0] ** 2 / 12 + bend[2] * FRAME[1] ** 2 / 12
     true = plane[0] - middle + NINE @ plane[1:] + bend @ np.stack([x * x, x * y, y * y])
     return true + rng.multivariate_normal(np.zeros(9), NOISE)
 
 
-def test_of_a_hundred_sensors_95_percent_lie_within_their_intervals():
-    # three numbers of each of 100 sensors: 95 % of 300 is 285 +- 3.8; widening by what nine places leave over adds some
+def test_the_coverage_of_the_intervals_is_95_percent():
+    # three numbers of each of 100 sensors: 95 % of 300 is 285 +- 3.8; the scaling by residuals adds some
     rng, inside, uncertainties = np.random.default_rng(3), [], []
     for _ in range(100):
         plane, bend = random_sensor(rng)
@@ -55,42 +54,41 @@ def test_of_a_hundred_sensors_95_percent_lie_within_their_intervals():
     assert np.median(uncertainties) < 2.0  # um over the frame
 
 
-def test_two_turns_of_the_screws_lay_every_sensor_into_focus():
-    rng, left = np.random.default_rng(4), []
+def test_two_corrections_align_every_sensor():
+    rng, remaining = np.random.default_rng(4), []
     for _ in range(60):
         plane, bend = random_sensor(rng)
         for _ in range(2):
-            told = turns_for(fit_plane(NINE, heights(plane, bend, rng), NOISE, FRAME), SCREWS, with_focus=True)
-            turned = np.array([one.value for one in told.turns])
+            correction = turns_for(fit_plane(NINE, heights(plane, bend, rng), NOISE, FRAME), SCREWS, with_focus=True)
+            turned = np.array([one.value for one in correction.turns])
             slips = SCREWS.turn_uncertainty * rng.standard_normal(SCREWS.count)
             plane = plane + np.linalg.solve(SCREWS.heights, 1000 * SCREWS.pitch_mm * (turned + slips))
-        left.append(np.abs(corners(plane)).max())
-    # the last measurement and hands that are a degree off leave about 1.4 um (rms) in a corner
-    assert np.quantile(left, 0.95) < 5.0
-    assert max(left) < 7.0
+        remaining.append(np.abs(corners(plane)).max())
+    # the last measurement and turns to a degree give about 1.4 um (rms) in a corner
+    assert np.quantile(remaining, 0.95) < 5.0
+    assert max(remaining) < 7.0
 
 
-def test_a_turn_helps_as_often_as_it_is_said_to():
-    # slopes anywhere within a box that is wide against their uncertainty, as the probability takes them; of those whose
-    # turn is in doubt as many become flatter as were said to
-    rng, said, was = np.random.default_rng(5), [], []
+def test_the_probability_of_improvement_is_realistic():
+    # slopes uniform over a range that is wide compared with their uncertainty, as the probability assumes
+    rng, stated, improved = np.random.default_rng(5), [], []
     for _ in range(150):
         plane = np.array([0.0, *rng.uniform(-0.12, 0.12, 2)])
         found = fit_plane(NINE, heights(plane, np.zeros(3), rng), NOISE, FRAME)
-        told = turns_for(found, SCREWS, with_focus=False)
+        correction = turns_for(found, SCREWS, with_focus=False)
         slips = SCREWS.turn_uncertainty * rng.standard_normal(3)
-        moved = 1000 * SCREWS.pitch_mm * (np.array([one.value for one in told.turns]) + slips)
+        moved = 1000 * SCREWS.pitch_mm * (np.array([one.value for one in correction.turns]) + slips)
         after = plane + np.linalg.solve(SCREWS.heights, moved) * [0, 1, 1]
-        said.append(told.helps)
-        was.append(found.rms(after[None])[0] < found.rms(plane[None])[0])
-    said, was = np.array(said), np.array(was)
-    doubtful = said < 0.97
-    assert np.count_nonzero(doubtful) > 30
-    error = np.sqrt(np.sum(said * (1 - said) * doubtful)) / np.count_nonzero(doubtful)
-    assert said[doubtful].mean() == pytest.approx(was[doubtful].mean(), abs=3 * error)
+        stated.append(correction.helps)
+        improved.append(found.rms(after[None])[0] < found.rms(plane[None])[0])
+    stated, improved = np.array(stated), np.array(improved)
+    uncertain = stated < 0.97
+    assert np.count_nonzero(uncertain) > 30
+    error = np.sqrt(np.sum(stated * (1 - stated) * uncertain)) / np.count_nonzero(uncertain)
+    assert stated[uncertain].mean() == pytest.approx(improved[uncertain].mean(), abs=3 * error)
 
 
-def test_screws_stand_where_the_image_upside_down_puts_them():
+def test_positions_of_the_screws_follow_the_inverted_image():
     top, right, bottom, left = Screws(count=4, radius_mm=10.0).places_mm
     # from behind the camera the photograph's lower edge is the sensor's upper one, its left the right one
     np.testing.assert_allclose([top, right, bottom, left], [(0, 10), (-10, 0), (0, -10), (10, 0)], atol=1e-9)
@@ -99,12 +97,13 @@ def test_screws_stand_where_the_image_upside_down_puts_them():
 def test_a_screw_is_turned_by_its_height_over_its_pitch():
     # 2 um/mm from left to right of the photograph: the right screw, at -20 mm, stands 40 um too near to the lens
     exact = fit_plane(NINE, NINE @ [2.0, 0.0], 1e-6 * np.eye(9), FRAME)
-    told = turns_for(exact, Screws(count=4, radius_mm=20.0, pitch_mm=0.5, turn_uncertainty=0.0), with_focus=False)
-    assert [one.value for one in told.turns] == pytest.approx([0.0, 0.08, 0.0, -0.08], abs=1e-6)
-    assert told.helps == 1.0
+    screws = Screws(count=4, radius_mm=20.0, pitch_mm=0.5, turn_uncertainty=0.0)
+    correction = turns_for(exact, screws, with_focus=False)
+    assert [one.value for one in correction.turns] == pytest.approx([0.0, 0.08, 0.0, -0.08], abs=1e-6)
+    assert correction.helps == 1.0
 
 
-def test_a_sheet_that_is_not_flat_widens_the_plane():
+def test_residuals_enlarge_the_covariance():
     bumps = np.array([9.0, -9, 9, -9, 9, -9, 9, -9, 9])
     smooth, rough = (fit_plane(NINE, one, NOISE, FRAME) for one in (np.zeros(9), bumps))
     assert rough.chance < 0.001 < smooth.chance
@@ -132,9 +131,9 @@ BEHIND_UM, PER_PATH = -10.0, 16 * 3**0.5 * 2.8**2
 
 
 def bracket(covariance, step_mm=0.025):
-    """Nine places of a lens at f/2.8 before a tilted sensor, at seven positions; rms path a is 16 sqrt(3) N^2 a um.
+    """Nine places of a lens at f/2.8 with a tilted sensor, at seven positions; rms path a is 16 sqrt(3) N^2 a um.
 
-    The sensor's middle stands BEHIND_UM behind its due place.
+    The middle of the sensor is BEHIND_UM behind its nominal position.
     """
     camera = FieldCamera(replace(LENS, tilt_um=TILT_UM, axis=(0.0, 0.0)), period_px=36)
     rng = np.random.default_rng(8)
@@ -146,7 +145,7 @@ def bracket(covariance, step_mm=0.025):
 
 
 def flat(offset_um, parameters=None):
-    """A flat sensor's answer, of exact heights."""
+    """Result for a flat sensor with exact heights."""
     exact = fit_plane(NINE, np.full(9, offset_um), 1e-6 * np.eye(9), FRAME)
     if parameters is not None:
         exact = exact.widened(0.0, nominal_um(parameters) ** 2)
@@ -162,7 +161,7 @@ def test_an_uncertain_nominal_distance_is_in_the_backfocus_through_the_magnifica
     assert numbers["tilt_horizontal"].uncertainty < 0.01
 
 
-def test_a_sensor_too_far_behind_asks_for_a_thinner_shim():
+def test_a_sensor_too_far_behind_requires_a_thinner_shim():
     # light comes to a focus before it: the lens has to come nearer by as much; 70 um are a fifth of a turn of 0.35 mm
     assert "70.0 ± 0.0 um behind best focus" in shim_words(flat(70.0))
     assert "thinner by that, or turn every screw by 0.200 towards the lens" in shim_words(flat(70.0))
@@ -173,7 +172,7 @@ def test_a_sensor_too_far_behind_asks_for_a_thinner_shim():
 
 
 @pytest.mark.slow
-def test_a_tilted_sensor_before_a_lens_is_found_from_its_bracket(covariance):
+def test_the_tilt_of_a_sensor_is_recovered_from_its_bracket(covariance):
     outcome = estimate_tilt(bracket(covariance), SHAPE, 2, PARAMETERS)
     assert outcome.verdict is Verdict.PASS, outcome.reason
     numbers = outcome.value.numbers()

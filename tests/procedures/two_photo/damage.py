@@ -69,38 +69,10 @@ def moved(length_px: float) -> Change:
     return change
 
 
-def curved(gamma: float) -> Change:
-    return lambda x: (np.maximum(x, 0) / x.max()) ** gamma * x.max()
-
-
-def crushed(x: Array) -> Array:
-    return np.maximum(x - np.percentile(x, 10), 0)
-
-
-def noisy(sigma: float) -> Change:
-    return lambda x: x + np.random.default_rng(0).normal(0, sigma, x.shape)
-
-
 def halved(x: Array) -> Array:
     """Reduced to half the size and enlarged again."""
     small = cv2.resize(x, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     return cv2.resize(small, x.shape[::-1], interpolation=cv2.INTER_CUBIC)
-
-
-def smoothed(x: Array) -> Array:
-    return cv2.bilateralFilter(x, 5, 0.05, 1.5)
-
-
-def median(x: Array) -> Array:
-    return cv2.medianBlur(x, 3)
-
-
-def shaded(x: Array) -> Array:
-    return x * (1 - 0.3 * np.linspace(0, 1, x.shape[1]))
-
-
-def six_bits(x: Array) -> Array:
-    return np.round(63 * x) / 63
 
 
 BOTH, NEAR, FAR = (True, True), (True, False), (False, True)
@@ -119,15 +91,15 @@ CHANGES: dict[str, tuple[Change, tuple[tuple[bool, bool], ...]]] = {
     "linear JPEG 85": (compressed(85, 1.0), (NEAR, FAR, BOTH)),
     "moved 1": (moved(1.0), (NEAR, FAR)),
     "moved 2": (moved(2.0), (NEAR, FAR)),
-    "gamma 0.8": (curved(0.8), (NEAR, FAR, BOTH)),
-    "gamma 1.25": (curved(1.25), (NEAR, FAR, BOTH)),
-    "black crushed": (crushed, (NEAR, FAR, BOTH)),
-    "noisy 0.02": (noisy(0.02), (NEAR, FAR, BOTH)),
+    "gamma 0.8": (lambda x: (np.maximum(x, 0) / x.max()) ** 0.8 * x.max(), (NEAR, FAR, BOTH)),
+    "gamma 1.25": (lambda x: (np.maximum(x, 0) / x.max()) ** 1.25 * x.max(), (NEAR, FAR, BOTH)),
+    "black crushed": (lambda x: np.maximum(x - np.percentile(x, 10), 0), (NEAR, FAR, BOTH)),
+    "noisy 0.02": (lambda x: x + np.random.default_rng(0).normal(0, 0.02, x.shape), (NEAR, FAR, BOTH)),
     "halved": (halved, (NEAR,)),
-    "median": (median, (NEAR, FAR)),
-    "smoothed": (smoothed, (NEAR, FAR)),
-    "shaded": (shaded, (NEAR, FAR)),
-    "six bits": (six_bits, (NEAR, FAR, BOTH)),
+    "median": (lambda x: cv2.medianBlur(x, 3), (NEAR, FAR)),
+    "smoothed": (lambda x: cv2.bilateralFilter(x, 5, 0.05, 1.5), (NEAR, FAR)),
+    "shaded": (lambda x: x * (1 - 0.3 * np.linspace(0, 1, x.shape[1])), (NEAR, FAR)),
+    "six bits": (lambda x: np.round(63 * x) / 63, (NEAR, FAR, BOTH)),
 }
 """The change, and the photographs (near, far) it is applied to."""
 

@@ -5,9 +5,9 @@ import pytest
 
 from procedures.numerics.warps import apply_homography
 from procedures.outcome import Refused
-from procedures.two_photo.inter_image import centre_of, fit_kernel
+from procedures.two_photo import inter_image
+from procedures.two_photo.inter_image import centre_of, common_region, fit_kernel
 from procedures.two_photo.near_noise import noise_at_most, without_near_noise
-from procedures.two_photo.region import common_region
 
 from .conftest import OTF
 from .wall import Pair, gaussian, photographs
@@ -52,6 +52,15 @@ def test_centre_follows_a_shift() -> None:
 def test_small_common_region_is_refused(pair: Pair) -> None:
     with pytest.raises(Refused, match="need 353 far samples of the common region; it has"):
         common_region(pair.near[:90, :90], pair.far, pair.H_near_far, S, K)
+
+
+def test_of_a_large_common_region_the_middle_is_used(pair: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = common_region(pair.near, pair.far, pair.H_near_far, S, K)[0].points
+    monkeypatch.setattr(inter_image, "MOST_SAMPLES", 2000)
+    part = common_region(pair.near, pair.far, pair.H_near_far, S, K)[0].points
+    # a square of at most 45 x 45 pixels, and a rim of one
+    assert np.ptp(part, axis=0).max() <= 46
+    np.testing.assert_allclose(part.mean(axis=0), whole.mean(axis=0), atol=1.0)
 
 
 @pytest.mark.slow

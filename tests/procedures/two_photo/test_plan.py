@@ -15,16 +15,7 @@ from procedures.plan import Shoot
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from procedures.two_photo.distances import times_as_far
-from procedures.two_photo.plan import (
-    check_far,
-    check_near,
-    enough,
-    estimate,
-    mean_plane,
-    plan,
-    sharpness,
-    to_far,
-)
+from procedures.two_photo.plan import check_far, check_near, enough, estimate, mean_plane, plan, sharpness, to_far
 from procedures.two_photo.sharpness import fineness
 
 from .wall import TEXELS, gaussian, leaves, photograph, samples_of

@@ -9,14 +9,7 @@ import pytest
 
 from procedures.numerics.kernel_tail import tail_sums
 from procedures.psf import Psf, PsfTail
-from procedures.two_photo.recursion import (
-    TAIL,
-    Recovered,
-    gain_of,
-    otf_by_recursion,
-    psf_by_equation,
-    psf_by_recursion,
-)
+from procedures.two_photo.recursion import TAIL, Recovered, gain_of, otf_by_recursion, psf_by_equation, psf_by_recursion
 
 S, K = 3, 13
 BOTH = pytest.mark.parametrize("recover", [psf_by_recursion, psf_by_equation])

@@ -1,4 +1,4 @@
-"""Flats of a lens whose light falls off about a centre that is not the frame's, under light that is not even."""
+"""Flats of a lens with decentred vignetting, under uneven light."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ import pytest
 
 from procedures.outcome import Refused, Verdict
 from procedures.raw import Plane
-from procedures.vignetting.estimate import estimate_vignetting, frame_places
-from procedures.vignetting.joint import NAMES, joint_formula
+from procedures.vignetting.estimate import NAMES, estimate_vignetting, frame_places, joint_formula
 
 ROWS, COLUMNS = 320, 480
 UNIT = np.hypot(ROWS, COLUMNS) / 2
@@ -30,8 +29,8 @@ def flat(rng, plane="G1", slope=(0.0, 0.0)) -> Plane:
     return Plane(plane, (rng.poisson(light * WHITE_E) / WHITE_E).astype(np.float32), 1 / 16000, pitch=2)
 
 
-def turned(rng, planes=("G1",), slope=0.012, count=4):
-    """Flats between which the light was turned by a quarter, its slope staying on it."""
+def rotated(rng, planes=("G1",), slope=0.012, count=4):
+    """Flats with light of constant slope, rotated by a quarter between them."""
     angles = 2 * np.pi * np.arange(count) / count
     return [
         (f"flat{i}", {name: flat(rng, name, slope * np.array([np.cos(a), np.sin(a)])) for name in planes})
@@ -40,8 +39,8 @@ def turned(rng, planes=("G1",), slope=0.012, count=4):
 
 
 @pytest.fixture(scope="module")
-def found():
-    return estimate_vignetting(turned(np.random.default_rng(5), ("R", "G1")))
+def outcomes():
+    return estimate_vignetting(rotated(np.random.default_rng(5), ("R", "G1")))
 
 
 def middle() -> np.ndarray:
@@ -49,39 +48,39 @@ def middle() -> np.ndarray:
 
 
 @pytest.mark.parametrize("plane", ["G1", "R"])
-def test_the_light_of_a_decentred_lens_is_found_to_half_a_percent(found, plane):
-    outcome = found[plane]
+def test_the_light_of_a_decentred_lens_is_estimated_to_half_a_percent(outcomes, plane):
+    outcome = outcomes[plane]
     assert outcome.verdict is Verdict.PASS, outcome.reason
     true = lens(outcome.value.places, plane) / lens(middle(), plane)
     assert np.abs(outcome.value.value / true - 1).max() < 0.005
 
 
-def test_uncertainty_is_as_large_as_the_error(found):
-    one = found["G1"].value
+def test_the_uncertainty_is_consistent_with_the_error(outcomes):
+    one = outcomes["G1"].value
     true = lens(one.places, "G1") / lens(middle(), "G1")
     known = one.uncertainty > 0  # the middle is 1 by definition
     pull = (one.value - true)[known] / one.uncertainty[known]
-    # few degrees of freedom hold the whole map: its rms pull scatters by much, but not by a factor of three
+    # the map has few degrees of freedom: its rms pull scatters, but not by a factor of three
     assert np.sqrt(np.mean(pull**2)) < 3
 
 
-def test_the_centre_of_the_falloff_is_found_within_its_uncertainty(found):
-    numbers = found["G1"].value.numbers
+def test_the_centre_of_the_falloff_is_within_its_uncertainty(outcomes):
+    numbers = outcomes["G1"].value.numbers
     for name, true in zip("xy", (18.0, -11.0), strict=True):
         number = numbers[f"vignetting_centre_{name}"]
         assert number.value == pytest.approx(true, abs=4 * number.uncertainty)
         assert number.uncertainty < 6
 
 
-def test_colour_shading_is_the_planes_difference(found):
+def test_colour_shading_is_the_planes_difference(outcomes):
     places = frame_places((ROWS, COLUMNS))
     ratio = lens(places, "R") / lens(middle(), "R") / (lens(places, "G1") / lens(middle(), "G1"))
-    told = found["R"].value.numbers["colour_shading"]
-    assert told.value == pytest.approx(np.sqrt(np.mean((ratio - 1) ** 2)), abs=4 * told.uncertainty)
-    assert "colour_shading" not in found["G1"].value.numbers
+    shading = outcomes["R"].value.numbers["colour_shading"]
+    assert shading.value == pytest.approx(np.sqrt(np.mean((ratio - 1) ** 2)), abs=4 * shading.uncertainty)
+    assert "colour_shading" not in outcomes["G1"].value.numbers
 
 
-def test_planes_of_a_mosaic_have_one_centre_and_no_shading_of_their_own():
+def test_planes_of_a_mosaic_have_one_centre_and_no_colour_shading():
     rng = np.random.default_rng(7)
     y, x = np.mgrid[: 2 * ROWS, : 2 * COLUMNS].astype(float)
     light = 0.6 * lens(np.stack([x / 2, y / 2], axis=-1), "G1")
@@ -99,8 +98,8 @@ def test_planes_of_a_mosaic_have_one_centre_and_no_shading_of_their_own():
             assert shading.value < 3 * shading.uncertainty
 
 
-def test_what_a_radial_formula_cannot_hold_is_told(found):
-    assert found["G1"].value.radial.lost < 0.001  # the truth is radial
+def test_a_radial_falloff_fits_the_formula(outcomes):
+    assert outcomes["G1"].value.radial.lost < 0.001  # the truth is radial
 
 
 def test_no_flat_is_refused():
@@ -108,14 +107,14 @@ def test_no_flat_is_refused():
         estimate_vignetting([])
 
 
-def test_one_flat_is_doubted_for_its_light():
+def test_one_flat_is_doubtful_for_its_light():
     outcome = estimate_vignetting([("one", {"G1": flat(np.random.default_rng(1))})])["G1"]
     assert outcome.verdict is Verdict.DOUBTFUL
     assert "slope of the light" in outcome.reason
 
 
-def test_structure_that_no_lens_makes_is_doubted():
-    flats = turned(np.random.default_rng(2), count=2)
+def test_structure_is_doubtful():
+    flats = rotated(np.random.default_rng(2), count=2)
     for _, planes in flats:
         planes["G1"].samples[:, ::40] *= 0.7
     outcome = estimate_vignetting(flats)["G1"]
@@ -132,22 +131,22 @@ def test_a_flat_without_usable_light_is_refused(factor, words):
     assert words in outcome.reason
 
 
-def test_planes_share_the_slope_of_the_flats_light(found):
-    values = {name: outcome.value for name, outcome in found.items()}
-    together = joint_formula(values)
-    assert together.planes == ("R", "G1")
+def test_planes_are_correlated_by_the_slope_of_the_light(outcomes):
+    values = {name: outcome.value for name, outcome in outcomes.items()}
+    joint = joint_formula(values)
+    assert joint.planes == ("R", "G1")
     for i, one in enumerate(values.values()):
-        np.testing.assert_array_equal(together.covariance[5 * i : 5 * i + 5, 5 * i : 5 * i + 5], one.radial.covariance)
+        np.testing.assert_array_equal(joint.covariance[5 * i : 5 * i + 5, 5 * i : 5 * i + 5], one.radial.covariance)
         stated = [one.numbers[f"vignetting_{name}"].value for name in NAMES]
-        np.testing.assert_allclose(together.values[5 * i : 5 * i + 5], stated)
-    spread = np.sqrt(np.diag(together.covariance))
-    between = (together.covariance / np.outer(spread, spread))[:5, 5:]
-    # the slope is nearly all that is not known of the centres: 1.2 % of light, and noise far below
+        np.testing.assert_allclose(joint.values[5 * i : 5 * i + 5], stated)
+    spread = np.sqrt(np.diag(joint.covariance))
+    between = (joint.covariance / np.outer(spread, spread))[:5, 5:]
+    # the slope dominates the uncertainty of the centres: 1.2 % of light, and much less noise
     assert np.diag(between)[:2].min() > 0.5
-    assert np.linalg.eigvalsh(together.covariance / np.outer(spread, spread)).min() > -1e-9
+    assert np.linalg.eigvalsh(joint.covariance / np.outer(spread, spread)).min() > -1e-9
 
 
-def test_one_flat_shares_nothing_that_is_known():
-    (one,) = turned(np.random.default_rng(1), ("R", "G1"), count=1)
+def test_one_flat_gives_no_correlation():
+    (one,) = rotated(np.random.default_rng(1), ("R", "G1"), count=1)
     values = {name: outcome.value for name, outcome in estimate_vignetting([one]).items()}
     assert not joint_formula(values).covariance[:5, 5:].any()

@@ -1,4 +1,4 @@
-"""A camera of charts, flats and a ladder of light as one file, and back; and what is no such file."""
+"""Writing and reading of a camera's file, and refusal of others."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from procedures import read_camera_numbers
 from procedures.outcome import BadInput, Outcome, Verdict
 from procedures.sensor.photon_transfer import GainAndNoise
-from procedures.vignetting.joint import JointFormula
+from procedures.vignetting.estimate import JointFormula
 from procedures.whole_camera.camera_file import write_camera_numbers
 from procedures.whole_camera.from_field import WholeCamera
 from procedures.whole_camera.from_others import sensor_parts, vignetting_parts
@@ -32,7 +32,7 @@ def path(others, tmp_path):
     return tmp_path / "camera.h5"
 
 
-def test_what_is_read_is_what_was_written(others, path):
+def test_a_camera_survives_writing_and_reading(others, path):
     found = read_camera_numbers(path)
     assert found.names == others.names
     assert found.units == others.units
@@ -42,7 +42,7 @@ def test_what_is_read_is_what_was_written(others, path):
     np.testing.assert_array_equal(found.covariance, others.covariance)
 
 
-def test_numbers_are_found_by_how_their_names_begin(others, path):
+def test_numbers_are_selected_by_prefix(others, path):
     found = read_camera_numbers(path)
     assert found.numbers("sensor.B.") == {
         "sensor.B.system_gain": (0.1, 1e-4),
@@ -55,7 +55,7 @@ def test_numbers_are_found_by_how_their_names_begin(others, path):
     assert block.why == "other photographs: the flats, and the sensor's ladder of light"
 
 
-def test_the_file_tells_why_there_is_no_geometry(path):
+def test_the_file_states_why_there_is_no_geometry(path):
     with h5py.File(path) as file:
         assert dict(file["geometry"].attrs) == {
             "verdict": "refused", "reason": "too few views", "remedy": "photograph more"
@@ -63,7 +63,7 @@ def test_the_file_tells_why_there_is_no_geometry(path):
 
 
 @pytest.mark.parametrize("damage", ["schema", "asymmetric", "short", "infinite"])
-def test_a_file_whose_parts_do_not_belong_together_is_refused(path, damage):
+def test_inconsistent_files_are_refused(path, damage):
     with h5py.File(path, "a") as file:
         if damage == "schema":
             file.attrs["schema"] = "station/psf-field/2"

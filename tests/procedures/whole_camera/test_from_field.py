@@ -1,4 +1,4 @@
-"""Parts of a camera from charts whose errors are drawn: what is said to be shared is what the draws share."""
+"""Parts of a camera from simulated charts: their covariance compared with that of draws."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from procedures.pattern_psf.registration import Registration
 from procedures.pattern_psf.solution import SharedErrors
 from procedures.psf import Psf
 from procedures.psf_field import Node
-from procedures.whole_camera.from_field import charts_of, colour_part, monomial_names, psf_part, resting
-from procedures.whole_camera.joint import COMPUTED, ZERO, Part, join
+from procedures.whole_camera.from_field import charts_of, colour_part, monomial_names, psf_part, with_sensor_reason
+from procedures.whole_camera.joint import COMPUTED, ZERO, CameraPart, join
 
 K, S, SHAPE = 5, 2, (300, 450)
 SIZE = K * K
@@ -28,7 +28,7 @@ PLAIN = Registration(np.eye(3), np.zeros(2), 1.0, np.zeros((2, 9)))
 
 @dataclass(frozen=True)
 class Charts:
-    """The charts of three planes, and one covariance (27, 27) of PSF and centre that all of them have."""
+    """The charts of three planes, and their common covariance (27, 27) of PSF and centre."""
 
     planes: dict[str, list[MeasuredChart]]
     covariance: np.ndarray
@@ -60,7 +60,7 @@ def charts() -> Charts:
         for i, (x, y) in enumerate(PLACES):
             at = np.array([x, y]) + colour_at(plane, x, y) + root[-2:] @ rng.standard_normal(40)
             node = Node(at, covariance[-2:, -2:], 2 * at, Psf(h, S, covariance[:-2, :-2]), f"{i}.dng", 1)
-            # what is stated of the width holds more than noise
+            # the stated uncertainty of the width includes more than noise
             numbers = {
                 name: Quantity(0.5, "pixel", spreads[name] * (1.5 if name[0] == "f" else 1.0), "", 1)
                 for name in gradients
@@ -83,7 +83,7 @@ def joint(charts):
     return join(parts, known)
 
 
-def test_the_blocks_of_one_part_are_those_of_the_single_results(charts, joint):
+def test_the_block_of_one_part_is_its_own_covariance(charts, joint):
     stated = [number.uncertainty for one in charts.planes["R"] for number in one.numbers.values()]
     np.testing.assert_allclose(np.sqrt(np.diag(joint.block("psf.R", "psf.R"))), stated)
     (red, _), own = colours(charts), joint.block("lateral_colour.R", "lateral_colour.R")
@@ -95,7 +95,7 @@ def test_the_blocks_of_one_part_are_those_of_the_single_results(charts, joint):
     np.testing.assert_allclose(joint.parts[3].values, values.T.ravel())
 
 
-def test_charts_whose_support_was_widened_are_places_too(charts):
+def test_charts_with_widened_supports_are_included(charts):
     seen = charts.planes["G1"]
     field = SimpleNamespace(nodes=[replace(one.node) for one in seen[1:]])
     kept = Outcome(SimpleNamespace(interpolation=SimpleNamespace(field=field)))
@@ -111,7 +111,7 @@ def test_no_eigenvalue_is_below_zero(joint):
     assert values.min() > -1e-12 * values.max()
 
 
-def test_what_is_shared_is_what_draws_share(charts, joint):
+def test_covariances_between_parts_are_those_of_draws(charts, joint):
     rng, count = np.random.default_rng(9), 3000
     x, y = ((np.array(PLACES) - (np.array(SHAPE[::-1]) - 1) / 2) / (np.hypot(*SHAPE) / 2)).T
     to_terms = np.linalg.pinv(np.stack([np.ones_like(x), x, y], axis=1))
@@ -125,10 +125,10 @@ def test_what_is_shared_is_what_draws_share(charts, joint):
     found = np.cov(np.array(drawn).T)
     spread = np.sqrt(np.diag(found))
     found = found / np.outer(spread, spread)
-    near = 5 / np.sqrt(count)  # a correlation is off by one over the root of the draws' number
+    near = 5 / np.sqrt(count)  # standard error of a correlation: one over the root of the draws
     of_colours = joint.block("lateral_colour.R", "lateral_colour.B") / np.outer(spread[:6], spread[6:12])
     np.testing.assert_allclose(found[:6, 6:12], of_colours, atol=near)
-    assert np.diag(found[:6, 6:12]).min() > 0.4  # both have green's places in them
+    assert np.diag(found[:6, 6:12]).min() > 0.4  # both contain green's positions
     for i, name in enumerate(("R", "G1", "B"), 12):
         shared = joint.block(f"psf.{name}", "lateral_colour.R")[9]  # the fifth place's second number
         np.testing.assert_allclose(found[i, :6], shared / (spread[i] * spread[:6]), atol=near)
@@ -136,8 +136,8 @@ def test_what_is_shared_is_what_draws_share(charts, joint):
     assert not joint.block("psf.B", "lateral_colour.R").any()
 
 
-def test_every_pair_of_parts_says_what_it_shares_or_why_not(joint):
-    flats = Part("vignetting", ("k1",), ("1",), np.zeros(1), np.eye(1), "the flats")
+def test_every_pair_of_parts_has_a_block_with_its_reason(joint):
+    flats = CameraPart("vignetting", ("k1",), ("1",), np.zeros(1), np.eye(1), "the flats")
     blocks = {(one.first, one.second): one for one in join([*joint.parts, flats], {
         key: np.eye(SIZE + 2) for part in joint.parts for key in part.charts}).blocks}  # fmt: skip
     assert len(blocks) == 15
@@ -151,26 +151,26 @@ def test_terms_are_named_in_the_order_of_the_monomials():
     assert monomial_names(2) == ["1", "x", "y", "x2", "xy", "y2"]
 
 
-def test_a_covariance_that_is_none_is_lifted_and_keeps_its_variances():
+def test_an_indefinite_covariance_is_corrected_with_its_variances_kept():
     apart = {("R", "a", 1): np.diag([1.0, 1.0, 1.0])}
     row = np.array([[1.0, 0.0, 0.0]])
     parts = [
-        Part(name, ("n",), ("1",), np.zeros(1), np.eye(1) * variance, "", {("R", "a", 1): row})
-        for name, variance in (("a", 0.5), ("b", 0.5))  # said to be known better than what they share
+        CameraPart(name, ("n",), ("1",), np.zeros(1), np.eye(1) * variance, "", {("R", "a", 1): row})
+        for name, variance in (("a", 0.5), ("b", 0.5))  # stated to be smaller than the common part
     ]
     found = join(parts, apart).covariance
     np.testing.assert_allclose(np.diag(found), [0.5, 0.5])
     assert np.linalg.eigvalsh(found).min() > -1e-12
 
 
-def test_what_rests_on_the_sensor_says_so_and_how_little_of_it_is_shared(charts):
+def test_use_of_the_sensor_is_stated_with_a_bound_of_the_correlation(charts):
     part = psf_part("R", charts.planes["R"])
-    ladder = Part("sensor", ("R.system_gain",), ("DN/e-",), np.ones(1), np.eye(1), "the sensor's ladder of light")
-    assert resting(part, charts.planes) is part
+    ladder = CameraPart("sensor", ("R.system_gain",), ("DN/e-",), np.ones(1), np.eye(1), "the sensor's ladder of light")
+    assert with_sensor_reason(part, charts.planes) is part
     assert join([part, ladder], {}).blocks[0].why.startswith("other photographs: ")
     terms = {name: {"sensor": 0.02 * number.uncertainty} for name, number in charts.planes["R"][0].numbers.items()}
     planes = {name: [replace(one, budgets=terms) for one in seen] for name, seen in charts.planes.items()}
-    (block,) = join([resting(part, planes), ladder], {}).blocks
+    (block,) = join([with_sensor_reason(part, planes), ladder], {}).blocks
     assert block.how == ZERO
-    assert "weighed by what the ladder tells" in block.why
-    assert " 0.02 of an uncertainty" in block.why
+    assert "response and noise were used" in block.why
+    assert "0.02 times an uncertainty" in block.why

@@ -49,6 +49,11 @@ def test_a_delayed_reply_comes_when_its_time_has_come(make):
     assert faults.late(1.5) == b"ok"
 
 
+def test_a_slipped_reply_comes_with_the_next_one(make):
+    faults = make(slip=True)
+    assert [faults.spoil_reply(reply, 1.0) for reply in (b"a", b"b", b"c")] == [b"", b"a", b"b"]
+
+
 def test_a_plug_comes_out_and_goes_in(make):
     faults = make(unplugged_at_s=1.0, replugged_at_s=2.0)
     assert [faults.unplugged(t) for t in (0.5, 1.0, 1.9, 2.0)] == [False, True, True, False]

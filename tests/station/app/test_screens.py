@@ -26,10 +26,10 @@ from station.drawing.pictures import encoded
 from station.guide.catalogue import DEFAULT, PLANS
 from station.guide.frontend import Result, RunEnded
 from station.results.comparison import Comparison, Judged, Judgement
+from station.results.measurement import RESTORATION
 from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.record_head import RecordHead
-from station.results.restored import RESTORATION
 from station.results.result_files import ResultFolder, write_record
 
 from .driving import PATIENCE_S, Driver, drive
@@ -305,7 +305,7 @@ def test_a_damaged_result_hides_no_other_and_whatever_is_shown_of_it_can_be_draw
     assert entries["b"].result is not None
     assert (entries["a"].result is None) == bool(entries["a"].wrong)
     if entries["a"].result is not None:
-        plane = entries["a"].result.planes["G1"]
+        plane = entries["a"].result.by_name["G1"]
         assert plane_in_words(plane, ASCII)
         psf_thumbnail(plane.samples, "")
         mtf_plot([plane])(60, 20, True)

@@ -75,6 +75,8 @@ def test_auto_and_numbers_are_what_s_and_k_can_be(procedure_file):
         ("trust_typed = 1", "trust_typed must be true or false; it is '1'", "correct"),
         ('raw = "8x6,RGGB"', "the layout of a sensor dump must have five parts", "for example 1920x1080"),
         ("optics = { f_number = 0 }", "optics.f_number must be a number at least 0.1", "correct"),
+        ("optics = { f_number = inf }", "optics.f_number must be finite; it is inf", "correct"),
+        ("parameters = { s = 3 }\nsettings = { s = 4 }", "settings.s and parameters.s are both given", "one of them"),
         ("coverage = -1", "coverage must not be negative", "2"),
         ("pairs = { near = '_a' }", "pairs is not known", "parameters"),
         ("procedure = 'two-photo'\npairs = { near = '_a', far = '_a' }", "two different endings", "_near"),

@@ -59,7 +59,7 @@ def tilt(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     (folder / "focus.csv").write_text("0.png,0\n1.png,0.1\n2.png,0.2\n")
     monkeypatch.setattr(tilt_module, "measure", lambda *given: SimpleNamespace(frames=[], misses=[]))
     monkeypatch.setattr(tilt_module, "measure_tilt", lambda *given: Outcome(cases.known_tilt()))
-    monkeypatch.setattr(tilt_module, "noted_optics", lambda *given: (4.0, 50.0))
+    monkeypatch.setattr(tilt_module, "known_optics", lambda *given: (4.0, 50.0))
     monkeypatch.setattr(tilt_module, "check_known", lambda *given: None)
     return '[settings]\nfocus = "focus.csv"\nscrew_radius_mm = 30\nscrew_pitch_mm = 0.5\n'
 

@@ -107,7 +107,7 @@ def test_harmless_names_stay_as_they_are():
     assert [cell("a.dng"), printable("ä b.dng"), encodable("ä")] == ["a.dng", "ä b.dng", "ä"]
 
 
-def test_folder_that_cannot_be_read_is_told_and_the_others_are_found(folder, tmp_path, monkeypatch):
+def test_an_unreadable_folder_is_reported_and_the_others_are_read(folder, tmp_path, monkeypatch):
     here = folder("a.dng", "locked/b.dng", "sub/c.dng")
     scandir = os.scandir
 

@@ -57,14 +57,14 @@ def result(shoot, outcome, tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("geometry")
     with ResultFolder(path) as folder:
         head = RecordHead("geometry", files_read(shoot.records), {"width_mm": 300.0})
-        found = geometry_measurement([PlaneGeometry(shoot, outcome)], head)
-        folder.write("report.html", PROCEDURE.page(found))
-        write_measurement(folder, found)
+        measured = geometry_measurement([PlaneGeometry(shoot, outcome)], head)
+        folder.write("report.html", PROCEDURE.page(measured))
+        write_measurement(folder, measured)
     return path
 
 
 @pytest.mark.slow
-def test_the_record_tells_camera_views_and_what_was_left_out(result, outcome):
+def test_the_record_has_camera_views_and_excluded_photographs(result, outcome):
     record = json.loads((result / "result.json").read_text())
     entry = record["planes"]["G1"]
     assert (record["schema"], record["procedure"]) == ("station/geometry/1", "geometry")
@@ -79,12 +79,12 @@ def test_the_record_tells_camera_views_and_what_was_left_out(result, outcome):
 
 @pytest.mark.slow
 def test_the_tables_are_those_of_the_answer(result, outcome):
-    found = outcome.value
-    np.testing.assert_array_equal(np.load(result / "geometry_covariance.npy"), found.covariance)
+    measured = outcome.value
+    np.testing.assert_array_equal(np.load(result / "geometry_covariance.npy"), measured.covariance)
     with (result / "geometry_residuals.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == found.points
-    first = found.views[0]
+    assert len(rows) == measured.points
+    first = measured.views[0]
     assert float(rows[0]["residual_x"]) == pytest.approx(first.residual_px[0, 0], rel=1e-5)
     assert (
         (result / "geometry_projection.csv").read_text().startswith("x,y,distortion_x,distortion_y,uncertainty_px_at_")
@@ -92,9 +92,9 @@ def test_the_tables_are_those_of_the_answer(result, outcome):
 
 
 @pytest.mark.slow
-def test_the_page_says_how_well_the_frame_is_known(result):
+def test_the_page_shows_the_uncertainty_of_the_projection(result):
     page = (result / "report.html").read_text()
-    assert "How well the frame is known" in page
+    assert "Uncertainty of the projection" in page
     assert "dark.dng" in page
     assert page.count("<svg") >= 10
 
@@ -106,8 +106,8 @@ def test_several_planes_have_one_record_and_tables_of_their_own(shoot, outcome, 
     planes.append(PlaneGeometry(replace(shoot, plane="B"), outcome))
     with ResultFolder(tmp_path / "all") as folder:
         write_measurement(folder, geometry_measurement(planes, RecordHead("geometry")))
-    told = json.loads((tmp_path / "all" / "result.json").read_text())["planes"]
-    assert [(name, one["verdict"]) for name, one in told.items()] == [
+    planes = json.loads((tmp_path / "all" / "result.json").read_text())["planes"]
+    assert [(name, one["verdict"]) for name, one in planes.items()] == [
         ("R", "refused"), ("G1", str(outcome.verdict)), ("B", str(outcome.verdict))
     ]  # fmt: skip
     tables = sorted(path.name for path in (tmp_path / "all").glob("geometry_*_covariance.npy"))
@@ -122,9 +122,9 @@ def test_several_planes_have_one_record_and_tables_of_their_own(shoot, outcome, 
 
 def test_a_refusal_names_a_photograph_that_gave_none(shoot):
     few = GeometryPhotographs("G1", shoot.size, (shoot.records[0], shoot.records[-1]))
-    found = conclude([few], GeometryParameters(CELL_MM))[0].outcome
-    assert found.verdict is Verdict.REFUSED
-    assert "1 of 2 photographs gave none, dark.dng: the photograph is too dark" in found.reason
+    few_outcome = conclude([few], GeometryParameters(CELL_MM))[0].outcome
+    assert few_outcome.verdict is Verdict.REFUSED
+    assert "1 of 2 photographs gave none, dark.dng: the photograph is too dark" in few_outcome.reason
 
 
 # --- files of other programs, read back by them ---------------------------------------------------------------------
@@ -165,37 +165,37 @@ def test_colmap_reads_its_file_with_its_own_pixel_centres(result, tmp_path):
 
 
 def test_ros_camera_info_is_yaml_with_opencvs_numbers(result):
-    told = yaml.safe_load(export_camera(read_camera(result), "ros").text)
+    ros = yaml.safe_load(export_camera(read_camera(result), "ros").text)
     pixels, directions = rays(read_camera(result).camera)
-    assert told["distortion_model"] == "plumb_bob"
-    seen = opencv_pixels(told["camera_matrix"]["data"], told["distortion_coefficients"]["data"], directions)
+    assert ros["distortion_model"] == "plumb_bob"
+    seen = opencv_pixels(ros["camera_matrix"]["data"], ros["distortion_coefficients"]["data"], directions)
     np.testing.assert_allclose(seen, pixels, atol=1e-5)
-    assert told["projection_matrix"]["data"][:3] == told["camera_matrix"]["data"][:3]
+    assert ros["projection_matrix"]["data"][:3] == ros["camera_matrix"]["data"][:3]
 
 
 def test_kalibrs_chain_is_yaml_with_opencvs_numbers(result):
-    told = yaml.safe_load(export_camera(read_camera(result), "kalibr").text)["cam0"]
-    fx, fy, cx, cy = told["intrinsics"]
+    camera = yaml.safe_load(export_camera(read_camera(result), "kalibr").text)["cam0"]
+    fx, fy, cx, cy = camera["intrinsics"]
     pixels, directions = rays(read_camera(result).camera)
-    assert (told["distortion_model"], told["resolution"]) == ("radtan", list(TRUTH.size))
-    seen = opencv_pixels([fx, 0, cx, 0, fy, cy, 0, 0, 1], told["distortion_coeffs"], directions)
+    assert (camera["distortion_model"], camera["resolution"]) == ("radtan", list(TRUTH.size))
+    seen = opencv_pixels([fx, 0, cx, 0, fy, cy, 0, 0, 1], camera["distortion_coeffs"], directions)
     np.testing.assert_allclose(seen, pixels, atol=1e-5)
 
 
 def test_mrcals_model_is_a_python_literal_with_its_keys(result):
-    told = ast.literal_eval(export_camera(read_camera(result), "mrcal").text)
-    assert told["lensmodel"] == "LENSMODEL_OPENCV4"
-    assert len(told["intrinsics"]) == 8
-    assert told["imagersize"] == list(TRUTH.size)
-    assert told["valid_intrinsics_region"][0] == told["valid_intrinsics_region"][-1]
+    lens = ast.literal_eval(export_camera(read_camera(result), "mrcal").text)
+    assert lens["lensmodel"] == "LENSMODEL_OPENCV4"
+    assert len(lens["intrinsics"]) == 8
+    assert lens["imagersize"] == list(TRUTH.size)
+    assert lens["valid_intrinsics_region"][0] == lens["valid_intrinsics_region"][-1]
     pixels, directions = rays(read_camera(result).camera)
-    fx, fy, cx, cy, *distortion = told["intrinsics"]
+    fx, fy, cx, cy, *distortion = lens["intrinsics"]
     np.testing.assert_allclose(
         opencv_pixels([fx, 0, cx, 0, fy, cy, 0, 0, 1], distortion, directions), pixels, atol=1e-5
     )
 
 
-def test_what_a_format_cannot_hold_is_told_in_pixels(result):
+def test_the_error_of_a_format_is_stated_in_pixels(result):
     stored = read_camera(result)
     lens = Camera("THIN_PRISM_FISHEYE", np.array([*stored.camera.params[:8], 0.01, 0, 2e-3, -1e-3]), *TRUTH.size)
     made = export_camera(StoredCamera(lens, stored.region, ""), "kalibr")
@@ -204,7 +204,7 @@ def test_what_a_format_cannot_hold_is_told_in_pixels(result):
 
 
 @pytest.mark.slow
-def test_a_spline_is_read_back_and_what_no_format_holds_of_it_is_told(result, tmp_path):
+def test_a_spline_is_read_back_and_the_error_of_each_format_is_stated(result, tmp_path):
     stored, rng = read_camera(result), np.random.default_rng(4)
     lens = SplineCamera.over(stored.camera, f"{stored.camera.model}+SPLINE_8X6")
     lens = lens.with_params(np.concatenate([stored.camera.params, 0.3 * rng.standard_normal(96)]))
@@ -341,13 +341,13 @@ def test_a_wrong_model_is_a_usage_error(measured, tmp_path):
 
 
 @pytest.mark.delicate
-def test_five_views_that_hardly_tell_the_principal_point_are_concluded(shared_data, tmp_path):
+def test_five_views_that_barely_determine_the_principal_point_are_concluded(shared_data, tmp_path):
     folder = shared_data / "geometry" / "five_views"
     if not folder.is_dir():
         pytest.skip(f"no {folder}")
-    told = CliRunner().invoke(main, ["geometry", str(folder), "--out", str(tmp_path)])
+    done = CliRunner().invoke(main, ["geometry", str(folder), "--out", str(tmp_path)])
     record = json.loads((tmp_path / "result.json").read_text())["planes"]["Y"]
-    assert "5 views are too few" in told.output
+    assert "5 views are too few" in done.output
     assert record["verdict"] == "doubtful"
     # where the adjustment ended on two processors: it leaves a thirtieth of a standard uncertainty
     for name, value in {"fx": 2060.26, "fy": 2047.18, "cx": 152.53, "cy": 89.52}.items():

@@ -38,13 +38,13 @@ def node(x: float, y: float, number: int) -> Node:
 
 
 @pytest.fixture(scope="module")
-def found():
+def estimate():
     return interpolate("G1", SHAPE, [node(x, y, i) for i, (x, y) in enumerate(PLACES)])
 
 
 @pytest.fixture(scope="module")
-def field(found):
-    return found.field
+def field(estimate):
+    return estimate.field
 
 
 def cards(data: bytes) -> dict[str, str]:
@@ -91,13 +91,13 @@ def test_a_field_of_another_sampling_is_no_stdpsf(field):
 
 
 @pytest.mark.slow
-def test_a_polynomial_over_the_frame_is_the_field_as_far_as_it_says(field):
-    found = as_polynomial(field, allowed=0.002)
+def test_a_polynomial_over_the_frame_is_the_field_within_its_stated_error(field):
+    estimate = as_polynomial(field, allowed=0.002)
     point = np.array([[40.0, 22.0]])
-    place = (point - found.centre) / found.scale
-    made = np.tensordot(powers(place, found.degree)[0], found.images, axes=1)
+    place = (point - estimate.centre) / estimate.scale
+    made = np.tensordot(powers(place, estimate.degree)[0], estimate.images, axes=1)
     true = whole_psfs(field, point)[0]
-    assert np.linalg.norm(made - true) <= 1.5 * max(found.lost, 1e-6) * np.linalg.norm(true)
+    assert np.linalg.norm(made - true) <= 1.5 * max(estimate.lost, 1e-6) * np.linalg.norm(true)
 
 
 @pytest.mark.slow
@@ -126,8 +126,8 @@ def test_filters_and_multipliers_blur_as_the_field_does(field):
 
 
 @pytest.mark.slow
-def test_the_command_exports_a_field(found, tmp_path):
-    write_field(tmp_path / "field.h5", {"G1": found}, {}, [], {})
+def test_the_command_exports_a_field(estimate, tmp_path):
+    write_field(tmp_path / "field.h5", {"G1": estimate}, {}, [], {})
     run = CliRunner().invoke(main, ["export", str(tmp_path), "--to", "psfex", str(tmp_path / "field.psf")])
     assert run.exit_code == 0, run.output
     assert "a polynomial of degree" in run.output

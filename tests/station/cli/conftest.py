@@ -23,7 +23,7 @@ def gaussian_psf(s, k):
 
 @lru_cache
 def found(s=None, k=None):
-    """What the estimator finds, with a number that could not be determined."""
+    """An estimate with an undetermined number."""
     s, k = s or 4, k or 17
     psf = gaussian_psf(s, k)
     quality = assess(psf, n=9800)
@@ -51,7 +51,7 @@ def found(s=None, k=None):
 
 @dataclass
 class Estimator:
-    """Stands in for the estimator: answers by plane, and remembers what it was asked."""
+    """Stand-in for the estimator: outcomes by plane, and a record of the calls."""
 
     answers: dict[str, Outcome]
     asked: list

@@ -86,7 +86,7 @@ def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff(files, done):
 
 
 @pytest.mark.slow
-def test_light_that_the_field_knows_to_be_lost_is_given_back(files, done, tmp_path):
+def test_vignetting_stored_in_the_field_is_corrected(files, done, tmp_path):
     field = tmp_path / "field.h5"
     field.write_bytes((files[0] / "field.h5").read_bytes())
     falloff = {name: LightSurface(PLANES, 2, np.array([0.1, 0, -0.5, 0, -0.5])) for name in RGGB}
@@ -105,23 +105,23 @@ def test_light_that_the_field_knows_to_be_lost_is_given_back(files, done, tmp_pa
 
 
 @pytest.mark.slow
-def test_both_files_tell_what_the_camera_noted(done):
+def test_both_files_keep_the_cameras_metadata(done):
     for name in ("corrected.tiff", "corrected.dng"):
         tags = exifread.process_file(io.BytesIO((done[1] / name).read_bytes()))
-        told = {key: str(tags[f"EXIF {key}"]) for key in ("FNumber", "FocalLength", "LensModel", "ExposureTime")}
-        assert told == {"FNumber": "14/5", "FocalLength": "50", "LensModel": "Bench 50mm", "ExposureTime": "1/50"}
+        copied = {key: str(tags[f"EXIF {key}"]) for key in ("FNumber", "FocalLength", "LensModel", "ExposureTime")}
+        assert copied == {"FNumber": "14/5", "FocalLength": "50", "LensModel": "Bench 50mm", "ExposureTime": "1/50"}
         assert tags["Image Orientation"].values == [6]
         assert str(tags["Image Make"]) == "Bench"
 
 
 @pytest.mark.slow
-def test_the_record_tells_verdict_noise_and_what_is_predicted(done):
+def test_the_record_has_verdict_noise_and_predictions(done):
     record = json.loads((done[1] / "result.json").read_text())
     assert record == json.loads(done[0].stdout)
     assert (record["schema"], record["verdict"]) == ("station/correct/1", "pass")
-    told = record["predicted"]
-    assert told["mtf50_after"]["median"] > told["mtf50_before"]["median"]
-    assert 0 < told["field_error"]["of_noise"] < told["field_error"]["rms"] < 0.01
+    predicted = record["predicted"]
+    assert predicted["mtf50_after"]["median"] > predicted["mtf50_before"]["median"]
+    assert 0 < predicted["field_error"]["of_noise"] < predicted["field_error"]["rms"] < 0.01
     assert set(record["noise"]) == set(RGGB)
     assert record["encodings"]["corrected.tiff"]["encoding"] == "linear"
     assert "Before and after" in (done[1] / "report.html").read_text()
@@ -182,7 +182,7 @@ def test_unknown_exposure_data_are_named():
 
 
 @pytest.mark.slow
-def test_a_field_tells_its_camera(files):
+def test_a_field_names_its_camera(files):
     assert read_camera(files[0] / "field.h5") == replace(Exposure(), **{
         name: getattr(CAMERA, name) for name in ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
     })  # fmt: skip
@@ -211,7 +211,7 @@ def test_photographs_moved_by_parts_of_a_pixel_make_a_picture_of_twice_as_many(f
     record = json.loads(result.stdout)
     assert [one["path"] for one in record["input"]] == [str(path) for path in paths]
     assert (record["scale"], record["detail_told"]) == (2, 0.75)
-    told = [one["moved_px"] for one in record["further_photographs"]]
-    np.testing.assert_allclose(told, moves[1:], atol=0.05)
+    moves_px = [one["moved_px"] for one in record["further_photographs"]]
+    np.testing.assert_allclose(moves_px, moves[1:], atol=0.05)
     assert stored(tmp_path / "out", (1, 2 * SHAPE[0], 2 * SHAPE[1])).mean() == pytest.approx(0.4, abs=0.1)
     assert "2 pixels of the picture per pixel" in (tmp_path / "out" / "report.html").read_text()

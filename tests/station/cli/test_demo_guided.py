@@ -8,7 +8,7 @@ import pytest
 
 from procedures.outcome import Quantity, Verdict
 from station.cli.demo import plane_lines
-from station.demo.guided_demo import Teller
+from station.demo.guided_demo import EventReporter
 from station.guide import catalogue
 from station.guide.frontend import ProblemEvent, ProgressEvent, Result, StepBegan
 from station.results.plane_result import PlaneResult
@@ -17,13 +17,13 @@ from station.sessions.reader import read_session
 
 @pytest.fixture
 def printed_only(monkeypatch):
-    """The pattern's plan up to the print, which needs no photographs."""
+    """The pattern's plan up to printing, which needs no photographs."""
     whole = catalogue.plan_named("pattern")
     monkeypatch.setattr(catalogue, "plan_named", lambda name, folder=None: replace(whole, steps=whole.steps[:1]))
 
 
 @pytest.mark.slow
-def test_the_guide_is_gone_through_without_a_terminal_into_a_session(run, printed_only, tmp_path):
+def test_the_guide_runs_without_a_terminal_into_a_session(run, printed_only, tmp_path):
     done = run("demo", "--guided", "--out", tmp_path / "out", "--log-json")
     assert done.exit_code == 0, done.output
     (folder,) = (tmp_path / "out").iterdir()
@@ -35,9 +35,9 @@ def test_the_guide_is_gone_through_without_a_terminal_into_a_session(run, printe
     assert any(str(folder / "chart.pdf") in line["message"] for line in lines)
 
 
-def test_what_is_done_again_is_told_once_in_a_step():
-    told = []
-    teller = Teller(lambda sentence, remedy: told.append((sentence, remedy)))
+def test_repeated_events_are_reported_once_in_a_step():
+    reported = []
+    reporter = EventReporter(lambda sentence, remedy: reported.append((sentence, remedy)))
     step = catalogue.plan_named("pattern").steps[0]
     for event in (
         ProgressEvent("exposing"),
@@ -46,8 +46,8 @@ def test_what_is_done_again_is_told_once_in_a_step():
         ProgressEvent("exposing"),
         ProblemEvent("no", "plug it in"),
     ):
-        teller.notify(event)
-    assert told == [
+        reporter.notify(event)
+    assert reported == [
         ("  exposing", ""),
         (f"{step.title}: {step.instruction}", ""),
         ("  exposing", ""),
@@ -56,14 +56,14 @@ def test_what_is_done_again_is_told_once_in_a_step():
 
 
 def test_the_result_is_kept():
-    teller = Teller(lambda sentence, remedy: None)
-    teller.notify(found := Result(Path("out"), {}, "pass", "", ""))
-    assert teller.result is found
+    reporter = EventReporter(lambda sentence, remedy: None)
+    reporter.notify(result := Result(Path("out"), {}, "pass", "", ""))
+    assert reporter.result is result
 
 
 def test_each_plane_is_one_line():
     quantity = Quantity(0.5782, "cycles/pixel", 0.0014, "MTF50", 9)
     green = PlaneResult("G1", Verdict.PASS, numbers={"mtf50_horizontal": quantity})
     planes = {"G1": green, "B": PlaneResult("B", Verdict.REFUSED, "dark")}
-    found = Result(Path("out"), planes, Verdict.REFUSED, "dark", "")
-    assert plane_lines(found) == ["G1: pass; MTF50, rows 0.5782 ± 0.0014 cycles/pixel", "B: refused"]
+    result = Result(Path("out"), planes, Verdict.REFUSED, "dark", "")
+    assert plane_lines(result) == ["G1: pass; MTF50, rows 0.5782 ± 0.0014 cycles/pixel", "B: refused"]

@@ -39,7 +39,7 @@ def test_what_is_wrong_is_shown_with_its_remedy(tmp_path):
     assert "what to do: plug the cable in" in done.stderr
 
 
-def test_without_configuration_it_says_what_to_do(tmp_path, monkeypatch):
+def test_without_configuration_the_remedy_names_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(main, ["devices"])
     assert done.exit_code == 2
@@ -49,9 +49,11 @@ def test_without_configuration_it_says_what_to_do(tmp_path, monkeypatch):
 
 def test_commissioning_asks_first_and_writes_the_tables(tmp_path):
     output = tmp_path / "stages.toml"
-    told = CliRunner().invoke(main, ["devices", "--simulate", "--commission", "--output", str(output)], input="n\n\n")
-    assert told.exit_code == 0, told.output
-    assert told.stderr.count("Is the way free and the emergency stop at hand? [y/N]") == 2
+    commissioned = CliRunner().invoke(
+        main, ["devices", "--simulate", "--commission", "--output", str(output)], input="n\n\n"
+    )
+    assert commissioned.exit_code == 0, commissioned.output
+    assert commissioned.stderr.count("Is the way free and the emergency stop at hand? [y/N]") == 2
     tables = tomllib.loads(output.read_text())["devices"]
     assert [axis["name"] for axis in tables["stage"]["axes"]] == ["z_mm", "x_mm", "y_mm"]
     assert tables["head"]["driver"] == "zaber"

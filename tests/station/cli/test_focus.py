@@ -34,7 +34,7 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path):
     assert "there is no folder" in done.output
 
 
-def test_a_photograph_that_cannot_be_told_says_why(tmp_path):
+def test_a_photograph_that_cannot_be_measured_is_reported_with_its_reason(tmp_path):
     refused = Outcome(None, Verdict.REFUSED, "no chart in the photograph", "show it")
     frame = LiveFrame(tmp_path / "one.dng", Outcome(None), 0.0)
     seen = FocusReading(frame, refused, 0.2, (math.nan,), (math.nan,), None, "Focus by eye first.")

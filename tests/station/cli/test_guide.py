@@ -22,7 +22,7 @@ def result(verdict):
 
 
 @pytest.mark.parametrize(
-    ("how", "found", "code"),
+    ("how", "findings", "code"),
     [
         ("finished", result(Verdict.PASS), 0),
         ("finished", result(Verdict.DOUBTFUL), 0),
@@ -31,8 +31,8 @@ def result(verdict):
         ("emergency", None, 3),
     ],
 )
-def test_exit_codes_are_the_contract_s(how, found, code):
-    assert exit_code(RunEnded(how), found) == code
+def test_exit_codes_are_the_contract_s(how, findings, code):
+    assert exit_code(RunEnded(how), findings) == code
 
 
 @pytest.mark.slow

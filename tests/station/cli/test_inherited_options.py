@@ -30,12 +30,12 @@ HAVE_ANOTHER = [
 
 def taken_by(flag):
     """The command's parameter that takes the option, by command."""
-    found = {}
+    names = {}
     for words, command in COMMANDS.items():
         for option in command.params:
             if isinstance(option, InheritedOption) and option.inherits == flag:
-                found[words] = option.name
-    return found
+                names[words] = option.name
+    return names
 
 
 def words_for(option, folder):
@@ -107,8 +107,8 @@ def test_the_help_names_the_commands_that_take_an_option(flag):
         below = [words for words in COMMANDS if words.split()[0] == name]
         taking = [words for words in below if words in taken_by(flag)]
         named += [name] if taking == below else taking
-    told = f"[also for: {', '.join(named)}]"
-    assert OPTIONS[flag].help.endswith(told) if named else "also for" not in OPTIONS[flag].help
+    suffix = f"[also for: {', '.join(named)}]"
+    assert OPTIONS[flag].help.endswith(suffix) if named else "also for" not in OPTIONS[flag].help
 
 
 def test_what_is_said_of_a_command_is_of_one_that_refuses_the_option():
@@ -133,7 +133,7 @@ def test_quiet_before_a_command_holds_for_it(run, tmp_path):
         (("--simulate",), ("psf", "pattern", "x"), "`station --help` lists the commands to which it applies"),
     ],
 )
-def test_a_refusal_says_what_to_write_instead(run, given, words, remedy):
+def test_a_refusal_names_the_correct_command(run, given, words, remedy):
     done = run(*given, *words)
     assert done.exit_code == 2
     assert remedy in done.stderr
@@ -213,14 +213,14 @@ def wire(tmp_path, monkeypatch):
         ("--config", "bench.toml", "--simulate", "devices"),
     ],
 )
-def test_no_byte_goes_to_the_real_bench_where_the_simulated_one_is_asked_for(run, wire, words):
+def test_no_byte_is_sent_to_the_real_bench_with_simulate(run, wire, words):
     done = run(*words)
     assert done.exit_code == 0, done.stderr
     assert "1.1h.20190830" in done.stdout  # the simulated stage
     assert wire() == b""
 
 
-def test_the_real_bench_is_opened_where_it_is_asked_for(wire):
+def test_the_real_bench_is_opened_without_simulate(wire):
     command = [sys.executable, "-m", "station", "--config", "bench.toml", "devices"]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as program:
         assert select.select([wire.line], [], [], 60.0)[0]

@@ -84,8 +84,8 @@ def test_specification_sets_no_limit_until_it_is_filled_in(written):
 
 
 def test_every_limit_of_the_specification_can_be_meant(written):
-    found = read_specification(without_comment_marks(written / "specification.toml"))
-    assert [(one.number, one.at, str(one.place)) for one in found.limits] == [
+    parsed = read_specification(without_comment_marks(written / "specification.toml"))
+    assert [(one.number, one.at, str(one.place)) for one in parsed.limits] == [
         ("mtf50", None, "anywhere"),
         ("fwhm", None, "anywhere"),
         ("energy_above_nyquist", None, "anywhere"),

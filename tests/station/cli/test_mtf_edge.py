@@ -36,7 +36,7 @@ def test_region_gives_record_table_and_picture(run, picture, tmp_path):
     assert plane["mtf50"]["value"] == pytest.approx(0.25, rel=0.002)
     assert plane["mtf50"]["unit"] == "cycles/pixel"
     assert "mtf_at_0.3" in plane
-    assert plane["untold"] == ["no MTF is reported at 9 cycles/pixel: it is beyond what was measured"]
+    assert plane["untold"] == ["no MTF is reported at 9 cycles/pixel: it is beyond the measured range"]
     assert plane["angle"]["value"] == pytest.approx(5.5, abs=0.01)
     (edge,) = plane["edges"]
     assert edge["orientation"] == "near-vertical"
@@ -76,8 +76,8 @@ def test_refusal_leaves_its_reason_and_no_table(run, picture, tmp_path):
 
 def test_the_aperture_goes_into_record_and_verdict(run, picture, tmp_path):
     # a Gaussian has no tail: an aperture that throws 2 % of a pixel is not this picture's
-    told = ("--pixel-pitch-um", "5", "--f-number", "2.8")
-    done = run("mtf", "edge", picture, "--roi", "5,5,50,70", *told, "--out", tmp_path / "out")
+    optics = ("--pixel-pitch-um", "5", "--f-number", "2.8")
+    done = run("mtf", "edge", picture, "--roi", "5,5,50,70", *optics, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert record["parameters"]["f_number"] == 2.8

@@ -40,7 +40,7 @@ def test_every_option_that_takes_a_real_number_is_looked_at():
             assert not isinstance(option.type, click.FloatRange) or isinstance(option.type, Number)
 
 
-def test_help_tells_no_bounds_where_there_are_none():
+def test_help_shows_no_bounds_where_there_are_none():
     option = click.Option(["--ratio"], type=Number(), help="A number.")
     assert option.get_help_record(click.Context(click.Command("any"))) == ("--ratio NUMBER", "A number.")
 

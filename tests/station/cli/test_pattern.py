@@ -62,38 +62,36 @@ def test_paper_and_width_follow_from_each_other(
 
 
 def test_message_names_both_widths_and_the_seed(tmp_path: Path) -> None:
-    said = _run(tmp_path / "c.png", "--width-mm", "160").stderr
-    assert f"seed {DEFAULT_SEED}" in said
-    assert "whole chart 160 mm" in said
-    assert "noise 128 mm" in said
+    message = _run(tmp_path / "c.png", "--width-mm", "160").stderr
+    assert f"seed {DEFAULT_SEED}" in message
+    assert "whole chart 160 mm" in message
+    assert "noise 128 mm" in message
 
 
 @pytest.mark.slow
-def test_a_lens_that_is_told_shows_what_every_distance_does_to_the_noise(tmp_path: Path) -> None:
+def test_a_given_lens_lists_the_noise_amplification_by_distance(tmp_path: Path) -> None:
     lens = ("--focal-length-mm", "50", "--pixel-pitch-um", "4")
-    told = _run(tmp_path / "c.pgm", *lens, "--f-number", "8").stderr
-    rows = [line.split() for line in told.splitlines()]
+    output = _run(tmp_path / "c.pgm", *lens, "--f-number", "8").stderr
+    rows = [line.split() for line in output.splitlines()]
     (least,) = (row for row in rows if row[::2][:2] == ["1.3", "m"])
     # by a thin lens: z = f (1 + cell / (pixels per cell x pitch)), 50 (1 + 0.453125 / (1.3 / 4 x 0.008)) mm
     assert least[1:5] == ["8.76", "m", "83", "px"]
     (far,) = (row for row in rows if row[::2][:2] == ["0.7", "m"])
     assert float(far[5]) > 4 * float(least[5])
-    assert "The cutoff of f/8 is 1.89 cycles/pixel" in " ".join(told.split())
+    assert "The cutoff of f/8 is 1.89 cycles/pixel" in " ".join(output.split())
     grey = _run(tmp_path / "c.pgm", *lens, "--monochrome").stderr
     (twice,) = (line.split() for line in grey.splitlines() if line.split()[::2][:2] == ["1.3", "m"])
     assert float(twice[1]) == pytest.approx(2 * 8.764 - 0.05, abs=0.01)
 
 
-def test_a_lens_without_its_pixels_is_refused(tmp_path: Path) -> None:
-    done = _run(tmp_path / "c.pdf", "--focal-length-mm", "50")
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [(("--focal-length-mm", "50"), "together"), (("--seed", "1", "--bits", "bits.pgm"), "both define the cells")],
+)
+def test_incompatible_options_are_refused(tmp_path: Path, words: tuple[str, ...], message: str) -> None:
+    done = _run(tmp_path / "c.pdf", *words)
     assert done.exit_code == 2
-    assert "together" in done.stderr
-
-
-def test_seed_and_bits_together_are_refused(tmp_path: Path) -> None:
-    done = _run(tmp_path / "c.pdf", "--seed", "1", "--bits", "bits.pgm")
-    assert done.exit_code == 2
-    assert "both choose the cells" in done.stderr
+    assert message in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -114,7 +112,7 @@ def test_seed_and_bits_together_are_refused(tmp_path: Path) -> None:
         (["folder.png"], BadParameter, "cannot be written: Is a directory"),
     ],
 )
-def test_what_cannot_be_done_is_refused_and_leaves_nothing(
+def test_invalid_requests_are_refused_and_leave_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], error: type[Exception], words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -63,24 +63,21 @@ def test_real_photograph_passes(shared_data, tmp_path):
 
 
 @pytest.mark.slow
-def test_photograph_without_a_chart_is_exit_5(shared_data, tmp_path):
-    done = station("psf", "pattern", shared_data / "edges" / "Test_edge1_mono.tif", "--out", tmp_path)
+@pytest.mark.parametrize(
+    ("photograph", "words", "remedy"),
+    [("edges/Test_edge1_mono.tif", (), "what to do: "), ("pattern_photo/img_example.pgm", ("--seed", 3), "--bits")],
+)
+def test_a_missing_chart_and_wrong_cells_are_exit_5(shared_data, tmp_path, photograph, words, remedy):
+    done = station("psf", "pattern", shared_data / photograph, *words, "--out", tmp_path)
     assert done.returncode == 5, done.stderr
-    assert "what to do: " in done.stderr
+    assert remedy in done.stderr
     assert {path.name for path in tmp_path.iterdir()} == {"result.json"}
-
-
-@pytest.mark.slow
-def test_wrong_cells_are_exit_5(shared_data, tmp_path):
-    done = station("psf", "pattern", shared_data / "pattern_photo" / "img_example.pgm", "--seed", 3, "--out", tmp_path)
-    assert done.returncode == 5, done.stderr
-    assert "--bits" in done.stderr
 
 
 def test_a_shaker_without_a_simulated_bench_is_usage():
     done = CliRunner().invoke(main, ["--shaker", "--plain"])
     assert done.exit_code == 2
-    assert "--shaker is of the simulated bench: give --simulate" in done.stderr
+    assert "--shaker is for the simulated bench: give --simulate" in done.stderr
 
 
 def test_unknown_command_is_usage():

@@ -66,9 +66,9 @@ def done(folder, tmp_path_factory):
 def test_a_frame_that_fails_is_named_and_the_rest_goes_on(done):
     result, out = done
     assert result.exit_code == 1, result.output
-    told = json.loads((out / "result.json").read_text())["field"]
-    assert told["failed"] == ["empty.pgm", "torn.dng"]
-    assert "no chart" in told["misses"][0]["reason"]
+    summary = json.loads((out / "result.json").read_text())["field"]
+    assert summary["failed"] == ["empty.pgm", "torn.dng"]
+    assert "no chart" in summary["misses"][0]["reason"]
     assert "empty.pgm" in result.stderr
 
 
@@ -84,7 +84,7 @@ def test_the_record_has_the_form_of_every_psf_result(done):
 
 
 @pytest.mark.slow
-def test_what_is_told_without_the_photosite_is_no_number_of_the_camera(done):
+def test_numbers_without_a_photosite_are_no_numbers_of_the_camera(done):
     record = json.loads(done[0].stdout)
     given, plane = record["parameters"], record["field"]["planes"]["Y"]
     assert given["photosite_fill"] == 0.9
@@ -109,19 +109,19 @@ def test_a_fill_factor_that_cannot_be_meant_is_named(tmp_path, run, words, said)
 
 @pytest.mark.slow
 def test_the_numbers_of_all_places_have_one_covariance(done):
-    found = read_camera_numbers(done[1] / "camera.h5")
-    assert found.names[0] == "psf.Y.1.mtf50_horizontal"
-    assert len(found.numbers("psf.Y.6.")) == 5
-    told = json.loads(done[0].stdout)["field"]["camera"]
-    assert told["file"] == "camera.h5"
-    assert told["parts"] == ["psf.Y"]
-    assert told["geometry"]["verdict"] == "refused"
-    assert "several charts" in told["geometry"]["reason"]
+    camera = read_camera_numbers(done[1] / "camera.h5")
+    assert camera.names[0] == "psf.Y.1.mtf50_horizontal"
+    assert len(camera.numbers("psf.Y.6.")) == 5
+    summary = json.loads(done[0].stdout)["field"]["camera"]
+    assert summary["file"] == "camera.h5"
+    assert summary["parts"] == ["psf.Y"]
+    assert summary["geometry"]["verdict"] == "refused"
+    assert "several charts" in summary["geometry"]["reason"]
     assert "several charts" in (done[1] / "report.html").read_text()
 
 
 @pytest.mark.slow
-def test_the_certificate_tells_the_centre_and_the_medians_over_the_frame(done):
+def test_the_certificate_has_the_centre_and_the_medians_over_the_frame(done):
     record = json.loads(done[0].stdout)
     text = (done[1] / "certificate.html").read_text()
     number = record["field"]["planes"]["Y"]["mtf50_sagittal_median"]
@@ -132,15 +132,15 @@ def test_the_certificate_tells_the_centre_and_the_medians_over_the_frame(done):
 
 
 @pytest.mark.slow
-def test_page_and_table_tell_the_mtf_over_image_height(done):
+def test_page_and_table_show_the_mtf_over_image_height(done):
     page = (done[1] / "report.html").read_text()
     rows = list(csv.DictReader((done[1] / "heights_Y.csv").read_text().splitlines()))
     assert {"image_height [pixel]", "frequency [cycles/pixel]", "sagittal", "meridional_uncertainty"} <= rows[0].keys()
     assert {row["frequency [cycles/pixel]"] for row in rows} == {"0.125", "0.25"}
     assert "Sagittal (solid) and meridional MTF (dashed) over image height" in page
-    assert "Thin, with marks: older" in page
-    assert "dotted: what the charts enclose" in page
-    assert "Beyond it the map goes on with a growing uncertainty" in page
+    assert "Thin, with markers: older" in page
+    assert "dotted: enclosed by the charts" in page
+    assert "Beyond it the uncertainty grows" in page
     html5lib.HTMLParser(strict=True).parse(page)
 
 

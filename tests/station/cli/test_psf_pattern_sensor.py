@@ -46,11 +46,11 @@ def test_model_reaches_the_estimate_and_the_record(run, estimator, photograph, s
 
 def test_information_stands_beside_the_psf(run, estimator, photograph, sensor, tmp_path):
     run("psf", "pattern", photograph, "--sensor", sensor, "--out", tmp_path / "out")
-    told = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]["information"]
-    zero = told["neq_zero"]
+    measured = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]["information"]
+    zero = measured["neq_zero"]
     assert zero["interval"][0] < 6000 < zero["interval"][1]  # quanta of white noise are the electrons
-    assert 0 < told["information_capacity"]["value"] < np.log2(1 + 6000 / 3) / 2
-    assert told["information_capacity"]["unit"] == "bit/pixel"
+    assert 0 < measured["information_capacity"]["value"] < np.log2(1 + 6000 / 3) / 2
+    assert measured["information_capacity"]["unit"] == "bit/pixel"
     rows = list(csv.DictReader((tmp_path / "out" / "information_Y.csv").read_text().splitlines()))
     assert len(rows) == 17 * 32
     # the stand-in's Gaussian has a standard deviation of 1 / sqrt 2 pixels and is cut off at two

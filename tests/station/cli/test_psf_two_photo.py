@@ -40,7 +40,7 @@ def test_files_and_record_follow_the_contract(run, near, far, tmp_path):
     assert plane["mtf50_horizontal"]["unit"] == "cycles/pixel"
 
 
-def test_a_refusal_keeps_no_psf_and_says_what_to_do(run, near, tmp_path):
+def test_a_refusal_keeps_no_psf_and_names_the_remedy(run, near, tmp_path):
     out = tmp_path / "out"
     done = run("psf", "two-photo", near, near, "--out", out)
     assert done.exit_code == 5

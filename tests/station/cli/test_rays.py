@@ -125,7 +125,7 @@ def test_frames_before_one_that_cannot_be_read_are_kept(run, sequence, tmp_path)
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["frame0", "frame1"]
 
 
-def test_the_uncertainty_is_a_picture_and_its_coverage_is_told(run, small, tmp_path):
+def test_the_uncertainty_is_a_picture_and_its_coverage_is_recorded(run, small, tmp_path):
     import cv2
 
     if int(cv2.__version__.split(".")[0]) < 5:
@@ -135,13 +135,13 @@ def test_the_uncertainty_is_a_picture_and_its_coverage_is_told(run, small, tmp_p
     done = run("rays", small, "--uncertainty", "--scales", "1", "--reference", tmp_path / "truth.npz",
                "--out", tmp_path / "out")  # fmt: skip
     assert done.exit_code == 0, done.output
-    told = cv2.imread(str(tmp_path / "out" / "uncertainty.tiff"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    sigma = cv2.imread(str(tmp_path / "out" / "uncertainty.tiff"), cv2.IMREAD_UNCHANGED)[..., ::-1]
     filtered = cv2.imread(str(tmp_path / "out" / "filtered.tiff"), cv2.IMREAD_UNCHANGED)[..., ::-1]
     record = record_of(tmp_path / "out")["uncertainty"]
-    assert record["coverage_2_sigma"] == pytest.approx((abs(filtered - truth) <= 2 * told).mean(), abs=1e-3)
+    assert record["coverage_2_sigma"] == pytest.approx((abs(filtered - truth) <= 2 * sigma).mean(), abs=1e-3)
     assert record["coverage_2_sigma"] > 0.8  # 95 %, but two flat walls have few independent errors
     # the bright wall's light varies four times as much
-    assert np.median(told[:, 16:]) > 2 * np.median(told[:, :10])
+    assert np.median(sigma[:, 16:]) > 2 * np.median(sigma[:, :10])
 
 
 def test_samples_that_were_cast_since_are_added(run, sequence, tmp_path):

@@ -37,15 +37,15 @@ def results(tmp_path):
 def test_the_second_camera_stands_where_it_does(run, results, tmp_path):
     done = run("rig", *results, "--out", tmp_path / "out", "--json")
     assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)
-    assert (told["schema"], told["rig"]["verdict"]) == ("station/rig/1", "pass")
-    found = Pose(np.array(told["rig"]["R"]), np.array(told["rig"]["t_mm"]))
-    np.testing.assert_allclose(found.R, TRUE.R, atol=1e-9)
-    np.testing.assert_allclose(found.t, TRUE.t, atol=1e-6)
-    baseline = told["rig"]["baseline"]
+    record = json.loads(done.stdout)
+    assert (record["schema"], record["rig"]["verdict"]) == ("station/rig/1", "pass")
+    pose = Pose(np.array(record["rig"]["R"]), np.array(record["rig"]["t_mm"]))
+    np.testing.assert_allclose(pose.R, TRUE.R, atol=1e-9)
+    np.testing.assert_allclose(pose.t, TRUE.t, atol=1e-6)
+    baseline = record["rig"]["baseline"]
     assert baseline["uncertainty"] > 0.001 * baseline["value"]  # the print's scale, and noise
     assert np.load(tmp_path / "out" / "rig_covariance.npy").shape == (6, 6)
-    assert [one["path"] for one in told["input"]] == [str(one / "result.json") for one in results]
+    assert [one["path"] for one in record["input"]] == [str(one / "result.json") for one in results]
 
 
 def test_one_camera_is_no_rig(run, results, tmp_path):

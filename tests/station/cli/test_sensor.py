@@ -50,7 +50,7 @@ def raw_folder(tmp_path_factory, bench_sensor):
 
 
 @pytest.mark.slow
-def test_bench_sensor_is_found_again_in_its_raw_files(run, raw_folder, bench_sensor, tmp_path):
+def test_the_bench_sensor_is_recovered_from_raw_files(run, raw_folder, bench_sensor, tmp_path):
     done = run("sensor", raw_folder, "--no-report", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     record = json.loads((tmp_path / "out" / "result.json").read_text())
@@ -73,7 +73,7 @@ def test_bench_sensor_is_found_again_in_its_raw_files(run, raw_folder, bench_sen
 
 
 @pytest.mark.slow
-def test_every_file_is_there_and_says_the_same(run, raw_folder, tmp_path):
+def test_all_files_are_written_and_agree(run, raw_folder, tmp_path):
     run("sensor", raw_folder, "--plane", "G1", "--out", tmp_path)
     record = json.loads((tmp_path / "result.json").read_text())
     gain = record["planes"]["G1"]["system_gain"]["value"]
@@ -144,7 +144,7 @@ def test_grey_pictures_without_stacks_give_what_they_can(run, grey, tmp_path):
 
 
 @pytest.mark.slow
-def test_left_aligned_numbers_are_told_as_the_converter_gave_them(run, grey, tmp_path):
+def test_left_aligned_samples_give_digital_numbers_of_the_converter(run, grey, tmp_path):
     ladder(grey, 1.2)
     for path in grey.folder.glob("*.png"):
         cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) * 16)
@@ -163,25 +163,25 @@ def test_ladder_without_saturation_is_refused(run, grey, tmp_path):
     assert plane["remedy"]
 
 
-def test_pictures_of_two_sizes_are_refused(run, grey, tmp_path):
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (lambda write: write("light", 0.5, replace(write.sensor, rows=50)), "of one size"),
+        (lambda write: write("light", 0.55, count=1), "temporal noise needs two"),
+    ],
+    ids=["two sizes", "a single picture of a level"],
+)
+def test_inconsistent_pictures_are_refused(run, grey, tmp_path, more, words):
     ladder(grey, 1.2)
-    grey("light", 0.5, replace(grey.sensor, rows=50))
+    more(grey)
     done = run("sensor", grey.folder, "--out", tmp_path / "out")
     assert done.exit_code == 4
-    assert "of one size" in done.stderr
+    assert words in done.stderr
     assert not (tmp_path / "out").exists()
 
 
-def test_single_picture_of_a_level_is_refused(run, grey, tmp_path):
-    ladder(grey, 1.2)
-    grey("light", 0.55, count=1)
-    done = run("sensor", grey.folder, "--out", tmp_path / "out")
-    assert done.exit_code == 4
-    assert "temporal noise needs two" in done.stderr
-
-
 @pytest.mark.slow
-def test_a_picture_that_cannot_be_read_costs_its_level(run, grey, tmp_path):
+def test_an_unreadable_picture_excludes_its_level(run, grey, tmp_path):
     ladder(grey, 1.2)
     lost, alone = (grey.folder / name for name in ("p007.png", "p008.png"))  # a pair of the ladder
     lost.write_bytes(lost.read_bytes()[:100])
@@ -196,7 +196,7 @@ def test_a_picture_that_cannot_be_read_costs_its_level(run, grey, tmp_path):
     assert "p008.png is the only readable picture" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_what_is_left_of_a_ladder_must_suffice(run, grey, tmp_path):
+def test_the_readable_part_of_a_ladder_must_suffice(run, grey, tmp_path):
     ladder(grey, 1.2)
     lost = [path for path in sorted(grey.folder.glob("*.png"))[2:] if int(path.stem[1:]) % 3 == 0]
     for path in lost:

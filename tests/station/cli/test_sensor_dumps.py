@@ -30,17 +30,17 @@ def dump(tmp_path, levels):
 def test_edge_of_a_dump_is_that_of_the_same_picture_in_a_file(run, levels, dump, tmp_path):
     picture = tmp_path / "edge.pgm"
     picture.write_bytes(b"P5 60 80 65535\n" + levels.tobytes())
-    found = []
+    records = []
     for name, words in (("file", (picture,)), ("dump", (dump, "--raw", LAYOUT))):
         done = run("mtf", "edge", *words, "--out", tmp_path / name)
         assert done.exit_code == 0, done.output
-        found.append(json.loads((tmp_path / name / "result.json").read_text()))
+        records.append(json.loads((tmp_path / name / "result.json").read_text()))
     # a picture's numbers are as good as those of a dump, and less sure by what a program may have done to it
     for number in ("mtf50", "mtf20", "mtf_nyquist"):
-        of_file, of_dump = (one["planes"]["Y"][number] for one in found)
+        of_file, of_dump = (one["planes"]["Y"][number] for one in records)
         assert of_file["value"] == of_dump["value"]
         assert of_file["uncertainty"] > of_dump["uncertainty"]
-    assert found[1]["parameters"]["raw"] == LAYOUT
+    assert records[1]["parameters"]["raw"] == LAYOUT
 
 
 COMMANDS = [
@@ -52,7 +52,7 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize("words", COMMANDS, ids=lambda words: words[1])
-def test_every_command_says_what_its_dump_lacks(run, dump, tmp_path, words):
+def test_every_command_names_the_missing_options_of_a_dump(run, dump, tmp_path, words):
     words = [str(dump) if word == "{}" else word for word in words]
     done = run(*words, "--raw", "64x80,RGGB,u16le,64,1023", "--out", tmp_path / "out")
     assert done.exit_code == 4

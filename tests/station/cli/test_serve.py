@@ -55,7 +55,7 @@ def test_new_sessions_have_the_unit_the_specification_and_the_shaker(run, monkey
     assert asked[0] | {"unit": "lp/mm", "specification": limits, "shaker": True, "simulate": True} == asked[0]
 
 
-def test_without_the_extra_it_says_what_to_install(run, monkeypatch):
+def test_without_the_extra_the_remedy_is_to_install_it(run, monkeypatch):
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     monkeypatch.delitem(sys.modules, "station.service.hosting")
     done = run("serve", "--simulate", "--port", 0)

@@ -26,8 +26,8 @@ def bracket(tmp_path):
 
 def run(bracket, *words):
     folder, table = bracket
-    told = ["tilt", folder, "--focus", table, *SCREWS, "--out", folder / "out", *words]
-    return CliRunner().invoke(main, [str(word) for word in told], prog_name="station")
+    arguments = ["tilt", folder, "--focus", table, *SCREWS, "--out", folder / "out", *words]
+    return CliRunner().invoke(main, [str(word) for word in arguments], prog_name="station")
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ def run(bracket, *words):
         ((*OPTICS[:2], "--positions", "set", "--focal-length-mm", 2000), "beyond the focal length"),
     ],
 )
-def test_what_is_not_known_is_asked_for_first(bracket, words, asked):
+def test_unknown_settings_are_required_first(bracket, words, asked):
     done = run(bracket, *words)
     assert done.exit_code == 2
     assert asked in done.output

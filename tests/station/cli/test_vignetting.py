@@ -1,4 +1,4 @@
-"""`station vignetting`: what cannot be read of its flats."""
+"""`station vignetting`: flats that cannot be read."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def flats(tmp_path, rng):
     return folder
 
 
-def test_a_flat_that_cannot_be_read_is_named_and_left_out(run, flats, tmp_path):
+def test_a_flat_that_cannot_be_read_is_named_and_excluded(run, flats, tmp_path):
     (flats / "a.png").write_bytes(b"no picture")
     done = run("vignetting", flats, "--out", tmp_path / "out")
     assert done.exit_code == 1, done.output

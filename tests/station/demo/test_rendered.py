@@ -16,13 +16,13 @@ SMALL = RenderPlan(columns=32, samples=40, converged=70, scenes=("chart-in-depth
 
 
 def test_a_scene_is_rendered_filtered_photographed_and_shown(tmp_path):
-    told = []
-    (one,), _, text = rendered_demo(tmp_path, SMALL, progress=lambda done, steps=1: told.append(done))
+    sentences = []
+    (one,), _, text = rendered_demo(tmp_path, SMALL, progress=lambda done, steps=1: sentences.append(done))
     names = ["chart-in-depth.dng", "chart-in-depth.png", "films", "rays.html", "result.json"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
     record = json.loads(text)
     assert record["scenes"]["chart-in-depth"]["psnr_db"] == pytest.approx(one.psnr_db)
-    assert len(told) == steps(SMALL)
+    assert len(sentences) == steps(SMALL)
     # G1 of the photograph is the green of the filtered picture, blurred by lens and photosites: same mean
     plane = read_frame(tmp_path / "chart-in-depth.dng", ["G1"]).planes["G1"].samples
     white = 25e3 / (16383 - 512) / 2.4  # electrons of white over those that saturate the converter
@@ -41,12 +41,12 @@ def test_an_interrupted_render_goes_on_where_it_stopped(tmp_path):
     with pytest.raises(Stopped):
         render_film(scene, camera, 3 * PASS, 1, tmp_path / "film.npz", progress=stop)
     assert (read_film(tmp_path / "film.npz").count == PASS).all()
-    told = []
+    sentences = []
     resumed = render_film(
-        scene, camera, 3 * PASS, 1, tmp_path / "film.npz", progress=lambda done, steps=1: told.append(done)
+        scene, camera, 3 * PASS, 1, tmp_path / "film.npz", progress=lambda done, steps=1: sentences.append(done)
     )
     whole = render_film(scene, camera, 3 * PASS, 1, tmp_path / "other.npz")
-    assert len(told) == 2
+    assert len(sentences) == 2
     np.testing.assert_array_equal(resumed.histogram, whole.histogram)
     np.testing.assert_allclose(resumed.mean, whole.mean, rtol=1e-12)
     np.testing.assert_allclose(resumed.moment2, whole.moment2, rtol=1e-12)

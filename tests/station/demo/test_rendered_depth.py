@@ -20,9 +20,9 @@ SMALL = RenderPlan(columns=144, samples=32, converged=32, scenes=())
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     out = tmp_path_factory.mktemp("rendered")
-    told = []
-    _, depth, text = rendered_demo(out, SMALL, threads=2, progress=lambda done, steps=1: told.append(done))
-    return out, depth, json.loads(text), told
+    sentences = []
+    _, depth, text = rendered_demo(out, SMALL, threads=2, progress=lambda done, steps=1: sentences.append(done))
+    return out, depth, json.loads(text), sentences
 
 
 def test_depth_is_found_from_the_light_of_a_scene(done):
@@ -32,14 +32,14 @@ def test_depth_is_found_from_the_light_of_a_scene(done):
     inside = np.s_[depth.rim : -depth.rim, depth.rim : -depth.rim]
     figures = depth.figures
     assert figures["w_px"]["median_error"] < 0.25 * np.ptp(depth.w[inside])
-    assert np.corrcoef(depth.found.w[inside].ravel(), depth.w[inside].ravel())[0, 1] > 0.5
+    assert np.corrcoef(depth.restoration.w[inside].ravel(), depth.w[inside].ravel())[0, 1] > 0.5
     levels = figures["rms_error_of_picture"]
     assert levels["restored"][0] < min(levels["photographs"])
 
 
 def test_the_record_and_the_page_hold_it(done):
-    out, depth, record, told = done
-    assert len(told) == steps(SMALL)
+    out, depth, record, sentences = done
+    assert len(sentences) == steps(SMALL)
     assert record["restored"]["w_px"]["rms_error"] == pytest.approx(depth.figures["w_px"]["rms_error"])
     assert {one["path"] for one in record["restored"]["photographs"]} == {path.name for path in out.glob("*.dng")}
     page = (out / "rays.html").read_text()

@@ -26,5 +26,5 @@ def test_shift_is_the_nearest_of_all(rng):
     h = gaussian(0.2, 0.1) + 1e-3 * rng.normal(size=truth.shape)
     aligned, found = align(truth, h)
     for step in ((0.02, 0), (-0.02, 0), (0, 0.02), (0, -0.02)):
-        beside = gaussian(*(found + step))
-        assert np.linalg.norm(h - aligned) < np.linalg.norm(h - beside)
+        shifted = gaussian(*(found + step))
+        assert np.linalg.norm(h - aligned) < np.linalg.norm(h - shifted)

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.frame_files.dng import Shot, write_dng
 from procedures.outcome import Outcome, Verdict
-from procedures.plan import Advice, Ask, Decide, Estimate, Go, Home, Look, Measure, Plan, Scan, SetLight, Shoot, Step
+from procedures.plan import Advice, Ask, Go, Home, Look, Measure, Plan, Scan, SetLight, Shoot, Step
 from simulators.bench.bench import Setup, SimulatedBench
 from station.bench.opening import make_bench, simulated_tables
 from station.sessions.session import Session
@@ -55,7 +55,7 @@ def good(frame, facts):
     return Advice(True, "good")
 
 
-def found(frame, facts, results, known):
+def passed(frame, facts, results, known):
     return {name: Outcome(None, Verdict.PASS) for name in frame.planes}
 
 
@@ -75,19 +75,16 @@ def short_plan(**changes) -> Plan:
             lambda change: f"move by {change}",
         ),
         "shoot": Shoot(
-            "shot", good, found,
+            "shot", good, passed,
             lambda results, facts: Advice(len(results) >= 2, f"{len(results)} shots"), most=4,
         ),
     }  # fmt: skip
     parts |= changes
-    first = [parts[name] for name in ("ask", "home", "go", "light", "measure")]
-    second = [parts[name] for name in ("look", "scan")]
     steps = (
-        Step("rig", "Rig", "Prepare the rig.", tuple(first)),
-        Step("trials", "Trials", "Look.", tuple(second)),
+        Step(
+            "rig", "Rig", "Prepare the rig.", tuple(parts[name] for name in ("ask", "home", "go", "light", "measure"))
+        ),
+        Step("trials", "Trials", "Look.", (parts["look"], parts["scan"])),
         Step("shots", "Shots", "Shoot.", (parts["shoot"],)),
     )
-    return Plan("short", "A short plan", (*steps, *parts.get("more", ())))
-
-
-__all__ = ["Ask", "Decide", "Estimate", "found", "frame_bytes", "good", "new_session", "quick_bench", "short_plan"]
+    return Plan("short", "A short plan", steps)

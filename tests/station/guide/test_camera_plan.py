@@ -10,7 +10,7 @@ from procedures.outcome import Outcome, Verdict, causes_of
 from station.calibration.sensor import SensorFiles, SensorPlane
 from station.guide.plans import camera
 
-FEW = "the ladder has 12 levels; the standard asks for 50"
+FEW = "the ladder has 12 levels; the standard requires 50"
 UNEVEN = Outcome(SimpleNamespace(doubt=""), Verdict.DOUBTFUL, "light differs by 14 % over the sensor")
 SHORT = Outcome(SimpleNamespace(doubt=FEW), Verdict.DOUBTFUL, FEW)
 REFUSED = Outcome(None, Verdict.REFUSED, "light must not change between pictures; it does by 5 %")
@@ -19,11 +19,11 @@ REFUSED = Outcome(None, Verdict.REFUSED, "light must not change between pictures
 @pytest.fixture
 def used(monkeypatch):
     """used(planes, iso): the sensor of these planes' outcomes, for charts of that sensitivity."""
-    monkeypatch.setattr(camera, "sensor_model", lambda found, step: step)
+    monkeypatch.setattr(camera, "sensor_model", lambda model, step: step)
 
     def use(planes, iso=100.0):
-        found = [SensorPlane(name, one, (4, 4), 4.0, None) for name, one in planes.items()]
-        files = SensorFiles([], None, 100.0, found)
+        models = [SensorPlane(name, one, (4, 4), 4.0, None) for name, one in planes.items()]
+        files = SensorFiles([], None, 100.0, models)
         outcomes = {name: Outcome(files, one.verdict, one.reason) for name, one in planes.items()}
         return camera.sensor_used(outcomes, iso)
 

@@ -14,18 +14,6 @@ from station.sessions.session import Session
 from . import benches
 
 
-@pytest.fixture
-def bench(tmp_path):
-    with benches.quick_bench(tmp_path) as bench:
-        yield bench
-
-
-@pytest.fixture
-def session(tmp_path, bench):
-    with benches.new_session(tmp_path, bench) as session:
-        yield session
-
-
 class Watchful(ScriptedOperator):
     """Notes every question before a move, and what had moved when it was asked."""
 
@@ -65,7 +53,7 @@ def test_each_request_that_moves_asks_once_with_axis_start_and_target(bench, ses
     assert operator.moved == [("home", 1)] * 2 + [("move_to", 2)] + [("move_to", 3)] * 4
 
 
-def test_where_the_operator_says_no_nothing_moves(bench, session):
+def test_without_consent_nothing_moves(bench, session):
     operator = Watchful(bench, {MOVE: False})
     Run(benches.short_plan(), bench, session, operator).go()
     assert operator.questions
@@ -80,8 +68,8 @@ def test_corrections_of_one_look_are_approved_once_and_not_requested_from_the_op
 
     operator = Watchful(bench)
     Run(benches.short_plan(look=Look("trial", nearer)), bench, session, operator).go()
-    (asked,) = [question for question in operator.questions if "Further moves of this step follow" in question]
-    assert "z from 700.0 to 800.0 mm" in asked
+    (question,) = [one for one in operator.questions if "Further moves of this step follow" in one]
+    assert "z from 700.0 to 800.0 mm" in question
     says = [event.advice.say for event in operator.heard if isinstance(event, FrameEvent) and not event.advice.good]
     assert len(says) >= 3  # 200, 100, 50 mm
     assert all(say.startswith("The bench corrects this: z to ") for say in says)
@@ -122,10 +110,10 @@ def test_a_resumed_session_asks_before_going_back(bench, session):
     with Session.open(session.folder, bench.clock) as again:
         operator = Watchful(bench)
         assert Run(benches.short_plan(), bench, again, operator).go().how == "finished"
-    (asked,) = operator.questions
-    assert asked.startswith("Homing")
-    assert "then " in asked
-    assert "z to 620.0 mm" in asked
+    (question,) = operator.questions
+    assert question.startswith("Homing")
+    assert "then " in question
+    assert "z to 620.0 mm" in question
     assert all(count == 1 for _, count in operator.moved)
 
 
@@ -138,7 +126,7 @@ def test_a_stage_that_lost_its_position_does_not_home_again_without_approval(tmp
         operator = Watchful(bench)
         assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
     again = [i for i, question in enumerate(operator.questions) if question.endswith("back to the last position.")]
-    first, *later = [asked for verb, asked in operator.moved if verb == "home"]
+    first, *later = [count for verb, count in operator.moved if verb == "home"]
     assert first == 1
     assert again == [1]
     # the alarm came while homing; after the second question the failed stage homes, then both

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import pytest
-
 from procedures.facts import CameraFacts, derived_from
 from procedures.plan import Advice, Ask, Look, Plan, Reading, Shoot, Step
 from station.guide.contradictions import CORRECT, INSIST, LookProgress
@@ -31,19 +29,6 @@ def check(frame, facts):
     return Advice(True, "good", facts={"area": facts["width"] ** 2})
 
 
-@pytest.fixture
-def bench(tmp_path):
-    with benches.quick_bench(tmp_path) as bench:
-        yield bench
-
-
-@pytest.fixture
-def session(bench, tmp_path):
-    session = benches.new_session(tmp_path, bench)
-    yield session
-    session.close()
-
-
 def plan(look, *more):
     return Plan("short", "Short", (Step("one", "One", "Look.", (WIDTH, look, *more)),), facts=WidthFacts)
 
@@ -57,7 +42,7 @@ def troubles(operator):
     return [reason for reason in reasons if "Given:" in reason]
 
 
-def test_a_number_that_contradicts_the_photograph_is_asked_again_and_derived_facts_are_dropped(bench, session):
+def test_a_number_contradicting_the_photograph_repeats_its_question_and_drops_derived_facts(bench, session):
     session.learn({"width": 4.0, "area": 16.0})
     answers = iter([4.0, 5.0])
     operator = ScriptedOperator({"width": lambda ask: next(answers), "contradiction": CORRECT})
@@ -82,7 +67,7 @@ def test_shots_that_count_may_contradict_a_number_too(bench, session):
 
     answers = iter([4.0, 5.0])
     operator = ScriptedOperator({"width": lambda ask: next(answers), "contradiction": CORRECT})
-    shoot = Shoot("shots", benches.good, benches.found, enough)
+    shoot = Shoot("shots", benches.good, benches.passed, enough)
     assert Run(plan(shoot), bench, session, operator).go().how == "finished"
     assert troubles(operator) == ["It is 5 mm wide. Given: How wide? 4 mm."]
     assert session.state.facts["width"] == 5.0

@@ -30,7 +30,7 @@ def test_answer_that_agrees_or_stands_alone_is_accepted(typed, facts):
     assert len(operator.asked) == 1
 
 
-def test_answer_that_contradicts_the_camera_is_asked_about_with_both():
+def test_an_answer_contradicting_the_camera_is_confirmed_with_both_values():
     talk, operator, known = conversation(35.0, "50 mm", focal_length_mm=50.0)
     assert talk.agreed(FOCAL) == 50.0
     assert operator.asked[-1].question == (
@@ -48,7 +48,7 @@ def test_operator_who_insists_is_not_overruled_by_the_next_photograph():
     assert (known["focal_length_mm"], known["iso"]) == (35.0, 100)
 
 
-def test_an_invalid_answer_is_reported_and_asked_again():
+def test_an_invalid_answer_is_reported_and_its_question_repeated():
     def check(answer, facts):
         if answer == "gone.npy":
             raise BadParameter("there is no gone.npy", "name another file")

@@ -72,7 +72,7 @@ def test_invalid_text_is_rejected_with_a_reason(ask, text, why):
         parse(ask, text)
 
 
-def test_a_wrong_answer_is_asked_again():
+def test_an_invalid_line_repeats_the_question():
     text, (answer,) = output_of(typed="far\n5\n40\n", asks=[WIDTH])
     assert answer == 40.0
     assert text.count("How wide?") == 3

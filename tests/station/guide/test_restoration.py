@@ -179,7 +179,7 @@ def asked(facts):
     return {one.key for one in everything if one.when(facts) and one.given(facts) is None}
 
 
-def test_nothing_is_asked_about_the_shaker():
+def test_a_shaker_needs_no_questions():
     (kind,) = (one for one in plan_named("restoration").steps[0].requests
                if isinstance(one, Ask) and one.key == "blur_by" and one.when({HAS_SHAKER: True}))  # fmt: skip
     assert kind.default == "motions"

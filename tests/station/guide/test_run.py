@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -31,18 +32,6 @@ from station.sessions.reader import read_session
 from station.sessions.session import Session
 
 from . import benches
-
-
-@pytest.fixture
-def bench(tmp_path):
-    with benches.quick_bench(tmp_path) as bench:
-        yield bench
-
-
-@pytest.fixture
-def session(tmp_path, bench):
-    with benches.new_session(tmp_path, bench) as session:
-        yield session
 
 
 def events(operator, kind):
@@ -93,17 +82,13 @@ def test_the_bench_goes_where_the_plan_and_the_scan_say(bench, session):
     assert session.state.facts["distance_mm"] == pytest.approx(800.0 + 700.0 + 120.0, abs=3)
 
 
-def test_shots_store_the_state_of_the_devices(bench, session):
+def test_shots_store_the_state_of_the_settled_devices(bench, session):
     Run(benches.short_plan(), bench, session, ScriptedOperator()).go()
     shot = session.state.counting()[0]
     assert shot.snapshot["axes"]["z_mm"] == pytest.approx(620.0, abs=0.02)
     assert shot.snapshot["light_level"] == pytest.approx(0.8)
     assert 0 < shot.snapshot["acceleration_m_s2"] < 0.1
     assert shot.exposure["shutter"]["closed_s"] > 0
-
-
-def test_nothing_is_exposed_before_the_rig_has_settled(bench, session):
-    Run(benches.short_plan(), bench, session, ScriptedOperator()).go()
     world = bench.simulated.world
     for opening in bench.simulated.body.openings:
         sway = world.sway(np.array([opening.begin_s - 0.01]))
@@ -262,13 +247,20 @@ def test_an_operator_who_stops_at_a_question_stops_the_run(bench, session):
 # --- problems ----------------------------------------------------------------------------------------------------
 
 
-def test_a_lost_frame_is_reported_and_taken_again(tmp_path):
+@contextmanager
+def finished_run(folder, fault):
+    """A finished run with a fault: bench, session and operator."""
     with (
-        benches.quick_bench(tmp_path, fault_events=[FaultEvent(1.0, "lose_frame", 1)]) as bench,
-        benches.new_session(tmp_path, bench) as session,
+        benches.quick_bench(folder, fault_events=[fault]) as bench,
+        benches.new_session(folder, bench) as session,
     ):
         operator = ScriptedOperator()
         assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
+        yield bench, session, operator
+
+
+def test_a_lost_frame_is_reported_and_taken_again(tmp_path):
+    with finished_run(tmp_path, FaultEvent(1.0, "lose_frame", 1)) as (bench, session, operator):
         (trouble,) = events(operator, ProblemEvent)
         assert "no complete RAW file" in trouble.reason
         assert len(session.state.shots) == 6
@@ -278,12 +270,7 @@ def test_a_lost_frame_is_reported_and_taken_again(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "moment_s"), [("alarm", 19.0), ("reset", 19.0), ("reset", 40.0), ("stall", 19.0)])
 def test_a_rail_that_lost_its_position_is_reported_and_homed_again(tmp_path, kind, moment_s):
-    with (
-        benches.quick_bench(tmp_path, fault_events=[FaultEvent(moment_s, kind, 1)]) as bench,
-        benches.new_session(tmp_path, bench) as session,
-    ):
-        operator = ScriptedOperator()
-        assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
+    with finished_run(tmp_path, FaultEvent(moment_s, kind, 1)) as (bench, _, operator):
         assert events(operator, ProblemEvent) or kind == "stall"  # the head, which this plan does not move
         assert bench.stage.position()["z_mm"] == pytest.approx(620.0, abs=0.02)
         there = bench.simulated.world.axes["z_mm"].position(bench.clock.now_s())

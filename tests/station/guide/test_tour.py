@@ -18,18 +18,6 @@ from . import benches
 PLACES_MM = {"near": 600.0, "middle": 640.0, "far": 680.0}
 
 
-@pytest.fixture
-def bench(tmp_path):
-    with benches.quick_bench(tmp_path) as bench:
-        yield bench
-
-
-@pytest.fixture
-def session(tmp_path, bench):
-    with benches.new_session(tmp_path, bench) as session:
-        yield session
-
-
 def tour_plan(check=lambda name, facts: Advice(True, "good"), tries=2, off_mm=0.0):
     def stop(name, place_mm):
         go = Go(lambda facts: {"z_mm": place_mm + off_mm}, lambda facts: f"going to {name}")
@@ -67,7 +55,7 @@ def test_advice_of_the_check_is_carried_out_before_the_next_try(bench, session):
     assert {ask.key for ask in operator.asked} <= {"move"}  # only the approvals of moves
 
 
-def test_without_axes_the_operator_is_asked_to_move(bench, session):
+def test_without_axes_the_operator_moves_the_camera(bench, session):
     go = Go(lambda facts: {}, lambda facts: "Turn the camera to the left.")
     stops = [TourStop("left", go, lambda frame, facts: Advice(True, "good"))]
     plan = Plan("short", "A tour", (Step("tour", "Tour", "Go.", (Tour(lambda facts: stops),)),))

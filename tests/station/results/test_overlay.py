@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +13,7 @@ from station.reports.field.height_curves import heights_figure, heights_table
 from station.reports.otf_figures import FrequencyAxis
 from station.results.overlay import read_height_overlay, read_height_overlays, read_overlay
 from station.results.plane_result import PlaneResult
-from station.results.psf_files import file_names, write_psf_result
+from station.results.psf_files import write_psf_result
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder
 from station.results.units import Pixels, Unit
@@ -56,11 +55,6 @@ def test_what_is_no_result_is_named(tmp_path, plane):
         read_overlay(tmp_path / "a")
 
 
-def test_files_that_a_page_links_are_those_that_are_written(tmp_path, plane):
-    text = write(tmp_path / "a", plane)
-    assert sorted(file_names([plane])) == sorted([*json.loads(text)["files"], "result.json"])
-
-
 HEIGHTS = np.array([0.0, 60.0, 120.0])
 CURVE = HeightCurve(
     0.125, HEIGHTS, np.array([0.9, 0.8, 0.7]), np.full(3, 0.01), np.zeros(3),
@@ -79,11 +73,11 @@ def test_curves_over_image_height_are_read_as_they_were_written(tmp_path, plane)
     write_field(tmp_path / "a", plane, FrequencyAxis("lp/mm", 125.0), 0.008)
     found = read_height_overlay(tmp_path / "a")
     assert (found.name, found.unit, found.length) == ("a", Unit.LINE_PAIRS, "mm")
-    columns = found.of("G1", "mm")
+    columns = found.of("G1", Unit.LINE_PAIRS, "mm")
     np.testing.assert_allclose(columns["image_height"], np.tile(0.008 * HEIGHTS, 2), rtol=1e-5)
     np.testing.assert_allclose(columns["frequency"], np.repeat([15.625, 31.25], 3), rtol=1e-5)
     np.testing.assert_allclose(columns["meridional"][:3], CURVE.meridional, rtol=1e-5)
-    assert found.of("G1", "pixel") == found.of("B", "mm") == {}
+    assert found.of("G1", Unit.LINE_PAIRS, "pixel") == found.of("B", Unit.LINE_PAIRS, "mm") == {}
     with pytest.raises(BadParameter, match=r"in lp/mm, and this result in cycles/pixel; add --unit lp/mm"):
         read_height_overlays([tmp_path / "a"], Unit.CYCLES)
 
@@ -97,7 +91,7 @@ def test_a_result_of_one_place_is_no_field(tmp_path, plane):
 @pytest.mark.parametrize(("factor", "words"), [(1.0, "older"), (0.5, "older, at 0.0625, 0.125 cycles/pixel")])
 def test_another_field_is_drawn_and_named_with_its_frequencies_where_they_are_others(tmp_path, plane, factor, words):
     write_field(tmp_path / "older", plane, FrequencyAxis("cycles/pixel", factor), None)
-    columns = read_height_overlay(tmp_path / "older").of("G1", "pixel")
+    columns = read_height_overlay(tmp_path / "older").of("G1", Unit.CYCLES, "pixel")
     alone, over = (
         str(heights_figure(CURVES, "x", FrequencyAxis("cycles/pixel", 1.0), None, others))
         for others in ({}, {"older": columns})

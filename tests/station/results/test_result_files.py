@@ -198,7 +198,7 @@ def test_page_that_was_edited_is_not_the_programs_any_more(tmp_path):
     written(tmp_path, "report.html")
     written(tmp_path, "report.html")
     (tmp_path / "report.html").write_text("with my notes")
-    with pytest.raises(BadParameter, match="as it is now"):
+    with pytest.raises(BadParameter, match="not written in this form"):
         written(tmp_path, "psf_Y.npy")
     assert (tmp_path / "report.html").read_text() == "with my notes"
     written(tmp_path, "report.html", force=True)

@@ -49,7 +49,7 @@ def record(tmp_path_factory):
         values={"gamma": 0.5, "residual_std": np.float64(1.02)}, diagnostics={"whiteness": float("nan")}, pitch=2,
     )  # fmt: skip
     refused = PlaneResult("B", Verdict.REFUSED, "dark", "light", other_causes=(Cause("blurred", "focus"),))
-    planes = [terms.told(replace(plane, diffraction=limit), pixels), refused]
+    planes = [terms.apply(replace(plane, diffraction=limit), pixels), refused]
     head = RecordHead("pattern", (InputFile("a", "0" * 64),), {"s": "auto"}, terms.specified(planes))
     with ResultFolder(tmp_path_factory.mktemp("result")) as folder:
         return json.loads(write_psf_result(folder, planes, head))

@@ -247,4 +247,4 @@ def test_show_says_that_lines_are_gone_and_what_they_spoke_of(finished, tmp_path
     unknown = unknown_files(folder, read_session(folder).state)
     assert unknown == ["derived/1", *(f"originals/000{i}-IMG_000{i}.DNG" for i in (1, 2, 3))]
     for name in unknown:
-        assert f"does not speak of {name}" in done.stderr
+        assert f"{name} is not in the journal" in done.stderr

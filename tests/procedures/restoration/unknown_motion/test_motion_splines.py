@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from procedures.restoration.masks.blur_models import LINE, mask
+from procedures.restoration.masks.line_rasterisation import line_mask_change
 from procedures.restoration.unknown_motion import motion_splines
 
 HALF = 3.0
@@ -33,7 +34,9 @@ def test_a_curve_draws_the_masks_of_its_shape(points, w):
 def test_derivatives_are_those_of_the_mask(points):
     at, step = 0.3, 1e-5
     change = np.random.default_rng(1).standard_normal(points.shape)
-    mask, pixels, J = motion_splines.spline_mask_change(points, 5, at)
+    instants = motion_splines.INSTANTS
+    path = motion_splines.basis(instants) @ points
+    mask, pixels, J = line_mask_change(path, 5, at, *motion_splines.moving(instants), motion_splines.POINTS)
     np.testing.assert_allclose(mask, motion_splines.spline_mask(points, 5, at), atol=1e-15)
     above, below = (motion_splines.spline_mask(points + s * step * change, 5, at) for s in (1, -1))
     numeric = ((above - below) / (2 * step)).ravel()

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from station.demo.reproduce import patterns, rivals
+from station.demo.reproduce import patterns
+from station.demo.reproduce import rival_rows as rivals
 
 
 def test_gradient_energy_counts_differences_of_neighbours(rng):

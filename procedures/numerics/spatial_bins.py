@@ -1,0 +1,89 @@
+"""Spatial index of saddles: sorted into square bins, so that neighbours are contiguous in memory."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Complex = npt.NDArray[np.complex128]
+Indices = npt.NDArray[np.int64]
+
+
+class Field(NamedTuple):
+    """Saddles sorted by bins, one row of bins after the other.
+
+    Attributes
+    ----------
+    points, axes : (n,) complex128
+        As in `marks.Saddles`.
+    merits : (n,) float64
+        Merit by which saddles compete: strength, for those of a chart.
+    starts : (rows columns + 1,) int64
+        Index of the first saddle of each bin.
+    left, top : float
+        Origin of the first bin, in pixels.
+    side : float
+        Side of a bin, in pixels.
+    """
+
+    points: Complex
+    axes: Complex
+    merits: Array
+    starts: Indices
+    rows: int
+    columns: int
+    left: float
+    top: float
+    side: float
+
+
+class LayoutRules(NamedTuple):
+    """Limits that decide which saddles may be x-corners of one chart, for `loops.layouts`.
+
+    Attributes
+    ----------
+    min_step, max_step : float
+        Range of lattice steps, in pixels.
+    along_axis : float
+        Least cosine of twice the angle between a lattice direction and the axes, or across them.
+    same_axis : float
+        Least cosine of twice the angle between similar axes.
+    same_merit : float
+        Greatest ratio of similar merits.
+    collinear : float
+        Greatest distance of a third x-corner from its extrapolation by two, in steps.
+    middle_radius : float
+        Radius about the middle of a step, in steps; a finer lattice has a similar saddle there in every step.
+    square : float
+        Greatest distance of an x-corner from its prediction by a side of a square, in steps.
+    level_slope : float
+        Slope below which a line is tested in both directions.
+    min_near, min_near_crowded : int
+        Least number of hits of the five x-corners nearest to a triple, without and with a saddle in the middle of one
+        of its steps, which is common in textures.
+    """
+
+    min_step: float
+    max_step: float
+    along_axis: float
+    same_axis: float
+    same_merit: float
+    collinear: float
+    middle_radius: float
+    square: float
+    level_slope: float
+    min_near: int
+    min_near_crowded: int
+
+
+def field_of(points: Complex, axes: Complex, merits: Array, side: float) -> tuple[Field, Indices]:
+    """Sort saddles (n > 0,) into bins; return them with their original indices."""
+    left, top = float(points.real.min()), float(points.imag.min())
+    rows, columns = int((points.imag.max() - top) / side) + 1, int((points.real.max() - left) / side) + 1
+    bins = ((points.imag - top) / side).astype(np.int64) * columns + ((points.real - left) / side).astype(np.int64)
+    starts = np.concatenate([[0], np.cumsum(np.bincount(bins, minlength=rows * columns))])
+    order = np.argsort(bins, kind="stable")
+    return Field(points[order], axes[order], merits[order], starts, rows, columns, left, top, side), order

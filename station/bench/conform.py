@@ -1,0 +1,411 @@
+"""Trials of a stage's driver: its promises, stop latency, single faults of the line, and random operation under all.
+
+A driver is tried at its twin, where the truth is known and the line fails on request, or at a real port without faults.
+Time at a twin is virtual, so hundreds of operations take seconds.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from drivers.clock import Clock, SystemClock
+from drivers.errors import (
+    BadConfiguration,
+    DeviceError,
+    EmergencyStopped,
+    MoveFailed,
+    NotHomed,
+    OutsideTravel,
+    Rejected,
+)
+from drivers.interfaces import Stage
+from drivers.transport import register_scheme
+from simulators.bench.bench import Setup, SimulatedBench
+from simulators.devices.cable_faults import Faults
+from simulators.devices.serial_device import Cable, SerialDevice, plug, unplug
+from simulators.world.clock import VirtualClock
+from simulators.world.motion import Axis
+from station.bench.device_options import added_drivers
+from station.bench.opening import make_bench, simulated_tables
+
+TOLERANCE = 0.01
+"""Of positions, in the unit of the axis: coarser than any resolution, finer than any use."""
+REST_S = 1.5
+"""Longest time until an axis rests once an operation has ended; a stage decelerates within it."""
+REPLY_S = 1.0
+"""A driver whose last order fell into silence so long before may know nothing else."""
+BUILT_IN = {"grbl": "stage", "zaber": "head"}
+"""Drivers whose twin is a device of the simulated bench."""
+FAULTS = ("none", "loss", "garbage", "delay", "slipped replies", "silence", "reset", "disconnection")
+OPERATIONS = ("move", "move", "stopped move", "emergency stop", "homing", "position", "connection")
+
+
+class Twin(SerialDevice, Protocol):
+    """A simulated stage at byte level, with its axes by their names, and its main switch."""
+
+    axes: Mapping[str, Axis]
+
+    def power_cycle(self, now_s: float) -> None:
+        """Off and on again: the reference is lost."""
+        ...
+
+
+class Broken(Exception):
+    """A promise that was not kept."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The result of one trial: its figure, or the promise that was broken."""
+
+    trial: str
+    kept: bool
+    figure: str
+
+
+def require(kept: bool, words: str) -> None:
+    """Raises Broken with these words unless the promise was kept."""
+    if not kept:
+        raise Broken(words)
+
+
+@contextmanager
+def refusal(*errors: type[Exception]) -> Iterator[None]:
+    """Context whose body must raise one of these errors."""
+    try:
+        yield
+    except errors:
+        return
+    raise Broken(f"no {' or '.join(error.__name__ for error in errors)} was raised")
+
+
+@dataclass
+class StageRig:
+    """A stage under trial; `axes` are the truth, and `cable` its line, both None at a real port."""
+
+    stage: Stage
+    clock: Clock
+    axes: Mapping[str, Axis] | None = None
+    cable: Cable | None = None
+    power_cycle: Callable[[float], None] | None = None
+
+    def target(self, fraction: float | np.ndarray) -> dict[str, float]:
+        """Positions at a fraction of each axis' travel."""
+        shares = np.broadcast_to(fraction, len(self.stage.travel())).tolist()
+        ranges = self.stage.travel().items()
+        return {name: t.low + share * (t.high - t.low) for (name, t), share in zip(ranges, shares, strict=True)}
+
+    def truth(self) -> Mapping[str, float]:
+        """Where the axes are, reported by the stage itself at a real port."""
+        if self.axes is None:
+            return self.stage.position()
+        return {name: self.axes[name].position(self.clock.now_s()) for name in self.stage.travel()}
+
+    def moves(self) -> bool:
+        """Whether an axis moves."""
+        if self.axes is None:
+            return self.stage.moving()
+        return any(self.axes[name].moves(self.clock.now_s()) for name in self.stage.travel())
+
+    def at(self, goal: Mapping[str, float]) -> bool:
+        """Whether the axes are at a target."""
+        truth = self.truth()
+        return all(abs(truth[name] - goal[name]) < TOLERANCE for name in goal)
+
+    def later(self, after_s: float, act: Callable[[], None]) -> Callable[[], None]:
+        """The act, after a while."""
+
+        def run() -> None:
+            self.clock.sleep(after_s)
+            act()
+
+        return run
+
+    def together(self, *works: Callable[[], object]) -> list[object]:
+        """What these return or raise, run at the same time."""
+        if isinstance(self.clock, VirtualClock):
+            return self.clock.together(*works)
+        outcomes: list[object] = [None] * len(works)
+
+        def run(i: int) -> None:
+            try:
+                outcomes[i] = works[i]()
+            except Exception as error:
+                outcomes[i] = error
+
+        threads = [threading.Thread(target=run, args=(i,)) for i in range(len(works))]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        return outcomes
+
+    def interrupted(self, end: Callable[[], None], after_s: float) -> tuple[list[object], float]:
+        """A move across the travel that is ended after a while: outcomes, and seconds from the order to rest."""
+        start_s = end_s = 0.0
+
+        def stop() -> None:
+            nonlocal start_s, end_s
+            self.clock.sleep(after_s)
+            start_s = self.clock.now_s()
+            end()
+            while self.moves():
+                self.clock.sleep(0.01)
+            end_s = self.clock.now_s()
+
+        middle = self.target(0.5)
+        far = float(all(value < middle[name] for name, value in self.truth().items()))
+        outcomes = self.together(partial(self.stage.move_to, **self.target(far)), stop)
+        return outcomes, end_s - start_s
+
+    def ready(self) -> None:
+        """On a clean line, connected and homed."""
+        if self.cable is not None:
+            self.cable.faults = Faults()
+        for _ in range(3):  # a stage that still moves, or has replies left, may refuse at first
+            try:
+                if not self.stage.condition().usable:
+                    self.stage.connect()
+                    self.stage.home()
+                self.stage.position()
+            except DeviceError as error:
+                reason = error.reason
+                self.clock.sleep(1.0)
+            else:
+                if self.stage.condition().usable:
+                    return
+        raise Broken(f"it does not recover on a clean line: {reason}")
+
+
+# --- promises --------------------------------------------------------------------------------------------------------
+
+
+def identifies(rig: StageRig) -> str:
+    """Connecting reports who it is."""
+    identity = rig.stage.connect()
+    require(bool(identity.model and identity.firmware), "it reports no model or no firmware")
+    return f"{identity.model} {identity.firmware}"
+
+
+def homes_first(rig: StageRig) -> str:
+    """Nothing moves before homing, also after connecting again."""
+    for _ in range(2):
+        rig.stage.connect()
+        with refusal(NotHomed):
+            rig.stage.move_to(**rig.target(0.5))
+        require(not rig.moves(), "it moves before homing")
+        rig.stage.home()
+        require(rig.stage.condition().usable, "it is not usable after homing")
+    return ""
+
+
+def arrives(rig: StageRig) -> str:
+    """A move ends at its target."""
+    worst = 0.0
+    for fraction in (0.5, 0.25, 1.0, 0.0, 0.75):
+        goal = rig.target(fraction)
+        rig.stage.move_to(**goal)
+        truth = rig.truth()
+        worst = max(worst, *(abs(truth[name] - goal[name]) for name in goal))
+        require(rig.at(goal) and not rig.moves(), f"it went to {truth} instead of {goal}")
+        reported = rig.stage.position()
+        require(rig.at(reported), f"it reports {reported} at {truth}")
+    return f"within {worst:.4f}"
+
+
+def keeps_its_travel(rig: StageRig) -> str:
+    """Targets outside, and of unknown axes, are refused."""
+    before = rig.truth()
+    for name, travel in rig.stage.travel().items():
+        for value in (travel.high + 0.01, travel.low - 0.01, float("inf"), float("nan")):
+            with refusal(OutsideTravel):
+                rig.stage.move_to(**{name: value})
+    with refusal(BadConfiguration):
+        rig.stage.move_to(nowhere_mm=1.0)
+    require(rig.at(before), "it moved")
+    return ""
+
+
+def refuses_a_second_mover(rig: StageRig) -> str:
+    """Of two moves at the same time, the second is refused."""
+    rig.stage.move_to(**rig.target(0.0))
+    one, two = (partial(rig.stage.move_to, **rig.target(share)) for share in (0.6, 0.2))
+    first, other = rig.together(one, rig.later(0.3, two))
+    require(first is None and isinstance(other, Rejected), f"the moves ended in {first!r} and {other!r}")
+    return ""
+
+
+def stops(rig: StageRig, rng: np.random.Generator, tries: int) -> str:
+    """A stop ends a move and keeps the position."""
+    latencies = []
+    for _ in range(tries):
+        (moved, stopped), latency = rig.interrupted(rig.stage.stop, rng.uniform(0.2, 1.0))
+        require(stopped is None and isinstance(moved, MoveFailed), f"stop and move ended in {stopped!r} and {moved!r}")
+        require(rig.stage.condition().usable, "its position is not trusted after a stop")
+        require(rig.at(rig.stage.position()), "it reports a wrong position after a stop")
+        latencies.append(latency)
+    return f"{tries} stops: median {np.median(latencies):.3f} s, longest {max(latencies):.3f} s"
+
+
+def stops_in_an_emergency(rig: StageRig, rng: np.random.Generator, tries: int) -> str:
+    """An emergency stop ends a move, and nothing moves until homed."""
+    latencies = []
+    for _ in range(tries):
+        (moved, stopped), latency = rig.interrupted(rig.stage.emergency_stop, rng.uniform(0.2, 1.0))
+        require(stopped is None and isinstance(moved, EmergencyStopped), f"{stopped!r} and {moved!r}")
+        with refusal(EmergencyStopped):
+            rig.stage.move_to(**rig.target(0.5))
+        rig.stage.home()
+        latencies.append(latency)
+    return f"{tries} stops: median {np.median(latencies):.3f} s, longest {max(latencies):.3f} s"
+
+
+# --- faults ----------------------------------------------------------------------------------------------------------
+
+
+def disturb(cable: Cable, fault: str, now_s: float, rng: np.random.Generator) -> None:
+    """Let the line fail in this way during the next seconds."""
+    begin_s = now_s + rng.uniform(0.0, 2.0)
+    end_s = begin_s + rng.uniform(0.2, 2.0)
+    kinds: dict[str, dict[str, Any]] = {
+        "loss": {"lost": 0.003},
+        "garbage": {"garbage": 0.003, "duplicate": 0.05},
+        "delay": {"delay_s": rng.uniform(0.05, 0.4)},
+        "slipped replies": {"slip": True, "begin_s": begin_s},
+        "silence": {"silent": ((begin_s, end_s),)},
+        "disconnection": {"unplugged_at_s": begin_s, "replugged_at_s": end_s},
+    }
+    cable.faults = Faults(rng, **kinds.get(fault, {}))
+
+
+def operate(rig: StageRig, rng: np.random.Generator, fault: str) -> None:
+    """One random operation under a fault. Raises Broken where it ends wrongly; the stage is ready afterwards."""
+    what, goal, stage = rng.choice(OPERATIONS), rig.target(rng.random(len(rig.stage.travel()))), rig.stage
+    after_s = rng.uniform(0.0, 2.0)
+    move = partial(stage.move_to, **goal)
+    works: dict[str, list[Callable[[], object]]] = {
+        "move": [move],
+        "stopped move": [move, rig.later(after_s, stage.stop)],
+        "emergency stop": [move, rig.later(after_s, stage.emergency_stop)],
+        "homing": [stage.home],
+        "position": [stage.position],
+        "connection": [stage.connect],
+    }
+    doing = works[what]
+    if rig.cable is not None:
+        disturb(rig.cable, fault, rig.clock.now_s(), rng)
+        if fault == "reset" and (cycle := rig.power_cycle) is not None:
+            doing = [*doing, rig.later(rng.uniform(0.0, 2.0), partial(rig.cable.happen, cycle))]
+    outcomes = rig.together(*doing)
+    where = f"{what} under {fault}"
+    for outcome in outcomes:
+        if isinstance(outcome, Exception) and not isinstance(outcome, DeviceError):
+            raise Broken(f"{where}: {outcome!r} instead of a DeviceError")
+    _check(rig, where, goal if what == "move" and outcomes[0] is None else None)
+    rig.ready()
+
+
+def _check(rig: StageRig, where: str, goal: Mapping[str, float] | None) -> None:
+    """Nothing moves on a line that works, a move that succeeded is at its goal, what is reported is true."""
+    now_s = rig.clock.now_s()
+    faults = Faults() if rig.cable is None else rig.cable.faults
+    silent = any(begin_s <= now_s < end_s + REPLY_S for begin_s, end_s in faults.silent)
+    works = not silent and not faults.unplugged(now_s) and rig.stage.condition().word != "not connected"
+    if goal is not None and "reset" not in where:
+        require(rig.at(goal), f"{where}: it reports success at {rig.truth()} instead of {goal}")
+    rig.clock.sleep(REST_S)
+    if works:
+        require(not rig.moves(), f"{where}: it moves after the operation has ended")
+    if rig.cable is not None:
+        rig.cable.faults = Faults()
+    rig.clock.sleep(REST_S)
+    try:
+        reported = rig.stage.position() if rig.stage.condition().usable else None
+    except DeviceError:
+        return
+    if reported is not None and rig.stage.condition().usable:
+        require(rig.at(reported), f"{where}: it reports {reported} at {rig.truth()} and is usable")
+
+
+def soak(rig: StageRig, rng: np.random.Generator, operations: int, faults: tuple[str, ...]) -> str:
+    """Random operations, each under one of the faults."""
+    rig.ready()
+    for n in range(operations):
+        try:
+            operate(rig, rng, str(rng.choice(faults)))
+        except Broken as broken:
+            raise Broken(f"operation {n + 1} of {operations}: {broken}") from broken
+    return f"{operations} operations"
+
+
+# --- all of them -----------------------------------------------------------------------------------------------------
+
+
+def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[Finding]:
+    """The findings of all trials, in their order; `operations` is the length of the soak."""
+    rng = np.random.default_rng(seed)
+    tries, each = max(operations * 2 // 5, 1), max(operations // 20, 1)
+    trials: dict[str, Callable[[], str]] = {
+        "identifies itself": lambda: identifies(rig),
+        "homes first": lambda: homes_first(rig),
+        "arrives": lambda: arrives(rig),
+        "keeps its travel": lambda: keeps_its_travel(rig),
+        "refuses a second mover": lambda: refuses_a_second_mover(rig),
+        "stops": lambda: stops(rig, rng, tries),
+        "stops in an emergency": lambda: stops_in_an_emergency(rig, rng, max(tries // 10, 1)),
+    }
+    faults = FAULTS if rig.cable is not None else ("none",)
+    for fault in faults[1:]:
+        trials[fault] = partial(soak, rig, rng, each, (fault,))
+    trials["soak"] = lambda: soak(rig, rng, operations, faults)
+    for name, trial in trials.items():
+        try:
+            yield Finding(name, True, trial())
+        except Broken as broken:
+            yield Finding(name, False, str(broken))
+        except DeviceError as error:
+            yield Finding(name, False, f"{type(error).__name__}: {error.reason}")
+
+
+@contextmanager
+def at_twin(driver: str, folder: Path) -> Iterator[StageRig]:
+    """A driver at its twin. Raises BadConfiguration where it has none."""
+    if driver in BUILT_IN:
+        bench = SimulatedBench(folder, Setup(virtual_time=True))
+        table, cable = simulated_tables(bench.address, folder)[BUILT_IN[driver]], bench.cables[BUILT_IN[driver]]
+        axes, clock, close = bench.world.axes, bench.clock, bench.close
+    else:
+        entry = added_drivers().get(driver)
+        if entry is None or entry.twin is None:
+            there = [*BUILT_IN, *(name for name, one in added_drivers().items() if one.twin is not None)]
+            raise BadConfiguration(f"{driver} has no twin", f"name a port by --port, or one of {', '.join(there)}")
+        twin, clock = entry.twin(), VirtualClock()
+        cable, axes, close = Cable(twin, clock), twin.axes, partial(unplug, "conform/stage")
+        register_scheme("simulators.devices")
+        plug("conform/stage", cable)
+        table = {"driver": driver, "port": "sim://conform/stage"}
+    cycle = getattr(cable.device, "power_cycle", None) or getattr(cable.device, "restart", None)
+    opened = make_bench({"stage": table}, folder=folder, clock=clock)
+    try:
+        yield StageRig(opened.stage, clock, axes, cable, cycle)
+    finally:
+        opened.close()
+        close()
+
+
+@contextmanager
+def at_port(table: Mapping[str, Any], folder: Path) -> Iterator[StageRig]:
+    """A driver at the port of its table in station.toml."""
+    opened = make_bench({"stage": table}, folder=folder)
+    try:
+        yield StageRig(opened.stage, SystemClock())
+    finally:
+        opened.close()

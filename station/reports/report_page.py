@@ -1,0 +1,212 @@
+"""The page of any measurement: verdicts, sections of its procedure, numbers, limits, provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+from markupsafe import Markup
+
+from procedures.numbers import Group, in_group
+from station.common.uncertainty_text import stated
+from station.drawing.colours import PLANE_COLOURS
+from station.drawing.plots import Figure, curve, finished, legend, plot_axes
+from station.reports.page import (
+    Block,
+    Facts,
+    Figures,
+    Heading,
+    Items,
+    Note,
+    Section,
+    Table,
+    causes,
+    exclusions,
+    html,
+    page,
+    plane_name,
+    sentence,
+    small,
+    tag,
+    unit_of,
+)
+from station.reports.report import Report, comparison, numbers_of_page
+from station.results.overlay import Overlay
+from station.results.plane_result import PlaneResult
+from station.results.units import Pixels, Unit
+
+Array = npt.NDArray[np.float64]
+UNJUDGED = "None was given: what the lens should be is not judged."
+
+
+def measurement_page(report: Report) -> str:
+    """The page of a procedure without sections of its own: its curves, numbers and provenance."""
+    figures = [_curve_figure(report, name) for name in _curves(report)]
+    return report_page(report, closing=[Section("Curves", [Figures(figures)])] if figures else [])
+
+
+def report_page(
+    report: Report,
+    *,
+    summary: Sequence[Block] = (),
+    plane_blocks: Callable[[PlaneResult], Sequence[Block]] = lambda plane: (),
+    closing: Sequence[Section] = (),
+) -> str:
+    """The page of a report.
+
+    Parameters
+    ----------
+    summary : blocks below the verdicts
+    plane_blocks : what a plane's section shows before its numbers
+    closing : sections between those of the planes and the provenance
+    """
+    sections = [_head(report, summary)]
+    for plane in report.planes:
+        blocks = [*plane_blocks(plane), *_numbers(plane), *_limits(plane)]
+        if blocks or plane.unavailable:
+            name = plane_name(plane.name, tag(plane.verdict))
+            words = [sentence(one) for one in plane.unavailable]
+            sections.append(Section(name, [*words, *blocks], new_page=True, anchor=f"plane-{plane.name}"))
+    lines = (("Conditions", report.conditions), ("Devices", report.devices))
+    sections += [
+        Section(title, [Table([[one.name, one.words] for one in facts], columns="ww", style="numbers conditions")])
+        for title, facts in lines
+        if facts
+    ]
+    sections += [*closing, *exclusions("Excluded inputs", report.missed, "input"), _provenance(report)]
+    if report.files:
+        links = [html('<a href="{}"><code>{}</code></a>', one, one) for one in report.files]
+        sections.append(Section("The files beside this page", [html("<p>{}</p>", Markup(", ").join(links))]))
+    return page(f"{report.subject}: {report.headline}", [*sections, _citation(report)])
+
+
+def _head(report: Report, summary: Sequence[Block]) -> Section:
+    judged = report.against_specification
+    rows = [
+        ["Measurement", _large(report.verdict, report.measurement)],
+        [
+            small("Specification", report.specification),
+            _large(str(report.judged or ""), judged) if judged else UNJUDGED,
+        ],
+    ]
+    blocks: list[Block] = [Table(rows, columns="ww", style="numbers verdicts", boxed=False)]
+    for plane in report.planes:
+        compared = comparison(plane)
+        blocks += causes(plane, plane_name(plane.name, tag(plane.verdict), Markup(" ")))
+        if compared.against:
+            name = plane_name(plane.name, tag(str(compared.judged or ""), str(compared.judged or "")))
+            blocks.append(html("<p>{} {}</p>", name, sentence("; ".join(compared.against))))
+    kicker = " · ".join(one for one in (report.title or report.procedure, report.made) if one)
+    return Section(report.subject, [*blocks, *_main_numbers(report), *summary], report.verdict, kicker)
+
+
+def _large(verdict: str, words: str) -> Markup:
+    return html('<strong class="tag large {}">{}</strong>', verdict.replace(" ", "-"), sentence(words))
+
+
+def _main_numbers(report: Report) -> list[Block]:
+    """The numbers that are stated with the verdict: large for a single plane, else a table."""
+    numbers = in_group(Group.LINE, [name for one in report.planes for name in (*one.numbers, *one.values)])
+    if not numbers:
+        return []
+    first = report.planes[0]
+    pixel = f" {Pixels(first.pitch).words}" if first.unit is Unit.CYCLES and first.pitch else ""
+    frequencies = f"Frequencies in {first.unit}{pixel}; " if any(one.unit == Unit.CYCLES for one in numbers) else ""
+    note = Note(f"{frequencies}± is one standard uncertainty.")
+    found = [[plane.quantity(one) for one in numbers] for plane in report.planes]
+    units = [next(unit_of(one) for one in column if one is not None) for column in zip(*found, strict=True)]
+    labels = [", ".join(filter(None, (one.label, unit))) for one, unit in zip(numbers, units, strict=True)]
+    values = [["—" if one is None else stated(one.value, one.uncertainty) for one in row] for row in found]
+    if len(report.planes) == 1:
+        return [Facts(list(zip(values[0], labels, strict=True))), note]
+    rows = []
+    for plane, row in zip(report.planes, values, strict=True):
+        judged = str(comparison(plane).judged or "")
+        rows.append([plane_name(plane.name, tag(plane.verdict), tag(judged, judged)), *row])
+    return [Table(rows, ["plane", *labels], style="numbers", boxed=False), note]
+
+
+def _numbers(plane: PlaneResult) -> list[Block]:
+    """All numbers of a plane, with intervals if some have one."""
+    numbers = numbers_of_page(plane)
+    if not numbers:
+        return []
+    intervals = any(hasattr(one, "low") for _, one in numbers)
+    rows = []
+    for words, one in numbers:
+        if isinstance(one, int | float):
+            rows.append([words, f"{one:.3f}", "", *([""] if intervals else [])])
+            continue
+        interval = [f"{one.low:.5g} to {one.high:.5g}".replace("-", "−") if hasattr(one, "low") else ""]
+        rows.append([small(words, one.method), stated(one.value, one.uncertainty), unit_of(one),
+                     *(interval if intervals else [])])  # fmt: skip
+    head = ["number", "value ± standard uncertainty", "unit", *(["95 % interval"] if intervals else [])]
+    return [Heading("Numbers"), Table(rows, head, "wnun", "numbers")]
+
+
+def _limits(plane: PlaneResult) -> list[Block]:
+    judgements = comparison(plane).judgements
+    texts = [html("{} {}", tag(str(one.judged), str(one.judged)), sentence(one.words)) for one in judgements]
+    return [Heading("Against the specification"), Items(texts)] if texts else []
+
+
+def _provenance(report: Report) -> Section:
+    rows = [
+        [small(html("<code>{}</code>", one.file), one.note), small(one.exposure, one.taken),
+         html("<code>{}</code>", one.sha256)]
+        for one in report.shots
+    ]  # fmt: skip
+    given = [f"{name} = {_parameter(value)}" for name, value in report.parameters.items() if value is not None]
+    made = [f"calibration-station {report.software.get('version') or 'not installed'}"]
+    made += [f"{name} {version}" for name, version in report.software.get("packages", {}).items()]
+    took = [] if report.duration_s is None else [Note(f"time taken {report.duration_s} s")]
+    blocks: list[Block] = [Table(rows, ["input", "exposure", "SHA-256"], "rrr")] if rows else []
+    blocks += [Note(html("{}. ", ", ".join(given)))] if given else []
+    return Section("Provenance", [*blocks, Note(f"{', '.join(made)}."), *took])
+
+
+def _parameter(value: object) -> object:
+    return " ".join(map(str, value)) if isinstance(value, list | tuple) else value
+
+
+def _citation(report: Report) -> Section:
+    version = report.software.get("version")
+    words = (
+        f"Measured with calibration-station{f' {version}' if version else ''}, procedure “{report.procedure}”; "
+        "photographs and parameters as under Provenance."
+    )
+    return Section("How to cite", [words, *([f"The method: {report.method}."] if report.method else [])])
+
+
+# --- curves ------------------------------------------------------------------------------------------------------
+
+
+def _curves(report: Report) -> list[str]:
+    """Names of the curves, which are functions of the first column."""
+    names = (name for one in report.planes for name in list(one.curves)[1:] if not name.endswith("_uncertainty"))
+    return list(dict.fromkeys(names))
+
+
+def _curve_figure(report: Report, name: str) -> Figure:
+    """One curve of all planes, with its 95 % band if it has an uncertainty."""
+    axes, over = plot_axes(3.6, 2.6, (0.5, 0.1, 0.42, 0.08)), ""
+    for plane in (one for one in report.planes if name in one.curves):
+        over, x = next(iter(plane.curves.items()))
+        colour, uncertainty = PLANE_COLOURS.get(plane.name, PLANE_COLOURS["Y"]), plane.curves.get(f"{name}_uncertainty")
+        curve(axes, x, plane.curves[name], uncertainty, colour=colour, shade=0.2, width=1.2, label=plane.name)
+        for other, columns in curves_over(report.overlays, plane).items():
+            if name in columns:
+                curve(axes, columns["frequency"], columns[name], colour=colour, width=1, ls="--", label=other)
+    if report.overlays:
+        legend(axes, "best")
+    x_words, y_words = over.replace("_", " "), name.replace("_", " ")
+    limits = (float(np.min(x)), float(np.max(x)))
+    caption = f"{sentence(y_words)[:-1]} over {x_words}."
+    return finished(axes, f"curve-{name}", caption, xlabel=x_words, ylabel=y_words, xlim=limits)
+
+
+def curves_over(overlays: Sequence[Overlay], plane: PlaneResult) -> dict[str, Mapping[str, Array]]:
+    """Curves of other results by name, of the same plane. Raises BadParameter if units differ."""
+    columns = {one.name: one.of(plane.name, plane.unit) for one in overlays}
+    return {name: one for name, one in columns.items() if one}

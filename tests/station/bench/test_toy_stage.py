@@ -1,0 +1,127 @@
+"""A stage's driver of a package outside: one file of at most 180 lines is configured, listed, and proves itself."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from simulators.devices.serial_device import Cable
+from simulators.world.clock import VirtualClock
+from station.bench import device_options
+from station.bench.conform import FAULTS, Broken, at_twin, soak
+from station.bench.device_check import TableCheck
+
+PACKAGE = Path(__file__).with_name("toy_package")
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture
+def station(tmp_path):
+    """station(*words): the program with the package on its path."""
+    environ = {**os.environ, "PYTHONPATH": f"{PACKAGE}{os.pathsep}{ROOT}"}
+
+    def run(*words: object) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "station", *map(str, words)]
+        return subprocess.run(command, cwd=tmp_path, env=environ, capture_output=True, text=True, check=False)
+
+    return run
+
+
+@pytest.fixture
+def driver(monkeypatch):
+    """The package in this process; its module."""
+    monkeypatch.syspath_prepend(str(PACKAGE))
+    importlib.invalidate_caches()
+    device_options.added_drivers.cache_clear()
+    yield importlib.import_module("toy_stage")
+    device_options.added_drivers.cache_clear()
+
+
+def test_it_is_one_short_file():
+    assert len((PACKAGE / "toy_stage.py").read_text().splitlines()) <= 180
+
+
+@pytest.mark.slow
+def test_it_is_configured_and_listed(station, tmp_path):
+    (tmp_path / "station.toml").write_text('[devices.stage]\ndriver = "toy-stage"\nport = "/dev/nowhere"\n')
+    done = station("devices", "--json")
+    assert done.returncode == 3
+    (row,) = json.loads(done.stdout)
+    assert (row["name"], row["driver"], row["address"]) == ("stage", "toy-stage", "/dev/nowhere")
+    assert "cannot open /dev/nowhere" in row["wrong"]
+    (tmp_path / "station.toml").write_text('[devices.stage]\ndriver = "toy-stage"\nbaud = 1\n')
+    assert "port is missing" in station("devices").stderr
+
+
+@pytest.mark.slow
+def test_it_conforms(station):
+    done = station("conform", "toy-stage", "--json")
+    assert done.returncode == 0, done.stdout + done.stderr
+    trials = {one["trial"]: one for one in json.loads(done.stdout)["trials"]}
+    assert set(FAULTS) - {"none"} < set(trials)
+    assert trials["soak"]["figure"] == "500 operations"
+    assert trials["stops"]["figure"].startswith("200 stops")
+
+
+def test_an_unknown_driver_is_refused(station):
+    done = station("conform", "toy-stages")
+    assert done.returncode == 2
+    assert "toy-stages has no twin" in done.stderr
+    assert "toy-stage" in done.stderr
+
+
+def test_its_table_is_checked_like_a_built_in_one(driver):
+    TableCheck({"stage": {"driver": "toy-stage", "port": "/dev/ttyUSB0"}}).check()
+    assert device_options.options_of("toy-stage").keys == device_options.LINE
+
+
+def go_on(self):
+    """No halt after an error."""
+
+
+def forget_reset(self):
+    """Where it is, whatever reference it has."""
+    state, position = self._order("where", 5)
+    return state, float(position)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "flaw", "fault", "words"),
+    [
+        ("_halt", go_on, "loss", "it moves after the operation has ended"),
+        ("_where", forget_reset, "reset", "it reports .* and is usable"),
+    ],
+)
+def test_the_soak_finds_what_a_hasty_driver_does_wrong(driver, tmp_path, monkeypatch, name, flaw, fault, words):
+    monkeypatch.setattr(driver.ToyStage, name, flaw)
+    with at_twin("toy-stage", tmp_path) as rig, pytest.raises(Broken, match=words):
+        soak(rig, np.random.default_rng(0), 500, (fault,))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    # GRBL has no checksums: garbage turns an order into another one, which the driver cannot always notice
+    [(name, fault) for name in ("grbl", "zaber") for fault in FAULTS if (name, fault) != ("grbl", "garbage")],
+)
+def test_built_in_stages_stand_every_fault(name, fault, tmp_path):
+    with at_twin(name, tmp_path) as rig:
+        assert soak(rig, np.random.default_rng(1), 30, (fault,)) == "30 operations"
+
+
+def test_a_twin_loses_its_reference_when_it_is_switched_off(driver):
+    clock, twin = VirtualClock(), driver.ToyTwin()
+    cable = Cable(twin, clock)
+    twin.receive(driver.framed("1 home"), 0.0)
+    clock.sleep(10.0)
+    cable.happen(twin.power_cycle)
+    twin.receive(driver.framed("2 where"), 10.0)
+    assert b"2 ok unhomed 0.0000" in twin.advance(10.0)

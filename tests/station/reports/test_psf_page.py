@@ -1,0 +1,317 @@
+"""A calibration's page: what it says, that it stands alone, and how a browser shows it."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from types import SimpleNamespace
+
+import html5lib
+import numpy as np
+import pytest
+
+from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
+from procedures.pattern import Chart
+from procedures.pattern_psf.estimate import PatternParameters
+from procedures.quality import Diffraction
+from procedures.raw import read_frame
+from procedures.reading.exposure import Exposure
+from station.calibration.planes import calibrate
+from station.reports.otf_figures import mtf_figure
+from station.reports.psf_page import budget_terms, psf_page
+from station.reports.report import Report, ReportLine, ReportShot, numbers_of_page
+from station.reports.report_page import curves_over
+from station.results.limits import Limit, Specification
+from station.results.overlay import Overlay
+from station.results.plane_result import PlaneResult
+from station.results.terms import Terms
+from station.results.units import Frequency, Pixels, Unit
+
+from .measured import report_of
+
+SLOW_FIXTURES = {"report"}
+SVG = "{http://www.w3.org/2000/svg}svg"
+HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(1)>\"' {{ 7*7 }} \x1b[2J"
+
+
+@pytest.fixture(scope="module")
+def report(chart_photograph, tmp_path_factory):
+    """Of a simulated photograph, both greens, with a limit that one number does not reach."""
+    frame = read_frame(chart_photograph(tmp_path_factory.mktemp("report") / "a.dng"), ["G1", "G2"])
+    limits = (Limit("mtf50_horizontal", least=0.4), Limit("mtf50_vertical", least=0.9, planes=("G2",)))
+    terms = Terms(specification=Specification(limits, "a sharp lens"))
+    calibrated = calibrate(frame, Chart.from_seed(), PatternParameters(at=(0.25,)))
+    planes = [terms.apply(one, Pixels(2)) for one in calibrated]
+    return report_of("pattern", frame, planes, {}, terms)
+
+
+@pytest.fixture(scope="module")
+def page(report):
+    return psf_page(report)
+
+
+def strictly(text):
+    """The page as a tree; raises on the first error of its HTML."""
+    return html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(text)
+
+
+@pytest.mark.slow
+def test_both_verdicts_come_first_and_are_not_mixed(page, report):
+    assert (report.verdict, report.judged) == ("pass", "does not meet")
+    header = strictly(page).find(".//main")[0]
+    assert header.get("class") == "verdict pass"
+    told = " ".join("".join(header.itertext()).split())
+    assert "Trusted in 2 of 2 planes." in told
+    assert "Does not meet the specification." in told
+    assert "The limit MTF50 along columns ≥ 0.9 cycles/pixel is missed" in told
+    assert "Frequencies in cycles/pixel of the colour plane, whose pixel is 2 of the sensor" in told
+
+
+@pytest.mark.slow
+def test_page_tells_every_frequency_in_the_unit_that_was_asked_for(report):
+    pixels = Pixels(2, 4.0, 300)
+    planes = [one.in_unit(Unit.LINE_PAIRS, pixels) for one in report.planes]
+    page = psf_page(replace(report, planes=planes))
+    text = " ".join("".join(strictly(page).itertext()).split())
+    assert "MTF at 31.25 lp/mm along rows" in text
+    assert "Frequencies in lp/mm; ± is one standard uncertainty." in text
+    assert Frequency(31.25, Unit.LINE_PAIRS).per_pixel(pixels) == pytest.approx(0.25)
+
+
+@pytest.mark.slow
+def test_every_number_has_its_uncertainty_unit_and_method(page, report):
+    text = " ".join("".join(strictly(page).itertext()).split())
+    for plane in report.planes:
+        for title, number in numbers_of_page(plane)[: len(plane.numbers)]:
+            assert title in text
+            assert number.method in text
+    assert text.count("cycles/pixel") >= 6
+    assert "Gaussian radius for RAW developers" in text
+
+
+@pytest.mark.slow
+def test_uncertainties_are_taken_apart_number_by_number(page, report):
+    tables = [table for table in strictly(page).iter("table") if table.get("class") == "budget"]
+    assert len(tables) == len(report.planes)
+    for table, plane in zip(tables, report.planes, strict=True):
+        headings = ["".join(cell.itertext()) for cell in table.find("thead").iter("th")]
+        assert headings[0] == "number"
+        assert headings[-1] == "together"
+        assert {"noise of the samples", "energy outside the support", "choice of s and k"} <= set(headings)
+        rows = list(table.find("tbody").iter("tr"))
+        assert len(rows) >= 8
+        assert len(headings) == 3 + len(budget_terms(plane.quality))
+        for row in rows:
+            cells = ["".join(cell.itertext()) for cell in row.findall("td")[1:]]
+            terms = [0.0 if cell == "–" else float(cell) for cell in cells]
+            # every term is rounded to the last digit of the two that the whole has: half of it each
+            digit = 10 ** -len(cells[-1].partition(".")[2])
+            assert abs(np.hypot.reduce(terms[:-1]) - terms[-1]) < 0.5 * digit * (len(terms) ** 0.5 + 1)
+    assert page.count("made of the columns of the budget: noise of the samples") == 1
+
+
+@pytest.mark.slow
+def test_transfer_function_is_drawn_with_phase_in_two_dimensions_and_with_its_limit(page, chart_photograph, tmp_path):
+    labels = [svg.get("aria-label") for svg in strictly(page).iter(SVG)]
+    assert sum("Phase of the OTF" in label for label in labels) == 2
+    assert sum("MTF of the whole PSF over both frequencies" in label for label in labels) == 2
+    assert not any("diffraction" in label for label in labels)
+    frame = read_frame(chart_photograph(tmp_path / "a.dng"), ["G1"])
+    limit = Diffraction(8.0, 8.0, 530.0)
+    calibrated = list(calibrate(frame, Chart.from_seed(), PatternParameters(4, 17, chosen=True), lambda plane: limit))
+    known = psf_page(report_of("pattern", frame, calibrated, {}))
+    assert "diffraction limit at f/8" in known
+    assert "up to 1.89 cycles/pixel" in known
+
+
+def test_photographs_versions_parameters_and_citation_are_told(page, report):
+    assert report.shots[0].sha256 in page
+    assert "Simulated 50 mm" in page
+    assert f"numpy {report.software['packages']['numpy']}" in page
+    assert "doi:10.5201/ipol.2012.admm-nppsf" in page
+
+
+def test_page_stands_alone(page):
+    assert not re.search(r"<(script|link|iframe|object)|https?://|@import|url\((?!#)", page)
+    identifiers = re.findall(r' id="([^"]+)"', page)
+    assert len(identifiers) == len(set(identifiers))
+    assert len(page.encode()) < 3e6
+
+
+@pytest.mark.slow
+def test_same_result_is_the_same_page(page, report):
+    assert psf_page(report) == page
+
+
+def test_whatever_is_told_cannot_break_the_page(report):
+    record = PlaneResult("G1", Verdict.REFUSED, HOSTILE, HOSTILE)
+    hostile = Report(
+        HOSTILE,
+        "pattern",
+        [record],
+        [ReportShot(HOSTILE, HOSTILE, HOSTILE, HOSTILE, HOSTILE)],
+        {HOSTILE: HOSTILE},
+        [ReportLine(HOSTILE, HOSTILE)],
+        [ReportLine(HOSTILE, HOSTILE)],
+        made=HOSTILE,
+    )
+    text = psf_page(hostile).replace("\x1b", "")
+    tree = strictly(text)
+    assert not list(tree.iter("script"))
+    assert not list(tree.iter("img"))
+    assert "{{ 7*7 }}" in text
+
+
+def test_what_exif_says_cannot_break_the_page(report, chart_photograph, tmp_path):
+    frame = read_frame(chart_photograph(tmp_path / "a.dng"), ["G1"])
+    frame = replace(frame, exposure=Exposure(camera=HOSTILE, lens=HOSTILE, captured_at=HOSTILE))
+    told = report_of("pattern", frame, [], {})
+    tree = strictly(psf_page(told))
+    assert not list(tree.iter("script"))
+    assert "\x1b" not in "".join(tree.itertext())
+
+
+def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
+    record = PlaneResult("Y", Verdict.REFUSED, "no chart in the photograph", "show the whole chart")
+    told = Report("a.pgm", "pattern", [record], [], {})
+    tree = strictly(psf_page(told))
+    assert told.headline == "measurement refused, in Y"
+    assert "No chart in the photograph. Show the whole chart." in " ".join("".join(tree.itertext()).split())
+    assert not list(tree.iter(SVG))
+
+
+@pytest.mark.slow
+def test_session_tells_its_bench_and_its_shots(report):
+    shots = (*report.shots, ReportShot("b.dng", "0" * 64, note="retaken: the rig moved"))
+    told = replace(report, shots=shots, devices=(ReportLine("stage", "GRBL 1.1h"),), made="2026-01-01 12:00")
+    text = psf_page(told)
+    assert all(words in text for words in ("GRBL 1.1h", "retaken: the rig moved", "2026-01-01 12:00"))
+
+
+# --- in a browser ------------------------------------------------------------------------------------------------
+
+MEASURE = """
+addEventListener("load", () => {
+  const seen = [...document.querySelectorAll("iframe")].map(frame => {
+    const page = frame.contentDocument, root = page.documentElement;
+    const inside = element => {
+      for (let up = element; up; up = up.parentElement) if (up.classList.contains("scroll")) return true;
+      return false;
+    };
+    const box = element => element.getBoundingClientRect();
+    const wide = [...page.querySelectorAll("main *")].filter(
+      one => !(one.ownerSVGElement || inside(one)) && box(one).right > root.clientWidth + 0.5);
+    return {
+      width: root.clientWidth,
+      scroll: root.scrollWidth,
+      wide: wide.map(one => one.outerHTML.slice(0, 80)),
+      pictures: [...page.querySelectorAll("svg")].map(one => [box(one).width, box(one).height]),
+      rasters: [...page.querySelectorAll("svg image")].map(one => [box(one).width, box(one).height]),
+    };
+  });
+  document.title = JSON.stringify(seen);
+});
+"""
+
+
+@pytest.fixture(scope="module")
+def shown(page, tmp_path_factory):
+    """The page as headless Chromium lays it out, 1280 and 400 pixels wide."""
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no Chromium is installed")
+    folder = tmp_path_factory.mktemp("browser")
+    frames = "".join(
+        f'<iframe style="border:0;width:{width}px;height:2000px" srcdoc="{html.escape(page)}"></iframe>'
+        for width in (1280, 400)
+    )
+    (folder / "both.html").write_text(f"<!doctype html><title></title>{frames}<script>{MEASURE}</script>")
+    words = [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--hide-scrollbars",
+        f"--user-data-dir={folder / 'profile'}",
+        "--dump-dom",
+    ]
+    done = subprocess.run(
+        [chromium, *words, (folder / "both.html").as_uri()], capture_output=True, text=True, timeout=60, check=True
+    )
+    title = html.unescape(re.search(r"<title>(.*?)</title>", done.stdout, re.S)[1])
+    return SimpleNamespace(**dict(zip(("wide", "narrow"), json.loads(title), strict=True)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("which", ["wide", "narrow"])
+def test_browser_shows_every_picture_and_nothing_runs_over(shown, which):
+    seen = getattr(shown, which)
+    assert seen["width"] == {"wide": 1280, "narrow": 400}[which]
+    assert seen["wide"] == []
+    assert seen["scroll"] <= seen["width"]
+    assert (
+        len(seen["pictures"]) == 2 * 8
+    )  # two of the PSF, two of the MTF, energy, phase, chart, residual of two planes
+    assert len(seen["rasters"]) >= 2 * 3
+    assert all(250 < width < seen["width"] and height > 150 for width, height in seen["pictures"])
+    assert all(width > 3 and height > 3 for width, height in seen["rasters"])
+
+
+def test_frequencies_that_are_not_determined_are_marked(report):
+    quality = report.planes[0].quality
+    assert "not determined" not in str(mtf_figure(quality, None, "clear"))
+    rising = np.linspace(0, 0.3, len(quality.frequencies))
+    unclear = replace(quality, mtf_horizontal_uncertainty=rising)
+    assert "not determined" in str(mtf_figure(unclear, None, "unclear"))
+
+
+@pytest.mark.slow
+def test_edges_and_physics_stand_beside_the_numbers(report):
+    quantity = Quantity(0.3, "cycles/pixel", 0.003, "test", 100)
+    edge = SimpleNamespace(
+        edge=SimpleNamespace(orientation="near-vertical"), by_edge=quantity, by_psf=quantity, sigmas=0.0
+    )
+    physics = SimpleNamespace(
+        aperture="L-shaped",
+        low_pass="none",
+        missing_corner_deg=45,
+        numbers={"wavefront_rms": Quantity(0.05, "wave", 0.002, "test", 100)},
+        remaining=0.001,
+        chi_square=290.0,
+        freedom=280,
+    )
+    record = replace(report.planes[0], edges=(edge,), physics=Outcome(physics, Verdict.DOUBTFUL, "two", "more"))
+    page = psf_page(replace(report, planes=[record]))
+    text = " ".join("".join(strictly(page).itertext()).split())
+    for words in ("MTF50 across the near-vertical edge", "0.3000 ± 0.0030", "its corner missing at 45°", "1.04"):
+        assert words in text
+
+
+def test_figures_tell_their_numbers_where_a_pointer_rests(page, report):
+    titles = [one.text for one in strictly(page).iter(SVG.replace("svg}svg", "svg}title"))]
+    assert len(titles) == 40 * len(report.planes)
+    quality = report.planes[0].quality
+    one = next(text for text in titles if text.startswith(f"{quality.frequencies[-1]:.3g} cycles/pixel: horizontal "))
+    value, uncertainty = quality.mtf_horizontal[-1], quality.mtf_horizontal_uncertainty[-1]
+    assert f"horizontal {value:.3f} ± {uncertainty:.3f}" in one
+    assert "<script" not in page
+
+
+def test_other_results_are_drawn_over_and_named(report):
+    record = report.planes[0]
+    curves = {"frequency": record.curves["frequency"], "horizontal": record.curves["vertical"]}
+    other = Overlay("<last year>", Unit.CYCLES, {record.name: curves})
+    others = curves_over([other], record)
+    drawn = strictly(f"<!doctype html><title>.</title>{mtf_figure(record.quality, None, 'a', others=others).drawing}")
+    assert "<last year>" in "".join(drawn.itertext())
+    assert curves_over([other], report.planes[1]) == {}
+    with pytest.raises(BadParameter, match="b gives its MTF in lp/mm"):
+        curves_over([Overlay("b", Unit.LINE_PAIRS, {record.name: curves})], record)
+
+
+def test_the_files_beside_the_page_are_linked(report):
+    page = psf_page(replace(report, files=["result.json", "derived/1/psf_G2.fits"]))
+    assert [one.get("href") for one in strictly(page).iter("a")] == ["result.json", "derived/1/psf_G2.fits"]
