@@ -1,15 +1,15 @@
 """Clean and corrupted photographs by a renderer of its own: wrong passes, wrong doubts, coverage.
 
-A case is lens x pose x noise x corruption, drawn by its seed. Nothing here is shared with procedures or simulators:
-pupils are autocorrelated, edges are Fourier integrals of the OTF at the pixels' centres, and noise, mosaics and
-processing are applied to the picture as a camera or a program would.
+A case is lens x pose x noise x corruption, drawn by its seed. Nothing here is shared with procedures or simulators but
+the chart's bitmap: pupils are autocorrelated, edges are Fourier integrals of the OTF at the pixels' centres, charts are
+products in the Fourier domain, and noise, mosaics and processing are applied as a camera or a program would.
 
 Each corruption prints its mean shift of MTF50, the verdicts, and P(pass and |z| > 3) with the upper end of its
 Clopper-Pearson interval (95 %, one-sided); z is the error over the stated standard uncertainty. Clean photographs print
 P(refused or doubtful) and the coverage of two stated uncertainties, of MTF50 and of the curve.
 
-`python tests/benchmarks/adversarial.py [--estimator edge] [--count 100] [--seed 1] [WORD ...]`: only corruptions whose
-names hold one of the words.
+`python tests/benchmarks/adversarial.py [WORD ...] [--estimator edge|chart] [--count 100] [--seed 1]`: only corruptions
+whose names hold one of the words.
 """
 
 from __future__ import annotations
@@ -33,6 +33,9 @@ import numpy as np  # noqa: E402
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, spline_filter  # noqa: E402
 from scipy.stats import beta  # noqa: E402
 
+from procedures.pattern import CELLS, Chart  # noqa: E402
+from procedures.pattern_print.raster import bitmap  # noqa: E402
+from procedures.pattern_psf.estimate import estimate_psf  # noqa: E402
 from procedures.raw import Plane  # noqa: E402
 from procedures.slanted_edge.estimate import estimate_edge, estimate_edges  # noqa: E402
 from procedures.slanted_edge.strip import Roi  # noqa: E402
@@ -40,6 +43,8 @@ from procedures.slanted_edge.strip import Roi  # noqa: E402
 Array = np.ndarray
 Rng = np.random.Generator
 
+FINE, CELL_PIXELS = 8, 16
+"""Fine pixels along a pixel's side; pixels of the printed bitmap along a cell's."""
 SHARPEST = 0.8
 """Greatest MTF50 of a lens, in cycles per pixel of the plane: an edge's MTF ends at 1."""
 FAR, SHIFTED = 3.0, 0.03
@@ -177,7 +182,7 @@ def spread(lens: Lens, angle_deg: float, reach_px: float) -> tuple[Array, Array]
 
 
 Distort = Callable[[Array, Array, Array, Rng], Array]
-Light = Callable[[Array, Array, Pose], Array]
+Light = Callable[[Array], Array]
 Process = Callable[[Array, float, Rng], Array]
 
 
@@ -212,14 +217,8 @@ class Photograph:
     curve: Array
 
 
-def photograph(seed: int, corruption: Corruption, *, source: str) -> Photograph:
-    """The case of a seed; `source` is "raw" (a monochrome sensor), "bayer" (every second pixel) or "grey" (a file)."""
-    rng = np.random.default_rng(seed)
-    pitch = 2 if source == "bayer" else 1
-    pose, noise = draw_pose(rng), draw_noise(rng)
-    while (lens := draw_lens(rng)).mtf50(0.0) * pitch > SHARPEST:
-        pass
-    lens = replace(lens, **corruption.lens)
+def edge_light(lens: Lens, pose: Pose, corruption: Corruption, pitch: int, rng: Rng) -> tuple[Array, float]:
+    """Light on the pixels around an edge, and the direction of its normal."""
     rows, columns = pose.rows * pitch, pose.columns * pitch
     y, x = np.mgrid[:rows, :columns].astype(float)
     lean = np.radians(pose.angle_deg)
@@ -227,10 +226,46 @@ def photograph(seed: int, corruption: Corruption, *, source: str) -> Photograph:
     if corruption.distort is not None:
         d = corruption.distort(d, x, y, rng)
     places, values = spread(lens, pose.angle_deg, float(np.abs(d).max()) + 2)
-    esf = np.interp(d, places, values)
-    light = pose.dark + (pose.bright - pose.dark) * esf
+    return np.rot90(pose.dark + (pose.bright - pose.dark) * np.interp(d, places, values), pose.turns), pose.angle_deg
+
+
+def chart_light(lens: Lens, pose: Pose, corruption: Corruption, pitch: int, rng: Rng) -> tuple[Array, float]:
+    """Light on the pixels around the noise chart, and the direction of their rows.
+
+    The print's bitmap is averaged over fine pixels, multiplied by the OTF in the Fourier domain, and read at the
+    pixels' centres. Its margin is as white as what lies around it.
+    """
+    if corruption.distort is not None:
+        raise ValueError("a corruption that displaces an edge has no chart")
+    width_px, size = (100 + 0.25 * pose.rows) * pitch, 200 * pitch
+    roll, scale = np.radians(pose.angle_deg / 3), width_px * FINE / (CELLS * CELL_PIXELS)
+    print_ = cv2.blur(bitmap(Chart.from_seed(), CELL_PIXELS).astype(np.float32) / 255, (round(1 / scale),) * 2)
+    turn = scale * np.array([[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]])
+    middle = (np.array(print_.shape) - 1) / 2
+    offset = size * FINE / 2 + pose.shift_px * FINE - turn @ middle
+    fine = cv2.warpAffine(print_, np.column_stack([turn, offset]), (size * FINE, size * FINE), borderValue=1.0)
+    fy, fx = np.meshgrid(np.fft.fftfreq(size * FINE, 1 / FINE), np.fft.rfftfreq(size * FINE, 1 / FINE), indexing="ij")
+    passed = np.hypot(fx, fy) < lens.cutoff
+    otf = np.zeros(fx.shape, complex)
+    otf[passed] = lens.otf(fx[passed], fy[passed]) / (np.sinc(fx[passed] / FINE) * np.sinc(fy[passed] / FINE))
+    light = np.fft.irfft2(np.fft.rfft2(fine) * otf, fine.shape)[FINE // 2 :: FINE, FINE // 2 :: FINE]
+    return pose.dark + (pose.bright - pose.dark) * light, 0.0
+
+
+SCENES = {"edge": edge_light, "chart": chart_light}
+
+
+def photograph(seed: int, corruption: Corruption, *, source: str, scene: str = "edge") -> Photograph:
+    """The case of a seed; `source` is "raw" (a monochrome sensor), "bayer" (every second pixel) or "grey" (a file)."""
+    rng = np.random.default_rng(seed)
+    pitch = 2 if source == "bayer" else 1
+    pose, noise = draw_pose(rng), draw_noise(rng)
+    while (lens := draw_lens(rng)).mtf50(0.0) * pitch > SHARPEST:
+        pass
+    lens = replace(lens, **corruption.lens)
+    light, direction_deg = SCENES[scene](lens, pose, corruption, pitch, rng)
     if corruption.light is not None:
-        light = corruption.light(light, d, pose)
+        light = corruption.light(light)
     electrons = np.maximum(light, 0) * noise.white_e
     prnu = 1 + noise.prnu * rng.standard_normal(light.shape)
     signal = rng.poisson(electrons * np.maximum(prnu, 0)) + noise.read_e * rng.standard_normal(light.shape)
@@ -243,11 +278,10 @@ def photograph(seed: int, corruption: Corruption, *, source: str) -> Photograph:
     if corruption.process is not None:
         picture = corruption.process(picture, float(noise.white_e**-0.5), rng)
         picture = np.clip(np.rint(picture * steps), -0.02 * steps, steps) / steps
-    picture = np.rot90(picture, pose.turns)
     scale = corruption.scale / pitch
-    truth = np.abs(lens.along(pose.angle_deg, CURVE * scale))
+    truth = np.abs(lens.along(direction_deg, CURVE * scale))
     plane = Plane("Y", np.ascontiguousarray(picture, dtype=np.float32), 1 / steps, pitch=pitch, raw=source != "grey")
-    return Photograph(plane, lens.mtf50(pose.angle_deg) / scale, truth)
+    return Photograph(plane, lens.mtf50(direction_deg) / scale, truth)
 
 
 # --- corruptions -----------------------------------------------------------------------------------------------------
@@ -378,7 +412,7 @@ def veil(share: float, radius_px: float) -> Corruption:
 def ghost(share: float, radius_px: float) -> Corruption:
     """The picture mirrored through its centre, blurred, added."""
 
-    def light(picture: Array, d: Array, pose: Pose) -> Array:
+    def light(picture: Array) -> Array:
         return (1 - share) * picture + share * gaussian_filter(picture[::-1, ::-1], radius_px, mode="nearest")
 
     return Corruption(light=light, raw=True)
@@ -455,7 +489,19 @@ def by_edge(plane: Plane, seed: int) -> Answer:
     return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
 
 
-ESTIMATORS: dict[str, Callable[[Plane, int], Answer]] = {"edge": by_edge}
+def by_chart(plane: Plane, seed: int) -> Answer:
+    """The noise chart, along rows."""
+    outcome = estimate_psf(plane, Chart.from_seed())
+    if outcome.value is None or "mtf50_horizontal" not in outcome.value.quality.numbers:
+        return Answer(str(outcome.verdict), outcome.reason)
+    quality = outcome.value.quality
+    number, curves = quality.numbers["mtf50_horizontal"], (quality.mtf_horizontal, quality.mtf_horizontal_uncertainty)
+    values, spreads = (np.interp(CURVE, quality.frequencies, part) for part in curves)
+    return Answer(str(outcome.verdict), outcome.reason, number.value, number.uncertainty, values, spreads)
+
+
+ESTIMATORS: dict[str, Callable[[Plane, int], Answer]] = {"edge": by_edge, "chart": by_chart}
+"""By the name of their scene."""
 
 
 # --- statistics ------------------------------------------------------------------------------------------------------
@@ -504,7 +550,7 @@ def run(name: str, estimator: str, source: str, seeds: Sequence[int]) -> Tally:
     """Every seed's photograph with one corruption, through one estimator."""
     answers = []
     for seed in seeds:
-        shot = photograph(seed, CORRUPTIONS[name], source=source)
+        shot = photograph(seed, CORRUPTIONS[name], source=source, scene=estimator)
         answers.append((shot, ESTIMATORS[estimator](shot.plane, seed)))
     return Tally(f"{name} ({source})", answers)
 
@@ -524,6 +570,8 @@ def main() -> None:
     print(f"{'corruption (source)':38s}   error stated  pass doubt refus  P(wrong pass)  <2 s curve   rms worst curve")
     for name, corruption in CORRUPTIONS.items():
         if given.words and not any(word in name for word in given.words):
+            continue
+        if given.estimator != "edge" and corruption.distort is not None:
             continue
         for source in given.sources:
             if source == "grey" or (corruption.raw and (source == "raw" or name == "clean")):
