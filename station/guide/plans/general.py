@@ -208,14 +208,14 @@ def _refused(procedure: Procedure[Any], names: Sequence[str], error: ProcedureEr
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
-    """Every plane of the measurement; `found` of each is the whole measurement."""
-    return [replace(one.result().by_name[name], found=one.value) for name, one in outcomes.items()]
+    """Every plane of the measurement; `estimate` of each is the whole measurement."""
+    return [replace(one.result().by_name[name], estimate=one.value) for name, one in outcomes.items()]
 
 
 def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
     """Write the files of the procedure's command for a session."""
     procedure = procedure_named(head.procedure)
-    measured: Measurement = planes[0].found
+    measured: Measurement = planes[0].estimate
     measured = replace(measured, head=replace(measured.head, input=head.input, duration_s=None))
     if procedure.has_page and procedure.draws(measured):
         folder.write("report.html", procedure.page(measured))
