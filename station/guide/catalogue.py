@@ -109,13 +109,13 @@ def entries() -> dict[str, GuidedProcedure]:
     """All guided procedures by name, also those of installed packages that measure photographs."""
     from station.procedure.registry import added, procedure_named
 
-    found = dict(PLANS)
+    known = dict(PLANS)
     for name in added():
         with suppress(Exception):  # `station NAME` reports why the package cannot be loaded, or needs other inputs
             entry = _general(procedure_named(name).title, name)
             entry.plan()
-            found.setdefault(name, entry)
-    return found
+            known.setdefault(name, entry)
+    return known
 
 
 def entry_named(name: str) -> GuidedProcedure:

@@ -82,9 +82,12 @@ def new_lab() -> StationLab:
 def plain() -> None:
     signal.signal(signal.SIGUSR1, boom)
     lab = new_lab()
-    operator = Watched(io.StringIO("\n" * MOVES[WHERE] + "s\n" * 9), io.StringIO())
+    said = io.StringIO()
+    operator = Watched(io.StringIO("\n" * MOVES[WHERE] + "s\n" * 9), said)
     with suppress(SystemExit, KeyboardInterrupt, Fault):
         conduct(lab, operator, lambda: lab.begin("stops", "camera", "lens", operator))
+    sys.stdout.write(said.getvalue())  # the reason, where it ended before it was stopped
+    sys.stdout.flush()
 
 
 class Begins:

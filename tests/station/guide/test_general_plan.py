@@ -12,14 +12,14 @@ from procedures.plan import Tour
 from procedures.raw import read_frame
 from station.guide.catalogue import PLANS, entries
 from station.guide.plans import general
-from station.procedure import PhotographProcedure, Reading, setting
+from station.procedure import PhotographProcedure, PlaneSettings, setting
 from station.procedure.base import Inputs
 from station.procedure.registry import BUILTIN, procedure_named
 from station.sessions.layout import SCHEMA
 from tests.station.sessions.short_plan import photographs
 
 
-class Chosen(Reading, frozen=True, kw_only=True):
+class Chosen(PlaneSettings, frozen=True, kw_only=True):
     share: Annotated[float, setting("A share.", least=0, most=1)] = 0.5
     limit: Annotated[int, setting("A limit.", least=1)] | None = None
     dark: Annotated[bool, setting("Whether it is dark.")] = False
