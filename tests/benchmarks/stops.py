@@ -52,9 +52,9 @@ BOUND_MS = 20.0
 SPEED = 20.0
 """How much faster than real the simulated bench homes and moves: a try ends before it has arrived."""
 PATIENCE_S = 180.0
+"""How long a program may take to begin, on a machine that has much else to do."""
 BEGINNINGS = 3
 """Runs that are tried until one begins its move."""
-"""How long a program may take to begin, on a machine that has much else to do."""
 SIGNALS = {name: getattr(signal, f"SIG{name}") for name in ("INT", "TERM", "HUP", "QUIT")}
 KEYS = {"F12": b"\x1b[24~", "Ctrl-X": b"\x18", "Ctrl-C": b"\x03"}
 PLAIN = (*SIGNALS, "exception")
