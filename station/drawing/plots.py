@@ -111,7 +111,9 @@ def arrows(axes: Axes, places: Array, moves: Array, *, longest: float, length: f
 
 
 def legend(axes: Axes, place: Any = "upper left", **options: Any) -> None:
-    """The legend of the curves with labels."""
+    """The legend of the curves with labels; none if the `handles` given are empty."""
+    if not options.get("handles", True):
+        return
     looks: Any = {"loc": place, "handlelength": 1.4, **options}
     with matplotlib.rc_context(STYLE):
         axes.legend(**looks)

@@ -67,7 +67,7 @@ def test_help_and_palette_list_every_command_of_the_screen(tmp_path, screen):
         while "Leave the program" not in driver.words:
             await driver.press("pagedown")
         await driver.press("end")
-        await driver.until("how far the measurement can be trusted")
+        await driver.until("reliability of the measurement")
         await driver.press("escape", "ctrl+p")
         await driver.until("Search for commands")
         await driver.press(*"show help", "enter", "enter")
