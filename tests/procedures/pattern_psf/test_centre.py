@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from procedures.pattern_psf.centre import mark_offset, mark_offset_gradient
+from procedures.pattern_psf.centre import _x_corner, mark_offset, mark_offset_gradient
 
 S, K = 4, 17
 J = np.array([[2.5, 0.4], [-0.3, 2.6]])
@@ -19,6 +19,15 @@ def blur(x0: float, y0: float, coma: float = 0.0) -> np.ndarray:
 def test_centre_of_symmetry_is_the_centre(x0: float, y0: float) -> None:
     # the Gaussian's tail cut by the support: exp(-8) on one side only
     np.testing.assert_allclose(mark_offset(blur(x0, y0), S, J), [x0, y0], atol=5e-4)
+
+
+def test_mark_is_black_above_and_below_and_white_beside() -> None:
+    mark = _x_corner(J, 8)
+    y, x = np.mgrid[-8:9, -8:9]
+    u, v = J @ np.array([x.ravel(), y.ravel()])
+    inside = abs(abs(u) - abs(v)) > np.abs(J).sum()  # pixels that no edge crosses
+    np.testing.assert_array_equal(mark.ravel()[inside], np.sign(abs(u) - abs(v))[inside])
+    assert mark[8, 8] == pytest.approx(0, abs=0.1)
 
 
 def test_coma_moves_the_mark_towards_its_tail() -> None:

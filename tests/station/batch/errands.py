@@ -30,7 +30,7 @@ def square(item: int, errand: Errand) -> int:
             file.write("x")
         os.kill(os.getpid(), signal.SIGKILL)
     if item in errand.quits:
-        os._exit(7)
+        os._exit(7 * (item > 0))
     if item in errand.stops_once and not mark.exists():
         mark.touch()
         os.kill(os.getpid(), signal.SIGSTOP)
