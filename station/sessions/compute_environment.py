@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
+from procedures.numerics.loops import COMPILER
 from station.common.versions import software
 
 KERNELS = "OPENBLAS_CORETYPE"
@@ -32,6 +33,7 @@ def machine() -> Mapping[str, Any]:
         "cores": os.cpu_count(),
         "simd": " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])),
         "blas": _libraries(),
+        "loops": COMPILER,
     }
 
 

@@ -173,13 +173,18 @@ def test_page_begins_with_the_verdict_and_shows_every_plane(demonstration):
 
 
 def test_same_seed_gives_the_same_bytes_and_another_does_not(demonstration, tmp_path, monkeypatch):
-    first, out = SETUPS[0], tmp_path / "again"
+    first, out, again = SETUPS[0], tmp_path / "once", tmp_path / "again"
     found, _ = demo.run_demo(out, 1, setups=(first,))
+    demo.run_demo(again, 1, setups=(first,))
     names = [path.relative_to(out) for path in out.rglob("*") if path.is_file()]
     # the records hold how long it took, and this page shows one photograph alone
     fixed = [name for name in names if name.name not in ("result.json", demo.PAGE)]
     assert len(fixed) > 4 * len(PLANES)
-    assert all((out / name).read_bytes() == (demonstration.out / name).read_bytes() for name in fixed)
+    assert all((out / name).read_bytes() == (again / name).read_bytes() for name in fixed)
+    # an installation may have the loops of the estimate in C++, whose last bits differ from Numba's
+    drawn = [name for name in fixed if name.parts[0] != "results"]
+    assert len(drawn) == 2
+    assert all((out / name).read_bytes() == (demonstration.out / name).read_bytes() for name in drawn)
     assert demo.demonstration_page(found) == (out / demo.PAGE).read_text(encoding="utf-8")
     other = []
 

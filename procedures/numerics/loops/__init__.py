@@ -22,6 +22,9 @@ try:
 except ImportError:
     _native = None
 
+COMPILER = "C++" if _native is not None else "Numba"
+"""What compiled the loops: the last bits of a sum depend on it."""
+
 if TYPE_CHECKING:
     from procedures.numerics.loops.edges import apply_edges, apply_edges_transposed, edge_gram, edge_lines
     from procedures.numerics.loops.layouts import all_nearest, collinear_triples, non_maximum_suppression, square_sides
