@@ -23,7 +23,7 @@ except ImportError:
     _native = None
 
 COMPILER = "C++" if _native is not None else "Numba"
-"""What compiled the loops: the last bits of a sum depend on it."""
+"""Compiler of the loops, on which the last bits of their sums depend."""
 
 if TYPE_CHECKING:
     from procedures.numerics.loops.edges import apply_edges, apply_edges_transposed, edge_gram, edge_lines
