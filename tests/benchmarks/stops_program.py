@@ -24,6 +24,7 @@ from station.app.app import StationApp
 from station.cli import app as app_command
 from station.cli.guide import Watched, conduct
 from station.guide import catalogue
+from station.guide.dialogue import AGAIN
 from station.guide.frontend import MOVE
 from station.guide.workspace import StationLab
 
@@ -31,6 +32,8 @@ WHERE, FRONT, CONFIG, SESSIONS, CONTROL, STATUS = sys.argv[1:]
 MOVES = {"homing": 1, "move": 2, "exposure": 0}
 """How often the operator begins a move, by where the program is stopped."""
 LABS: list[StationLab] = []
+ABOUT_TO_MOVE: list[bool] = []
+"""Filled once the run has come to its move."""
 
 
 class Fault(Exception):
@@ -52,6 +55,7 @@ def go_ahead() -> bytes:
 
 def before_the_move(facts: object) -> str:
     """The parent may now spoil the head's port; where it says so, nothing more goes into it."""
+    ABOUT_TO_MOVE.append(True)
     tell("m")
     if go_ahead() == b"c":
         head: Any = LABS[-1].open().bench.devices["head"]  # type: ignore[union-attr]
@@ -91,12 +95,17 @@ def plain() -> None:
 
 
 class Begins:
-    """An operator who begins every move at once, and leaves all else to the application."""
+    """An operator who begins every move at once, and leaves all else to the application.
+
+    Trouble before the move is answered by "try again": a bench on a starved machine may answer too late.
+    """
 
     def __init__(self, desk: Any) -> None:
         self.notify, self._desk = desk.notify, desk
 
     def answer(self, ask: Ask) -> Fact:
+        if ask.key == "trouble" and WHERE == "move" and not ABOUT_TO_MOVE:
+            return AGAIN
         return True if ask.key == MOVE else self._desk.answer(ask)
 
 
@@ -133,6 +142,7 @@ def main() -> None:
     if FRONT == "app":
         share_the_lock()
     while go_ahead():
+        ABOUT_TO_MOVE.clear()
         plain() if FRONT == "plain" else application()
         tell("e")
 
