@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from simulators.world.compiled import compiled
+from procedures.numerics.compiled import compiled
 
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from procedures.numerics.compiled import compiled
 from simulators.rays.ray_shapes import (
     NEAR_MM,
     Doubles,
@@ -28,7 +29,6 @@ from simulators.rays.ray_shapes import (
     unit,
     vector,
 )
-from simulators.world.compiled import compiled
 
 Words = npt.NDArray[np.uint64]
 

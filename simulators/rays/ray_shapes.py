@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from simulators.world.compiled import compiled
+from procedures.numerics.compiled import compiled
 
 Doubles = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -9,16 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.numerics import compiled as procedures_compiled
-from simulators.world import compiled as simulators_compiled
+from procedures.numerics.compiled import compiled, vectorised
 
 ROOT = Path(__file__).resolve().parents[3]
 
-DECORATORS = {
-    "compiled": procedures_compiled.compiled,
-    "vectorised": procedures_compiled.vectorised,
-    "simulators": simulators_compiled.compiled,
-}
+DECORATORS = {"compiled": compiled, "vectorised": vectorised}
 
 
 @pytest.mark.parametrize("name", DECORATORS)
@@ -31,13 +26,31 @@ def test_kernels_work_where_nothing_can_be_kept(name):
 
 
 def test_strict_kernels_keep_nan():
-    @procedures_compiled.compiled
+    @compiled
     def finite(x):
         return np.isfinite(x)
 
     assert not finite(np.nan)
     assert not finite(np.inf)
     assert finite(1.0)
+
+
+@pytest.mark.slow
+def test_a_loop_is_compiled_anew_when_a_constant_of_another_file_changes(tmp_path):
+    # Numba alone keeps the old value: it looks at the loop's own file only
+    package = tmp_path / "toy"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    loop = "from procedures.numerics.compiled import compiled\nfrom toy.size import SIZE\n"
+    (package / "loops.py").write_text(f"{loop}@compiled\ndef size():\n    return SIZE\n")
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": f"{tmp_path}:{ROOT}",
+                   "PYTHONDONTWRITEBYTECODE": "1"}  # fmt: skip
+    for value in (3, 4, 3):
+        (package / "size.py").write_text(f"SIZE = {value}\n")
+        command = [sys.executable, "-c", "from toy.loops import size; print(size())"]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+        assert done.stdout == f"{value}\n"
+    assert len(list((tmp_path / "kept" / "calibration-station").iterdir())) == 2
 
 
 PROGRAM = """
