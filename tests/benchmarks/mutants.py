@@ -42,7 +42,10 @@ from scipy.stats import beta
 
 ROOT = Path(__file__).resolve().parents[2]
 COPIED = ("station", "drivers", "procedures", "simulators", "tests", "pyproject.toml", "README.md", "CHANGELOG.md")
-PRELOADED = ("cv2", "msgspec", "numba", "pytest", "scipy.optimize", "scipy.ndimage", "scipy.signal")
+PRELOADED = (
+    "cv2", "h5py", "hypothesis", "matplotlib.pyplot", "msgspec", "numba", "pytest", "rawpy", "scipy.ndimage",
+    "scipy.optimize", "scipy.signal", "textual.app",
+)  # fmt: skip
 """Loaded once; every mutant's tests run in a fork."""
 AREAS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "pattern_psf": (("procedures/pattern_psf",), ("tests/procedures/pattern_psf",)),
@@ -312,7 +315,7 @@ class Area:
         file.write_bytes(mutant.apply(original))
         (self.folder / "chosen.txt").write_text("\n".join(self.tests_of(mutant)))
         listen, announce = os.pipe()
-        words = ["-x", "-q", "-p", "no:cacheprovider", "-n", "0", "--nightly", "@chosen.txt"]
+        words = ["-x", "--nightly", "@chosen.txt"]
         child = self._fork(lambda: _pytest(words, Announcer(announce), not has_loops), self.folder / "mutant.log")
         os.close(announce)
         try:
@@ -359,13 +362,14 @@ def _pytest(words: Sequence[str], plugin: object, same_loops: bool = True) -> in
     if same_loops:
         compiled = importlib.import_module("procedures.numerics.compiled")
         compiled._digest = lambda root: "same"  # type: ignore[attr-defined]
-    return int(pytest.main([*words], plugins=[plugin]))
+    quiet = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # of what is preloaded
+    return int(pytest.main(["-q", "-n", "0", *quiet, *words], plugins=[plugin]))
 
 
 def _record(sources: Sequence[str], tests: Sequence[str], out: Path) -> int:
     """Run tests and write which of them executes which line."""
     recorder = Recorder(sources)
-    code = _pytest(["-q", "-n", "0", *tests], recorder)
+    code = _pytest(tests, recorder)
     out.write_text(json.dumps({"seconds": recorder.seconds, "lines": recorder.lines, "failed": recorder.failed}))
     return code
 
