@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from procedures.psf import Psf
-from procedures.two_photo.diagnostics import CLEAR, determined_to, transfer_above_one
+from procedures.two_photo.diagnostics import CLEAR, TILES, determined_to, local_shifts, relief, transfer_above_one
 from procedures.two_photo.inter_image import TAIL
 from procedures.two_photo.near_noise import InterImageKernel
 
@@ -52,3 +55,51 @@ def test_a_transfer_above_one_is_measured_in_its_uncertainty(offset: tuple[int, 
     assert excess == pytest.approx(4 * a, rel=1e-9)
     # K^2 independent errors, which enter with cos(2 pi f n) - 1 - 4 a, whose mean square is 1/2 + (1 + 4 a)^2
     assert passed == pytest.approx(4 * a / (K * sigma * (0.5 + (1 + 4 * a) ** 2) ** 0.5), rel=0.1)
+
+
+NOISE, SIDE = 0.01, 20
+
+
+def fitted(rng: np.random.Generator, shifts: np.ndarray, diagonal: slice = slice(0)) -> Any:
+    """A fit of TILES x TILES squares; the residual is noise and the shift (n, 2) of each square or of each sample.
+
+    In `diagonal` squares all gradients have one direction, in which alone a shift can be seen.
+    """
+    rows, columns = (grid.ravel() for grid in np.indices((TILES * SIDE, TILES * SIDE)))
+    tile = rows // SIDE * TILES + columns // SIDE
+    slopes = rng.standard_normal((len(tile), 2))
+    along = np.isin(tile, np.arange(TILES**2)[diagonal])
+    slopes[along, 1] = slopes[along, 0] * (1 + 1e-5 * rng.standard_normal(np.count_nonzero(along)))
+    moved = shifts[tile] if len(shifts) == TILES**2 else shifts
+    residual = np.sum(slopes * moved, axis=1) + NOISE * rng.standard_normal(len(tile))
+    shape = (TILES * SIDE, TILES * SIDE)
+    return SimpleNamespace(
+        samples=SimpleNamespace(rows=rows, columns=columns), near=SimpleNamespace(shape=shape), slopes=slopes,
+        residual=residual, variance=NOISE**2, prediction=rng.random(len(tile)),
+    )  # fmt: skip
+
+
+def test_shifts_of_parts_are_measured_where_both_directions_are_seen(rng: np.random.Generator) -> None:
+    shifts = 0.03 * rng.standard_normal((TILES**2, 2))
+    shift, significance = local_shifts(fitted(rng, shifts, slice(3)))
+    # a square's shift is known to NOISE / SIDE, a sixtieth of it
+    assert shift == pytest.approx(np.sqrt(np.mean(np.sum(shifts[3:] ** 2, axis=1))), rel=0.03)
+    # chi^2 of 122 degrees is SIDE^2 times the squared shifts in units of the noise
+    chi2 = SIDE**2 * np.sum(shifts[3:] ** 2) / NOISE**2
+    assert significance == pytest.approx(chi2 / np.sqrt(2 * 122), rel=0.1)
+
+
+def test_a_plane_wall_has_shifts_of_noise_alone(rng: np.random.Generator) -> None:
+    found = [local_shifts(fitted(rng, np.zeros((TILES**2, 2)))) for _ in range(20)]
+    shift, significance = np.transpose(found)
+    # the variance of 128 normal numbers of NOISE / SIDE is known to 12 %
+    assert shift.max() < 1.2 * NOISE / SIDE
+    assert abs(significance.mean()) < 3 / 20**0.5
+    assert significance.std() == pytest.approx(1, abs=3 / 40**0.5)
+
+
+def test_relief_is_the_random_shift_that_grows_with_the_gradient(rng: np.random.Generator) -> None:
+    random = 0.02 * rng.standard_normal((TILES**2 * SIDE**2, 2))
+    # along either axis; 25 600 squares whose variance is known to a few per cent
+    assert relief(fitted(rng, random)) == pytest.approx(0.02 * 2**0.5, rel=0.05)
+    assert relief(fitted(rng, 0 * random)) < 0.2 * NOISE
