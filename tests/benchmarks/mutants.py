@@ -228,6 +228,7 @@ class Area:
 
     def __init__(self, name: str, folder: Path) -> None:
         self.name, self.folder, self.most_tests_s = name, folder, MOST_TESTS_S
+        self.too_slow: list[Mutant] = []
         self.sources, self.tests = AREAS[name]
         self.files = _files_of(folder, self.sources, "*.py")
         kept = folder / f"{name}-record.json"
@@ -321,7 +322,7 @@ class Area:
         try:
             # a test may have to make what another one made in the first run
             if not self._in_time(listen, 3 * max(self.seconds.values()) + (6 if has_loops else 1) * GRACE_S):
-                print(f"  too slow: {described(mutant, self.folder)}", flush=True)
+                self.too_slow.append(mutant)
                 return True
             return _wait(child) != 0
         finally:
@@ -412,6 +413,8 @@ def tried(name: str, count: int, seed: int, folder: Path) -> None:
         if not area.killed(one):
             survivors.append(one)
             print(f"  {described(one, folder)}\n    {len(area.tests_of(one))} tests", flush=True)
+    for one in area.too_slow:
+        print(f"  too slow: {described(one, folder)}")
     kept.write_text(json.dumps({"total": total, "survivors": [asdict(one) for one in survivors]}))
     dead = total - len(survivors)
     low = beta.ppf(0.025, dead, total - dead + 1) if dead else 0.0
