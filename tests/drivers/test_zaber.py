@@ -178,3 +178,12 @@ def test_every_rejection_has_a_name_and_a_remedy(reason):
 def test_an_unknown_axis_is_named_with_those_that_are(homed):
     with pytest.raises(BadConfiguration, match="axes are pan_deg, tilt_deg"):
         homed.move_to(roll_deg=1.0)
+
+
+def test_a_question_is_asked_three_times(homed, bench):
+    now_s = bench.clock.now_s()
+    bench.cables["head"].faults.silent = ((now_s, now_s + 60.0),)
+    before = len(sent(homed))
+    with pytest.raises(NoAnswer):
+        homed.position()
+    assert len(sent(homed)) == before + 3
