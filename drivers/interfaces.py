@@ -103,8 +103,8 @@ class Distance:
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """One measured value in `unit`, and its standard uncertainty by the maker's specification, None if unknown."""
+class ProbeReading:
+    """One quantity of a probe: its value in `unit`, and its standard uncertainty by the maker's specification, None if unknown."""
 
     value: float
     unit: str
@@ -256,7 +256,7 @@ class Light(Device, Protocol):
 class Probe(Device, Protocol):
     """An instrument that measures quantities of the room or of the light."""
 
-    def read(self) -> Mapping[str, Quantity]:
+    def read(self) -> Mapping[str, ProbeReading]:
         """Its quantities now, each in its unit of `PROBE_UNITS`. Raises DeviceError, NoReading if it cannot measure."""
         ...
 
