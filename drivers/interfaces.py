@@ -104,7 +104,7 @@ class Distance:
 
 @dataclass(frozen=True)
 class ProbeReading:
-    """One quantity of a probe: its value in `unit`, and its standard uncertainty by the maker's specification, None if unknown."""
+    """One quantity of a probe: its value in `unit`, and its standard uncertainty, None if unknown."""
 
     value: float
     unit: str
