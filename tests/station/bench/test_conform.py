@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from station.bench import device_options
-from station.bench.conform import FAULTS, TWINS, Broken, at_twin, conform, operate, soak
+from station.bench.conform import BUILT_IN, FAULTS, TWINS, Broken, at_twin, conform, soak
 
 from . import hasty_stage
 
@@ -31,7 +31,7 @@ def test_a_hasty_driver_keeps_every_promise_on_a_good_line(hasty):
 
 
 def test_the_soak_refuses_a_hasty_driver(hasty):
-    with pytest.raises(Broken, match="operation .* of 500: .* under .*: it moves after the operation has ended"):
+    with pytest.raises(Broken, match=r"operation .* of 500: .* under .*: it moves after the operation has ended"):
         soak(hasty, np.random.default_rng(0), 500, ("none", "loss", "silence"))
 
 
@@ -42,8 +42,11 @@ def test_a_stage_keeps_its_promises(driver, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", FAULTS)
-@pytest.mark.parametrize("driver", TWINS)
+@pytest.mark.parametrize(
+    ("driver", "fault"),
+    # GRBL has no checksums: garbage turns an order into another one, which the driver cannot always notice
+    [(name, fault) for name in (*BUILT_IN, *TWINS) for fault in FAULTS if (name, fault) != ("grbl", "garbage")],
+)
 def test_a_stage_stands_every_fault(driver, fault, tmp_path):
     with at_twin(driver, tmp_path) as rig:
         assert soak(rig, np.random.default_rng(1), 30, (fault,)) == "30 operations"
