@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 E_co = TypeVar("E_co", covariant=True)
 T = TypeVar("T")
+PROBE_UNITS = {"temperature": "°C", "humidity": "%", "pressure": "hPa", "power": "W", "illuminance": "lx"}
+"""Quantities of probes, and the unit of each."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,15 @@ class Distance:
     distance_mm: float
     measured_s: float
     quality: int | None = None
+
+
+@dataclass(frozen=True)
+class ProbeReading:
+    """One quantity of a probe: its value in `unit`, and its standard uncertainty, None if unknown."""
+
+    value: float
+    unit: str
+    uncertainty: float | None = None
 
 
 @dataclass(frozen=True)
@@ -254,6 +265,14 @@ class Light(Device, Protocol):
 
     def level(self) -> float:
         """The level last set."""
+        ...
+
+
+class Probe(Device, Protocol):
+    """An instrument that measures quantities of the room or of the light."""
+
+    def read(self) -> Mapping[str, ProbeReading]:
+        """Its quantities now, each in its unit of `PROBE_UNITS`. Raises DeviceError, NoReading if it cannot measure."""
         ...
 
 
